@@ -1,0 +1,35 @@
+"""Arrays inside frozen objects: copied once, then read-only, with shapes and numbers checked."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from hoi_retarget.errors import ClipError
+
+
+def frozen(values: Any, dtype: Any = float) -> np.ndarray:
+    """Return a read-only, contiguous copy of `values`."""
+    array = np.array(values, dtype=dtype, order="C")
+    array.setflags(write=False)
+    return array
+
+
+def check_shape(owner: str, name: str, array: np.ndarray, expected: tuple[int, ...]) -> None:
+    """Raise `ClipError` unless `array` has the expected shape."""
+    if array.shape != expected:
+        raise ClipError(f"{owner}: {name} has shape {array.shape}, expected {expected}.")
+
+
+def check_finite(owner: str, arrays: Mapping[str, np.ndarray]) -> None:
+    """Raise `ClipError` naming the first frames (axis 0) in which a number is not finite."""
+    for name, array in arrays.items():
+        bad = ~np.isfinite(array).reshape(len(array), -1).all(axis=1)
+        if bad.any():
+            raise ClipError(f"{owner}: {name} is not finite in {describe_frames(np.flatnonzero(bad))}.")
+
+
+def describe_frames(frames: np.ndarray) -> str:
+    """Return a short text naming frame indices, such as `3 frames (4, 7, 9)`."""
+    shown = ", ".join(str(frame) for frame in frames[:5])
+    return f"{len(frames)} frame{'s' if len(frames) != 1 else ''} ({shown}{', ...' if len(frames) > 5 else ''})"

@@ -1,0 +1,47 @@
+"""Every error the package raises on purpose, in one tree.
+
+Each message says what is wrong, where, what exists or was expected, and what to do::
+
+    HoiRetargetError
+    ├── ArgumentError      a name or a number that was asked for does not exist or is out of range
+    ├── ReadError          a file is missing, damaged, unsafe, or not of the format it should be
+    ├── ClipError          a file was read, but what it holds is not a usable clip
+    ├── GeometryError      an object has no geometry, or none that can be used
+    ├── RobotError         a robot's model lacks a frame, a limit or a joint that its roles need
+    ├── SolveError         a solve ended without a usable trajectory
+    └── WriteError         a result could not be written; nothing half-written is left behind
+
+The command line exits with 2 for an `ArgumentError` and with 1 for the others.
+"""
+
+
+class HoiRetargetError(Exception):
+    """Base of all errors that a caller can act on."""
+
+
+class ArgumentError(HoiRetargetError):
+    """An argument names something that does not exist or lies outside its range."""
+
+
+class ReadError(HoiRetargetError):
+    """A file cannot be read as the format it should be."""
+
+
+class ClipError(HoiRetargetError):
+    """The content of a file does not describe a usable clip."""
+
+
+class GeometryError(HoiRetargetError):
+    """Object geometry is absent or unusable."""
+
+
+class RobotError(HoiRetargetError):
+    """A robot's model does not offer what its specification promises."""
+
+
+class SolveError(HoiRetargetError):
+    """A solve ended without a usable trajectory."""
+
+
+class WriteError(HoiRetargetError):
+    """A file could not be written; the previous one, if any, is intact."""

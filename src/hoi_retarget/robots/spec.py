@@ -1,0 +1,73 @@
+"""What the package needs to know of a robot beside its MJCF: one frozen value per robot.
+
+Every MJCF carries sites named by their role, the same names on every robot (`SITES`): the links
+that inverse kinematics steers, the palms and feet that touch, the head, and the sole corners.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+SIDES = ("left", "right")
+SOLE_CORNERS = ("heel_inner", "heel_outer", "toe_inner", "toe_outer")
+SITES: tuple[str, ...] = (
+    "pelvis",
+    "torso",
+    "head",
+    *(
+        f"{side}_{name}"
+        for side in SIDES
+        for name in ("hip", "knee", "foot", "toe", "shoulder", "elbow", "wrist", "palm")
+    ),
+    *(f"{side}_sole_{corner}" for side in SIDES for corner in SOLE_CORNERS),
+)
+
+
+@dataclass(frozen=True)
+class IkRow:
+    """One row of the IK table: a site of the robot follows a joint of the human.
+
+    The residuals are multiplied by the weights before they are squared.
+    """
+
+    site: str
+    human_joint: str
+    position_weight: float
+    """[1/m]"""
+    rotation_weight: float
+    """[1/rad]"""
+    rotation_offset: tuple[float, float, float, float]
+    """Human joint to robot site, wxyz, multiplied on the right."""
+
+
+@dataclass(frozen=True)
+class RobotSpec:
+    """One robot: a module of data beside its MJCF."""
+
+    name: str
+    """As given on the command line and stored in results."""
+    title: str
+    mjcf: Path
+    provenance: str
+    """Whose description the numbers of the MJCF were taken from, and under which licence."""
+    stature: float
+    """Human height times root scale [m]: a human of this height is retargeted without scaling."""
+    object_size: Literal["root", "captured"]
+    """What `--object-scale auto` means: objects shrink with the root scale, or keep their size."""
+    speed_limits: Mapping[str, float]
+    """Joint speed limits [rad/s], one for every hinge."""
+    home: Mapping[str, float]
+    """Joint angles [rad] of a relaxed standing pose; joints not named are at zero."""
+    ik: tuple[IkRow, ...]
+    part_sites: Mapping[str, str] = field(
+        default_factory=lambda: {
+            "left_hand": "left_palm",
+            "right_hand": "right_palm",
+            "left_foot": "left_foot",
+            "right_foot": "right_foot",
+        }
+    )
+    """Which site touches for which human part."""
+    meshes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Body name to the maker's mesh file names, for pictures where a user has those files."""
