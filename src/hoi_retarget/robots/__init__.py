@@ -1,0 +1,21 @@
+"""The robots this package knows, each a module of data beside its MJCF."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from hoi_retarget.errors import ArgumentError
+from hoi_retarget.robots import unitree_g1, unitree_h2
+from hoi_retarget.robots.spec import RobotSpec
+
+ROBOTS: Mapping[str, RobotSpec] = MappingProxyType({spec.name: spec for spec in (unitree_g1.SPEC, unitree_h2.SPEC)})
+
+
+def robot(name: str) -> RobotSpec:
+    """Return the robot called `name`.
+
+    Raises:
+        ArgumentError: There is no such robot; the message lists those there are.
+    """
+    if name not in ROBOTS:
+        raise ArgumentError(f"There is no robot '{name}'. The robots are: {', '.join(ROBOTS)}.")
+    return ROBOTS[name]
