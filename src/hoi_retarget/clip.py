@@ -4,6 +4,7 @@ World frame: z up, floor at z = 0, metres, seconds. All arrays are read-only cop
 """
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -54,10 +55,11 @@ class Person:
     @property
     def height(self) -> float:
         """Standing height [m], estimated from the skeleton's leg and trunk."""
-        chain = ("left_hip", "left_knee"), ("left_knee", "left_ankle"), ("pelvis", "head")
-        lengths = [np.linalg.norm(self.position(b) - self.position(a), axis=-1) for a, b in chain]
-        # The pelvis-head distance shrinks when the trunk bends: a high percentile is the upright length.
-        return float(HEIGHT_OVER_CHAIN * sum(np.percentile(length, 95) for length in lengths))
+        leg = ("left_hip", "left_knee", "left_ankle")
+        trunk = ("pelvis", "spine1", "spine2", "spine3", "neck", "head")
+        bones = [*pairwise(leg), *pairwise(trunk)]
+        lengths = [np.linalg.norm(self.position(b) - self.position(a), axis=-1) for a, b in bones]
+        return float(HEIGHT_OVER_CHAIN * np.mean(np.sum(lengths, axis=0)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,6 +39,8 @@ class IkRow:
     """[1/rad]"""
     rotation_offset: tuple[float, float, float, float]
     """Human joint to robot site, wxyz, multiplied on the right."""
+    scale: float = 1.0
+    """Of the joint's place about the pelvis, on top of the root scale."""
 
 
 @dataclass(frozen=True)

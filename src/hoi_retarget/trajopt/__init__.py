@@ -1,0 +1,1 @@
+"""Trajectory optimization over frames: cost terms, bounds, horizons and one banded solver."""

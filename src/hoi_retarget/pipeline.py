@@ -1,0 +1,130 @@
+"""From a clip to a robot motion, in the order of the paper's Sec. III."""
+
+import time
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+import scipy
+
+from hoi_retarget import __version__
+from hoi_retarget.clip import Clip
+from hoi_retarget.errors import SolveError
+from hoi_retarget.ik import IkConfig, solve_ik
+from hoi_retarget.metrics import evaluate_kinematics, unreached_contacts
+from hoi_retarget.motion import Motion
+from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.targets import Scaling, Targets, make_targets
+from hoi_retarget.trajopt.problem import Problem
+from hoi_retarget.trajopt.solvers.banded import BandedInteriorPoint
+from hoi_retarget.trajopt.solvers.base import Status
+from hoi_retarget.trajopt.table import Weights, trajectory_terms
+from hoi_retarget.trajopt.windows import Horizon, WindowReport, solve_windows
+
+
+@dataclass(frozen=True)
+class Config:
+    """Everything that decides a result beside the clip and the robot."""
+
+    scaling: Scaling = field(default_factory=Scaling)
+    ik: IkConfig = field(default_factory=IkConfig)
+    weights: Weights = field(default_factory=Weights)
+    horizon: Horizon = field(default_factory=Horizon)
+    solver: BandedInteriorPoint = BandedInteriorPoint(tolerance=1e-5)
+
+
+def retarget(clip: Clip, model: RobotModel, config: Config, *, person: int = 0) -> Motion:
+    """Return the motion of one robot for one person of a clip.
+
+    Raises `SolveError` when a window ends without a usable trajectory.
+    """
+    clock = [time.process_time()]
+    targets = make_targets(clip, model, config.scaling, person=person)
+    clock.append(time.process_time())
+    ik_qpos, ik_reports = solve_ik(model, targets, config.ik, config.horizon)
+    clock.append(time.process_time())
+    qpos, reports = solve_trajectory(model, targets, ik_qpos, config)
+    clock.append(time.process_time())
+    seconds = dict(zip(("targets", "ik", "trajectory"), np.diff(clock).tolist(), strict=True))
+    report = _report(clip, targets, config, ik_reports, reports) | {"cpu_seconds": seconds}
+    return _scored(_motion(clip, model, targets, ik_qpos, qpos, report), clip, model, person)
+
+
+def solve_trajectory(
+    model: RobotModel, targets: Targets, ik_qpos: np.ndarray, config: Config
+) -> tuple[np.ndarray, tuple[WindowReport, ...]]:
+    """Return the optimized trajectory (paper Sec. III-B) and how each window went."""
+
+    def problem_of(first: int, stop: int, pinned: int) -> Problem:
+        reference = model.forward(ik_qpos[first:stop])
+        terms = trajectory_terms(config.weights, targets.window(first, stop), reference)
+        return Problem(model, terms, targets.fps, pinned)
+
+    qpos, reports = solve_windows(problem_of, ik_qpos, config.horizon, config.solver)
+    for report in reports:
+        if report.status is Status.FAILED or not np.isfinite(report.cost):
+            raise SolveError(f"frames {report.start} to {report.stop - 1}: {report.status.value}.")
+    return qpos, reports
+
+
+def _scored(motion: Motion, clip: Clip, model: RobotModel, person: int) -> Motion:
+    """Return the motion with its figures and unreached contacts in the report."""
+    start = time.process_time()
+    kinematics = model.forward(motion.qpos)
+    figures = asdict(evaluate_kinematics(motion, clip, model, kinematics, person=person))
+    unreached = [asdict(segment) for segment in unreached_contacts(motion, kinematics)]
+    seconds = motion.report["cpu_seconds"] | {"metrics": time.process_time() - start}
+    report = dict(motion.report) | {"figures": figures, "unreached_contacts": unreached, "cpu_seconds": seconds}
+    return replace(motion, report=report)
+
+
+def _motion(
+    clip: Clip, model: RobotModel, targets: Targets, ik_qpos: np.ndarray, qpos: np.ndarray, report: dict[str, Any]
+) -> Motion:
+    return Motion(
+        robot=model.spec.name,
+        fps=clip.fps,
+        joint_names=model.joint_names,
+        qpos=qpos,
+        ik_qpos=ik_qpos,
+        object_names=targets.object_names,
+        object_pos=targets.object_pos,
+        object_quat=targets.object_quat,
+        object_scale=targets.object_scale,
+        contact_links=targets.contact_links,
+        contact_flags=targets.contact_flags,
+        contact_object=targets.contact_object,
+        contact_targets=targets.contact_targets,
+        stance_flags=targets.stance_flags,
+        first_source_frame=clip.first_source_frame,
+        human_height=targets.human_height,
+        report=report,
+    )
+
+
+def _report(
+    clip: Clip,
+    targets: Targets,
+    config: Config,
+    ik_reports: tuple[WindowReport, ...],
+    reports: tuple[WindowReport, ...],
+) -> dict[str, Any]:
+    return {
+        "clip": clip.name,
+        "source": asdict(clip.source),
+        "root_scale": targets.root_scale,
+        "config": asdict(config),
+        "versions": {
+            "hoi_retarget": __version__,
+            "mujoco": mujoco.__version__,
+            "numpy": np.__version__,
+            "scipy": scipy.__version__,
+        },
+        "ik_windows": [_window(report) for report in ik_reports],
+        "windows": [_window(report) for report in reports],
+    }
+
+
+def _window(report: WindowReport) -> dict[str, Any]:
+    return asdict(report) | {"status": report.status.name}

@@ -1,0 +1,177 @@
+"""What one robot is asked to do for one person of a clip: the only place that scales and grounds.
+
+`make_targets` scales the human to the robot, the object by one of two rules (paper Sec. III-A),
+carries the contact points along in the object's frame (Eq. 1), plants standing feet on the floor
+by the robot's own soles, and smooths the object's path.
+"""
+
+from dataclasses import dataclass, fields, replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.signal import savgol_filter
+
+from hoi_retarget import se3
+from hoi_retarget.arrays import frozen
+from hoi_retarget.clip import Clip, ObjectTrack, Person
+from hoi_retarget.errors import ArgumentError
+from hoi_retarget.labelling import stance
+from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
+
+SMOOTHING_FRAMES, SMOOTHING_ORDER = 11, 3
+MAXIMUM_SINK = 0.005  # [m] of a smoothed object under its own unsmoothed height
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """How the human and the objects are made to fit the robot."""
+
+    root_scale: float | Literal["auto"] = "auto"
+    """Human to robot; auto divides the robot's stature by the clip's own human height."""
+    object_scale: float | Literal["auto"] = "auto"
+    """Object geometry; auto shrinks with the root scale or keeps the size, as the robot prefers."""
+    size_multiplier: float = 1.0
+    """On top of the object scale, for augmentation."""
+
+    def __post_init__(self) -> None:
+        for name in ("root_scale", "object_scale", "size_multiplier"):
+            value = getattr(self, name)
+            if value != "auto" and not (np.isfinite(value) and value > 0):
+                raise ArgumentError(f"{name.replace('_', '-')} is {value}; it must be a positive number.")
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """Inputs of both optimization stages; T frames, K rows of the IK table, O objects, C contact links."""
+
+    fps: float
+    root_scale: float
+    human_height: float
+    """[m]"""
+    site_positions: Float[np.ndarray, "T K 3"]
+    """World positions for the rows of the robot's IK table [m]."""
+    site_quats: Float[np.ndarray, "T K 4"]
+    object_names: tuple[str, ...]
+    object_scale: Float[np.ndarray, "O"]
+    object_pos: Float[np.ndarray, "T O 3"]
+    object_quat: Float[np.ndarray, "T O 4"]
+    contact_links: tuple[str, ...]
+    """Sites that can touch."""
+    contact_flags: Bool[np.ndarray, "T C"]
+    contact_object: Int[np.ndarray, "T C"]
+    """Index of the touched object, -1 for none."""
+    contact_targets: Float[np.ndarray, "T C 3"]
+    """In the frame of the scaled object [m]; NaN where inactive."""
+    stance_flags: Bool[np.ndarray, "T 2"]
+
+    @property
+    def frames(self) -> int:
+        """Number of frames T."""
+        return len(self.site_positions)
+
+    def window(self, start: int, stop: int) -> "Targets":
+        """Return the targets of some consecutive frames."""
+        return self._take(slice(start, stop))
+
+    def every(self, stride: int) -> "Targets":
+        """Return the targets of every `stride`-th frame, at the lower rate."""
+        return replace(self._take(slice(None, None, stride)), fps=self.fps / stride)
+
+    def _take(self, frames: slice) -> "Targets":
+        over_time = {
+            field.name: getattr(self, field.name)[frames]
+            for field in fields(self)
+            if isinstance(getattr(self, field.name), np.ndarray) and field.name != "object_scale"
+        }
+        return replace(self, **over_time)
+
+
+def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int = 0) -> Targets:
+    """Return the targets of one robot for one person of a clip."""
+    human = clip.people[person]
+    height = human.height
+    root_scale = model.spec.stature / height if scaling.root_scale == "auto" else scaling.root_scale
+    geometry_scale = _geometry_scale(model, scaling, root_scale)
+    stands = stance(human, clip.fps)
+    positions, quats = _site_targets(human, model, root_scale, stands)
+    tracks = [_scale_track(track, root_scale, geometry_scale) for track in clip.objects]
+    flags, touched, points = _contacts(clip, model, person, geometry_scale)
+    return Targets(
+        fps=clip.fps,
+        root_scale=root_scale,
+        human_height=height,
+        site_positions=frozen(positions),
+        site_quats=frozen(quats),
+        object_names=tuple(track.name for track in clip.objects),
+        object_scale=frozen(np.full(len(clip.objects), geometry_scale)),
+        object_pos=frozen(np.stack(tracks, axis=1) if tracks else np.zeros((clip.frames, 0, 3))),
+        object_quat=frozen(
+            np.stack([track.quats for track in clip.objects], axis=1) if tracks else np.zeros((clip.frames, 0, 4))
+        ),
+        contact_links=tuple(model.spec.part_sites.values()),
+        contact_flags=frozen(flags, bool),
+        contact_object=frozen(touched, int),
+        contact_targets=frozen(points),
+        stance_flags=frozen(stands, bool),
+    )
+
+
+def _geometry_scale(model: RobotModel, scaling: Scaling, root_scale: float) -> float:
+    if scaling.object_scale != "auto":
+        return scaling.object_scale * scaling.size_multiplier
+    return (root_scale if model.spec.object_size == "root" else 1.0) * scaling.size_multiplier
+
+
+def _site_targets(
+    human: Person, model: RobotModel, root_scale: float, stands: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    rows = model.spec.ik
+    root = human.position("pelvis")
+    positions = np.stack(
+        [root_scale * (root + row.scale * (human.position(row.human_joint) - root)) for row in rows], axis=1
+    )
+    offsets = np.array([row.rotation_offset for row in rows])
+    quats = se3.quat_multiply(np.stack([human.quat(row.human_joint) for row in rows], axis=1), offsets)
+    quats = se3.quat_normalize(quats)
+    sites = [row.site for row in rows]
+    return positions, quats
+
+
+def _scale_track(track: ObjectTrack, root_scale: float, geometry_scale: float) -> Float[np.ndarray, "T 3"]:
+    """Return the object's path: scaled about the world's origin, its lowest point's height included.
+
+    With geometry scaled by the root scale this is the paper's rule; with captured size it is
+    `z' = s z + (1 - s) d`, where `d` is the origin's height over the object's lowest point.
+    """
+    down = se3.quat_to_matrix(track.quats)[:, 2]
+    drop = -np.min(down @ track.geometry.points.T, axis=1)
+    lowest = root_scale * (track.positions[:, 2] - drop)
+    height = np.maximum(lowest, 0.0) + geometry_scale * drop
+    path = np.column_stack([root_scale * track.positions[:, :2], height])
+    window = min(SMOOTHING_FRAMES, len(path) - 1 + len(path) % 2)
+    if window <= SMOOTHING_ORDER:
+        return path
+    smooth = savgol_filter(path, window, SMOOTHING_ORDER, axis=0)
+    smooth[:, 2] = np.maximum(smooth[:, 2], path[:, 2] - MAXIMUM_SINK)
+    return smooth
+
+
+def _contacts(
+    clip: Clip, model: RobotModel, person: int, geometry_scale: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    links = list(model.spec.part_sites)
+    flags = np.zeros((clip.frames, len(links)), dtype=bool)
+    touched = np.full((clip.frames, len(links)), -1)
+    points = np.full((clip.frames, len(links), 3), np.nan)
+    for track in clip.contacts:
+        if track.person != person or track.part not in links:
+            continue
+        link = links.index(track.part)
+        # One object a link and frame: the first that the clip names.
+        new = track.active & ~flags[:, link]
+        flags[new, link] = True
+        touched[new, link] = track.object
+        points[new, link] = geometry_scale * track.points_object[new]
+    return flags, touched, points

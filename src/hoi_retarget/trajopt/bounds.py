@@ -1,0 +1,82 @@
+"""Joint range and joint speed as linear inequalities `c(theta) >= 0` over the frames of a window.
+
+The rows, all [rad], are stacked along axis 0: distance to the lower and to the upper end of the
+range, one row a frame, then the slack of a step down and of a step up, one row a pair of frames
+(paper Eq. 2b and 2c).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.trajopt.problem import Problem
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """The inequalities of a problem whose unknown frames start at `pinned`."""
+
+    lower: Float[np.ndarray, "n"]
+    upper: Float[np.ndarray, "n"]
+    step: Float[np.ndarray, "n"]
+    pinned: int
+
+    @classmethod
+    def of(cls, problem: Problem) -> "Bounds":
+        """Return the bounds of a problem."""
+        model = problem.model
+        return cls(model.lower, model.upper, problem.step_limits, problem.pinned)
+
+    def values(self, theta: Float[np.ndarray, "T n"]) -> Float[np.ndarray, "rows n"]:
+        """Return the slack of every inequality."""
+        unknown = theta[self.pinned :]
+        change = np.diff(theta[max(self.pinned - 1, 0) :], axis=0)
+        return np.concatenate([unknown - self.lower, self.upper - unknown, self.step - change, self.step + change])
+
+    def apply(self, change: Float[np.ndarray, "U n"]) -> Float[np.ndarray, "rows n"]:
+        """Return how the slacks change with the unknown joint angles."""
+        steps = np.diff(change, axis=0, prepend=change[:0] if self.pinned == 0 else np.zeros((1, change.shape[1])))
+        return np.concatenate([change, -change, -steps, steps])
+
+    def apply_transposed(self, rows: Float[np.ndarray, "rows n"]) -> Float[np.ndarray, "U n"]:
+        """Return the transpose of `apply` on one number per inequality."""
+        low, high, down, up = self._split(rows)
+        total = low - high
+        net = up - down
+        if self.pinned == 0:
+            total[1:] += net
+            total[:-1] -= net
+        else:
+            total += net
+            total[:-1] -= net[1:]
+        return total
+
+    def add_normal(self, band: Float[np.ndarray, "U nv width"], weights: Float[np.ndarray, "rows n"]) -> None:
+        """Add `A^T diag(weights) A` to a band in place."""
+        low, high, down, up = self._split(weights)
+        nv = band.shape[1]
+        band[:, 6:, 0] += low + high
+        pair = down + up
+        if self.pinned == 0:
+            band[1:, 6:, 0] += pair
+        else:
+            band[:, 6:, 0] += pair
+            pair = pair[1:]
+        band[:-1, 6:, 0] += pair
+        band[:-1, 6:, nv] -= pair
+
+    def widths(self, rows: int) -> Float[np.ndarray, "rows n"]:
+        """Return the size of the interval that each inequality is one end of."""
+        frames = self._frames(rows)
+        ranges = np.tile(self.upper - self.lower, (2 * frames, 1))
+        return np.concatenate([ranges, np.tile(2.0 * self.step, (rows - 2 * frames, 1))])
+
+    def _frames(self, rows: int) -> int:
+        return rows // 4 if self.pinned else (rows + 2) // 4
+
+    def _split(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        frames = self._frames(len(rows))
+        pairs = (len(rows) - 2 * frames) // 2
+        a, b = 2 * frames, 2 * frames + pairs
+        return rows[:frames], rows[frames:a], rows[a:b], rows[b:]

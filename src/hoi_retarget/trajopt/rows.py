@@ -1,0 +1,63 @@
+"""What a cost term hands to a solver: residuals and Jacobians for all frames at once.
+
+Time is the last axis. A term's cost is the sum over its rows of `weight * residual**2`, with the
+weights of the paper's table. Three kinds of rows exist, so that a solver can use their structure.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+
+@dataclass(frozen=True, eq=False)
+class SiteRows:
+    """Residuals that depend on one site's pose: Jacobian with respect to its world twist."""
+
+    site: str
+    residual: Float[np.ndarray, "m T"]
+    jacobian: Float[np.ndarray, "m 6 T"]
+    """By linear [m], then angular velocity [rad] of the site, both in world axes."""
+    weight: float | Float[np.ndarray, "T"]
+
+
+@dataclass(frozen=True, eq=False)
+class StencilRows:
+    """Linear differences over time of single tangent coordinates with constant coefficients.
+
+    Residual `[:, i]` belongs to frame `i + len(coefficients) - 1`; its derivative by coordinate
+    `columns[k]` of frame `i + o` is `coefficients[o]`.
+    """
+
+    columns: slice
+    coefficients: tuple[float, ...]
+    residual: Float[np.ndarray, "k rows"]
+    weight: float
+
+
+@dataclass(frozen=True, eq=False)
+class TangentRows:
+    """Residuals that depend on a few tangent coordinates of a few consecutive frames.
+
+    `jacobian[o]` is the derivative by frame `i + o` for residual `[:, i]`.
+    """
+
+    columns: tuple[int, ...]
+    residual: Float[np.ndarray, "m rows"]
+    jacobian: Float[np.ndarray, "span m k rows"]
+    weight: float
+
+
+Rows = SiteRows | StencilRows | TangentRows
+
+
+def span(rows: Rows) -> int:
+    """Return over how many consecutive frames a row reaches."""
+    if isinstance(rows, StencilRows):
+        return len(rows.coefficients)
+    return rows.jacobian.shape[0] if isinstance(rows, TangentRows) else 1
+
+
+def cost(rows: Rows) -> float:
+    """Return the weighted sum of squares."""
+    return float(np.sum(rows.weight * np.einsum("mt,mt->t", rows.residual, rows.residual)))

@@ -1,0 +1,77 @@
+"""What a solver returns, and how good that is, recomputed from the problem."""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.trajopt.bounds import Bounds
+from hoi_retarget.trajopt.normal import assemble, reach_of
+from hoi_retarget.trajopt.problem import Problem, cost_by_term
+
+
+class Status(Enum):
+    """How a solve ended; the value is a message."""
+
+    SOLVED = "solved to tolerance"
+    STALLED = "no step decreased the merit function; the best trajectory so far is returned"
+    MAX_ITERATIONS = "stopped at the iteration limit"
+    FAILED = "the problem has no finite cost at the start"
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A trajectory within the bounds, the bounds' multipliers, and how the solve went."""
+
+    qpos: Float[np.ndarray, "T nq"]
+    multipliers: Float[np.ndarray, "rows n"]
+    status: Status
+    iterations: int
+    cost: float
+    """Weighted sum of squares of all terms."""
+    cost_by_term: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Optimality:
+    """Residuals of the first-order conditions; all are zero at an optimum.
+
+    `stationarity` and `complementarity` are relative to the size of the gradient of single terms
+    and to the cost; `violation` is absolute.
+    """
+
+    stationarity: float
+    complementarity: float
+    violation: float
+    """Largest excess over a joint range [rad] or a joint step [rad]."""
+
+
+class Solver(Protocol):
+    """A frozen value whose fields are its options."""
+
+    def solve(self, problem: Problem, qpos: Float[np.ndarray, "T nq"]) -> Solution:
+        """Return a solution from a starting trajectory; failure is a status, never an exception."""
+        ...
+
+
+def optimality(problem: Problem, solution: Solution) -> Optimality:
+    """Return the residuals of the optimality conditions, computed from the problem."""
+    bounds = Bounds.of(problem)
+    kinematics = problem.model.forward(solution.qpos)
+    linearization = problem.linearize(kinematics)
+    rows = [part for parts in linearization.values() for part in parts]
+    pinned = problem.pinned
+    gradient = assemble(kinematics, rows, reach=max(reach_of(rows), 1)).gradient[pinned:]
+    scale = max(
+        (float(np.abs(assemble(kinematics, [part], reach=3).gradient).max()) for part in rows), default=1.0
+    )
+    gradient[:, 6:] -= bounds.apply_transposed(solution.multipliers)
+    slack = bounds.values(solution.qpos[:, 7:])
+    half_cost = 0.5 * sum(cost_by_term(linearization).values())
+    return Optimality(
+        stationarity=float(np.abs(gradient).max(initial=0.0)) / max(scale, 1e-12),
+        complementarity=float(np.sum(np.abs(slack * solution.multipliers))) / max(half_cost, 1e-12),
+        violation=float(max(0.0, -slack.min(initial=0.0))),
+    )

@@ -1,0 +1,96 @@
+"""Solving a clip in overlapping windows: per frame, windowed and whole are three settings of it.
+
+Each window pins its first frames to what earlier windows found (paper Eq. 2d) and solves the rest
+again; with more overlap than pinned frames a window looks ahead of what it keeps.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.errors import ArgumentError
+from hoi_retarget.trajopt.problem import Problem
+from hoi_retarget.trajopt.solvers.base import Optimality, Solver, Status, optimality
+
+SHORTEST_TAIL = 5  # Fewer new frames than these join the last window, which then reaches further back.
+
+
+@dataclass(frozen=True)
+class Horizon:
+    """How many frames are solved at once."""
+
+    length: int = 1000
+    """Frames in a window; a clip that is no longer is solved whole."""
+    overlap: int = 60
+    """Frames that a window shares with the one before."""
+    pinned: int = 3
+    """Leading frames of a window that keep what the one before found; three carry the jerk over."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.pinned <= self.overlap < self.length:
+            raise ArgumentError(
+                f"horizon: length {self.length}, overlap {self.overlap}, pinned {self.pinned}; "
+                "they must satisfy 0 <= pinned <= overlap < length."
+            )
+
+    def windows(self, frames: int) -> tuple[tuple[int, int, int], ...]:
+        """Return (start, stop, pinned) of every window over a clip."""
+        found = [(0, min(self.length, frames), 0)]
+        while found[-1][1] < frames:
+            start = found[-1][1] - self.overlap
+            stop = min(start + self.length, frames)
+            if stop - found[-1][1] < SHORTEST_TAIL < self.length:
+                start = max(0, stop - self.length)
+            found.append((start, stop, min(self.pinned, start)))
+        return tuple(found)
+
+
+def parse_horizon(text: str) -> Horizon:
+    """Return the horizon for `auto`, `whole`, `per-frame` or `windowed:LENGTH[:OVERLAP]`.
+
+    Raises `ArgumentError` for anything else.
+    """
+    kind, *numbers = text.split(":")
+    presets = {"auto": Horizon(), "whole": Horizon(length=10**9), "per-frame": Horizon(4, 3, 3)}
+    if not numbers and kind in presets:
+        return presets[kind]
+    if kind == "windowed" and 1 <= len(numbers) <= 2 and all(number.isdigit() for number in numbers):
+        return Horizon(int(numbers[0]), int(numbers[1]) if len(numbers) == 2 else 3)
+    raise ArgumentError(f"horizon {text!r}: expected auto, whole, per-frame or windowed:LENGTH[:OVERLAP].")
+
+
+@dataclass(frozen=True)
+class WindowReport:
+    """How one window was solved."""
+
+    start: int
+    stop: int
+    status: Status
+    iterations: int
+    cost: float
+    cost_by_term: dict[str, float]
+    optimality: Optimality
+
+
+def solve_windows(
+    problem_of: Callable[[int, int, int], Problem],
+    start: Float[np.ndarray, "T nq"],
+    horizon: Horizon,
+    solver: Solver,
+) -> tuple[Float[np.ndarray, "T nq"], tuple[WindowReport, ...]]:
+    """Return the trajectory found by solving `problem_of(start, stop, pinned)` window by window."""
+    qpos = start.copy()
+    reports = []
+    for first, stop, pinned in horizon.windows(len(start)):
+        problem = problem_of(first, stop, pinned)
+        solution = solver.solve(problem, qpos[first:stop])
+        qpos[first:stop] = solution.qpos
+        quality = optimality(problem, solution)
+        reports.append(
+            WindowReport(
+                first, stop, solution.status, solution.iterations, solution.cost, solution.cost_by_term, quality
+            )
+        )
+    return qpos, tuple(reports)
