@@ -1,0 +1,22 @@
+"""Figures of merit: how well a robot's motion keeps what the human did, and what it violates."""
+
+from hoi_retarget.metrics.figures import Figures, evaluate, evaluate_kinematics
+from hoi_retarget.metrics.table import COLUMNS, Column, Score, mean_values, table_rows, to_csv, to_json, worst_values
+from hoi_retarget.metrics.unreachable import UNREACHED_M, UnreachedSegment, unreached_contacts
+
+__all__ = [
+    "COLUMNS",
+    "UNREACHED_M",
+    "Column",
+    "Figures",
+    "Score",
+    "UnreachedSegment",
+    "evaluate",
+    "evaluate_kinematics",
+    "mean_values",
+    "table_rows",
+    "to_csv",
+    "to_json",
+    "unreached_contacts",
+    "worst_values",
+]

@@ -1,0 +1,22 @@
+"""How far the motion stays inside the joints' ranges and speeds.
+
+These two look at every frame, the first one too: a limit is a promise, not a comparison.
+"""
+
+import numpy as np
+
+from hoi_retarget.metrics.statistics import finite_min_or_none
+from hoi_retarget.metrics.view import ModelLike
+from hoi_retarget.motion import Motion
+
+
+def joint_range_margin_rad(motion: Motion, model: ModelLike) -> float | None:
+    """Return the smallest distance [rad] of any joint to the end of its range; negative where it is violated."""
+    angles = motion.qpos[:, 7:]
+    return finite_min_or_none(np.minimum(angles - model.lower, model.upper - angles))
+
+
+def joint_speed_margin_radps(motion: Motion, model: ModelLike) -> float | None:
+    """Return the smallest limit minus speed [rad/s] of any joint; negative where it is violated."""
+    speeds = np.abs(np.diff(motion.qpos[:, 7:], axis=0)) * motion.fps
+    return finite_min_or_none(model.speed_limits - speeds)
