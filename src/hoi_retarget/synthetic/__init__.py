@@ -1,0 +1,85 @@
+"""Clips made from nothing, whose contacts are known exactly: for the demo, the tests and the pictures."""
+
+import json
+from collections.abc import Callable, Mapping
+from hashlib import sha256
+from types import MappingProxyType
+
+import numpy as np
+
+from hoi_retarget.clip import Clip, Source
+from hoi_retarget.errors import ArgumentError
+from hoi_retarget.synthetic.acting import act, contacts_of
+from hoi_retarget.synthetic.objects import OBJECTS, object_mesh, write_objects
+from hoi_retarget.synthetic.scenes import Scene, carry_box
+
+__all__ = ["OBJECTS", "SCENES", "make", "object_mesh", "write_objects"]
+
+LICENCE = "Apache-2.0 (made by hoi-retarget)"
+MINIMUM_HEIGHT, MAXIMUM_HEIGHT = 1.2, 2.2  # [m]
+
+SCENES: Mapping[str, Callable[[float, int], Scene]] = MappingProxyType(
+    {scene.__name__: scene for scene in (carry_box,)}
+)
+"""The scenes by name: each makes its script from a height [m] and a seed."""
+
+
+def make(
+    name: str,
+    *,
+    height: float = 1.75,
+    seed: int = 0,
+    fps: float = 30.0,
+    seconds: float | None = None,
+    repetitions: int | None = None,
+) -> Clip:
+    """Return a synthetic clip.
+
+    Without `seconds` and `repetitions` the clip goes one way and ends at rest. Repeated, it goes
+    there and back as often as asked and ends where it begins, one frame before the first one.
+
+    Args:
+        name: one of `SCENES`.
+        height: standing height of the (first) person [m].
+        seed: varies sizes, places and step lengths; the same seed gives the same clip.
+        fps: frames a second; the motion itself does not depend on it.
+        seconds: duration [s]; the way there and back repeats as long as it lasts.
+        repetitions: how many times to go there and back; not together with `seconds`.
+
+    Raises:
+        ArgumentError: a scene that does not exist, or a number out of its range.
+    """
+    _check(name, height, seed, fps, seconds, repetitions)
+    scene = SCENES[name](height, seed)
+    if seconds is not None:
+        frames = int(np.floor(seconds * fps + 1e-6)) + 1
+    elif repetitions is not None:
+        frames = round(repetitions * scene.cycle * fps)
+    else:
+        frames = int(np.floor(scene.there * fps + 1e-6)) + 1
+    times = np.mod(np.arange(frames) / fps, scene.cycle)
+    objects = scene.objects(times)
+    people = tuple(act(actor, times, objects) for actor in scene.actors)
+    contacts = tuple(track for index, actor in enumerate(scene.actors) for track in contacts_of(actor, index, times))
+    parameters = {"name": name, "height": height, "seed": seed, "fps": fps, "frames": frames}
+    digest = sha256(json.dumps(parameters, sort_keys=True).encode()).hexdigest()
+    note = "Made from nothing: contact points and stance are exact."
+    source = Source(sha256=digest, format="synthetic", licence=LICENCE, notes=(note,))
+    return Clip(name, fps, people, objects, contacts, source)
+
+
+def _check(name: str, height: float, seed: int, fps: float, seconds: float | None, repetitions: int | None) -> None:
+    if name not in SCENES:
+        raise ArgumentError(f"There is no synthetic scene {name!r}. Scenes: {', '.join(SCENES)}.")
+    if not MINIMUM_HEIGHT <= height <= MAXIMUM_HEIGHT:
+        raise ArgumentError(f"The height is {height} m; it must lie between {MINIMUM_HEIGHT} and {MAXIMUM_HEIGHT} m.")
+    if seed < 0:
+        raise ArgumentError(f"The seed is {seed}; it must not be negative.")
+    if not (np.isfinite(fps) and fps > 0):
+        raise ArgumentError(f"The rate is {fps} frames a second; it must be positive.")
+    if seconds is not None and repetitions is not None:
+        raise ArgumentError("Both seconds and repetitions are given; each alone sets the duration.")
+    if seconds is not None and not (np.isfinite(seconds) and seconds > 0):
+        raise ArgumentError(f"The duration is {seconds} s; it must be positive.")
+    if repetitions is not None and repetitions < 1:
+        raise ArgumentError(f"{repetitions} repetitions are asked for; at least one is needed.")
