@@ -1,7 +1,7 @@
 """The nonlinear least-squares problem over the frames of one window (paper Eq. 2)."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +10,7 @@ from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.trajopt.rows import Rows, cost
 
 
+@runtime_checkable
 class Term(Protocol):
     """One row of the cost table: a residual and its Jacobian for all frames at once."""
 

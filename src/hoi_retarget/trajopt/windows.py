@@ -43,7 +43,7 @@ class Horizon:
             stop = min(start + self.length, frames)
             if stop - found[-1][1] < SHORTEST_TAIL < self.length:
                 start = max(0, stop - self.length)
-            found.append((start, stop, min(self.pinned, start)))
+            found.append((start, stop, self.pinned))
         return tuple(found)
 
 

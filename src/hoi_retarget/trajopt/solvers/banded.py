@@ -22,6 +22,10 @@ from hoi_retarget.trajopt.problem import Problem, cost_by_term
 from hoi_retarget.trajopt.rows import Rows
 from hoi_retarget.trajopt.solvers.base import Solution, Status
 
+_ROUNDING = 1e-12
+_FEASIBLE = 1e-9  # [rad]
+_SMALLEST_COST = 1e-9  # What accuracies relative to the cost are measured against when it vanishes.
+
 
 @dataclass(frozen=True)
 class BandedInteriorPoint:
@@ -57,8 +61,8 @@ class BandedInteriorPoint:
             point, slack = moved
             multiplier = multiplier + step.dual_length * step.multiplier
             gap = float(np.sum(slack * multiplier))
-            accuracy = self.tolerance * max(point.half_cost, 1e-9)
-            if decrease < accuracy and gap < 10 * accuracy and np.array_equal(slack, point.values):
+            accuracy = self.tolerance * max(point.half_cost, _SMALLEST_COST)
+            if decrease < accuracy and gap < 10 * accuracy and np.abs(slack - point.values).max() < _FEASIBLE:
                 return _solution(point, Status.SOLVED, iteration, multiplier)
         return _solution(point, Status.MAX_ITERATIONS, self.max_iterations, multiplier)
 
@@ -132,7 +136,9 @@ class _NewtonStep:
         reached = (slack + _length(slack, slack_step, 1.0) * slack_step) * (
             multiplier + _length(multiplier, multiplier_step, 1.0) * multiplier_step
         )
-        barrier = mean * min(1.0, float(reached.mean()) / mean) ** 3
+        # Below the gap that is asked for, slacks would drown in rounding and multipliers with them.
+        least = 0.1 * options.tolerance * max(point.half_cost, _SMALLEST_COST) / slack.size
+        barrier = max(mean * min(1.0, float(reached.mean()) / mean) ** 3, least)
         tangent, slack_step, multiplier_step = direction(barrier - slack_step * multiplier_step)
         fraction = options.fraction_to_boundary
         full = np.concatenate([np.zeros((pinned, tangent.shape[1])), tangent])
@@ -168,7 +174,8 @@ def _line_search(
         trial = _Point.at(problem, bounds, qpos)
         slacks = slack + length * step.slack
         # Once a slack has met its inequality the two are the same number: no drift by rounding.
-        slacks = np.where(np.abs(slacks - trial.values) < 1e-12, trial.values, slacks)
+        met = (np.abs(slacks - trial.values) < _ROUNDING) & (trial.values > 0)
+        slacks = np.where(met, trial.values, slacks)
         if trial.half_cost < np.inf and merit(trial.half_cost, slacks, trial.values) <= start + 1e-4 * length * slope:
             return trial, slacks
         length *= 0.5

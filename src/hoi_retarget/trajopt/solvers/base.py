@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -48,6 +48,7 @@ class Optimality:
     """Largest excess over a joint range [rad] or a joint step [rad]."""
 
 
+@runtime_checkable
 class Solver(Protocol):
     """A frozen value whose fields are its options."""
 

@@ -1,0 +1,161 @@
+"""The solver against the optimality conditions of the problem, and windows against the whole."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from trajectories import MODELS, random_qpos
+
+from hoi_retarget.errors import ArgumentError
+from hoi_retarget.trajopt.bounds import Bounds
+from hoi_retarget.trajopt.problem import Problem
+from hoi_retarget.trajopt.solvers.banded import BandedInteriorPoint
+from hoi_retarget.trajopt.solvers.base import Status, optimality
+from hoi_retarget.trajopt.terms.differences import Differences
+from hoi_retarget.trajopt.terms.posture import Posture
+from hoi_retarget.trajopt.terms.site_position import SitePosition
+from hoi_retarget.trajopt.terms.site_rotation import SiteRotation
+from hoi_retarget.trajopt.windows import Horizon, parse_horizon, solve_windows
+
+MODEL = MODELS["unitree_g1"]
+SOLVER = BandedInteriorPoint(tolerance=1e-9, max_iterations=100)
+SITES = ("pelvis", "left_palm", "right_palm", "left_foot", "right_foot", "head")
+
+
+def tracking(goal: np.ndarray, first: int, stop: int, pinned: int = 0, *, jerk: float = 10.0) -> Problem:
+    """Return the problem of following a trajectory's sites, smoothly and near a posture."""
+    kinematics = MODEL.forward(goal[first:stop])
+    terms = [SitePosition(f"{site}_p", site, kinematics.point(site), 100.0) for site in SITES]
+    terms += [SiteRotation(f"{site}_r", site, kinematics.orientation(site), 5.0) for site in SITES]
+    home = np.repeat(MODEL.home_qpos[7:, None], stop - first, axis=1)
+    return Problem(MODEL, (*terms, Posture("posture", home, 0.1), Differences("jerk", 3, jerk)), 30.0, pinned)
+
+
+def beyond_bounds(frames: int) -> Problem:
+    """Return a convex problem whose optimum lies on joint ranges and on joint speeds."""
+    wave = np.sign(np.sin(np.arange(frames) * 0.7))
+    reach = (MODEL.upper + 0.5)[:, None] * (wave > 0) + (MODEL.lower - 0.5)[:, None] * (wave <= 0)
+    pelvis = np.tile([[0.0], [0.0], [0.8]], frames)
+    upright = np.repeat(np.eye(3)[:, :, None], frames, axis=2)
+    terms = (
+        Posture("posture", reach, 1.0),
+        SitePosition("pelvis", "pelvis", pelvis, 1.0),
+        SiteRotation("upright", "pelvis", upright, 1.0),
+        Differences("jerk", 3, 0.01),
+    )
+    return Problem(MODEL, terms, 30.0)
+
+
+def test_optimality_conditions_hold_where_bounds_are_active():
+    problem = beyond_bounds(20)
+    start = np.tile(MODEL.home_qpos, (20, 1))
+    solution = SOLVER.solve(problem, start)
+    assert solution.status is Status.SOLVED
+    quality = optimality(problem, solution)
+    assert quality.violation < 1e-9
+    assert quality.stationarity < 1e-6
+    assert quality.complementarity < 1e-6
+    assert (solution.multipliers >= 0).all()
+    slack = Bounds.of(problem).values(solution.qpos[:, 7:])
+    at_range, at_speed = np.split(slack < 1e-4, [2 * 20])
+    assert at_range.sum() > 20 and at_speed.sum() > 20, "both kinds of bounds must be active for this to be a test"
+
+
+def test_a_perturbed_solution_is_not_optimal():
+    problem = beyond_bounds(8)
+    solution = SOLVER.solve(problem, np.tile(MODEL.home_qpos, (8, 1)))
+    from dataclasses import replace
+
+    moved = solution.qpos.copy()
+    moved[3, 0] += 0.01
+    assert optimality(problem, replace(solution, qpos=moved)).stationarity > 1e-4
+
+
+def test_solution_does_not_depend_on_the_start():
+    rng = np.random.default_rng(0)
+    goal = random_qpos(MODEL, 25, rng, wander=0.03)
+    problem = tracking(goal, 0, 25)
+    first = SOLVER.solve(problem, goal)
+    shaken = MODEL.integrate(goal, 0.2 * rng.normal(size=(25, MODEL.nv)))
+    second = SOLVER.solve(problem, shaken)
+    assert first.cost == pytest.approx(second.cost, rel=1e-6)
+    np.testing.assert_allclose(first.qpos[:, 7:], second.qpos[:, 7:], atol=1e-4)
+
+
+def test_a_start_outside_the_bounds_ends_inside():
+    rng = np.random.default_rng(1)
+    goal = random_qpos(MODEL, 15, rng, wander=0.03)
+    start = goal.copy()
+    start[:, 7:] += 1.0 * rng.normal(size=(15, MODEL.n))
+    solution = SOLVER.solve(tracking(goal, 0, 15), start)
+    assert solution.status is Status.SOLVED
+    assert Bounds.of(tracking(goal, 0, 15)).values(solution.qpos[:, 7:]).min() > -1e-9
+
+
+def test_pinned_frames_stay_and_the_rest_respects_them():
+    goal = random_qpos(MODEL, 12, np.random.default_rng(2), wander=0.03)
+    start = goal.copy()
+    start[:3, 7:] = MODEL.home_qpos[7:]
+    problem = tracking(goal, 0, 12, pinned=3)
+    solution = SOLVER.solve(problem, start)
+    np.testing.assert_array_equal(solution.qpos[:3], start[:3])
+    assert np.abs(np.diff(solution.qpos[2:, 7:], axis=0)).max(initial=0) <= problem.step_limits.max()
+    assert optimality(problem, solution).stationarity < 1e-4
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(frames=st.integers(2, 9), pinned=st.integers(0, 3), seed=st.integers(0, 99))
+def test_bounds_transpose_and_normal_matrix_agree_with_their_definition(frames, pinned, seed):
+    pinned = min(pinned, frames - 1)
+    bounds = Bounds.of(Problem(MODEL, (), 30.0, pinned))
+    rng = np.random.default_rng(seed)
+    change = rng.normal(size=(frames - pinned, MODEL.n))
+    rows = bounds.apply(change)
+    weights = rng.normal(size=rows.shape)
+    assert np.sum(rows * weights) == pytest.approx(np.sum(change * bounds.apply_transposed(weights)))
+    band = np.zeros((frames - pinned, MODEL.nv, 2 * MODEL.nv))
+    bounds.add_normal(band, weights**2)
+    quadratic = np.sum(band[:, 6:, 0] * change**2) + 2 * np.sum(band[:-1, 6:, MODEL.nv] * change[:-1] * change[1:])
+    assert quadratic == pytest.approx(np.sum((weights * rows) ** 2))
+    theta = rng.normal(size=(frames, MODEL.n))
+    moved = theta.copy()
+    moved[pinned:] += change
+    np.testing.assert_allclose(bounds.values(moved) - bounds.values(theta), rows, atol=1e-12)
+    assert bounds.widths(len(rows)).shape == rows.shape
+
+
+def test_windows_with_look_ahead_approach_the_whole():
+    goal = random_qpos(MODEL, 60, np.random.default_rng(3), wander=0.03)
+
+    def solve(horizon: Horizon) -> np.ndarray:
+        return solve_windows(lambda a, b, p: tracking(goal, a, b, p), goal, horizon, SOLVER)[0]
+
+    whole = solve(parse_horizon("whole"))
+    errors = [np.abs(solve(Horizon(30, overlap, 3)) - whole)[:, 7:].max() for overlap in (3, 8, 15)]
+    assert errors[2] < errors[1] < errors[0]
+    assert errors[2] < 0.1 * errors[0]
+    np.testing.assert_array_equal(solve(Horizon(60, 3, 3)), whole)
+
+
+@given(
+    frames=st.integers(4, 300), length=st.integers(4, 80), overlap=st.integers(0, 40), pinned=st.integers(0, 5)
+)
+def test_windows_cover_every_frame_once_in_order(frames, length, overlap, pinned):
+    overlap = min(overlap, length - 1)
+    horizon = Horizon(length, overlap, min(pinned, overlap))
+    windows = horizon.windows(frames)
+    assert windows[0][0] == 0 and windows[-1][1] == frames
+    for (_, before, _), (start, stop, pins) in zip(windows, windows[1:], strict=False):
+        assert before < stop <= start + length
+        assert 0 <= start and start + pins <= before, "no frame is skipped"
+
+
+@pytest.mark.parametrize("text", ["", "windowed", "windowed:0", "windowed:3:3", "windowed:a", "whole:3", "hole"])
+def test_bad_horizons_are_refused(text):
+    with pytest.raises(ArgumentError, match="horizon"):
+        parse_horizon(text)
+
+
+def test_per_frame_is_a_window_of_one_new_frame():
+    windows = parse_horizon("per-frame").windows(10)
+    assert windows[1:] == tuple((t - 3, t + 1, 3) for t in range(4, 10))
