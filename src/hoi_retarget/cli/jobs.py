@@ -1,0 +1,78 @@
+"""From a clip to a result file, with what the run says about it: shared by `run` and `demo`."""
+
+import os
+import tempfile
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from hoi_retarget.cli.terminal import say, warn
+from hoi_retarget.clip import Clip
+from hoi_retarget.errors import ArgumentError
+from hoi_retarget.metrics import Figures, Score, UnreachedSegment
+from hoi_retarget.motion import Motion, save
+from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.trajopt.solvers.base import Status
+
+
+def check_writable(option: str, folder: Path) -> None:
+    """Raise `ArgumentError` unless files can be made in a folder, which need not exist yet; leave nothing behind."""
+    existing = folder.absolute()
+    while not os.path.lexists(existing):
+        existing = existing.parent
+    try:
+        tempfile.TemporaryFile(dir=existing).close()
+    except OSError as error:
+        raise ArgumentError(
+            f"{option} {folder}: cannot write there ({existing}: {error.strerror or error}). Choose another folder."
+        ) from error
+
+
+def result_paths(clip: Clip, stem: str, out: Path) -> tuple[Path, ...]:
+    """Return one result path per person of a clip."""
+    if len(clip.people) == 1:
+        return (out / f"{stem}.npz",)
+    return tuple(out / f"{stem}.p{person}.npz" for person in range(len(clip.people)))
+
+
+def retarget_people(clip: Clip, model: RobotModel, config: Config, extra: Mapping[str, Any]) -> tuple[Motion, ...]:
+    """Return one motion per person of a clip; its report also says what is in `extra`."""
+    motions = [retarget(clip, model, config, person=person) for person in range(len(clip.people))]
+    return tuple(
+        replace(motion, report={**motion.report, "person": person, **extra}) for person, motion in enumerate(motions)
+    )
+
+
+def write(motion: Motion, path: Path, *, read_seconds: float = 0.0) -> Motion:
+    """Write a result, and return it with the time that reading the clip and writing took in its report.
+
+    The time to write is known once it is written: the file is then written again with it.
+    """
+    start = time.process_time()
+    save(motion, path)
+    seconds = {"read": read_seconds, **motion.report["cpu_seconds"], "write": time.process_time() - start}
+    timed = replace(motion, report={**motion.report, "cpu_seconds": seconds})
+    save(timed, path)
+    return timed
+
+
+def describe_result(motion: Motion, path: Path) -> None:
+    """Print where a result is and what is not right with it."""
+    seconds = sum(motion.report["cpu_seconds"].values())
+    say(f"  {path}  ({motion.frames} frames, {seconds:.2f} s)")
+    for stage, windows in (("inverse kinematics", "ik_windows"), ("trajectory", "windows")):
+        for window in motion.report[windows]:
+            if window["status"] != Status.SOLVED.name:
+                message = Status[window["status"]].value
+                warn(f"{path.name}: {stage}, frames {window['start']} to {window['stop'] - 1}: {message}.")
+    for segment in motion.report["unreached_contacts"]:
+        warn(f"{path.name}: not reached: {UnreachedSegment(**segment)}.")
+
+
+def score(motion: Motion, path: Path) -> Score:
+    """Return the figures that a motion's report holds, as tables need them."""
+    figures = Figures(**motion.report["figures"])
+    return Score(path.stem, figures, motion.frames, sum(motion.report["cpu_seconds"].values()))

@@ -1,0 +1,106 @@
+"""`hoi-retarget run`: recorded clips to result files."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from hoi_retarget.cli.commands import Run
+from hoi_retarget.cli.figures import show_figures
+from hoi_retarget.cli.jobs import check_writable, describe_result, result_paths, retarget_people, score, write
+from hoi_retarget.cli.terminal import Working, fail, say
+from hoi_retarget.clip import Clip
+from hoi_retarget.errors import ArgumentError, HoiRetargetError
+from hoi_retarget.metrics import Score
+from hoi_retarget.pipeline import Config
+from hoi_retarget.readers import read_clip
+from hoi_retarget.robots import robot
+from hoi_retarget.robots.model import RobotModel, load_model
+from hoi_retarget.targets import Scaling
+from hoi_retarget.trajopt.windows import parse_horizon
+
+
+def execute(command: Run) -> int:
+    """Retarget every clip; return 0 when all succeeded."""
+    scaling = Scaling(command.root_scale, command.object_scale, command.size_multiplier)
+    config = Config(scaling=scaling, horizon=parse_horizon(command.horizon))
+    spec = robot(command.robot)
+    _check_clips(command.clips)
+    check_writable("--out", command.out)
+    model = load_model(spec)
+    scores: list[Score] = []
+    failures: list[HoiRetargetError] = []
+    with Working("retargeting", len(command.clips)) as working:
+        for path in command.clips:
+            working.describe(path.name)
+            try:
+                scores += _run_clip(path, command, model, config, working)
+            except HoiRetargetError as error:
+                failures.append(error)
+                with working.aside():
+                    fail(_naming(path, error))
+            working.advance()
+    if scores:
+        say()
+        show_figures(scores)
+        say()
+    solved = len(command.clips) - len(failures)
+    say(f"{solved} solved, {len(failures)} failed.")
+    return _exit_code(failures, solved)
+
+
+def _run_clip(path: Path, command: Run, model: RobotModel, config: Config, working: Working) -> list[Score]:
+    """Retarget all people of one clip, then write their results."""
+    start = time.process_time()
+    clip = read_clip(path, objects=command.objects, object_name=command.object_name)
+    read_seconds = time.process_time() - start
+    with working.aside():
+        _describe_clip(path, clip)
+    motions = retarget_people(clip, model, config, {"command": _settings(command, path)})
+    scores = []
+    for motion, out in zip(motions, result_paths(clip, path.stem, command.out), strict=True):
+        written = write(motion, out, read_seconds=read_seconds / len(motions))
+        scores.append(score(written, out))
+        with working.aside():
+            describe_result(written, out)
+    return scores
+
+
+def _check_clips(clips: Sequence[Path]) -> None:
+    if not clips:
+        raise ArgumentError("no clip is named. Usage: hoi-retarget run CLIP... --out DIR.")
+    seen: dict[str, Path] = {}
+    for path in clips:
+        if path.is_dir():
+            raise ArgumentError(f"{path} is a folder. Name the clips in it, such as {path}/*.pt.")
+        other = seen.setdefault(path.stem, path)
+        if other is not path:
+            raise ArgumentError(
+                f"{other} and {path} would both be written to {path.stem}.npz. Run them into different folders."
+            )
+
+
+def _describe_clip(path: Path, clip: Clip) -> None:
+    objects = ", ".join(track.name for track in clip.objects) or "none"
+    people = f", {len(clip.people)} people" if len(clip.people) > 1 else ""
+    dropped = f", {clip.first_source_frame} empty leading frames dropped" if clip.first_source_frame else ""
+    say(f"{path.name}: {clip.frames} frames at {clip.fps:g} frames/s{people}, object: {objects}{dropped}")
+
+
+def _settings(command: Run, path: Path) -> dict[str, Any]:
+    """Return the command's words as plain JSON values."""
+    settings = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(command).items()}
+    return {**settings, "clips": [str(path)]}
+
+
+def _naming(path: Path, error: HoiRetargetError) -> str:
+    """Return an error's text, which names the clip's file."""
+    text = str(error)
+    return text if path.name in text else f"{path}: {text}"
+
+
+def _exit_code(failures: Sequence[HoiRetargetError], solved: int) -> int:
+    if not failures:
+        return 0
+    return 2 if not solved and all(isinstance(error, ArgumentError) for error in failures) else 1
