@@ -23,6 +23,17 @@ _ARM_SPEEDS = {
     "wrist_yaw": 22.0,
 }
 
+# Bodies of which the maker's mesh file is called as the body is.
+_MESH_PER_LINK = (
+    *_LEG_SPEEDS,
+    "shoulder_pitch",
+    "shoulder_roll",
+    "shoulder_yaw",
+    "elbow",
+    "wrist_roll",
+    "wrist_pitch",
+)
+
 # A human joint's axes are x to the left, y up, z ahead in the T-pose; a link's are x ahead, y to the
 # left, z up while the robot stands. The offsets turn the first into the second; those of the arms
 # bring in that the human's arms are spread where the links' frames hang (upper arm, along -z) or
@@ -76,4 +87,12 @@ SPEC = RobotSpec(
         IkRow("left_wrist", "left_wrist", 10.0, 5.0, _LEFT_FOREARM),
         IkRow("right_wrist", "right_wrist", 10.0, 5.0, _RIGHT_FOREARM),
     ),
+    meshes={
+        "pelvis": ("pelvis.STL", "pelvis_contour_link.STL"),
+        "waist_yaw_link": ("waist_yaw_link_rev_1_0.STL",),
+        "waist_roll_link": ("waist_roll_link_rev_1_0.STL",),
+        "torso_link": ("torso_link_rev_1_0.STL", "logo_link.STL", "head_link.STL"),
+        **{f"{side}_{link}_link": (f"{side}_{link}_link.STL",) for side in SIDES for link in _MESH_PER_LINK},
+        **{f"{side}_wrist_yaw_link": (f"{side}_wrist_yaw_link.STL", f"{side}_rubber_hand.STL") for side in SIDES},
+    },
 )

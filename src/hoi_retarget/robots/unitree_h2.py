@@ -29,6 +29,17 @@ _ARM_SPEEDS = {
     "wrist_yaw": 37.7,
 }
 
+# Bodies of which the maker's mesh file is called as the body is.
+_MESH_PER_LINK = (
+    *_LEG_SPEEDS,
+    "shoulder_pitch",
+    "shoulder_roll",
+    "shoulder_yaw",
+    "elbow",
+    "wrist_roll",
+    "wrist_pitch",
+)
+
 # A human joint's axes are x to the left, y up, z ahead in the T-pose; a link's are x ahead, y to the
 # left, z up while the robot stands. In the zero pose of the H2 all the links below are aligned with
 # the pelvis: legs straight and vertical (hip to knee within 0.5 degrees, knee to ankle within 2.1),
@@ -83,4 +94,11 @@ SPEC = RobotSpec(
         IkRow("left_wrist", "left_wrist", 10.0, 5.0, _LEFT_FOREARM),
         IkRow("right_wrist", "right_wrist", 10.0, 5.0, _RIGHT_FOREARM),
     ),
+    meshes={
+        "pelvis": ("pelvis.stl",),
+        **{f"{link}_link": (f"{link}_link.stl",) for link in ("waist_yaw", "waist_roll", "head_pitch", "head_yaw")},
+        "torso_link": ("torso_link.stl",),
+        **{f"{side}_{link}_link": (f"{side}_{link}_link.stl",) for side in SIDES for link in _MESH_PER_LINK},
+        **{f"{side}_wrist_yaw_link": (f"{side}_wrist_yaw_link.stl", f"{side}_hand_link.stl") for side in SIDES},
+    },
 )
