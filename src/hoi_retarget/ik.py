@@ -21,7 +21,7 @@ class IkConfig:
     weights: IkWeights = IkWeights()
     stride: int = 6
     """The first solve sees every so-manieth frame; the second starts from its interpolation."""
-    solver: BandedInteriorPoint = BandedInteriorPoint(tolerance=1e-5)
+    solver: BandedInteriorPoint = BandedInteriorPoint()
 
 
 def solve_ik(

@@ -31,7 +31,7 @@ class Config:
     ik: IkConfig = field(default_factory=IkConfig)
     weights: Weights = field(default_factory=Weights)
     horizon: Horizon = field(default_factory=Horizon)
-    solver: BandedInteriorPoint = BandedInteriorPoint(tolerance=1e-5)
+    solver: BandedInteriorPoint = BandedInteriorPoint()
 
 
 def retarget(clip: Clip, model: RobotModel, config: Config, *, person: int = 0) -> Motion:

@@ -23,7 +23,11 @@ from hoi_retarget.trajopt.rows import Rows
 from hoi_retarget.trajopt.solvers.base import Solution, Status
 
 _ROUNDING = 1e-12
-_FEASIBLE = 1e-9  # [rad]
+_FEASIBLE = 1e-7  # [rad]
+_START_GAP = 0.1  # Complementarity gap at the start, relative to the cost.
+_START_SLACK = 3e-2  # Of a bound's interval: a start closer to its end counts as outside.
+# Levenberg-Marquardt damping, relative to the diagonal: it grows when steps are cut short.
+_LEAST_DAMPING, _FIRST_DAMPING, _LARGEST_DAMPING = 1e-9, 1e-3, 1e3
 _SMALLEST_COST = 1e-9  # What accuracies relative to the cost are measured against when it vanishes.
 
 
@@ -33,38 +37,42 @@ class BandedInteriorPoint:
 
     max_iterations: int = 60
     """Iterations after which the solve stops."""
-    tolerance: float = 1e-6
+    tolerance: float = 1e-4
     """Predicted decrease and complementarity gap, relative to the cost, at which it is solved."""
     fraction_to_boundary: float = 0.995
     """Largest part of the way to a bound taken in one step."""
-    damping: float = 1e-9
-    """Added to the diagonal, relative to its mean, so that free directions stay put."""
 
     def solve(self, problem: Problem, qpos: Float[np.ndarray, "T nq"]) -> Solution:
         """Return the solution from a starting trajectory; joints outside their range are moved in."""
         bounds = Bounds.of(problem)
         point = _Point.at(problem, bounds, _inside(problem, qpos))
+        slack = np.maximum(point.values, _START_SLACK * bounds.widths(len(point.values)))
+        multiplier = max(_START_GAP * point.half_cost / slack.size, _SMALLEST_COST) / slack
         if not np.isfinite(point.half_cost):
-            return _solution(point, Status.FAILED, 0, np.zeros_like(bounds.values(qpos[:, 7:])))
-        slack = np.maximum(point.values, 1e-2 * bounds.widths(len(point.values)))
-        barrier = max(0.1 * point.half_cost / max(slack.size, 1), 1e-12)
-        multiplier = barrier / slack
+            return _solution(point, Status.FAILED, 0, multiplier)
+        damping = _LEAST_DAMPING
         for iteration in range(1, self.max_iterations + 1):
-            step = _NewtonStep.compute(self, problem, bounds, point, slack, multiplier)
-            if step is None:
-                return _solution(point, Status.STALLED, iteration, multiplier)
-            moved = _line_search(problem, bounds, point, slack, step)
-            decrease = step.predicted_decrease
-            if moved is None:
-                small = decrease < 1e3 * self.tolerance * point.half_cost
-                return _solution(point, Status.SOLVED if small else Status.STALLED, iteration, multiplier)
-            point, slack = moved
+            step = _NewtonStep.compute(self, problem, bounds, point, slack, multiplier, damping)
+            moved = None if step is None else _line_search(problem, bounds, point, slack, step)
+            if step is None or moved is None:
+                if damping > _LARGEST_DAMPING:
+                    return _solution(point, Status.STALLED, iteration, multiplier)
+                damping = max(10.0 * damping, _FIRST_DAMPING)
+                continue
+            point, slack, length = moved
             multiplier = multiplier + step.dual_length * step.multiplier
-            gap = float(np.sum(slack * multiplier))
+            damping = _next_damping(damping, length)
             accuracy = self.tolerance * max(point.half_cost, _SMALLEST_COST)
-            if decrease < accuracy and gap < 10 * accuracy and np.abs(slack - point.values).max() < _FEASIBLE:
+            optimal = step.predicted_decrease < accuracy and float(np.sum(slack * multiplier)) < 10 * accuracy
+            if optimal and damping < _FIRST_DAMPING and np.abs(slack - point.values).max() < _FEASIBLE:
                 return _solution(point, Status.SOLVED, iteration, multiplier)
         return _solution(point, Status.MAX_ITERATIONS, self.max_iterations, multiplier)
+
+
+def _next_damping(damping: float, length: float) -> float:
+    if length < 0.25:
+        return max(10.0 * damping, _FIRST_DAMPING)
+    return max(0.1 * damping, _LEAST_DAMPING) if length > 0.75 else damping
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,13 +118,14 @@ class _NewtonStep:
         point: _Point,
         slack: np.ndarray,
         multiplier: np.ndarray,
+        damping: float,
     ) -> "_NewtonStep | None":
         pinned = problem.pinned
         normal = assemble(point.kinematics, point.rows, reach=max(reach_of(point.rows), 1))
         band, gradient = normal.band[pinned:], normal.gradient[pinned:]
+        band[:, :, 0] *= 1.0 + damping
         ratio = multiplier / slack
         bounds.add_normal(band, ratio)
-        band[:, :, 0] += options.damping * band[:, :, 0].mean()
         size = band.shape[0] * band.shape[1]
         factor, info = lapack.dpbtrf(band.reshape(size, -1).T, lower=1, overwrite_ab=1)
         if info != 0:
@@ -158,8 +167,8 @@ class _NewtonStep:
 
 def _line_search(
     problem: Problem, bounds: Bounds, point: _Point, slack: np.ndarray, step: _NewtonStep
-) -> tuple[_Point, np.ndarray] | None:
-    """Return the point and slacks after the longest acceptable step, or None."""
+) -> tuple[_Point, np.ndarray, float] | None:
+    """Return the point and slacks after the longest acceptable step and its length, or None."""
     penalty = 2.0 * float(np.abs(step.multiplier).max(initial=0.0))
 
     def merit(half_cost: float, slacks: np.ndarray, values: np.ndarray) -> float:
@@ -169,7 +178,7 @@ def _line_search(
     start = merit(point.half_cost, slack, point.values)
     slope = min(step.directional - step.barrier * float(np.sum(step.slack / slack)), 0.0)
     length = step.primal_length
-    for _ in range(12):
+    for _ in range(8):
         qpos = problem.model.integrate(point.kinematics.qpos, length * step.tangent)
         trial = _Point.at(problem, bounds, qpos)
         slacks = slack + length * step.slack
@@ -177,7 +186,7 @@ def _line_search(
         met = (np.abs(slacks - trial.values) < _ROUNDING) & (trial.values > 0)
         slacks = np.where(met, trial.values, slacks)
         if trial.half_cost < np.inf and merit(trial.half_cost, slacks, trial.values) <= start + 1e-4 * length * slope:
-            return trial, slacks
+            return trial, slacks, length
         length *= 0.5
     return None
 

@@ -38,8 +38,8 @@ class Solution:
 class Optimality:
     """Residuals of the first-order conditions; all are zero at an optimum.
 
-    `stationarity` and `complementarity` are relative to the size of the gradient of single terms
-    and to the cost; `violation` is absolute.
+    `stationarity` is the largest decrease of the cost, relative to it, that the quadratic model
+    promises for a step along any single coordinate; `complementarity` is relative to the cost too.
     """
 
     stationarity: float
@@ -64,15 +64,13 @@ def optimality(problem: Problem, solution: Solution) -> Optimality:
     linearization = problem.linearize(kinematics)
     rows = [part for parts in linearization.values() for part in parts]
     pinned = problem.pinned
-    gradient = assemble(kinematics, rows, reach=max(reach_of(rows), 1)).gradient[pinned:]
-    scale = max(
-        (float(np.abs(assemble(kinematics, [part], reach=3).gradient).max()) for part in rows), default=1.0
-    )
+    normal = assemble(kinematics, rows, reach=reach_of(rows))
+    gradient, curvature = normal.gradient[pinned:].copy(), normal.band[pinned:, :, 0]
     gradient[:, 6:] -= bounds.apply_transposed(solution.multipliers)
     slack = bounds.values(solution.qpos[:, 7:])
     half_cost = 0.5 * sum(cost_by_term(linearization).values())
     return Optimality(
-        stationarity=float(np.abs(gradient).max(initial=0.0)) / max(scale, 1e-12),
+        stationarity=float(np.max(0.5 * gradient**2 / curvature, initial=0.0)) / max(half_cost, 1e-12),
         complementarity=float(np.sum(np.abs(slack * solution.multipliers))) / max(half_cost, 1e-12),
         violation=float(max(0.0, -slack.min(initial=0.0))),
     )
