@@ -1,0 +1,361 @@
+"""Says what a file is and what it holds, before anything is retargeted; plain facts, nothing printed."""
+
+import io
+import shlex
+import struct
+import warnings
+import zipfile
+import zlib
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from hoi_retarget import motion, se3
+from hoi_retarget.clip import Person
+from hoi_retarget.errors import ClipError, GeometryError, ReadError
+from hoi_retarget.readers import READERS, intermimic
+from hoi_retarget.readers.objects import NUMPY_ERRORS, load_geometry
+from hoi_retarget.readers.torch_file import parse_torch, read_bytes
+from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, PARTS
+
+MULTI_OBJECT = "intermimic-multi-object"
+MOTION = "hoi-retarget-motion"
+UNKNOWN = "unknown"
+
+_ARCHIVE_ERRORS = (zipfile.BadZipFile, zlib.error, struct.error, KeyError, NotImplementedError, RuntimeError)
+
+
+@dataclass(frozen=True)
+class ObjectFacts:
+    """What is known of one object."""
+
+    name: str
+    moved: float
+    """Largest distance from where it was first [m]."""
+    lowest: float | None
+    """Height of its lowest point over all frames [m]; None without geometry."""
+    geometry: str
+    """The file of its shape, or what is missing and how to add it."""
+    has_geometry: bool
+
+
+@dataclass(frozen=True)
+class ContactFacts:
+    """How often one part touches one object."""
+
+    part: str
+    object: str
+    frames: int
+    segments: int
+    """Contiguous runs of frames."""
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What a file is, what it holds, what is missing, and what to run."""
+
+    path: str
+    format: str
+    description: str
+    frames: int = 0
+    fps: float | None = None
+    """Frames a second."""
+    fps_stated: bool = False
+    """Whether the file states its rate; otherwise its format implies it."""
+    skeleton: str = ""
+    up_axis: str = ""
+    """The evidence for which way is up."""
+    lowest_joint: float | None = None
+    """[m]"""
+    height: float | None = None
+    """The person's standing height, estimated from the skeleton [m]."""
+    objects: tuple[ObjectFacts, ...] = ()
+    contacts: tuple[ContactFacts, ...] = ()
+    label_values: tuple[float, ...] = ()
+    notes: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()
+    """Why the file cannot be retargeted as it is."""
+    missing: tuple[str, ...] = ()
+    """What has to be added, and how."""
+    command: str = ""
+    """What to run next; empty where nothing can be."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Item:
+    """One object's columns."""
+
+    name: str
+    positions: Float[np.ndarray, "T 3"]
+    quats: Float[np.ndarray, "T 4"]
+    labels: Float[np.ndarray, "T 52"]
+
+
+def inspect(path: Path, objects: Path | None = None, object_name: str | None = None) -> Inspection:
+    """Return what is in a file; neither the file nor its objects need to be complete.
+
+    Args:
+        path: Any file.
+        objects: Folder with `<name>/<name>.obj` of each object; without it geometry counts as missing.
+        object_name: The object's name, where the file does not tell it.
+
+    Raises:
+        ReadError: The file is missing or damaged.
+    """
+    content = read_bytes(path)
+    if path.suffix.lower() == ".npz":
+        return _inspect_archive(path, content)
+    if content and not content.startswith((b"PK", b"\x80")):
+        return _unknown(path, f"a file of {len(content)} bytes that is neither a torch file nor a result")
+    value = parse_torch(content, path)
+    if isinstance(value, np.ndarray) and value.ndim == 2 and value.shape[1] == intermimic.COLUMNS:
+        return _inspect_single(path, value, objects, object_name)
+    if isinstance(value, dict) and _is_multi_object(value):
+        return _inspect_multi(path, value, objects)
+    if isinstance(value, np.ndarray):
+        shape = f"a torch file with one tensor of shape {value.shape}"
+        known = f": {intermimic.describe_columns(value.shape[1])}" if value.ndim == 2 else ""
+        return _unknown(path, shape + known)
+    return _unknown(path, f"a torch file that holds {intermimic.describe_other(value)}")
+
+
+def _unknown(path: Path, description: str) -> Inspection:
+    problem = f"No reader fits. Supported: {', '.join(READERS)}. Convert the file."
+    return Inspection(str(path), UNKNOWN, description, problems=(problem,))
+
+
+# InterMimic's clip of one object
+
+
+def _inspect_single(path: Path, value: np.ndarray, objects: Path | None, object_name: str | None) -> Inspection:
+    name = object_name or intermimic.name_in_file_name(path)
+    facts = Inspection(
+        str(path),
+        intermimic.FORMAT,
+        "InterMimic clip of one person and one object",
+        frames=len(value),
+        fps=intermimic.FPS,
+        notes=(f"Licence of the data: {intermimic.LICENCE}.",),
+    )
+    try:
+        matrix = intermimic.matrix_of(value, path)
+        first = intermimic.leading_zero_frames(matrix)
+        intermimic.check(path, matrix, first)
+        intermimic.check_hands(path, intermimic.split(matrix[first:]).joint_positions, first)
+    except (ClipError, ReadError) as error:
+        facts = replace(facts, problems=(str(error),))
+    usable = _usable_rows(value)
+    facts = replace(facts, notes=(*facts.notes, *_row_notes(value, usable)))
+    if usable.any():
+        recording = intermimic.split(value[usable].astype(float))
+        item = _Item(name or "", recording.object_positions, recording.object_quats, recording.joint_labels)
+        facts = _with_scene(facts, recording.joint_positions, [item], objects)
+        if recording.late_fingers:
+            facts = replace(
+                facts, notes=(*facts.notes, "Finger positions stand three places late; the reader puts them right.")
+            )
+    if name is None:
+        facts = replace(facts, missing=("the object's name: pass --object-name NAME", *facts.missing))
+    return _with_command(facts, path, objects, object_name or ("NAME" if name is None else None))
+
+
+def _usable_rows(value: np.ndarray) -> Bool[np.ndarray, "T"]:
+    """Return which frames hold numbers that can be computed with."""
+    if value.dtype.kind not in "fiu" or value.shape[1] == 0:
+        return np.zeros(len(value), dtype=bool)
+    sound = (np.abs(value.astype(float)) <= intermimic.LARGEST_VALUE).all(axis=1)
+    return np.asarray(sound & value.any(axis=1))
+
+
+def _row_notes(value: np.ndarray, usable: Bool[np.ndarray, "T"]) -> tuple[str, ...]:
+    left_out = len(value) - int(usable.sum())
+    return (f"{left_out} frame(s) are zero or hold no usable numbers; figures are of the others.",) if left_out else ()
+
+
+# InterMimic's dictionary of several objects
+
+
+def _is_multi_object(value: dict) -> bool:
+    data, names = value.get("data"), value.get("objects")
+    return (
+        isinstance(data, np.ndarray)
+        and data.ndim == 2
+        and data.dtype.kind == "f"
+        and isinstance(names, list)
+        and all(isinstance(name, str) for name in names)
+        and 0 < len(names) == intermimic.object_count(data.shape[1])
+    )
+
+
+def _inspect_multi(path: Path, value: dict, objects: Path | None) -> Inspection:
+    """Describe `(T, 526 + 65 n)`: as the other layout up to column 318, body rotations, then 65 for each object.
+
+    Each object's are position 3, rotation 4, padding 5, its own label 1, labels of the bodies 52.
+    """
+    data, names = value["data"], value["objects"]
+    usable = _usable_rows(data)
+    facts = Inspection(
+        str(path),
+        MULTI_OBJECT,
+        f"InterMimic clip of one person and {len(names)} object(s)",
+        frames=len(data),
+        fps=intermimic.FPS,
+        notes=(*_row_notes(data, usable), *_multi_notes(value)),
+    )
+    if usable.any():
+        rows = data[usable].astype(float)
+        order = [intermimic.BODIES.index(joint) for joint in JOINTS]
+        items = []
+        for index, name in enumerate(names):
+            block = rows[:, 526 + 65 * index : 526 + 65 * (index + 1)]
+            quats = se3.quat_from_xyzw(block[:, 3:7])
+            items.append(_Item(name, block[:, :3], quats, block[:, 13:65][:, order]))
+        facts = _with_scene(facts, rows[:, 162:318].reshape(-1, 52, 3)[:, order], items, objects)
+    if not np.isfinite(data).all():
+        facts = replace(facts, problems=(*facts.problems, f"{path}: the data hold numbers that are not finite."))
+    return _with_command(facts, path, objects, None)
+
+
+def _multi_notes(value: dict) -> tuple[str, ...]:
+    notes: tuple[str, ...] = ()
+    metadata, joints = value.get("metadata"), value.get("joints")
+    if isinstance(metadata, dict) and isinstance(metadata.get("expression"), str):
+        notes += (f"Described as {metadata['expression'][:200]!r}.",)
+    if isinstance(joints, dict) and joints:
+        notes += (f"Articulated parts: {', '.join(str(name)[:40] for name in list(joints)[:20])}.",)
+    return notes
+
+
+# Facts of a scene
+
+
+def _with_scene(
+    facts: Inspection, positions: Float[np.ndarray, "T 52 3"], items: list[_Item], objects: Path | None
+) -> Inspection:
+    # A height needs positions only; these rotations are never looked at.
+    person = Person("person", positions, np.tile(se3.IDENTITY_QUAT, (*positions.shape[:2], 1)))
+    described = tuple(_describe_object(item, objects) for item in items)
+    contacts = (
+        _describe_contact(intermimic.part_active(item.labels, part), part, item.name)
+        for item in items
+        for part in PARTS
+    )
+    labels = np.unique(np.concatenate([item.labels for item in items]))
+    absent = [
+        f"geometry of {item.name or 'the object'}: {item.geometry}" for item in described if not item.has_geometry
+    ]
+    return replace(
+        facts,
+        skeleton=f"{len(JOINTS)} joints of SMPL-X without jaw and eyes, positions and rotations",
+        up_axis=_up_axis(positions),
+        lowest_joint=float(positions[..., 2].min()),
+        height=person.height,
+        objects=described,
+        contacts=tuple(contacts),
+        label_values=tuple(float(label) for label in labels[:20]),
+        missing=(*facts.missing, *absent),
+    )
+
+
+def _up_axis(positions: Float[np.ndarray, "T 52 3"]) -> str:
+    trunk = (positions[:, JOINT_INDEX["head"]] - positions[:, JOINT_INDEX["pelvis"]]).mean(axis=0)
+    axis = int(np.abs(trunk).argmax())
+    sign = "" if trunk[axis] >= 0 else "-"
+    lowest = float((positions[..., axis] if trunk[axis] >= 0 else -positions[..., axis]).min())
+    return (
+        f"{sign}{'xyz'[axis]}: the head is on average {abs(trunk[axis]):.2f} m from the pelvis along it, "
+        f"and the lowest joint is at {lowest:.3f} m"
+    )
+
+
+def _describe_object(item: _Item, objects: Path | None) -> ObjectFacts:
+    moved = float(np.linalg.norm(item.positions - item.positions[0], axis=1).max())
+    if objects is None:
+        return ObjectFacts(item.name, moved, None, "missing, pass --objects DIR", False)
+    try:
+        geometry = _find_geometry(objects, item.name)
+    except GeometryError as error:
+        return ObjectFacts(item.name, moved, None, f"missing: {error}", False)
+    lowest = None
+    lengths = np.linalg.norm(item.quats, axis=1)
+    if (lengths > 0.99).all():
+        quats = item.quats / lengths[:, None]
+        # The third row of each rotation matrix gives heights.
+        heights = se3.quat_to_matrix(quats)[:, 2] @ geometry.points.T + item.positions[:, 2:]
+        lowest = float(heights.min())
+    found = f"found: {geometry.mesh_path}" if geometry.mesh_path else f"found: {len(geometry.points)} surface points"
+    return ObjectFacts(item.name, moved, lowest, found, True)
+
+
+def _find_geometry(objects: Path, name: str) -> Any:
+    try:
+        return load_geometry(objects, name)
+    except GeometryError:
+        # ParaHome names the parts of an object; its mesh is that of the base.
+        if not name.removesuffix("_base") or name == name.removesuffix("_base"):
+            raise
+        return load_geometry(objects, name.removesuffix("_base"))
+
+
+def _describe_contact(active: Bool[np.ndarray, "T"], part: str, name: str) -> ContactFacts:
+    begins = active & ~np.concatenate([[False], active[:-1]])
+    return ContactFacts(part, name, int(active.sum()), int(begins.sum()))
+
+
+def _with_command(facts: Inspection, path: Path, objects: Path | None, object_name: str | None) -> Inspection:
+    if facts.format not in READERS:
+        unread = f"{path}: this layout can be described, but no reader makes a clip of it yet."
+        return replace(facts, problems=(*facts.problems, unread))
+    if facts.problems:
+        return facts
+    words = ["hoi-retarget", "run", str(path), "--objects", str(objects or "DIR")]
+    words += ["--object-name", object_name] if object_name else []
+    return replace(facts, command=shlex.join([*words, "--out", "out"]))
+
+
+# Our own results
+
+
+def _inspect_archive(path: Path, content: bytes) -> Inspection:
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            names = [name.removesuffix(".npy") for name in archive.namelist()]
+        if "schema" not in names:
+            return _unknown(path, f"a .npz archive of other arrays: {', '.join(map(ascii, names[:10]))[:400]}")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # numpy warns of some damaged headers before it refuses them.
+            result = motion.load(path)
+    except (*_ARCHIVE_ERRORS, *NUMPY_ERRORS) as error:
+        raise ReadError(f"{path}: not a readable .npz archive ({error}). Write it again.") from error
+    return Inspection(
+        str(path),
+        MOTION,
+        f"a result of hoi-retarget for the robot {result.robot}",
+        frames=result.frames,
+        fps=result.fps,
+        fps_stated=True,
+        skeleton=f"{len(result.joint_names)} robot joints and a free root",
+        up_axis="z, by the format",
+        height=result.human_height,
+        objects=tuple(
+            ObjectFacts(name, _moved(result.object_pos[:, index]), None, "not stored in results", False)
+            for index, name in enumerate(result.object_names)
+        ),
+        contacts=tuple(_motion_contacts(result)),
+    )
+
+
+def _moved(positions: Float[np.ndarray, "T 3"]) -> float:
+    return float(np.linalg.norm(positions - positions[:1], axis=1).max(initial=0.0))
+
+
+def _motion_contacts(result: motion.Motion) -> Iterable[ContactFacts]:
+    for column, link in enumerate(result.contact_links):
+        for index, name in enumerate(result.object_names):
+            yield _describe_contact(
+                result.contact_flags[:, column] & (result.contact_object[:, column] == index), link, name
+            )

@@ -1,0 +1,266 @@
+"""What `inspect` says of real, written, damaged and foreign files."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hoi_retarget import motion
+from hoi_retarget.errors import ReadError
+from hoi_retarget.readers import read_clip
+from hoi_retarget.readers.inspection import Inspection, inspect
+from hoi_retarget.skeleton import PARTS
+from intermimic_writer import columns_of, random_clip, write_box, write_clip
+from torch_writer import legacy_bytes, torch_bytes
+
+SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+NEEDS_SHARED = pytest.mark.skipif(not SHARED.is_dir(), reason=f"no real recordings at {SHARED}")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    write_box(tmp_path / "objects", "box")
+    return tmp_path
+
+
+def multi(frames: int = 6, names: tuple[str, ...] = ("cup_base", "desk_base")) -> dict:
+    """Return a dictionary of several objects as InterMimic's forks write it."""
+    single = columns_of(random_clip(frames=frames))
+    data = np.zeros((frames, 526 + 65 * len(names)), dtype=np.float32)
+    data[:, :318] = single[:, :318]
+    data[:, 318:526] = single[:, 383:591]
+    for index in range(len(names)):
+        block = data[:, 526 + 65 * index : 526 + 65 * (index + 1)]
+        block[:, :7] = single[:, 318:325]
+        block[:, 12:65] = single[:, 330:383]
+    states = {"type": "hinge", "states": np.zeros(9)}
+    return {"objects": list(names), "data": data, "joints": {"lid": states}, "metadata": {"expression": "Pour"}}
+
+
+def result() -> motion.Motion:
+    return motion.Motion(
+        robot="test_robot",
+        fps=50.0,
+        joint_names=("a", "b"),
+        qpos=np.ones((6, 9)),
+        ik_qpos=np.ones((6, 9)),
+        object_names=("box",),
+        object_pos=np.linspace(0, 1, 18).reshape(6, 1, 3),
+        object_quat=np.ones((6, 1, 4)),
+        object_scale=np.ones(1),
+        contact_links=("palm",),
+        contact_flags=np.array([[0], [1], [1], [0], [1], [0]], dtype=bool),
+        contact_object=np.zeros((6, 1), dtype=int),
+        contact_targets=np.zeros((6, 1, 3)),
+        stance_flags=np.zeros((6, 2), dtype=bool),
+        first_source_frame=0,
+        human_height=1.7,
+        report={},
+    )
+
+
+def test_a_written_clip_is_described(folder):
+    path = folder / "sub1_box_000.pt"
+    clip = random_clip()
+    write_clip(clip, path)
+    facts = inspect(path, folder / "objects")
+    assert (facts.format, facts.frames, facts.fps, facts.fps_stated) == ("intermimic-591", 12, 30.0, False)
+    assert facts.height == pytest.approx(clip.people[0].height, abs=1e-5)
+    assert facts.lowest_joint == pytest.approx(clip.people[0].joint_positions[..., 2].min(), abs=1e-5)
+    (item,) = facts.objects
+    assert (item.name, item.has_geometry) == ("box", True)
+    assert item.lowest is not None
+    assert "box.obj" in item.geometry
+    again = read_clip(path, objects=folder / "objects")
+    assert {fact.part: (fact.frames, fact.segments) for fact in facts.contacts} == {
+        contact.part: (contact.active.sum(), len(contact.segments)) for contact in again.contacts
+    }
+    assert facts.label_values == (0.0, 1.0)
+    assert facts.problems == facts.missing == ()
+    assert facts.command == f"hoi-retarget run {path} --objects {folder / 'objects'} --out out"
+
+
+def test_without_the_objects_the_rest_is_described(folder):
+    write_clip(random_clip(), folder / "sub1_box_000.pt")
+    facts = inspect(folder / "sub1_box_000.pt")
+    assert facts.objects[0].geometry == "missing, pass --objects DIR"
+    assert facts.missing == ("geometry of box: missing, pass --objects DIR",)
+    assert facts.command.endswith("--objects DIR --out out")
+    facts = inspect(folder / "sub1_box_000.pt", folder / "objects", "cube")
+    assert "no object 'cube'" in facts.missing[0]
+    assert "--object-name cube" in facts.command
+
+
+def test_without_a_name_it_asks_for_one(folder):
+    write_clip(random_clip(), folder / "my clip.pt")
+    facts = inspect(folder / "my clip.pt")
+    assert "--object-name NAME" in facts.missing[0]
+    assert "--object-name NAME" in facts.command
+    assert "my clip.pt'" in facts.command  # quoted
+
+
+def test_late_fingers_and_zero_frames_are_noted(folder):
+    matrix = columns_of(random_clip(), late_fingers=True)
+    (folder / "sub1_box_000.pt").write_bytes(torch_bytes(np.concatenate([np.zeros_like(matrix[:2]), matrix])))
+    facts = inspect(folder / "sub1_box_000.pt", folder / "objects")
+    assert any("three places late" in note for note in facts.notes)
+    assert any(note.startswith("2 frame(s) are zero") for note in facts.notes)
+    assert facts.command
+
+
+@pytest.mark.parametrize(
+    ("row", "columns", "value", "words"),
+    [
+        (3, slice(0, 3), np.nan, "not finite in 1 frame (3)"),
+        (3, slice(383, 387), 0.0, "is zero"),
+        (3, slice(331, 332), 5.0, "value(s) 5"),
+        (3, slice(321, 325), 0.0, "is zero"),
+        (slice(None), slice(None), np.inf, "not finite"),
+        (slice(None), slice(None), 0.0, "12 frame(s), 12 of them zero"),
+    ],
+)
+def test_problems_are_named_and_the_rest_is_described(folder, row, columns, value, words):
+    matrix = columns_of(random_clip())
+    matrix[row, columns] = value
+    (folder / "sub1_box_000.pt").write_bytes(torch_bytes(matrix))
+    facts = inspect(folder / "sub1_box_000.pt", folder / "objects")
+    assert facts.format == "intermimic-591"
+    assert facts.frames == 12
+    assert words in facts.problems[0]
+    assert facts.command == ""
+
+
+@pytest.mark.parametrize("writer", [torch_bytes, legacy_bytes])
+def test_several_objects_are_described(folder, writer):
+    (folder / "clip.pt").write_bytes(writer(multi()))
+    write_box(folder / "objects", "cup")
+    facts = inspect(folder / "clip.pt", folder / "objects")
+    assert (facts.format, facts.frames) == ("intermimic-multi-object", 6)
+    assert [item.name for item in facts.objects] == ["cup_base", "desk_base"]
+    assert [item.has_geometry for item in facts.objects] == [True, False]
+    assert len(facts.contacts) == 2 * len(PARTS)
+    assert any("lid" in note for note in facts.notes)
+    assert any("Pour" in note for note in facts.notes)
+
+
+def test_results_are_described(folder):
+    motion.save(result(), folder / "clip.npz")
+    facts = inspect(folder / "clip.npz")
+    assert (facts.format, facts.frames, facts.fps, facts.fps_stated) == ("hoi-retarget-motion", 6, 50.0, True)
+    assert "test_robot" in facts.description
+    assert facts.objects[0].moved > 1.0
+    assert [(fact.part, fact.frames, fact.segments) for fact in facts.contacts] == [("palm", 3, 2)]
+
+
+def test_files_of_no_known_format(folder):
+    np.savez(folder / "other.npz", a=np.zeros(3))
+    (folder / "table.csv").write_text("a,b\n1,2\n")
+    (folder / "theia.pt").write_bytes(torch_bytes(np.zeros((4, 594))))
+    (folder / "flat.pt").write_bytes(torch_bytes(np.zeros(4)))
+    (folder / "list.pt").write_bytes(torch_bytes([1, 2]))
+    (folder / "dict.pt").write_bytes(torch_bytes({**multi(), "objects": ["one"]}))
+    (folder / "whole.pt").write_bytes(torch_bytes({"data": 1, "objects": 2}))
+    for name, words in (
+        ("other.npz", "'a'"),
+        ("table.csv", "8 bytes"),
+        ("theia.pt", "Theia"),
+        ("flat.pt", "(4,)"),
+        ("list.pt", "a list"),
+        ("dict.pt", "dictionary"),
+        ("whole.pt", "'data', 'objects'"),
+    ):
+        facts = inspect(folder / name)
+        assert facts.format == "unknown"
+        assert words in facts.description
+        assert facts.problems
+        assert facts.command == ""
+
+
+def test_integer_tensors_are_a_problem_not_a_crash(folder):
+    (folder / "sub1_box_000.pt").write_bytes(torch_bytes(np.ones((5, 591), dtype=np.int64)))
+    assert "int64" in inspect(folder / "sub1_box_000.pt").problems[0]
+    (folder / "sub1_box_000.pt").write_bytes(torch_bytes(np.ones((5, 591), dtype=bool)))
+    assert "bool" in inspect(folder / "sub1_box_000.pt").problems[0]
+
+
+def test_missing_and_damaged_files(folder):
+    for name, content in (("a.pt", b""), ("b.npz", b""), ("c.npz", b"PK\x03\x04xx"), ("d.pt", b"PK\x03\x04xx")):
+        (folder / name).write_bytes(content)
+        with pytest.raises(ReadError, match=name):
+            inspect(folder / name)
+    with pytest.raises(ReadError, match="no such file"):
+        inspect(folder / "absent.pt")
+
+
+def _seeds() -> dict[str, bytes]:
+    return {".pt": torch_bytes(columns_of(random_clip(frames=4))), "multi.pt": torch_bytes(multi(frames=4))}
+
+
+@settings(derandomize=True, deadline=None, max_examples=100, database=None)
+@given(st.data())
+def test_damaged_bytes_are_described_or_refused(tmp_path_factory, data):
+    folder = tmp_path_factory.getbasetemp() / "inspected"
+    write_box(folder / "objects", "box")
+    motion.save(result(), folder / "seed.npz")
+    seeds = {**_seeds(), ".npz": (folder / "seed.npz").read_bytes()}
+    suffix = data.draw(st.sampled_from(sorted(seeds)))
+    content = bytearray(seeds[suffix])
+    for _ in range(data.draw(st.integers(1, 4))):
+        position = data.draw(st.integers(0, len(content)))
+        content[position : position + data.draw(st.integers(0, 3))] = data.draw(st.binary(max_size=3))
+    path = folder / f"sub1_box_000{suffix}"
+    path.write_bytes(bytes(content[: data.draw(st.integers(0, len(content)) | st.just(len(content)))]))
+    try:
+        assert isinstance(inspect(path, folder / "objects"), Inspection)
+    except ReadError as error:
+        assert str(path) in str(error)
+
+
+@settings(derandomize=True, deadline=None, max_examples=80, database=None)
+@given(st.data())
+def test_any_numbers_are_described(tmp_path_factory, data):
+    folder = tmp_path_factory.getbasetemp() / "numbers"
+    write_box(folder / "objects", "box")
+    matrix = columns_of(random_clip(frames=5)).astype(float)
+    for _ in range(data.draw(st.integers(1, 4))):
+        row = data.draw(st.integers(0, 4) | st.just(slice(None)))
+        first = data.draw(st.integers(0, 590))
+        matrix[row, first : first + data.draw(st.integers(1, 300))] = data.draw(st.floats(width=64))
+    path = folder / "sub1_box_000.pt"
+    path.write_bytes(torch_bytes(matrix))
+    facts = inspect(path, folder / "objects")
+    assert bool(facts.command) != bool(facts.problems)
+
+
+@NEEDS_SHARED
+def test_real_clips_are_described():
+    facts = inspect(SHARED / "omomo" / "sub3_largebox_003.pt", SHARED / "objects")
+    assert facts.frames == 196
+    assert facts.height == pytest.approx(1.94, abs=0.025)
+    assert facts.up_axis.startswith("z:")
+    assert facts.lowest_joint == pytest.approx(0.0, abs=0.06)
+    assert facts.objects[0].moved > 0.5
+    assert facts.objects[0].lowest == pytest.approx(0.0, abs=0.02)
+    assert facts.label_values == (-1.0, 0.0, 1.0)
+    assert facts.problems == facts.missing == ()
+    assert sum(contact.frames for contact in facts.contacts) > 100
+
+
+@NEEDS_SHARED
+def test_real_clips_of_several_objects_are_described():
+    paths = sorted((SHARED / "parahome").glob("*.pt"))
+    assert len(paths) == 3
+    for path in paths:
+        facts = inspect(path, SHARED / "parahome" / "objects")
+        assert len(facts.objects) == 3
+        assert all(item.has_geometry for item in facts.objects)
+        assert facts.up_axis.startswith("z:")
+        assert facts.height is not None
+        assert 1.4 < facts.height < 2.1
+        assert set(facts.label_values) <= set(range(-1, 7))
+        assert sum(item.moved > 0.1 for item in facts.objects) == 1
+        for field in dataclasses.fields(facts):
+            assert getattr(facts, field.name) is not None
