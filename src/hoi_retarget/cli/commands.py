@@ -15,6 +15,9 @@ Scale = Annotated[float | Literal["auto"], arg(metavar="auto|NUMBER")]
 RobotName = Annotated[str, arg(metavar="NAME")]
 Folder = Annotated[Path, arg(metavar="DIR")]
 OptionalFolder = Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="")]
+ObjectName = Annotated[
+    str | None, arg(name="object", aliases=["--object-name"], metavar="NAME", help_behavior_hint="")
+]
 OptionalFile = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
 
 
@@ -40,7 +43,7 @@ class Run:
     """A robot's name; `hoi-retarget robots list` shows those there are."""
     objects: OptionalFolder = None
     """Folder with the objects' geometry: OBJECTS/<name>/<name>.obj, or sample_points.npy there."""
-    object_name: Annotated[str | None, arg(name="object", metavar="NAME", help_behavior_hint="")] = None
+    object_name: ObjectName = None
     """Which object the clips are with; by default the clip says, or its file name sub<N>_<object>_<n>."""
     root_scale: Scale = "auto"
     """Human size to robot size; auto divides the robot's stature by the person's height."""
@@ -72,6 +75,8 @@ class Inspect:
     """A clip or a result."""
     objects: OptionalFolder = None
     """Folder with the objects' geometry, as for run."""
+    object_name: ObjectName = None
+    """Which object the clip is with, as for run."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Printing: plain lines, errors and warnings on stderr, tables, and a bar for what takes long."""
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from threading import Timer
 
@@ -28,15 +28,14 @@ def fail(text: str) -> None:
     print(f"error: {' '.join(text.split())}", file=sys.stderr, flush=True)
 
 
-def show_table(rows: Sequence[Sequence[str]], *, title: str | None = None, numbers_from: int = 1) -> None:
-    """Print rows as a table; the first one is the header, columns from `numbers_from` on are numbers."""
+def show_table(rows: Sequence[Sequence[str]], *, words: Collection[int] = (0,)) -> None:
+    """Print rows as a table; the first one is the header, columns other than `words` are numbers."""
     console = Console(highlight=False, markup=False)
     if not console.is_terminal:
         console = Console(highlight=False, markup=False, width=PLAIN_WIDTH)
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="bold")
+    table = Table(box=None, pad_edge=False, header_style="bold")
     for index, name in enumerate(rows[0]):
-        number = index >= numbers_from
-        table.add_column(name, justify="right" if number else "left", overflow="fold", no_wrap=index == 0)
+        table.add_column(name, justify="left" if index in words else "right", overflow="fold", no_wrap=index == 0)
     for row in rows[1:]:
         table.add_row(*row)
     console.print(table)

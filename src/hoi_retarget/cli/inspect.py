@@ -1,0 +1,66 @@
+"""`hoi-retarget inspect`: what a file is, what it lacks, and what to run on it."""
+
+from collections.abc import Iterable
+
+from hoi_retarget.cli.commands import Inspect
+from hoi_retarget.cli.terminal import fail, say, show_table
+from hoi_retarget.readers.inspection import MOTION, Inspection, inspect
+
+
+def execute(command: Inspect) -> int:
+    """Describe a file; return 0 unless something is wrong with it."""
+    facts = inspect(command.file, command.objects, command.object_name)
+    say(f"{facts.path}: {facts.description}  [{facts.format}]")
+    _facts(facts)
+    if facts.objects:
+        say()
+        show_table([("object", "moved [m]", "lowest point [m]", "geometry"), *_objects(facts)], words=(0, 3))
+    if any(contact.frames for contact in facts.contacts):
+        say()
+        show_table([("contact of", "frames", "segments", "with"), *_contacts(facts)], words=(0, 3))
+    say()
+    _list("note", facts.notes)
+    _list("missing", facts.missing)
+    next_command = f"hoi-retarget evaluate {facts.path}" if facts.format == MOTION else facts.command
+    if next_command:
+        say(f"to run: {next_command}")
+    for problem in facts.problems:
+        fail(_naming(facts.path, problem))
+    return 1 if facts.problems else 0
+
+
+def _naming(path: str, problem: str) -> str:
+    return problem if path in problem else f"{path}: {problem}"
+
+
+def _facts(facts: Inspection) -> None:
+    rate = "" if facts.fps is None else f" at {facts.fps:g} frames/s" + ("" if facts.fps_stated else " by its format")
+    lowest = None if facts.lowest_joint is None else f"{facts.lowest_joint:.3f} m"
+    rows = (
+        ("frames", f"{facts.frames}{rate}" if facts.frames else None),
+        ("skeleton", facts.skeleton or None),
+        ("up axis", facts.up_axis or None),
+        ("lowest joint", lowest),
+        ("human height", None if facts.height is None else f"{facts.height:.2f} m, from the skeleton"),
+        ("label values", ", ".join(f"{value:g}" for value in facts.label_values) or None),
+    )
+    for title, text in rows:
+        if text is not None:
+            say(f"  {title:14}{text}")
+
+
+def _objects(facts: Inspection) -> list[tuple[str, ...]]:
+    return [
+        (item.name or "?", f"{item.moved:.2f}", "-" if item.lowest is None else f"{item.lowest:.3f}", item.geometry)
+        for item in facts.objects
+    ]
+
+
+def _contacts(facts: Inspection) -> list[tuple[str, ...]]:
+    touching = [contact for contact in facts.contacts if contact.frames]
+    return [(item.part, str(item.frames), str(item.segments), item.object or "?") for item in touching]
+
+
+def _list(title: str, sentences: Iterable[str]) -> None:
+    for sentence in sentences:
+        say(f"{title}: {sentence}")
