@@ -1,0 +1,91 @@
+"""The README's commands run, and what the documents promise is what the code has."""
+
+import dataclasses
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hoi_retarget.robots import ROBOTS
+from hoi_retarget.robots.spec import SITES
+from hoi_retarget.trajopt.table import Weights
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+BLOCKS = re.findall(r"^```sh *(\w*)\n(.*?)^```", README, flags=re.MULTILINE | re.DOTALL)
+
+
+def block(label: str) -> list[str]:
+    return [line for name, text in BLOCKS for line in text.strip().splitlines() if name == label]
+
+
+def after_installation(line: str) -> list[str]:
+    """Return the words of a README line's last command, to be run with this interpreter."""
+    words = shlex.split(line.split("&&")[-1])
+    program = Path(words[0]).name
+    return [sys.executable, *(["-m", "hoi_retarget"] if program == "hoi-retarget" else []), *words[1:]]
+
+
+def test_one_line_installs_and_demonstrates_and_one_tests():
+    (demo,), (test,) = block("demo"), block("test")
+    assert demo == "python3.11 -m venv .venv && .venv/bin/pip install . && .venv/bin/hoi-retarget demo --out out"
+    assert test.split(" && ")[-1].startswith(".venv/bin/pytest")
+
+
+def test_ci_runs_exactly_the_readmes_test_command():
+    (test,) = block("test")
+    lines = (ROOT / ".ci" / "run").read_text().splitlines()
+    assert test in lines
+    for tool in ("ruff check", "ruff format --check", "pyright", "lint-imports"):
+        assert any(line.startswith(f".venv/bin/{tool}") for line in lines)
+
+
+def test_the_readmes_commands_run_in_its_order(tmp_path):
+    (demo,) = block("demo")
+    uses = [demo, *block("")]
+    assert [shlex.split(line)[:2] for line in uses[1:]] == [
+        ["hoi-retarget", "inspect"],
+        ["hoi-retarget", "evaluate"],
+        ["python", "examples/01_demo_in_python.py"],
+    ]
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    for line in uses:
+        done = subprocess.run(after_installation(line), cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
+    assert (tmp_path / "out" / "carry_box.npz").is_file()
+    assert (tmp_path / "figures.json").is_file() and (tmp_path / "figures.csv").is_file()
+
+
+@pytest.mark.parametrize("document", ["README.md", "docs/design.md", "docs/method.md", "docs/robots.md"])
+def test_links_lead_somewhere(document):
+    path = ROOT / document
+    links = re.findall(r"\]\(([^)#]+)\)", path.read_text())
+    assert all((path.parent / link).exists() for link in links if "://" not in link)
+
+
+def test_the_method_lists_every_weight_as_it_is():
+    text = (ROOT / "docs" / "method.md").read_text()
+    rows = re.findall(r"^\|[^|]*\|[^|]*\| `(\w+)` \| ([\d.e-]+) \| `(\w+)` \|$", text, flags=re.MULTILINE)
+    assert {name: float(value) for name, value, _ in rows} == dataclasses.asdict(Weights())
+    terms = {path.stem for path in (ROOT / "src/hoi_retarget/trajopt/terms").glob("[a-z]*.py")}
+    assert {term for _, _, term in rows} <= terms
+
+
+def test_the_robots_page_names_every_robot_and_every_site():
+    text = (ROOT / "docs" / "robots.md").read_text()
+    assert all(f"| `{name}` |" in text for name in ROBOTS)
+    for site in SITES:
+        side, _, rest = site.partition("_")
+        names = (f"`{site}`", f"..._{rest.removeprefix('sole_')}`", f"`left_{rest}`, `right_{rest}`")
+        assert any(name in text for name in names) or (side == "right" and "and right" in text), site
+
+
+def test_design_justifies_every_dependency():
+    text = (ROOT / "docs" / "design.md").read_text()
+    project = (ROOT / "pyproject.toml").read_text()
+    listed = re.findall(r'^    "([a-z-]+)[\[>]', project, flags=re.MULTILINE)
+    assert len(listed) > 10
+    assert all(name in text for name in listed)
