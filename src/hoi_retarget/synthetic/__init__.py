@@ -7,11 +7,13 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hoi_retarget.clip import Clip, Source
+from hoi_retarget.clip import MINIMUM_FRAMES, Clip, Source
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.synthetic.acting import act, contacts_of
 from hoi_retarget.synthetic.objects import OBJECTS, object_mesh, write_objects
-from hoi_retarget.synthetic.scenes import Scene, carry_box
+from hoi_retarget.synthetic.scenes import carry_box, carry_table, drag_suitcase, move_chair, push_table
+from hoi_retarget.synthetic.staging import Scene
+from hoi_retarget.synthetic.timing import Times
 
 __all__ = ["OBJECTS", "SCENES", "make", "object_mesh", "write_objects"]
 
@@ -19,12 +21,12 @@ LICENCE = "Apache-2.0 (made by hoi-retarget)"
 MINIMUM_HEIGHT, MAXIMUM_HEIGHT = 1.2, 2.2  # [m]
 
 SCENES: Mapping[str, Callable[[float, int], Scene]] = MappingProxyType(
-    {scene.__name__: scene for scene in (carry_box,)}
+    {scene.__name__: scene for scene in (carry_box, push_table, drag_suitcase, move_chair, carry_table)}
 )
 """The scenes by name: each makes its script from a height [m] and a seed."""
 
 
-def make(
+def make(  # noqa: PLR0913 - all but the name are options with defaults
     name: str,
     *,
     height: float = 1.75,
@@ -49,32 +51,30 @@ def make(
     Raises:
         ArgumentError: a scene that does not exist, or a number out of its range.
     """
-    _check(name, height, seed, fps, seconds, repetitions)
+    _check_scene(name, height, seed)
+    _check_duration(fps, seconds, repetitions)
     scene = SCENES[name](height, seed)
-    if seconds is not None:
-        frames = int(np.floor(seconds * fps + 1e-6)) + 1
-    elif repetitions is not None:
-        frames = round(repetitions * scene.cycle * fps)
-    else:
-        frames = int(np.floor(scene.there * fps + 1e-6)) + 1
-    times = np.mod(np.arange(frames) / fps, scene.cycle)
+    times = _times(scene, fps, seconds, repetitions)
     objects = scene.objects(times)
     people = tuple(act(actor, times, objects) for actor in scene.actors)
     contacts = tuple(track for index, actor in enumerate(scene.actors) for track in contacts_of(actor, index, times))
-    parameters = {"name": name, "height": height, "seed": seed, "fps": fps, "frames": frames}
+    parameters = {"name": name, "height": height, "seed": seed, "fps": fps, "frames": len(times)}
     digest = sha256(json.dumps(parameters, sort_keys=True).encode()).hexdigest()
     note = "Made from nothing: contact points and stance are exact."
     source = Source(sha256=digest, format="synthetic", licence=LICENCE, notes=(note,))
     return Clip(name, fps, people, objects, contacts, source)
 
 
-def _check(name: str, height: float, seed: int, fps: float, seconds: float | None, repetitions: int | None) -> None:
+def _check_scene(name: str, height: float, seed: int) -> None:
     if name not in SCENES:
         raise ArgumentError(f"There is no synthetic scene {name!r}. Scenes: {', '.join(SCENES)}.")
     if not MINIMUM_HEIGHT <= height <= MAXIMUM_HEIGHT:
         raise ArgumentError(f"The height is {height} m; it must lie between {MINIMUM_HEIGHT} and {MAXIMUM_HEIGHT} m.")
     if seed < 0:
         raise ArgumentError(f"The seed is {seed}; it must not be negative.")
+
+
+def _check_duration(fps: float, seconds: float | None, repetitions: int | None) -> None:
     if not (np.isfinite(fps) and fps > 0):
         raise ArgumentError(f"The rate is {fps} frames a second; it must be positive.")
     if seconds is not None and repetitions is not None:
@@ -83,3 +83,14 @@ def _check(name: str, height: float, seed: int, fps: float, seconds: float | Non
         raise ArgumentError(f"The duration is {seconds} s; it must be positive.")
     if repetitions is not None and repetitions < 1:
         raise ArgumentError(f"{repetitions} repetitions are asked for; at least one is needed.")
+
+
+def _times(scene: Scene, fps: float, seconds: float | None, repetitions: int | None) -> Times:
+    """Return when the frames are, within one cycle [s]."""
+    if repetitions is not None:
+        frames = round(repetitions * scene.cycle * fps)
+    else:
+        frames = int(np.floor((scene.there if seconds is None else seconds) * fps + 1e-6)) + 1
+    if frames < MINIMUM_FRAMES:
+        raise ArgumentError(f"That makes {frames} frames; at least {MINIMUM_FRAMES} are needed: ask for more seconds.")
+    return np.mod(np.arange(frames) / fps, scene.cycle)

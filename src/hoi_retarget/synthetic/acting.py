@@ -106,13 +106,25 @@ class Actor:
     """Forward pitch of the head [rad]."""
     twist: Keys = _STILL
     """Turn of the chest to the left against the pelvis [rad]."""
+    roll: Keys = _STILL
+    """Sideways lean of the trunk to the right [rad]."""
     elbows: tuple[Triple, Triple] = field(default=((-0.7, 0.45, -0.45), (-0.7, -0.45, -0.45)))
     """Where the elbows point: forward, left, up relative to the body."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Moment:
+    """All that surrounds an actor at the times asked for."""
+
+    times: Times
+    ground: Ground
+    objects: Sequence[ObjectTrack]
 
 
 def act(actor: Actor, times: Times, objects: Sequence[ObjectTrack]) -> Person:
     """Return the person's motion at `times` [s]."""
     ground = ground_of(actor.walk, actor.height, times)
+    moment = _Moment(times, ground, objects)
     feet = feet_of(actor.walk, actor.height, times)
     trunk = _trunk(actor, times, ground)
     body = Body(actor.height, len(times))
@@ -121,10 +133,10 @@ def act(actor: Actor, times: Times, objects: Sequence[ObjectTrack]) -> Person:
     hands: list[HandGoal] = []
     # Reaching further moves the shoulders, lowering the pelvis for the legs moves them back: a few
     # rounds settle both. Every round is a smooth function of time, so the result is one too.
-    for _ in range(6):
+    for _ in range(8):
         pelvis = _lower_to_legs(actor.height, trunk.pelvis + shift, trunk.pelvis_quat, feet)
         body.set_trunk(Trunk(pelvis, trunk.pelvis_quat, trunk.chest_quat, trunk.head_quat))
-        hands = [_hand_goal(actor, side, times, ground, body, objects) for side in range(2)]
+        hands = [_hand_goal(actor, side, moment, body) for side in range(2)]
         shift = shift + _reach_shift(body, hands, arm)
     for side, name in enumerate(SIDES):
         body.set_foot(name, feet[side])
@@ -151,18 +163,19 @@ def _trunk(actor: Actor, times: Times, ground: Ground) -> Trunk:
     height = actor.height
     crouch, lean = keyed(times, actor.crouch), keyed(times, actor.lean)
     stride = ground.stride / height
+    roll = keyed(times, actor.roll)
     # The pelvis turns with the leading leg, the chest against it; the trunk tips over the standing leg.
     pelvis_yaw = ground.yaw + 0.35 * stride
     chest_yaw = ground.yaw - 0.30 * stride + keyed(times, actor.twist)
-    pelvis_quat = heading_quat(pelvis_yaw, 0.80 * crouch + 0.45 * lean, -0.03 * ground.sway)
-    chest_quat = heading_quat(chest_yaw, 0.03 + 1.32 * crouch + lean, 0.012 * ground.sway)
+    pelvis_quat = heading_quat(pelvis_yaw, 0.78 * crouch + 0.45 * lean, 0.4 * roll - 0.03 * ground.sway)
+    chest_quat = heading_quat(chest_yaw, 0.03 + 1.20 * crouch + lean, roll + 0.012 * ground.sway)
     head_yaw = ground.yaw + 0.6 * keyed(times, actor.twist)
-    head_quat = heading_quat(head_yaw, 0.05 + 0.45 * crouch + keyed(times, actor.gaze), 0.0 * crouch)
+    head_quat = heading_quat(head_yaw, 0.05 + 0.45 * crouch + keyed(times, actor.gaze), 0.3 * roll)
     forward, left = _directions(ground.yaw)
     # Hips go back as the trunk comes forward, so that the weight stays over the feet.
     back = height * (0.10 * crouch + 0.10 * np.sin(lean))
     pelvis = ground.position - back[:, None] * forward + (0.012 * height * ground.sway)[:, None] * left
-    pelvis[:, 2] = height * (STANDING_PELVIS_HEIGHT - 0.22 * crouch)
+    pelvis[:, 2] = height * (STANDING_PELVIS_HEIGHT - 0.28 * crouch)
     return Trunk(pelvis, pelvis_quat, chest_quat, head_quat)
 
 
@@ -181,7 +194,7 @@ def _lower_to_legs(height: float, pelvis: Vectors, pelvis_quat: Quats, feet: tup
         away = (pelvis + hip - foot.ankle)[:, :2]
         upright = np.sqrt(np.maximum(reach**2 - np.sum(away**2, axis=1), 0.01 * reach**2))
         limits.append(foot.ankle[:, 2] + upright - hip[:, 2])
-    width = 0.005 * height
+    width = 0.009 * height
     lowest = -width * np.logaddexp.reduce(-np.stack(limits) / width, axis=0)
     return np.concatenate([pelvis[:, :2], lowest[:, None]], axis=1)
 
@@ -193,37 +206,38 @@ def _reach_shift(body: Body, hands: Sequence[HandGoal], arm: float) -> Vectors:
         line = goal.wrist - body.position(f"{side}_shoulder")
         distance = np.linalg.norm(line, axis=1)
         # Free hands hang at a longer reach than this, but move with the shoulder: they ask for nothing.
-        excess = soft_excess(distance - _COMFORTABLE_REACH * arm, 0.012 * arm) * goal.hold**3
-        shift += 0.4 * (excess / distance)[:, None] * line
-    return shift
+        excess = soft_excess(distance - _COMFORTABLE_REACH * arm, 0.008 * arm) * goal.hold**3
+        shift += (excess / distance)[:, None] * line
+    # Two hands that ask for the same are not to be served twice.
+    both = hands[0].hold * hands[1].hold
+    return 0.8 * shift / (1.0 + both)[:, None]
 
 
-def _hand_goal(
-    actor: Actor, side: int, times: Times, ground: Ground, body: Body, objects: Sequence[ObjectTrack]
-) -> HandGoal:
+def _hand_goal(actor: Actor, side: int, moment: _Moment, body: Body) -> HandGoal:
     name = SIDES[side]
-    forward, left = _directions(ground.yaw)
+    forward, left = _directions(moment.ground.yaw)
     up = np.broadcast_to(np.array([0.0, 0.0, 1.0]), forward.shape)
     outward = left if side == 0 else -left
     # Arms swing against the legs.
-    swing = (0.62 if side == 0 else -0.62) * ground.stride / actor.height
+    swing = (0.62 if side == 0 else -0.62) * moment.ground.stride / actor.height
     direction = 0.10 * outward - up + (0.07 + swing)[:, None] * forward
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     arm = body.limb_length(f"{name}_elbow", f"{name}_wrist")
     wrist = body.position(f"{name}_shoulder") + _HANGING_REACH * arm * direction
     quat = hand_quat(name, direction + 0.18 * forward, 0.25 * forward - outward)
-    hold, curl = np.zeros(times.shape), np.full(times.shape, _RELAXED_CURL)
+    hold, curl = np.zeros(moment.times.shape), np.full(moment.times.shape, _RELAXED_CURL)
     for grip in (grip for grip in actor.grips if grip.side == side):
-        closeness = grip.closeness(times)
+        closeness = grip.closeness(moment.times)
         curl += (grip.curl - _RELAXED_CURL) * closeness
         hold += closeness
     # The palm's place in the wrist depends on the fingers' curl, so wrists follow after all curls are known.
     for grip in (grip for grip in actor.grips if grip.side == side):
-        closeness = grip.closeness(times)
-        grip_wrist, grip_quat = _grip_pose(actor.height, grip, times, curl, objects[grip.object])
+        closeness = grip.closeness(moment.times)
+        grip_wrist, grip_quat = _grip_pose(actor.height, grip, moment.times, curl, moment.objects[grip.object])
         wrist = wrist + closeness[:, None] * (grip_wrist - wrist)
         quat = se3.slerp(quat, grip_quat, closeness)
-    pole = sum(part * axis for part, axis in zip(actor.elbows[side], (forward, left, up), strict=True))
+    ahead, aside, above = actor.elbows[side]
+    pole = ahead * forward + aside * left + above * up
     return HandGoal(wrist, quat, pole, curl, hold)
 
 

@@ -19,6 +19,7 @@ from hoi_retarget.errors import ArgumentError, WriteError
 Vertices = Float[np.ndarray, "V 3"]
 Faces = Int[np.ndarray, "F 3"]
 
+REFERENCE_HEIGHT = 1.75  # [m]
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 # Two triangles a side, counter-clockwise seen from outside.
 _BOX_FACES = np.array(
@@ -67,6 +68,16 @@ class Shape:
         # Blocks are given from the floor up; the mesh is centred.
         return np.concatenate(vertices) - np.array([0.0, 0.0, self.half[2]]), np.concatenate(faces)
 
+    def scaled(self, factor: float) -> "Shape":
+        """Return the same shape, `factor` times as large."""
+        blocks = tuple(Block(_times(block.low, factor), _times(block.high, factor)) for block in self.blocks)
+        return Shape(self.name, _times(self.size, factor), blocks)
+
+
+def _times(values: tuple[float, float, float], factor: float) -> tuple[float, float, float]:
+    x, y, z = values
+    return (factor * x, factor * y, factor * z)
+
 
 def _vary(generator: np.random.Generator, value: float, part: float = 0.08) -> float:
     return value * (1.0 + part * float(generator.uniform(-1.0, 1.0)))
@@ -103,7 +114,7 @@ def _chair(generator: np.random.Generator) -> Shape:
 
 
 def _suitcase(generator: np.random.Generator) -> Shape:
-    depth, width, body, height = _vary(generator, 0.26), _vary(generator, 0.42), 0.64, _vary(generator, 1.02, 0.03)
+    depth, width, body, height = _vary(generator, 0.25), _vary(generator, 0.40), 0.56, _vary(generator, 0.93, 0.03)
     x, y, wheel, bar = depth / 2, width / 2, 0.04, 0.022
     blocks = [Block((-x, -y, wheel), (x, y, body))]
     for fy in (-1, 1):
@@ -122,27 +133,38 @@ _MAKERS: Mapping[str, Callable[[np.random.Generator], Shape]] = MappingProxyType
 OBJECTS: tuple[str, ...] = tuple(_MAKERS)
 
 
-def shape(name: str, seed: int = 0) -> Shape:
-    """Return one of our objects; the seed varies its size by a few percent.
+def shape(name: str, *, height: float = REFERENCE_HEIGHT, seed: int = 0) -> Shape:
+    """Return one of our objects.
+
+    Sizes are proportional to the height [m] of the person who uses the object, so that everybody
+    can do the same things with them; the seed varies them by a few percent.
 
     Raises:
         ArgumentError: there is no such object.
     """
     if name not in _MAKERS:
         raise ArgumentError(f"There is no object {name!r}. Objects: {', '.join(OBJECTS)}.")
-    return _MAKERS[name](np.random.default_rng([seed, OBJECTS.index(name)]))
+    made = _MAKERS[name](np.random.default_rng([seed, OBJECTS.index(name)]))
+    return made.scaled(height / REFERENCE_HEIGHT)
 
 
-def object_mesh(name: str, *, seed: int = 0) -> tuple[Vertices, Faces]:
-    """Return vertices [m] and triangles of one of our objects, for viewers."""
-    return shape(name, seed).mesh
+def object_mesh(name: str, *, height: float = REFERENCE_HEIGHT, seed: int = 0) -> tuple[Vertices, Faces]:
+    """Return vertices [m] and triangles of one of our objects, for viewers.
+
+    With the height and the seed of a clip, the vertices are those of the clip's geometry.
+    """
+    return shape(name, height=height, seed=seed).mesh
 
 
-def write_objects(folder: Path, *, seed: int = 0) -> tuple[Path, ...]:
-    """Write every object as `<folder>/<object>/<object>.obj` and return the paths."""
+def write_objects(folder: Path, *, height: float = REFERENCE_HEIGHT, seed: int = 0) -> tuple[Path, ...]:
+    """Write every object as `<folder>/<object>/<object>.obj` and return the paths.
+
+    Raises:
+        WriteError: a file cannot be written.
+    """
     paths = []
     for name in OBJECTS:
-        vertices, faces = object_mesh(name, seed=seed)
+        vertices, faces = object_mesh(name, height=height, seed=seed)
         lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]
         lines += [f"f {a} {b} {c}" for a, b, c in faces + 1]
         path = folder / name / f"{name}.obj"

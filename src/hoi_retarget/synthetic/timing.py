@@ -5,6 +5,7 @@ and they are functions of continuous time, so any frame rate samples the same mo
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -27,7 +28,7 @@ def bump(times: Times, start: float, end: float) -> Times:
 def keyed(times: Times, keys: Sequence[tuple[float, float]]) -> Times:
     """Return values that pass through `(time [s], value)` keys in order of time, resting at each."""
     values = np.full(times.shape, keys[0][1])
-    for (start, before), (end, after) in zip(keys[:-1], keys[1:], strict=True):
+    for (start, before), (end, after) in pairwise(keys):
         if after != before:
             values += (after - before) * minimum_jerk(times, start, end)
     return values

@@ -110,31 +110,19 @@ class Walk:
             lambda fraction: begin.toward(goal, fraction), start=start, count=count, side=side, seconds=seconds
         )
 
-    def sidestep(self, goal: Place, *, start: float, count: int, side: int, seconds: float = STEP_SECONDS) -> "Walk":
-        """Return this walk followed by steps to the side: the leading foot out, the other one after it."""
+    def sidestep(self, goal: Place, *, start: float, pairs: int, side: int, seconds: float = STEP_SECONDS) -> "Walk":
+        """Return this walk followed by steps to the side: the leading foot goes out, the other one follows."""
         begin = self.place
-        pairs = count // 2
-        return (
-            self.along(
-                lambda fraction: begin.toward(goal, fraction), start=start, count=count, side=side, seconds=seconds
+        steps = [
+            Step(
+                (side + index) % 2,
+                start + index * seconds,
+                start + (index + 1) * seconds,
+                begin.toward(goal, (index // 2 + 1) / pairs),
             )
-            if pairs * 2 != count
-            else replace(
-                self,
-                steps=(
-                    *self.steps,
-                    *(
-                        Step(
-                            (side + index) % 2,
-                            start + index * seconds,
-                            start + (index + 1) * seconds,
-                            begin.toward(goal, (index // 2 + 1) / pairs),
-                        )
-                        for index in range(count)
-                    ),
-                ),
-            )
-        )
+            for index in range(2 * pairs)
+        ]
+        return replace(self, steps=(*self.steps, *steps))
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +192,7 @@ def _foot_path(walk: Walk, height: float, side: int, times: Times) -> tuple[Vect
         yaw += progress * (step.place.yaw - place.yaw)
         # A long step forward rolls over the toe and lands heel first, a sideways or backward one does not.
         ahead = float(np.cos(place.yaw) * move[0] + np.sin(place.yaw) * move[1]) / (0.5 * height)
-        roll = HEEL_RISE * np.clip(ahead, 0.25, 1.2)
+        roll = HEEL_RISE * np.clip(ahead, 0.12, 1.2)
         duration = step.end - step.start
         pitch += roll * bump(times, step.start, step.start + 0.72 * duration)
         pitch -= 0.22 * roll * bump(times, step.start + 0.45 * duration, step.end)

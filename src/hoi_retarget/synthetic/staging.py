@@ -1,0 +1,111 @@
+"""What the scenes are written with: paths to walk, key times of bending, and objects that are moved."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from hoi_retarget import se3
+from hoi_retarget.clip import ObjectTrack
+from hoi_retarget.synthetic.acting import Actor, Keys
+from hoi_retarget.synthetic.human import Quats, Scalars
+from hoi_retarget.synthetic.objects import Shape
+from hoi_retarget.synthetic.timing import Times, minimum_jerk
+from hoi_retarget.synthetic.walking import Place, Walk, ground_of
+
+Span = tuple[float, float]
+"""From touch to release [s]."""
+Anchor = Callable[[Times], tuple[Scalars, Scalars, Scalars]]
+"""A place over time: x [m], y [m], yaw [rad]."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene as functions of time, at rest at its beginning, after `there` and after `cycle`."""
+
+    there: float
+    """Duration of the way there [s]."""
+    cycle: float
+    """Duration of the way there and back, to the pose of the beginning [s]."""
+    actors: tuple[Actor, ...]
+    objects: Callable[[Times], tuple[ObjectTrack, ...]]
+
+
+@dataclass(frozen=True)
+class Carry:
+    """An object goes from a resting place to one that moves with the walkers, and to rest again."""
+
+    take: Span
+    """From leaving its resting place to moving with the walkers [s]."""
+    put: Span
+    """From moving with the walkers to resting again [s]."""
+    origin: Place
+    goal: Place
+    raised: float = 0.0
+    """Height above the resting height while carried [m]."""
+
+
+def moved(shape: Shape, carries: tuple[Carry, ...], anchor: Anchor, times: Times) -> ObjectTrack:
+    """Return the motion of an upright object that follows `anchor` while it is carried."""
+    first = carries[0].origin
+    x, y, yaw = (np.full(times.shape, value) for value in (first.x, first.y, first.yaw))
+    z = np.full(times.shape, shape.half[2])
+    held_x, held_y, held_yaw = anchor(times)
+    for carry in carries:
+        up, down = minimum_jerk(times, *carry.take), minimum_jerk(times, *carry.put)
+        x += up * (held_x - carry.origin.x) + down * (carry.goal.x - held_x)
+        y += up * (held_y - carry.origin.y) + down * (carry.goal.y - held_y)
+        yaw += up * (held_yaw - carry.origin.yaw) + down * (carry.goal.yaw - held_yaw)
+        z += carry.raised * (up - down)
+    return ObjectTrack(shape.name, np.stack([x, y, z], axis=1), upright(yaw), shape.geometry)
+
+
+def before(walk: Walk, height: float, forward: float, left: float = 0.0, turn: float = 0.0) -> Anchor:
+    """Return the place that stays `forward` and `left` of a walker [m], turned by `turn` [rad]."""
+
+    def anchor(times: Times) -> tuple[Scalars, Scalars, Scalars]:
+        ground = ground_of(walk, height, times)
+        cosine, sine = np.cos(ground.yaw), np.sin(ground.yaw)
+        x = ground.position[:, 0] + forward * cosine - left * sine
+        y = ground.position[:, 1] + forward * sine + left * cosine
+        return x, y, ground.yaw + turn
+
+    return anchor
+
+
+def upright(yaw: Scalars) -> Quats:
+    """Return rotations about the vertical [rad]."""
+    return se3.exp(yaw[:, None] * np.array([0.0, 0.0, 1.0]))
+
+
+def arc(begin: Place, radius: float, turn: float) -> Callable[[float], Place]:
+    """Return a path on a circle to the left, which turns by `turn` [rad]."""
+
+    def path(fraction: float) -> Place:
+        angle = fraction * turn
+        return begin.ahead(radius * float(np.sin(angle)), radius * (1.0 - float(np.cos(angle))), angle)
+
+    return path
+
+
+def dips(spans: tuple[Span, ...], depth: float, *, down: float = 1.0, up: float = 1.1) -> Keys:
+    """Return keys that reach `depth` where spans begin and end, and 0 between: to pick up, to put down."""
+    keys = [(0.0, 0.0)]
+    for touch, release in spans:
+        keys += [(touch - 0.1 - down, 0.0), (touch - 0.1, depth), (touch + 0.1, depth), (touch + 0.1 + up, 0.0)]
+        keys += [(release - 0.1 - down, 0.0), (release - 0.1, depth), (release + 0.2, depth)]
+        keys += [(release + 0.2 + up, 0.0)]
+    return tuple(keys)
+
+
+def holds(spans: tuple[Span, ...], depth: float, *, down: float = 1.0, up: float = 1.0) -> Keys:
+    """Return keys that stay at `depth` for the whole of every span."""
+    keys = [(0.0, 0.0)]
+    for touch, release in spans:
+        keys += [(touch - down, 0.0), (touch, depth), (release, depth), (release + up, 0.0)]
+    return tuple(keys)
+
+
+def rounded(seconds: float) -> float:
+    """Return a duration rounded up to a tenth of a second, so that common rates divide it."""
+    return float(np.ceil(seconds * 10.0 - 1e-9) / 10.0)
