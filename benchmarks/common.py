@@ -1,0 +1,131 @@
+"""What the benchmarks share: one thread, the clips to run on, tables and JSON."""
+
+import json
+import os
+import platform
+import resource
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from hoi_retarget import synthetic
+from hoi_retarget.clip import Clip
+from hoi_retarget.readers import read_clip
+from hoi_retarget.robots import robot
+from hoi_retarget.robots.model import RobotModel, load_model
+
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Which clip to run on: a synthetic one, or a file."""
+
+    synthetic: str = "carry_box"
+    """Name of a synthetic scene."""
+    clip: Path | None = None
+    """A recorded clip instead."""
+    objects: Path | None = None
+    """Folder with the geometry of the recorded clip's object."""
+    frames: int | None = None
+    """Only the first so many frames."""
+
+    def read(self) -> Clip:
+        """Return the clip."""
+        clip = synthetic.make(self.synthetic) if self.clip is None else read_clip(self.clip, objects=self.objects)
+        return clip if self.frames is None else taken(clip, np.arange(min(self.frames, clip.frames)))
+
+
+def clip_files(folder: Path, limit: int | None) -> list[Path]:
+    """Return the recorded clips of a folder; with a limit, so many spread evenly over their names."""
+    files = sorted(folder.glob("*.pt"))
+    if not files:
+        raise SystemExit(f"{folder}: there are no .pt files in it.")
+    if limit is None or limit >= len(files):
+        return files
+    return [files[index] for index in np.linspace(0, len(files) - 1, limit).round().astype(int)]
+
+
+def pin_threads() -> None:
+    """Start this program again with one thread for linear algebra unless that is so already.
+
+    The libraries read these variables when they are loaded, so they must be set before that.
+    """
+    if all(os.environ.get(name) == "1" for name in THREAD_VARIABLES):
+        return
+    sys.stdout.flush()
+    os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | dict.fromkeys(THREAD_VARIABLES, "1"))
+
+
+def run_fresh(function: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
+    """Return what a function of a benchmark returns in a process of its own."""
+    with ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(function, *arguments).result()
+
+
+def peak_memory() -> float:
+    """Return the peak of this process's resident memory [MB].
+
+    Linux keeps in `ru_maxrss` what the process that started this one had; `VmHWM` is its own.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        return int(line.split()[1]) / 1024
+    unit = 2**20 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+
+
+def model_of(name: str) -> RobotModel:
+    return load_model(robot(name))
+
+
+def taken(clip: Clip, frames: np.ndarray) -> Clip:
+    """Return a clip made of some frames of another one, in that order."""
+    people = [
+        replace(person, joint_positions=person.joint_positions[frames], joint_quats=person.joint_quats[frames])
+        for person in clip.people
+    ]
+    objects = [replace(track, positions=track.positions[frames], quats=track.quats[frames]) for track in clip.objects]
+    contacts = [
+        replace(track, active=track.active[frames], points_object=track.points_object[frames])
+        for track in clip.contacts
+    ]
+    return replace(clip, people=tuple(people), objects=tuple(objects), contacts=tuple(contacts))
+
+
+def tiled(clip: Clip, frames: int) -> Clip:
+    """Return a clip of some length: another one played forth and back, so that it has no jump."""
+    there_and_back = np.concatenate([np.arange(clip.frames), np.arange(clip.frames - 2, 0, -1)])
+    return taken(clip, np.resize(there_and_back, frames))
+
+
+def show(title: str, header: Sequence[str], rows: Sequence[Sequence[str]], note: str = "") -> None:
+    """Print a table: the first column to the left, numbers to the right."""
+    table = Table(title=Text(title), title_justify="left")
+    for index, name in enumerate(header):
+        table.add_column(Text(name), justify="left" if index == 0 else "right", no_wrap=index == 0)
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
+    console = Console(width=None if sys.stdout.isatty() else 160)
+    console.print(table)
+    if note:
+        console.print(Text(note))
+    console.print()
+
+
+def write_json(path: Path | None, document: dict[str, Any]) -> None:
+    """Write results with what they were measured on."""
+    if path is None:
+        return
+    machine = {"platform": platform.platform(), "python": platform.python_version(), "cpus": os.cpu_count()}
+    path.write_text(json.dumps(document | {"machine": machine}, indent=1) + "\n")

@@ -1,0 +1,87 @@
+"""How CPU time and memory grow with the number of frames, for one problem and for windows.
+
+A clip is played forth and back until it is long enough. Every size runs in a fresh process, so that
+its peak memory is its own.
+"""
+
+import math
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from common import Source, model_of, peak_memory, pin_threads, run_fresh, show, tiled, write_json
+
+from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.trajopt.windows import parse_horizon
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Measure one clip at several lengths."""
+
+    source: tyro.conf.OmitArgPrefixes[Source] = field(default_factory=Source)
+    robot: str = "unitree_g1"
+    sizes: tuple[int, ...] = (200, 300, 500, 1000, 2000, 5000, 10000)
+    """Numbers of frames."""
+    horizons: tuple[str, ...] = ("whole", "auto", "windowed:60:3")
+    json: Path | None = None
+
+
+def measure(arguments: Arguments, frames: int, horizon: str) -> dict[str, Any]:
+    """Return CPU seconds by stage and peak memory [MB] in this process."""
+    loaded = peak_memory()
+    model, clip = model_of(arguments.robot), tiled(arguments.source.read(), frames)
+    start = time.process_time()
+    result = retarget(clip, model, Config(horizon=parse_horizon(horizon)))
+    total = time.process_time() - start
+    windows = result.report["windows"]
+    return {
+        "horizon": horizon,
+        "frames": frames,
+        "seconds": result.report["cpu_seconds"] | {"all": total},
+        "iterations": sum(window["iterations"] for window in windows),
+        "windows": len(windows),
+        "megabytes": peak_memory(),
+        "megabytes_of_imports": loaded,
+    }
+
+
+def slope(results: list[dict[str, Any]], stage: str) -> float:
+    """Return the exponent of the growth of a stage's time with frames."""
+    frames = [math.log(result["frames"]) for result in results]
+    seconds = [math.log(result["seconds"][stage]) for result in results]
+    return float(np.polyfit(frames, seconds, 1)[0]) if len(results) > 1 else math.nan
+
+
+def report(horizon: str, results: list[dict[str, Any]]) -> None:
+    stages = ("ik", "trajectory", "all")
+    rows = [
+        (
+            str(result["frames"]),
+            str(result["windows"]),
+            str(result["iterations"]),
+            *(f"{1e3 * result['seconds'][stage] / result['frames']:.3f}" for stage in stages),
+            f"{result['megabytes']:.0f}",
+        )
+        for result in results
+    ]
+    slopes = ", ".join(f"{stage} {slope(results, stage):.2f}" for stage in stages)
+    note = f"Exponent of growth (1 is linear): {slopes}. {results[0]['megabytes_of_imports']:.0f} MB are the imports."
+    header = ("frames", "windows", "iterations", *(f"{stage} [ms/frame]" for stage in stages), "peak [MB]")
+    show(f"Horizon {horizon}", header, rows, note)
+
+
+def main(arguments: Arguments) -> None:
+    document = {}
+    for horizon in arguments.horizons:
+        document[horizon] = [run_fresh(measure, arguments, frames, horizon) for frames in arguments.sizes]
+        report(horizon, document[horizon])
+    write_json(arguments.json, {"results": document})
+
+
+if __name__ == "__main__":
+    pin_threads()
+    main(tyro.cli(Arguments, description=__doc__))

@@ -1,0 +1,132 @@
+"""The benchmarks run, and the package's problems and optima are those of an independent statement in CasADi."""
+
+import importlib
+import importlib.util
+import json
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hoi_retarget.trajopt.problem import Problem, cost_by_term
+from trajectories import MODELS, one_term_per_file, random_qpos
+
+FOLDER = Path(__file__).parents[1] / "benchmarks"
+MODEL = MODELS["unitree_g1"]
+FRAMES = 6
+
+needs_casadi = pytest.mark.skipif(
+    importlib.util.find_spec("casadi") is None,
+    reason="casadi is not installed: pip install hoi-retarget[benchmark]",
+)
+
+
+def run(script: str, *arguments: str) -> str:
+    """Return what a benchmark prints."""
+    command = [sys.executable, str(FOLDER / script), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture
+def casadi_problem(monkeypatch):
+    monkeypatch.syspath_prepend(str(FOLDER))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Of the compiled module's wrapper.
+        return importlib.import_module("casadi_problem")
+
+
+def random_problem(seed: int) -> tuple[Problem, np.ndarray, np.ndarray]:
+    """Return a problem with a term of every kind, a reference and unknowns away from it."""
+    rng = np.random.default_rng(seed)
+    terms = one_term_per_file(MODEL, FRAMES, rng)
+    reference = random_qpos(MODEL, FRAMES, rng)
+    away = 0.3 * rng.normal(size=(MODEL.nv, FRAMES))
+    away[3:6, 0] = 3.0 * np.array([0.6, 0.0, 0.8])  # Nearly half a turn: the series must be exact there too.
+    return Problem(MODEL, tuple(terms.values()), 30.0), reference, away
+
+
+@needs_casadi
+@pytest.mark.parametrize("name", one_term_per_file(MODEL, FRAMES, np.random.default_rng(0)))
+def test_every_term_costs_the_same_in_casadi(casadi_problem, name):
+    rng = np.random.default_rng(3)
+    term = one_term_per_file(MODEL, FRAMES, rng)[name]
+    _, reference, away = random_problem(3)
+    if name == "differences":
+        away[3:6] *= 0.1  # Neighbours stay in one hemisphere, as the package makes them.
+    problem = Problem(MODEL, (term,), 30.0)
+    unknowns = casadi_problem.start_of(reference) + away
+    program = casadi_problem.Statement(problem, FRAMES).program()
+    cost = casadi_problem.ca.Function("cost", [program["x"], program["p"]], [program["f"]])
+    theirs = float(cost(unknowns.reshape(-1, order="F"), casadi_problem.parameters_of(problem, reference)))
+    qpos = casadi_problem.trajectory_of(unknowns, reference)
+    (ours,) = cost_by_term(problem.linearize(MODEL.forward(qpos))).values()
+    assert theirs == pytest.approx(ours, rel=1e-10)
+
+
+@needs_casadi
+def test_hessian_in_blocks_is_the_one_of_automatic_differentiation(casadi_problem):
+    problem, reference, away = random_problem(5)
+    statement = casadi_problem.Statement(problem, FRAMES)
+    program = statement.program()
+    solver = casadi_problem.ca.nlpsol("solver", "ipopt", program, {"ipopt": {"print_level": 0}})
+    place = (casadi_problem.start_of(reference) + away).reshape(-1, order="F")
+    inputs = (place, casadi_problem.parameters_of(problem, reference), 1.3, np.zeros(MODEL.n * (FRAMES - 1)))
+    by_hand = np.array(statement.hessian()(*inputs).full())
+    automatic = np.array(solver.get_function("nlp_hess_l")(*inputs).full())
+    np.testing.assert_allclose(by_hand, automatic, rtol=1e-9, atol=1e-9 * np.abs(automatic).max())
+
+
+@needs_casadi
+def test_a_term_without_translation_is_refused(casadi_problem):
+    with pytest.raises(TypeError, match="states no object"):
+        casadi_problem.translate(object())
+
+
+@needs_casadi
+@pytest.mark.slow
+def test_ipopt_finds_the_same_optimum(tmp_path):
+    path = tmp_path / "ipopt.json"
+    output = run("ipopt.py", "--synthetic", "push_table", "--frames", "66", "--repeats", "1",
+                 "--ways", "blocks", "--json", str(path))  # fmt: skip
+    assert "The optima agree." in output
+    result = json.loads(path.read_text())
+    assert result["frames"] == 66
+    for horizon in ("whole", "windowed"):
+        costs = [solver["cost"] for solver in result[horizon]]
+        assert len(costs) == 2
+        assert costs == pytest.approx([costs[0]] * 2, rel=1e-3)
+        assert all(solver["violation"] < 1e-6 for solver in result[horizon])
+    assert all(abs(decrease) < 1e-3 for decrease in result["polish"].values())
+
+
+@pytest.mark.slow
+def test_stages_run(tmp_path):
+    path = tmp_path / "stages.json"
+    run("stages.py", "--robots", "unitree_g1", "--synthetic", "carry_box", "--frames", "12", "--json", str(path))
+    (result,) = json.loads(path.read_text())["results"]["unitree_g1, synthetic"]
+    assert result["frames"] == 12
+    assert set(result["seconds"]) == {"read", "targets", "ik", "trajectory", "metrics", "write"}
+
+
+@pytest.mark.slow
+def test_scaling_runs(tmp_path):
+    path = tmp_path / "scaling.json"
+    run("scaling.py", "--frames", "20", "--sizes", "12", "30", "--horizons", "whole", "--json", str(path))
+    results = json.loads(path.read_text())["results"]["whole"]
+    assert [result["frames"] for result in results] == [12, 30]
+    assert all(result["megabytes"] < 300 for result in results)
+
+
+@pytest.mark.slow
+def test_horizons_run(tmp_path):
+    path = tmp_path / "horizon.json"
+    run("horizon.py", "--synthetic", "carry_box", "--frames", "24", "--horizons", "windowed:12:6", "whole",
+        "--json", str(path))  # fmt: skip
+    windowed, whole = json.loads(path.read_text())["results"]
+    assert windowed["windows"] > whole["windows"] == 1
+    assert windowed["jerk_at_seams"] > 0
