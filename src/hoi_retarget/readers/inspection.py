@@ -26,7 +26,17 @@ MULTI_OBJECT = "intermimic-multi-object"
 MOTION = "hoi-retarget-motion"
 UNKNOWN = "unknown"
 
-_ARCHIVE_ERRORS = (zipfile.BadZipFile, zlib.error, struct.error, KeyError, NotImplementedError, RuntimeError)
+# The last two: an entry that is no array at all, and strings of characters that do not exist.
+_ARCHIVE_ERRORS = (
+    zipfile.BadZipFile,
+    zlib.error,
+    struct.error,
+    KeyError,
+    NotImplementedError,
+    RuntimeError,
+    AttributeError,
+    SystemError,
+)
 
 
 @dataclass(frozen=True)
@@ -273,7 +283,7 @@ def _up_axis(positions: Float[np.ndarray, "T 52 3"]) -> str:
 
 
 def _describe_object(item: _Item, objects: Path | None) -> ObjectFacts:
-    moved = float(np.linalg.norm(item.positions - item.positions[0], axis=1).max())
+    moved = _moved(item.positions)
     if objects is None:
         return ObjectFacts(item.name, moved, None, "missing, pass --objects DIR", False)
     try:
@@ -350,7 +360,8 @@ def _inspect_archive(path: Path, content: bytes) -> Inspection:
 
 
 def _moved(positions: Float[np.ndarray, "T 3"]) -> float:
-    return float(np.linalg.norm(positions - positions[:1], axis=1).max(initial=0.0))
+    with np.errstate(over="ignore", invalid="ignore"):  # A damaged result may hold any finite number.
+        return float(np.linalg.norm(positions - positions[:1], axis=1).max(initial=0.0))
 
 
 def _motion_contacts(result: motion.Motion) -> Iterable[ContactFacts]:
