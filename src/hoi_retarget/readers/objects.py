@@ -3,7 +3,7 @@
 The layout is that of InterMimic's and InterAct's object folders. Wavefront OBJ is read here by
 hand, vertices only: trimesh takes 170 to 200 ms of CPU for the 2.5 to 4 MB meshes of OMOMO, mostly
 for faces and normals that no computation uses; one pass over the bytes and the hull together
-take 15 to 20 ms. Viewers load the whole mesh from `ObjectGeometry.mesh_path`.
+take 8 to 16 ms. Viewers load the whole mesh from `ObjectGeometry.mesh_path`.
 """
 
 import difflib
