@@ -5,11 +5,13 @@ SMPL-X: arms out, standing along +y, looking along +z, left is +x.
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget import se3
+from hoi_retarget.arrays import frozen
 from hoi_retarget.clip import Person
 from hoi_retarget.skeleton import HEIGHT_OVER_CHAIN, JOINT_INDEX, JOINTS, LEFT_FINGERS, PARENT, RIGHT_FINGERS
 
@@ -70,6 +72,7 @@ _HAND_REST = {"left": (1.0, 0.0, 0.0), "right": (-1.0, 0.0, 0.0)}
 _PALM_REST = (0.0, -1.0, 0.0)
 
 
+@cache
 def rest_offsets(height: float) -> Float[np.ndarray, "52 3"]:
     """Return each joint's offset from its parent in the rest pose [m] for a standing height [m]."""
     offsets = np.zeros((len(JOINTS), 3))
@@ -81,7 +84,7 @@ def rest_offsets(height: float) -> Float[np.ndarray, "52 3"]:
     leg = sum(np.linalg.norm(offsets[JOINT_INDEX[name]]) for name in ("left_knee", "left_ankle"))
     # Fractions are rounded; this makes the height estimated from the skeleton the one asked for.
     exact = 1.0 / (HEIGHT_OVER_CHAIN * (leg + np.linalg.norm(spine)))
-    return offsets * (height * exact)
+    return frozen(offsets * (height * exact))
 
 
 @dataclass(frozen=True, eq=False)

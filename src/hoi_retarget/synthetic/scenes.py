@@ -40,7 +40,7 @@ def carry_box(height: float, seed: int) -> Scene:
     pick = begin.ahead(2 * stride)
     there_path = arc(pick, radius, turn)
     put = there_path(1.0)
-    walk = Walk(begin).to(pick, start=0.1, count=3)
+    walk = Walk(begin).to(pick, start=0.3, count=3)
     touch = walk.end + 0.95
     walk = walk.along(there_path, start=touch + 0.75, count=5)
     release = walk.end + 1.05
@@ -59,7 +59,7 @@ def carry_box(height: float, seed: int) -> Scene:
         for index, (start, end) in enumerate(spans)
     )
     grips = tuple(_box_grip(box, side, span) for span in spans for side in range(2))
-    actor = Actor("person", height, walk, grips, crouch=dips(spans, 1.0, down=1.25, up=1.2), gaze=dips(spans, 0.2))
+    actor = Actor("person", height, walk, grips, crouch=dips(spans, 1.0, down=1.25), gaze=dips(spans, 0.2))
     anchor = before(walk, height, at_body)
     return Scene(there, cycle, (actor,), lambda times: (moved(box, carries, anchor, times),))
 
@@ -158,7 +158,9 @@ def drag_suitcase(height: float, seed: int) -> Scene:
 
     grips = tuple(_handle_grip(suitcase, span) for span in spans)
     elbows = ((-0.7, 0.45, -0.45), (-0.5, -0.8, -0.6))
-    actor = Actor("person", height, walk, grips, lean=holds(spans, 0.06), gaze=dips(spans, 0.15), elbows=elbows)
+    actor = Actor(
+        "person", height, walk, grips, lean=holds(spans, 0.06), gaze=holds(spans, 0.08, up=0.9), elbows=elbows
+    )
     return Scene(there, cycle, (actor,), objects)
 
 
@@ -247,10 +249,10 @@ def carry_table(height: float, seed: int) -> Scene:
 
     touch, pairs = 1.4, 3
     release = touch + 0.65 + 2 * pairs * 0.54 + 0.75
-    there = rounded(release + 1.1)
+    there = rounded(release + 1.4)
     touch_again = there + 1.4
     release_again = touch_again + (release - touch)
-    cycle = rounded(release_again + 1.1)
+    cycle = rounded(release_again + 1.4)
     spans = ((touch, release), (touch_again, release_again))
 
     walks = []

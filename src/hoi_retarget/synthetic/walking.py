@@ -18,6 +18,8 @@ from hoi_retarget.synthetic.timing import Times, bump, minimum_jerk
 STEP_SECONDS = 0.56
 HEEL_LIFT = 0.15
 """Part of a step's time in which only the heel rises, while the other foot already stands."""
+LANDED = 0.93
+"""Part of a step's time after which the foot stands, so that both feet do for a moment."""
 STANCE_HALF_WIDTH = 0.052  # of the height, like the next one
 ANKLE_BEHIND_BODY = 0.026
 TOE_CLEARANCE = 0.055  # [m]
@@ -96,7 +98,7 @@ class Walk:
             Step(
                 (side + index) % 2,
                 start + index * seconds,
-                start + (index + 1) * seconds,
+                start + (index + LANDED) * seconds,
                 path(min((index + 1) / (count - 1), 1.0)),
             )
             for index in range(count)
@@ -117,7 +119,7 @@ class Walk:
             Step(
                 (side + index) % 2,
                 start + index * seconds,
-                start + (index + 1) * seconds,
+                start + (index + LANDED) * seconds,
                 begin.toward(goal, (index // 2 + 1) / pairs),
             )
             for index in range(2 * pairs)
@@ -148,7 +150,7 @@ def ground_of(walk: Walk, height: float, times: Times) -> Ground:
     for step in walk.steps:
         standing[step.side] = step.place
         after = standing[0].toward(standing[1], 0.5)
-        middle, duration = 0.5 * (step.travel_start + step.end), step.end - step.start
+        middle, duration = 0.5 * (step.travel_start + step.end), (step.end - step.start) / LANDED
         progress = minimum_jerk(times, middle - duration, middle + duration)
         x += (after.x - before.x) * progress
         y += (after.y - before.y) * progress
