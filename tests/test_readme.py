@@ -24,7 +24,7 @@ def block(label: str) -> list[str]:
 
 def after_installation(line: str) -> list[str]:
     """Return the words of a README line's last command, to be run with this interpreter."""
-    words = shlex.split(line.split("&&")[-1])
+    words = shlex.split(line.rsplit("&&", maxsplit=1)[-1])
     program = Path(words[0]).name
     return [sys.executable, *(["-m", "hoi_retarget"] if program == "hoi-retarget" else []), *words[1:]]
 

@@ -108,9 +108,9 @@ def _download(folder: Path) -> Path:
     wheels = sorted(folder.glob("*.whl"))
     if done.returncode != 0 or not wheels:
         lines = [line.removeprefix("ERROR: ") for line in done.stderr.splitlines() if line.startswith("ERROR")]
-        reason = lines[-1] if lines else f"pip ended with {done.returncode}"
+        reason = lines[-1].rstrip(".") if lines else f"pip ended with {done.returncode}"
         raise ReadError(
-            f"the sample ({PACKAGE} {VERSION}) could not be fetched from the Python package index: {reason} "
+            f"the sample ({PACKAGE} {VERSION}) could not be fetched from the Python package index: {reason}. "
             "Check the network. `hoi-retarget demo` needs none."
         )
     return wheels[0]

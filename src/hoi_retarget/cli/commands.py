@@ -15,9 +15,7 @@ Scale = Annotated[float | Literal["auto"], arg(metavar="auto|NUMBER")]
 RobotName = Annotated[str, arg(metavar="NAME")]
 Folder = Annotated[Path, arg(metavar="DIR")]
 OptionalFolder = Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="")]
-ObjectName = Annotated[
-    str | None, arg(name="object", aliases=["--object-name"], metavar="NAME", help_behavior_hint="")
-]
+ObjectName = Annotated[str | None, arg(name="object", aliases=["--object-name"], metavar="NAME", help_behavior_hint="")]
 OptionalFile = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
 
 
@@ -92,8 +90,8 @@ class ShowRobot:
     """A robot's name."""
     picture: OptionalFile = None
     """Write a picture of the robot to this file (.png)."""
-    meshes: OptionalFolder = None
-    """Folder with the maker's meshes, to draw those in place of the simple shapes."""
+    meshes: Annotated[Path | None, arg(metavar="DIR|menagerie", help_behavior_hint="")] = None
+    """Draw the maker's meshes: from a folder, or those of the package mujoco-menagerie."""
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,17 @@
 """`hoi-retarget robots`: list, show and check."""
 
-import numpy as np
+from math import degrees
+from pathlib import Path
 
 from hoi_retarget.cli.commands import CheckRobot, ListRobots, Robots, ShowRobot
+from hoi_retarget.cli.jobs import check_writable
 from hoi_retarget.cli.terminal import say, show_table
+from hoi_retarget.motion import write_atomically
 from hoi_retarget.robots import ROBOTS, robot
-from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots.check import check, describe, has_errors
+from hoi_retarget.robots.spec import RobotSpec
+
+MENAGERIE = Path("menagerie")
 
 
 def execute(command: Robots) -> int:
@@ -21,41 +27,52 @@ def execute(command: Robots) -> int:
 
 def _list() -> int:
     sizes = {"root": "shrinks with the robot", "captured": "as captured"}
-    rows = [
-        (spec.name, spec.title, str(len(spec.speed_limits)), f"{spec.stature:.3f}", sizes[spec.object_size])
-        for spec in ROBOTS.values()
-    ]
-    show_table([("robot", "is", "joints", "stature [m]", "object size"), *rows], words=(0, 1, 4))
+    rows = [(spec.name, spec.title, f"{spec.stature:.3f}", sizes[spec.object_size]) for spec in ROBOTS.values()]
+    show_table([("robot", "is", "stature [m]", "object size"), *rows], words=(0, 1, 3))
     return 0
 
 
 def _show(action: ShowRobot) -> int:
     spec = robot(action.name)
-    model = load_model(spec)
+    if action.picture is not None:
+        check_writable("--picture", action.picture.parent)
+    joints, roles = describe(spec)
     say(f"{spec.name}: {spec.title}")
     say(f"  {spec.provenance}")
-    say(f"  description: {spec.mjcf}")
+    say(f"  {spec.mjcf}")
     say()
-    degrees = np.rad2deg
+    header = ("dof", "joint", "lower [deg]", "upper [deg]", "speed [rad/s]", "effort [N m]", "home [deg]")
     rows = [
-        (str(index), name, f"{degrees(low):.1f}", f"{degrees(high):.1f}", f"{speed:g}", f"{home:.2f}")
-        for index, (name, low, high, speed, home) in enumerate(
-            zip(model.joint_names, model.lower, model.upper, model.speed_limits, model.home_qpos[7:], strict=True)
+        (
+            *(str(index), row.joint, f"{degrees(row.lower):.1f}", f"{degrees(row.upper):.1f}"),
+            *(f"{row.speed_limit:g}", "-" if row.effort is None else f"{row.effort:g}"),
+            f"{degrees(spec.home.get(row.joint, 0.0)):.1f}",
         )
+        for index, row in enumerate(joints)
     ]
-    header = ("dof", "joint", "lower [deg]", "upper [deg]", "speed limit [rad/s]", "home [rad]")
     show_table([header, *rows], words=(1,))
     say()
-    followers = {row.site: (row.human_joint, row) for row in spec.ik}
-    touching = {site: part for part, site in spec.part_sites.items()}
-    roles = []
-    for site in model.site_names:
-        joint, row = followers.get(site, ("", None))
-        weights = f"{row.position_weight:g} / {row.rotation_weight:g}" if row else ""
-        roles.append((site, joint, weights, touching.get(site, "")))
-    show_table([("site", "follows", "weights (position / rotation)", "touches for"), *roles], words=(0, 1, 2, 3))
+    places = [(row.site, row.body, " ".join(f"{number:.4f}" for number in row.place), row.follows) for row in roles]
+    show_table([("site", "on", "at [m]", "follows"), *places], words=(0, 1, 2, 3))
+    if action.picture is not None:
+        _draw(spec, action.picture, action.meshes)
     return 0
 
 
+def _draw(spec: RobotSpec, path: Path, meshes: Path | None) -> None:
+    # What draws is imported only where something is drawn.
+    from hoi_retarget.viewers.robot_picture import menagerie_meshes, picture, png  # noqa: PLC0415
+
+    folder = menagerie_meshes(spec) if meshes == MENAGERIE else meshes
+    write_atomically(path, png(picture(spec, meshes=folder)))
+    say()
+    say(f"written: {path}")
+
+
 def _check(action: CheckRobot) -> int:
-    raise NotImplementedError(action)
+    """Print every finding; return 0 unless one is an error."""
+    is_file = action.subject.endswith(".xml")
+    findings = check(Path(action.subject) if is_file else robot(action.subject))
+    for finding in findings:
+        say(f"{finding.level:6}{finding.where}: {finding.what}" + (f". {finding.advice}" if finding.advice else ""))
+    return 1 if has_errors(findings) else 0

@@ -67,7 +67,8 @@ class Working:
 
     def __exit__(self, *_: object) -> None:
         self._timer.cancel()
-        self._progress.stop()
+        if self._progress.live.is_started:
+            self._progress.stop()
 
     def describe(self, what: str) -> None:
         """Say what is being worked on now."""

@@ -1,0 +1,504 @@
+"""The command line: exit codes, what is written where, and what stands on stderr."""
+
+import csv
+import errno
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hoi_retarget import __version__, cli
+from hoi_retarget.cli import main
+from hoi_retarget.cli.commands import Run
+from hoi_retarget.clip import Clip
+from hoi_retarget.motion import load
+from hoi_retarget.readers import intermimic
+from hoi_retarget.robots import ROBOTS
+from hoi_retarget.synthetic import make
+from intermimic_writer import columns_of, write_box, write_clip
+from torch_writer import torch_bytes
+
+NAME = "sub1_box_000"
+
+
+def listing(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.rglob("*")) if folder.exists() else []
+
+
+@pytest.fixture(scope="session")
+def columns() -> np.ndarray:
+    return columns_of(make("carry_box", seconds=3.0))
+
+
+@pytest.fixture
+def recording(tmp_path, columns):
+    """A folder with one good clip and its object."""
+    write_box(tmp_path / "objects", "box")
+    (tmp_path / f"{NAME}.pt").write_bytes(torch_bytes(columns))
+    return tmp_path
+
+
+@pytest.fixture
+def run(recording, monkeypatch, capsys):
+    """Run `hoi-retarget run` in the folder of the recording; return exit code, stdout, stderr."""
+    monkeypatch.chdir(recording)
+
+    def call(*words: object):
+        code = main(["run", *map(str, words), "--objects", "objects", "--out", "out"])
+        return code, *capsys.readouterr()
+
+    return call
+
+
+# help, version, start-up
+
+
+def test_help_is_quick_and_names_every_command():
+    code = "import time; t = time.perf_counter(); from hoi_retarget.cli import main\ntry: main(['--help'])\n"
+    code += "except SystemExit as e: print(e.code, time.perf_counter() - t)\n"
+    code += "import sys; print(*(m for m in ('numpy', 'scipy', 'mujoco', 'trimesh') if m in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    *text, result, heavy = done.stdout.split("\n")[:-1]
+    exit_code, seconds = result.split()
+    assert exit_code == "0" and float(seconds) < 1.0
+    assert not heavy
+    words = ("demo", "run", "evaluate", "inspect", "robots", "bench", "sample")
+    assert all(f"• {word} " in "\n".join(text) for word in words)
+
+
+def test_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"hoi-retarget {__version__}\n"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        [],
+        ["rum"],
+        ["run", "a.pt"],
+        ["run", "a.pt", "--out", "out", "--size-multiplier", "big"],
+        ["run", "a.pt", "--out", "out", "--root-scale", "tall"],
+        ["robots"],
+        ["inspect"],
+    ],
+)
+def test_arguments_that_do_not_parse(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as exit_:
+        main(words)
+    assert exit_.value.code == 2
+    assert capsys.readouterr().err
+    assert not listing(tmp_path)
+
+
+def test_linear_algebra_gets_one_thread_unless_the_user_says_otherwise(monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
+    cli._use_one_thread()
+    assert (os.environ["OMP_NUM_THREADS"], os.environ["OPENBLAS_NUM_THREADS"]) == ("1", "3")
+    monkeypatch.delenv("OMP_NUM_THREADS")
+
+
+def test_drawing_without_a_screen_does_not_override_the_user(monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "glfw")
+    cli._draw_without_a_screen()
+    assert os.environ["MUJOCO_GL"] == "glfw"
+
+
+# run
+
+
+def test_run_writes_one_result_and_says_so(run, recording):
+    code, out, err = run(f"{NAME}.pt")
+    assert (code, err) == (0, "")
+    assert listing(recording / "out") == [f"{NAME}.npz"]
+    assert "object: box" in out
+    assert "contact gap [mm]" in out
+    assert out.endswith("1 solved, 0 failed.\n")
+
+
+def test_a_result_carries_source_settings_and_seconds(run, recording):
+    run(f"{NAME}.pt", "--size-multiplier", "1.1", "--horizon", "windowed:60:10")
+    motion = load(recording / "out" / f"{NAME}.npz")
+    report = motion.report
+    assert report["source"]["path"] == f"{NAME}.pt"
+    assert re.fullmatch("[0-9a-f]{64}", report["source"]["sha256"])
+    assert report["source"]["licence"] == intermimic.LICENCE
+    assert report["config"]["scaling"]["size_multiplier"] == 1.1
+    assert report["config"]["horizon"]["length"] == 60
+    assert report["command"]["horizon"] == "windowed:60:10"
+    assert report["command"]["clips"] == [f"{NAME}.pt"]
+    assert set(report["versions"]) >= {"hoi_retarget", "numpy", "scipy", "mujoco"}
+    assert set(report["cpu_seconds"]) == {"read", "targets", "ik", "trajectory", "metrics", "write"}
+    assert all(seconds >= 0 for seconds in report["cpu_seconds"].values())
+    assert len(report["windows"]) == 2
+
+
+def test_one_bad_clip_does_not_stop_the_rest(run, recording, columns):
+    broken = columns.copy()
+    broken[7, 200] = np.nan
+    (recording / "sub1_box_001.pt").write_bytes(torch_bytes(broken))
+    (recording / "sub1_box_002.pt").write_bytes(torch_bytes(columns))
+    code, out, err = run(f"{NAME}.pt", "sub1_box_001.pt", "sub1_box_002.pt")
+    assert code == 1
+    assert listing(recording / "out") == [f"{NAME}.npz", "sub1_box_002.npz"]
+    assert out.endswith("2 solved, 1 failed.\n")
+    (line,) = err.splitlines()
+    assert line.startswith("error: ") and "sub1_box_001.pt" in line and "7" in line
+
+
+def broken_files(columns: np.ndarray) -> dict[str, bytes]:
+    good = torch_bytes(columns)
+    label, quat = columns.copy(), columns.copy()
+    label[3, 340], quat[9, 3:7] = 2.0, 0.0
+    return {
+        "empty": b"",
+        "truncated": good[: len(good) // 2],
+        "not_a_tensor": torch_bytes({"a": 1}),
+        "columns": torch_bytes(columns[:, :590]),
+        "label": torch_bytes(label),
+        "zero_quaternion": torch_bytes(quat),
+        **{f"frames{count}": torch_bytes(columns[:count]) for count in (0, 1, 2, 3)},
+    }
+
+
+@pytest.mark.parametrize("case", [*broken_files(np.zeros((10, 591), np.float32)), "missing"])
+def test_bad_clips_give_one_line_and_nothing_else(run, recording, columns, case):
+    path = recording / f"sub1_box_{case}.pt"
+    if case != "missing":
+        path.write_bytes(broken_files(columns)[case])
+    code, _, err = run(path.name)
+    assert code == 1
+    assert err.startswith("error: ") and err.count("\n") == 1 and path.name in err
+    assert not (recording / "out").exists()
+
+
+def test_a_torch_file_that_wants_to_run_code_is_refused(run, recording):
+    class Attack:
+        def __reduce__(self):
+            return os.mkdir, (str(recording / "owned"),)
+
+    (recording / "sub1_box_009.pt").write_bytes(torch_bytes(Attack()))
+    code, _, err = run("sub1_box_009.pt")
+    assert code == 1 and err.count("\n") == 1 and "mkdir" in err
+    assert not (recording / "owned").exists() and not (recording / "out").exists()
+
+
+def test_four_frames_are_enough(run, recording, columns):
+    (recording / "sub1_box_004.pt").write_bytes(torch_bytes(columns[:4]))
+    assert run("sub1_box_004.pt")[0] == 0
+    assert load(recording / "out" / "sub1_box_004.npz").frames == 4
+
+
+@pytest.mark.parametrize("text", ["", "v 0 0 0\nv 1 0 0\nv 0 1 0\n"], ids=["empty", "without faces"])
+def test_bad_meshes(run, recording, text):
+    (recording / "objects/box/box.obj").write_text(text)
+    code, _, err = run(f"{NAME}.pt")
+    assert code == 1 and err.count("\n") == 1 and "box.obj" in err
+    assert not (recording / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--robot", "unitree_g2"], ", ".join(ROBOTS)),
+        (["--root-scale", "0"], "positive"),
+        (["--object-scale", "-1"], "positive"),
+        (["--size-multiplier", "nan"], "positive"),
+        (["--horizon", "windowed:3:9"], "pinned"),
+        (["--horizon", "sometimes"], "per-frame"),
+        (["copy/sub1_box_000.pt"], "different folders"),
+        (["objects"], "is a folder"),
+    ],
+)
+def test_wrong_arguments_are_told_before_anything_is_solved(run, recording, words, message):
+    code, out, err = run(f"{NAME}.pt", *words)
+    assert code == 2
+    assert err.startswith("error: ") and err.count("\n") == 1 and message in err
+    assert not out
+    assert not (recording / "out").exists()
+
+
+def test_no_clip_at_all(run):
+    code, _, err = run()
+    assert code == 2 and "CLIP" in err
+
+
+def test_an_unknown_object_names_those_that_exist(run, recording):
+    code, _, err = run(f"{NAME}.pt", "--object", "bux")
+    assert code in (1, 2) and "box" in err and err.count("\n") == 1
+    assert not (recording / "out").exists()
+
+
+def test_the_object_may_be_named_by_the_user(run, recording):
+    (recording / f"{NAME}.pt").rename(recording / "take one.pt")
+    code, _, err = run("take one.pt")
+    assert code != 0 and "--object" in err
+    assert run("take one.pt", "--object", "box")[0] == 0
+    assert listing(recording / "out") == ["take one.npz"]
+
+
+def test_a_folder_that_cannot_be_written_is_told_first(recording, monkeypatch, capsys):
+    monkeypatch.chdir(recording)
+    before = listing(recording)
+    for out in (f"{NAME}.pt", f"{NAME}.pt/below/it"):
+        code = main(["run", f"{NAME}.pt", "--objects", "objects", "--out", out])
+        captured = capsys.readouterr()
+        assert code == 2
+        assert captured.err.startswith("error: --out") and captured.err.count("\n") == 1
+        assert not captured.out
+    assert listing(recording) == before
+
+
+def test_a_full_disk_leaves_the_old_result(run, recording, monkeypatch):
+    assert run(f"{NAME}.pt")[0] == 0
+    old = (recording / "out" / f"{NAME}.npz").read_bytes()
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    code, _, err = run(f"{NAME}.pt", "--size-multiplier", "0.9")
+    assert code == 1 and "No space left" in err and err.count("\n") == 1
+    assert listing(recording / "out") == [f"{NAME}.npz"]
+    assert (recording / "out" / f"{NAME}.npz").read_bytes() == old
+
+
+def test_contacts_out_of_reach_are_named(run, recording):
+    code, _, err = run(f"{NAME}.pt", "--object-scale", "3.5")
+    assert code == 0
+    lines = [line for line in err.splitlines() if "not reached" in line]
+    assert lines
+    assert all(
+        re.match(r"warning: \S+\.npz: not reached: \w+_palm on 'box', frames \d+ to \d+: .* cm", s) for s in lines
+    )
+    assert load(recording / "out" / f"{NAME}.npz").report["unreached_contacts"]
+
+
+def two_people(clip: Clip) -> Clip:
+    return Clip("two", clip.fps, (clip.people[0], clip.people[0]), clip.objects, clip.contacts, clip.source)
+
+
+def test_each_person_gets_a_result(run, recording, monkeypatch):
+    from hoi_retarget.cli import run as module
+
+    clip = two_people(make("carry_box", seconds=1.0))
+    monkeypatch.setattr(module, "read_clip", lambda *_, **__: clip)
+    code, out, _ = run(f"{NAME}.pt")
+    assert code == 0 and "2 people" in out
+    assert listing(recording / "out") == [f"{NAME}.p0.npz", f"{NAME}.p1.npz"]
+    first, second = (load(recording / "out" / f"{NAME}.p{person}.npz") for person in (0, 1))
+    np.testing.assert_array_equal(first.object_pos, second.object_pos)
+    assert [first.report["person"], second.report["person"]] == [0, 1]
+
+
+def test_ctrl_c_ends_with_one_line(run, monkeypatch):
+    from hoi_retarget.cli import run as module
+
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "read_clip", interrupted)
+    code, _, err = run(f"{NAME}.pt")
+    assert code == 130 and err.count("\n") == 1
+
+
+def test_the_program_itself_returns_the_code(recording):
+    words = [sys.executable, "-m", "hoi_retarget", "run", "gone.pt", "--out", "out"]
+    done = subprocess.run(words, cwd=recording, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == "error: gone.pt: there is no such file. Check the path.\n"
+
+
+def test_every_setting_of_run_is_explained():
+    lines = Path(sys.modules[Run.__module__].__file__).read_text()
+    body = lines.split("class Run:")[1].split("@dataclass")[0]
+    assert body.count('    """') == 1 + len(Run.__dataclass_fields__)
+
+
+# demo, bench, evaluate, inspect, robots
+
+
+@pytest.fixture(scope="session")
+def results(tmp_path_factory):
+    """Two results of the demo, one for each robot."""
+    folder = tmp_path_factory.mktemp("results")
+    for robot in ROBOTS:
+        assert main(["demo", "--robot", robot, "--out", str(folder / robot)]) == 0
+    return [folder / robot / "carry_box.npz" for robot in ROBOTS]
+
+
+def test_demo_says_where_the_result_is_and_what_to_do_next(tmp_path, capsys):
+    assert main(["demo", "--out", str(tmp_path / "here")]) == 0
+    out, err = capsys.readouterr()
+    assert not err
+    assert listing(tmp_path / "here") == ["carry_box.npz"]
+    assert str(tmp_path / "here" / "carry_box.npz") in out
+    assert "contact gap [mm]" in out and "hoi-retarget inspect" in out
+    motion = load(tmp_path / "here" / "carry_box.npz")
+    assert motion.report["figures"]["contact_gap_m"] < 0.005
+    assert not motion.report["unreached_contacts"]
+
+
+def test_demo_with_an_unknown_robot(tmp_path, capsys):
+    assert main(["demo", "--robot", "r2d2", "--out", str(tmp_path / "x")]) == 2
+    err = capsys.readouterr().err
+    assert all(name in err for name in ROBOTS)
+    assert not listing(tmp_path)
+
+
+def test_evaluate_shows_what_the_results_hold(results, tmp_path, capsys):
+    words = ["evaluate", *map(str, results), "--json", str(tmp_path / "f.json"), "--csv", str(tmp_path / "f.csv")]
+    assert main(words) == 0
+    out, err = capsys.readouterr()
+    assert not err
+    assert out.startswith("Figures as the run computed and stored them:")
+    assert "mean" in out and "worst" in out
+    document = json.loads((tmp_path / "f.json").read_text())
+    stored = [load(path).report["figures"]["contact_gap_m"] for path in results]
+    assert [row["contact_gap_m"] for row in document["per_clip"]] == stored
+    assert document["mean"]["contact_gap_m"] == pytest.approx(np.mean(stored))
+    with (tmp_path / "f.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["name"] for row in rows] == ["carry_box", "carry_box", "mean", "worst"]
+
+
+def test_evaluate_many_shows_a_row_for_each(results, capsys):
+    assert main(["evaluate", *[str(results[0])] * 6]) == 0
+    out = capsys.readouterr().out
+    assert sum(line.startswith("carry_box ") for line in out.splitlines()) == 6
+    assert "all clips" in out
+
+
+def test_evaluate_names_what_it_cannot_read(results, tmp_path, capsys):
+    np.savez(tmp_path / "other.npz", a=np.zeros(3))
+    assert main(["evaluate", str(tmp_path / "other.npz"), str(results[0]), str(tmp_path / "gone.npz")]) == 1
+    out, err = capsys.readouterr()
+    assert [line.startswith("error: ") for line in err.splitlines()] == [True, True]
+    assert "contact gap" in out and "1 evaluated, 2 failed." in out
+
+
+def test_evaluate_refuses_a_result_without_figures(results, tmp_path, capsys):
+    with np.load(results[0]) as archive:
+        arrays = dict(archive)
+    for report in ("{}", '{"figures": {"x": 1}, "cpu_seconds": {}}', "[]"):
+        arrays["report"] = np.str_(report)
+        np.savez(tmp_path / "bare.npz", **arrays)
+        assert main(["evaluate", str(tmp_path / "bare.npz")]) == 1
+        err = capsys.readouterr().err
+        assert "bare.npz" in err and err.count("\n") == 1
+
+
+def test_evaluate_tells_first_that_it_cannot_write(results, tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert main(["evaluate", str(results[0]), "--json", str(tmp_path / "file" / "f.json")]) == 2
+    out, err = capsys.readouterr()
+    assert "--json" in err and not out
+
+
+def test_evaluate_nothing(capsys):
+    assert main(["evaluate"]) == 2
+    assert "RESULT" in capsys.readouterr().err
+
+
+def test_inspect_a_clip_gives_a_command_that_runs(recording, monkeypatch, capsys):
+    monkeypatch.chdir(recording)
+    assert main(["inspect", f"{NAME}.pt", "--objects", "objects"]) == 0
+    out, err = capsys.readouterr()
+    assert not err
+    command = next(line for line in out.splitlines() if line.startswith("to run: ")).split()[2:]
+    assert command[0] == "hoi-retarget"
+    assert main(command[1:]) == 0
+
+
+def test_inspect_says_what_is_missing(recording, capsys):
+    assert main(["inspect", str(recording / f"{NAME}.pt")]) == 0
+    assert "missing: " in capsys.readouterr().out
+
+
+def test_inspect_a_result(results, capsys):
+    assert main(["inspect", str(results[0])]) == 0
+    assert f"to run: hoi-retarget evaluate {results[0]}" in capsys.readouterr().out
+
+
+def test_inspect_something_else(tmp_path, capsys):
+    (tmp_path / "note.txt").write_text("hello")
+    assert main(["inspect", str(tmp_path / "note.txt")]) == 1
+    assert capsys.readouterr().err.startswith("error: ")
+    assert main(["inspect", str(tmp_path / "gone")]) == 1
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_bench_shows_every_stage(capsys):
+    assert main(["bench", "--seconds", "2", "--repeats", "1"]) == 0
+    out = capsys.readouterr().out
+    assert "trajectory optimization" in out and "frames a second" in out
+
+
+@pytest.mark.parametrize("words", [["--repeats", "0"], ["--seconds", "-1"], ["--robot", "x"]])
+def test_bench_with_wrong_numbers(words, capsys):
+    assert main(["bench", *words]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_robots_list(capsys):
+    assert main(["robots", "list"]) == 0
+    out = capsys.readouterr().out
+    assert all(name in out for name in ROBOTS)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_robots_show(name, capsys):
+    assert main(["robots", "show", name]) == 0
+    out = capsys.readouterr().out
+    assert all(joint in out for joint in ROBOTS[name].speed_limits)
+    assert "left_palm" in out and "BSD-3-Clause" in out
+
+
+def test_robots_show_unknown(capsys):
+    assert main(["robots", "show", "atlas"]) == 2
+    err = capsys.readouterr().err
+    assert all(name in err for name in ROBOTS)
+
+
+def test_write_clip_is_what_these_tests_use(recording, columns):
+    write_clip(make("carry_box", seconds=3.0), recording / "again.pt")
+    assert (recording / "again.pt").read_bytes() == torch_bytes(columns)
+
+
+def test_robots_show_draws_a_picture(tmp_path):
+    picture = tmp_path / "new" / "g1.png"
+    words = [sys.executable, "-m", "hoi_retarget", "robots", "show", "unitree_g1", "--picture", str(picture)]
+    # In a process of its own: how to draw is chosen before MuJoCo is imported.
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    if done.returncode and ("cannot draw" in done.stderr or "Pillow" in done.stderr):
+        pytest.skip(done.stderr)
+    assert done.returncode == 0, done.stderr
+    assert f"written: {picture}" in done.stdout
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_robots_show_tells_first_that_it_cannot_write(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert main(["robots", "show", "unitree_g1", "--picture", str(tmp_path / "file" / "g1.png")]) == 2
+    assert "--picture" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_robots_check_finds_nothing_wrong_with_ours(name, capsys):
+    assert main(["robots", "check", name]) == 0
+    assert "error" not in capsys.readouterr().out
+
+
+def test_robots_check_a_file(tmp_path, capsys):
+    (tmp_path / "a.xml").write_text("<mujoco><worldbody><body><freejoint/></body></worldbody></mujoco>")
+    assert main(["robots", "check", str(tmp_path / "a.xml")]) == 1
+    assert main(["robots", "check", str(tmp_path / "gone.xml")]) == 1
+    assert "there is no such file" in capsys.readouterr().out
+    assert main(["robots", "check", "atlas"]) == 2
