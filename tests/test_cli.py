@@ -231,8 +231,24 @@ def test_no_clip_at_all(run):
 
 
 def test_an_unknown_object_names_those_that_exist(run, recording):
-    code, _, err = run(f"{NAME}.pt", "--object", "bux")
-    assert code in (1, 2) and "box" in err and err.count("\n") == 1
+    code, out, err = run(f"{NAME}.pt", "--object", "bux")
+    assert code == 2 and "Objects there: box." in err and err.count("\n") == 1 and not out
+    (recording / f"{NAME}.pt").rename(recording / "sub1_bux_000.pt")
+    code, _, err = run("sub1_bux_000.pt")
+    assert code == 1 and "Objects there: box." in err and err.count("\n") == 1
+    assert not (recording / "out").exists()
+
+
+def test_a_missing_folder_of_objects(run, recording):
+    (recording / "objects").rename(recording / "elsewhere")
+    code, _, err = run(f"{NAME}.pt")
+    assert code == 2 and err.startswith("error: --objects objects: there is no such folder.")
+
+
+def test_an_object_without_geometry(run, recording):
+    (recording / "objects/box/box.obj").unlink()
+    code, _, err = run(f"{NAME}.pt")
+    assert code == 1 and "no geometry" in err and err.count("\n") == 1
     assert not (recording / "out").exists()
 
 

@@ -15,6 +15,7 @@ from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.metrics import Score
 from hoi_retarget.pipeline import Config
 from hoi_retarget.readers import read_clip
+from hoi_retarget.readers.objects import known_objects
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.targets import Scaling
@@ -27,6 +28,7 @@ def execute(command: Run) -> int:
     config = Config(scaling=scaling, horizon=parse_horizon(command.horizon))
     spec = robot(command.robot)
     _check_clips(command.clips)
+    _check_objects(command.objects, command.object_name)
     check_writable("--out", command.out)
     model = load_model(spec)
     scores: list[Score] = []
@@ -79,6 +81,17 @@ def _check_clips(clips: Sequence[Path]) -> None:
             raise ArgumentError(
                 f"{other} and {path} would both be written to {path.stem}.npz. Run them into different folders."
             )
+
+
+def _check_objects(folder: Path | None, name: str | None) -> None:
+    if folder is None:
+        return
+    if not folder.is_dir():
+        raise ArgumentError(f"--objects {folder}: there is no such folder. Name one with <object>/<object>.obj in it.")
+    known = known_objects(folder)
+    if name is not None and name not in known:
+        listing = f"Objects there: {', '.join(known)}." if known else "There are no objects in it."
+        raise ArgumentError(f"--object {name}: {folder} has no geometry of that name. {listing}")
 
 
 def _describe_clip(path: Path, clip: Clip) -> None:
