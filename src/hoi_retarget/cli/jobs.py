@@ -47,13 +47,15 @@ def retarget_people(clip: Clip, model: RobotModel, config: Config, extra: Mappin
 
 
 def write(motion: Motion, path: Path, *, read_seconds: float = 0.0) -> Motion:
-    """Write a result, and return it with the time that reading the clip and writing took in its report.
+    """Write a result whose report tells the time that reading the clip and writing take; return it.
 
-    The time to write is known once it is written: the file is then written again with it.
+    The time to write must be known before the file is written: it is that of a trial in a scratch folder.
     """
-    start = time.process_time()
-    save(motion, path)
-    seconds = {"read": read_seconds, **motion.report["cpu_seconds"], "write": time.process_time() - start}
+    with tempfile.TemporaryDirectory(prefix="hoi-retarget-") as scratch:
+        start = time.process_time()
+        save(motion, Path(scratch) / path.name)
+        write_seconds = time.process_time() - start
+    seconds = {"read": read_seconds, **motion.report["cpu_seconds"], "write": write_seconds}
     timed = replace(motion, report={**motion.report, "cpu_seconds": seconds})
     save(timed, path)
     return timed
