@@ -17,7 +17,7 @@ from hoi_retarget.cli.commands import DESCRIPTION, Command, Robots
 from hoi_retarget.cli.terminal import fail, say
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
 
-INTERRUPTED = 130  # What a shell reports for a command that Ctrl-C ended.
+INTERRUPTED, PIPE_CLOSED = 130, 141  # What a shell reports for a command that such a signal ended.
 _THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
@@ -56,6 +56,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         fail("interrupted; what was finished before is complete.")
         return INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read the output has gone: nothing is left to say, not even when Python closes it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return PIPE_CLOSED
 
 
 def _use_one_thread() -> None:
