@@ -16,10 +16,14 @@ from hoi_retarget import se3
 from hoi_retarget.arrays import frozen
 from hoi_retarget.clip import Clip, ObjectTrack, Person
 from hoi_retarget.errors import ArgumentError
+from hoi_retarget.footing import Foot, plant, resting_height, resting_tilt
 from hoi_retarget.labelling import stance
+from hoi_retarget.ramps import fade, frames_in, nearest_active
 from hoi_retarget.robots.model import RobotModel
-from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
+from hoi_retarget.robots.spec import SIDES
 
+# Contact labels switch from frame to frame; hands come and go, and turn, over these times.
+AIM_RAMP_SECONDS, TURN_RAMP_SECONDS = 1 / 30, 2 / 30
 SMOOTHING_FRAMES, SMOOTHING_ORDER = 11, 3
 MAXIMUM_SINK = 0.005  # [m] of a smoothed object under its own unsmoothed height
 
@@ -53,6 +57,11 @@ class Targets:
     site_positions: Float[np.ndarray, "T K 3"]
     """World positions for the rows of the robot's IK table [m]."""
     site_quats: Float[np.ndarray, "T K 4"]
+    foot_positions: Float[np.ndarray, "T 2 3"]
+    """World positions of the left and right foot's contact site [m]: on the floor in stance."""
+    foot_quats: Float[np.ndarray, "T 2 4"]
+    palm_quats: Float[np.ndarray, "T 2 4"]
+    """World rotations of the left and right palm, as the human's hands turn."""
     object_names: tuple[str, ...]
     object_scale: Float[np.ndarray, "O"]
     object_pos: Float[np.ndarray, "T O 3"]
@@ -65,6 +74,14 @@ class Targets:
     contact_targets: Float[np.ndarray, "T C 3"]
     """In the frame of the scaled object [m]; NaN where inactive."""
     stance_flags: Bool[np.ndarray, "T 2"]
+    aim_object: Int[np.ndarray, "T C"]
+    """Index of the object each link is at or nearest in time to; 0 where it never touches."""
+    aim_points: Float[np.ndarray, "T C 3"]
+    """Contact targets, carried on before and after a contact [m]; finite everywhere."""
+    aim_weights: Float[np.ndarray, "T C"]
+    """1 in contact, fading to 0 around it."""
+    turn_weights: Float[np.ndarray, "T C"]
+    """The same for the links' rotations, which need longer."""
 
     @property
     def frames(self) -> int:
@@ -95,15 +112,22 @@ def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int
     root_scale = model.spec.stature / height if scaling.root_scale == "auto" else scaling.root_scale
     geometry_scale = _geometry_scale(model, scaling, root_scale)
     stands = stance(human, clip.fps)
-    positions, quats = _site_targets(human, model, root_scale, stands)
+    feet = tuple(Foot.of(model, side) for side in SIDES)
+    positions, quats = _site_targets(human, model, root_scale, feet, stands)
+    foot_positions, foot_quats = _plant_feet(model, feet, positions, quats, stands, clip.fps)
     tracks = [_scale_track(track, root_scale, geometry_scale) for track in clip.objects]
     flags, touched, points = _contacts(clip, model, person, geometry_scale)
+    aim_object, aim_points = _aims(flags, touched, points)
+    aim_ramp, turn_ramp = frames_in(AIM_RAMP_SECONDS, clip.fps), frames_in(TURN_RAMP_SECONDS, clip.fps)
     return Targets(
         fps=clip.fps,
         root_scale=root_scale,
         human_height=height,
         site_positions=frozen(positions),
         site_quats=frozen(quats),
+        foot_positions=frozen(foot_positions),
+        foot_quats=frozen(foot_quats),
+        palm_quats=frozen(_palm_quats(model, quats)),
         object_names=tuple(track.name for track in clip.objects),
         object_scale=frozen(np.full(len(clip.objects), geometry_scale)),
         object_pos=frozen(np.stack(tracks, axis=1) if tracks else np.zeros((clip.frames, 0, 3))),
@@ -115,6 +139,10 @@ def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int
         contact_object=frozen(touched, int),
         contact_targets=frozen(points),
         stance_flags=frozen(stands, bool),
+        aim_object=frozen(aim_object, int),
+        aim_points=frozen(aim_points),
+        aim_weights=frozen(np.stack([fade(active, aim_ramp) for active in flags.T], axis=1)),
+        turn_weights=frozen(np.stack([fade(active, turn_ramp) for active in flags.T], axis=1)),
     )
 
 
@@ -125,8 +153,9 @@ def _geometry_scale(model: RobotModel, scaling: Scaling, root_scale: float) -> f
 
 
 def _site_targets(
-    human: Person, model: RobotModel, root_scale: float, stands: np.ndarray
+    human: Person, model: RobotModel, root_scale: float, feet: tuple[Foot, ...], stands: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions and rotations for the IK table, with the body lowered to stand on the floor."""
     rows = model.spec.ik
     root = human.position("pelvis")
     positions = np.stack(
@@ -134,9 +163,47 @@ def _site_targets(
     )
     offsets = np.array([row.rotation_offset for row in rows])
     quats = se3.quat_multiply(np.stack([human.quat(row.human_joint) for row in rows], axis=1), offsets)
-    quats = se3.quat_normalize(quats)
     sites = [row.site for row in rows]
-    return positions, quats
+    toes = [sites.index(f"{side}_toe") for side in SIDES]
+    rests = [resting_height(positions[:, toe, 2], stands[:, side]) for side, toe in enumerate(toes)]
+    standing = [foot.toe_height for foot in feet]
+    lowered = np.mean(standing) - np.mean(rests)
+    positions[:, :, 2] += lowered
+    # The two feet ride at different heights in many captures: each gets its own correction.
+    positions[:, toes, 2] += np.subtract(standing, rests) - lowered
+    return positions, se3.quat_normalize(quats)
+
+
+def _palm_quats(model: RobotModel, quats: np.ndarray) -> np.ndarray:
+    """Return the palms' rotations when the wrists follow their IK targets exactly."""
+    sites = model.sites
+    placed = {name: se3.matrix_to_quat(sites.rotations[:, :, index]) for name, index in sites.index.items()}
+    rows = [row.site for row in model.spec.ik]
+    return np.stack(
+        [
+            se3.quat_multiply(
+                quats[:, rows.index(f"{side}_wrist")],
+                se3.quat_multiply(se3.quat_conjugate(placed[f"{side}_wrist"]), placed[f"{side}_palm"]),
+            )
+            for side in SIDES
+        ],
+        axis=1,
+    )
+
+
+def _plant_feet(
+    model: RobotModel, feet: tuple[Foot, ...], positions: np.ndarray, quats: np.ndarray, stands: np.ndarray, fps: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the feet's contact sites, and set the IK targets of the toes accordingly."""
+    foot_positions, foot_quats = np.empty((len(positions), 2, 3)), np.empty((len(positions), 2, 4))
+    sites = [row.site for row in model.spec.ik]
+    for side, foot in enumerate(feet):
+        toe = sites.index(f"{SIDES[side]}_toe")
+        quats[:, toe] = se3.quat_multiply(quats[:, toe], resting_tilt(quats[:, toe], stands[:, side]))
+        place, turn = plant(foot, positions[:, toe], quats[:, toe], stands[:, side], fps)
+        foot_positions[:, side], foot_quats[:, side] = place, turn
+        positions[:, toe], quats[:, toe] = place + se3.rotate(turn, foot.toe), turn
+    return foot_positions, foot_quats
 
 
 def _scale_track(track: ObjectTrack, root_scale: float, geometry_scale: float) -> Float[np.ndarray, "T 3"]:
@@ -175,3 +242,13 @@ def _contacts(
         touched[new, link] = track.object
         points[new, link] = geometry_scale * track.points_object[new]
     return flags, touched, points
+
+
+def _aims(flags: np.ndarray, touched: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the object and the point of the contact that is nearest in time, for every link and frame."""
+    aim_object, aim_points = np.zeros_like(touched), np.zeros_like(points)
+    for link, active in enumerate(flags.T):
+        if active.any():
+            nearest = nearest_active(active)
+            aim_object[:, link], aim_points[:, link] = touched[nearest, link], points[nearest, link]
+    return aim_object, aim_points

@@ -24,6 +24,9 @@ from hoi_retarget.trajopt.terms.site_position import SitePosition
 from hoi_retarget.trajopt.terms.site_rotation import SiteRotation
 
 
+PALMS = tuple(f"{side}_palm" for side in SIDES)
+
+
 @dataclass(frozen=True)
 class Weights:
     """Weights of the cost table."""
@@ -55,15 +58,15 @@ class Weights:
 def trajectory_terms(weights: Weights, targets: Targets, reference: Kinematics) -> tuple[Term, ...]:
     """Return the rows of the cost table against an IK reference; rows that would be empty are left out."""
     return (
-        *_tracking(weights, reference),
-        *_contact(weights, targets, reference),
-        *_stance(weights, targets, reference),
+        *_tracking(weights, targets, reference),
+        *_contact(weights, targets),
+        *_stance(weights, targets),
         Differences("joint_jerk", 3, weights.jerk * targets.fps**4),
         *_floor(weights),
     )
 
 
-def _tracking(weights: Weights, reference: Kinematics) -> tuple[Term, ...]:
+def _tracking(weights: Weights, targets: Targets, reference: Kinematics) -> tuple[Term, ...]:
     base = reference.node_rotation[:, :, 0]
     torso = np.einsum("jit,jkt->ikt", base, reference.orientation("torso"))
     return (
@@ -71,45 +74,45 @@ def _tracking(weights: Weights, reference: Kinematics) -> tuple[Term, ...]:
         SitePosition("base_position", "pelvis", reference.point("pelvis"), weights.base_position),
         SitePosition("head_position", "head", reference.point("head"), weights.head_position),
         *(
-            SitePosition(f"{side}_foot_position", f"{side}_foot", reference.point(f"{side}_foot"), weights.feet_position)
-            for side in SIDES
+            SitePosition(f"{side}_foot_position", f"{side}_foot", targets.foot_positions[:, k].T, weights.feet_position)
+            for k, side in enumerate(SIDES)
         ),
         RelativeRotation("torso_orientation", "torso", torso, weights.torso_orientation),
     )
 
 
-def _contact(weights: Weights, targets: Targets, reference: Kinematics) -> tuple[Term, ...]:
+def _contact(weights: Weights, targets: Targets) -> tuple[Term, ...]:
     terms: list[Term] = []
     frames = np.arange(targets.frames)
     for link, site in enumerate(targets.contact_links):
-        active = targets.contact_flags[:, link]
-        if not active.any():
+        if not targets.contact_flags[:, link].any():
             continue
-        touched = targets.contact_object[:, link]
+        aimed = targets.aim_object[:, link]
         terms.append(
             ObjectContact(
                 f"{site}_contact",
                 site,
-                np.nan_to_num(targets.contact_targets[:, link]).T,
-                targets.object_pos[frames, touched].T,
-                se3.quat_to_matrix(targets.object_quat[frames, touched]).transpose(1, 2, 0),
-                weights.object_contact * active,
+                targets.aim_points[:, link].T,
+                targets.object_pos[frames, aimed].T,
+                se3.quat_to_matrix(targets.object_quat[frames, aimed]).transpose(1, 2, 0),
+                weights.object_contact * targets.aim_weights[:, link],
             )
         )
-        if site.endswith("palm"):
-            weight = weights.hand_orientation * active
-            terms.append(SiteRotation(f"{site}_orientation", site, reference.orientation(site), weight))
+        if site in PALMS:
+            rotation = se3.quat_to_matrix(targets.palm_quats[:, PALMS.index(site)]).transpose(1, 2, 0)
+            weight = weights.hand_orientation * targets.turn_weights[:, link]
+            terms.append(SiteRotation(f"{site}_orientation", site, rotation, weight))
     return tuple(terms)
 
 
-def _stance(weights: Weights, targets: Targets, reference: Kinematics) -> tuple[Term, ...]:
+def _stance(weights: Weights, targets: Targets) -> tuple[Term, ...]:
     terms: list[Term] = []
-    for side, flags in zip(SIDES, targets.stance_flags.T, strict=True):
+    for k, side in enumerate(SIDES):
+        flags = targets.stance_flags[:, k]
         if flags.any():
-            site = f"{side}_foot"
-            height = reference.point(site)[2]
+            site, height = f"{side}_foot", targets.foot_positions[:, k, 2]
             terms.append(SiteHeight(f"{side}_stance_height", site, height, weights.stance_height * flags))
-            rotation = reference.orientation(site)
+            rotation = se3.quat_to_matrix(targets.foot_quats[:, k]).transpose(1, 2, 0)
             weight = weights.stance_orientation * flags
             terms.append(SiteRotation(f"{side}_stance_orientation", site, rotation, weight))
     return tuple(terms)
