@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget import se3
-from hoi_retarget.ramps import fade, frames_in
+from hoi_retarget.signals import fade, frames_in, smooth, smooth_quats
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SOLE_CORNERS
 
@@ -77,6 +77,7 @@ def plant(
     """Return the contact site's position and rotation for a wanted toe path and foot rotation."""
     steady = without_flicker(stands, frames_in(SHORTEST_STANCE_SECONDS, fps))
     standing = fade(steady, frames_in(RAMP_SECONDS, fps))
+    toes, quats = smooth(toes), smooth_quats(quats)
     quats = se3.slerp(quats, _level(quats), standing)
     positions = toes - se3.rotate(quats, foot.toe)
     rotations = se3.quat_to_matrix(quats)

@@ -10,7 +10,6 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.signal import savgol_filter
 
 from hoi_retarget import se3
 from hoi_retarget.arrays import frozen
@@ -18,13 +17,12 @@ from hoi_retarget.clip import Clip, ObjectTrack, Person
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.footing import Foot, plant, resting_height, resting_tilt
 from hoi_retarget.labelling import stance
-from hoi_retarget.ramps import fade, frames_in, nearest_active
+from hoi_retarget.signals import fade, frames_in, nearest_active, smooth
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
 
 # Contact labels switch from frame to frame; hands come and go, and turn, over these times.
 AIM_RAMP_SECONDS, TURN_RAMP_SECONDS = 1 / 30, 2 / 30
-SMOOTHING_FRAMES, SMOOTHING_ORDER = 11, 3
 MAXIMUM_SINK = 0.005  # [m] of a smoothed object under its own unsmoothed height
 
 
@@ -217,12 +215,9 @@ def _scale_track(track: ObjectTrack, root_scale: float, geometry_scale: float) -
     lowest = root_scale * (track.positions[:, 2] - drop)
     height = np.maximum(lowest, 0.0) + geometry_scale * drop
     path = np.column_stack([root_scale * track.positions[:, :2], height])
-    window = min(SMOOTHING_FRAMES, len(path) - 1 + len(path) % 2)
-    if window <= SMOOTHING_ORDER:
-        return path
-    smooth = savgol_filter(path, window, SMOOTHING_ORDER, axis=0)
-    smooth[:, 2] = np.maximum(smooth[:, 2], path[:, 2] - MAXIMUM_SINK)
-    return smooth
+    path_smooth = smooth(path)
+    path_smooth[:, 2] = np.maximum(path_smooth[:, 2], path[:, 2] - MAXIMUM_SINK)
+    return path_smooth
 
 
 def _contacts(

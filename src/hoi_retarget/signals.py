@@ -1,7 +1,24 @@
-"""Smooth weights around labelled frames: labels switch from frame to frame, robots should not."""
+"""Smoothing over time: captures jitter and labels switch from frame to frame, robots should not."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.signal import savgol_filter
+
+from hoi_retarget import se3
+
+SMOOTHING_FRAMES, SMOOTHING_ORDER = 11, 3
+
+
+def smooth(path: Float[np.ndarray, "T k"]) -> Float[np.ndarray, "T k"]:
+    """Return a path after a Savitzky-Golay filter; one too short for the filter's order as it is."""
+    longest = len(path) - 1 + len(path) % 2
+    window = min(SMOOTHING_FRAMES, longest)
+    return savgol_filter(path, window, SMOOTHING_ORDER, axis=0) if window > SMOOTHING_ORDER else path.copy()
+
+
+def smooth_quats(quats: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, "T 4"]:
+    """Return rotations after the same filter."""
+    return se3.quat_normalize(smooth(se3.quat_continuous(quats)))
 
 
 def nearest_active(active: Bool[np.ndarray, "T"]) -> Int[np.ndarray, "T"]:
