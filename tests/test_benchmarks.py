@@ -130,3 +130,13 @@ def test_horizons_run(tmp_path):
     windowed, whole = json.loads(path.read_text())["results"]
     assert windowed["windows"] > whole["windows"] == 1
     assert windowed["jerk_at_seams"] > 0
+
+
+@needs_casadi
+@pytest.mark.slow
+def test_agreement_runs(tmp_path):
+    path = tmp_path / "agreement.json"
+    run("agreement.py", "--synthetic", "carry_box", "--frames", "12", "--json", str(path))
+    stages = json.loads(path.read_text())["results"]["carry_box"]
+    assert set(stages) == {"ik", "trajectory"}
+    assert all(abs(result["decrease"]) < 1e-3 for result in stages.values())
