@@ -25,7 +25,8 @@ from hoi_retarget.trajopt.solvers.base import Solution, Status
 _ROUNDING = 1e-12
 _FEASIBLE = 1e-7  # [rad]
 _START_GAP = 0.1  # Complementarity gap at the start, relative to the cost.
-_START_SLACK = 3e-2  # Of a bound's interval: a start closer to its end counts as outside.
+_START_MARGIN = 3e-2  # Of a joint's range: a start is moved that far away from its ends.
+_LEAST_SLACK = 1e-3  # Of a bound's interval: less than this counts as outside.
 # Levenberg-Marquardt damping, relative to the diagonal: it grows when steps are cut short.
 _LEAST_DAMPING, _FIRST_DAMPING, _LARGEST_DAMPING = 1e-9, 1e-3, 1e3
 _SMALLEST_COST = 1e-9  # What accuracies relative to the cost are measured against when it vanishes.
@@ -46,7 +47,7 @@ class BandedInteriorPoint:
         """Return the solution from a starting trajectory; joints outside their range are moved in."""
         bounds = Bounds.of(problem)
         point = _Point.at(problem, bounds, _inside(problem, qpos))
-        slack = np.maximum(point.values, _START_SLACK * bounds.widths(len(point.values)))
+        slack = np.maximum(point.values, _LEAST_SLACK * bounds.widths(len(point.values)))
         multiplier = max(_START_GAP * point.half_cost / slack.size, _SMALLEST_COST) / slack
         if not np.isfinite(point.half_cost):
             return _solution(point, Status.FAILED, 0, multiplier)
@@ -192,9 +193,9 @@ def _line_search(
 
 
 def _inside(problem: Problem, qpos: np.ndarray) -> np.ndarray:
-    """Return the start with unknown joint angles strictly inside their ranges."""
+    """Return the start with unknown joint angles well inside their ranges; no step gets longer by it."""
     model = problem.model
-    margin = 1e-3 * (model.upper - model.lower)
+    margin = _START_MARGIN * (model.upper - model.lower)
     start = qpos.copy()
     unknown = start[problem.pinned :, 7:]
     np.clip(unknown, model.lower + margin, model.upper - margin, out=unknown)
