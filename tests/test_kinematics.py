@@ -3,9 +3,9 @@
 import mujoco
 import numpy as np
 import pytest
-from trajectories import MODELS, random_qpos
 
 from hoi_retarget.errors import RobotError
+from trajectories import MODELS, random_qpos
 
 
 @pytest.fixture(params=list(MODELS))

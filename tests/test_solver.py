@@ -1,10 +1,11 @@
 """The solver against the optimality conditions of the problem, and windows against the whole."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from trajectories import MODELS, random_qpos
 
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.trajopt.bounds import Bounds
@@ -16,6 +17,7 @@ from hoi_retarget.trajopt.terms.posture import Posture
 from hoi_retarget.trajopt.terms.site_position import SitePosition
 from hoi_retarget.trajopt.terms.site_rotation import SiteRotation
 from hoi_retarget.trajopt.windows import Horizon, parse_horizon, solve_windows
+from trajectories import MODELS, random_qpos
 
 MODEL = MODELS["unitree_g1"]
 SOLVER = BandedInteriorPoint(tolerance=1e-9, max_iterations=100)
@@ -137,17 +139,15 @@ def test_windows_with_look_ahead_approach_the_whole():
     np.testing.assert_array_equal(solve(Horizon(60, 3, 3)), whole)
 
 
-@given(
-    frames=st.integers(4, 300), length=st.integers(4, 80), overlap=st.integers(0, 40), pinned=st.integers(0, 5)
-)
+@given(frames=st.integers(4, 300), length=st.integers(4, 80), overlap=st.integers(0, 40), pinned=st.integers(0, 5))
 def test_windows_cover_every_frame_once_in_order(frames, length, overlap, pinned):
     overlap = min(overlap, length - 1)
     horizon = Horizon(length, overlap, min(pinned, overlap))
     windows = horizon.windows(frames)
     assert windows[0][0] == 0 and windows[-1][1] == frames
-    for (_, before, _), (start, stop, pins) in zip(windows, windows[1:], strict=False):
+    for (_, before, _), (start, stop, pins) in pairwise(windows):
         assert before < stop <= start + length
-        assert 0 <= start and start + pins <= before, "no frame is skipped"
+        assert start >= 0 and start + pins <= before, "no frame is skipped"
 
 
 @pytest.mark.parametrize("text", ["", "windowed", "windowed:0", "windowed:3:3", "windowed:a", "whole:3", "hole"])

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from trajectories import MODELS, one_term_per_file, random_qpos
 
 import hoi_retarget.trajopt.terms as terms_package
 from hoi_retarget.robots.model import Kinematics
@@ -12,6 +11,7 @@ from hoi_retarget.trajopt.normal import assemble, reach_of
 from hoi_retarget.trajopt.problem import Term, cost_by_term
 from hoi_retarget.trajopt.rows import Rows, SiteRows, StencilRows, cost
 from hoi_retarget.trajopt.table import IkWeights, Weights
+from trajectories import MODELS, one_term_per_file, random_qpos
 
 FRAMES = 7
 TERM_FILES = sorted(path.stem for path in Path(terms_package.__file__).parent.glob("*.py") if path.stem != "__init__")
@@ -35,7 +35,10 @@ def dense_jacobian(part: Rows, kinematics: Kinematics) -> np.ndarray:
     if isinstance(part, SiteRows):
         site = kinematics.jacobian(part.site)
         for t in range(frames):
-            dense[:, t, t] = part.jacobian[:, :, t] @ site[t]
+            if part.by_linear is not None:
+                dense[:, t, t] += part.by_linear[:, :, t] @ site[t, :3]
+            if part.by_angular is not None:
+                dense[:, t, t] += part.by_angular[:, :, t] @ site[t, 3:]
         dense *= np.sqrt(np.broadcast_to(part.weight, frames))[None, :, None, None]
         return dense.reshape(count * rows, frames * nv)
     for i in range(rows):

@@ -174,9 +174,7 @@ class Clip:
             listing = ", ".join(f"{owner}: {length}" for owner, length in lengths.items())
             raise ClipError(f"clip {self.name!r}: tracks differ in their number of frames ({listing}).")
         if self.frames < MINIMUM_FRAMES:
-            raise ClipError(
-                f"clip {self.name!r}: {self.frames} usable frame(s); at least {MINIMUM_FRAMES} are needed."
-            )
+            raise ClipError(f"clip {self.name!r}: {self.frames} usable frame(s); at least {MINIMUM_FRAMES} are needed.")
         for track in self.contacts:
             if not (0 <= track.person < len(self.people) and 0 <= track.object < len(self.objects)):
                 raise ClipError(f"clip {self.name!r}: a contact of {track.part!r} names an absent person or object.")

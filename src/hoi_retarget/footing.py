@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget import se3
-from hoi_retarget.signals import fade, frames_in, smooth, smooth_quats
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SOLE_CORNERS
+from hoi_retarget.signals import fade, frames_in, smooth, smooth_quats
 
 RAMP_SECONDS = 0.4  # A foot is planted and released over this time.
 SHORTEST_STANCE_SECONDS = 0.1  # Shorter ones, and shorter gaps, are flicker of the labels.
@@ -110,4 +110,3 @@ def _level(quats: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, "T 4"]:
     zero = np.zeros_like(yaw)
     turn = se3.exp(np.stack([zero, zero, yaw], axis=1))
     return se3.quat_multiply(turn, se3.exp(np.stack([zero, kept, zero], axis=1)))
-

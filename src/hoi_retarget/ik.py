@@ -19,9 +19,9 @@ class IkConfig:
     """Options of the IK stage."""
 
     weights: IkWeights = IkWeights()
-    stride: int = 6
+    stride: int = 10
     """The first solve sees every so-manieth frame; the second starts from its interpolation."""
-    solver: BandedInteriorPoint = BandedInteriorPoint()
+    solver: BandedInteriorPoint = BandedInteriorPoint(tolerance=1e-3)
 
 
 def solve_ik(

@@ -6,9 +6,13 @@ kinematics and never stored.
 
 import io
 import json
+import lzma
 import os
+import re
+import struct
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -17,17 +21,38 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hoi_retarget.arrays import frozen
+from hoi_retarget.arrays import check_shape, frozen
 from hoi_retarget.errors import ClipError, ReadError, WriteError
 
 SCHEMA = 1
+UNIT_TOLERANCE = 1e-3  # Of a quaternion's length: more is damage, not rounding.
+
+# The start of an .npy file as numpy writes it: matched, never evaluated.
+_NPY = re.compile(
+    rb"\x93NUMPY\x01\x00..\{'descr': '(?P<dtype>[<|](?P<kind>[a-zA-Z])\d*)', "
+    rb"'fortran_order': (?P<fortran>True|False), 'shape': \((?P<shape>[\d, ]*)\), \} *\n",
+    re.DOTALL,
+)
+# What zipfile and its decompressors raise for damaged archives.
+_ARCHIVE_ERRORS = (
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    struct.error,
+    EOFError,
+    KeyError,
+    OSError,
+    RuntimeError,
+    ValueError,
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
     """One robot's motion with the objects it moves; T frames, O objects, C contact links, n joints.
 
-    Raises `ClipError` when shapes disagree or a number that must be finite is not.
+    Raises `ClipError` when shapes disagree, a number that must be finite is not, or a rotation is
+    no unit quaternion.
     """
 
     robot: str
@@ -63,6 +88,12 @@ class Motion:
             object.__setattr__(self, name, frozen(getattr(self, name), kinds.get(name, float)))
         for name in ("joint_names", "object_names", "contact_links"):
             object.__setattr__(self, name, tuple(str(item) for item in getattr(self, name)))
+        if not (np.isfinite(self.fps) and self.fps > 0):
+            raise ClipError(f"motion: the rate is {self.fps} frames a second; it must be positive.")
+        self._check_shapes()
+        self._check_values()
+
+    def _check_shapes(self) -> None:
         frames, n = len(self.qpos), len(self.joint_names)
         objects, links = len(self.object_names), len(self.contact_links)
         expected = {
@@ -77,11 +108,20 @@ class Motion:
             "stance_flags": (frames, 2),
         }
         for name, shape in expected.items():
-            if getattr(self, name).shape != shape:
-                raise ClipError(f"motion: {name} has shape {getattr(self, name).shape}, expected {shape}.")
+            check_shape("motion", name, getattr(self, name), shape)
+        if frames == 0:
+            raise ClipError("motion: there are no frames in it.")
+
+    def _check_values(self) -> None:
         for name in ("qpos", "ik_qpos", "object_pos", "object_quat", "object_scale"):
             if not np.isfinite(getattr(self, name)).all():
                 raise ClipError(f"motion: {name} holds numbers that are not finite.")
+        rotations = {"qpos": self.qpos[:, 3:7], "ik_qpos": self.ik_qpos[:, 3:7], "object_quat": self.object_quat}
+        for name, quats in rotations.items():
+            if (np.abs(np.linalg.norm(quats, axis=-1) - 1.0) > UNIT_TOLERANCE).any():
+                raise ClipError(f"motion: {name} holds rotations that are not unit quaternions.")
+        if ((self.contact_object < -1) | (self.contact_object >= len(self.object_names))).any():
+            raise ClipError(f"motion: contact_object names an object beyond its {len(self.object_names)}.")
 
     @property
     def frames(self) -> int:
@@ -100,6 +140,7 @@ _ARRAYS = (
     "contact_targets",
     "stance_flags",
 )
+_KINDS = {"contact_flags": "b", "stance_flags": "b", "contact_object": "i"}
 _NAMES = ("joint_names", "object_names", "contact_links")
 
 
@@ -108,6 +149,11 @@ def save(motion: Motion, path: Path) -> None:
 
     Raises `WriteError`; a previous file at `path` is then intact.
     """
+    write_atomically(path, encode(motion))
+
+
+def encode(motion: Motion) -> bytes:
+    """Return the content of a motion's file: the same bytes for the same motion."""
     values: dict[str, Any] = {name: getattr(motion, name) for name in _ARRAYS}
     values |= {name: np.array(getattr(motion, name), dtype=np.str_) for name in _NAMES}
     values |= {
@@ -120,7 +166,7 @@ def save(motion: Motion, path: Path) -> None:
     }
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **values)
-    write_atomically(path, buffer.getvalue())
+    return buffer.getvalue()
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -150,28 +196,71 @@ def load(path: Path) -> Motion:
     Raises `ReadError` when the file is missing, damaged, of another schema, or not a motion file.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            values = {name: archive[name] for name in archive.files}
+        content = path.read_bytes()
     except FileNotFoundError as error:
         raise ReadError(f"{path}: there is no such file.") from error
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
+    except OSError as error:
+        raise ReadError(f"{path}: cannot be read ({error.strerror or error}).") from error
+    try:
+        return _motion(path, _members(path, content))
+    except (ClipError, ValueError, RecursionError) as error:
+        raise ReadError(f"{path}: the motion file is damaged ({error}). Run the retarget again.") from error
+
+
+def _members(path: Path, content: bytes) -> dict[str, bytes]:
+    """Return the .npy files of an .npz by array name, their checksums compared."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            return {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
+    except _ARCHIVE_ERRORS as error:
         raise ReadError(f"{path}: not a readable .npz motion file ({error}). Run the retarget again.") from error
-    if "schema" not in values:
-        raise ReadError(f"{path}: no 'schema' entry: not a motion file of hoi-retarget. It holds: {sorted(values)}.")
-    if int(values["schema"]) != SCHEMA:
-        raise ReadError(f"{path}: schema {int(values['schema'])}; this version reads {SCHEMA}. Run the retarget again.")
-    missing = [field.name for field in fields(Motion) if field.name not in values]
+
+
+def _motion(path: Path, members: Mapping[str, bytes]) -> Motion:
+    if "schema" not in members:
+        raise ReadError(f"{path}: no 'schema' entry: not a motion file of hoi-retarget. It holds: {sorted(members)}.")
+    schema = int(_number("schema", members["schema"]))
+    if schema != SCHEMA:
+        raise ReadError(f"{path}: schema {schema}; this version reads {SCHEMA}. Run the retarget again.")
+    missing = [field.name for field in fields(Motion) if field.name not in members]
     if missing:
         raise ReadError(f"{path}: the motion file lacks {', '.join(missing)}. Run the retarget again.")
+    report = json.loads(_text("report", members["report"]))
+    if not isinstance(report, dict):
+        raise ValueError("report is no JSON object")
+    values: dict[str, Any] = {name: _array(name, members[name], _KINDS.get(name, "f")) for name in _ARRAYS}
+    values |= {name: tuple(_array(name, members[name], "U").ravel().tolist()) for name in _NAMES}
+    return Motion(
+        robot=_text("robot", members["robot"]),
+        fps=_number("fps", members["fps"]),
+        first_source_frame=int(_number("first_source_frame", members["first_source_frame"])),
+        human_height=_number("human_height", members["human_height"]),
+        report=report,
+        **values,
+    )
+
+
+def _number(name: str, content: bytes) -> float:
+    return float(_array(name, content, "if").reshape(()))
+
+
+def _text(name: str, content: bytes) -> str:
+    return str(_array(name, content, "U").reshape(()))
+
+
+def _array(name: str, content: bytes, kinds: str) -> np.ndarray:
+    """Return the array of an .npy file whose numbers are of one of `kinds`, or raise `ValueError`."""
+    header = _NPY.match(content)
+    if header is None:
+        raise ValueError(f"{name} is no plain array")
+    if header["kind"].decode() not in kinds:
+        raise ValueError(f"{name} holds {header['dtype'].decode()!r}, expected numpy kind {kinds!r}")
+    shape = tuple(int(size) for size in header["shape"].replace(b",", b" ").split())
+    order = "F" if header["fortran"] == b"True" else "C"
     try:
-        return Motion(
-            robot=str(values["robot"]),
-            fps=float(values["fps"]),
-            first_source_frame=int(values["first_source_frame"]),
-            human_height=float(values["human_height"]),
-            report=json.loads(str(values["report"])),
-            **{name: tuple(values[name].tolist()) for name in _NAMES},
-            **{name: values[name] for name in _ARRAYS},
-        )
-    except (ClipError, ValueError, TypeError) as error:
-        raise ReadError(f"{path}: the motion file is damaged ({error}). Run the retarget again.") from error
+        array = np.ndarray(shape, header["dtype"].decode(), content, header.end(), order=order)
+    except (TypeError, OverflowError) as error:
+        raise ValueError(f"{name}: {error}") from error
+    if array.dtype.kind == "U":
+        array.tobytes().decode("utf-32-le")
+    return array

@@ -48,7 +48,8 @@ def retarget(clip: Clip, model: RobotModel, config: Config, *, person: int = 0) 
     clock.append(time.process_time())
     seconds = dict(zip(("targets", "ik", "trajectory"), np.diff(clock).tolist(), strict=True))
     report = _report(clip, targets, config, ik_reports, reports) | {"cpu_seconds": seconds}
-    return _scored(_motion(clip, model, targets, ik_qpos, qpos, report), clip, model, person)
+    motion = replace(_motion(clip, model, targets, ik_qpos, qpos), report=report)
+    return _scored(motion, clip, model, person)
 
 
 def solve_trajectory(
@@ -79,9 +80,7 @@ def _scored(motion: Motion, clip: Clip, model: RobotModel, person: int) -> Motio
     return replace(motion, report=report)
 
 
-def _motion(
-    clip: Clip, model: RobotModel, targets: Targets, ik_qpos: np.ndarray, qpos: np.ndarray, report: dict[str, Any]
-) -> Motion:
+def _motion(clip: Clip, model: RobotModel, targets: Targets, ik_qpos: np.ndarray, qpos: np.ndarray) -> Motion:
     return Motion(
         robot=model.spec.name,
         fps=clip.fps,
@@ -99,7 +98,7 @@ def _motion(
         stance_flags=targets.stance_flags,
         first_source_frame=clip.first_source_frame,
         human_height=targets.human_height,
-        report=report,
+        report={},
     )
 
 

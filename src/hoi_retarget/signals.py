@@ -13,7 +13,7 @@ def smooth(path: Float[np.ndarray, "T k"]) -> Float[np.ndarray, "T k"]:
     """Return a path after a Savitzky-Golay filter; one too short for the filter's order as it is."""
     longest = len(path) - 1 + len(path) % 2
     window = min(SMOOTHING_FRAMES, longest)
-    return savgol_filter(path, window, SMOOTHING_ORDER, axis=0) if window > SMOOTHING_ORDER else path.copy()
+    return np.asarray(savgol_filter(path, window, SMOOTHING_ORDER, axis=0)) if window > SMOOTHING_ORDER else path.copy()
 
 
 def smooth_quats(quats: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, "T 4"]:

@@ -7,9 +7,7 @@ the T-pose that stands along +y and looks along +z.
 
 from dataclasses import dataclass
 
-_FINGERS = tuple(
-    f"{finger}{bone}" for finger in ("index", "middle", "pinky", "ring", "thumb") for bone in (1, 2, 3)
-)
+_FINGERS = tuple(f"{finger}{bone}" for finger in ("index", "middle", "pinky", "ring", "thumb") for bone in (1, 2, 3))
 LEFT_FINGERS = tuple(f"left_{name}" for name in _FINGERS)
 RIGHT_FINGERS = tuple(f"right_{name}" for name in _FINGERS)
 

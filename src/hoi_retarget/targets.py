@@ -17,9 +17,9 @@ from hoi_retarget.clip import Clip, ObjectTrack, Person
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.footing import Foot, plant, resting_height, resting_tilt
 from hoi_retarget.labelling import stance
-from hoi_retarget.signals import fade, frames_in, nearest_active, smooth
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
+from hoi_retarget.signals import fade, frames_in, nearest_active, smooth
 
 # Contact labels switch from frame to frame; hands come and go, and turn, over these times.
 AIM_RAMP_SECONDS, TURN_RAMP_SECONDS = 1 / 30, 2 / 30
@@ -111,8 +111,8 @@ def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int
     geometry_scale = _geometry_scale(model, scaling, root_scale)
     stands = stance(human, clip.fps)
     feet = tuple(Foot.of(model, side) for side in SIDES)
-    positions, quats = _site_targets(human, model, root_scale, feet, stands)
-    foot_positions, foot_quats = _plant_feet(model, feet, positions, quats, stands, clip.fps)
+    goals = _site_targets(human, model, root_scale, feet, stands)
+    goals, foot_positions, foot_quats = _with_planted_feet(goals, feet, stands, clip.fps)
     tracks = [_scale_track(track, root_scale, geometry_scale) for track in clip.objects]
     flags, touched, points = _contacts(clip, model, person, geometry_scale)
     aim_object, aim_points = _aims(flags, touched, points)
@@ -121,11 +121,11 @@ def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int
         fps=clip.fps,
         root_scale=root_scale,
         human_height=height,
-        site_positions=frozen(positions),
-        site_quats=frozen(quats),
+        site_positions=frozen(goals.positions),
+        site_quats=frozen(goals.quats),
         foot_positions=frozen(foot_positions),
         foot_quats=frozen(foot_quats),
-        palm_quats=frozen(_palm_quats(model, quats)),
+        palm_quats=frozen(_palm_quats(model, goals)),
         object_names=tuple(track.name for track in clip.objects),
         object_scale=frozen(np.full(len(clip.objects), geometry_scale)),
         object_pos=frozen(np.stack(tracks, axis=1) if tracks else np.zeros((clip.frames, 0, 3))),
@@ -150,9 +150,21 @@ def _geometry_scale(model: RobotModel, scaling: Scaling, root_scale: float) -> f
     return (root_scale if model.spec.object_size == "root" else 1.0) * scaling.size_multiplier
 
 
+@dataclass(frozen=True, eq=False)
+class _SiteTargets:
+    """Goals of the IK table's rows, T x K."""
+
+    sites: list[str]
+    positions: np.ndarray
+    quats: np.ndarray
+
+    def row(self, site: str) -> int:
+        return self.sites.index(site)
+
+
 def _site_targets(
     human: Person, model: RobotModel, root_scale: float, feet: tuple[Foot, ...], stands: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+) -> _SiteTargets:
     """Return positions and rotations for the IK table, with the body lowered to stand on the floor."""
     rows = model.spec.ik
     root = human.position("pelvis")
@@ -161,47 +173,40 @@ def _site_targets(
     )
     offsets = np.array([row.rotation_offset for row in rows])
     quats = se3.quat_multiply(np.stack([human.quat(row.human_joint) for row in rows], axis=1), offsets)
-    sites = [row.site for row in rows]
-    toes = [sites.index(f"{side}_toe") for side in SIDES]
+    goals = _SiteTargets([row.site for row in rows], positions, se3.quat_normalize(quats))
+    toes = [goals.row(f"{side}_toe") for side in SIDES]
     rests = [resting_height(positions[:, toe, 2], stands[:, side]) for side, toe in enumerate(toes)]
     standing = [foot.toe_height for foot in feet]
     lowered = np.mean(standing) - np.mean(rests)
     positions[:, :, 2] += lowered
     # The two feet ride at different heights in many captures: each gets its own correction.
     positions[:, toes, 2] += np.subtract(standing, rests) - lowered
-    return positions, se3.quat_normalize(quats)
+    return goals
 
 
-def _palm_quats(model: RobotModel, quats: np.ndarray) -> np.ndarray:
-    """Return the palms' rotations when the wrists follow their IK targets exactly."""
-    sites = model.sites
-    placed = {name: se3.matrix_to_quat(sites.rotations[:, :, index]) for name, index in sites.index.items()}
-    rows = [row.site for row in model.spec.ik]
-    return np.stack(
-        [
-            se3.quat_multiply(
-                quats[:, rows.index(f"{side}_wrist")],
-                se3.quat_multiply(se3.quat_conjugate(placed[f"{side}_wrist"]), placed[f"{side}_palm"]),
-            )
-            for side in SIDES
-        ],
-        axis=1,
-    )
-
-
-def _plant_feet(
-    model: RobotModel, feet: tuple[Foot, ...], positions: np.ndarray, quats: np.ndarray, stands: np.ndarray, fps: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the feet's contact sites, and set the IK targets of the toes accordingly."""
+def _with_planted_feet(
+    goals: _SiteTargets, feet: tuple[Foot, ...], stands: np.ndarray, fps: float
+) -> tuple[_SiteTargets, np.ndarray, np.ndarray]:
+    """Return the goals with the toes' rows replaced, and positions and rotations of the feet's contact sites."""
+    positions, quats = goals.positions.copy(), goals.quats.copy()
     foot_positions, foot_quats = np.empty((len(positions), 2, 3)), np.empty((len(positions), 2, 4))
-    sites = [row.site for row in model.spec.ik]
     for side, foot in enumerate(feet):
-        toe = sites.index(f"{SIDES[side]}_toe")
-        quats[:, toe] = se3.quat_multiply(quats[:, toe], resting_tilt(quats[:, toe], stands[:, side]))
-        place, turn = plant(foot, positions[:, toe], quats[:, toe], stands[:, side], fps)
+        toe, standing = goals.row(f"{SIDES[side]}_toe"), stands[:, side]
+        turned = se3.quat_multiply(quats[:, toe], resting_tilt(quats[:, toe], standing))
+        place, turn = plant(foot, positions[:, toe], turned, standing, fps)
         foot_positions[:, side], foot_quats[:, side] = place, turn
         positions[:, toe], quats[:, toe] = place + se3.rotate(turn, foot.toe), turn
-    return foot_positions, foot_quats
+    return _SiteTargets(goals.sites, positions, quats), foot_positions, foot_quats
+
+
+def _palm_quats(model: RobotModel, goals: _SiteTargets) -> np.ndarray:
+    """Return the palms' rotations when the wrists follow their IK targets exactly."""
+    sites = model.sites
+    palms = []
+    for side in SIDES:
+        wrist, palm = (sites.rotations[:, :, sites.index[f"{side}_{name}"]] for name in ("wrist", "palm"))
+        palms.append(se3.quat_multiply(goals.quats[:, goals.row(f"{side}_wrist")], se3.matrix_to_quat(wrist.T @ palm)))
+    return np.stack(palms, axis=1)
 
 
 def _scale_track(track: ObjectTrack, root_scale: float, geometry_scale: float) -> Float[np.ndarray, "T 3"]:

@@ -10,7 +10,7 @@ its tangent is `(dp_world, dphi_body, dtheta)` with `6 + n` numbers (paper Sec. 
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import mujoco
@@ -86,6 +86,19 @@ class RobotModel:
         """Names of the sites."""
         return self.sites.names
 
+    @cached_property
+    def column_nodes(self) -> Int[np.ndarray, "nv"]:
+        """Return the node that each tangent coordinate moves first."""
+        return np.concatenate([np.zeros(6, dtype=int), np.arange(1, self.n + 1)])
+
+    @cached_property
+    def coupled_columns(self) -> tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]:
+        """Return (row, column) of the lower triangle of one frame's normal matrix that sites can fill."""
+        nodes = self.column_nodes
+        coupled = np.tril(self.supports[np.ix_(nodes, nodes)].T > 0)
+        row, column = np.nonzero(coupled)
+        return row, column
+
     def forward(self, qpos: Float[np.ndarray, "T nq"]) -> "Kinematics":
         """Return the poses of all nodes for all frames."""
         theta = np.ascontiguousarray(qpos[:, 7:].T)
@@ -126,13 +139,16 @@ class Kinematics:
     qpos: Float[np.ndarray, "T nq"]
     node_position: Float[np.ndarray, "3 N T"]
     node_rotation: Float[np.ndarray, "3 3 N T"]
+    _points: dict[str, np.ndarray] = field(default_factory=dict, init=False, repr=False)
 
     def point(self, site: str) -> Float[np.ndarray, "3 T"]:
         """Return a site's world position [m], time last."""
-        sites, k = self.model.sites, self._site(site)
-        node = sites.nodes[k]
-        offset = np.einsum("ijt,j->it", self.node_rotation[:, :, node], sites.positions[:, k])
-        return self.node_position[:, node] + offset
+        if site not in self._points:
+            sites, k = self.model.sites, self._site(site)
+            node = sites.nodes[k]
+            offset = np.einsum("ijt,j->it", self.node_rotation[:, :, node], sites.positions[:, k])
+            self._points[site] = self.node_position[:, node] + offset
+        return self._points[site]
 
     def orientation(self, site: str) -> Float[np.ndarray, "3 3 T"]:
         """Return a site's world rotation, time last."""
@@ -148,7 +164,7 @@ class Kinematics:
         """Return a site's world rotation."""
         return np.ascontiguousarray(self.orientation(site).transpose(2, 0, 1))
 
-    @cached_property
+    @property
     def body_positions(self) -> Float[np.ndarray, "T B 3"]:
         """World positions of the bodies with mass [m]."""
         bodies = self.model.bodies

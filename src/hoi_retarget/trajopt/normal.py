@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.robots.model import Kinematics, RobotModel
+from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.trajopt.rows import Rows, SiteRows, StencilRows, TangentRows, span
 
 
@@ -47,9 +47,7 @@ def reach_of(rows: Iterable[Rows]) -> int:
     return max((span(part) - 1 for part in rows), default=0)
 
 
-def _add_site_rows(
-    band: np.ndarray, gradient: np.ndarray, kinematics: Kinematics, parts: list[SiteRows]
-) -> None:
+def _add_site_rows(band: np.ndarray, gradient: np.ndarray, kinematics: Kinematics, parts: list[SiteRows]) -> None:
     if not parts:
         return
     model = kinematics.model
@@ -58,53 +56,48 @@ def _add_site_rows(
     carried = model.supports[:, nodes]
     composite = (carried @ matrices.reshape(len(nodes), -1)).reshape(-1, 6, 6, frames)
     wrench = (carried @ forces.reshape(len(nodes), -1)).reshape(-1, 6, frames)
-    column_nodes = _column_nodes(model)
+    column_nodes = model.column_nodes
     axes = kinematics.motion_axes
     gradient += np.einsum("act,cat->tc", axes, wrench[column_nodes])
     momentum = np.einsum("cabt,bct->tac", composite[column_nodes], axes)
     products = np.matmul(np.ascontiguousarray(axes.transpose(2, 1, 0)), momentum)
-    row, column = _coupled_pairs(model)
+    row, column = model.coupled_columns
     band[:, column, row - column] += products[:, column, row]
 
 
 def _twist_space(kinematics: Kinematics, parts: list[SiteRows]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the nodes with rows, their 6 x 6 matrices and their generalized forces at the root."""
-    sites = kinematics.model.sites
-    by_node: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-    for part in parts:
-        node = int(sites.nodes[sites.index[part.site]])
-        lever = kinematics.point(part.site) - kinematics.node_position[:, 0]
-        jacobian = _at_root(part.jacobian, lever)
+    sites, frames = kinematics.model.sites, len(kinematics.qpos)
+    node_of = [int(sites.nodes[sites.index[part.site]]) for part in parts]
+    nodes = sorted(set(node_of))
+    matrices, forces = np.zeros((len(nodes), 6, 6, frames)), np.zeros((len(nodes), 6, frames))
+    for part, node in zip(parts, node_of, strict=True):
+        place = nodes.index(node)
+        columns, jacobian = _at_root(part, kinematics)
         weighted = jacobian * part.weight
-        matrix = np.einsum("mat,mbt->abt", weighted, jacobian)
-        force = np.einsum("mat,mt->at", weighted, part.residual)
-        if node in by_node:
-            matrix, force = matrix + by_node[node][0], force + by_node[node][1]
-        by_node[node] = matrix, force
-    matrices, forces = zip(*by_node.values(), strict=True)
-    return np.array(list(by_node)), np.stack(matrices), np.stack(forces)
+        matrices[place, columns, columns] += np.einsum("mat,mbt->abt", weighted, jacobian)
+        forces[place, columns] += np.einsum("mat,mt->at", weighted, part.residual)
+    return np.array(nodes), matrices, forces
 
 
-def _at_root(jacobian: np.ndarray, lever: np.ndarray) -> np.ndarray:
-    """Return a Jacobian by the twist at the root: the site's linear velocity is v + omega x lever."""
-    moved = jacobian.copy()
-    x, y, z = lever
-    moved[:, 3] += y * jacobian[:, 2] - z * jacobian[:, 1]
-    moved[:, 4] += z * jacobian[:, 0] - x * jacobian[:, 2]
-    moved[:, 5] += x * jacobian[:, 1] - y * jacobian[:, 0]
-    return moved
+def _at_root(part: SiteRows, kinematics: Kinematics) -> tuple[slice, np.ndarray]:
+    """Return which coordinates of the twist at the root a row depends on, and its Jacobian by them.
 
-
-def _column_nodes(model: RobotModel) -> np.ndarray:
-    return np.concatenate([np.zeros(6, dtype=int), np.arange(1, model.n + 1)])
-
-
-def _coupled_pairs(model: RobotModel) -> tuple[np.ndarray, np.ndarray]:
-    """Return (row, column) of the lower triangle where the column's node supports the row's."""
-    nodes = _column_nodes(model)
-    coupled = np.tril(model.supports[np.ix_(nodes, nodes)].T > 0)
-    coupled[:6, :6] = np.tril(np.ones((6, 6), dtype=bool))
-    return np.nonzero(coupled)
+    The site's linear velocity is `v + omega x lever`, with v at the root.
+    """
+    if part.by_linear is None:
+        assert part.by_angular is not None, "a row depends on something"
+        return slice(3, 6), part.by_angular
+    lever = kinematics.point(part.site) - kinematics.node_position[:, 0]
+    jacobian = np.empty((len(part.residual), 6, lever.shape[1]))
+    jacobian[:, :3] = part.by_linear
+    (x, y, z), (by_x, by_y, by_z) = lever, part.by_linear.transpose(1, 0, 2)
+    jacobian[:, 3] = y * by_z - z * by_y
+    jacobian[:, 4] = z * by_x - x * by_z
+    jacobian[:, 5] = x * by_y - y * by_x
+    if part.by_angular is not None:
+        jacobian[:, 3:] += part.by_angular
+    return slice(0, 6), jacobian
 
 
 def _add_stencil_rows(band: np.ndarray, gradient: np.ndarray, part: StencilRows) -> None:

@@ -12,12 +12,14 @@ from jaxtyping import Float
 
 @dataclass(frozen=True, eq=False)
 class SiteRows:
-    """Residuals that depend on one site's pose: Jacobian with respect to its world twist."""
+    """Residuals that depend on one site's pose: Jacobians with respect to its world twist."""
 
     site: str
     residual: Float[np.ndarray, "m T"]
-    jacobian: Float[np.ndarray, "m 6 T"]
-    """By linear [m], then angular velocity [rad] of the site, both in world axes."""
+    by_linear: Float[np.ndarray, "m 3 T"] | None
+    """By the site's linear velocity in world axes [m]; None where the residual does not depend on it."""
+    by_angular: Float[np.ndarray, "m 3 T"] | None
+    """By its angular velocity in world axes [rad]; None likewise."""
     weight: float | Float[np.ndarray, "T"]
 
 

@@ -23,7 +23,6 @@ from hoi_retarget.trajopt.terms.site_height import SiteHeight
 from hoi_retarget.trajopt.terms.site_position import SitePosition
 from hoi_retarget.trajopt.terms.site_rotation import SiteRotation
 
-
 PALMS = tuple(f"{side}_palm" for side in SIDES)
 
 
@@ -127,7 +126,7 @@ def _floor(weights: Weights) -> tuple[Term, ...]:
 class IkWeights:
     """Weights of the IK stage on top of the robot's own table."""
 
-    posture: float = 0.1
+    posture: float = 0.5
     """Joint angles near the home pose [1/rad^2]: decides what the sites leave free."""
     smoothness: float = 5.0
     """First differences of q [1/frame^2]."""

@@ -1,0 +1,1 @@
+"""Solvers of the optimization problem, one file each behind the interface in `base`."""

@@ -9,11 +9,11 @@ off-diagonal of the band. A predictor step sets how far `mu` falls (Mehrotra, SI
 1992); a backtracking line search on a merit function makes the method converge from far away.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import lapack
+from scipy.linalg import get_lapack_funcs
 
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.trajopt.bounds import Bounds
@@ -22,12 +22,15 @@ from hoi_retarget.trajopt.problem import Problem, cost_by_term
 from hoi_retarget.trajopt.rows import Rows
 from hoi_retarget.trajopt.solvers.base import Solution, Status
 
+_FACTOR, _SOLVE = get_lapack_funcs(("pbtrf", "pbtrs"), dtype=np.float64)
+
 _ROUNDING = 1e-12
 _FEASIBLE = 1e-7  # [rad]
 _START_GAP = 0.1  # Complementarity gap at the start, relative to the cost.
 _START_MARGIN = 3e-2  # Of a joint's range: a start is moved that far away from its ends.
 _LEAST_SLACK = 1e-3  # Of a bound's interval: less than this counts as outside.
 # Levenberg-Marquardt damping, relative to the diagonal: it grows when steps are cut short.
+_LONGEST_SEARCH = 8  # Halvings of a step.
 _LEAST_DAMPING, _FIRST_DAMPING, _LARGEST_DAMPING = 1e-9, 1e-3, 1e3
 _SMALLEST_COST = 1e-9  # What accuracies relative to the cost are measured against when it vanishes.
 
@@ -38,7 +41,7 @@ class BandedInteriorPoint:
 
     max_iterations: int = 60
     """Iterations after which the solve stops."""
-    tolerance: float = 1e-4
+    tolerance: float = 3e-4
     """Predicted decrease and complementarity gap, relative to the cost, at which it is solved."""
     fraction_to_boundary: float = 0.995
     """Largest part of the way to a bound taken in one step."""
@@ -46,34 +49,30 @@ class BandedInteriorPoint:
     def solve(self, problem: Problem, qpos: Float[np.ndarray, "T nq"]) -> Solution:
         """Return the solution from a starting trajectory; joints outside their range are moved in."""
         bounds = Bounds.of(problem)
-        point = _Point.at(problem, bounds, _inside(problem, qpos))
-        slack = np.maximum(point.values, _LEAST_SLACK * bounds.widths(len(point.values)))
-        multiplier = max(_START_GAP * point.half_cost / slack.size, _SMALLEST_COST) / slack
-        if not np.isfinite(point.half_cost):
-            return _solution(point, Status.FAILED, 0, multiplier)
-        damping = _LEAST_DAMPING
+        state = _start(problem, bounds, qpos)
+        if not np.isfinite(state.point.half_cost):
+            return state.solution(Status.FAILED, 0)
         for iteration in range(1, self.max_iterations + 1):
-            step = _NewtonStep.compute(self, problem, bounds, point, slack, multiplier, damping)
-            moved = None if step is None else _line_search(problem, bounds, point, slack, step)
+            step = _newton_step(self, problem, bounds, state)
+            moved = None if step is None else _line_search(problem, bounds, state, step)
             if step is None or moved is None:
-                if damping > _LARGEST_DAMPING:
-                    return _solution(point, Status.STALLED, iteration, multiplier)
-                damping = max(10.0 * damping, _FIRST_DAMPING)
+                if state.damping > _LARGEST_DAMPING:
+                    return state.solution(Status.STALLED, iteration)
+                state = replace(state, damping=max(10.0 * state.damping, _FIRST_DAMPING))
                 continue
-            point, slack, length = moved
-            multiplier = multiplier + step.dual_length * step.multiplier
-            damping = _next_damping(damping, length)
-            accuracy = self.tolerance * max(point.half_cost, _SMALLEST_COST)
-            optimal = step.predicted_decrease < accuracy and float(np.sum(slack * multiplier)) < 10 * accuracy
-            if optimal and damping < _FIRST_DAMPING and np.abs(slack - point.values).max() < _FEASIBLE:
-                return _solution(point, Status.SOLVED, iteration, multiplier)
-        return _solution(point, Status.MAX_ITERATIONS, self.max_iterations, multiplier)
+            state = moved
+            if self._solved(state, step):
+                return state.solution(Status.SOLVED, iteration)
+        return state.solution(Status.MAX_ITERATIONS, self.max_iterations)
 
-
-def _next_damping(damping: float, length: float) -> float:
-    if length < 0.25:
-        return max(10.0 * damping, _FIRST_DAMPING)
-    return max(0.1 * damping, _LEAST_DAMPING) if length > 0.75 else damping
+    def _solved(self, state: "_State", step: "_Step") -> bool:
+        accuracy = self.tolerance * max(state.point.half_cost, _SMALLEST_COST)
+        return (
+            step.predicted_decrease < accuracy
+            and float(np.sum(state.slack * state.multiplier)) < 10 * accuracy
+            and state.damping < _FIRST_DAMPING
+            and float(np.abs(state.slack - state.point.values).max(initial=0.0)) < _FEASIBLE
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,124 +96,126 @@ class _Point:
 
 
 @dataclass(frozen=True, eq=False)
-class _NewtonStep:
+class _State:
+    """Where the iteration stands."""
+
+    point: _Point
+    slack: np.ndarray
+    multiplier: np.ndarray
+    damping: float
+
+    def solution(self, status: Status, iterations: int) -> Solution:
+        return Solution(
+            qpos=self.point.kinematics.qpos,
+            multipliers=self.multiplier,
+            status=status,
+            iterations=iterations,
+            cost=2.0 * self.point.half_cost,
+            cost_by_term=self.point.by_term,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
     tangent: np.ndarray
-    """(T, nv), zero in pinned frames."""
+    """(U, nv): of the frames that are not pinned."""
     slack: np.ndarray
     multiplier: np.ndarray
     primal_length: float
     dual_length: float
     barrier: float
-    directional: float
-    """Derivative of the half cost along the step."""
-    predicted_decrease: float
-    """Of the half cost with its barrier, by the quadratic model."""
+    slope: float
+    """Derivative of the half cost and its barrier along the step."""
 
-    @classmethod
-    def compute(
-        cls,
-        options: BandedInteriorPoint,
-        problem: Problem,
-        bounds: Bounds,
-        point: _Point,
-        slack: np.ndarray,
-        multiplier: np.ndarray,
-        damping: float,
-    ) -> "_NewtonStep | None":
-        pinned = problem.pinned
-        normal = assemble(point.kinematics, point.rows, reach=max(reach_of(point.rows), 1))
-        band, gradient = normal.band[pinned:], normal.gradient[pinned:]
-        band[:, :, 0] *= 1.0 + damping
-        ratio = multiplier / slack
-        bounds.add_normal(band, ratio)
-        size = band.shape[0] * band.shape[1]
-        factor, info = lapack.dpbtrf(band.reshape(size, -1).T, lower=1, overwrite_ab=1)
-        if info != 0:
-            return None
-        infeasible = point.values - slack
-
-        def direction(centre: np.ndarray | float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            force = -gradient
-            force[:, 6:] += bounds.apply_transposed(centre / slack - ratio * infeasible)
-            tangent = lapack.dpbtrs(factor, force.reshape(-1), lower=1)[0].reshape(force.shape)
-            slack_step = bounds.apply(tangent[:, 6:]) + infeasible
-            return tangent, slack_step, centre / slack - multiplier - ratio * slack_step
-
-        complementarity = slack * multiplier
-        mean = float(complementarity.mean())
-        _, slack_step, multiplier_step = direction(0.0)
-        reached = (slack + _length(slack, slack_step, 1.0) * slack_step) * (
-            multiplier + _length(multiplier, multiplier_step, 1.0) * multiplier_step
-        )
-        # Below the gap that is asked for, slacks would drown in rounding and multipliers with them.
-        least = 0.1 * options.tolerance * max(point.half_cost, _SMALLEST_COST) / slack.size
-        barrier = max(mean * min(1.0, float(reached.mean()) / mean) ** 3, least)
-        tangent, slack_step, multiplier_step = direction(barrier - slack_step * multiplier_step)
-        fraction = options.fraction_to_boundary
-        full = np.concatenate([np.zeros((pinned, tangent.shape[1])), tangent])
-        directional = float(np.sum(gradient * tangent))
-        barrier_slope = -barrier * float(np.sum(slack_step / slack))
-        return cls(
-            tangent=full,
-            slack=slack_step,
-            multiplier=multiplier_step,
-            primal_length=_length(slack, slack_step, fraction),
-            dual_length=_length(multiplier, multiplier_step, fraction),
-            barrier=barrier,
-            directional=directional,
-            predicted_decrease=abs(directional + barrier_slope),
-        )
+    @property
+    def predicted_decrease(self) -> float:
+        return abs(self.slope)
 
 
-def _line_search(
-    problem: Problem, bounds: Bounds, point: _Point, slack: np.ndarray, step: _NewtonStep
-) -> tuple[_Point, np.ndarray, float] | None:
-    """Return the point and slacks after the longest acceptable step and its length, or None."""
+def _start(problem: Problem, bounds: Bounds, qpos: np.ndarray) -> _State:
+    """Return the start, with unknown joint angles well inside their ranges; no step gets longer by it."""
+    model = problem.model
+    margin = _START_MARGIN * (model.upper - model.lower)
+    inside = qpos.copy()
+    unknown = inside[problem.pinned :, 7:]
+    np.clip(unknown, model.lower + margin, model.upper - margin, out=unknown)
+    point = _Point.at(problem, bounds, inside)
+    slack = np.maximum(point.values, _LEAST_SLACK * bounds.widths(len(point.values)))
+    multiplier = max(_START_GAP * point.half_cost / slack.size, _SMALLEST_COST) / slack
+    return _State(point, slack, multiplier, _LEAST_DAMPING)
+
+
+def _newton_step(options: BandedInteriorPoint, problem: Problem, bounds: Bounds, state: _State) -> _Step | None:
+    """Return the predictor-corrector step, or None where the matrix is not positive definite."""
+    point, slack, multiplier = state.point, state.slack, state.multiplier
+    normal = assemble(point.kinematics, point.rows, reach=max(reach_of(point.rows), 1))
+    band, gradient = normal.band[problem.pinned :], normal.gradient[problem.pinned :]
+    band[:, :, 0] *= 1.0 + state.damping
+    ratio = multiplier / slack
+    bounds.add_normal(band, ratio)
+    factor, info = _FACTOR(band.reshape(gradient.size, -1).T, lower=1, overwrite_ab=1)
+    if info != 0:
+        return None
+    infeasible = point.values - slack
+
+    def direction(centre: np.ndarray | float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        force = -gradient
+        force[:, 6:] += bounds.apply_transposed(centre / slack - ratio * infeasible)
+        tangent = _SOLVE(factor, force.reshape(-1), lower=1)[0].reshape(force.shape)
+        slack_step = bounds.apply(tangent[:, 6:]) + infeasible
+        return tangent, slack_step, centre / slack - multiplier - ratio * slack_step
+
+    mean = float(np.mean(slack * multiplier))
+    _, slack_step, multiplier_step = direction(0.0)
+    primal, dual = _length(slack, slack_step, 1.0), _length(multiplier, multiplier_step, 1.0)
+    reached = float(np.mean((slack + primal * slack_step) * (multiplier + dual * multiplier_step)))
+    # Below the gap that is asked for, slacks would drown in rounding and multipliers with them.
+    least = 0.1 * options.tolerance * max(point.half_cost, _SMALLEST_COST) / slack.size
+    barrier = max(mean * min(1.0, reached / mean) ** 3, least)
+    tangent, slack_step, multiplier_step = direction(barrier - slack_step * multiplier_step)
+    return _Step(
+        tangent=tangent,
+        slack=slack_step,
+        multiplier=multiplier_step,
+        primal_length=_length(slack, slack_step, options.fraction_to_boundary),
+        dual_length=_length(multiplier, multiplier_step, options.fraction_to_boundary),
+        barrier=barrier,
+        slope=float(np.sum(gradient * tangent)) - barrier * float(np.sum(slack_step / slack)),
+    )
+
+
+def _line_search(problem: Problem, bounds: Bounds, state: _State, step: _Step) -> _State | None:
+    """Return the state after the longest acceptable step, or None."""
     penalty = 2.0 * float(np.abs(step.multiplier).max(initial=0.0))
 
-    def merit(half_cost: float, slacks: np.ndarray, values: np.ndarray) -> float:
-        infeasible = float(np.abs(values - slacks).sum())
-        return half_cost - step.barrier * float(np.log(slacks).sum()) + penalty * infeasible
+    def merit(point: _Point, slack: np.ndarray) -> float:
+        infeasible = float(np.abs(point.values - slack).sum())
+        return point.half_cost - step.barrier * float(np.log(slack).sum()) + penalty * infeasible
 
-    start = merit(point.half_cost, slack, point.values)
-    slope = min(step.directional - step.barrier * float(np.sum(step.slack / slack)), 0.0)
+    start, slope = merit(state.point, state.slack), min(step.slope, 0.0)
+    qpos, pinned = state.point.kinematics.qpos, problem.pinned
     length = step.primal_length
-    for _ in range(8):
-        qpos = problem.model.integrate(point.kinematics.qpos, length * step.tangent)
-        trial = _Point.at(problem, bounds, qpos)
-        slacks = slack + length * step.slack
+    for _ in range(_LONGEST_SEARCH):
+        moved = problem.model.integrate(qpos[pinned:], length * step.tangent)
+        trial = _Point.at(problem, bounds, np.concatenate([qpos[:pinned], moved]))
+        slack = state.slack + length * step.slack
         # Once a slack has met its inequality the two are the same number: no drift by rounding.
-        met = (np.abs(slacks - trial.values) < _ROUNDING) & (trial.values > 0)
-        slacks = np.where(met, trial.values, slacks)
-        if trial.half_cost < np.inf and merit(trial.half_cost, slacks, trial.values) <= start + 1e-4 * length * slope:
-            return trial, slacks, length
+        met = (np.abs(slack - trial.values) < _ROUNDING) & (trial.values > 0)
+        slack = np.where(met, trial.values, slack)
+        if trial.half_cost < np.inf and merit(trial, slack) <= start + 1e-4 * length * slope:
+            multiplier = state.multiplier + step.dual_length * step.multiplier
+            return _State(trial, slack, multiplier, _next_damping(state.damping, length))
         length *= 0.5
     return None
 
 
-def _inside(problem: Problem, qpos: np.ndarray) -> np.ndarray:
-    """Return the start with unknown joint angles well inside their ranges; no step gets longer by it."""
-    model = problem.model
-    margin = _START_MARGIN * (model.upper - model.lower)
-    start = qpos.copy()
-    unknown = start[problem.pinned :, 7:]
-    np.clip(unknown, model.lower + margin, model.upper - margin, out=unknown)
-    return start
+def _next_damping(damping: float, length: float) -> float:
+    if length < 0.25:
+        return max(10.0 * damping, _FIRST_DAMPING)
+    return max(0.1 * damping, _LEAST_DAMPING) if length > 0.75 else damping
 
 
 def _length(values: np.ndarray, change: np.ndarray, fraction: float) -> float:
-    """Return the longest step up to 1 that keeps `fraction` of the distance to zero."""
+    """Return the longest step up to 1 that keeps the values above `1 - fraction` of what they are."""
     ratio = float((change / values).min(initial=0.0))
     return min(1.0, -fraction / ratio) if ratio < 0 else 1.0
-
-
-def _solution(point: _Point, status: Status, iterations: int, multiplier: np.ndarray) -> Solution:
-    return Solution(
-        qpos=point.kinematics.qpos,
-        multipliers=multiplier,
-        status=status,
-        iterations=iterations,
-        cost=2.0 * point.half_cost,
-        cost_by_term=point.by_term,
-    )
-

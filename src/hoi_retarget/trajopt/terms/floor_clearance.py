@@ -23,10 +23,11 @@ class FloorClearance:
         points = np.stack([kinematics.point(site) for site in self.sites])
         depth = points[:, 2] - self.margin
         below = depth < 0.0
-        jacobian = np.zeros((len(self.sites), 6, depth.shape[1]))
         lever = points - points[0]
         # z of a point moves with v_z + (omega x lever)_z.
-        jacobian[:, 2] = below
-        jacobian[:, 3] = below * lever[:, 1]
-        jacobian[:, 4] = below * -lever[:, 0]
-        return (SiteRows(self.sites[0], np.where(below, depth, 0.0), jacobian, self.weight),)
+        by_linear = np.zeros((len(self.sites), 3, depth.shape[1]))
+        by_linear[:, 2] = below
+        by_angular = np.zeros_like(by_linear)
+        by_angular[:, 0] = below * lever[:, 1]
+        by_angular[:, 1] = below * -lever[:, 0]
+        return (SiteRows(self.sites[0], np.where(below, depth, 0.0), by_linear, by_angular, self.weight),)

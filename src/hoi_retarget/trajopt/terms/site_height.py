@@ -8,7 +8,7 @@ from jaxtyping import Float
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.trajopt.rows import SiteRows
 
-UP_BY_TWIST = np.eye(6)[2:3, :, None]
+UP = np.eye(3)[2:, :, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,5 +23,5 @@ class SiteHeight:
     def rows(self, kinematics: Kinematics) -> tuple[SiteRows, ...]:
         """Return the row at a trajectory."""
         residual = kinematics.point(self.site)[2:3] - self.target
-        jacobian = np.broadcast_to(UP_BY_TWIST, (1, 6, residual.shape[1]))
-        return (SiteRows(self.site, residual, jacobian, self.weight),)
+        by_linear = np.broadcast_to(UP, (1, 3, residual.shape[1]))
+        return (SiteRows(self.site, residual, by_linear, None, self.weight),)

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.trajopt.rows import SiteRows
 
-IDENTITY_BY_TWIST = np.eye(3, 6)[:, :, None]
+IDENTITY = np.eye(3)[:, :, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,5 +23,5 @@ class SitePosition:
     def rows(self, kinematics: Kinematics) -> tuple[SiteRows, ...]:
         """Return the rows at a trajectory."""
         residual = kinematics.point(self.site) - self.target
-        jacobian = np.broadcast_to(IDENTITY_BY_TWIST, (3, 6, residual.shape[1]))
-        return (SiteRows(self.site, residual, jacobian, self.weight),)
+        by_linear = np.broadcast_to(IDENTITY, (3, 3, residual.shape[1]))
+        return (SiteRows(self.site, residual, by_linear, None, self.weight),)

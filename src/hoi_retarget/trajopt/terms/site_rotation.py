@@ -24,8 +24,7 @@ class SiteRotation:
         rotation = kinematics.orientation(self.site)
         frames = rotation.shape[-1]
         residual = (rotation - self.target).transpose(1, 0, 2).reshape(9, frames)
-        jacobian = np.zeros((9, 6, frames))
         # A column c of the matrix moves with omega x c.
         columns = rotation.transpose(1, 2, 0)
-        jacobian[:, 3:] = -se3.skew(columns).transpose(0, 2, 3, 1).reshape(9, 3, frames)
-        return (SiteRows(self.site, residual, jacobian, self.weight),)
+        by_angular = -se3.skew(columns).transpose(0, 2, 3, 1).reshape(9, 3, frames)
+        return (SiteRows(self.site, residual, None, by_angular, self.weight),)
