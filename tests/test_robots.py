@@ -147,12 +147,15 @@ def test_specification_speaks_of_sites_and_joints_that_exist(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_ik_weights_are_those_of_the_published_table(name):
+def test_ik_weights_are_those_of_the_published_table_but_for_shoulders_and_elbows(name):
+    """Those two follow the human's places more closely: it bends arms as the human does (docs/design.md)."""
     weights = {row.site: (row.position_weight, row.rotation_weight) for row in ROBOTS[name].ik}
     assert weights.pop("pelvis") == (100, 5)
     assert weights.pop("torso") == (0, 10)
     assert {weights.pop(f"{side}_toe") for side in SIDES} == {(100, 50)}
-    assert len(weights) == 10 and set(weights.values()) == {(10, 5)}
+    assert {weights.pop(f"{side}_shoulder") for side in SIDES} == {(20, 5)}
+    assert {weights.pop(f"{side}_elbow") for side in SIDES} == {(25, 5)}
+    assert len(weights) == 6 and set(weights.values()) == {(10, 5)}
 
 
 # --- geometry of the roles --------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import scipy
+from threadpoolctl import ThreadpoolController
 
 from hoi_retarget import __version__
 from hoi_retarget.clip import Clip
@@ -21,6 +22,9 @@ from hoi_retarget.trajopt.solvers.banded import BandedInteriorPoint
 from hoi_retarget.trajopt.solvers.base import Status
 from hoi_retarget.trajopt.table import Weights, trajectory_terms
 from hoi_retarget.trajopt.windows import Horizon, WindowReport, solve_windows
+
+# The matrices are small: several threads on them wait for each other, and slow a solve down many times.
+_LINEAR_ALGEBRA = ThreadpoolController()
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,11 @@ def retarget(clip: Clip, model: RobotModel, config: Config, *, person: int = 0) 
 
     Raises `SolveError` when a window ends without a usable trajectory.
     """
+    with _LINEAR_ALGEBRA.limit(limits=1, user_api="blas"):
+        return _retarget(clip, model, config, person)
+
+
+def _retarget(clip: Clip, model: RobotModel, config: Config, person: int) -> Motion:
     clock = [time.process_time()]
     targets = make_targets(clip, model, config.scaling, person=person)
     clock.append(time.process_time())
