@@ -118,7 +118,8 @@ class Motion:
                 raise ClipError(f"motion: {name} holds numbers that are not finite.")
         rotations = {"qpos": self.qpos[:, 3:7], "ik_qpos": self.ik_qpos[:, 3:7], "object_quat": self.object_quat}
         for name, quats in rotations.items():
-            if (np.abs(np.linalg.norm(quats, axis=-1) - 1.0) > UNIT_TOLERANCE).any():
+            lengths = np.linalg.norm(np.clip(quats, -2.0, 2.0), axis=-1)  # Damage may hold any number.
+            if (np.abs(lengths - 1.0) > UNIT_TOLERANCE).any():
                 raise ClipError(f"motion: {name} holds rotations that are not unit quaternions.")
         if ((self.contact_object < -1) | (self.contact_object >= len(self.object_names))).any():
             raise ClipError(f"motion: contact_object names an object beyond its {len(self.object_names)}.")
@@ -219,33 +220,29 @@ def _members(path: Path, content: bytes) -> dict[str, bytes]:
 def _motion(path: Path, members: Mapping[str, bytes]) -> Motion:
     if "schema" not in members:
         raise ReadError(f"{path}: no 'schema' entry: not a motion file of hoi-retarget. It holds: {sorted(members)}.")
-    schema = int(_number("schema", members["schema"]))
+    schema = int(_scalar("schema", members["schema"], "i"))
     if schema != SCHEMA:
         raise ReadError(f"{path}: schema {schema}; this version reads {SCHEMA}. Run the retarget again.")
     missing = [field.name for field in fields(Motion) if field.name not in members]
     if missing:
         raise ReadError(f"{path}: the motion file lacks {', '.join(missing)}. Run the retarget again.")
-    report = json.loads(_text("report", members["report"]))
+    report = json.loads(str(_scalar("report", members["report"], "U")))
     if not isinstance(report, dict):
         raise ValueError("report is no JSON object")
     values: dict[str, Any] = {name: _array(name, members[name], _KINDS.get(name, "f")) for name in _ARRAYS}
     values |= {name: tuple(_array(name, members[name], "U").ravel().tolist()) for name in _NAMES}
     return Motion(
-        robot=_text("robot", members["robot"]),
-        fps=_number("fps", members["fps"]),
-        first_source_frame=int(_number("first_source_frame", members["first_source_frame"])),
-        human_height=_number("human_height", members["human_height"]),
+        robot=str(_scalar("robot", members["robot"], "U")),
+        fps=float(_scalar("fps", members["fps"], "if")),
+        first_source_frame=int(_scalar("first_source_frame", members["first_source_frame"], "i")),
+        human_height=float(_scalar("human_height", members["human_height"], "if")),
         report=report,
         **values,
     )
 
 
-def _number(name: str, content: bytes) -> float:
-    return float(_array(name, content, "if").reshape(()))
-
-
-def _text(name: str, content: bytes) -> str:
-    return str(_array(name, content, "U").reshape(()))
+def _scalar(name: str, content: bytes, kinds: str) -> Any:
+    return _array(name, content, kinds).reshape(()).item()
 
 
 def _array(name: str, content: bytes, kinds: str) -> np.ndarray:

@@ -1,0 +1,488 @@
+"""The result file: what is written is read, atomically or not at all, and damage is only ever a `ReadError`."""
+
+import errno
+import functools
+import io
+import json
+import os
+import pickle
+import zipfile
+from dataclasses import fields
+
+import jaxtyping
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hoi_retarget import motion, se3
+from hoi_retarget.errors import ClipError, ReadError, WriteError
+from hoi_retarget.motion import Motion, encode, load, save, write_atomically
+
+LAWS = settings(max_examples=40, deadline=None, derandomize=True, database=None)
+FUZZ = settings(max_examples=150, deadline=None, derandomize=True, database=None)
+
+texts = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\x00"), max_size=8)
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | texts,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(texts, inner, max_size=3),
+    max_leaves=6,
+)
+
+
+def result(frames: int = 6, joints: int = 3, objects: int = 1, links: int = 2, *, seed: int = 0, **changes) -> Motion:
+    """Return a motion of random numbers."""
+    rng = np.random.default_rng(seed)
+    turns = se3.exp(rng.normal(size=(frames, 2, 3)))
+    flags = rng.random((frames, links)) < 0.5
+    touched = np.where(flags, rng.integers(0, objects, (frames, links)) if objects else -1, -1)
+    values = {
+        "robot": "some_robot",
+        "fps": 30.0,
+        "joint_names": tuple(f"joint_{index}" for index in range(joints)),
+        "qpos": np.concatenate([rng.normal(size=(frames, 3)), turns[:, 0], rng.normal(size=(frames, joints))], axis=1),
+        "ik_qpos": np.concatenate(
+            [rng.normal(size=(frames, 3)), turns[:, 1], rng.normal(size=(frames, joints))], axis=1
+        ),
+        "object_names": tuple(f"thing_{index}" for index in range(objects)),
+        "object_pos": rng.normal(size=(frames, objects, 3)),
+        "object_quat": se3.exp(rng.normal(size=(frames, objects, 3))),
+        "object_scale": rng.uniform(0.5, 2.0, objects),
+        "contact_links": tuple(f"link_{index}" for index in range(links)),
+        "contact_flags": flags,
+        "contact_object": touched,
+        "contact_targets": np.where(flags[:, :, None], rng.normal(size=(frames, links, 3)), np.nan),
+        "stance_flags": rng.random((frames, 2)) < 0.5,
+        "first_source_frame": 7,
+        "human_height": 1.75,
+        "report": {"figures": {"gap": 0.002}, "windows": [{"status": "SOLVED"}]},
+    }
+    return Motion(**(values | changes))
+
+
+def assert_same(a: Motion, b: Motion) -> None:
+    for field in fields(Motion):
+        ours, theirs = getattr(a, field.name), getattr(b, field.name)
+        if isinstance(ours, np.ndarray):
+            assert ours.dtype == theirs.dtype, field.name
+            np.testing.assert_array_equal(ours, theirs, err_msg=field.name)
+        else:
+            assert ours == theirs, field.name
+            assert type(ours) is type(theirs), field.name
+
+
+@functools.cache
+def content() -> bytes:
+    return encode(result())
+
+
+def members(data: bytes) -> dict[str, bytes]:
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def packed(parts: dict[str, bytes], compression: int = zipfile.ZIP_STORED) -> bytes:
+    """Return an archive whose checksums are right, whatever is in it."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", compression) as archive:
+        for name, part in parts.items():
+            archive.writestr(name, part)
+    return buffer.getvalue()
+
+
+def npy(array: object, *, allow_pickle: bool = False) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, np.asarray(array), allow_pickle=allow_pickle)
+    return buffer.getvalue()
+
+
+def with_array(name: str, array: object) -> bytes:
+    return packed(members(content()) | {f"{name}.npy": npy(array)})
+
+
+# Writing and reading
+
+
+@LAWS
+@given(
+    sizes=st.tuples(st.integers(1, 12), st.integers(0, 4), st.integers(0, 3), st.integers(0, 4)),
+    seed=st.integers(0, 1000),
+    robot=texts,
+    report=st.dictionaries(texts, json_values, max_size=4),
+)
+def test_what_is_written_is_read(tmp_path_factory, sizes, seed, robot, report):
+    original = result(*sizes, seed=seed, robot=robot, report=report)
+    path = tmp_path_factory.mktemp("motion") / "deep" / "clip.npz"
+    save(original, path)
+    assert_same(load(path), original)
+    assert path.read_bytes() == encode(original) == encode(load(path)), "the same motion is the same bytes"
+
+
+def test_the_file_is_a_plain_npz_of_the_documented_entries(tmp_path):
+    save(result(), tmp_path / "clip.npz")
+    with np.load(tmp_path / "clip.npz", allow_pickle=False) as archive:
+        assert set(archive.files) == {"schema", *(field.name for field in fields(Motion))}
+        assert int(archive["schema"]) == motion.SCHEMA
+        assert json.loads(str(archive["report"])) == result().report
+        assert archive["joint_names"].tolist() == ["joint_0", "joint_1", "joint_2"]
+
+
+def test_files_written_by_numpy_itself_are_read(tmp_path):
+    """Compressed, in Fortran order, in single precision: what other programs make of the same arrays."""
+    with np.load(io.BytesIO(content()), allow_pickle=False) as archive:
+        arrays = dict(archive)
+    arrays["object_pos"] = np.asfortranarray(arrays["object_pos"])
+    arrays["contact_object"] = arrays["contact_object"].astype(np.int32)
+    arrays["qpos"] = arrays["qpos"].astype(np.float32)
+    np.savez_compressed(tmp_path / "clip.npz", allow_pickle=False, **arrays)
+    read = load(tmp_path / "clip.npz")
+    np.testing.assert_array_equal(read.object_pos, result().object_pos)
+    np.testing.assert_array_equal(read.contact_object, result().contact_object)
+    np.testing.assert_allclose(read.qpos, result().qpos, rtol=1e-6)
+
+
+def test_arrays_of_a_motion_are_read_only_copies():
+    values = result().qpos.copy()
+    moved = result(qpos=values)
+    before = moved.qpos.copy()
+    values[...] = 9.0
+    np.testing.assert_array_equal(moved.qpos, before)
+    with pytest.raises(ValueError, match="read-only"):
+        moved.qpos[0, 0] = 1.0
+
+
+# Writing is all or nothing
+
+
+class FullDisk:
+    """Stands for a file on a disk that is full after some bytes."""
+
+    def __init__(self, file, room: int):
+        self.file, self.room = file, room
+
+    def __enter__(self):
+        self.file.__enter__()
+        return self
+
+    def __exit__(self, *details):
+        return self.file.__exit__(*details)
+
+    def __getattr__(self, name):
+        return getattr(self.file, name)
+
+    def write(self, data: bytes) -> int:
+        self.file.write(data[: self.room])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def fill_disk(monkeypatch) -> None:
+    original = motion.tempfile.NamedTemporaryFile
+
+    def opener(*args, **kwargs):
+        return FullDisk(original(*args, **kwargs), 100)
+
+    monkeypatch.setattr(motion.tempfile, "NamedTemporaryFile", opener)
+
+
+def refuse(*_args, **_kwargs):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.mark.parametrize("step", ["write", "fsync", "replace"])
+@pytest.mark.parametrize("existed", [True, False])
+def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch, step, existed):
+    path = tmp_path / "clip.npz"
+    if existed:
+        save(result(), path)
+    if step == "write":
+        fill_disk(monkeypatch)
+    elif step == "fsync":
+        monkeypatch.setattr(motion.os, "fsync", refuse)
+    else:
+        monkeypatch.setattr(motion.Path, "replace", refuse)
+    with pytest.raises(WriteError, match=r"clip\.npz.*No space left.*--out"):
+        save(result(seed=1), path)
+    monkeypatch.undo()
+    assert [entry.name for entry in tmp_path.iterdir()] == ["clip.npz"] * existed
+    if existed:
+        assert_same(load(path), result())
+
+
+def test_a_report_that_is_no_json_writes_nothing(tmp_path):
+    with pytest.raises(ValueError, match="JSON"):
+        save(result(report={"gap": float("nan")}), tmp_path / "clip.npz")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_old_file_is_replaced_and_readable_by_all(tmp_path):
+    path = tmp_path / "clip.npz"
+    save(result(), path)
+    save(result(seed=1), path)
+    assert_same(load(path), result(seed=1))
+    assert path.stat().st_mode & 0o777 == 0o644
+    assert [entry.name for entry in tmp_path.iterdir()] == ["clip.npz"]
+
+
+def test_a_file_in_place_of_the_folder_is_named(tmp_path):
+    (tmp_path / "out").write_text("")
+    with pytest.raises(WriteError, match=r"out/clip\.npz: cannot be written"):
+        write_atomically(tmp_path / "out" / "clip.npz", b"x")
+
+
+# What a motion must be
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"fps": 0.0}, "rate is 0.0"),
+        ({"fps": float("nan")}, "rate"),
+        ({"qpos": np.full((6, 10), np.nan)}, "qpos.*not finite"),
+        ({"ik_qpos": np.full((6, 10), np.inf)}, "ik_qpos.*not finite"),
+        ({"object_pos": np.full((6, 1, 3), np.nan)}, "object_pos.*not finite"),
+        ({"object_quat": np.full((6, 1, 4), np.nan)}, "object_quat.*not finite"),
+        ({"object_scale": np.array([np.inf])}, "object_scale.*not finite"),
+        ({"qpos": np.zeros((6, 10))}, " qpos.*unit"),
+        ({"ik_qpos": np.full((6, 10), 0.51)}, "ik_qpos.*unit"),
+        ({"object_quat": np.full((6, 1, 4), 0.501)}, "object_quat.*unit"),
+        ({"contact_object": np.full((6, 2), 1)}, "contact_object.*beyond"),
+        ({"contact_object": np.full((6, 2), -2)}, "contact_object.*beyond"),
+    ],
+)
+def test_values_that_are_no_motion_are_refused(changes, message):
+    with pytest.raises(ClipError, match=message):
+        result(**changes)
+
+
+def test_rotations_within_rounding_are_kept_as_they_are():
+    nearly = np.full((6, 1, 4), 0.5 * (1 + 9e-4))
+    np.testing.assert_array_equal(result(object_quat=nearly).object_quat, nearly)
+
+
+@pytest.fixture
+def uninstrumented():
+    """Leave out the run-time annotations of the tests, which would refuse a shape before the package does."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
+ARRAYS = [field.name for field in fields(Motion) if isinstance(getattr(result(), field.name), np.ndarray)]
+
+
+@pytest.mark.usefixtures("uninstrumented")
+@pytest.mark.parametrize("name", ARRAYS)
+def test_shapes_that_disagree_are_refused_by_name(name):
+    good = getattr(result(), name)
+    for bad in (good[..., :-1], np.concatenate([good, good])):
+        # Another number of rows of qpos is another number of frames: then the next array disagrees.
+        named = "ik_qpos" if name == "qpos" and len(bad) != len(good) else name
+        with pytest.raises(ClipError, match=rf"motion: {named} has shape .* expected"):
+            result(**{name: bad})
+
+
+def test_a_motion_has_frames():
+    with pytest.raises(ClipError, match="no frames"):
+        result(frames=0)
+
+
+# What is no motion file
+
+
+def refusal(path, data: bytes) -> str:
+    path.write_bytes(data)
+    with pytest.raises(ReadError) as caught:
+        load(path)
+    assert str(path) in str(caught.value)
+    return str(caught.value)
+
+
+def test_missing_files_and_folders_are_named(tmp_path):
+    with pytest.raises(ReadError, match=r"gone\.npz: there is no such file"):
+        load(tmp_path / "gone.npz")
+    with pytest.raises(ReadError, match="cannot be read"):
+        load(tmp_path)
+
+
+def test_every_truncation_is_refused(tmp_path):
+    data, path = content(), tmp_path / "clip.npz"
+    assert "not a readable .npz" in refusal(path, b"")
+    for length in {*range(0, 64), *range(0, len(data), 97), *range(len(data) - 64, len(data))}:
+        refusal(path, data[:length])
+
+
+@pytest.mark.parametrize(
+    "data", [b"hello", b"PK\x03\x04", npy(np.zeros(3)), b"\x80\x04}.", b"PK\x05\x06" + bytes(18), bytes(1000)]
+)
+def test_what_is_no_archive_is_refused(tmp_path, data):
+    refusal(tmp_path / "clip.npz", data)
+
+
+def test_a_foreign_archive_is_told_by_what_it_holds(tmp_path):
+    foreign = packed({"poses.npy": npy(np.zeros((3, 72))), "trans.npy": npy(np.zeros((3, 3))), "notes.txt": b"hi"})
+    message = refusal(tmp_path / "amass.npz", foreign)
+    assert "no 'schema' entry" in message
+    assert "'poses'" in message and "'trans'" in message
+
+
+@pytest.mark.parametrize("schema", [0, 2, -1, 10**6])
+def test_other_schemas_are_refused_with_both_numbers(tmp_path, schema):
+    message = refusal(tmp_path / "clip.npz", with_array("schema", schema))
+    assert f"schema {schema}" in message and f"reads {motion.SCHEMA}" in message
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(Motion)])
+def test_a_missing_entry_is_named(tmp_path, name):
+    parts = members(content())
+    del parts[f"{name}.npy"]
+    assert f"lacks {name}." in refusal(tmp_path / "clip.npz", packed(parts))
+
+
+class Trap:
+    """A pickle that would leave a trace if it were executed."""
+
+    executed = False
+
+    def __reduce__(self):
+        return (spring, ())
+
+
+def spring() -> int:
+    Trap.executed = True
+    return 0
+
+
+@pytest.mark.parametrize("name", ["schema", *(field.name for field in fields(Motion))])
+def test_pickles_are_refused_and_never_executed(tmp_path, name):
+    trap = np.empty(1, dtype=object)
+    trap[0] = Trap()
+    parts = members(content()) | {f"{name}.npy": npy(trap, allow_pickle=True)}
+    assert name in refusal(tmp_path / "clip.npz", packed(parts))
+    bare = members(content()) | {f"{name}.npy": pickle.dumps(Trap())}
+    assert name in refusal(tmp_path / "clip.npz", packed(bare))
+    assert not Trap.executed
+    pickle.loads(pickle.dumps(Trap()))
+    assert Trap.executed, "the trap must work for this to be a test"
+    Trap.executed = False
+
+
+@pytest.mark.parametrize(
+    ("name", "array"),
+    [
+        ("qpos", np.zeros((6, 10))),
+        ("qpos", np.full((6, 10), np.nan)),
+        ("qpos", np.full((6, 10), "0.5")),
+        ("object_quat", np.full((6, 1, 4), 0.6)),
+        ("object_quat", np.full((6, 1, 3), 0.5)),
+        ("contact_flags", np.ones((6, 2))),
+        ("contact_object", np.zeros((6, 2))),
+        ("contact_object", np.full((6, 2), 5)),
+        ("joint_names", np.arange(3)),
+        ("robot", np.array([b"bytes"])),
+        ("robot", np.array(["one", "two"])),
+        ("report", np.array("{")),
+        ("report", np.array("[]")),
+        ("report", np.array("[" * 20_000)),
+        ("fps", np.array("thirty")),
+        ("fps", np.float64(0.0)),
+        ("fps", np.zeros(2)),
+        ("human_height", np.complex128(1j)),
+        ("first_source_frame", np.float64(np.nan)),
+        ("first_source_frame", np.float64(np.inf)),
+        ("schema", np.float64(np.inf)),
+        ("schema", np.array("1")),
+    ],
+)
+@pytest.mark.usefixtures("uninstrumented")
+def test_entries_of_the_wrong_kind_are_refused(tmp_path, name, array):
+    assert "damaged" in refusal(tmp_path / "clip.npz", with_array(name, array))
+
+
+@pytest.mark.parametrize("code", [0x110000, 0xFFFFFFFF, 0xD800])
+def test_impossible_characters_are_refused(tmp_path, code):
+    part = members(content())["joint_names.npy"]
+    broken = part[:-4] + np.uint32(code).tobytes()
+    assert "damaged" in refusal(tmp_path / "clip.npz", packed(members(content()) | {"joint_names.npy": broken}))
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        b"'shape': (999999999999, 10)", b"'shape': (99999999999999999999999, 10)", b"'shape': (6, 11)",
+        b"'shape': (-6, 10)", b"'shape': (6, " + b"1, " * 70 + b"10)", b"'shape': 6", b"'shape': (6L, 10)",
+    ],
+)  # fmt: skip
+def test_headers_that_promise_other_content_are_refused(tmp_path, header):
+    part = members(content())["qpos.npy"]
+    assert b"'shape': (6, 10)" in part
+    broken = part.replace(b"'shape': (6, 10)", header)
+    assert "damaged" in refusal(tmp_path / "clip.npz", packed(members(content()) | {"qpos.npy": broken}))
+
+
+@pytest.mark.parametrize("dtype", [b"<f99", b"<U99999999999999999999", b"<U999999999", b"|V8", b"|O", b">f8", b"<m8"])
+def test_types_that_are_no_numbers_or_too_large_are_refused(tmp_path, dtype):
+    for name in ("qpos", "robot"):
+        part = members(content())[f"{name}.npy"]
+        start = part.index(b"'descr': '") + 10
+        broken = part[:start] + dtype + part[part.index(b"'", start) :]
+        refusal(tmp_path / "clip.npz", packed(members(content()) | {f"{name}.npy": broken}))
+
+
+# Fuzz: load returns a motion or raises ReadError
+
+
+def load_or_refuse(path, data: bytes) -> None:
+    path.write_bytes(data)
+    try:
+        assert isinstance(load(path), Motion)
+    except ReadError as error:
+        assert str(path) in str(error)
+
+
+def damaged(data: bytes, edits: list[tuple[float, int]]) -> bytes:
+    broken = bytearray(data)
+    for place, value in edits:
+        broken[min(int(place * len(broken)), len(broken) - 1)] = value
+    return bytes(broken)
+
+
+edits = st.lists(st.tuples(st.floats(0.0, 1.0), st.integers(0, 255)), min_size=1, max_size=4)
+
+
+@FUZZ
+@given(edits=edits, compressed=st.booleans())
+def test_damaged_archives_never_raise_anything_else(tmp_path_factory, edits, compressed):
+    data = packed(members(content()), zipfile.ZIP_DEFLATED) if compressed else content()
+    load_or_refuse(tmp_path_factory.getbasetemp() / "fuzz.npz", damaged(data, edits))
+
+
+@FUZZ
+@given(edits=edits, directory=st.booleans(), which=st.integers(0, 10**6))
+def test_damaged_directories_never_raise_anything_else(tmp_path_factory, edits, directory, which):
+    """Bytes of the central directory or of one local header: names, flags, methods, sizes, offsets."""
+    data = content()
+    marker = b"PK\x01\x02" if directory else b"PK\x03\x04"
+    places = [at for at in range(len(data)) if data.startswith(marker, at)]
+    start = places[which % len(places)]
+    part = damaged(data[start : start + 46], edits)
+    load_or_refuse(tmp_path_factory.getbasetemp() / "fuzz.npz", data[:start] + part + data[start + 46 :])
+
+
+@FUZZ
+@given(edits=edits, which=st.integers(0, 100), header=st.booleans())
+def test_damaged_arrays_with_right_checksums_never_raise_anything_else(tmp_path_factory, edits, which, header):
+    parts = members(content())
+    name = sorted(parts)[which % len(parts)]
+    part = parts[name]
+    cut = 128 if header else len(part)
+    parts[name] = damaged(part[:cut], edits) + part[cut:]
+    load_or_refuse(tmp_path_factory.getbasetemp() / "fuzz.npz", packed(parts))
+
+
+@FUZZ
+@given(data=st.binary(max_size=200), prefix=st.sampled_from([b"", b"PK\x03\x04", b"PK\x05\x06", b"\x93NUMPY\x01\x00"]))
+def test_random_bytes_are_refused(tmp_path_factory, data, prefix):
+    path = tmp_path_factory.getbasetemp() / "fuzz.npz"
+    path.write_bytes(prefix + data)
+    with pytest.raises(ReadError):
+        load(path)
