@@ -158,4 +158,4 @@ def test_bad_horizons_are_refused(text):
 
 def test_per_frame_is_a_window_of_one_new_frame():
     windows = parse_horizon("per-frame").windows(10)
-    assert windows[1:] == tuple((t - 3, t + 1, 3) for t in range(4, 10))
+    assert windows[1:] == tuple((t - 1, t + 1, 1) for t in range(2, 10))

@@ -7,7 +7,7 @@ import pytest
 
 import hoi_retarget.trajopt.terms as terms_package
 from hoi_retarget.robots.model import Kinematics
-from hoi_retarget.trajopt.normal import assemble, reach_of
+from hoi_retarget.trajopt.normal import assemble
 from hoi_retarget.trajopt.problem import Term, cost_by_term
 from hoi_retarget.trajopt.rows import Rows, SiteRows, StencilRows, cost
 from hoi_retarget.trajopt.table import IkWeights, Weights
@@ -76,7 +76,7 @@ def test_band_holds_the_dense_normal_equations(model):
     terms = one_term_per_file(model, FRAMES, rng)
     kinematics = model.forward(random_qpos(model, FRAMES, rng))
     rows = [part for term in terms.values() for part in term.rows(kinematics)]
-    normal = assemble(kinematics, rows, reach=reach_of(rows))
+    normal = assemble(kinematics, rows)
     jacobian = np.concatenate([dense_jacobian(part, kinematics) for part in rows])
     residual = np.concatenate([(np.sqrt(part.weight) * part.residual).ravel() for part in rows])
     np.testing.assert_allclose(normal.gradient.ravel(), jacobian.T @ residual, atol=1e-8)

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 from hoi_retarget import se3
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SOLE_CORNERS
-from hoi_retarget.signals import fade, frames_in, smooth, smooth_quats
+from hoi_retarget.signals import fade, frames_in, runs, smooth, smooth_quats
 
 RAMP_SECONDS = 0.4  # A foot is planted and released over this time.
 SHORTEST_STANCE_SECONDS = 0.1  # Shorter ones, and shorter gaps, are flicker of the labels.
@@ -92,8 +92,7 @@ def without_flicker(stands: Bool[np.ndarray, "T"], shortest: int) -> Bool[np.nda
     """Return the flags with gaps and runs shorter than `shortest` frames removed, in this order."""
     steady = stands.copy()
     for state in (False, True):
-        edges = np.flatnonzero(np.diff((steady == state).astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
-        for first, stop in edges:
+        for first, stop in runs(steady == state):
             # A run cut off by either end of the clip may be longer than what is seen of it.
             if stop - first < shortest and first > 0 and stop < len(steady):
                 steady[first:stop] = not state

@@ -13,7 +13,7 @@ from hoi_retarget import __version__
 from hoi_retarget.clip import Clip
 from hoi_retarget.errors import SolveError
 from hoi_retarget.ik import IkConfig, solve_ik
-from hoi_retarget.metrics import evaluate_kinematics, unreached_contacts
+from hoi_retarget.metrics import evaluate_kinematics, turned_over, unreached_contacts
 from hoi_retarget.motion import Motion
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.targets import Scaling, Targets, make_targets
@@ -58,7 +58,7 @@ def _retarget(clip: Clip, model: RobotModel, config: Config, person: int) -> Mot
     seconds = dict(zip(("targets", "ik", "trajectory"), np.diff(clock).tolist(), strict=True))
     report = _report(clip, targets, config, ik_reports, reports) | {"cpu_seconds": seconds}
     motion = replace(_motion(clip, model, targets, ik_qpos, qpos), report=report)
-    return _scored(motion, clip, model, person)
+    return _scored(motion, targets, clip, model, person)
 
 
 def solve_trajectory(
@@ -78,15 +78,16 @@ def solve_trajectory(
     return qpos, reports
 
 
-def _scored(motion: Motion, clip: Clip, model: RobotModel, person: int) -> Motion:
-    """Return the motion with its figures and unreached contacts in the report."""
+def _scored(motion: Motion, targets: Targets, clip: Clip, model: RobotModel, person: int) -> Motion:
+    """Return the motion with its figures and what went wrong in the report."""
     start = time.process_time()
     kinematics = model.forward(motion.qpos)
     figures = asdict(evaluate_kinematics(motion, clip, model, kinematics, person=person))
     unreached = [asdict(segment) for segment in unreached_contacts(motion, kinematics)]
+    turned = [asdict(segment) for segment in turned_over(kinematics, targets)]
     seconds = motion.report["cpu_seconds"] | {"metrics": time.process_time() - start}
-    report = dict(motion.report) | {"figures": figures, "unreached_contacts": unreached, "cpu_seconds": seconds}
-    return replace(motion, report=report)
+    found = {"figures": figures, "unreached_contacts": unreached, "turned_over": turned, "cpu_seconds": seconds}
+    return replace(motion, report=dict(motion.report) | found)
 
 
 def _motion(clip: Clip, model: RobotModel, targets: Targets, ik_qpos: np.ndarray, qpos: np.ndarray) -> Motion:

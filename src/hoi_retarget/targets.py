@@ -31,7 +31,7 @@ class Scaling:
     """How the human and the objects are made to fit the robot."""
 
     root_scale: float | Literal["auto"] = "auto"
-    """Human to robot; auto divides the robot's stature by the clip's own human height."""
+    """Human to robot; auto divides the robot's stature by the mean height of the clip's people."""
     object_scale: float | Literal["auto"] = "auto"
     """Object geometry; auto shrinks with the root scale or keeps the size, as the robot prefers."""
     size_multiplier: float = 1.0
@@ -106,8 +106,7 @@ class Targets:
 def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int = 0) -> Targets:
     """Return the targets of one robot for one person of a clip."""
     human = clip.people[person]
-    height = human.height
-    root_scale = model.spec.stature / height if scaling.root_scale == "auto" else scaling.root_scale
+    root_scale = _root_scale(clip, model, scaling)
     geometry_scale = _geometry_scale(model, scaling, root_scale)
     stands = stance(human, clip.fps)
     feet = tuple(Foot.of(model, side) for side in SIDES)
@@ -120,7 +119,7 @@ def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int
     return Targets(
         fps=clip.fps,
         root_scale=root_scale,
-        human_height=height,
+        human_height=human.height,
         site_positions=frozen(goals.positions),
         site_quats=frozen(goals.quats),
         foot_positions=frozen(foot_positions),
@@ -142,6 +141,13 @@ def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int
         aim_weights=frozen(np.stack([fade(active, aim_ramp) for active in flags.T], axis=1)),
         turn_weights=frozen(np.stack([fade(active, turn_ramp) for active in flags.T], axis=1)),
     )
+
+
+def _root_scale(clip: Clip, model: RobotModel, scaling: Scaling) -> float:
+    """Return the human's scale: one for all people of a clip, so that they share one object."""
+    if scaling.root_scale != "auto":
+        return scaling.root_scale
+    return model.spec.stature / float(np.mean([person.height for person in clip.people]))
 
 
 def _geometry_scale(model: RobotModel, scaling: Scaling, root_scale: float) -> float:

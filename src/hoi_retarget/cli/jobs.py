@@ -11,7 +11,7 @@ from typing import Any
 from hoi_retarget.cli.terminal import say, warn
 from hoi_retarget.clip import Clip
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.metrics import Figures, Score, UnreachedSegment
+from hoi_retarget.metrics import Figures, Score, TurnedSegment, UnreachedSegment
 from hoi_retarget.motion import Motion, save
 from hoi_retarget.pipeline import Config, retarget
 from hoi_retarget.robots.model import RobotModel
@@ -72,6 +72,8 @@ def describe_result(motion: Motion, path: Path) -> None:
                 warn(f"{path.name}: {stage}, frames {window['start']} to {window['stop'] - 1}: {message}.")
     for segment in motion.report["unreached_contacts"]:
         warn(f"{path.name}: not reached: {UnreachedSegment(**segment)}.")
+    for segment in motion.report["turned_over"]:
+        warn(f"{path.name}: {TurnedSegment(**segment)}.")
 
 
 def score(motion: Motion, path: Path) -> Score:

@@ -2,6 +2,7 @@
 
 from hoi_retarget.metrics.figures import Figures, evaluate, evaluate_kinematics
 from hoi_retarget.metrics.table import COLUMNS, Column, Score, mean_values, table_rows, to_csv, to_json, worst_values
+from hoi_retarget.metrics.turned import TurnedSegment, turned_over
 from hoi_retarget.metrics.unreachable import UNREACHED_M, UnreachedSegment, unreached_contacts
 
 __all__ = [
@@ -10,6 +11,7 @@ __all__ = [
     "Column",
     "Figures",
     "Score",
+    "TurnedSegment",
     "UnreachedSegment",
     "evaluate",
     "evaluate_kinematics",
@@ -17,6 +19,7 @@ __all__ = [
     "table_rows",
     "to_csv",
     "to_json",
+    "turned_over",
     "unreached_contacts",
     "worst_values",
 ]

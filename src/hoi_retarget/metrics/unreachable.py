@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool
 
 from hoi_retarget import se3
 from hoi_retarget.metrics.statistics import norms
 from hoi_retarget.metrics.view import FOOT_SITES, HAND_SITES, KinematicsLike
 from hoi_retarget.motion import Motion
+from hoi_retarget.signals import runs
 
 UNREACHED_M = 0.02
 """A segment whose mean residual exceeds this [m] counts as not reached."""
@@ -63,15 +63,9 @@ def unreached_contacts(
         for index in range(len(motion.object_names)):
             inside = se3.rotate_inverse(motion.object_quat[:, index], position - motion.object_pos[:, index])
             residuals = norms(inside - motion.contact_targets[:, column])
-            for first, end in _runs(touched == index):
+            for first, end in runs(touched == index):
                 mean = float(residuals[first:end].mean())
                 if not mean <= limit_m:
                     largest = float(residuals[first:end].max())
                     found.append(UnreachedSegment(link, motion.object_names[index], first, end - 1, mean, largest))
     return tuple(sorted(found, key=lambda segment: (motion.contact_links.index(segment.link), segment.first_frame)))
-
-
-def _runs(active: Bool[np.ndarray, "T"]) -> list[tuple[int, int]]:
-    """Return runs of true frames as (first, one past the last)."""
-    edges = np.flatnonzero(np.diff(active.astype(np.int8), prepend=0, append=0))
-    return [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]

@@ -28,6 +28,11 @@ class Bounds:
         model = problem.model
         return cls(model.lower, model.upper, problem.step_limits, problem.pinned)
 
+    @property
+    def width(self) -> int:
+        """Diagonals that the inequalities fill in a band: a joint is coupled with itself one frame on."""
+        return 6 + len(self.lower) + 1
+
     def values(self, theta: Float[np.ndarray, "T n"]) -> Float[np.ndarray, "rows n"]:
         """Return the slack of every inequality."""
         unknown = theta[self.pinned :]

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.robots.model import Kinematics
-from hoi_retarget.trajopt.rows import Rows, SiteRows, StencilRows, TangentRows, span
+from hoi_retarget.trajopt.rows import Rows, SiteRows, StencilRows, TangentRows
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +27,12 @@ class NormalEquations:
     """`J^T W r`, the gradient of half the cost."""
 
 
-def assemble(kinematics: Kinematics, rows: Iterable[Rows], *, reach: int) -> NormalEquations:
-    """Return the normal equations of all rows; `reach` is the number of coupled earlier frames."""
+def assemble(kinematics: Kinematics, rows: Iterable[Rows], *, least_width: int = 0) -> NormalEquations:
+    """Return the normal equations of all rows, with at least so many diagonals."""
     rows = tuple(rows)
     model, frames = kinematics.model, len(kinematics.qpos)
-    band = np.zeros((frames, model.nv, (reach + 1) * model.nv))
+    width = max([least_width, model.nv, *(_width(part, model.nv) for part in rows)])
+    band = np.zeros((frames, model.nv, width))
     gradient = np.zeros((frames, model.nv))
     _add_site_rows(band, gradient, kinematics, [part for part in rows if isinstance(part, SiteRows)])
     for part in rows:
@@ -42,9 +43,13 @@ def assemble(kinematics: Kinematics, rows: Iterable[Rows], *, reach: int) -> Nor
     return NormalEquations(band, gradient)
 
 
-def reach_of(rows: Iterable[Rows]) -> int:
-    """Return how many earlier frames a frame is coupled with."""
-    return max((span(part) - 1 for part in rows), default=0)
+def _width(part: Rows, nv: int) -> int:
+    """Return how many diagonals a row fills: between frames it couples few coordinates, not all."""
+    if isinstance(part, StencilRows):
+        return (len(part.coefficients) - 1) * nv + 1
+    if isinstance(part, TangentRows):
+        return (len(part.jacobian) - 1) * nv + max(part.columns) - min(part.columns) + 1
+    return nv
 
 
 def _add_site_rows(band: np.ndarray, gradient: np.ndarray, kinematics: Kinematics, parts: list[SiteRows]) -> None:

@@ -53,13 +53,6 @@ class TangentRows:
 Rows = SiteRows | StencilRows | TangentRows
 
 
-def span(rows: Rows) -> int:
-    """Return over how many consecutive frames a row reaches."""
-    if isinstance(rows, StencilRows):
-        return len(rows.coefficients)
-    return rows.jacobian.shape[0] if isinstance(rows, TangentRows) else 1
-
-
 def cost(rows: Rows) -> float:
     """Return the weighted sum of squares."""
     return float(np.sum(rows.weight * np.einsum("mt,mt->t", rows.residual, rows.residual)))

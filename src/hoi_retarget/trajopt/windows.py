@@ -53,7 +53,9 @@ def parse_horizon(text: str) -> Horizon:
     Raises `ArgumentError` for anything else.
     """
     kind, *numbers = text.split(":")
-    presets = {"auto": Horizon(), "whole": Horizon(length=10**9), "per-frame": Horizon(4, 3, 3)}
+    # One new frame cannot pay for a third difference: with three pinned frames it would extrapolate. A window
+    # of two has no such row, and each frame follows its predecessor through the speed limits alone.
+    presets = {"auto": Horizon(), "whole": Horizon(length=10**9), "per-frame": Horizon(2, 1, 1)}
     if not numbers and kind in presets:
         return presets[kind]
     if kind == "windowed" and 1 <= len(numbers) <= 2 and all(number.isdigit() for number in numbers):

@@ -17,7 +17,7 @@ from scipy.linalg import get_lapack_funcs
 
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.trajopt.bounds import Bounds
-from hoi_retarget.trajopt.normal import assemble, reach_of
+from hoi_retarget.trajopt.normal import assemble
 from hoi_retarget.trajopt.problem import Problem, cost_by_term
 from hoi_retarget.trajopt.rows import Rows
 from hoi_retarget.trajopt.solvers.base import Solution, Status
@@ -148,7 +148,7 @@ def _start(problem: Problem, bounds: Bounds, qpos: np.ndarray) -> _State:
 def _newton_step(options: BandedInteriorPoint, problem: Problem, bounds: Bounds, state: _State) -> _Step | None:
     """Return the predictor-corrector step, or None where the matrix is not positive definite."""
     point, slack, multiplier = state.point, state.slack, state.multiplier
-    normal = assemble(point.kinematics, point.rows, reach=max(reach_of(point.rows), 1))
+    normal = assemble(point.kinematics, point.rows, least_width=bounds.width)
     band, gradient = normal.band[problem.pinned :], normal.gradient[problem.pinned :]
     band[:, :, 0] *= 1.0 + state.damping
     ratio = multiplier / slack

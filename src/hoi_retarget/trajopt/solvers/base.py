@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.trajopt.bounds import Bounds
-from hoi_retarget.trajopt.normal import assemble, reach_of
+from hoi_retarget.trajopt.normal import assemble
 from hoi_retarget.trajopt.problem import Problem, cost_by_term
 
 
@@ -64,7 +64,7 @@ def optimality(problem: Problem, solution: Solution) -> Optimality:
     linearization = problem.linearize(kinematics)
     rows = [part for parts in linearization.values() for part in parts]
     pinned = problem.pinned
-    normal = assemble(kinematics, rows, reach=reach_of(rows))
+    normal = assemble(kinematics, rows)
     gradient, curvature = normal.gradient[pinned:].copy(), normal.band[pinned:, :, 0]
     gradient[:, 6:] -= bounds.apply_transposed(solution.multipliers)
     slack = bounds.values(solution.qpos[:, 7:])
