@@ -3,12 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from trajectories import MODELS, random_qpos
 
 from hoi_retarget import se3
 from hoi_retarget.metrics import TurnedSegment, turned_over
 from hoi_retarget.synthetic import make
 from hoi_retarget.targets import Scaling, Targets, make_targets
+from trajectories import MODELS, random_qpos
 
 MODEL = MODELS["unitree_g1"]
 ROWS = [row.site for row in MODEL.spec.ik]
