@@ -1,0 +1,295 @@
+"""From clip to motion: what holds for every result, and what must not change it."""
+
+import functools
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from hoi_retarget import se3
+from hoi_retarget.clip import Clip
+from hoi_retarget.metrics import evaluate
+from hoi_retarget.motion import Motion, encode
+from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
+from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, PARENT
+from hoi_retarget.synthetic import make
+from hoi_retarget.synthetic.human import rest_offsets
+from hoi_retarget.targets import Scaling
+from hoi_retarget.trajopt.windows import Horizon
+from test_targets import moved
+from trajectories import MODELS
+
+G1 = MODELS["unitree_g1"]
+every_robot = pytest.mark.parametrize("robot", list(MODELS))
+SETTLING = 10  # Frames at the start of a clip that the clip's start may change.
+
+
+@functools.cache
+def scene(name: str = "carry_box") -> Clip:
+    return make(name)
+
+
+@functools.cache
+def result(robot: str = "unitree_g1") -> Motion:
+    return retarget(scene(), MODELS[robot], Config())
+
+
+def cut(clip: Clip, first: int, stop: int | None = None) -> Clip:
+    """Return some consecutive frames of a clip."""
+    part = slice(first, stop)
+    return replace(
+        clip,
+        people=tuple(
+            replace(person, joint_positions=person.joint_positions[part], joint_quats=person.joint_quats[part])
+            for person in clip.people
+        ),
+        objects=tuple(
+            replace(track, positions=track.positions[part], quats=track.quats[part]) for track in clip.objects
+        ),
+        contacts=tuple(
+            replace(track, active=track.active[part], points_object=track.points_object[part])
+            for track in clip.contacts
+        ),
+    )
+
+
+def assert_agree(model: RobotModel, a: np.ndarray, b: np.ndarray, *, metres: float, degrees: float) -> None:
+    """Check that two trajectories place all links and turn all joints alike."""
+    apart = np.linalg.norm(model.forward(a).body_positions - model.forward(b).body_positions, axis=2)
+    frame, body = np.unravel_index(apart.argmax(), apart.shape)
+    assert apart.max() < metres, f"{model.body_names[body]} in frame {frame}"
+    turned = np.degrees(np.abs(a[:, 7:] - b[:, 7:]))
+    frame, joint = np.unravel_index(turned.argmax(), turned.shape)
+    assert turned.max() < degrees, f"{model.joint_names[joint]} in frame {frame}"
+
+
+def assert_sane(motion: Motion, model: RobotModel) -> None:
+    """Check what every result must satisfy, whatever the clip."""
+    statuses = {window["status"] for window in (*motion.report["ik_windows"], *motion.report["windows"])}
+    assert statuses == {"SOLVED"}
+    for qpos in (motion.qpos, motion.ik_qpos):
+        assert np.isfinite(qpos).all()
+        np.testing.assert_allclose(np.linalg.norm(qpos[:, 3:7], axis=1), 1.0, atol=1e-9)
+        assert (qpos[:, 7:] > model.lower - 1e-6).all() and (qpos[:, 7:] < model.upper + 1e-6).all()
+        speed = np.abs(np.diff(qpos[:, 7:], axis=0)) * motion.fps
+        assert (speed < model.speed_limits + 1e-6 * motion.fps).all()
+    kinematics = model.forward(motion.qpos)
+    assert sole_heights(motion, model).min() > -0.005
+    pelvis, head = kinematics.site_position("pelvis"), kinematics.site_position("head")
+    assert pelvis[:, 2].min() > 0.2
+    assert head[:, 2].min() > 0.2, "bent over, perhaps, not fallen"
+
+
+def sole_heights(motion: Motion, model: RobotModel) -> np.ndarray:
+    """Return the height of all sole corners [m]."""
+    kinematics = model.forward(motion.qpos)
+    corners = [f"{side}_sole_{corner}" for side in SIDES for corner in SOLE_CORNERS]
+    return np.stack([kinematics.site_position(corner)[:, 2] for corner in corners], axis=1)
+
+
+def gaps(motion: Motion, model: RobotModel) -> np.ndarray:
+    """Return how far each touching link is from its target, in all contact frames [m]."""
+    kinematics, found = model.forward(motion.qpos), []
+    for column, link in enumerate(motion.contact_links):
+        frames = np.flatnonzero(motion.contact_flags[:, column])
+        touched = motion.contact_object[frames, column]
+        target = motion.object_pos[frames, touched] + se3.rotate(
+            motion.object_quat[frames, touched], motion.contact_targets[frames, column]
+        )
+        found.append(np.linalg.norm(kinematics.site_position(link)[frames] - target, axis=1))
+    return np.concatenate(found)
+
+
+# One clip, both robots
+
+
+@every_robot
+def test_a_box_is_carried(robot):
+    motion, model = result(robot), MODELS[robot]
+    assert_sane(motion, model)
+    assert motion.frames == scene().frames
+    assert motion.robot == robot
+    assert motion.joint_names == model.joint_names
+    assert gaps(motion, model).mean() < 0.005
+    assert np.abs(sole_heights(motion, model).min(axis=1)).max() < 0.02, "walking, one foot is on the floor"
+    assert motion.report["unreached_contacts"] == []
+    figures = motion.report["figures"]
+    assert figures["contact_gap_m"] < 0.005
+
+
+@every_robot
+def test_the_same_clip_gives_the_same_bytes(robot):
+    def bytes_of(motion: Motion) -> bytes:
+        return encode(replace(motion, report={**motion.report, "cpu_seconds": {}}))
+
+    assert bytes_of(retarget(scene(), MODELS[robot], Config())) == bytes_of(result(robot))
+
+
+@every_robot
+@pytest.mark.parametrize("turn", [pytest.param(1.0, marks=pytest.mark.slow), 3.0])
+def test_turning_the_clip_turns_the_motion(robot, turn):
+    model, shift = MODELS[robot], (2.0, -1.0, 0.0)
+    scaling = Scaling(root_scale=0.8)
+    motion = retarget(scene(), model, Config(scaling=scaling))
+    turned = retarget(moved(scene(), turn=turn, shift=shift), model, Config(scaling=scaling))
+    about = se3.exp(np.array([0.0, 0.0, turn]))
+    expected = motion.qpos.copy()
+    expected[:, :3] = se3.rotate(about, expected[:, :3]) + 0.8 * np.array(shift)
+    expected[:, 3:7] = se3.quat_multiply(about, expected[:, 3:7])
+    assert_agree(model, turned.qpos, expected, metres=1e-3, degrees=0.3)
+
+
+@every_robot
+@pytest.mark.parametrize("k", [1, pytest.param(3, marks=pytest.mark.slow), pytest.param(7, marks=pytest.mark.slow), 10])
+def test_where_a_clip_starts_does_not_matter_later(robot, k):
+    motion = retarget(cut(scene(), k), MODELS[robot], Config())
+    assert_agree(MODELS[robot], motion.qpos[SETTLING:], result(robot).qpos[k + SETTLING :], metres=0.01, degrees=3.0)
+
+
+@every_robot
+@pytest.mark.parametrize("multiplier", [0.5, 1.5])
+def test_objects_of_other_sizes_are_carried(robot, multiplier):
+    model = MODELS[robot]
+    motion = retarget(scene(), model, Config(scaling=Scaling(size_multiplier=multiplier)))
+    assert_sane(motion, model)
+    np.testing.assert_allclose(motion.object_scale, multiplier * result(robot).object_scale)
+    unreached = {segment["link"] for segment in motion.report["unreached_contacts"]}
+    assert gaps(motion, model).mean() < 0.005 or unreached, "a contact that is not reached is reported"
+
+
+# Odd clips
+
+
+@every_robot
+def test_a_person_recorded_off_the_floor_stands_on_it(robot):
+    clip, model = scene(), MODELS[robot]
+    ann = clip.people[0]
+    lifted = replace(ann, joint_positions=ann.joint_positions + np.array([0.0, 0.0, 0.1]))
+    motion = retarget(replace(clip, people=(lifted,)), model, Config())
+    assert_sane(motion, model)
+    assert np.median(np.abs(sole_heights(motion, model).min(axis=1))) < 0.01
+    assert np.abs(motion.qpos[:, 2] - result(robot).qpos[:, 2]).max() < 0.05
+
+
+@every_robot
+def test_a_start_in_the_pose_of_calibration(robot):
+    """Twelve frames of a T-pose at the place of the first, then the clip: captures begin so."""
+    clip, model, frames = scene(), MODELS[robot], 12
+    ann = clip.people[0]
+    upright = np.tile(se3.exp(np.array([[0.5 * np.pi, 0.0, 0.0]])), (len(JOINTS), 1))
+    rest, pose = rest_offsets(1.75), np.zeros((len(JOINTS), 3))
+    for joint in JOINTS[1:]:
+        parent = PARENT[joint]
+        assert parent is not None
+        pose[JOINT_INDEX[joint]] = pose[JOINT_INDEX[parent]] + rest[JOINT_INDEX[joint]]
+    stood = se3.rotate(upright, pose) + ann.joint_positions[0, 0]
+    person = replace(
+        ann,
+        joint_positions=np.concatenate([np.tile(stood, (frames, 1, 1)), ann.joint_positions]),
+        joint_quats=np.concatenate([np.tile(upright, (frames, 1, 1)), ann.joint_quats]),
+    )
+    before = np.maximum(np.arange(-frames, clip.frames), 0)
+    objects = tuple(
+        replace(track, positions=track.positions[before], quats=track.quats[before]) for track in clip.objects
+    )
+    contacts = tuple(
+        replace(track, active=track.active[before], points_object=track.points_object[before])
+        for track in clip.contacts
+    )
+    motion = retarget(replace(clip, people=(person,), objects=objects, contacts=contacts), model, Config())
+    assert_sane(motion, model)
+    kinematics = model.forward(motion.qpos)
+    apart = kinematics.site_position("left_wrist")[5] - kinematics.site_position("right_wrist")[5]
+    assert np.linalg.norm(apart) > 0.7, "the arms are spread"
+    later = frames + 3 * SETTLING
+    assert_agree(model, motion.qpos[later:], result(robot).qpos[3 * SETTLING :], metres=0.01, degrees=3.0)
+
+
+@every_robot
+@pytest.mark.parametrize("frames", [4, 5])
+@pytest.mark.parametrize("first", [0, 60])
+def test_the_shortest_clips_work(robot, frames, first):
+    short = cut(scene(), first, first + frames)
+    motion = retarget(short, MODELS[robot], Config())
+    assert motion.frames == frames
+    assert_sane(motion, MODELS[robot])
+
+
+def test_labels_that_flicker_do_not_shake_the_robot():
+    clip = scene()
+    rng = np.random.default_rng(0)
+    contacts = []
+    for track in clip.contacts:
+        frames = np.flatnonzero(track.active)[5:-5]
+        active = track.active.copy()
+        active[rng.choice(frames[::3], size=8, replace=False)] = False
+        contacts.append(replace(track, active=active))
+    motion = retarget(replace(clip, contacts=tuple(contacts)), G1, Config())
+    assert_sane(motion, G1)
+    assert_agree(G1, motion.qpos, result().qpos, metres=0.01, degrees=3.0)
+
+
+def test_contacts_of_single_frames_are_no_jerks():
+    clip = scene()
+    track = clip.contacts[0]
+    middle = np.flatnonzero(track.active)[20]
+    active = np.zeros(clip.frames, dtype=bool)
+    active[middle] = True
+    motion = retarget(replace(clip, contacts=(replace(track, active=active),)), G1, Config())
+    assert_sane(motion, G1)
+    jerk = np.abs(np.diff(motion.qpos[:, 7:], n=3, axis=0)).max()
+    assert jerk < 3 * np.abs(np.diff(result().qpos[:, 7:], n=3, axis=0)).max()
+
+
+def test_a_contact_out_of_reach_is_reported_with_link_frames_and_residual():
+    start, stop = scene().contacts[0].segments[0]
+    clip = cut(scene(), start - 10, min(start + 30, stop))
+    track = clip.objects[0]
+    lifted = replace(track, positions=track.positions + np.array([0.0, 0.0, 2.5]))
+    motion = retarget(replace(clip, objects=(lifted,)), G1, Config())
+    assert np.isfinite(motion.qpos).all()
+    reported = motion.report["unreached_contacts"]
+    assert {segment["link"] for segment in reported} == {"left_palm", "right_palm"}
+    for segment in reported:
+        column = motion.contact_links.index(segment["link"])
+        assert motion.contact_flags[segment["first_frame"] : segment["last_frame"] + 1, column].all()
+        assert segment["mean_residual_m"] > 0.3, "half a metre is missing"
+    assert gaps(motion, G1).mean() > 0.3
+
+
+def test_two_people_are_two_motions_with_the_same_object():
+    clip = scene("carry_table")
+    first, second = (retarget(clip, G1, Config(), person=person) for person in range(2))
+    for motion in (first, second):
+        assert_sane(motion, G1)
+        assert gaps(motion, G1).mean() < 0.01
+    apart = np.linalg.norm(first.qpos[:, :2] - second.qpos[:, :2], axis=1)
+    assert apart.min() > 0.5
+
+
+# Horizons
+
+
+def test_windows_with_look_ahead_agree_with_the_whole():
+    clip = make("push_table", seconds=10.0)
+    whole = retarget(clip, G1, Config(horizon=Horizon(length=10**6)))
+    windowed = retarget(clip, G1, Config(horizon=Horizon(length=120, overlap=60)))
+    assert len(windowed.report["windows"]) > 3
+    assert len(whole.report["windows"]) == 1
+    assert_sane(windowed, G1)
+    assert_agree(G1, windowed.qpos, whole.qpos, metres=0.01, degrees=3.0)
+
+
+def test_the_report_says_how_it_went():
+    motion = result()
+    report = motion.report
+    figures = evaluate(motion, scene(), G1)
+    assert report["figures"] == asdict(figures)
+    assert report["root_scale"] == pytest.approx(G1.spec.stature / scene().people[0].height)
+    (window,) = report["windows"]
+    assert (window["start"], window["stop"]) == (0, motion.frames)
+    assert window["cost"] == pytest.approx(sum(window["cost_by_term"].values()))
+    assert window["optimality"]["stationarity"] < 1e-2
+    assert set(report["cpu_seconds"]) == {"targets", "ik", "trajectory", "metrics"}
