@@ -7,11 +7,15 @@ from jaxtyping import Float
 
 from hoi_retarget import se3
 from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.signals import fade
 from hoi_retarget.targets import Targets
 from hoi_retarget.trajopt.problem import Problem
 from hoi_retarget.trajopt.solvers.banded import BandedInteriorPoint
 from hoi_retarget.trajopt.table import IkWeights, ik_terms
 from hoi_retarget.trajopt.windows import Horizon, WindowReport, solve_windows
+
+TWISTED = np.radians(60.0)  # Off a target by more, a limb may have gone the wrong way around.
+TWIST_MARGIN = 5  # Frames on either side that such a limb needs to come back.
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,40 @@ def solve_ik(
     """Return the IK trajectory of a robot for its targets."""
     coarse = targets.every(config.stride)
     start, _ = _solve(model, coarse, config, horizon, _standing(model, coarse))
-    return _solve(model, targets, config, horizon, _interpolate(start, config.stride, targets.frames))
+    found = _solve(model, targets, config, horizon, _interpolate(start, config.stride, targets.frames))
+    straightened = _straighten(model, targets, found[0])
+    if straightened is None:
+        return found
+    # Near half a turn a Gauss-Newton step does not see that turning back would be cheaper.
+    again = _solve(model, targets, config, horizon, straightened)
+    return min(found, again, key=lambda pair: sum(report.cost for report in pair[1]))
+
+
+def _straighten(model: RobotModel, targets: Targets, qpos: np.ndarray) -> np.ndarray | None:
+    """Return a trajectory whose twisted limbs are interpolated from before and after; None where none is."""
+    kinematics = model.forward(qpos)
+    supports, sites = model.supports[1:].astype(bool), model.sites
+    trunk = supports[:, sites.nodes[sites.index["torso"]]]
+    straight = qpos.copy()
+    for column, row in enumerate(model.spec.ik):
+        angles = rotation_angles(kinematics.orientation(row.site), targets.site_quats[:, column])
+        if row.rotation_weight == 0 or angles.max() < TWISTED:
+            continue
+        near = fade(angles >= TWISTED, TWIST_MARGIN) > 0
+        limb = 7 + np.flatnonzero(supports[:, sites.nodes[sites.index[row.site]]] & ~trunk)
+        if near.all():
+            straight[:, limb] = model.home_qpos[limb]
+        else:
+            frames, kept = np.arange(len(qpos)), np.flatnonzero(~near)
+            for joint in limb:
+                straight[near, joint] = np.interp(frames[near], kept, qpos[kept, joint])
+    return None if np.array_equal(straight, qpos) else straight
+
+
+def rotation_angles(rotation: Float[np.ndarray, "3 3 T"], quats: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, "T"]:
+    """Return the angles [rad] between rotations and unit quaternions, from the trace of their quotient."""
+    trace = np.einsum("ijt,ijt->t", rotation, se3.quat_to_matrix(quats).transpose(1, 2, 0))
+    return np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0))
 
 
 def _solve(

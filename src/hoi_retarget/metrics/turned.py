@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hoi_retarget import se3
+from hoi_retarget.ik import rotation_angles
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.signals import runs
 from hoi_retarget.targets import Targets
@@ -36,10 +36,7 @@ def turned_over(kinematics: Kinematics, targets: Targets) -> tuple[TurnedSegment
     for column, row in enumerate(kinematics.model.spec.ik):
         if row.rotation_weight == 0:
             continue
-        # The angle of a rotation matrix from its trace: cheap, and exact enough to compare with a threshold.
-        wanted = se3.quat_to_matrix(targets.site_quats[:, column]).transpose(1, 2, 0)
-        trace = np.einsum("ijt,ijt->t", kinematics.orientation(row.site), wanted)
-        degrees = np.degrees(np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0)))
+        degrees = np.degrees(rotation_angles(kinematics.orientation(row.site), targets.site_quats[:, column]))
         for first, stop in runs(degrees > TURNED_DEG):
             found.append(TurnedSegment(row.site, first, stop - 1, float(degrees[first:stop].max())))
     return tuple(found)
