@@ -428,6 +428,24 @@ def test_types_that_are_no_numbers_or_too_large_are_refused(tmp_path, dtype):
         refusal(tmp_path / "clip.npz", packed(members(content()) | {f"{name}.npy": broken}))
 
 
+@pytest.mark.parametrize("method", [1, 8, 9, 12, 14, 93, 99])
+def test_members_that_claim_another_compression_are_refused(tmp_path, method):
+    refusal(tmp_path / "clip.npz", with_field(10, 8, method))
+
+
+def test_members_that_claim_to_be_encrypted_are_refused(tmp_path):
+    refusal(tmp_path / "clip.npz", with_field(8, 6, 1))
+
+
+def with_field(central: int, local: int, value: int) -> bytes:
+    """Return the archive with a two-byte field of every member's central and local header replaced."""
+    data = bytearray(content())
+    for marker, offset in ((b"PK\x01\x02", central), (b"PK\x03\x04", local)):
+        for at in [at for at in range(len(data)) if data.startswith(marker, at)]:
+            data[at + offset : at + offset + 2] = value.to_bytes(2, "little")
+    return bytes(data)
+
+
 # Fuzz: load returns a motion or raises ReadError
 
 

@@ -24,7 +24,7 @@ axes = axes.map(lambda axis: axis / np.linalg.norm(axis))
 # All magnitudes, with those at which formulas switch or lose digits.
 angles = st.one_of(
     st.floats(0.0, np.pi),
-    st.sampled_from([0.0, 1e-300, 1e-17, 1e-12, 1e-9, 1.9e-8, 2.1e-8, 1e-6, np.pi - 1e-6, np.pi - 1e-9]),
+    st.sampled_from([0.0, 1e-300, 1e-17, 1e-12, 1e-9, 1.9e-8, 2.1e-8, 1e-6, 1e-4, 1e-3, np.pi - 1e-6, np.pi - 1e-9]),
 )
 
 
