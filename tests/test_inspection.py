@@ -91,14 +91,14 @@ def test_without_the_objects_the_rest_is_described(folder):
     assert facts.command.endswith("--objects DIR --out out")
     facts = inspect(folder / "sub1_box_000.pt", folder / "objects", "cube")
     assert "no object 'cube'" in facts.missing[0]
-    assert "--object-name cube" in facts.command
+    assert "--object cube" in facts.command
 
 
 def test_without_a_name_it_asks_for_one(folder):
     write_clip(random_clip(), folder / "my clip.pt")
     facts = inspect(folder / "my clip.pt")
-    assert "--object-name NAME" in facts.missing[0]
-    assert "--object-name NAME" in facts.command
+    assert "--object NAME" in facts.missing[0]
+    assert "--object NAME" in facts.command
     assert "my clip.pt'" in facts.command  # quoted
 
 

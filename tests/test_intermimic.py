@@ -226,7 +226,7 @@ def test_objects_that_cannot_be_had(folder):
     with pytest.raises(GeometryError, match="Did you mean 'box'"):
         read(folder / "sub1_box_000.pt", objects=folder / "objects", object_name="boxx")
     write_clip(random_clip(), folder / "clip.pt")
-    with pytest.raises(GeometryError, match="--object-name NAME"):
+    with pytest.raises(GeometryError, match="--object NAME"):
         read(folder / "clip.pt", objects=folder / "objects")
 
 

@@ -24,7 +24,7 @@ def check_shape(owner: str, name: str, array: np.ndarray, expected: tuple[int, .
 def check_finite(owner: str, arrays: Mapping[str, np.ndarray]) -> None:
     """Raise `ClipError` naming the first frames (axis 0) in which a number is not finite."""
     for name, array in arrays.items():
-        bad = ~np.isfinite(array).reshape(len(array), -1).all(axis=1)
+        bad = ~np.isfinite(array).all(axis=tuple(range(1, array.ndim)))
         if bad.any():
             raise ClipError(f"{owner}: {name} is not finite in {describe_frames(np.flatnonzero(bad))}.")
 

@@ -190,7 +190,7 @@ def _unit_quats(owner: str, name: str, quats: np.ndarray) -> np.ndarray:
     check_finite(owner, {name: quats})
     norms = np.linalg.norm(quats, axis=-1)
     # Sources store single precision: anything within 1 % of unit length is rounding, the rest is damage.
-    bad = (np.abs(norms - 1.0) > 0.01).reshape(len(quats), -1).any(axis=1)
+    bad = (np.abs(norms - 1.0) > 0.01).any(axis=tuple(range(1, norms.ndim)))
     if bad.any():
         raise ClipError(f"{owner}: {name} are not unit quaternions in {describe_frames(np.flatnonzero(bad))}.")
     return frozen(quats / norms[..., None])

@@ -77,7 +77,7 @@ def plant(
     """Return the contact site's position and rotation for a wanted toe path and foot rotation."""
     steady = without_flicker(stands, frames_in(SHORTEST_STANCE_SECONDS, fps))
     standing = fade(steady, frames_in(RAMP_SECONDS, fps))
-    toes, quats = smooth(toes), smooth_quats(quats)
+    toes, quats = smooth(toes, fps), smooth_quats(quats, fps)
     quats = se3.slerp(quats, _level(quats), standing)
     positions = toes - se3.rotate(quats, foot.toe)
     rotations = se3.quat_to_matrix(quats)

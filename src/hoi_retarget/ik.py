@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from hoi_retarget import se3
 from hoi_retarget.robots.model import RobotModel
-from hoi_retarget.signals import fade
+from hoi_retarget.signals import fade, frames_in
 from hoi_retarget.targets import Targets
 from hoi_retarget.trajopt.problem import Problem
 from hoi_retarget.trajopt.solvers.banded import BandedInteriorPoint
@@ -15,7 +15,7 @@ from hoi_retarget.trajopt.table import IkWeights, ik_terms
 from hoi_retarget.trajopt.windows import Horizon, WindowReport, solve_windows
 
 TWISTED = np.radians(60.0)  # Off a target by more, a limb may have gone the wrong way around.
-TWIST_MARGIN = 5  # Frames on either side that such a limb needs to come back.
+TWIST_MARGIN_SECONDS = 0.17  # On either side, for such a limb to come back.
 
 
 @dataclass(frozen=True)
@@ -53,14 +53,14 @@ def _straighten(model: RobotModel, targets: Targets, qpos: np.ndarray) -> np.nda
         angles = rotation_angles(kinematics.orientation(row.site), targets.site_quats[:, column])
         if row.rotation_weight == 0 or angles.max() < TWISTED:
             continue
-        near = fade(angles >= TWISTED, TWIST_MARGIN) > 0
+        near = fade(angles >= TWISTED, frames_in(TWIST_MARGIN_SECONDS, targets.fps)) > 0
         limb = 7 + np.flatnonzero(supports[:, sites.nodes[sites.index[row.site]]] & ~trunk)
         if near.all():
             straight[:, limb] = model.home_qpos[limb]
         else:
             frames, kept = np.arange(len(qpos)), np.flatnonzero(~near)
             for joint in limb:
-                straight[near, joint] = np.interp(frames[near], kept, qpos[kept, joint])
+                straight[near, joint] = np.interp(frames[near], kept, straight[kept, joint])
     return None if np.array_equal(straight, qpos) else straight
 
 

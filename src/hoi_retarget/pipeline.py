@@ -11,7 +11,6 @@ from threadpoolctl import ThreadpoolController
 
 from hoi_retarget import __version__
 from hoi_retarget.clip import Clip
-from hoi_retarget.errors import SolveError
 from hoi_retarget.ik import IkConfig, solve_ik
 from hoi_retarget.metrics import evaluate_kinematics, turned_over, unreached_contacts
 from hoi_retarget.motion import Motion
@@ -19,7 +18,6 @@ from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.targets import Scaling, Targets, make_targets
 from hoi_retarget.trajopt.problem import Problem
 from hoi_retarget.trajopt.solvers.banded import BandedInteriorPoint
-from hoi_retarget.trajopt.solvers.base import Status
 from hoi_retarget.trajopt.table import Weights, trajectory_terms
 from hoi_retarget.trajopt.windows import Horizon, WindowReport, solve_windows
 
@@ -71,11 +69,7 @@ def solve_trajectory(
         terms = trajectory_terms(config.weights, targets.window(first, stop), reference)
         return Problem(model, terms, targets.fps, pinned)
 
-    qpos, reports = solve_windows(problem_of, ik_qpos, config.horizon, config.solver)
-    for report in reports:
-        if report.status is Status.FAILED or not np.isfinite(report.cost):
-            raise SolveError(f"frames {report.start} to {report.stop - 1}: {report.status.value}.")
-    return qpos, reports
+    return solve_windows(problem_of, ik_qpos, config.horizon, config.solver)
 
 
 def _scored(motion: Motion, targets: Targets, clip: Clip, model: RobotModel, person: int) -> Motion:

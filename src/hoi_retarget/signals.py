@@ -6,19 +6,19 @@ from scipy.signal import savgol_filter
 
 from hoi_retarget import se3
 
-SMOOTHING_FRAMES, SMOOTHING_ORDER = 11, 3
+SMOOTHING_SECONDS, SMOOTHING_ORDER = 11 / 30, 3
 
 
-def smooth(path: Float[np.ndarray, "T k"]) -> Float[np.ndarray, "T k"]:
+def smooth(path: Float[np.ndarray, "T k"], fps: float) -> Float[np.ndarray, "T k"]:
     """Return a path after a Savitzky-Golay filter; one too short for the filter's order as it is."""
     longest = len(path) - 1 + len(path) % 2
-    window = min(SMOOTHING_FRAMES, longest)
+    window = min(2 * round(0.5 * (SMOOTHING_SECONDS * fps - 1)) + 1, longest)
     return np.asarray(savgol_filter(path, window, SMOOTHING_ORDER, axis=0)) if window > SMOOTHING_ORDER else path.copy()
 
 
-def smooth_quats(quats: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, "T 4"]:
+def smooth_quats(quats: Float[np.ndarray, "T 4"], fps: float) -> Float[np.ndarray, "T 4"]:
     """Return rotations after the same filter."""
-    return se3.quat_normalize(smooth(se3.quat_continuous(quats)))
+    return se3.quat_normalize(smooth(se3.quat_continuous(quats), fps))
 
 
 def runs(active: Bool[np.ndarray, "T"]) -> tuple[tuple[int, int], ...]:

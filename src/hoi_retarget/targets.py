@@ -16,7 +16,7 @@ from hoi_retarget.arrays import frozen
 from hoi_retarget.clip import Clip, ObjectTrack, Person
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.footing import Foot, plant, resting_height, resting_tilt
-from hoi_retarget.labelling import stance
+from hoi_retarget.labelling import LARGEST_DIFFERENCE, stance
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
 from hoi_retarget.signals import fade, frames_in, nearest_active, smooth
@@ -112,7 +112,7 @@ def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int
     feet = tuple(Foot.of(model, side) for side in SIDES)
     goals = _site_targets(human, model, root_scale, feet, stands)
     goals, foot_positions, foot_quats = _with_planted_feet(goals, feet, stands, clip.fps)
-    tracks = [_scale_track(track, root_scale, geometry_scale) for track in clip.objects]
+    tracks = [_scale_track(track, root_scale, geometry_scale, clip.fps) for track in clip.objects]
     flags, touched, points = _contacts(clip, model, person, geometry_scale)
     aim_object, aim_points = _aims(flags, touched, points)
     aim_ramp, turn_ramp = frames_in(AIM_RAMP_SECONDS, clip.fps), frames_in(TURN_RAMP_SECONDS, clip.fps)
@@ -182,6 +182,8 @@ def _site_targets(
     goals = _SiteTargets([row.site for row in rows], positions, se3.quat_normalize(quats))
     toes = [goals.row(f"{side}_toe") for side in SIDES]
     rests = [resting_height(positions[:, toe, 2], stands[:, side]) for side, toe in enumerate(toes)]
+    # A foot that never stands has no resting height of its own: it rides as the other one does.
+    rests = [min(rest, min(rests) + root_scale * LARGEST_DIFFERENCE) for rest in rests]
     standing = [foot.toe_height for foot in feet]
     lowered = np.mean(standing) - np.mean(rests)
     positions[:, :, 2] += lowered
@@ -215,7 +217,7 @@ def _palm_quats(model: RobotModel, goals: _SiteTargets) -> np.ndarray:
     return np.stack(palms, axis=1)
 
 
-def _scale_track(track: ObjectTrack, root_scale: float, geometry_scale: float) -> Float[np.ndarray, "T 3"]:
+def _scale_track(track: ObjectTrack, root_scale: float, geometry_scale: float, fps: float) -> Float[np.ndarray, "T 3"]:
     """Return the object's path: scaled about the world's origin, its lowest point's height included.
 
     With geometry scaled by the root scale this is the paper's rule; with captured size it is
@@ -226,7 +228,7 @@ def _scale_track(track: ObjectTrack, root_scale: float, geometry_scale: float) -
     lowest = root_scale * (track.positions[:, 2] - drop)
     height = np.maximum(lowest, 0.0) + geometry_scale * drop
     path = np.column_stack([root_scale * track.positions[:, :2], height])
-    path_smooth = smooth(path)
+    path_smooth = smooth(path, fps)
     path_smooth[:, 2] = np.maximum(path_smooth[:, 2], path[:, 2] - MAXIMUM_SINK)
     return path_smooth
 

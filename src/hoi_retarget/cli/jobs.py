@@ -12,7 +12,7 @@ from hoi_retarget.cli.terminal import say, warn
 from hoi_retarget.clip import Clip
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.metrics import Figures, Score, TurnedSegment, UnreachedSegment
-from hoi_retarget.motion import Motion, save
+from hoi_retarget.motion import Motion, encode, save
 from hoi_retarget.pipeline import Config, retarget
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.trajopt.solvers.base import Status
@@ -49,16 +49,21 @@ def retarget_people(clip: Clip, model: RobotModel, config: Config, extra: Mappin
 def write(motion: Motion, path: Path, *, read_seconds: float = 0.0) -> Motion:
     """Write a result whose report tells the time that reading the clip and writing take; return it.
 
-    The time to write must be known before the file is written: it is that of a trial in a scratch folder.
+    The time to write must be known before the file is: it is that of encoding the result.
     """
-    with tempfile.TemporaryDirectory(prefix="hoi-retarget-") as scratch:
-        start = time.process_time()
-        save(motion, Path(scratch) / path.name)
-        write_seconds = time.process_time() - start
-    seconds = {"read": read_seconds, **motion.report["cpu_seconds"], "write": write_seconds}
+    start = time.process_time()
+    encode(motion)
+    seconds = {"read": read_seconds, **motion.report["cpu_seconds"], "write": time.process_time() - start}
     timed = replace(motion, report={**motion.report, "cpu_seconds": seconds})
     save(timed, path)
     return timed
+
+
+def converged(motion: Motion) -> bool:
+    """Return whether every window of both stages was solved to tolerance."""
+    return all(
+        window["status"] == Status.SOLVED.name for stage in ("ik_windows", "windows") for window in motion.report[stage]
+    )
 
 
 def describe_result(motion: Motion, path: Path) -> None:

@@ -8,11 +8,20 @@ from typing import Any
 
 from hoi_retarget.cli.commands import Run
 from hoi_retarget.cli.figures import show_figures
-from hoi_retarget.cli.jobs import check_writable, describe_result, result_paths, retarget_people, score, write
+from hoi_retarget.cli.jobs import (
+    check_writable,
+    converged,
+    describe_result,
+    result_paths,
+    retarget_people,
+    score,
+    write,
+)
 from hoi_retarget.cli.terminal import Working, fail, say
 from hoi_retarget.clip import Clip
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.metrics import Score
+from hoi_retarget.motion import Motion
 from hoi_retarget.pipeline import Config
 from hoi_retarget.readers import read_clip
 from hoi_retarget.readers.objects import known_objects
@@ -33,11 +42,14 @@ def execute(command: Run) -> int:
     model = load_model(spec)
     scores: list[Score] = []
     failures: list[HoiRetargetError] = []
+    loose = 0
     with Working("retargeting", len(command.clips)) as working:
         for path in command.clips:
             working.describe(path.name)
             try:
-                scores += _run_clip(path, command, model, config, working)
+                motions = _run_clip(path, command, model, config, working)
+                scores += [score(motion, out) for out, motion in motions.items()]
+                loose += not all(map(converged, motions.values()))
             except HoiRetargetError as error:
                 failures.append(error)
                 with working.aside():
@@ -47,26 +59,26 @@ def execute(command: Run) -> int:
         say()
         show_figures(scores)
         say()
-    solved = len(command.clips) - len(failures)
-    say(f"{solved} solved, {len(failures)} failed.")
-    return _exit_code(failures, solved)
+    written = len(command.clips) - len(failures)
+    unconverged = f", {loose} written without having converged" if loose else ""
+    say(f"{written - loose} solved{unconverged}, {len(failures)} failed.")
+    return _exit_code(failures, written)
 
 
-def _run_clip(path: Path, command: Run, model: RobotModel, config: Config, working: Working) -> list[Score]:
-    """Retarget all people of one clip, then write their results."""
+def _run_clip(path: Path, command: Run, model: RobotModel, config: Config, working: Working) -> dict[Path, Motion]:
+    """Retarget all people of one clip, then write their results; return what is where."""
     start = time.process_time()
     clip = read_clip(path, objects=command.objects, object_name=command.object_name)
     read_seconds = time.process_time() - start
     with working.aside():
         _describe_clip(path, clip)
     motions = retarget_people(clip, model, config, {"command": _settings(command, path)})
-    scores = []
+    results = {}
     for motion, out in zip(motions, result_paths(clip, path.stem, command.out), strict=True):
-        written = write(motion, out, read_seconds=read_seconds / len(motions))
-        scores.append(score(written, out))
+        results[out] = write(motion, out, read_seconds=read_seconds / len(motions))
         with working.aside():
-            describe_result(written, out)
-    return scores
+            describe_result(results[out], out)
+    return results
 
 
 def _check_clips(clips: Sequence[Path]) -> None:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool
 
 from hoi_retarget import se3
 from hoi_retarget.metrics.statistics import norms
@@ -11,20 +12,23 @@ from hoi_retarget.motion import Motion
 from hoi_retarget.signals import runs
 
 UNREACHED_M = 0.02
-"""A segment whose mean residual exceeds this [m] counts as not reached."""
+"""A link further from its target than this [m] does not reach it."""
+
+SHORTEST_UNREACHED = 3
+"""Frames; a hand that takes one or two more to arrive did reach its contact."""
 
 _SITES = {**HAND_SITES, **FOOT_SITES}
 
 
 @dataclass(frozen=True)
 class UnreachedSegment:
-    """One contact, from its first to its last frame, that stayed away from its target."""
+    """A stretch of a contact in which the link stayed away from its target."""
 
     link: str
     """The contact link, as the motion names it."""
     object: str
     first_frame: int
-    """First frame of the motion in which the contact is asked for."""
+    """First such frame of the motion."""
     last_frame: int
     """Last such frame, included."""
     mean_residual_m: float
@@ -43,16 +47,16 @@ class UnreachedSegment:
 def unreached_contacts(
     motion: Motion, kinematics: KinematicsLike, *, limit_m: float = UNREACHED_M
 ) -> tuple[UnreachedSegment, ...]:
-    """Return the contact segments whose mean residual exceeds `limit_m` [m], in order of link and time.
+    """Return where contact links stay further than `limit_m` [m] from their targets, in order of link and time.
 
     The residual is the distance in the object's frame between a contact link and the target that the motion
-    was asked to touch. A segment is a run of frames in which a link touches one object without a break. All
-    frames count, the first one too.
+    was asked to touch. Stretches of `SHORTEST_UNREACHED` frames count, and contacts that are missed altogether
+    however short. All frames count, the first one too.
 
     Args:
         motion: The robot's motion; its contact links are sites of the robot, or human parts standing for them.
         kinematics: The model's `forward(motion.qpos)`.
-        limit_m: Largest mean residual that counts as reached [m].
+        limit_m: Largest residual that counts as reached [m].
     """
     found = []
     for column, link in enumerate(motion.contact_links):
@@ -63,9 +67,15 @@ def unreached_contacts(
         for index in range(len(motion.object_names)):
             inside = se3.rotate_inverse(motion.object_quat[:, index], position - motion.object_pos[:, index])
             residuals = norms(inside - motion.contact_targets[:, column])
-            for first, end in runs(touched == index):
-                mean = float(residuals[first:end].mean())
-                if not mean <= limit_m:
-                    largest = float(residuals[first:end].max())
-                    found.append(UnreachedSegment(link, motion.object_names[index], first, end - 1, mean, largest))
+            off = ~(residuals <= limit_m)
+            for first, end in _unreached_runs(touched == index, off):
+                lengths = residuals[first:end]
+                mean, largest = float(lengths.mean()), float(lengths.max())
+                found.append(UnreachedSegment(link, motion.object_names[index], first, end - 1, mean, largest))
     return tuple(sorted(found, key=lambda segment: (motion.contact_links.index(segment.link), segment.first_frame)))
+
+
+def _unreached_runs(touched: Bool[np.ndarray, "T"], off: Bool[np.ndarray, "T"]) -> list[tuple[int, int]]:
+    """Return stretches of contacts that are off: those that last, and contacts that are off altogether."""
+    contacts = set(runs(touched))
+    return [run for run in runs(touched & off) if run[1] - run[0] >= SHORTEST_UNREACHED or run in contacts]

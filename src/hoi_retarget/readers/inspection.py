@@ -169,7 +169,7 @@ def _inspect_single(path: Path, value: np.ndarray, objects: Path | None, object_
                 facts, notes=(*facts.notes, "Finger positions stand three places late; the reader puts them right.")
             )
     if name is None:
-        facts = replace(facts, missing=("the object's name: pass --object-name NAME", *facts.missing))
+        facts = replace(facts, missing=("the object's name: pass --object NAME", *facts.missing))
     return _with_command(facts, path, objects, object_name or ("NAME" if name is None else None))
 
 
@@ -323,7 +323,7 @@ def _with_command(facts: Inspection, path: Path, objects: Path | None, object_na
     if facts.problems:
         return facts
     words = ["hoi-retarget", "run", str(path), "--objects", str(objects or "DIR")]
-    words += ["--object-name", object_name] if object_name else []
+    words += ["--object", object_name] if object_name else []
     return replace(facts, command=shlex.join([*words, "--out", "out"]))
 
 

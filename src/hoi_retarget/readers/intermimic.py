@@ -116,8 +116,7 @@ def read(path: Path, *, objects: Path | None = None, object_name: str | None = N
     name = object_name or name_in_file_name(path)
     if name is None:
         raise GeometryError(
-            f"{path}: the object's name is not in the file's name, expected sub<N>_<object>_<n>.pt. "
-            "Pass --object-name NAME."
+            f"{path}: the object's name is not in the file's name, expected sub<N>_<object>_<n>.pt. Pass --object NAME."
         )
     if objects is None:
         raise GeometryError(

@@ -67,7 +67,7 @@ def _check_name(folder: Path, name: str) -> None:
     if not name or name in (".", "..") or any(character in name for character in "/\\\0"):
         raise GeometryError(
             f"{folder}: {name[:80]!r} is not the name of an object: it must be a plain folder name without "
-            "path separators. Pass --object-name NAME."
+            "path separators. Pass --object NAME."
         )
 
 

@@ -57,10 +57,10 @@ SPEC = RobotSpec(
     mjcf=Path(__file__).with_name("unitree_h2.xml"),
     provenance=(
         "Joint frames, axes, ranges, speed limits, efforts, masses and inertias: H2.urdf of "
-        "unitreerobotics/unitree_ros, BSD-3-Clause. Palm frames, toe frames and root scale: public retargeting "
+        "unitreerobotics/unitree_ros, BSD-3-Clause. Palm frames and toe frames: public retargeting "
         "tables for the H2. IK offsets and geometry (primitives): this project."
     ),
-    stature=1.79944,  # root scale 1.084 for a human of 1.66 m
+    stature=1.85,  # of 1.6 to 2.0 m, that with which its bones follow the human's best
     object_size="captured",
     speed_limits={
         **{f"{side}_{joint}_joint": speed for side in SIDES for joint, speed in _LEG_SPEEDS.items()},

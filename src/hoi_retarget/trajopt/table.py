@@ -23,6 +23,7 @@ from hoi_retarget.trajopt.terms.site_height import SiteHeight
 from hoi_retarget.trajopt.terms.site_position import SitePosition
 from hoi_retarget.trajopt.terms.site_rotation import SiteRotation
 
+PAPER_RATE = 30.0  # [frames/s] at which the paper's weights are given
 PALMS = tuple(f"{side}_palm" for side in SIDES)
 
 
@@ -49,7 +50,10 @@ class Weights:
     stance_orientation: float = 10.0
     """E^fo"""
     jerk: float = 1e-3
-    """E^j [s^4]: multiplies the squared third difference of q divided by dt^2."""
+    """E^j [s^4]: multiplies the squared third difference of q divided by dt^2, at 30 frames a second.
+
+    At other rates it is scaled so that its share of the cost stays what it is at 30.
+    """
     floor_clearance: float = 2000.0
     """Sole corners under the floor [1/m^2]; not in the paper."""
 
@@ -60,7 +64,7 @@ def trajectory_terms(weights: Weights, targets: Targets, reference: Kinematics) 
         *_tracking(weights, targets, reference),
         *_contact(weights, targets),
         *_stance(weights, targets),
-        Differences("joint_jerk", 3, weights.jerk * targets.fps**4),
+        Differences("joint_jerk", 3, weights.jerk * targets.fps**4 * (targets.fps / PAPER_RATE) ** 2),
         *_floor(weights),
     )
 
@@ -126,7 +130,7 @@ def _floor(weights: Weights) -> tuple[Term, ...]:
 class IkWeights:
     """Weights of the IK stage on top of the robot's own table."""
 
-    posture: float = 0.5
+    posture: float = 2.0
     """Joint angles near the home pose [1/rad^2]: decides what the sites leave free."""
     smoothness: float = 5.0
     """First differences of q [1/frame^2]."""
@@ -144,5 +148,5 @@ def ik_terms(weights: IkWeights, targets: Targets, model: RobotModel) -> tuple[T
             terms.append(SiteRotation(f"{row.site}_rotation", row.site, rotations[k], 0.5 * row.rotation_weight**2))
     home = np.repeat(model.home_qpos[7:, None], targets.frames, axis=1)
     terms.append(Posture("posture", home, weights.posture))
-    terms.append(Differences("smoothness", 1, weights.smoothness * (targets.fps / 30.0) ** 2))
+    terms.append(Differences("smoothness", 1, weights.smoothness * (targets.fps / PAPER_RATE) ** 2))
     return tuple(terms)

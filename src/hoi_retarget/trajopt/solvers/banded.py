@@ -13,16 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import get_lapack_funcs
 
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.trajopt.bounds import Bounds
 from hoi_retarget.trajopt.normal import assemble
 from hoi_retarget.trajopt.problem import Problem, cost_by_term
 from hoi_retarget.trajopt.rows import Rows
-from hoi_retarget.trajopt.solvers.base import Solution, Status
-
-_FACTOR, _SOLVE = get_lapack_funcs(("pbtrf", "pbtrs"), dtype=np.float64)
+from hoi_retarget.trajopt.solvers.base import FACTOR, SOLVE, Solution, Status
 
 _ROUNDING = 1e-12
 _FEASIBLE = 1e-7  # [rad]
@@ -133,7 +130,7 @@ class _Step:
 
 
 def _start(problem: Problem, bounds: Bounds, qpos: np.ndarray) -> _State:
-    """Return the start, with unknown joint angles well inside their ranges; no step gets longer by it."""
+    """Return the start, with unknown joint angles well inside their ranges."""
     model = problem.model
     margin = _START_MARGIN * (model.upper - model.lower)
     inside = qpos.copy()
@@ -153,7 +150,7 @@ def _newton_step(options: BandedInteriorPoint, problem: Problem, bounds: Bounds,
     band[:, :, 0] *= 1.0 + state.damping
     ratio = multiplier / slack
     bounds.add_normal(band, ratio)
-    factor, info = _FACTOR(band.reshape(gradient.size, -1).T, lower=1, overwrite_ab=1)
+    factor, info = FACTOR(band.reshape(gradient.size, -1).T, lower=1, overwrite_ab=1)
     if info != 0:
         return None
     infeasible = point.values - slack
@@ -161,7 +158,7 @@ def _newton_step(options: BandedInteriorPoint, problem: Problem, bounds: Bounds,
     def direction(centre: np.ndarray | float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         force = -gradient
         force[:, 6:] += bounds.apply_transposed(centre / slack - ratio * infeasible)
-        tangent = _SOLVE(factor, force.reshape(-1), lower=1)[0].reshape(force.shape)
+        tangent = SOLVE(factor, force.reshape(-1), lower=1)[0].reshape(force.shape)
         slack_step = bounds.apply(tangent[:, 6:]) + infeasible
         return tangent, slack_step, centre / slack - multiplier - ratio * slack_step
 

@@ -6,10 +6,13 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import get_lapack_funcs
 
 from hoi_retarget.trajopt.bounds import Bounds
 from hoi_retarget.trajopt.normal import assemble
 from hoi_retarget.trajopt.problem import Problem, cost_by_term
+
+FACTOR, SOLVE = get_lapack_funcs(("pbtrf", "pbtrs"), dtype=np.float64)
 
 
 class Status(Enum):
@@ -23,7 +26,7 @@ class Status(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A trajectory within the bounds, the bounds' multipliers, and how the solve went."""
+    """A trajectory, the bounds' multipliers, and how the solve went; solved ones are within the bounds."""
 
     qpos: Float[np.ndarray, "T nq"]
     multipliers: Float[np.ndarray, "rows n"]
@@ -38,8 +41,8 @@ class Solution:
 class Optimality:
     """Residuals of the first-order conditions; all are zero at an optimum.
 
-    `stationarity` is the largest decrease of the cost, relative to it, that the quadratic model
-    promises for a step along any single coordinate; `complementarity` is relative to the cost too.
+    `stationarity` is the decrease of the cost, relative to it, that the quadratic model of the Lagrangian
+    promises for a free step; `complementarity`, is relative to the cost too.
     """
 
     stationarity: float
@@ -65,12 +68,21 @@ def optimality(problem: Problem, solution: Solution) -> Optimality:
     rows = [part for parts in linearization.values() for part in parts]
     pinned = problem.pinned
     normal = assemble(kinematics, rows)
-    gradient, curvature = normal.gradient[pinned:].copy(), normal.band[pinned:, :, 0]
+    gradient = normal.gradient[pinned:].copy()
     gradient[:, 6:] -= bounds.apply_transposed(solution.multipliers)
     slack = bounds.values(solution.qpos[:, 7:])
     half_cost = 0.5 * sum(cost_by_term(linearization).values())
     return Optimality(
-        stationarity=float(np.max(0.5 * gradient**2 / curvature, initial=0.0)) / max(half_cost, 1e-12),
+        stationarity=_newton_decrement(normal.band[pinned:], gradient) / max(half_cost, 1e-12),
         complementarity=float(np.sum(np.abs(slack * solution.multipliers))) / max(half_cost, 1e-12),
         violation=float(max(0.0, -slack.min(initial=0.0))),
     )
+
+
+def _newton_decrement(band: np.ndarray, gradient: np.ndarray) -> float:
+    """Return `g^T H^-1 g / 2`; infinite where H is not positive definite."""
+    factor, info = FACTOR(band.reshape(gradient.size, -1).T, lower=1)
+    if info != 0:
+        return float("inf")
+    step = SOLVE(factor, gradient.reshape(-1), lower=1)[0]
+    return 0.5 * float(gradient.reshape(-1) @ step)
