@@ -125,7 +125,7 @@ def test_scaling_runs(tmp_path):
 @pytest.mark.slow
 def test_horizons_run(tmp_path):
     path = tmp_path / "horizon.json"
-    run("horizon.py", "--synthetic", "carry_box", "--frames", "24", "--horizons", "windowed:12:6", "whole",
+    run("horizon.py", "--synthetic", "carry_box", "--frames", "36", "--horizons", "windowed:20:10", "whole",
         "--json", str(path))  # fmt: skip
     windowed, whole = json.loads(path.read_text())["results"]
     assert windowed["windows"] > whole["windows"] == 1

@@ -211,7 +211,7 @@ def test_bad_meshes(run, recording, text):
         (["--root-scale", "0"], "positive"),
         (["--object-scale", "-1"], "positive"),
         (["--size-multiplier", "nan"], "positive"),
-        (["--horizon", "windowed:3:9"], "pinned"),
+        (["--horizon", "windowed:3:9"], "LENGTH must be at least 20"),
         (["--horizon", "sometimes"], "per-frame"),
         (["copy/sub1_box_000.pt"], "different folders"),
         (["objects"], "is a folder"),

@@ -87,10 +87,12 @@ def test_far_from_stance_the_smoothed_path_is_kept(foot, seed):
     positions, rotations = plant(foot, toes, quats, stands, FPS)
     away = np.abs(np.arange(len(toes))[:, None] - np.flatnonzero(stands)[None]).min(axis=1) > RAMP
     assert away.sum() > 10
-    assert se3.angle_between(rotations[away], smooth_quats(quats)[away]).max() < 1e-9
+    assert se3.angle_between(rotations[away], smooth_quats(quats, FPS)[away]).max() < 1e-9
     toe = positions + se3.rotate(rotations, foot.toe[None])
-    np.testing.assert_allclose(toe[away], smooth(toes)[away], atol=1e-9)
-    np.testing.assert_allclose(toe[:, :2], smooth(toes)[:, :2], atol=1e-9, err_msg="sideways the toe is never moved")
+    np.testing.assert_allclose(toe[away], smooth(toes, FPS)[away], atol=1e-9)
+    np.testing.assert_allclose(
+        toe[:, :2], smooth(toes, FPS)[:, :2], atol=1e-9, err_msg="sideways the toe is never moved"
+    )
 
 
 @every_foot

@@ -6,7 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget import se3
-from hoi_retarget.signals import SMOOTHING_FRAMES, fade, frames_in, nearest_active, smooth, smooth_quats
+from hoi_retarget.signals import fade, frames_in, nearest_active, smooth, smooth_quats
+
+FPS, WINDOW = 30.0, 11  # At 30 frames a second the filter sees 11 frames.
 
 LAWS = settings(max_examples=60, deadline=None, derandomize=True, database=None)
 flags = st.lists(st.booleans(), min_size=1, max_size=40).map(np.array)
@@ -74,30 +76,30 @@ def test_fade_without_contact_is_zero(frames):
 def test_smoothing_leaves_cubic_polynomials_unchanged(frames, seed):
     time = np.linspace(-1.0, 1.0, frames)
     path = np.polynomial.polynomial.polyval(time, np.random.default_rng(seed).normal(size=(4, 3))).T
-    np.testing.assert_allclose(smooth(path), path, atol=1e-10)
+    np.testing.assert_allclose(smooth(path, FPS), path, atol=1e-10)
 
 
 @LAWS
-@given(frames=st.integers(SMOOTHING_FRAMES, 60), seed=st.integers(0, 1000))
+@given(frames=st.integers(WINDOW, 60), seed=st.integers(0, 1000))
 def test_smoothing_is_linear_local_and_blind_to_direction(frames, seed):
     rng = np.random.default_rng(seed)
     a, b = rng.normal(size=(2, frames, 2))
-    np.testing.assert_allclose(smooth(2.0 * a - b), 2.0 * smooth(a) - smooth(b), atol=1e-10)
-    np.testing.assert_allclose(smooth(a[::-1])[::-1], smooth(a), atol=1e-10)
+    np.testing.assert_allclose(smooth(2.0 * a - b, FPS), 2.0 * smooth(a, FPS) - smooth(b, FPS), atol=1e-10)
+    np.testing.assert_allclose(smooth(a[::-1], FPS)[::-1], smooth(a, FPS), atol=1e-10)
     bump = a.copy()
     bump[0] += 1.0
-    np.testing.assert_allclose(smooth(bump)[SMOOTHING_FRAMES:], smooth(a)[SMOOTHING_FRAMES:], atol=1e-12)
+    np.testing.assert_allclose(smooth(bump, FPS)[WINDOW:], smooth(a, FPS)[WINDOW:], atol=1e-12)
 
 
 def test_smoothing_removes_most_of_white_noise():
     noise = np.random.default_rng(0).normal(size=(500, 1))
-    assert smooth(noise)[20:-20].std() < 0.6 * noise.std()
+    assert smooth(noise, FPS)[20:-20].std() < 0.6 * noise.std()
 
 
 @pytest.mark.parametrize("frames", [1, 2, 3, 4])
 def test_paths_too_short_for_the_filter_stay_and_are_copied(frames):
     path = np.random.default_rng(0).normal(size=(frames, 3))
-    smoothed = smooth(path)
+    smoothed = smooth(path, FPS)
     np.testing.assert_array_equal(smoothed, path)
     assert not np.shares_memory(smoothed, path)
 
@@ -107,18 +109,18 @@ def test_paths_too_short_for_the_filter_stay_and_are_copied(frames):
 def test_smoothed_rotations_are_unit_and_blind_to_signs_and_to_the_world(seed, frames):
     rng = np.random.default_rng(seed)
     quats = se3.exp(rng.normal(size=3) + np.cumsum(0.05 * rng.normal(size=(frames, 3)), axis=0))
-    smoothed = smooth_quats(quats)
+    smoothed = smooth_quats(quats, FPS)
     np.testing.assert_allclose(np.linalg.norm(smoothed, axis=1), 1.0, atol=1e-12)
     flipped = quats * rng.choice([-1.0, 1.0], size=(frames, 1))
-    assert se3.angle_between(smooth_quats(flipped), smoothed).max() < 1e-7
+    assert se3.angle_between(smooth_quats(flipped, FPS), smoothed).max() < 1e-7
     turn = se3.exp(rng.normal(size=3))[None]
-    turned = smooth_quats(se3.quat_multiply(turn, quats))
+    turned = smooth_quats(se3.quat_multiply(turn, quats), FPS)
     assert se3.angle_between(turned, se3.quat_multiply(turn, smoothed)).max() < 1e-7
 
 
 def test_a_constant_turn_is_not_smoothed_away():
     quats = se3.exp(np.linspace(0.0, 2.0, 60)[:, None] * np.array([0.0, 0.6, 0.8]))
-    assert se3.angle_between(smooth_quats(quats), quats).max() < 1e-4
+    assert se3.angle_between(smooth_quats(quats, FPS), quats).max() < 1e-4
 
 
 @pytest.mark.parametrize(

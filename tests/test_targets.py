@@ -126,7 +126,7 @@ def test_an_object_scaled_with_the_root_keeps_its_place_in_the_scaled_world(mode
     """The paper's rule: geometry and path by one number."""
     clip = scene("drag_suitcase")
     targets = make_targets(clip, model, Scaling(root_scale=root, object_scale=root))
-    expected = smooth(root * clip.objects[0].positions)
+    expected = smooth(root * clip.objects[0].positions, clip.fps)
     np.testing.assert_allclose(targets.object_pos[:, 0, :2], expected[:, :2], atol=1e-9)
     np.testing.assert_allclose(targets.object_pos[:, 0, 2], expected[:, 2], atol=MAXIMUM_SINK)
 
@@ -142,7 +142,7 @@ def test_an_object_of_captured_size_is_lifted_by_what_scaling_would_sink_it(mode
     expected = np.column_stack([root * track.positions[:, :2], root * track.positions[:, 2] + (1 - root) * drop])
     assert np.ptp(drop) > 0.01, "the suitcase must tilt for this to be a test"
     unsmoothed_floor = expected[:, 2] - MAXIMUM_SINK
-    path = smooth(expected)
+    path = smooth(expected, clip.fps)
     path[:, 2] = np.maximum(path[:, 2], unsmoothed_floor)
     np.testing.assert_allclose(targets.object_pos[:, 0], path, atol=1e-9)
 
