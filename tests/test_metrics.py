@@ -648,6 +648,17 @@ def test_unreached_segment_is_named_with_its_residual():
     assert [s.link for s in unreached_contacts(parts.motion, parts.kinematics)] == ["right_hand"]
 
 
+def test_a_stretch_of_a_long_contact_is_not_hidden_by_the_rest_of_it():
+    world = make_world()
+    palm = world.kinematics.points["right_palm"].copy()
+    palm[SEGMENT.start + 4 : SEGMENT.start + 7] += np.array([0.0, 0.03, 0.0])
+    (stretch,) = unreached_contacts(world.motion, move_sites(world, right_palm=palm).kinematics)
+    assert (stretch.first_frame, stretch.last_frame) == (SEGMENT.start + 4, SEGMENT.start + 6)
+    assert stretch.mean_residual_m == pytest.approx(0.03)
+    palm[SEGMENT.start + 5] = world.kinematics.points["right_palm"][SEGMENT.start + 5]
+    assert unreached_contacts(world.motion, move_sites(world, right_palm=palm).kinematics) == ()
+
+
 def test_change_of_object_starts_a_new_segment():
     world = make_world(objects=2)
     touched = world.motion.contact_object.copy()

@@ -293,3 +293,18 @@ def test_the_report_says_how_it_went():
     assert window["cost"] == pytest.approx(sum(window["cost_by_term"].values()))
     assert window["optimality"]["stationarity"] < 1e-2
     assert set(report["cpu_seconds"]) == {"targets", "ik", "trajectory", "metrics"}
+
+
+def resampled(clip: Clip, factor: int) -> Clip:
+    """Return a synthetic clip at a multiple of its rate."""
+    return make("carry_box", fps=factor * clip.fps)
+
+
+def test_the_rate_of_a_recording_changes_little():
+    model = MODELS["unitree_g1"]
+    clip = scene()
+    slow = retarget(clip, model, Config())
+    fast = retarget(resampled(clip, 2), model, Config())
+    frames = np.arange(15, clip.frames - 15)
+    positions = model.forward(slow.qpos).body_positions[frames]
+    np.testing.assert_allclose(model.forward(fast.qpos).body_positions[2 * frames], positions, atol=0.02)
