@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from hoi_retarget.cli.commands import Inspect
-from hoi_retarget.cli.terminal import fail, say, show_table
+from hoi_retarget.cli.terminal import fail, say, show_table, warn
 from hoi_retarget.readers.inspection import MOTION, Inspection, inspect
 
 
@@ -24,6 +24,8 @@ def execute(command: Inspect) -> int:
     next_command = f"hoi-retarget evaluate {facts.path}" if facts.format == MOTION else facts.command
     if next_command:
         say(f"to run: {next_command}")
+    for doubt in facts.warnings:
+        warn(_naming(facts.path, doubt))
     for problem in facts.problems:
         fail(_naming(facts.path, problem))
     return 1 if facts.problems else 0

@@ -25,6 +25,9 @@ from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, PARTS
 MULTI_OBJECT = "intermimic-multi-object"
 MOTION = "hoi-retarget-motion"
 UNKNOWN = "unknown"
+UP_AXIS = "z, by the format"
+FLOOR_TOLERANCE = 0.3
+"""[m]; the lowest joint is that near the floor in most frames of any recording."""
 
 # The last two: an entry that is no array at all, and strings of characters that do not exist.
 _ARCHIVE_ERRORS = (
@@ -78,7 +81,7 @@ class Inspection:
     """Whether the file states its rate; otherwise its format implies it."""
     skeleton: str = ""
     up_axis: str = ""
-    """The evidence for which way is up."""
+    """Which way is up; what contradicts it is in `warnings`."""
     lowest_joint: float | None = None
     """[m]"""
     height: float | None = None
@@ -87,6 +90,8 @@ class Inspection:
     contacts: tuple[ContactFacts, ...] = ()
     label_values: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    """What looks wrong but does not stop retargeting."""
     problems: tuple[str, ...] = ()
     """Why the file cannot be retargeted as it is."""
     missing: tuple[str, ...] = ()
@@ -261,25 +266,40 @@ def _with_scene(
     return replace(
         facts,
         skeleton=f"{len(JOINTS)} joints of SMPL-X without jaw and eyes, positions and rotations",
-        up_axis=_up_axis(positions),
+        up_axis=UP_AXIS,
         lowest_joint=float(positions[..., 2].min()),
         height=person.height,
         objects=described,
         contacts=tuple(contacts),
         label_values=tuple(float(label) for label in labels[:20]),
+        warnings=_doubts(positions, described),
         missing=(*facts.missing, *absent),
     )
 
 
-def _up_axis(positions: Float[np.ndarray, "T 52 3"]) -> str:
-    trunk = (positions[:, JOINT_INDEX["head"]] - positions[:, JOINT_INDEX["pelvis"]]).mean(axis=0)
-    axis = int(np.abs(trunk).argmax())
-    sign = "" if trunk[axis] >= 0 else "-"
-    lowest = float((positions[..., axis] if trunk[axis] >= 0 else -positions[..., axis]).min())
-    return (
-        f"{sign}{'xyz'[axis]}: the head is on average {abs(trunk[axis]):.2f} m from the pelvis along it, "
-        f"and the lowest joint is at {lowest:.3f} m"
-    )
+def _doubts(positions: Float[np.ndarray, "T 52 3"], objects: Iterable[ObjectFacts]) -> tuple[str, ...]:
+    """Return what speaks against z being up and the floor being at 0.
+
+    A person who bends has the head beside the pelvis, but hardly ever beside the feet.
+    """
+    doubts: tuple[str, ...] = ()
+    feet = [JOINT_INDEX[f"{side}_ankle"] for side in ("left", "right")]
+    upward = positions[:, JOINT_INDEX["head"]] - positions[:, feet].mean(axis=1)
+    shares = np.bincount(np.abs(upward).argmax(axis=1), minlength=3) / len(upward)
+    axis = int(shares.argmax())
+    if axis != 2 and shares[axis] > 0.5:
+        doubts += (
+            f"z is up by the format, but from feet to head it is farthest along {'xyz'[axis]} in "
+            f"{shares[axis]:.0%} of the frames: turn the recording if the person does not lie.",
+        )
+    elif (upward[:, 2] < 0).mean() > 0.5:
+        doubts += ("z is up by the format, but the head is below the feet in most frames: turn the recording.",)
+    lowest = float(np.median(positions[..., 2].min(axis=1)))
+    if abs(lowest) > FLOOR_TOLERANCE:
+        doubts += (f"The floor should be at 0, but the lowest joint is mostly at {lowest:.2f} m: shift the recording.",)
+    sunk = [item for item in objects if item.lowest is not None and item.lowest < -FLOOR_TOLERANCE]
+    doubts += tuple(f"{item.name or 'The object'} reaches {item.lowest:.2f} m, below the floor at 0." for item in sunk)
+    return doubts
 
 
 def _describe_object(item: _Item, objects: Path | None) -> ObjectFacts:
@@ -349,7 +369,7 @@ def _inspect_archive(path: Path, content: bytes) -> Inspection:
         fps=result.fps,
         fps_stated=True,
         skeleton=f"{len(result.joint_names)} robot joints and a free root",
-        up_axis="z, by the format",
+        up_axis=UP_AXIS,
         height=result.human_height,
         objects=tuple(
             ObjectFacts(name, _moved(result.object_pos[:, index]), None, "not stored in results", False)
