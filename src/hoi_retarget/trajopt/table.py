@@ -130,7 +130,7 @@ def _floor(weights: Weights) -> tuple[Term, ...]:
 class IkWeights:
     """Weights of the IK stage on top of the robot's own table."""
 
-    posture: float = 2.0
+    posture: float = 0.5
     """Joint angles near the home pose [1/rad^2]: decides what the sites leave free."""
     smoothness: float = 5.0
     """First differences of q [1/frame^2]."""
