@@ -392,12 +392,44 @@ def test_evaluate_shows_what_the_results_hold(results, tmp_path, capsys):
     with (tmp_path / "f.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["name"] for row in rows] == ["carry_box", "carry_box", "mean", "worst"]
+    assert [row["robot"] for row in rows[:2]] == [row["robot"] for row in document["per_clip"]] == list(ROBOTS)
+    assert [row["file"] for row in rows[:2]] == list(map(str, results))
+    assert all(
+        float(row["object_scale"]) == load(path).object_scale[0] for row, path in zip(rows, results, strict=False)
+    )
+    assert all(name in out for name in ROBOTS) and "object scale" in out
+
+
+def test_evaluate_and_inspect_warn_of_what_run_warns_of(run, recording, capsys):
+    _, out, err = run(f"{NAME}.pt", "--object-scale", "3.5")
+    assert "object scale 3.500" in out and "root scale 0." in out
+    expected = [line.split(f"{NAME}.npz: ")[1] for line in err.splitlines()]
+    assert expected
+    for command in ("evaluate", "inspect"):
+        assert main([command, f"out/{NAME}.npz"]) == 0
+        out, err = capsys.readouterr()
+        assert [line.split(f"{NAME}.npz: ")[1] for line in err.splitlines()] == expected
+        assert "unitree_g1" in out and "3.500" in out
+    assert f"licence       {intermimic.LICENCE}" in out and f"source        {NAME}.pt" in out
+    assert "(trajectory)" in out and "unreached" in out and "turned over" in out
+
+
+def test_inspect_describes_a_result_of_another_version(results, tmp_path, capsys):
+    with np.load(results[0]) as archive:
+        arrays = dict(archive)
+    for report in ("{}", '{"windows": [1], "source": 3, "turned_over": [{}], "root_scale": null}'):
+        arrays["report"] = np.str_(report)
+        np.savez(tmp_path / "bare.npz", **arrays)
+        assert main(["inspect", str(tmp_path / "bare.npz")]) == 0
+        out, err = capsys.readouterr()
+        assert "not of this version" in err and err.count("\n") == 1
+        assert "unitree_g1" in out
 
 
 def test_evaluate_many_shows_a_row_for_each(results, capsys):
     assert main(["evaluate", *[str(results[0])] * 6]) == 0
     out = capsys.readouterr().out
-    assert sum(line.startswith("carry_box ") for line in out.splitlines()) == 6
+    assert sum("unitree_g1" in line for line in out.splitlines()) == 6
     assert "all clips" in out
 
 

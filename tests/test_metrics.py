@@ -701,7 +701,7 @@ def test_json_and_csv_hold_the_stored_numbers():
     one, two = scores()
     document = json.loads(to_json((one, two)))
     assert document["clips"] == 2
-    assert document["per_clip"][0] == {"name": "one", "frames": FRAMES, **one.values()}
+    assert document["per_clip"][0] == {**one.facts(), **one.values()}
     assert document["per_clip"][1]["contact_gap_m"] is None
     assert document["mean"] == mean_values((one, two))
     rows = list(csv.DictReader(io.StringIO(to_csv((one, two)))))
@@ -712,11 +712,31 @@ def test_json_and_csv_hold_the_stored_numbers():
 
 def test_table_rows_are_as_long_as_their_header():
     rows = table_rows(scores())
-    assert {len(row) for row in rows} == {2 + len(COLUMNS)}
-    assert rows[0][:3] == ("clip", "frames", "contact gap [mm]")
+    assert {len(row) for row in rows} == {4 + len(COLUMNS)}
+    assert rows[0][:5] == ("clip", "robot", "object scale", "frames", "contact gap [mm]")
     assert [row[0] for row in rows[1:]] == ["one", "two", "mean", "worst"]
-    assert rows[2][2] == "-"
+    assert rows[2][4] == "-"
     assert len(table_rows(scores()[:1])) == 2
+
+
+def test_runs_of_one_clip_can_be_told_apart():
+    figures = scores()[0].figures
+    g1 = Score("one", figures, FRAMES, file="a/one.npz", robot="g1", root_scale=0.75, object_scale=(0.5,))
+    h2 = Score("one", figures, FRAMES, file="b/one.npz", robot="h2", object_scale=(1.0, 0.25))
+    rows = table_rows((g1, h2))
+    assert [row[:3] for row in rows[1:3]] == [("a/one.npz", "g1", "0.500"), ("b/one.npz", "h2", "1.000 0.250")]
+    assert table_rows((g1,))[1][0] == "one"
+    first, second = json.loads(to_json((g1, h2)))["per_clip"]
+    assert (first["file"], first["robot"], first["root_scale"], first["object_scale"]) == (
+        "a/one.npz",
+        "g1",
+        0.75,
+        [0.5],
+    )
+    assert second["object_scale"] == [1.0, 0.25]
+    table = list(csv.DictReader(io.StringIO(to_csv((g1, h2)))))
+    assert [row["robot"] for row in table] == ["g1", "h2", "", ""]
+    assert [row["object_scale"] for row in table[:2]] == ["0.5", "1.0 0.25"]
 
 
 # The robots themselves

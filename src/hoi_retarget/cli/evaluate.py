@@ -1,11 +1,13 @@
 """`hoi-retarget evaluate`: the figures that results carry, as a table, JSON and CSV."""
 
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from hoi_retarget.cli.commands import Evaluate
 from hoi_retarget.cli.figures import show_figures
-from hoi_retarget.cli.jobs import check_writable, score
-from hoi_retarget.cli.terminal import fail, say
+from hoi_retarget.cli.jobs import FOREIGN_REPORT, check_writable, complaints
+from hoi_retarget.cli.jobs import score as score_of
+from hoi_retarget.cli.terminal import fail, say, warn
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
 from hoi_retarget.metrics import Score, to_csv, to_json
 from hoi_retarget.motion import load, write_atomically
@@ -19,12 +21,7 @@ def execute(command: Evaluate) -> int:
     for option, path in files.items():
         if path is not None:
             check_writable(option, path.parent)
-    scores: list[Score] = []
-    for path in command.results:
-        try:
-            scores.append(_score(path))
-        except HoiRetargetError as error:
-            fail(str(error))
+    scores = list(_scores(command.results))
     if scores:
         say("Figures as the run computed and stored them:")
         show_figures(scores)
@@ -38,11 +35,25 @@ def execute(command: Evaluate) -> int:
     return 1 if failed else 0
 
 
-def _score(path: Path) -> Score:
+def _scores(paths: Iterable[Path]) -> Iterator[Score]:
+    """Yield the figures of every result that can be read; tell what is wrong with it, or with the others."""
+    for path in paths:
+        try:
+            score, found = _score(path)
+        except HoiRetargetError as error:
+            fail(str(error))
+            continue
+        for complaint in found:
+            warn(f"{path}: {complaint}")
+        yield score
+
+
+def _score(path: Path) -> tuple[Score, tuple[str, ...]]:
+    """Return a result's figures and what is not right with it."""
     motion = load(path)
     try:
-        return score(motion, path)
-    except (KeyError, TypeError, AttributeError) as error:
+        return score_of(motion, path), complaints(motion)
+    except FOREIGN_REPORT as error:
         raise ReadError(
             f"{path}: its report holds no figures of this version ({error}). Run the retarget again."
         ) from error

@@ -1,9 +1,13 @@
 """`hoi-retarget inspect`: what a file is, what it lacks, and what to run on it."""
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Iterator
 
 from hoi_retarget.cli.commands import Inspect
+from hoi_retarget.cli.jobs import FOREIGN_REPORT, STAGES, complaints
 from hoi_retarget.cli.terminal import fail, say, show_table, warn
+from hoi_retarget.metrics.table import scales_text
+from hoi_retarget.motion import Motion
 from hoi_retarget.readers.inspection import MOTION, Inspection, inspect
 
 
@@ -24,7 +28,7 @@ def execute(command: Inspect) -> int:
     next_command = f"hoi-retarget evaluate {facts.path}" if facts.format == MOTION else facts.command
     if next_command:
         say(f"to run: {next_command}")
-    for doubt in facts.warnings:
+    for doubt in (*facts.warnings, *(() if facts.result is None else _complaints(facts.result))):
         warn(_naming(facts.path, doubt))
     for problem in facts.problems:
         fail(_naming(facts.path, problem))
@@ -46,9 +50,40 @@ def _facts(facts: Inspection) -> None:
         ("human height", None if facts.height is None else f"{facts.height:.2f} m, from the skeleton"),
         ("label values", ", ".join(f"{value:g}" for value in facts.label_values) or None),
     )
-    for title, text in rows:
+    for title, text in (*rows, *(() if facts.result is None else _result(facts.result))):
         if text is not None:
             say(f"  {title:14}{text}")
+
+
+def _result(motion: Motion) -> Iterator[tuple[str, str]]:
+    """Yield what tells a result from others; a report of another version may lack any of it."""
+    report = motion.report
+    yield "robot", motion.robot
+    yield "object scale", scales_text(motion.object_scale)
+    for title, key in (("root scale", "root_scale"), ("clip", "clip")):
+        if key in report:
+            yield title, str(round(report[key], 3) if isinstance(report[key], float) else report[key])
+    for stage, key in STAGES.items():
+        windows = report.get(key)
+        if isinstance(windows, list):
+            counts = Counter(str(window.get("status")) if isinstance(window, dict) else "?" for window in windows)
+            counted = ", ".join(f"{count} {status.lower().replace('_', ' ')}" for status, count in counts.items())
+            yield "windows", f"{counted} ({stage})"
+    for title, key in (("unreached", "unreached_contacts"), ("turned over", "turned_over")):
+        if isinstance(report.get(key), list):
+            yield title, f"{len(report[key])} stretch(es)" if report[key] else "none"
+    source = report.get("source")
+    if isinstance(source, dict):
+        for title, key in (("source", "path"), ("source format", "format"), ("licence", "licence")):
+            if key in source:
+                yield title, str(source[key])
+
+
+def _complaints(motion: Motion) -> tuple[str, ...]:
+    try:
+        return complaints(motion)
+    except FOREIGN_REPORT:
+        return ("its report is not of this version; run the retarget again for figures and statuses.",)
 
 
 def _objects(facts: Inspection) -> list[tuple[str, ...]]:

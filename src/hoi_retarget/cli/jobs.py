@@ -12,10 +12,16 @@ from hoi_retarget.cli.terminal import say, warn
 from hoi_retarget.clip import Clip
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.metrics import Figures, Score, TurnedSegment, UnreachedSegment
+from hoi_retarget.metrics.table import scales_text
 from hoi_retarget.motion import Motion, encode, save
 from hoi_retarget.pipeline import Config, retarget
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.trajopt.solvers.base import Status
+
+STAGES = {"inverse kinematics": "ik_windows", "trajectory": "windows"}
+"""Where the report has the windows of each stage."""
+FOREIGN_REPORT = (KeyError, TypeError, AttributeError, ValueError)
+"""What a report raises that another version wrote."""
 
 
 def check_writable(option: str, folder: Path) -> None:
@@ -70,18 +76,34 @@ def describe_result(motion: Motion, path: Path) -> None:
     """Print where a result is and what is not right with it."""
     seconds = sum(motion.report["cpu_seconds"].values())
     say(f"  {path}  ({motion.frames} frames, {seconds:.2f} s)")
-    for stage, windows in (("inverse kinematics", "ik_windows"), ("trajectory", "windows")):
+    say(f"  root scale {motion.report['root_scale']:.3f}, object scale {scales_text(motion.object_scale)}")
+    for complaint in complaints(motion):
+        warn(f"{path.name}: {complaint}")
+
+
+def complaints(motion: Motion) -> tuple[str, ...]:
+    """Return what is not right with a result, by its report: a sentence for each."""
+    found: list[str] = []
+    for stage, windows in STAGES.items():
         for window in motion.report[windows]:
             if window["status"] != Status.SOLVED.name:
                 message = Status[window["status"]].value
-                warn(f"{path.name}: {stage}, frames {window['start']} to {window['stop'] - 1}: {message}.")
-    for segment in motion.report["unreached_contacts"]:
-        warn(f"{path.name}: not reached: {UnreachedSegment(**segment)}.")
-    for segment in motion.report["turned_over"]:
-        warn(f"{path.name}: {TurnedSegment(**segment)}.")
+                found.append(f"{stage}, frames {window['start']} to {window['stop'] - 1}: {message}.")
+    found += [f"not reached: {UnreachedSegment(**segment)}." for segment in motion.report["unreached_contacts"]]
+    found += [f"{TurnedSegment(**segment)}." for segment in motion.report["turned_over"]]
+    return tuple(found)
 
 
 def score(motion: Motion, path: Path) -> Score:
     """Return the figures that a motion's report holds, as tables need them."""
     figures = Figures(**motion.report["figures"])
-    return Score(path.stem, figures, motion.frames, sum(motion.report["cpu_seconds"].values()))
+    return Score(
+        path.stem,
+        figures,
+        motion.frames,
+        sum(motion.report["cpu_seconds"].values()),
+        file=str(path),
+        robot=motion.robot,
+        root_scale=motion.report["root_scale"],
+        object_scale=tuple(motion.object_scale.tolist()),
+    )

@@ -6,9 +6,9 @@ Nothing is printed here; the command line does.
 import csv
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from hoi_retarget.metrics.figures import Figures
 
@@ -71,6 +71,19 @@ class Score:
     frames: int
     compute_s: float | None = None
     """Time of the complete run [s], from the motion's report."""
+    file: str = ""
+    """The result's file; tells results of one name apart."""
+    robot: str = ""
+    root_scale: float | None = None
+    object_scale: tuple[float, ...] = ()
+    """One for each object."""
+
+    def facts(self) -> dict[str, Any]:
+        """Return what tells this result from others, by name."""
+        return {
+            **{"name": self.name, "file": self.file, "robot": self.robot, "root_scale": self.root_scale},
+            **{"object_scale": list(self.object_scale), "frames": self.frames},
+        }
 
     def values(self) -> dict[str, float | None]:
         """Return all numbers by column name."""
@@ -91,12 +104,31 @@ def worst_values(scores: Sequence[Score]) -> dict[str, float | None]:
 
 
 def table_rows(scores: Sequence[Score], columns: Sequence[Column] = COLUMNS) -> tuple[tuple[str, ...], ...]:
-    """Return the table as text: a header row, a row per result, and with two and more their mean and worst."""
-    header = ("clip", "frames", *(column.header for column in columns))
-    rows = [(score.name, str(score.frames), *_texts(score.values(), columns)) for score in scores]
+    """Return the table as text: a header row, a row per result, and with two and more their mean and worst.
+
+    Results are named by their files where several bear the same name.
+    """
+    header = ("clip", "robot", "object scale", "frames", *(column.header for column in columns))
+    several = len({score.name for score in scores}) < len(scores)
+    rows = [
+        (
+            *(
+                score.file if several and score.file else score.name,
+                score.robot or "-",
+                scales_text(score.object_scale),
+            ),
+            *(str(score.frames), *_texts(score.values(), columns)),
+        )
+        for score in scores
+    ]
     if len(scores) > 1:
-        rows += [(name, "", *_texts(values, columns)) for name, values in _summaries(scores)]
+        rows += [(name, "", "", "", *_texts(values, columns)) for name, values in _summaries(scores)]
     return (header, *rows)
+
+
+def scales_text(scales: Iterable[float]) -> str:
+    """Return the scales of objects as they are shown."""
+    return " ".join(f"{scale:.3f}" for scale in scales) or "-"
 
 
 def to_json(scores: Sequence[Score]) -> str:
@@ -104,7 +136,7 @@ def to_json(scores: Sequence[Score]) -> str:
     document = {
         "clips": len(scores),
         **dict(_summaries(scores)),
-        "per_clip": [{"name": score.name, "frames": score.frames, **score.values()} for score in scores],
+        "per_clip": [{**score.facts(), **score.values()} for score in scores],
     }
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
@@ -112,17 +144,19 @@ def to_json(scores: Sequence[Score]) -> str:
 def to_csv(scores: Sequence[Score]) -> str:
     """Return the results as CSV text, full precision in stored units; empty where a figure is undefined.
 
-    The last two rows, named `mean` and `worst`, are not clips: their number of frames is empty.
+    Several objects' scales stand in one cell. The last two rows, named `mean` and `worst`, are not clips:
+    their file and their number of frames are empty.
     """
     names = [column.name for column in COLUMNS]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["name", "frames", *names])
+    facts = ["name", "file", "robot", "root_scale", "object_scale", "frames"]
+    writer.writerow([*facts, *names])
     for score in scores:
-        values = score.values()
-        writer.writerow([score.name, score.frames, *(values[name] for name in names)])
+        values = {**score.facts(), **score.values(), "object_scale": " ".join(map(str, score.object_scale))}
+        writer.writerow([values[name] for name in (*facts, *names)])
     for label, values in _summaries(scores):
-        writer.writerow([label, "", *(values[name] for name in names)])
+        writer.writerow([label, *[""] * (len(facts) - 1), *(values[name] for name in names)])
     return text.getvalue()
 
 

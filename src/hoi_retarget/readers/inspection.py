@@ -98,6 +98,8 @@ class Inspection:
     """What has to be added, and how."""
     command: str = ""
     """What to run next; empty where nothing can be."""
+    result: motion.Motion | None = None
+    """The motion, where the file is a result."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -376,6 +378,7 @@ def _inspect_archive(path: Path, content: bytes) -> Inspection:
             for index, name in enumerate(result.object_names)
         ),
         contacts=tuple(_motion_contacts(result)),
+        result=result,
     )
 
 
