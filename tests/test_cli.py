@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from hoi_retarget import __version__, cli
-from hoi_retarget.cli import main
+from hoi_retarget.cli import main, program, terminal
 from hoi_retarget.cli.commands import Run
 from hoi_retarget.clip import Clip
 from hoi_retarget.motion import load
@@ -100,14 +100,14 @@ def test_arguments_that_do_not_parse(words, tmp_path, monkeypatch, capsys):
 def test_linear_algebra_gets_one_thread_unless_the_user_says_otherwise(monkeypatch):
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
-    cli._use_one_thread()
+    program._use_one_thread()
     assert (os.environ["OMP_NUM_THREADS"], os.environ["OPENBLAS_NUM_THREADS"]) == ("1", "3")
     monkeypatch.delenv("OMP_NUM_THREADS")
 
 
 def test_drawing_without_a_screen_does_not_override_the_user(monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "glfw")
-    cli._draw_without_a_screen()
+    program._draw_without_a_screen()
     assert os.environ["MUJOCO_GL"] == "glfw"
 
 
@@ -341,6 +341,98 @@ def test_a_reader_that_goes_away_is_no_traceback(recording):
     assert program.wait() == cli.PIPE_CLOSED
 
 
+CLOSED = "import os; r, w = os.pipe(); os.close(r); os.dup2(w, 1); "
+
+
+def program_with(preparation: str, *words: str, **environment: str) -> subprocess.CompletedProcess:
+    """Run the program in a process of its own, after some preparation."""
+    code = f"{preparation}\nimport sys\nfrom hoi_retarget.cli import main\nsys.exit(main({list(words)!r}))"
+    variables = {**os.environ, **environment}
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=variables)
+
+
+@pytest.mark.parametrize("words", [["--help"], ["run", "--help"], ["--version"], ["robots", "list"]])
+def test_nobody_reads_the_output(words):
+    done = program_with(CLOSED, *words)
+    assert (done.returncode, done.stderr) == (cli.PIPE_CLOSED, "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+@pytest.mark.parametrize("words", [["--help"], ["--version"], ["robots", "list"]])
+def test_the_output_is_on_a_full_disk(words):
+    done = program_with("import os; os.dup2(os.open('/dev/full', os.O_WRONLY), 1)", *words)
+    assert done.returncode == 1
+    assert done.stderr.startswith("error: the output cannot be written (No space left")
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("module", ["tyro", "numpy", "mujoco"])
+def test_ctrl_c_while_modules_are_imported(module):
+    preparation = f"""
+import sys
+class Interrupter:
+    def find_spec(self, name, *_):
+        if name == {module!r}: raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupter())"""
+    done = program_with(preparation, "robots", "check", "unitree_g1")
+    assert done.returncode == cli.INTERRUPTED
+    assert done.stderr == "error: interrupted; what was finished before is complete.\n"
+
+
+def test_streams_that_cannot_show_a_character_or_are_closed(tmp_path):
+    done = program_with("", "inspect", str(tmp_path / "kl\u00f6tze\udc80.pt"), PYTHONIOENCODING="ascii")
+    assert done.returncode == 1
+    assert "kl\\xf6tze\\udc80.pt: there is no such file" in done.stderr
+    assert program_with("", "--help", PYTHONIOENCODING="ascii").returncode == 0
+    assert program_with("import sys; sys.stdout = sys.stderr = None", "--help").returncode == 0
+
+
+def test_unreadable_folders_are_no_traceback(run, recording, monkeypatch):
+    def refuse(name):
+        real = getattr(Path, name)
+
+        def refused(path, *words):
+            if path.name in ("locked", "clip.pt"):
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+            return real(path, *words)
+
+        monkeypatch.setattr(Path, name, refused)
+
+    (recording / "locked").mkdir()
+    for name in ("is_dir", "iterdir", "exists"):
+        refuse(name)
+    code, _, err = run("locked/clip.pt")
+    assert code == 1 and err.startswith("error: locked/clip.pt: cannot be read") and err.count("\n") == 1
+    code = main(["run", f"{NAME}.pt", "--objects", "locked", "--out", "out"])
+    assert code == 2
+
+
+@pytest.mark.parametrize("variable", ["NO_COLOR", "COLORTERM"])
+def test_no_color_holds_for_wrong_words_too(variable):
+    pty = pytest.importorskip("pty")
+    ours, theirs = pty.openpty()
+    environment = {**{k: v for k, v in os.environ.items() if k != "NO_COLOR"}, "TERM": "xterm", variable: "1"}
+    words = [sys.executable, "-m", "hoi_retarget", "rum"]
+    done = subprocess.run(words, stdout=theirs, stderr=theirs, env=environment, check=False)
+    text = os.read(ours, 100_000)
+    os.close(ours)
+    os.close(theirs)
+    assert done.returncode == 2
+    assert (b"\x1b[" in text) == (variable != "NO_COLOR")
+
+
+@pytest.mark.parametrize("width", [40, 60, 80, 140])
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_tables_break_no_word(width, count, results, monkeypatch, capsys):
+    monkeypatch.setattr(terminal, "PLAIN_WIDTH", width)
+    monkeypatch.chdir(results[0].parent)
+    assert main(["evaluate", *["carry_box.npz"] * count]) == 0
+    out = capsys.readouterr().out
+    assert max(map(len, out.splitlines()[1:])) <= width
+    words = {"contact", "velocity", "direction", "object", "scale", "unitree_g1", "rotation", "[m/s^3]"}
+    assert words <= set(out.split())
+
+
 def test_every_setting_of_run_is_explained():
     lines = Path(sys.modules[Run.__module__].__file__).read_text()
     body = lines.split("class Run:")[1].split("@dataclass")[0]
@@ -426,8 +518,9 @@ def test_inspect_describes_a_result_of_another_version(results, tmp_path, capsys
         assert "unitree_g1" in out
 
 
-def test_evaluate_many_shows_a_row_for_each(results, capsys):
-    assert main(["evaluate", *[str(results[0])] * 6]) == 0
+def test_evaluate_many_shows_a_row_for_each(results, monkeypatch, capsys):
+    monkeypatch.chdir(results[0].parent)
+    assert main(["evaluate", *["carry_box.npz"] * 6]) == 0
     out = capsys.readouterr().out
     assert sum("unitree_g1" in line for line in out.splitlines()) == 6
     assert "all clips" in out

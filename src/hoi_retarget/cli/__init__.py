@@ -2,23 +2,16 @@
 
 `commands` declares what can be asked for and imports nothing heavy, so that help is quick. Each
 command is done by the module of this package that bears its name, imported when it is asked for.
+
+Here is what holds for all of them: however a command ends, it ends with an exit code and at most a line.
 """
 
-import ctypes
 import os
 import sys
 from collections.abc import Sequence
-from importlib import import_module
-
-import tyro
-
-from hoi_retarget import __version__
-from hoi_retarget.cli.commands import DESCRIPTION, Command, Robots
-from hoi_retarget.cli.terminal import fail, say
-from hoi_retarget.errors import ArgumentError, HoiRetargetError
+from contextlib import suppress
 
 INTERRUPTED, PIPE_CLOSED = 130, 141  # What a shell reports for a command that such a signal ended.
-_THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -30,55 +23,54 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Raises:
         SystemExit: Help was asked for, or the arguments do not parse.
     """
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    if words == ["--version"]:
-        say(f"hoi-retarget {__version__}")
-        return 0
-    command = tyro.cli(
-        Command,  # pyright: ignore[reportArgumentType]  # a union of dataclasses is what tyro asks for
-        prog="hoi-retarget",
-        description=DESCRIPTION,
-        args=words,
-        config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes),
-    )
-    _use_one_thread()
-    if isinstance(command, Robots):
-        _draw_without_a_screen()
-    module = import_module(f"hoi_retarget.cli.{type(command).__name__.lower()}")
     try:
-        return module.execute(command)
-    except ArgumentError as error:
-        fail(str(error))
-        return 2
-    except HoiRetargetError as error:
-        fail(str(error))
-        return 1
+        _prepare_streams()
+        try:
+            # Imports take most of a second, in which the user may press Ctrl-C too.
+            from hoi_retarget.cli.program import run  # noqa: PLC0415
+
+            return run(sys.argv[1:] if arguments is None else arguments)
+        finally:
+            sys.stdout.flush()
     except KeyboardInterrupt:
-        fail("interrupted; what was finished before is complete.")
+        _complain("interrupted; what was finished before is complete.")
         return INTERRUPTED
     except BrokenPipeError:
         # Whoever read the output has gone: nothing is left to say, not even when Python closes it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_output()
         return PIPE_CLOSED
+    except OSError as error:
+        # Files that cannot be read or written are told by those who use them; what is left is the output.
+        reason = error.strerror or error
+        if error.filename is None:
+            _complain(f"the output cannot be written ({reason}). Free some space, or send it elsewhere.")
+        else:
+            _complain(f"{os.fsdecode(error.filename)}: {reason}. Check the path and its permissions.")
+        _discard_output()
+        return 1
 
 
-def _use_one_thread() -> None:
-    """Let linear algebra use one thread, unless the user says otherwise: its matrices here are small.
+def _prepare_streams() -> None:
+    """Let no character and no closed stream stop what is printed."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: PTH123, SIM115  # as long as the program runs
+        elif hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
 
-    The libraries read this once, when numpy is imported.
-    """
-    for variable in _THREAD_VARIABLES:
-        os.environ.setdefault(variable, "1")
+
+def _complain(text: str) -> None:
+    with suppress(OSError):
+        sys.stderr.write(f"error: {text}\n")
+        sys.stderr.flush()
 
 
-def _draw_without_a_screen() -> None:
-    """Choose how MuJoCo draws on a Linux machine without a display; MuJoCo reads it when imported."""
-    if sys.platform != "linux" or "MUJOCO_GL" in os.environ or os.environ.get("DISPLAY"):
-        return
-    for library, backend in (("libEGL.so.1", "egl"), ("libOSMesa.so.8", "osmesa")):
-        try:
-            ctypes.CDLL(library)
-        except OSError:
+def _discard_output() -> None:
+    """Send what is still to be written nowhere, so that Python's end does not fail on it."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
             continue
-        os.environ["MUJOCO_GL"] = backend
-        return
+        with suppress(OSError, ValueError):  # A stream that was put in the place of stdout has no number.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

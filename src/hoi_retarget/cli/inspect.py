@@ -75,7 +75,7 @@ def _result(motion: Motion) -> Iterator[tuple[str, str]]:
     source = report.get("source")
     if isinstance(source, dict):
         for title, key in (("source", "path"), ("source format", "format"), ("licence", "licence")):
-            if key in source:
+            if source.get(key):
                 yield title, str(source[key])
 
 

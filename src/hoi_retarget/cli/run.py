@@ -86,7 +86,7 @@ def _check_clips(clips: Sequence[Path]) -> None:
         raise ArgumentError("no clip is named. Usage: hoi-retarget run CLIP... --out DIR.")
     seen: dict[str, Path] = {}
     for path in clips:
-        if path.is_dir():
+        if _is_folder(path):
             raise ArgumentError(f"{path} is a folder. Name the clips in it, such as {path}/*.pt.")
         other = seen.setdefault(path.stem, path)
         if other is not path:
@@ -95,12 +95,24 @@ def _check_clips(clips: Sequence[Path]) -> None:
             )
 
 
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError:
+        return False  # Reading it will tell what is wrong.
+
+
 def _check_objects(folder: Path | None, name: str | None) -> None:
     if folder is None:
         return
-    if not folder.is_dir():
+    try:
+        exists, known = folder.is_dir(), known_objects(folder)
+    except OSError as error:
+        raise ArgumentError(
+            f"--objects {folder}: cannot be read ({error.strerror or error}). Check its permissions."
+        ) from error
+    if not exists:
         raise ArgumentError(f"--objects {folder}: there is no such folder. Name one with <object>/<object>.obj in it.")
-    known = known_objects(folder)
     if name is not None and name not in known:
         listing = f"Objects there: {', '.join(known)}." if known else "There are no objects in it."
         raise ArgumentError(f"--object {name}: {folder} has no geometry of that name. {listing}")

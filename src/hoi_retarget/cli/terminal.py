@@ -5,12 +5,14 @@ from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from threading import Timer
 
+from rich.cells import cell_len
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 PATIENCE_S = 2.0  # Nobody needs a bar for less.
 PLAIN_WIDTH = 140  # Of tables that do not go to a terminal.
+_GAP = 2  # Between columns.
 
 
 def say(text: str = "") -> None:
@@ -33,12 +35,49 @@ def show_table(rows: Sequence[Sequence[str]], *, words: Collection[int] = (0,)) 
     console = Console(highlight=False, markup=False)
     if not console.is_terminal:
         console = Console(highlight=False, markup=False, width=PLAIN_WIDTH)
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for index, name in enumerate(rows[0]):
-        table.add_column(name, justify="left" if index in words else "right", overflow="fold", no_wrap=index == 0)
-    for row in rows[1:]:
-        table.add_row(*row)
-    console.print(table)
+    for number, columns in enumerate(_parts(rows, console.width)):
+        if number:
+            say()
+        table = Table(box=None, pad_edge=False, header_style="bold")
+        for index, width in columns.items():
+            table.add_column(
+                rows[0][index], justify="left" if index in words else "right", overflow="fold", width=width
+            )
+        for row in rows[1:]:
+            table.add_row(*(row[index] for index in columns))
+        # Printed by `say`: rich itself ends the program with another code when nobody reads it any more.
+        with console.capture() as capture:
+            console.print(table)
+        say(capture.get().removesuffix("\n"))
+
+
+def _parts(rows: Sequence[Sequence[str]], width: int) -> list[dict[int, int]]:
+    """Return which columns stand side by side, and how wide: those that do not fit come below, after the first again.
+
+    Cells are broken between words; within one only where it is longer than all that is there.
+    """
+    texts = list(zip(*rows, strict=True))
+    full = [max(map(cell_len, column)) for column in texts]
+    least = [max((cell_len(word) for text in column for word in text.split()), default=1) for column in texts]
+    first = min(full[0], max(1, width // 2))
+    room = max(1, width - first)
+    least = [min(number, max(1, room - _GAP)) for number in least]
+    parts: list[list[int]] = [[]]
+    for index in range(1, len(texts)):
+        if parts[-1] and sum(least[other] + _GAP for other in (*parts[-1], index)) > room:
+            parts.append([])
+        parts[-1].append(index)
+    return [{0: first, **_widths(part, full, least, room)} for part in parts]
+
+
+def _widths(part: Sequence[int], full: Sequence[int], least: Sequence[int], room: int) -> dict[int, int]:
+    widths = {index: full[index] for index in part}
+    while sum(widths.values()) + _GAP * len(part) > room:
+        widest = max(part, key=lambda index: (widths[index] > least[index], widths[index]))
+        if widths[widest] <= least[widest]:
+            break
+        widths[widest] -= 1
+    return widths
 
 
 class Working:

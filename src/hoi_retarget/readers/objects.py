@@ -50,11 +50,22 @@ def load_geometry(folder: Path, name: str) -> ObjectGeometry:
 
 
 def known_objects(folder: Path) -> tuple[str, ...]:
-    """Return the names of the objects in `folder` that have a file to load, sorted; may raise `OSError`."""
+    """Return the names of the objects in `folder` that have a file to load, sorted.
+
+    Raises:
+        OSError: the folder cannot be read; one in it that cannot be read is left out.
+    """
     if not folder.is_dir():
         return ()
     names = sorted(entry.name for entry in folder.iterdir() if entry.is_dir())
-    return tuple(name for name in names if any(path.is_file() for path in _candidates(folder, name)))
+    return tuple(name for name in names if any(map(_is_readable_file, _candidates(folder, name))))
+
+
+def _is_readable_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:
+        return False
 
 
 def _candidates(folder: Path, name: str) -> tuple[Path, ...]:

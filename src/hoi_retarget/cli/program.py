@@ -1,0 +1,78 @@
+"""From the words of the command line to the command that does what they ask for."""
+
+import ctypes
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+_TYRO_COLOURS = "PYTHON_TYRO_ANSI_CODES"
+_PLAIN = bool(os.environ.get("NO_COLOR")) or not (sys.stdout.isatty() and sys.stderr.isatty())
+_DECIDED = _TYRO_COLOURS in os.environ
+if _PLAIN and not _DECIDED:
+    os.environ[_TYRO_COLOURS] = "False"  # tyro reads it when imported, and NO_COLOR not at all
+
+import tyro  # noqa: E402
+
+if _PLAIN and not _DECIDED:
+    del os.environ[_TYRO_COLOURS]
+
+from hoi_retarget import __version__  # noqa: E402
+from hoi_retarget.cli.commands import DESCRIPTION, Command, Robots  # noqa: E402
+from hoi_retarget.cli.terminal import fail, say  # noqa: E402
+from hoi_retarget.errors import ArgumentError, HoiRetargetError  # noqa: E402
+
+_THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command and return its exit code.
+
+    Raises:
+        SystemExit: Help was asked for, or the arguments do not parse.
+    """
+    words = list(arguments)
+    if words == ["--version"]:
+        say(f"hoi-retarget {__version__}")
+        return 0
+    command = tyro.cli(
+        Command,  # pyright: ignore[reportArgumentType]  # a union of dataclasses is what tyro asks for
+        prog="hoi-retarget",
+        description=DESCRIPTION,
+        args=words,
+        config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes),
+    )
+    _use_one_thread()
+    if isinstance(command, Robots):
+        _draw_without_a_screen()
+    module = import_module(f"hoi_retarget.cli.{type(command).__name__.lower()}")
+    try:
+        return module.execute(command)
+    except ArgumentError as error:
+        fail(str(error))
+        return 2
+    except HoiRetargetError as error:
+        fail(str(error))
+        return 1
+
+
+def _use_one_thread() -> None:
+    """Let linear algebra use one thread, unless the user says otherwise: its matrices here are small.
+
+    The libraries read this once, when numpy is imported.
+    """
+    for variable in _THREAD_VARIABLES:
+        os.environ.setdefault(variable, "1")
+
+
+def _draw_without_a_screen() -> None:
+    """Choose how MuJoCo draws on a Linux machine without a display; MuJoCo reads it when imported."""
+    if sys.platform != "linux" or "MUJOCO_GL" in os.environ or os.environ.get("DISPLAY"):
+        return
+    for library, backend in (("libEGL.so.1", "egl"), ("libOSMesa.so.8", "osmesa")):
+        try:
+            ctypes.CDLL(library)
+        except OSError:
+            continue
+        os.environ["MUJOCO_GL"] = backend
+        return
