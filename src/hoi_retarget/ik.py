@@ -25,7 +25,7 @@ class IkConfig:
     weights: IkWeights = IkWeights()
     stride: int = 10
     """The first solve sees every so-manieth frame; the second starts from its interpolation."""
-    solver: BandedInteriorPoint = BandedInteriorPoint(tolerance=1e-3)
+    solver: BandedInteriorPoint = BandedInteriorPoint(tolerance=1e-3, step_tolerance=2e-2)
 
 
 def solve_ik(

@@ -40,6 +40,9 @@ class BandedInteriorPoint:
     """Iterations after which the solve stops."""
     tolerance: float = 3e-4
     """Predicted decrease and complementarity gap, relative to the cost, at which it is solved."""
+    step_tolerance: float = np.inf
+    """Largest last step of any coordinate [m, rad] with which it is solved: where costs stay large, a small relative
+    decrease can still be a large step."""
     fraction_to_boundary: float = 0.995
     """Largest part of the way to a bound taken in one step."""
 
@@ -66,6 +69,7 @@ class BandedInteriorPoint:
         accuracy = self.tolerance * max(state.point.half_cost, _SMALLEST_COST)
         return (
             step.predicted_decrease < accuracy
+            and step.primal_length * float(np.abs(step.tangent).max(initial=0.0)) < self.step_tolerance
             and float(np.sum(state.slack * state.multiplier)) < 10 * accuracy
             and state.damping < _FIRST_DAMPING
             and float(np.abs(state.slack - state.point.values).max(initial=0.0)) < _FEASIBLE
