@@ -40,9 +40,9 @@ class BandedInteriorPoint:
     """Iterations after which the solve stops."""
     tolerance: float = 3e-4
     """Predicted decrease and complementarity gap, relative to the cost, at which it is solved."""
-    step_tolerance: float = np.inf
+    step_tolerance: float = 10.0
     """Largest last step of any coordinate [m, rad] with which it is solved: where costs stay large, a small relative
-    decrease can still be a large step."""
+    decrease can still be a large step. Ten is no limit."""
     fraction_to_boundary: float = 0.995
     """Largest part of the way to a bound taken in one step."""
 
