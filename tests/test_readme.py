@@ -47,9 +47,9 @@ def test_the_readmes_commands_run_in_its_order(tmp_path):
     (demo,) = block("demo")
     uses = [demo, *block("")]
     assert [shlex.split(line)[:2] for line in uses[1:]] == [
-        ["hoi-retarget", "inspect"],
-        ["hoi-retarget", "evaluate"],
-        ["python", "examples/01_demo_in_python.py"],
+        [".venv/bin/hoi-retarget", "inspect"],
+        [".venv/bin/hoi-retarget", "evaluate"],
+        [".venv/bin/python", "examples/01_demo_in_python.py"],
     ]
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     for line in uses:
@@ -57,6 +57,11 @@ def test_the_readmes_commands_run_in_its_order(tmp_path):
         assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
     assert (tmp_path / "out" / "carry_box.npz").is_file()
     assert (tmp_path / "figures.json").is_file() and (tmp_path / "figures.csv").is_file()
+
+
+def test_what_the_readmes_commands_write_is_not_for_git():
+    ignored = (ROOT / ".gitignore").read_text().splitlines()
+    assert {".venv/", "out/", "sample/", "results/", "figures.json", "figures.csv"} <= set(ignored)
 
 
 @pytest.mark.parametrize("document", ["README.md", "docs/design.md", "docs/method.md", "docs/robots.md"])

@@ -1,9 +1,11 @@
 """`hoi-retarget demo`: a built-in clip, from nothing to figures."""
 
+import shlex
+
 from hoi_retarget.cli.commands import Demo
 from hoi_retarget.cli.figures import show_figures
 from hoi_retarget.cli.jobs import check_writable, describe_result, retarget_people, score, write
-from hoi_retarget.cli.terminal import Working, say
+from hoi_retarget.cli.terminal import Working, program, say
 from hoi_retarget.pipeline import Config
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
@@ -28,7 +30,7 @@ def execute(command: Demo) -> int:
     show_figures([score(motion, path)])
     say()
     say("The figures are explained in docs/metrics.md. Next:")
-    say(f"  hoi-retarget inspect {path}              what the file holds")
-    say("  hoi-retarget sample sample               two real recordings (downloads 102 MB)")
-    say("  hoi-retarget run sample/sub3_largebox_003.pt --objects sample/objects --out results")
+    say(f"  {program()} inspect {shlex.quote(str(path))}   # what the file holds")
+    say(f"  {program()} sample sample   # two real recordings (downloads 102 MB)")
+    say(f"  {program()} run sample/sub3_largebox_003.pt --objects sample/objects --out results")
     return 0

@@ -1,11 +1,12 @@
 """`hoi-retarget inspect`: what a file is, what it lacks, and what to run on it."""
 
+import shlex
 from collections import Counter
 from collections.abc import Iterable, Iterator
 
 from hoi_retarget.cli.commands import Inspect
 from hoi_retarget.cli.jobs import FOREIGN_REPORT, STAGES, complaints
-from hoi_retarget.cli.terminal import fail, say, show_table, warn
+from hoi_retarget.cli.terminal import NAME, fail, program, say, show_table, warn
 from hoi_retarget.metrics.table import scales_text
 from hoi_retarget.motion import Motion
 from hoi_retarget.readers.inspection import MOTION, Inspection, inspect
@@ -25,9 +26,10 @@ def execute(command: Inspect) -> int:
     say()
     _list("note", facts.notes)
     _list("missing", facts.missing)
-    next_command = f"hoi-retarget evaluate {facts.path}" if facts.format == MOTION else facts.command
+    evaluate = shlex.join([NAME, "evaluate", facts.path])
+    next_command = evaluate if facts.format == MOTION else facts.command
     if next_command:
-        say(f"to run: {next_command}")
+        say(f"to run: {program()}{next_command.removeprefix(NAME)}")
     for doubt in (*facts.warnings, *(() if facts.result is None else _complaints(facts.result))):
         warn(_naming(facts.path, doubt))
     for problem in facts.problems:

@@ -1,8 +1,10 @@
 """`hoi-retarget sample`: two real recordings and their object."""
 
+import shlex
+
 from hoi_retarget.cli.commands import Sample
 from hoi_retarget.cli.jobs import check_writable
-from hoi_retarget.cli.terminal import Working, say
+from hoi_retarget.cli.terminal import Working, program, say
 from hoi_retarget.sample import CLIPS, LICENCE, OBJECTS, PACKAGE, VERSION, fetch_sample, is_complete
 
 
@@ -20,6 +22,7 @@ def execute(command: Sample) -> int:
     say(f"Terms: {LICENCE}.")
     say()
     say("Next:")
-    clips = " ".join(str(command.folder / name) for name in CLIPS)
-    say(f"  hoi-retarget run {clips} --objects {command.folder / OBJECTS} --out results")
+    clips = [str(command.folder / name) for name in CLIPS]
+    words = ["run", *clips, "--objects", str(command.folder / OBJECTS), "--out", "results"]
+    say(f"  {program()} {shlex.join(words)}")
     return 0

@@ -1,8 +1,11 @@
 """Printing: plain lines, errors and warnings on stderr, tables, and a bar for what takes long."""
 
+import shlex
+import shutil
 import sys
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from threading import Timer
 
 from rich.cells import cell_len
@@ -10,9 +13,21 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+NAME = "hoi-retarget"
 PATIENCE_S = 2.0  # Nobody needs a bar for less.
 PLAIN_WIDTH = 140  # Of tables that do not go to a terminal.
 _GAP = 2  # Between columns.
+
+
+def program() -> str:
+    """Return how to start this program again from here, for commands that are shown."""
+    started = Path(sys.argv[0])
+    if started.name == "__main__.py":
+        return f"{shlex.quote(sys.executable)} -m hoi_retarget"
+    found = shutil.which(NAME)
+    if started.stem != NAME or (found and Path(found).absolute() == started.absolute()):
+        return NAME
+    return shlex.quote(sys.argv[0])
 
 
 def say(text: str = "") -> None:
