@@ -433,6 +433,57 @@ def test_tables_break_no_word(width, count, results, monkeypatch, capsys):
     assert words <= set(out.split())
 
 
+def test_clips_and_results_are_told_apart(results, recording, capsys):
+    assert main(["evaluate", str(recording / f"{NAME}.pt")]) == 1
+    assert "this is a clip, not a result. Use `hoi-retarget run`" in capsys.readouterr().err
+    assert main(["run", str(results[0]), "--out", str(recording / "out")]) == 1
+    assert "not a clip. Use `hoi-retarget evaluate`" in capsys.readouterr().err
+
+
+def test_what_cannot_be_written_is_named(results, tmp_path, monkeypatch, capsys):
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    assert main(["evaluate", str(results[0]), "--json", str(tmp_path / "f.json")]) == 1
+    err = capsys.readouterr().err
+    assert err.startswith(f"error: --json {tmp_path / 'f.json'}: cannot be written (No space left on device). Free")
+    assert "--out" not in err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["check", "robot.urdf"], "only MJCF files (.xml) can be checked"),
+        (["show", "unitree_g1", "--picture", "g1.foo"], "ends in .png"),
+        (
+            ["show", "unitree_g1", "--picture", "g1.png", "--meshes", "menagerie"],
+            "pip install '.[menagerie]' in a clone",
+        ),
+    ],
+)
+def test_what_robots_cannot_do_comes_with_what_to_do(words, message, monkeypatch, capsys):
+    from hoi_retarget.cli import robots as module
+
+    monkeypatch.setattr(module, "find_spec", lambda _: None)
+    assert main(["robots", *words]) == 2
+    out, err = capsys.readouterr()
+    assert not out and message in err and err.count("\n") == 1
+
+
+def test_commands_are_shown_as_the_program_was_started(monkeypatch):
+    monkeypatch.setattr(terminal.shutil, "which", lambda _: "/usr/bin/hoi-retarget")
+    for started, shown in (
+        (".venv/bin/hoi-retarget", ".venv/bin/hoi-retarget"),
+        ("/a b/hoi-retarget", "'/a b/hoi-retarget'"),
+        ("/usr/bin/hoi-retarget", "hoi-retarget"),
+        ("/x/hoi_retarget/__main__.py", f"{sys.executable} -m hoi_retarget"),
+        ("pytest", "hoi-retarget"),
+    ):
+        monkeypatch.setattr(sys, "argv", [started])
+        assert terminal.program() == shown
+
+
 def test_every_setting_of_run_is_explained():
     lines = Path(sys.modules[Run.__module__].__file__).read_text()
     body = lines.split("class Run:")[1].split("@dataclass")[0]

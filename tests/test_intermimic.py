@@ -1,5 +1,6 @@
 """InterMimic's clips: written and read back, real ones, and every bad one that was thought of."""
 
+import pickle
 import re
 import time
 from pathlib import Path
@@ -177,6 +178,22 @@ def test_zero_frames_in_the_middle(folder):
     matrix = columns_of(random_clip())
     matrix[5:7] = 0.0
     refused(folder, np.concatenate([np.zeros_like(matrix[:1]), matrix]), ClipError, "2 frames (6, 7)", "in the middle")
+    ended = np.concatenate([columns_of(random_clip()), np.zeros_like(matrix[:2])])
+    refused(folder, ended, ClipError, "2 frames (12, 13) at the end", "tensor[:12]")
+
+
+def test_other_layouts_come_with_advice(folder):
+    refused(folder, columns_of(random_clip())[:, :590], ReadError, "590 columns", "interact2mimic.py")
+    refused(folder, 3, ReadError, "an int", "interact2mimic.py")
+
+
+def test_a_plain_pickle_is_called_so_with_what_it_imports(folder):
+    for protocol in (2, 4):
+        for value, words in ((Path("x"), "(it imports pathlib."), ({"a": 1}, "refused: it could run code")):
+            (folder / "sub1_box_000.pt").write_bytes(pickle.dumps(value, protocol=protocol))
+            with pytest.raises(ReadError, match="plain Python pickle, refused") as caught:
+                read(folder / "sub1_box_000.pt", objects=folder / "objects")
+            assert words in str(caught.value)
 
 
 @pytest.mark.parametrize("field", ["root rotation", "object rotation", "body rotations"])

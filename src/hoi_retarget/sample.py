@@ -89,7 +89,13 @@ def unpack(wheel: Path, folder: Path, members: Mapping[str, tuple[str, str]], wh
     except (KeyError, zipfile.BadZipFile) as error:
         raise ReadError(f"{wheel.name}: not the archive that was expected ({error}). Nothing was unpacked.") from error
     for place, content in contents.items():
-        write_atomically(folder / place, content)
+        try:
+            write_atomically(folder / place, content)
+        except WriteError as error:
+            reason = getattr(error.__cause__, "strerror", None) or error
+            raise WriteError(
+                f"{folder / place}: cannot be written ({reason}). Free some space or name another folder."
+            ) from error
 
 
 def _download(folder: Path) -> Path:

@@ -1,16 +1,17 @@
 """`hoi-retarget evaluate`: the figures that results carry, as a table, JSON and CSV."""
 
+import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from hoi_retarget.cli.commands import Evaluate
 from hoi_retarget.cli.figures import show_figures
-from hoi_retarget.cli.jobs import FOREIGN_REPORT, check_writable, complaints
+from hoi_retarget.cli.jobs import FOREIGN_REPORT, check_writable, complaints, write_file
 from hoi_retarget.cli.jobs import score as score_of
-from hoi_retarget.cli.terminal import fail, say, warn
+from hoi_retarget.cli.terminal import fail, program, say, warn
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
 from hoi_retarget.metrics import Score, to_csv, to_json
-from hoi_retarget.motion import load, write_atomically
+from hoi_retarget.motion import load
 
 
 def execute(command: Evaluate) -> int:
@@ -25,9 +26,9 @@ def execute(command: Evaluate) -> int:
     if scores:
         say("Figures as the run computed and stored them:")
         show_figures(scores)
-        for path, text in ((command.json, to_json), (command.csv, to_csv)):
+        for (option, path), text in zip(files.items(), (to_json, to_csv), strict=True):
             if path is not None:
-                write_atomically(path, text(scores).encode())
+                write_file(option, path, text(scores).encode())
                 say(f"written: {path}")
     failed = len(command.results) - len(scores)
     if failed:
@@ -50,6 +51,8 @@ def _scores(paths: Iterable[Path]) -> Iterator[Score]:
 
 def _score(path: Path) -> tuple[Score, tuple[str, ...]]:
     """Return a result's figures and what is not right with it."""
+    if path.suffix.lower() in (".pt", ".pth") and os.path.isfile(path):  # noqa: PTH113  # raises nothing
+        raise ReadError(f"{path}: this is a clip, not a result. Use `{program()} run` on it first.")
     motion = load(path)
     try:
         return score_of(motion, path), complaints(motion)

@@ -10,10 +10,10 @@ from typing import Any
 
 from hoi_retarget.cli.terminal import say, warn
 from hoi_retarget.clip import Clip
-from hoi_retarget.errors import ArgumentError
+from hoi_retarget.errors import ArgumentError, WriteError
 from hoi_retarget.metrics import Figures, Score, TurnedSegment, UnreachedSegment
 from hoi_retarget.metrics.table import scales_text
-from hoi_retarget.motion import Motion, encode, save
+from hoi_retarget.motion import Motion, encode, save, write_atomically
 from hoi_retarget.pipeline import Config, retarget
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.trajopt.solvers.base import Status
@@ -34,6 +34,17 @@ def check_writable(option: str, folder: Path) -> None:
     except OSError as error:
         raise ArgumentError(
             f"{option} {folder}: cannot write there ({existing}: {error.strerror or error}). Choose another folder."
+        ) from error
+
+
+def write_file(option: str, path: Path, content: bytes) -> None:
+    """Write what an option asks for; raises `WriteError`, which names it."""
+    try:
+        write_atomically(path, content)
+    except WriteError as error:
+        reason = getattr(error.__cause__, "strerror", None) or error
+        raise WriteError(
+            f"{option} {path}: cannot be written ({reason}). Free some space or name another file."
         ) from error
 
 

@@ -1,12 +1,14 @@
 """`hoi-retarget robots`: list, show and check."""
 
+import os
+from importlib.util import find_spec
 from math import degrees
 from pathlib import Path
 
 from hoi_retarget.cli.commands import CheckRobot, ListRobots, Robots, ShowRobot
-from hoi_retarget.cli.jobs import check_writable
+from hoi_retarget.cli.jobs import check_writable, write_file
 from hoi_retarget.cli.terminal import say, show_table
-from hoi_retarget.motion import write_atomically
+from hoi_retarget.errors import ArgumentError
 from hoi_retarget.robots import ROBOTS, robot
 from hoi_retarget.robots.check import check, describe, has_errors
 from hoi_retarget.robots.spec import RobotSpec
@@ -35,7 +37,7 @@ def _list() -> int:
 def _show(action: ShowRobot) -> int:
     spec = robot(action.name)
     if action.picture is not None:
-        check_writable("--picture", action.picture.parent)
+        _check_picture(action.picture, action.meshes)
     joints, roles = describe(spec)
     say(f"{spec.name}: {spec.title}")
     say(f"  {spec.provenance}")
@@ -59,19 +61,36 @@ def _show(action: ShowRobot) -> int:
     return 0
 
 
+def _check_picture(path: Path, meshes: Path | None) -> None:
+    if path.suffix.lower() != ".png":
+        raise ArgumentError(f"--picture {path}: pictures are written as PNG. Name a file that ends in .png.")
+    if meshes == MENAGERIE and find_spec("mujoco_menagerie") is None:
+        raise ArgumentError(
+            "--meshes menagerie: the package mujoco-menagerie is missing. "
+            "Install it with: pip install '.[menagerie]' in a clone of this project."
+        )
+    check_writable("--picture", path.parent)
+
+
 def _draw(spec: RobotSpec, path: Path, meshes: Path | None) -> None:
     # What draws is imported only where something is drawn.
     from hoi_retarget.viewers.robot_picture import menagerie_meshes, picture, png  # noqa: PLC0415
 
     folder = menagerie_meshes(spec) if meshes == MENAGERIE else meshes
-    write_atomically(path, png(picture(spec, meshes=folder)))
+    write_file("--picture", path, png(picture(spec, meshes=folder)))
     say()
     say(f"written: {path}")
 
 
 def _check(action: CheckRobot) -> int:
     """Print every finding; return 0 unless one is an error."""
-    is_file = action.subject.endswith(".xml")
+    suffix = Path(action.subject).suffix.lower()
+    is_file = suffix == ".xml"
+    if not is_file and action.subject not in ROBOTS and (suffix or os.path.exists(action.subject)):  # noqa: PTH110
+        raise ArgumentError(
+            f"{action.subject}: only MJCF files (.xml) can be checked. "
+            "Load a URDF into MuJoCo once and save it as MJCF: mujoco.mj_saveLastXML('robot.xml', model)."
+        )
     findings = check(Path(action.subject) if is_file else robot(action.subject))
     for finding in findings:
         say(f"{finding.level:6}{finding.where}: {finding.what}" + (f". {finding.advice}" if finding.advice else ""))

@@ -1,5 +1,6 @@
 """`hoi-retarget run`: recorded clips to result files."""
 
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -17,9 +18,9 @@ from hoi_retarget.cli.jobs import (
     score,
     write,
 )
-from hoi_retarget.cli.terminal import Working, fail, say
+from hoi_retarget.cli.terminal import Working, fail, program, say
 from hoi_retarget.clip import Clip
-from hoi_retarget.errors import ArgumentError, HoiRetargetError
+from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
 from hoi_retarget.metrics import Score
 from hoi_retarget.motion import Motion
 from hoi_retarget.pipeline import Config
@@ -67,6 +68,8 @@ def execute(command: Run) -> int:
 
 def _run_clip(path: Path, command: Run, model: RobotModel, config: Config, working: Working) -> dict[Path, Motion]:
     """Retarget all people of one clip, then write their results; return what is where."""
+    if path.suffix.lower() == ".npz" and os.path.isfile(path):  # noqa: PTH113  # raises nothing
+        raise ReadError(f"{path}: this is a result or another archive, not a clip. Use `{program()} evaluate` on it.")
     start = time.process_time()
     clip = read_clip(path, objects=command.objects, object_name=command.object_name)
     read_seconds = time.process_time() - start

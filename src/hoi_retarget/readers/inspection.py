@@ -141,7 +141,7 @@ def inspect(path: Path, objects: Path | None = None, object_name: str | None = N
 
 
 def _unknown(path: Path, description: str) -> Inspection:
-    problem = f"No reader fits. Supported: {', '.join(READERS)}. Convert the file."
+    problem = f"No reader fits. Supported: {', '.join(READERS)}. {intermimic.ADVICE}"
     return Inspection(str(path), UNKNOWN, description, problems=(problem,))
 
 

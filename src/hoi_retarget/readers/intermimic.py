@@ -32,6 +32,8 @@ FPS = 30.0
 """[Hz]; the file does not state it, all tools that write or read the layout use it."""
 LICENCE = "OMOMO: MIT; repackaged via InterAct: CC BY-NC-SA 4.0"
 
+ADVICE = "Write the clip again, with one person and one object, by InterAct's simulation/interact2mimic.py."
+
 COLUMNS = 591
 FIELDS: dict[str, slice] = {
     "root position": slice(0, 3),
@@ -149,14 +151,14 @@ def matrix_of(value: Any, path: Path) -> Float[np.ndarray, "T 591"]:
     """Return the clip's tensor in double precision; raises `ReadError` naming the layout if it is another."""
     expected = f"expected one tensor of {COLUMNS} columns, a frame in each row ({FORMAT})"
     if not isinstance(value, np.ndarray):
-        raise ReadError(f"{path}: the file holds {describe_other(value)}; {expected}. Convert it.")
+        raise ReadError(f"{path}: the file holds {describe_other(value)}; {expected}. {ADVICE}")
     if value.ndim != 2 or value.dtype.kind != "f":
         raise ReadError(
             f"{path}: the tensor has shape {value.shape} and type {value.dtype}; {expected}, of floating-point "
-            "numbers. Convert it."
+            f"numbers. {ADVICE}"
         )
     if value.shape[1] != COLUMNS:
-        raise ReadError(f"{path}: {describe_columns(value.shape[1])}; {expected}. Convert it.")
+        raise ReadError(f"{path}: {describe_columns(value.shape[1])}; {expected}. {ADVICE}")
     return value.astype(float)
 
 
@@ -175,7 +177,8 @@ def describe_columns(columns: int) -> str:
 def describe_other(value: Any) -> str:
     """Return what a torch file's content is when it is not one tensor."""
     if not isinstance(value, dict):
-        return f"a {type(value).__name__}"
+        name = type(value).__name__
+        return f"{'an' if name[0] in 'aeiou' else 'a'} {name}"
     keys = ", ".join(ascii(key)[:40] for key in list(value)[:6])
     data = value.get("data")
     if isinstance(data, np.ndarray) and data.ndim == 2 and object_count(data.shape[1]) and "objects" in value:
@@ -255,6 +258,12 @@ def check(path: Path, matrix: Float[np.ndarray, "T 591"], first: int) -> None:
         )
     zero = ~_any_in_frame(matrix != 0)
     zero[:first] = False
+    last = int(np.flatnonzero(~zero)[-1])
+    if zero[last:].any() and not zero[:last].any():
+        raise ClipError(
+            f"{path}: {_frames(zero)} at the end hold zeros only: data are missing there. "
+            f"Cut them off: tensor[:{last + 1}]."
+        )
     if zero.any():
         raise ClipError(
             f"{path}: {_frames(zero)} in the middle hold zeros only: data are missing there. Cut the clip there."
@@ -305,7 +314,7 @@ def _check_rotations(path: Path, matrix: Float[np.ndarray, "T 591"], first: int)
         if _is_multi_object(matrix[first:]):
             raise ReadError(
                 f"{path}: the tensor has {COLUMNS} columns in the order of InterMimic's multi-object layout "
-                f"(rotations in columns 318:526), expected that of {FORMAT} (rotations in 383:591). Convert it."
+                f"(rotations in columns 318:526), expected that of {FORMAT} (rotations in 383:591). {ADVICE}"
             )
         worst = lengths[bad].min() if lengths[bad].min() < 0.99 else lengths[bad].max()
         of = f" of {', '.join(np.array(BODIES)[bad.any(axis=0)][:5])}" if name == "body rotations" else ""

@@ -89,10 +89,31 @@ def parse_torch(content: bytes, path: Path) -> Any:
             return _parse_legacy(content)
     except _RefusedError as error:
         raise ReadError(f"{path}: {error}") from error
+    if content.startswith(b"\x80") and content.endswith(b"."):
+        raise ReadError(
+            f"{path}: not a torch file but a plain Python pickle, refused{_first_import(content)}: it could run code. "
+            "Save plain tensors with torch.save(tensor, path) where it was made."
+        )
     raise ReadError(
         f"{path}: not a torch file: it starts with {content[:8]!r}, expected a zip archive "
         f"(torch >= 1.6) or torch's older format. {_RESAVE}"
     )
+
+
+def _first_import(content: bytes) -> str:
+    """Return the first name that a pickle imports, in words; nothing is executed."""
+    strings: list[str] = []
+    try:
+        for operation, argument, _ in pickletools.genops(content):
+            if operation.name == "GLOBAL":
+                return f" (it imports {ascii(str(argument).replace(' ', '.'))[1:-1][:120]})"
+            if operation.name == "STACK_GLOBAL" and len(strings) > 1:
+                return f" (it imports {ascii('.'.join(strings[-2:]))[1:-1][:120]})"
+            if isinstance(argument, str):
+                strings.append(argument)
+    except (ValueError, OverflowError, MemoryError):
+        pass  # Damaged; what it would import is not known.
+    return ""
 
 
 class _RefusedError(Exception):
