@@ -8,7 +8,7 @@ to write it in CasADi are timed, since they differ tenfold:
 - `expand`: the same, expanded to scalar operations: faster to evaluate, slow to build,
 - `blocks`: `map` with the Hessian put together by hand from blocks of one and two frames.
 
-Needs the extra `benchmark`: `pip install hoi-retarget[benchmark]`.
+Needs the extra `benchmark`: `pip install '.[benchmark]'`.
 """
 
 import time

@@ -114,7 +114,7 @@ def menagerie_meshes(spec: RobotSpec) -> Path:
         import mujoco_menagerie  # noqa: PLC0415 # pyright: ignore[reportMissingImports] - optional
     except ImportError as error:
         raise HoiRetargetError(
-            "The meshes of MuJoCo Menagerie need its package: pip install 'hoi-retarget[menagerie]'."
+            "The meshes of MuJoCo Menagerie need its package: pip install '.[menagerie]' in a clone."
         ) from error
     try:
         return mujoco_menagerie.get(spec.name).path(progress=None)
