@@ -10,7 +10,7 @@ from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.trajopt.normal import assemble
 from hoi_retarget.trajopt.problem import Term, cost_by_term
 from hoi_retarget.trajopt.rows import Rows, SiteRows, StencilRows, cost
-from hoi_retarget.trajopt.table import IkWeights, Weights
+from hoi_retarget.trajopt.table import Weights
 from trajectories import MODELS, one_term_per_file, random_qpos
 
 FRAMES = 7
@@ -108,4 +108,4 @@ def test_weights_of_the_paper():
     }  # fmt: skip
     weights = Weights()
     assert {name: getattr(weights, name) for name in paper} == paper
-    assert IkWeights().posture > 0, "without it, joints that no site sees would be free"
+    assert all(model.spec.posture_weight > 0 for model in MODELS.values()), "joints that no site sees would be free"

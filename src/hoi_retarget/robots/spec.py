@@ -62,6 +62,8 @@ class RobotSpec:
     home: Mapping[str, float]
     """Joint angles [rad] of a relaxed standing pose; joints not named are at zero."""
     ik: tuple[IkRow, ...]
+    posture_weight: float = 0.5
+    """IK weight of joint angles near the home pose [1/rad^2]: decides what the sites leave free."""
     part_sites: Mapping[str, str] = field(
         default_factory=lambda: {
             "left_hand": "left_palm",

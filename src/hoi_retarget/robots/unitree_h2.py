@@ -60,7 +60,8 @@ SPEC = RobotSpec(
         "unitreerobotics/unitree_ros, BSD-3-Clause. Palm frames and toe frames: public retargeting "
         "tables for the H2. IK offsets and geometry (primitives): this project."
     ),
-    stature=1.85,  # of 1.6 to 2.0 m, that with which its bones follow the human's best
+    stature=1.8,  # root scale 1.084 for a human of 1.66 m; with more its legs are stretched, and knees undecided
+    posture_weight=2.0,  # its leaning hip axes leave more undecided than the G1's
     object_size="captured",
     speed_limits={
         **{f"{side}_{joint}_joint": speed for side in SIDES for joint, speed in _LEG_SPEEDS.items()},

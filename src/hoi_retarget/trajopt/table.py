@@ -130,8 +130,6 @@ def _floor(weights: Weights) -> tuple[Term, ...]:
 class IkWeights:
     """Weights of the IK stage on top of the robot's own table."""
 
-    posture: float = 0.5
-    """Joint angles near the home pose [1/rad^2]: decides what the sites leave free."""
     smoothness: float = 5.0
     """First differences of q [1/frame^2]."""
 
@@ -147,6 +145,6 @@ def ik_terms(weights: IkWeights, targets: Targets, model: RobotModel) -> tuple[T
         if row.rotation_weight > 0:
             terms.append(SiteRotation(f"{row.site}_rotation", row.site, rotations[k], 0.5 * row.rotation_weight**2))
     home = np.repeat(model.home_qpos[7:, None], targets.frames, axis=1)
-    terms.append(Posture("posture", home, weights.posture))
+    terms.append(Posture("posture", home, model.spec.posture_weight))
     terms.append(Differences("smoothness", 1, weights.smoothness * (targets.fps / PAPER_RATE) ** 2))
     return tuple(terms)
