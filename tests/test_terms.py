@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import hoi_retarget.trajopt.terms as terms_package
+from hoi_retarget.errors import ArgumentError
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.trajopt.normal import assemble
 from hoi_retarget.trajopt.problem import Term, cost_by_term
@@ -109,3 +110,9 @@ def test_weights_of_the_paper():
     weights = Weights()
     assert {name: getattr(weights, name) for name in paper} == paper
     assert all(model.spec.posture_weight > 0 for model in MODELS.values()), "joints that no site sees would be free"
+
+
+@pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf")])
+def test_weights_that_are_no_weights_are_refused(value):
+    with pytest.raises(ArgumentError, match="jerk"):
+        Weights(jerk=value)

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget import se3
+from hoi_retarget.errors import ArgumentError
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.signals import fade, frames_in
 from hoi_retarget.targets import Targets
@@ -26,6 +27,10 @@ class IkConfig:
     stride: int = 10
     """The first solve sees every so-manieth frame; the second starts from its interpolation."""
     solver: BandedInteriorPoint = BandedInteriorPoint(tolerance=1e-3, step_tolerance=2e-2)
+
+    def __post_init__(self) -> None:
+        if self.stride < 1:
+            raise ArgumentError(f"stride is {self.stride}; it must be at least 1 frame.")
 
 
 def solve_ik(

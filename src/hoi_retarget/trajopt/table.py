@@ -4,12 +4,14 @@ Every weight multiplies the square of a residual in metres, radians, or the Frob
 difference of rotations. Rows below the line are not in the paper; `docs/design.md` says why.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget import se3
+from hoi_retarget.errors import ArgumentError
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 from hoi_retarget.targets import Targets
@@ -56,6 +58,11 @@ class Weights:
     """
     floor_clearance: float = 2000.0
     """Sole corners under the floor [1/m^2]; not in the paper."""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (math.isfinite(value) and value >= 0):
+                raise ArgumentError(f"weight {name} is {value}; it must be a number of at least 0.")
 
 
 def trajectory_terms(weights: Weights, targets: Targets, reference: Kinematics) -> tuple[Term, ...]:
