@@ -228,3 +228,12 @@ def test_stacks_are_their_items_one_by_one():
     check(se3.skew(many[..., 1:]), lambda t, k: se3.skew(many[t, k, 1:]))
     matrices = se3.quat_to_matrix(many)
     check(se3.matrix_to_quat(matrices), lambda t, k: se3.matrix_to_quat(matrices[t, k]))
+
+
+@settings(max_examples=50, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 999))
+def test_the_angle_between_matrices_is_that_between_quaternions(seed):
+    rng = np.random.default_rng(seed)
+    a, b = se3.exp(rng.normal(size=(2, 20, 3)))
+    found = se3.matrix_angle_between(se3.quat_to_matrix(a), se3.quat_to_matrix(b))
+    np.testing.assert_allclose(found, se3.angle_between(a, b), atol=1e-7)

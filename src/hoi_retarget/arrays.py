@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool
 
 from hoi_retarget.errors import ClipError
 
@@ -33,3 +34,9 @@ def describe_frames(frames: np.ndarray) -> str:
     """Return a short text naming frame indices, such as `3 frames (4, 7, 9)`."""
     shown = ", ".join(str(frame) for frame in frames[:5])
     return f"{len(frames)} frame{'s' if len(frames) != 1 else ''} ({shown}{', ...' if len(frames) > 5 else ''})"
+
+
+def runs(active: Bool[np.ndarray, "T"]) -> tuple[tuple[int, int], ...]:
+    """Return the contiguous runs of active frames as (first, one past the last)."""
+    edges = np.flatnonzero(np.diff(active.astype(np.int8), prepend=0, append=0))
+    return tuple((int(first), int(stop)) for first, stop in edges.reshape(-1, 2))

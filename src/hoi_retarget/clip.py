@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget import se3
-from hoi_retarget.arrays import check_finite, check_shape, describe_frames, frozen
+from hoi_retarget.arrays import check_finite, check_shape, describe_frames, frozen, runs
 from hoi_retarget.errors import ClipError
 from hoi_retarget.skeleton import HEIGHT_OVER_CHAIN, JOINT_INDEX, JOINTS, PARTS
 
@@ -129,8 +129,7 @@ class ContactTrack:
     @property
     def segments(self) -> tuple[tuple[int, int], ...]:
         """Contiguous runs of active frames as (first, one past the last)."""
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], self.active, [False]]).astype(int)))
-        return tuple((int(a), int(b)) for a, b in edges.reshape(-1, 2))
+        return runs(self.active)
 
 
 @dataclass(frozen=True)

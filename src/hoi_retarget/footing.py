@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget import se3
+from hoi_retarget.arrays import runs
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SOLE_CORNERS
-from hoi_retarget.signals import fade, frames_in, runs, smooth, smooth_quats
+from hoi_retarget.signals import fade, frames_in, smooth, smooth_quats
 
 RAMP_SECONDS = 0.4  # A foot is planted and released over this time.
 SHORTEST_STANCE_SECONDS = 0.1  # Shorter ones, and shorter gaps, are flicker of the labels.

@@ -55,7 +55,8 @@ def _straighten(model: RobotModel, targets: Targets, qpos: np.ndarray) -> np.nda
     trunk = supports[:, sites.nodes[sites.index["torso"]]]
     straight = qpos.copy()
     for column, row in enumerate(model.spec.ik):
-        angles = rotation_angles(kinematics.orientation(row.site), targets.site_quats[:, column])
+        wanted = se3.quat_to_matrix(targets.site_quats[:, column])
+        angles = se3.matrix_angle_between(kinematics.site_rotation(row.site), wanted)
         if row.rotation_weight == 0 or angles.max() < TWISTED:
             continue
         near = fade(angles >= TWISTED, frames_in(TWIST_MARGIN_SECONDS, targets.fps)) > 0
@@ -67,12 +68,6 @@ def _straighten(model: RobotModel, targets: Targets, qpos: np.ndarray) -> np.nda
             for joint in limb:
                 straight[near, joint] = np.interp(frames[near], kept, straight[kept, joint])
     return None if np.array_equal(straight, qpos) else straight
-
-
-def rotation_angles(rotation: Float[np.ndarray, "3 3 T"], quats: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, "T"]:
-    """Return the angles [rad] between rotations and unit quaternions, from the trace of their quotient."""
-    trace = np.einsum("ijt,ijt->t", rotation, se3.quat_to_matrix(quats).transpose(1, 2, 0))
-    return np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0))
 
 
 def _solve(

@@ -140,6 +140,16 @@ def angle_between(a: Float[Array, "*#batch 4"], b: Float[Array, "*#batch 4"]) ->
     return np.linalg.norm(log(quat_multiply(quat_conjugate(a), b)), axis=-1)
 
 
+def matrix_angle_between(a: Float[Array, "*#batch 3 3"], b: Float[Array, "*#batch 3 3"]) -> Float[Array, "*batch"]:
+    """Return the angle [rad] of the rotation from `a` to `b`, in [0, pi].
+
+    From the chord: the Frobenius distance of two rotations is 2 sqrt(2) sin(angle / 2).
+    """
+    difference = a - b
+    chord = np.sqrt(np.einsum("...ij,...ij->...", difference, difference))
+    return 2.0 * np.arcsin(np.minimum(chord / np.sqrt(8.0), 1.0))
+
+
 def slerp(
     a: Float[Array, "*#batch 4"], b: Float[Array, "*#batch 4"], fraction: Float[Array, "*#batch"]
 ) -> Float[Array, "*batch 4"]:

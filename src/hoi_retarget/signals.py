@@ -21,12 +21,6 @@ def smooth_quats(quats: Float[np.ndarray, "T 4"], fps: float) -> Float[np.ndarra
     return se3.quat_normalize(smooth(se3.quat_continuous(quats), fps))
 
 
-def runs(active: Bool[np.ndarray, "T"]) -> tuple[tuple[int, int], ...]:
-    """Return the contiguous runs of active frames as (first, one past the last)."""
-    edges = np.flatnonzero(np.diff(active.astype(np.int8), prepend=0, append=0))
-    return tuple((int(first), int(stop)) for first, stop in edges.reshape(-1, 2))
-
-
 def nearest_active(active: Bool[np.ndarray, "T"]) -> Int[np.ndarray, "T"]:
     """Return, for every frame, the nearest active one, the earlier of two; some frame must be active."""
     frames = np.flatnonzero(active)

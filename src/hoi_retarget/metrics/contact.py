@@ -3,7 +3,8 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hoi_retarget.metrics.statistics import max_or_none, mean_or_none, norms, rotation_angles_deg
+from hoi_retarget import se3
+from hoi_retarget.metrics.statistics import max_or_none, mean_or_none, norms
 from hoi_retarget.metrics.view import HAND_SITES, Comparison
 
 
@@ -38,7 +39,7 @@ def relative_hand_rotation_deg(view: Comparison) -> float | None:
         human = view.human_objects[track.object].rotations_inside(view.human_part_rotation(track.part))
         robot_change = robot[frames] @ np.swapaxes(robot[starts], 1, 2)
         human_change = human[frames] @ np.swapaxes(human[starts], 1, 2)
-        angles.append(rotation_angles_deg(robot_change, human_change))
+        angles.append(np.degrees(se3.matrix_angle_between(robot_change, human_change)))
     return mean_or_none(np.concatenate(angles))
 
 

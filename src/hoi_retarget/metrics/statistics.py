@@ -32,18 +32,6 @@ def direction_angles_deg(
     return np.degrees(2.0 * np.arctan2(norms(scaled_a - scaled_b), norms(scaled_a + scaled_b)))
 
 
-def rotation_angles_deg(
-    a: Float[np.ndarray, "*batch 3 3"], b: Float[np.ndarray, "*batch 3 3"]
-) -> Float[np.ndarray, "*batch"]:
-    """Return the angles [deg] of the rotations from `a` to `b`.
-
-    From the chord: the Frobenius distance of two rotations is 2 sqrt(2) sin(angle / 2).
-    """
-    difference = a - b
-    chord = np.sqrt(np.einsum("...ij,...ij->...", difference, difference))
-    return np.degrees(2.0 * np.arcsin(np.minimum(chord / np.sqrt(8.0), 1.0)))
-
-
 def norms(vectors: Float[np.ndarray, "*batch K"]) -> Float[np.ndarray, "*batch"]:
     """Return the lengths of vectors along the last axis."""
     return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hoi_retarget.ik import rotation_angles
+from hoi_retarget import se3
+from hoi_retarget.arrays import runs
 from hoi_retarget.robots.model import Kinematics
-from hoi_retarget.signals import runs
 from hoi_retarget.targets import Targets
 
 TURNED_DEG = 100.0
@@ -36,7 +36,8 @@ def turned_over(kinematics: Kinematics, targets: Targets) -> tuple[TurnedSegment
     for column, row in enumerate(kinematics.model.spec.ik):
         if row.rotation_weight == 0:
             continue
-        degrees = np.degrees(rotation_angles(kinematics.orientation(row.site), targets.site_quats[:, column]))
+        wanted = se3.quat_to_matrix(targets.site_quats[:, column])
+        degrees = np.degrees(se3.matrix_angle_between(kinematics.site_rotation(row.site), wanted))
         for first, stop in runs(degrees > TURNED_DEG):
             found.append(TurnedSegment(row.site, first, stop - 1, float(degrees[first:stop].max())))
     return tuple(found)

@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Bool
 
 from hoi_retarget import se3
+from hoi_retarget.arrays import runs
 from hoi_retarget.metrics.statistics import norms
 from hoi_retarget.metrics.view import FOOT_SITES, HAND_SITES, KinematicsLike
 from hoi_retarget.motion import Motion
-from hoi_retarget.signals import runs
 
 UNREACHED_M = 0.02
 """A link further from its target than this [m] does not reach it."""

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError
 
+from hoi_retarget.arrays import runs
 from hoi_retarget.clip import ObjectGeometry
 from hoi_retarget.errors import GeometryError
 
@@ -157,9 +158,8 @@ def _read_mesh(path: Path) -> Float[np.ndarray, "V 3"]:
     if not (separated & (first == ord("f"))).any():
         raise GeometryError(f"{path}: the mesh has no faces (lines `f ...`). Export it again as Wavefront OBJ.")
     # Vertices nearly always stand in one block: cut runs of lines, not lines.
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_vertex, [False]]).astype(np.int8)))
-    bounds = np.append(starts, len(characters) - 2)[edges] - 1
-    text = b" ".join(content[a:b] for a, b in bounds.reshape(-1, 2))
+    bounds = np.append(starts, len(characters) - 2) - 1
+    text = b" ".join(content[bounds[a] : bounds[b]] for a, b in runs(is_vertex))
     return _parse_vertices(path, text, int(is_vertex.sum()))
 
 
