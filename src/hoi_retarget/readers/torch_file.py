@@ -1,10 +1,6 @@
 """Reads torch's `.pt` and `.pth` files without torch and without executing what they hold.
 
-A torch file is a pickle, which is a small program, beside the raw bytes of its tensors. The
-program is interpreted here by hand instead of by `pickle.Unpickler`, for three reasons: only the
-few operations that build tensors, numbers, strings and containers exist, so nothing can be called;
-Python's own machine sizes its memo by a number in the file, which lets a few bytes claim 64 GB;
-and it hashes any key, where a deep enough tuple ends the process.
+A torch file is a pickle beside the raw bytes of its tensors; `pickle_machine` interprets the pickle.
 
 Formats: the zip archive of torch >= 1.6 (`<name>/data.pkl`, `<name>/data/<key>`,
 `<name>/byteorder`) and the older plain one (pickles, then each storage behind its length);
@@ -12,43 +8,20 @@ both as `torch/serialization.py` writes them.
 """
 
 import io
-import math
 import pickletools
 import struct
 import zipfile
 import zlib
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from hoi_retarget.errors import ReadError
-
-MAXIMUM_DEPTH = 64
-"""Containers inside containers; deeper files are refused."""
-MAXIMUM_DIMENSIONS = 32
-MAXIMUM_EXPANSION = 1 << 20
-"""Elements that a tensor may show beyond those stored, by strides of zero."""
+from hoi_retarget.readers.pickle_machine import RESAVE, RefusedError, StorageType, damaged, interpret
 
 _LEGACY_MAGIC = (0x1950A86A20F9469CFC6C).to_bytes(10, "little")
 _LEGACY_PROTOCOL = 1001
-_RESAVE = "Save it again with torch.save(tensor, path), or download it again."
-
-# Storage classes of torch and how their bytes are read; bfloat16 is the upper half of a float32.
-_STORAGE_DTYPES = {
-    "FloatStorage": "f4",
-    "DoubleStorage": "f8",
-    "HalfStorage": "f2",
-    "BFloat16Storage": "u2",
-    "LongStorage": "i8",
-    "IntStorage": "i4",
-    "ShortStorage": "i2",
-    "CharStorage": "i1",
-    "ByteStorage": "u1",
-    "BoolStorage": "u1",
-}
 
 
 def read_torch(path: Path) -> Any:
@@ -87,7 +60,7 @@ def parse_torch(content: bytes, path: Path) -> Any:
             return _parse_archive(content)
         if content.startswith(b"\x80") and _LEGACY_MAGIC in content[:32]:
             return _parse_legacy(content)
-    except _RefusedError as error:
+    except RefusedError as error:
         raise ReadError(f"{path}: {error}") from error
     if content.startswith(b"\x80") and content.endswith(b"."):
         raise ReadError(
@@ -96,7 +69,7 @@ def parse_torch(content: bytes, path: Path) -> Any:
         )
     raise ReadError(
         f"{path}: not a torch file: it starts with {content[:8]!r}, expected a zip archive "
-        f"(torch >= 1.6) or torch's older format. {_RESAVE}"
+        f"(torch >= 1.6) or torch's older format. {RESAVE}"
     )
 
 
@@ -116,42 +89,7 @@ def _first_import(content: bytes) -> str:
     return ""
 
 
-class _RefusedError(Exception):
-    """What is wrong with the content; becomes a `ReadError` that names the file."""
-
-
-def _damaged(what: str) -> _RefusedError:
-    return _RefusedError(f"{what}. {_RESAVE}")
-
-
 # The two formats
-
-
-@dataclass(frozen=True)
-class _StorageType:
-    """A storage class of torch, such as `FloatStorage`."""
-
-    name: str
-
-    @property
-    def item_size(self) -> int:
-        return np.dtype(_STORAGE_DTYPES[self.name]).itemsize
-
-    def decode(self, raw: bytes, byte_order: Literal["<", ">"]) -> np.ndarray:
-        """Return the elements of a storage as a flat array in this machine's byte order."""
-        native = np.dtype(_STORAGE_DTYPES[self.name])
-        foreign = native.newbyteorder(byte_order)
-        values = (np.frombuffer(raw, dtype=foreign) if raw else np.zeros(0)).astype(native, copy=False)
-        if self.name == "BFloat16Storage":
-            values = (values.astype(np.uint32) << 16).view(np.float32)
-        if self.name == "BoolStorage":
-            values = values != 0  # Another byte than 0 or 1 would not be a bool to numpy.
-        values.setflags(write=False)
-        return values
-
-
-# Gives the elements of the storage of that type, key and number of elements.
-_StorageSource = Callable[[_StorageType, str, int], np.ndarray | None]
 
 
 def _parse_archive(content: bytes) -> Any:
@@ -160,15 +98,15 @@ def _parse_archive(content: bytes) -> Any:
             entries = _archive_entries(archive, len(content))
             prefix = _archive_prefix(entries)
             byte_order = _byte_order(archive, entries.get(f"{prefix}/byteorder"))
-            storages: dict[str, tuple[_StorageType, np.ndarray]] = {}
+            storages: dict[str, tuple[StorageType, np.ndarray]] = {}
 
-            def storage(kind: _StorageType, key: str, count: int) -> np.ndarray:
+            def storage(kind: StorageType, key: str, count: int) -> np.ndarray:
                 if key not in storages:
                     entry = entries.get(f"{prefix}/data/{key}")
                     if entry is None:
-                        raise _damaged(f"a tensor's storage {key[:80]!r} is not in the archive")
+                        raise damaged(f"a tensor's storage {key[:80]!r} is not in the archive")
                     if count * kind.item_size > entry.file_size:
-                        raise _damaged(
+                        raise damaged(
                             f"storage {key!r} should hold {count} elements of {kind.item_size} bytes, "
                             f"but the archive has {entry.file_size} bytes for it"
                         )
@@ -176,7 +114,7 @@ def _parse_archive(content: bytes) -> Any:
                     storages[key] = kind, kind.decode(raw, byte_order)
                 return _same_storage(storages[key], kind, key, count)
 
-            return _interpret(_entry_bytes(archive, entries[f"{prefix}/data.pkl"]), storage)[0]
+            return interpret(_entry_bytes(archive, entries[f"{prefix}/data.pkl"]), storage)[0]
     # zipfile raises all of these on damaged archives; RuntimeError is its word for encryption.
     except (
         zipfile.BadZipFile,
@@ -190,7 +128,7 @@ def _parse_archive(content: bytes) -> Any:
         RuntimeError,
         OverflowError,
     ) as error:
-        raise _damaged(f"the archive is damaged or cut off ({error})") from error
+        raise damaged(f"the archive is damaged or cut off ({error})") from error
 
 
 def _archive_entries(archive: zipfile.ZipFile, available: int) -> dict[str, zipfile.ZipInfo]:
@@ -198,20 +136,20 @@ def _archive_entries(archive: zipfile.ZipFile, available: int) -> dict[str, zipf
     for entry in archive.infolist():
         parts = entry.filename.replace("\\", "/").split("/")
         if ".." in parts or parts[0] == "":
-            raise _damaged(f"the archive's entry {entry.filename!r} points outside of the archive")
+            raise damaged(f"the archive's entry {entry.filename!r} points outside of the archive")
         if entry.filename in entries:
-            raise _damaged(f"the archive holds {entry.filename!r} twice")
+            raise damaged(f"the archive holds {entry.filename!r} twice")
         entries[entry.filename] = entry
     # Entries that overlap could otherwise multiply a small file into any amount of memory.
     if sum(entry.compress_size for entry in entries.values()) > available:
-        raise _damaged("the archive's entries claim more bytes than the file has")
+        raise damaged("the archive's entries claim more bytes than the file has")
     return entries
 
 
 def _entry_bytes(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
     # What is not compressed cannot unpack to more than the file has.
     if entry.compress_type != zipfile.ZIP_STORED or entry.file_size != entry.compress_size:
-        raise _damaged(f"the archive's entry {entry.filename[:80]!r} is compressed, which torch does not do")
+        raise damaged(f"the archive's entry {entry.filename[:80]!r} is compressed, which torch does not do")
     return archive.read(entry)
 
 
@@ -219,7 +157,7 @@ def _archive_prefix(entries: dict[str, zipfile.ZipInfo]) -> str:
     prefixes = [name.removesuffix("/data.pkl") for name in entries if name.endswith("/data.pkl")]
     if len(prefixes) != 1:
         shown = ", ".join(repr(name[:60]) for name in list(entries)[:5]) or "nothing"
-        raise _damaged(
+        raise damaged(
             f"a zip archive, but not one of torch: expected exactly one NAME/data.pkl, found {len(prefixes)}; "
             f"it holds {shown}"
         )
@@ -230,13 +168,13 @@ def _byte_order(archive: zipfile.ZipFile, entry: zipfile.ZipInfo | None) -> Lite
     # Archives from before torch 2.1 do not say; they are little endian on all machines in use.
     text = b"little" if entry is None else _entry_bytes(archive, entry)
     if text not in (b"little", b"big"):
-        raise _damaged(f"its byte order is {text[:16]!r}, expected b'little' or b'big'")
+        raise damaged(f"its byte order is {text[:16]!r}, expected b'little' or b'big'")
     return "<" if text == b"little" else ">"
 
 
-def _same_storage(known: tuple[_StorageType, np.ndarray], kind: _StorageType, key: str, count: int) -> np.ndarray:
+def _same_storage(known: tuple[StorageType, np.ndarray], kind: StorageType, key: str, count: int) -> np.ndarray:
     if known[0] != kind or len(known[1]) != count:
-        raise _damaged(
+        raise damaged(
             f"two tensors disagree about storage {key!r}: {len(known[1])} of {known[0].name} or {count} of {kind.name}"
         )
     return known[1]
@@ -249,413 +187,45 @@ def _parse_legacy(content: bytes) -> Any:
     list of its storages; then for each storage its number of elements and its bytes.
     """
 
-    def no_storage(_kind: _StorageType, _key: str, _count: int) -> None:
+    def no_storage(_kind: StorageType, _key: str, _count: int) -> None:
         return None
 
-    _, position = _interpret(content, no_storage)
-    protocol, position = _interpret(content, no_storage, position)
-    machine, position = _interpret(content, no_storage, position)
+    _, position = interpret(content, no_storage)
+    protocol, position = interpret(content, no_storage, position)
+    machine, position = interpret(content, no_storage, position)
     if protocol != _LEGACY_PROTOCOL or not isinstance(machine, dict):
-        raise _damaged(f"torch's older format, but not its protocol {_LEGACY_PROTOCOL}")
+        raise damaged(f"torch's older format, but not its protocol {_LEGACY_PROTOCOL}")
     byte_order = "<" if machine.get("little_endian", True) else ">"
 
     # The tensors come before their bytes: a first reading learns which storages there are.
-    kinds: dict[str, tuple[_StorageType, int]] = {}
+    kinds: dict[str, tuple[StorageType, int]] = {}
 
-    def note(kind: _StorageType, key: str, count: int) -> None:
+    def note(kind: StorageType, key: str, count: int) -> None:
         kinds.setdefault(key, (kind, count))
 
     start = position
-    _, position = _interpret(content, note, start)
-    keys, position = _interpret(content, no_storage, position)
+    _, position = interpret(content, note, start)
+    keys, position = interpret(content, no_storage, position)
     if not isinstance(keys, list):
-        raise _damaged("the list of storages is missing")
-    storages: dict[str, tuple[_StorageType, np.ndarray]] = {}
+        raise damaged("the list of storages is missing")
+    storages: dict[str, tuple[StorageType, np.ndarray]] = {}
     for key in keys:
         if not isinstance(key, str) or key not in kinds or key in storages:
-            raise _damaged("the list of storages does not fit the tensors")
+            raise damaged("the list of storages does not fit the tensors")
         kind, count = kinds[key]
         end = position + 8 + count * kind.item_size
         stated = int.from_bytes(content[position : position + 8], "little" if byte_order == "<" else "big")
         if stated != count or end > len(content):
-            raise _damaged(
+            raise damaged(
                 f"storage {key[:80]!r} should hold {count} elements of {kind.item_size} bytes, "
                 f"but states {stated} and {max(0, len(content) - position - 8)} bytes follow"
             )
         storages[key] = kind, kind.decode(content[position + 8 : end], byte_order)
         position = end
 
-    def storage(kind: _StorageType, key: str, count: int) -> np.ndarray:
+    def storage(kind: StorageType, key: str, count: int) -> np.ndarray:
         if key not in storages:
-            raise _damaged(f"a tensor's storage {key[:80]!r} is not in the file")
+            raise damaged(f"a tensor's storage {key[:80]!r} is not in the file")
         return _same_storage(storages[key], kind, key, count)
 
-    return _interpret(content, storage, start)[0]
-
-
-# What a pickle may name
-
-
-@dataclass(frozen=True)
-class _Function:
-    """Stands for a function that a pickle may name; `call` is ours."""
-
-    name: str
-    call: Callable[["_Machine", tuple], Any]
-
-
-@dataclass(frozen=True, eq=False)
-class _Storage:
-    """A storage that a tensor views; the elements are None while the file is read for its keys only."""
-
-    kind: _StorageType
-    count: int
-    elements: np.ndarray | None
-
-
-_INTERNAL = (_Function, _Storage, _StorageType)
-
-
-def _is_count(value: Any) -> bool:
-    return type(value) is int and 0 <= value < 1 << 48
-
-
-def _rebuild_tensor(machine: "_Machine", arguments: tuple) -> Any:
-    """Return a view of a storage: `(storage, offset, size, stride, ...)`, counted in elements."""
-    if len(arguments) < 4 or not isinstance(arguments[0], _Storage):
-        raise _damaged("a tensor is described by other values than storage, offset, size and stride")
-    storage, offset, size, stride = arguments[:4]
-    if not (
-        _is_count(offset)
-        and all(isinstance(values, tuple) and all(map(_is_count, values)) for values in (size, stride))
-        and len(size) == len(stride) <= MAXIMUM_DIMENSIONS
-    ):
-        raise _damaged("a tensor's offset, size or stride is not a number that a tensor can have")
-    count = math.prod(size)
-    # A tensor without elements may still claim 0 x a huge number of rows, which numpy cannot describe.
-    if math.prod(max(1, length) for length in size) > max(MAXIMUM_EXPANSION, storage.count):
-        raise _damaged(f"a tensor claims {count} elements of a storage that has {storage.count}")
-    last = offset + sum((length - 1) * step for length, step in zip(size, stride, strict=True))
-    if count and last >= storage.count:
-        raise _damaged(f"a tensor reaches element {last} of a storage that has {storage.count}")
-    if storage.elements is None:
-        return None
-    if count > storage.count:
-        machine.spend_expansion(count - storage.count)
-    if not count:
-        return np.zeros(size, dtype=storage.elements.dtype)
-    steps = [step if length > 1 else 0 for length, step in zip(size, stride, strict=True)]
-    item_size = storage.elements.itemsize
-    return np.lib.stride_tricks.as_strided(
-        storage.elements[offset:], size, [step * item_size for step in steps], writeable=False
-    )
-
-
-def _rebuild_parameter(_machine: "_Machine", arguments: tuple) -> Any:
-    if not arguments or not isinstance(arguments[0], np.ndarray | None):
-        raise _damaged("a parameter is described by something that is not a tensor")
-    return arguments[0]
-
-
-def _ordered_dict(_machine: "_Machine", arguments: tuple) -> dict:
-    if arguments:
-        raise _damaged("an OrderedDict is built from arguments, expected an empty one that is then filled")
-    return {}
-
-
-def _size(_machine: "_Machine", arguments: tuple) -> tuple:
-    if len(arguments) != 1 or not isinstance(arguments[0], tuple) or not all(map(_is_count, arguments[0])):
-        raise _damaged("a torch.Size is built from something that is not a tuple of numbers")
-    return arguments[0]
-
-
-_GLOBALS: dict[tuple[str, str], _Function | _StorageType] = {
-    ("torch._utils", "_rebuild_tensor"): _Function("tensor", _rebuild_tensor),
-    ("torch._utils", "_rebuild_tensor_v2"): _Function("tensor", _rebuild_tensor),
-    ("torch._utils", "_rebuild_parameter"): _Function("parameter", _rebuild_parameter),
-    ("torch", "Size"): _Function("size", _size),
-    ("collections", "OrderedDict"): _Function("OrderedDict", _ordered_dict),
-    **{("torch", name): _StorageType(name) for name in _STORAGE_DTYPES},
-}
-
-
-def _find_global(module: Any, name: Any) -> _Function | _StorageType:
-    """Return our stand-in for a name that a pickle wants to import, or refuse it."""
-    found = _GLOBALS.get((module, name)) if isinstance(module, str) and isinstance(name, str) else None
-    if found is None:
-        wanted = ascii(f"{module}.{name}" if isinstance(module, str) and isinstance(name, str) else "something")[1:-1]
-        raise _RefusedError(
-            f"refused: the file wants to import {wanted[:120]}, which could run code; expected tensors, numbers, "
-            "strings, dictionaries and lists only. If you trust its origin, load it with torch where it was "
-            "made and save plain tensors."
-        )
-    return found
-
-
-# The interpreter
-
-
-@dataclass(frozen=True, eq=False)
-class _Enclosed:
-    """A container that is complete because it is inside another; keeping it keeps its id its own."""
-
-    value: Any
-    depth: int
-    internal: bool
-    """Whether it holds a name or a storage, which are no values."""
-
-
-@dataclass
-class _Machine:
-    """The state of one pickle's interpretation: a stack machine of plain values."""
-
-    content: bytes
-    storage: _StorageSource
-    position: int = 0
-    stack: list = field(default_factory=list)
-    marks: list[int] = field(default_factory=list)
-    memo: dict[int, Any] = field(default_factory=dict)
-    enclosed: dict[int, "_Enclosed"] = field(default_factory=dict)
-    """By id, the containers that are inside another."""
-    expansion_left: int = MAXIMUM_EXPANSION
-
-    def take(self, count: int) -> bytes:
-        """Return the next bytes."""
-        end = self.position + count
-        if end > len(self.content):
-            raise _damaged("the pickle is cut off")
-        taken = self.content[self.position : end]
-        self.position = end
-        return taken
-
-    def take_number(self, count: int) -> int:
-        return int.from_bytes(self.take(count), "little")
-
-    def take_line(self) -> str:
-        end = self.content.find(b"\n", self.position)
-        if end < 0:
-            raise _damaged("the pickle is cut off")
-        return self.take(end + 1 - self.position)[:-1].decode("utf-8", "backslashreplace")
-
-    def pop(self) -> Any:
-        # Values below the last mark belong to another container.
-        if len(self.stack) <= (self.marks[-1] if self.marks else 0):
-            raise _damaged("the pickle takes a value that is not there")
-        return self.stack.pop()
-
-    def pop_to_mark(self) -> list:
-        if not self.marks:
-            raise _damaged("the pickle closes a list that was not opened")
-        mark = self.marks.pop()
-        values = self.stack[mark:]
-        del self.stack[mark:]
-        return values
-
-    def top(self, kind: type) -> Any:
-        value = self.pop()
-        # A container that already is inside another is complete; one that still grows contains itself.
-        if type(value) is not kind or id(value) in self.enclosed:
-            raise _damaged("the pickle fills a value that is not an open container: a damaged or endless structure")
-        self.stack.append(value)
-        return value
-
-    def enclose(self, value: Any) -> bool:
-        """Note that a value goes into a container, which completes it; return whether it is a value at all."""
-        if isinstance(value, _INTERNAL):
-            return False
-        if type(value) not in (list, dict, tuple):
-            return True
-        if id(value) not in self.enclosed:
-            items = value.values() if isinstance(value, dict) else value
-            inside = [self.enclosed[id(item)] for item in items if id(item) in self.enclosed]
-            depth = 1 + max((item.depth for item in inside), default=0)
-            if depth > MAXIMUM_DEPTH:
-                raise _damaged(f"containers are nested more than {MAXIMUM_DEPTH} deep")
-            internal = any(item.internal for item in inside) or any(isinstance(item, _INTERNAL) for item in items)
-            self.enclosed[id(value)] = _Enclosed(value, depth, internal)
-        return not self.enclosed[id(value)].internal
-
-    def enclose_value(self, value: Any, target: list | dict) -> None:
-        """Note that a value goes into a list or a dictionary, which hold nothing but values."""
-        if value is target:
-            raise _damaged("a container contains itself")
-        if not self.enclose(value):
-            raise _damaged("a container holds the name of a function or a storage, expected values")
-
-    def spend_expansion(self, count: int) -> None:
-        self.expansion_left -= count
-        if self.expansion_left < 0:
-            raise _damaged(f"tensors show more than {MAXIMUM_EXPANSION} elements beyond those stored")
-
-    def remember(self, index: int) -> None:
-        value = self.pop()
-        self.memo[index] = value
-        self.stack.append(value)
-
-    def recall(self, index: int) -> None:
-        if index not in self.memo:
-            raise _damaged("the pickle refers to a value that it has not built")
-        self.stack.append(self.memo[index])
-
-
-def _interpret(content: bytes, storage: _StorageSource, position: int = 0) -> tuple[Any, int]:
-    """Return the value of the pickle at `position` and where it ends."""
-    machine = _Machine(content, storage, position)
-    while True:
-        code = machine.take(1)
-        if code == b".":
-            value = machine.pop()
-            if not machine.enclose(value):
-                raise _damaged("the file holds no value but the name of one")
-            return value, machine.position
-        operation = _OPERATIONS.get(code)
-        if operation is None:
-            names = [known.name for known in pickletools.opcodes if known.code.encode("latin-1") == code]
-            name = f"operation {names[0]}" if names else f"byte {code!r}, which is no operation"
-            raise _damaged(f"the pickle uses {name}; expected those of tensors, numbers, strings and containers")
-        operation(machine)
-
-
-def _tuple_of(count: int) -> Callable[[_Machine], None]:
-    def operation(machine: _Machine) -> None:
-        _push_tuple(machine, [machine.pop() for _ in range(count)][::-1])
-
-    return operation
-
-
-def _push_tuple(machine: _Machine, values: list) -> None:
-    for value in values:
-        machine.enclose(value)
-    machine.stack.append(tuple(values))
-
-
-def _append(machine: _Machine, values: list) -> None:
-    target = machine.top(list)
-    for value in values:
-        machine.enclose_value(value, target)
-        target.append(value)
-
-
-def _set_items(machine: _Machine, values: list) -> None:
-    target = machine.top(dict)
-    if len(values) % 2:
-        raise _damaged("a dictionary's key has no value")
-    for key, value in zip(values[::2], values[1::2], strict=True):
-        if type(key) not in (str, int, float, bool, type(None)):
-            raise _damaged(f"a dictionary's key is a {type(key).__name__}, expected a string or a number")
-        machine.enclose_value(value, target)
-        target[key] = value
-
-
-def _append_one(machine: _Machine) -> None:
-    _append(machine, [machine.pop()])
-
-
-def _set_item(machine: _Machine) -> None:
-    value, key = machine.pop(), machine.pop()
-    _set_items(machine, [key, value])
-
-
-def _reduce(machine: _Machine) -> None:
-    arguments, function = machine.pop(), machine.pop()
-    if not isinstance(function, _Function) or type(arguments) is not tuple:
-        raise _damaged("the pickle calls something that is not a function")
-    machine.stack.append(function.call(machine, arguments))
-
-
-def _build(machine: _Machine) -> None:
-    # torch gives an OrderedDict attributes (`_metadata` of a state_dict): not values, so left out.
-    machine.pop()
-    machine.top(dict)
-
-
-def _persistent_id(machine: _Machine) -> None:
-    """Replace `("storage", type, key, location, count[, view])` by the storage."""
-    wanted = machine.pop()
-    if not (
-        isinstance(wanted, tuple)
-        and len(wanted) in (5, 6)
-        and wanted[0] == "storage"
-        and isinstance(wanted[1], _StorageType)
-        and isinstance(wanted[2], str)
-        and _is_count(wanted[4])
-        and (len(wanted) == 5 or wanted[5] is None)
-    ):
-        raise _damaged("a reference outside the pickle is not a tensor's storage")
-    _, kind, key, _, count = wanted[:5]
-    machine.stack.append(_Storage(kind, count, machine.storage(kind, key, count)))
-
-
-def _push_text(width: int) -> Callable[[_Machine], None]:
-    def operation(machine: _Machine) -> None:
-        raw = machine.take(machine.take_number(width))
-        try:
-            machine.stack.append(raw.decode("utf-8"))
-        except UnicodeDecodeError as error:
-            raise _damaged("a string is not UTF-8 text") from error
-
-    return operation
-
-
-def _push_long(machine: _Machine) -> None:
-    size = machine.take_number(1)
-    if size > 16:
-        raise _damaged(f"an integer has {size} bytes, expected at most 16")
-    machine.stack.append(int.from_bytes(machine.take(size), "little", signed=True))
-
-
-def _push_global_line(machine: _Machine) -> None:
-    machine.stack.append(_find_global(machine.take_line(), machine.take_line()))
-
-
-def _refuse_instance(machine: _Machine) -> None:
-    wanted = _find_global(machine.take_line(), machine.take_line())
-    raise _damaged(f"the pickle builds an instance of {wanted.name}, expected a call")
-
-
-def _push_global_stack(machine: _Machine) -> None:
-    name, module = machine.pop(), machine.pop()
-    machine.stack.append(_find_global(module, name))
-
-
-_OPERATIONS: dict[bytes, Callable[[_Machine], Any]] = {
-    b"\x80": lambda machine: machine.take(1),  # protocol
-    b"\x95": lambda machine: machine.take(8),  # frame: a hint for streams
-    b"(": lambda machine: machine.marks.append(len(machine.stack)),
-    b"0": lambda machine: machine.pop(),
-    b"N": lambda machine: machine.stack.append(None),
-    b"\x88": lambda machine: machine.stack.append(True),
-    b"\x89": lambda machine: machine.stack.append(False),
-    b"K": lambda machine: machine.stack.append(machine.take_number(1)),
-    b"M": lambda machine: machine.stack.append(machine.take_number(2)),
-    b"J": lambda machine: machine.stack.append(int.from_bytes(machine.take(4), "little", signed=True)),
-    b"\x8a": _push_long,
-    b"G": lambda machine: machine.stack.append(struct.unpack(">d", machine.take(8))[0]),
-    b"U": _push_text(1),
-    b"T": _push_text(4),
-    b"\x8c": _push_text(1),
-    b"X": _push_text(4),
-    b"\x8d": _push_text(8),
-    b")": lambda machine: machine.stack.append(()),
-    b"\x85": _tuple_of(1),
-    b"\x86": _tuple_of(2),
-    b"\x87": _tuple_of(3),
-    b"t": lambda machine: _push_tuple(machine, machine.pop_to_mark()),
-    b"]": lambda machine: machine.stack.append([]),
-    b"a": _append_one,
-    b"e": lambda machine: _append(machine, machine.pop_to_mark()),
-    b"}": lambda machine: machine.stack.append({}),
-    b"s": _set_item,
-    b"u": lambda machine: _set_items(machine, machine.pop_to_mark()),
-    b"q": lambda machine: machine.remember(machine.take_number(1)),
-    b"r": lambda machine: machine.remember(machine.take_number(4)),
-    b"\x94": lambda machine: machine.remember(len(machine.memo)),
-    b"h": lambda machine: machine.recall(machine.take_number(1)),
-    b"j": lambda machine: machine.recall(machine.take_number(4)),
-    b"c": _push_global_line,
-    b"i": _refuse_instance,
-    b"\x93": _push_global_stack,
-    b"R": _reduce,
-    b"b": _build,
-    b"Q": _persistent_id,
-}
+    return interpret(content, storage, start)[0]
