@@ -8,7 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from hoi_retarget import se3
 from hoi_retarget.arrays import check_finite, check_shape, describe_frames, frozen, runs
@@ -69,7 +69,9 @@ class ObjectGeometry:
     points: Float[np.ndarray, "P 3"]
     """Points that contain the extreme ones in every direction (mesh or hull vertices) [m]."""
     mesh_path: Path | None = None
-    """The mesh file, for pictures; None where only points are known."""
+    """The mesh file, for pictures and the surface; None where only points are known."""
+    faces: Int[np.ndarray, "F 3"] | None = None
+    """Triangles over `points`, where these are a whole mesh; None where they are not."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", frozen(self.points))
@@ -77,6 +79,11 @@ class ObjectGeometry:
         if len(self.points) == 0:
             raise ClipError("object geometry: there are no points; a mesh or sample points are needed.")
         check_finite("object geometry", {"points": self.points})
+        if self.faces is not None:
+            object.__setattr__(self, "faces", frozen(self.faces, int))
+            check_shape("object geometry", "faces", self.faces, (len(self.faces), 3))
+            if ((self.faces < 0) | (self.faces >= len(self.points))).any():
+                raise ClipError(f"object geometry: faces name points beyond the {len(self.points)} that there are.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,7 +55,8 @@ class Shape:
     @property
     def geometry(self) -> ObjectGeometry:
         """The geometry as clips carry it."""
-        return ObjectGeometry(self.mesh[0])
+        vertices, faces = self.mesh
+        return ObjectGeometry(vertices, faces=faces)
 
     @property
     def mesh(self) -> tuple[Vertices, Faces]:

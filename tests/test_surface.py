@@ -1,0 +1,179 @@
+"""Nearest points of surfaces: against all triangles one by one, and the laws that hold for any of them."""
+
+import os
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from trimesh.triangles import closest_point
+
+from hoi_retarget import se3
+from hoi_retarget.clip import ObjectGeometry
+from hoi_retarget.errors import ClipError, GeometryError
+from hoi_retarget.readers.objects import load_geometry
+from hoi_retarget.surface import Surface, surface_of
+from hoi_retarget.synthetic import OBJECTS, make, object_mesh
+from intermimic_writer import write_box
+
+FAST = settings(max_examples=20, deadline=None, derandomize=True, database=None)
+seeds = st.integers(0, 10_000)
+
+
+def soup(seed: int, count: int = 40) -> Surface:
+    """Triangles of very different sizes, some of them without area or even length."""
+    rng = np.random.default_rng(seed)
+    corners = rng.normal(size=(count, 1, 3)) + 10.0 ** rng.uniform(-4, 0.5, (count, 1, 1)) * rng.normal(
+        size=(count, 3, 3)
+    )
+    corners[0] = corners[0, :1]  # a point
+    corners[1, 2] = 0.3 * corners[1, 0] + 0.7 * corners[1, 1]  # an edge
+    return Surface(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
+
+
+def brute_force(surface: Surface, points: np.ndarray) -> np.ndarray:
+    """Distances by trimesh, each point against every triangle that has an area."""
+    proper = surface.triangles[np.linalg.norm(np.cross(*np.diff(surface.triangles, axis=1).swapaxes(0, 1)), axis=1) > 0]
+    return np.array(
+        [
+            np.linalg.norm(closest_point(proper, np.repeat(point[None], len(proper), 0)) - point, axis=1).min()
+            for point in points
+        ]
+    )
+
+
+@FAST
+@given(seed=seeds, reach=st.sampled_from([0.05, 1.0, 20.0]))
+def test_no_triangle_is_nearer(seed, reach):
+    surface = soup(seed)
+    points = reach * np.random.default_rng(seed + 1).normal(size=(30, 3))
+    # The point and the edge among the triangles lie anywhere: an all-pairs answer may only be farther.
+    assert (surface.distances(points) <= brute_force(surface, points) + 1e-9).all()
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_distances_are_those_of_all_triangles(name):
+    surface = Surface(*object_mesh(name))
+    points = np.random.default_rng(0).normal(size=(50, 3))
+    np.testing.assert_allclose(surface.distances(points), brute_force(surface, points), atol=1e-12)
+
+
+def test_a_round_mesh_with_many_triangles():
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.5)
+    surface = Surface(np.asarray(ball.vertices), np.asarray(ball.faces))
+    points = np.random.default_rng(0).normal(size=(50, 3))
+    np.testing.assert_allclose(surface.distances(points), brute_force(surface, points), atol=1e-12)
+    middle = surface.closest_points(np.zeros((2, 3)))
+    np.testing.assert_allclose(np.linalg.norm(middle, axis=1), 0.5, atol=2e-3)
+
+
+@FAST
+@given(seed=seeds)
+def test_a_point_on_the_surface_is_its_own_nearest(seed):
+    surface, rng = soup(seed), np.random.default_rng(seed)
+    weights = rng.dirichlet(np.ones(3), size=40)
+    points = np.einsum("nc,ncj->nj", weights, surface.triangles)
+    np.testing.assert_allclose(surface.closest_points(points), points, atol=1e-9)
+
+
+@FAST
+@given(seed=seeds)
+def test_rigid_motions_carry_the_nearest_points_along(seed):
+    surface, rng = soup(seed), np.random.default_rng(seed)
+    quat, shift, points = se3.exp(rng.normal(size=3)), rng.normal(size=3), rng.normal(size=(20, 3))
+    moved = Surface(se3.rotate(quat, surface.vertices) + shift, surface.faces)
+    there = moved.closest_points(se3.rotate(quat, points) + shift)
+    np.testing.assert_allclose(there, se3.rotate(quat, surface.closest_points(points)) + shift, atol=1e-9)
+
+
+@FAST
+@given(seed=seeds)
+def test_the_nearest_point_of_a_nearest_point_is_itself(seed):
+    surface, points = soup(seed), np.random.default_rng(seed).normal(size=(20, 3))
+    once = surface.closest_points(points)
+    np.testing.assert_allclose(surface.closest_points(once), once, atol=1e-9)
+
+
+def test_no_points():
+    assert soup(0).closest_points(np.zeros((0, 3))).shape == (0, 3)
+
+
+@pytest.mark.parametrize("name", ["carry_box", "carry_table"])
+def test_synthetic_clips_have_exact_surfaces(name):
+    geometry = make(name).objects[0].geometry
+    surface = surface_of(geometry)
+    assert surface.exact
+    np.testing.assert_array_equal(surface.vertices, geometry.points)
+    assert surface.closest_points(np.zeros((1, 3))).shape == (1, 3)
+
+
+def test_a_mesh_file_is_read_again_only_when_it_changes(tmp_path):
+    write_box(tmp_path, "box")
+    geometry = load_geometry(tmp_path, "box")
+    surface = surface_of(geometry)
+    assert surface.exact and surface_of(geometry) is surface
+    np.testing.assert_allclose(np.ptp(surface.vertices, axis=0), np.ptp(geometry.points, axis=0), atol=1e-6)
+    assert geometry.mesh_path is not None
+    os.utime(geometry.mesh_path, (1, 1))
+    assert surface_of(geometry) is not surface
+
+
+def test_points_alone_give_their_hull():
+    corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T * 0.5
+    surface = surface_of(ObjectGeometry(corners))
+    assert not surface.exact
+    np.testing.assert_allclose(surface.closest_points(np.array([[2.0, 0.1, 0.2]])), [[0.5, 0.1, 0.2]], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("points", "nearest"),
+    [
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0.5, 0.5, 0]], [0.3, 0.8, 0]),
+        ([[0, 0, 0], [1, 0, 0], [0.5, 0, 0]], [0.3, 0, 0]),
+        ([[0.2, 0.2, 0]], [0.2, 0.2, 0]),
+    ],
+    ids=["flat", "straight", "single"],
+)
+def test_hulls_without_volume(points, nearest):
+    surface = surface_of(ObjectGeometry(np.array(points, dtype=float)))
+    np.testing.assert_allclose(surface.closest_points(np.array([[0.3, 0.8, 2.0]])), [nearest], atol=1e-12)
+
+
+@pytest.mark.parametrize("content", [b"", b"not a mesh", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", b"v 0 0 0\nf 1 2 3\n", None])
+def test_what_is_no_mesh_is_refused(tmp_path, content):
+    path = tmp_path / "box.obj"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(GeometryError, match=str(path)):
+        surface_of(ObjectGeometry(np.zeros((1, 3)), mesh_path=path))
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces"),
+    [
+        (np.zeros((3, 3)), np.zeros((0, 3), int)),
+        (np.zeros((3, 3)), [[0, 1, 3]]),
+        (np.full((3, 3), np.nan), [[0, 1, 2]]),
+    ],
+)
+def test_surfaces_that_are_none(vertices, faces):
+    with pytest.raises(GeometryError, match="surface"):
+        Surface(vertices, np.asarray(faces))
+
+
+def test_faces_beyond_the_points_are_refused():
+    with pytest.raises(ClipError, match="beyond the 3"):
+        ObjectGeometry(np.zeros((3, 3)), faces=np.array([[0, 1, 3]]))
+
+
+@pytest.mark.slow
+def test_five_hundred_points_on_fifty_thousand_triangles_take_a_fraction_of_a_second():
+    import time
+
+    ball = trimesh.creation.icosphere(subdivisions=6)
+    surface = Surface(np.asarray(ball.vertices) * [0.3, 0.2, 0.4], np.asarray(ball.faces))
+    points = 0.3 * np.random.default_rng(0).normal(size=(500, 3))
+    start = time.process_time()
+    surface.closest_points(points)
+    assert time.process_time() - start < 3.0
