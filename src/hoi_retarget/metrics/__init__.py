@@ -3,7 +3,7 @@
 from hoi_retarget.metrics.figures import Figures, evaluate, evaluate_kinematics
 from hoi_retarget.metrics.table import COLUMNS, Column, Score, mean_values, table_rows, to_csv, to_json, worst_values
 from hoi_retarget.metrics.turned import TurnedSegment, turned_over
-from hoi_retarget.metrics.unreachable import UNREACHED_M, UnreachedSegment, unreached_contacts
+from hoi_retarget.metrics.unreachable import UNREACHED_M, UnreachedSegment, contact_residuals, unreached_contacts
 
 __all__ = [
     "COLUMNS",
@@ -13,6 +13,7 @@ __all__ = [
     "Score",
     "TurnedSegment",
     "UnreachedSegment",
+    "contact_residuals",
     "evaluate",
     "evaluate_kinematics",
     "mean_values",

@@ -71,8 +71,8 @@ def evaluate_kinematics(
     check_joints(motion, model)
     view = Comparison(motion, clip, person, kinematics)
     gap, gap_p95, gap_max = contact.gap_summary(contact.contact_gaps(view))
-    jerk, jerk_max = movement.jerk_summary(movement.body_jerks(view))
-    heights = ground.sole_heights(view)
+    jerk, jerk_max = movement.jerk_summary(movement.body_jerks(kinematics, clip.fps)[view.first :])
+    heights = ground.sole_heights(kinematics)[view.first :]
     return Figures(
         contact_gap_m=gap,
         contact_gap_p95_m=gap_p95,

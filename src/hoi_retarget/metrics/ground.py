@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.metrics.statistics import mean_or_none, norms
-from hoi_retarget.metrics.view import Comparison
+from hoi_retarget.metrics.view import Comparison, KinematicsLike
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 
 # Frames times points held at once: 4 MB of doubles, which stays in the cache.
@@ -13,14 +13,19 @@ _BLOCK = 500_000
 
 def stance_slide_mps(view: Comparison) -> float | None:
     """Return the mean horizontal ankle speed [m/s] over pairs of neighbouring stance frames of each foot."""
-    ankles = np.stack([view.robot_point(f"{side}_foot")[:, :2] for side in SIDES], axis=1)
-    speeds = norms(np.diff(ankles, axis=0)) * view.clip.fps
+    speeds = foot_speeds(view.kinematics, view.clip.fps)[view.first :]
     return mean_or_none(speeds[view.stance[1:] & view.stance[:-1]])
 
 
-def sole_heights(view: Comparison) -> Float[np.ndarray, "F 2"]:
+def foot_speeds(kinematics: KinematicsLike, fps: float) -> Float[np.ndarray, "steps 2"]:
+    """Return the horizontal speed of each ankle [m/s] from each frame to the next."""
+    ankles = np.stack([kinematics.site_position(f"{side}_foot")[:, :2] for side in SIDES], axis=1)
+    return norms(np.diff(ankles, axis=0)) * fps
+
+
+def sole_heights(kinematics: KinematicsLike) -> Float[np.ndarray, "T 2"]:
     """Return the height of the lowest sole corner of each foot above the floor [m]."""
-    corners = [[view.robot_point(f"{side}_sole_{corner}")[:, 2] for corner in SOLE_CORNERS] for side in SIDES]
+    corners = [[kinematics.site_position(f"{side}_sole_{corner}")[:, 2] for corner in SOLE_CORNERS] for side in SIDES]
     return np.array(corners).min(axis=1).T
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.metrics.statistics import direction_angles_deg, max_or_none, mean_or_none, norms
-from hoi_retarget.metrics.view import HAND_SITES, Comparison, ObjectPose
+from hoi_retarget.metrics.view import HAND_SITES, Comparison, KinematicsLike, ObjectPose
 
 MINIMUM_SPEED_MPS = 0.02
 """Below this speed [m/s] a direction means nothing (paper's table of metrics)."""
@@ -41,12 +41,12 @@ def _velocities_inside(
     return ObjectPose(pose.positions[1:], pose.rotations[1:]).vectors_inside(relative)
 
 
-def body_jerks(view: Comparison) -> Float[np.ndarray, "J B"]:
-    """Return the magnitude of the third difference of all links with mass [m/s^3]."""
-    positions = view.kinematics.body_positions[view.first :]
+def body_jerks(kinematics: KinematicsLike, fps: float) -> Float[np.ndarray, "J B"]:
+    """Return the magnitude of the third difference of all links with mass [m/s^3], from every frame over four."""
+    positions = kinematics.body_positions
     # Written out: three passes of `numpy.diff` cost twice as much.
     third = positions[3:] - positions[:-3] - 3.0 * (positions[2:-1] - positions[1:-2])
-    return norms(third) * view.clip.fps**3
+    return norms(third) * fps**3
 
 
 def jerk_summary(jerks: Float[np.ndarray, "J B"]) -> tuple[float | None, float | None]:

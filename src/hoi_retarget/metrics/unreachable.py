@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float, Int
 
 from hoi_retarget import se3
 from hoi_retarget.arrays import runs
@@ -59,20 +59,36 @@ def unreached_contacts(
         limit_m: Largest residual that counts as reached [m].
     """
     found = []
+    residuals = contact_residuals(motion, kinematics)
     for column, link in enumerate(motion.contact_links):
-        touched = np.where(motion.contact_flags[:, column], motion.contact_object[:, column], -1)
-        if (touched < 0).all():
-            continue
-        position = kinematics.site_position(_SITES.get(link, link))
+        off = ~(residuals[:, column] <= limit_m)
+        touched = _touched(motion, column)
         for index in range(len(motion.object_names)):
-            inside = se3.rotate_inverse(motion.object_quat[:, index], position - motion.object_pos[:, index])
-            residuals = norms(inside - motion.contact_targets[:, column])
-            off = ~(residuals <= limit_m)
             for first, end in _unreached_runs(touched == index, off):
-                lengths = residuals[first:end]
+                lengths = residuals[first:end, column]
                 mean, largest = float(lengths.mean()), float(lengths.max())
                 found.append(UnreachedSegment(link, motion.object_names[index], first, end - 1, mean, largest))
     return tuple(sorted(found, key=lambda segment: (motion.contact_links.index(segment.link), segment.first_frame)))
+
+
+def contact_residuals(motion: Motion, kinematics: KinematicsLike) -> Float[np.ndarray, "T C"]:
+    """Return the distance on the object [m] of each contact link from its target; NaN where it touches nothing."""
+    residuals = np.full(motion.contact_flags.shape, np.nan)
+    for column, link in enumerate(motion.contact_links):
+        touched = _touched(motion, column)
+        frames = np.flatnonzero(touched >= 0)
+        if not len(frames):
+            continue
+        objects = touched[frames]
+        away = kinematics.site_position(_SITES.get(link, link))[frames] - motion.object_pos[frames, objects]
+        inside = se3.rotate_inverse(motion.object_quat[frames, objects], away)
+        residuals[frames, column] = norms(inside - motion.contact_targets[frames, column])
+    return residuals
+
+
+def _touched(motion: Motion, column: int) -> Int[np.ndarray, "T"]:
+    """Return the index of the object that a contact link touches, -1 where none."""
+    return np.where(motion.contact_flags[:, column], motion.contact_object[:, column], -1)
 
 
 def _unreached_runs(touched: Bool[np.ndarray, "T"], off: Bool[np.ndarray, "T"]) -> list[tuple[int, int]]:

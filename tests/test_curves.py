@@ -1,0 +1,130 @@
+"""Curves over time: they are the figures before their means are taken, and their charts show all of them."""
+
+import functools
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hoi_retarget.errors import RobotError
+from hoi_retarget.metrics import unreached_contacts
+from hoi_retarget.motion import Motion
+from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.synthetic import make
+from hoi_retarget.viewers.curves import Curve, curves_of
+from trajectories import MODELS, random_qpos
+
+G1 = MODELS["unitree_g1"]
+LINKS = ("left_palm", "right_palm", "left_foot", "right_foot")
+
+
+@functools.cache
+def carried() -> Motion:
+    return retarget(make("carry_box"), G1, Config())
+
+
+def random_motion(frames: int, seed: int, *, robot: str = "unitree_g1", objects: int = 2) -> Motion:
+    """A robot that tumbles about with contacts and stance at random."""
+    model, rng = MODELS[robot], np.random.default_rng(seed)
+    qpos = random_qpos(model, frames, rng)
+    touched = rng.integers(-1, objects, size=(frames, len(LINKS)))
+    targets = np.where(touched[:, :, None] >= 0, rng.normal(size=(frames, len(LINKS), 3)), np.nan)
+    quats = rng.normal(size=(frames, objects, 4))
+    return Motion(
+        robot=robot,
+        fps=30.0,
+        joint_names=model.joint_names,
+        qpos=qpos,
+        ik_qpos=qpos,
+        object_names=tuple(f"object{index}" for index in range(objects)),
+        object_pos=rng.normal(size=(frames, objects, 3)),
+        object_quat=quats / np.linalg.norm(quats, axis=-1, keepdims=True),
+        object_scale=np.ones(objects),
+        contact_links=LINKS,
+        contact_flags=touched >= 0,
+        contact_object=touched,
+        contact_targets=targets,
+        stance_flags=rng.random(size=(frames, 2)) < 0.5,
+        first_source_frame=1,
+        human_height=1.7,
+        report={},
+    )
+
+
+def group(curves: tuple[Curve, ...], name: str) -> list[Curve]:
+    return [curve for curve in curves if curve.group == name]
+
+
+def pooled(curves: tuple[Curve, ...], name: str, first: int) -> np.ndarray:
+    """What a figure counts: from its first counted frame on."""
+    parts = []
+    for curve in group(curves, name):
+        counted = np.ones(len(curve.values), dtype=bool) if curve.counted is None else curve.counted
+        values = curve.values[first:][counted[first:]]
+        parts.append(values[np.isfinite(values)])
+    return np.concatenate(parts)
+
+
+def test_means_and_extremes_are_the_figures() -> None:
+    motion = carried()
+    curves, figures = curves_of(motion, G1), motion.report["figures"]
+    first = max(0, 1 - motion.first_source_frame)
+    hands = tuple(curve for curve in curves if curve.name.endswith("palm"))
+    gaps, heights = pooled(hands, "contact gap", first), pooled(curves, "sole height", first)
+    assert gaps.mean() == pytest.approx(1e3 * figures["contact_gap_m"])
+    assert np.percentile(gaps, 95) == pytest.approx(1e3 * figures["contact_gap_p95_m"])
+    assert gaps.max() == pytest.approx(1e3 * figures["contact_gap_max_m"])
+    assert np.abs(heights).mean() == pytest.approx(1e3 * figures["stance_sole_height_abs_m"])
+    assert np.maximum(heights, 0).mean() == pytest.approx(1e3 * figures["stance_float_m"])
+    everywhere = np.concatenate([curve.values[first:] for curve in group(curves, "sole height")])
+    assert max(0.0, -everywhere.min()) == pytest.approx(1e3 * figures["floor_penetration_max_m"])
+    # What lies between two frames counts when both do.
+    assert pooled(curves, "slide", first + 1).mean() == pytest.approx(1e2 * figures["stance_slide_mps"])
+    mean, largest = (curve.values[first + 3 :] for curve in group(curves, "jerk"))
+    assert mean.mean() == pytest.approx(figures["body_jerk_mps3"])
+    assert largest.max() == pytest.approx(figures["body_jerk_max_mps3"])
+    (margin,), (speed,) = group(curves, "joint margin"), group(curves, "speed margin")
+    assert np.radians(np.nanmin(margin.values)) == pytest.approx(figures["joint_range_margin_rad"], abs=1e-12)
+    assert np.nanmin(speed.values) == pytest.approx(figures["joint_speed_margin_radps"])
+
+
+@settings(max_examples=20, deadline=None)
+@given(frames=st.integers(1, 30), seed=st.integers(0, 99), robot=st.sampled_from(sorted(MODELS)))
+def test_a_gap_is_there_when_and_only_when_its_link_touches(frames: int, seed: int, robot: str) -> None:
+    motion = random_motion(frames, seed, robot=robot)
+    curves = curves_of(motion, MODELS[robot])
+    assert all(curve.values.shape == (frames,) and not np.isinf(curve.values).any() for curve in curves)
+    gaps = {curve.name: curve.values for curve in group(curves, "contact gap")}
+    for column, link in enumerate(LINKS):
+        assert (link in gaps) == motion.contact_flags[:, column].any()
+        if link in gaps:
+            assert (np.isfinite(gaps[link]) == motion.contact_flags[:, column]).all()
+    if frames > 1:
+        slides = np.column_stack([curve.values for curve in group(curves, "slide")])
+        both = motion.stance_flags[1:] & motion.stance_flags[:-1]
+        assert np.isnan(slides[0]).all() and (np.isfinite(slides[1:]) == both).all()
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 99))
+def test_unreached_contacts_are_read_off_the_gaps(seed: int) -> None:
+    motion = random_motion(25, seed, objects=1)
+    gaps = {curve.name: curve.values for curve in group(curves_of(motion, G1), "contact gap")}
+    for segment in unreached_contacts(motion, G1.forward(motion.qpos)):
+        stretch = gaps[segment.link][segment.first_frame : segment.last_frame + 1]
+        assert stretch.mean() == pytest.approx(1e3 * segment.mean_residual_m)
+        assert stretch.max() == pytest.approx(1e3 * segment.max_residual_m)
+
+
+def test_another_robot_is_refused() -> None:
+    with pytest.raises(RobotError, match="robot it was made for"):
+        curves_of(random_motion(5, 0), MODELS["unitree_h2"])
+
+
+def test_five_minutes_take_less_than_a_second() -> None:
+    motion = random_motion(10_000, 0)
+    start = time.process_time()
+    curves_of(motion, G1)
+    assert time.process_time() - start < 1.0
