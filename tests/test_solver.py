@@ -1,5 +1,6 @@
 """The solver against the optimality conditions of the problem, and windows against the whole."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -105,23 +106,35 @@ def test_pinned_frames_stay_and_the_rest_respects_them():
     assert optimality(problem, solution).stationarity < 1e-7
 
 
+def test_a_piece_between_pinned_frames_of_the_optimum_is_that_optimum():
+    goal = random_qpos(MODEL, 40, np.random.default_rng(4), wander=0.03)
+    whole = SOLVER.solve(tracking(goal, 0, 40), goal).qpos
+    piece = replace(tracking(goal, 8, 33, pinned=3), pinned_after=3)
+    disturbed = whole[8:33].copy()
+    disturbed[3:-3, 7:] += 0.2
+    solution = SOLVER.solve(piece, disturbed)
+    np.testing.assert_array_equal(solution.qpos[[0, 1, 2, -3, -2, -1]], disturbed[[0, 1, 2, -3, -2, -1]])
+    assert optimality(piece, solution).stationarity < 1e-7
+    np.testing.assert_allclose(solution.qpos, whole[8:33], atol=2e-4)
+
+
 @settings(max_examples=25, deadline=None, derandomize=True)
-@given(frames=st.integers(2, 9), pinned=st.integers(0, 3), seed=st.integers(0, 99))
-def test_bounds_transpose_and_normal_matrix_agree_with_their_definition(frames, pinned, seed):
-    pinned = min(pinned, frames - 1)
-    bounds = Bounds.of(Problem(MODEL, (), 30.0, pinned))
+@given(free=st.integers(1, 7), pinned=st.integers(0, 3), pinned_after=st.integers(0, 3), seed=st.integers(0, 99))
+def test_bounds_transpose_and_normal_matrix_agree_with_their_definition(free, pinned, pinned_after, seed):
+    problem, frames = Problem(MODEL, (), 30.0, pinned, pinned_after), pinned + free + pinned_after
+    bounds, unknown = Bounds.of(problem), problem.unknown(frames)
     rng = np.random.default_rng(seed)
-    change = rng.normal(size=(frames - pinned, MODEL.n))
+    change = rng.normal(size=(free, MODEL.n))
     rows = bounds.apply(change)
     weights = rng.normal(size=rows.shape)
     assert np.sum(rows * weights) == pytest.approx(np.sum(change * bounds.apply_transposed(weights)))
-    band = np.zeros((frames - pinned, MODEL.nv, 2 * MODEL.nv))
+    band = np.zeros((free, MODEL.nv, 2 * MODEL.nv))
     bounds.add_normal(band, weights**2)
     quadratic = np.sum(band[:, 6:, 0] * change**2) + 2 * np.sum(band[:-1, 6:, MODEL.nv] * change[:-1] * change[1:])
     assert quadratic == pytest.approx(np.sum((weights * rows) ** 2))
     theta = rng.normal(size=(frames, MODEL.n))
     moved = theta.copy()
-    moved[pinned:] += change
+    moved[unknown] += change
     np.testing.assert_allclose(bounds.values(moved) - bounds.values(theta), rows, atol=1e-12)
     assert bounds.widths(len(rows)).shape == rows.shape
 

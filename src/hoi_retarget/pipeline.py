@@ -1,6 +1,7 @@
 """From a clip to a robot motion, in the order of the paper's Sec. III."""
 
 import time
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -21,7 +22,6 @@ from hoi_retarget.trajopt.solvers.banded import BandedInteriorPoint
 from hoi_retarget.trajopt.table import Weights, trajectory_terms
 from hoi_retarget.trajopt.windows import Horizon, WindowReport, solve_windows
 
-# The matrices are small: several threads on them wait for each other, and slow a solve down many times.
 _LINEAR_ALGEBRA = ThreadpoolController()
 
 
@@ -41,8 +41,16 @@ def retarget(clip: Clip, model: RobotModel, config: Config, *, person: int = 0) 
 
     Raises `SolveError` when a window ends without a usable trajectory.
     """
-    with _LINEAR_ALGEBRA.limit(limits=1, user_api="blas"):
+    with one_thread():
         return _retarget(clip, model, config, person)
+
+
+def one_thread() -> AbstractContextManager[Any]:
+    """Return a context in which linear algebra uses one thread.
+
+    The matrices are small: several threads on them wait for each other, and slow a solve down many times.
+    """
+    return _LINEAR_ALGEBRA.limit(limits=1, user_api="blas")
 
 
 def _retarget(clip: Clip, model: RobotModel, config: Config, person: int) -> Motion:
@@ -56,7 +64,7 @@ def _retarget(clip: Clip, model: RobotModel, config: Config, person: int) -> Mot
     seconds = dict(zip(("targets", "ik", "trajectory"), np.diff(clock).tolist(), strict=True))
     report = _report(clip, targets, config, ik_reports, reports) | {"cpu_seconds": seconds}
     motion = replace(_motion(clip, model, targets, ik_qpos, qpos), report=report)
-    return _scored(motion, targets, clip, model, person)
+    return scored(motion, targets, clip, model, person)
 
 
 def solve_trajectory(
@@ -72,7 +80,7 @@ def solve_trajectory(
     return solve_windows(problem_of, ik_qpos, config.horizon, config.solver)
 
 
-def _scored(motion: Motion, targets: Targets, clip: Clip, model: RobotModel, person: int) -> Motion:
+def scored(motion: Motion, targets: Targets, clip: Clip, model: RobotModel, person: int) -> Motion:
     """Return the motion with its figures and what went wrong in the report."""
     start = time.process_time()
     kinematics = model.forward(motion.qpos)

@@ -113,9 +113,6 @@ def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int
     goals = _site_targets(human, model, root_scale, feet, stands)
     goals, foot_positions, foot_quats = _with_planted_feet(goals, feet, stands, clip.fps)
     tracks = [_scale_track(track, root_scale, geometry_scale, clip.fps) for track in clip.objects]
-    flags, touched, points = _contacts(clip, model, person, geometry_scale)
-    aim_object, aim_points = _aims(flags, touched, points)
-    aim_ramp, turn_ramp = frames_in(AIM_RAMP_SECONDS, clip.fps), frames_in(TURN_RAMP_SECONDS, clip.fps)
     return Targets(
         fps=clip.fps,
         root_scale=root_scale,
@@ -132,15 +129,15 @@ def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int
             np.stack([track.quats for track in clip.objects], axis=1) if tracks else np.zeros((clip.frames, 0, 4))
         ),
         contact_links=tuple(model.spec.part_sites.values()),
-        contact_flags=frozen(flags, bool),
-        contact_object=frozen(touched, int),
-        contact_targets=frozen(points),
         stance_flags=frozen(stands, bool),
-        aim_object=frozen(aim_object, int),
-        aim_points=frozen(aim_points),
-        aim_weights=frozen(np.stack([fade(active, aim_ramp) for active in flags.T], axis=1)),
-        turn_weights=frozen(np.stack([fade(active, turn_ramp) for active in flags.T], axis=1)),
+        **_contact_targets(clip, model, person, geometry_scale),
     )
+
+
+def with_contacts_of(targets: Targets, clip: Clip, model: RobotModel, *, person: int = 0) -> Targets:
+    """Return targets with the contacts of another clip, which is equal to the first one but for its contacts."""
+    scale = float(targets.object_scale[0]) if len(targets.object_scale) else 1.0
+    return replace(targets, **_contact_targets(clip, model, person, scale))
 
 
 def _root_scale(clip: Clip, model: RobotModel, scaling: Scaling) -> float:
@@ -231,6 +228,22 @@ def _scale_track(track: ObjectTrack, root_scale: float, geometry_scale: float, f
     path_smooth = smooth(path, fps)
     path_smooth[:, 2] = np.maximum(path_smooth[:, 2], path[:, 2] - MAXIMUM_SINK)
     return path_smooth
+
+
+def _contact_targets(clip: Clip, model: RobotModel, person: int, geometry_scale: float) -> dict[str, np.ndarray]:
+    """Return the fields of `Targets` that follow from the clip's contacts."""
+    flags, touched, points = _contacts(clip, model, person, geometry_scale)
+    aim_object, aim_points = _aims(flags, touched, points)
+    aim_ramp, turn_ramp = frames_in(AIM_RAMP_SECONDS, clip.fps), frames_in(TURN_RAMP_SECONDS, clip.fps)
+    return {
+        "contact_flags": frozen(flags, bool),
+        "contact_object": frozen(touched, int),
+        "contact_targets": frozen(points),
+        "aim_object": frozen(aim_object, int),
+        "aim_points": frozen(aim_points),
+        "aim_weights": frozen(np.stack([fade(active, aim_ramp) for active in flags.T], axis=1)),
+        "turn_weights": frozen(np.stack([fade(active, turn_ramp) for active in flags.T], axis=1)),
+    }
 
 
 def _contacts(

@@ -28,7 +28,7 @@ class Term(Protocol):
 class Problem:
     """Minimize the sum of the terms' costs within joint ranges and joint speeds.
 
-    The unknowns are the configurations of the frames from `pinned` on.
+    The unknowns are the configurations of the frames that are not pinned.
     """
 
     model: RobotModel
@@ -36,11 +36,17 @@ class Problem:
     fps: float
     pinned: int = 0
     """Leading frames that stay as they are given to the solver (paper Eq. 2d)."""
+    pinned_after: int = 0
+    """Trailing frames that do: a piece out of the middle of a clip is then solved without a seam."""
 
     @property
     def step_limits(self) -> Float[np.ndarray, "n"]:
         """Largest change of each joint between two frames [rad]."""
         return self.model.speed_limits / self.fps
+
+    def unknown(self, frames: int) -> slice:
+        """Return which of a window's frames are unknowns."""
+        return slice(self.pinned, frames - self.pinned_after)
 
     def linearize(self, kinematics: Kinematics) -> dict[str, tuple[Rows, ...]]:
         """Return the rows of every term at a trajectory, by name."""

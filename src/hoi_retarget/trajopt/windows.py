@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from hoi_retarget.errors import ArgumentError, SolveError
 from hoi_retarget.trajopt.problem import Problem
-from hoi_retarget.trajopt.solvers.base import Optimality, Solver, Status, optimality
+from hoi_retarget.trajopt.solvers.base import Optimality, Solution, Solver, Status, optimality
 
 SHORTEST_WINDOW = 20  # Of those that pin frames.
 PINNED = 3  # The reach of a third difference.
@@ -104,14 +104,20 @@ def solve_windows(
         problem = problem_of(first, stop, pinned)
         solution = solver.solve(problem, qpos[first:stop])
         qpos[first:stop], solved = solution.qpos, stop
-        quality = optimality(problem, solution)
-        _check(first, stop, solution.status, quality)
-        reports.append(
-            WindowReport(
-                first, stop, solution.status, solution.iterations, solution.cost, solution.cost_by_term, quality
-            )
-        )
+        reports.append(report_window(first, stop, problem, solution))
     return qpos, tuple(reports)
+
+
+def report_window(first: int, stop: int, problem: Problem, solution: Solution) -> WindowReport:
+    """Return how a window was solved.
+
+    Raises `SolveError` when it failed or its trajectory breaks a joint range or a joint speed.
+    """
+    quality = optimality(problem, solution)
+    _check(first, stop, solution.status, quality)
+    return WindowReport(
+        first, stop, solution.status, solution.iterations, solution.cost, solution.cost_by_term, quality
+    )
 
 
 def _catch_up(qpos: np.ndarray, start: np.ndarray, solved: int, stop: int) -> None:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from viser import FrameHandle, SceneApi
 
 _VANISHED = 1e-6  # Size of a copy that is not there in a frame [m].
-_LINE_WIDTH = 4.0  # [px]
+_LINE_THICKNESS = 0.006  # [m]
 
 
 class _Drawn(Protocol):
@@ -114,7 +114,7 @@ class _Rigid:
 class _Segments:
     def __init__(self, api: "SceneApi", name: str, lines: Lines) -> None:
         self._lines = lines
-        self._node = api.add_line_segments(name, self._points(0), self._colours(0), line_width=_LINE_WIDTH)
+        self._node = api.add_line_segments(name, self._points(0), self._colours(0), thickness=_LINE_THICKNESS)
 
     def _points(self, frame: int) -> np.ndarray:
         starts = self._lines.starts[frame]

@@ -138,7 +138,7 @@ def _start(problem: Problem, bounds: Bounds, qpos: np.ndarray) -> _State:
     model = problem.model
     margin = _START_MARGIN * (model.upper - model.lower)
     inside = qpos.copy()
-    unknown = inside[problem.pinned :, 7:]
+    unknown = inside[problem.unknown(len(inside)), 7:]
     np.clip(unknown, model.lower + margin, model.upper - margin, out=unknown)
     point = _Point.at(problem, bounds, inside)
     slack = np.maximum(point.values, _LEAST_SLACK * bounds.widths(len(point.values)))
@@ -150,7 +150,8 @@ def _newton_step(options: BandedInteriorPoint, problem: Problem, bounds: Bounds,
     """Return the predictor-corrector step, or None where the matrix is not positive definite."""
     point, slack, multiplier = state.point, state.slack, state.multiplier
     normal = assemble(point.kinematics, point.rows, least_width=bounds.width)
-    band, gradient = normal.band[problem.pinned :], normal.gradient[problem.pinned :]
+    unknown = problem.unknown(len(normal.band))
+    band, gradient = normal.band[unknown], normal.gradient[unknown]
     band[:, :, 0] *= 1.0 + state.damping
     ratio = multiplier / slack
     bounds.add_normal(band, ratio)
@@ -194,11 +195,13 @@ def _line_search(problem: Problem, bounds: Bounds, state: _State, step: _Step) -
         return point.half_cost - step.barrier * float(np.log(slack).sum()) + penalty * infeasible
 
     start, slope = merit(state.point, state.slack), min(step.slope, 0.0)
-    qpos, pinned = state.point.kinematics.qpos, problem.pinned
+    qpos = state.point.kinematics.qpos
+    unknown = problem.unknown(len(qpos))
     length = step.primal_length
     for _ in range(_LONGEST_SEARCH):
-        moved = problem.model.integrate(qpos[pinned:], length * step.tangent)
-        trial = _Point.at(problem, bounds, np.concatenate([qpos[:pinned], moved]))
+        moved = qpos.copy()
+        moved[unknown] = problem.model.integrate(qpos[unknown], length * step.tangent)
+        trial = _Point.at(problem, bounds, moved)
         slack = state.slack + length * step.slack
         # Once a slack has met its inequality the two are the same number: no drift by rounding.
         met = (np.abs(slack - trial.values) < _ROUNDING) & (trial.values > 0)

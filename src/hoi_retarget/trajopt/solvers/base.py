@@ -66,14 +66,14 @@ def optimality(problem: Problem, solution: Solution) -> Optimality:
     kinematics = problem.model.forward(solution.qpos)
     linearization = problem.linearize(kinematics)
     rows = [part for parts in linearization.values() for part in parts]
-    pinned = problem.pinned
+    unknown = problem.unknown(len(solution.qpos))
     normal = assemble(kinematics, rows)
-    gradient = normal.gradient[pinned:].copy()
+    gradient = normal.gradient[unknown].copy()
     gradient[:, 6:] -= bounds.apply_transposed(solution.multipliers)
     slack = bounds.values(solution.qpos[:, 7:])
     half_cost = 0.5 * sum(cost_by_term(linearization).values())
     return Optimality(
-        stationarity=_newton_decrement(normal.band[pinned:], gradient) / max(half_cost, 1e-12),
+        stationarity=_newton_decrement(normal.band[unknown], gradient) / max(half_cost, 1e-12),
         complementarity=float(np.sum(np.abs(slack * solution.multipliers))) / max(half_cost, 1e-12),
         violation=float(max(0.0, -slack.min(initial=0.0))),
     )
