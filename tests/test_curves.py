@@ -1,7 +1,10 @@
 """Curves over time: they are the figures before their means are taken, and their charts show all of them."""
 
 import functools
+import re
 import time
+from dataclasses import replace
+from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -13,6 +16,7 @@ from hoi_retarget.metrics import unreached_contacts
 from hoi_retarget.motion import Motion
 from hoi_retarget.pipeline import Config, retarget
 from hoi_retarget.synthetic import make
+from hoi_retarget.viewers.curve_chart import LARGEST_POINTS, chart_html
 from hoi_retarget.viewers.curves import Curve, curves_of
 from trajectories import MODELS, random_qpos
 
@@ -128,3 +132,80 @@ def test_five_minutes_take_less_than_a_second() -> None:
     start = time.process_time()
     curves_of(motion, G1)
     assert time.process_time() - start < 1.0
+
+
+WAVE = re.compile(r'<path d="([^"]+)" stroke="#0072b2" stroke-width="1.4"')
+WIDTH, HEIGHT = 4000, 400
+
+
+def wave(values: np.ndarray, *, fps: float = 30.0) -> Curve:
+    return Curve("wave", "mm", values, "gap", fps)
+
+
+def strokes(html: str) -> list[np.ndarray]:
+    """Return the points of each stroke of the first curve: horizontal, vertical."""
+    found = WAVE.search(html)
+    assert found
+    return [
+        np.array(re.findall(r"-?\d+", stroke.removesuffix("h0")), dtype=int).reshape(-1, 2)
+        for stroke in found[1].split("M")[1:]
+    ]
+
+
+@settings(max_examples=30, deadline=None)
+@given(frames=st.integers(2, 4000), seed=st.integers(0, 99), holes=st.sampled_from([0.0, 0.02, 0.9]))
+def test_a_chart_shows_every_extreme_and_spans_its_frames(frames: int, seed: int, holes: float) -> None:
+    rng = np.random.default_rng(seed)
+    values = rng.uniform(0.0, 0.5, size=frames)
+    values[rng.random(frames) < holes] = np.nan
+    peak = int(rng.integers(frames))
+    values[[0, -1]] = 0.25
+    values[peak] = 1.0
+    drawn = strokes(chart_html([("result", (wave(values),))], 30.0))
+    points = np.concatenate(drawn)
+    assert len(points) <= LARGEST_POINTS
+    # The range is from zero to one: heights are known.
+    assert points[:, 1].min() == 0
+    assert abs(points[points[:, 1].argmin(), 0] - WIDTH * peak / (frames - 1)) <= 1
+    assert points[:, 1].max() == round(HEIGHT * (1 - np.nanmin(values)))
+    assert (np.diff(points[:, 0]) >= 0).all() and points[:, 0].max() <= WIDTH
+    if frames <= LARGEST_POINTS:
+        assert points[0, 0] == 0 and points[-1, 0] == WIDTH
+        assert len(points) == np.isfinite(values).sum()
+        assert len(drawn) == np.count_nonzero(np.diff(np.isfinite(values).astype(int), prepend=0) == 1)
+
+
+def test_results_of_different_rates_share_the_time_axis() -> None:
+    slow, fast = wave(np.linspace(0, 1, 31)), wave(np.linspace(0, 1, 121), fps=60.0)
+    (half,) = strokes(chart_html([("slow", (slow,)), ("fast", (fast,))], 60.0))
+    assert half[-1, 0] == WIDTH // 2, "one second of two"
+
+
+def test_what_counts_is_drawn_bold() -> None:
+    motion = carried()
+    html = chart_html([("result", curves_of(motion, G1))], motion.fps)
+    assert html.count('stroke-width="2.0"') == 2, "both feet's stance"
+
+
+def test_a_group_without_numbers_has_no_chart() -> None:
+    curves = (wave(np.full(9, np.nan)), replace(wave(np.arange(9.0)), group="jerk"))
+    html = chart_html([("result", curves)], 30.0)
+    assert html.count('class="chart"') == 1 and "jerk over time" in html
+
+
+def test_names_are_text() -> None:
+    found = set()
+
+    class Tags(HTMLParser):
+        def handle_starttag(self, tag, attrs):
+            found.add(tag)
+
+    curve = replace(wave(np.arange(9.0)), name="<script>alert(1)</script>", group='"><img src=x>', unit="<b>")
+    other = replace(curve, name="&")
+    Tags().feed(chart_html([("<script>", (curve, other)), ("<i>", (curve,))], 30.0))
+    assert not found & {"script", "img", "b"}
+
+
+def test_charts_of_five_minutes_stay_small() -> None:
+    curves = curves_of(random_motion(10_000, 0), G1)
+    assert len(chart_html([("long", curves)], 30.0)) < 250_000
