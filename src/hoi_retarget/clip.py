@@ -149,6 +149,8 @@ class Source:
     licence: str = ""
     notes: tuple[str, ...] = field(default=())
     """What the reader found and decided, one sentence each."""
+    contact_edits: str = ""
+    """Text of the contact edits that were applied to the contacts as recorded; empty where none were."""
 
 
 @dataclass(frozen=True, eq=False)

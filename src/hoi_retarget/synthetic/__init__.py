@@ -15,9 +15,12 @@ from hoi_retarget.synthetic.scenes import carry_box, carry_table, drag_suitcase,
 from hoi_retarget.synthetic.staging import Scene
 from hoi_retarget.synthetic.timing import Times
 
-__all__ = ["OBJECTS", "SCENES", "make", "object_mesh", "write_objects"]
+__all__ = ["BUILTIN", "OBJECTS", "SCENES", "make", "object_mesh", "write_objects"]
 
 LICENCE = "Apache-2.0 (made by hoi-retarget)"
+BUILTIN = "builtin:"
+"""What stands before a scene's name where a clip's file could be named."""
+HEIGHT, SEED, FPS = 1.75, 0, 30.0  # Of built-in clips.
 MINIMUM_HEIGHT, MAXIMUM_HEIGHT = 1.2, 2.2  # [m]
 
 SCENES: Mapping[str, Callable[[float, int], Scene]] = MappingProxyType(
@@ -29,9 +32,9 @@ SCENES: Mapping[str, Callable[[float, int], Scene]] = MappingProxyType(
 def make(  # noqa: PLR0913 - all but the name are options with defaults
     name: str,
     *,
-    height: float = 1.75,
-    seed: int = 0,
-    fps: float = 30.0,
+    height: float = HEIGHT,
+    seed: int = SEED,
+    fps: float = FPS,
     seconds: float | None = None,
     repetitions: int | None = None,
 ) -> Clip:
@@ -39,6 +42,7 @@ def make(  # noqa: PLR0913 - all but the name are options with defaults
 
     Without `seconds` and `repetitions` the clip goes one way and ends at rest. Repeated, it goes
     there and back as often as asked and ends where it begins, one frame before the first one.
+    Made with the defaults, it is the built-in clip of that name, and its source's path says so.
 
     Args:
         name: one of `SCENES`.
@@ -61,7 +65,9 @@ def make(  # noqa: PLR0913 - all but the name are options with defaults
     parameters = {"name": name, "height": height, "seed": seed, "fps": fps, "frames": len(times)}
     digest = sha256(json.dumps(parameters, sort_keys=True).encode()).hexdigest()
     note = "Made from nothing: contact points and stance are exact."
-    source = Source(sha256=digest, format="synthetic", licence=LICENCE, notes=(note,))
+    is_builtin = (height, seed, fps, seconds, repetitions) == (HEIGHT, SEED, FPS, None, None)
+    path = f"{BUILTIN}{name}" if is_builtin else ""
+    source = Source(path, sha256=digest, format="synthetic", licence=LICENCE, notes=(note,))
     return Clip(name, fps, people, objects, contacts, source)
 
 

@@ -1,0 +1,99 @@
+"""Clips by what they are called: a built-in one, a recording's file, or the one a result was made from."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from hoi_retarget.clip import Clip
+from hoi_retarget.contact_edits import ContactEdits, apply, from_text
+from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
+from hoi_retarget.motion import Motion
+from hoi_retarget.readers import read_clip
+from hoi_retarget.synthetic import BUILTIN, SCENES, make
+
+_ADVICE = "Pass --clip to name it."
+
+
+def open_clip(name: Path | str, *, objects: Path | None = None, object_name: str | None = None) -> Clip:
+    """Return a clip by its name: `builtin:<scene>`, or the path of a recording.
+
+    Args:
+        name: What the clip is called.
+        objects: Folder with `<name>/<name>.obj` of each object; built-in clips need none.
+        object_name: The object's name, where the file does not tell it.
+
+    Raises:
+        ArgumentError: There is no such built-in clip.
+        ReadError: The file is missing, damaged, or of no supported format.
+        ClipError: What it holds cannot be used.
+        GeometryError: The object's geometry cannot be had.
+    """
+    scene = builtin_scene(name)
+    if scene is None:
+        return read_clip(Path(name), objects=objects, object_name=object_name)
+    if scene not in SCENES:
+        listing = ", ".join(f"{BUILTIN}{known}" for known in SCENES)
+        raise ArgumentError(f"{name}: there is no such built-in clip. Built-in clips: {listing}.")
+    return make(scene)
+
+
+def builtin_scene(name: Path | str) -> str | None:
+    """Return the scene that `builtin:<scene>` names, whether there is such a one or not; None for a file."""
+    text = str(name)
+    return text.removeprefix(BUILTIN) if text.startswith(BUILTIN) else None
+
+
+def result_stem(name: Path | str) -> str:
+    """Return what results made of a clip are called, without `.npz`."""
+    scene = builtin_scene(name)
+    return Path(name).stem if scene is None else scene
+
+
+def clip_of(motion: Motion) -> Clip:
+    """Return the clip that a result was made from, its contact edits applied, by what the result's report says.
+
+    Raises:
+        ReadError: The report does not say it, the recording is gone or has changed since, or it cannot
+            be read any more.
+    """
+    clip, edits = recording_of(motion)
+    try:
+        return apply(clip, edits)
+    except HoiRetargetError as error:
+        raise ReadError(f"the result's contact edits no longer fit its clip: {error} {_ADVICE}") from error
+
+
+def recording_of(motion: Motion) -> tuple[Clip, ContactEdits]:
+    """Return the clip that a result was made from, as recorded, and the contact edits it was made with.
+
+    Paths in the report are taken as they are, relative ones from the current folder.
+
+    Raises:
+        ReadError: As `clip_of`.
+    """
+    source = _table(motion.report, "source")
+    path = source.get("path")
+    if not isinstance(path, str) or not path:
+        raise ReadError(f"the result does not say which clip it was made from. {_ADVICE}")
+    settings = _table(motion.report, "command")
+    folder, object_name = settings.get("objects"), settings.get("object_name")
+    try:
+        clip = open_clip(
+            path,
+            objects=Path(folder) if isinstance(folder, str) else None,
+            object_name=object_name if isinstance(object_name, str) else None,
+        )
+    except HoiRetargetError as error:
+        raise ReadError(f"the clip that the result was made from cannot be read again: {error} {_ADVICE}") from error
+    if clip.source.sha256 != source.get("sha256"):
+        raise ReadError(f"{path}: the file has changed since the result was made from it. {_ADVICE}")
+    text = source.get("contact_edits")
+    if not text:
+        return clip, ContactEdits.of(clip)
+    return clip, from_text(str(text), "the result's contact edits")
+
+
+def _table(report: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """Return an entry of a report; one of another version may have anything there."""
+    value = report.get(key)
+    return value if isinstance(value, Mapping) else {}
