@@ -49,30 +49,35 @@ def result_stem(name: Path | str) -> str:
     return Path(name).stem if scene is None else scene
 
 
-def clip_of(motion: Motion) -> Clip:
+def clip_of(motion: Motion, *, name: Path | None = None, objects: Path | None = None) -> Clip:
     """Return the clip that a result was made from, its contact edits applied, by what the result's report says.
+
+    Args:
+        motion: The result.
+        name: The clip's name, where it is not the one that the report says; what it holds is then not compared.
+        objects: The objects' folder, where it is not the one that the report says.
 
     Raises:
         ReadError: The report does not say it, the recording is gone or has changed since, or it cannot
             be read any more.
     """
-    clip, edits = recording_of(motion)
+    clip, edits = recording_of(motion, name=name, objects=objects)
     try:
         return apply(clip, edits)
     except HoiRetargetError as error:
         raise ReadError(f"the result's contact edits no longer fit its clip: {error} {_ADVICE}") from error
 
 
-def recording_of(motion: Motion) -> tuple[Clip, ContactEdits]:
+def recording_of(motion: Motion, *, name: Path | None = None, objects: Path | None = None) -> tuple[Clip, ContactEdits]:
     """Return the clip that a result was made from, as recorded, and the contact edits it was made with.
 
-    Paths in the report are taken as they are, relative ones from the current folder.
+    Arguments are those of `clip_of`. Paths in the report are taken as they are, relative ones from the current folder.
 
     Raises:
         ReadError: As `clip_of`.
     """
     source = _table(motion.report, "source")
-    path = source.get("path")
+    path = source.get("path") if name is None else str(name)
     if not isinstance(path, str) or not path:
         raise ReadError(f"the result does not say which clip it was made from. {_ADVICE}")
     settings = _table(motion.report, "command")
@@ -80,12 +85,12 @@ def recording_of(motion: Motion) -> tuple[Clip, ContactEdits]:
     try:
         clip = open_clip(
             path,
-            objects=Path(folder) if isinstance(folder, str) else None,
+            objects=Path(folder) if objects is None and isinstance(folder, str) else objects,
             object_name=object_name if isinstance(object_name, str) else None,
         )
     except HoiRetargetError as error:
         raise ReadError(f"the clip that the result was made from cannot be read again: {error} {_ADVICE}") from error
-    if clip.source.sha256 != source.get("sha256"):
+    if name is None and clip.source.sha256 != source.get("sha256"):
         raise ReadError(f"{path}: the file has changed since the result was made from it. {_ADVICE}")
     text = source.get("contact_edits")
     if not text:

@@ -1,0 +1,33 @@
+"""`hoi-retarget view`: results in a browser."""
+
+from functools import partial
+
+from hoi_retarget.cli.commands import View
+from hoi_retarget.cli.serving import check_viser, serve_until_interrupted
+from hoi_retarget.cli.terminal import fail, warn
+from hoi_retarget.errors import ArgumentError
+from hoi_retarget.recordings import clip_of
+
+
+def execute(command: View) -> int:
+    """Serve the viewer until Ctrl-C; return 1 when no result can be read."""
+    if not command.results:
+        raise ArgumentError("no result is named. Usage: hoi-retarget view RESULT...")
+    check_viser()
+    from hoi_retarget.viewers.exhibit import Exhibit, load_exhibit  # noqa: PLC0415 - need an extra
+    from hoi_retarget.viewers.view_page import serve_exhibit  # noqa: PLC0415
+
+    told: set[str] = set()
+
+    def load() -> Exhibit:
+        exhibit = load_exhibit(command.results, partial(clip_of, name=command.clip, objects=command.objects))
+        for notice in exhibit.notices:
+            if notice not in told:
+                told.add(notice)
+                (fail if exhibit.scene is None else warn)(notice)
+        return exhibit
+
+    if load().scene is None:
+        return 1
+    serve_until_interrupted("hoi-retarget", command.host, command.port, lambda server: serve_exhibit(server, load))
+    return 0

@@ -1,0 +1,70 @@
+"""A Viser server that only this machine reaches, unless told otherwise, and that hands nothing on."""
+
+import io
+import socket
+import warnings
+from contextlib import redirect_stdout, suppress
+from typing import Any
+
+import viser
+
+from hoi_retarget.errors import ArgumentError
+
+FIRST_PORT = 8080  # Taken ports are passed over.
+
+
+class _LocalServer(viser.ViserServer):
+    """Viser's server without its tunnel, which any page it serves could ask it to open, and without its prints."""
+
+    def __init__(self, **settings: Any) -> None:
+        with redirect_stdout(io.StringIO()):
+            super().__init__(**settings)
+
+    def request_share_url(self, verbose: bool = True) -> None:
+        return None
+
+    def stop(self) -> None:
+        with redirect_stdout(io.StringIO()):
+            super().stop()
+
+
+def open_server(title: str, *, host: str = "127.0.0.1", port: int | None = None) -> viser.ViserServer:
+    """Start a server in threads of its own; `get_port()` tells where, `stop()` ends it.
+
+    Args:
+        title: Shown at the top of its page.
+        host: Address to listen at.
+        port: Exactly this one, or the first free one from 8080 on.
+
+    Raises:
+        ArgumentError: The port is taken, or the machine does not have this address.
+    """
+    _check_address(host, 0 if port is None else port)
+    # A browser that goes while a frame is drawn for it is no mistake.
+    warnings.filterwarnings("ignore", message="Queued a .* on a closed connection", category=UserWarning)
+    server = _LocalServer(host=host, port=FIRST_PORT if port is None else port, label=title, verbose=False)
+    server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(38, 110, 160))
+    server.scene.set_up_direction("+z")
+    return server
+
+
+def address(server: viser.ViserServer) -> str:
+    """Return the address to open in a browser."""
+    host = server.get_host()
+    return f"http://{'localhost' if host in ('0.0.0.0', '127.0.0.1', '::') else host}:{server.get_port()}"
+
+
+def _check_address(host: str, port: int) -> None:
+    try:
+        kind, _, _, _, where = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(kind, socket.SOCK_STREAM) as probe:
+            with suppress(OSError):
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(where)
+    except OverflowError as error:
+        raise ArgumentError(f"--port {port}: ports go from 1 to 65535.") from error
+    except OSError as error:
+        raise ArgumentError(
+            f"--host {host}{f' --port {port}' if port else ''}: cannot listen there ({error.strerror or error}). "
+            "Leave --port away to take a free one."
+        ) from error
