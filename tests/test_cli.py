@@ -305,7 +305,7 @@ def test_each_person_gets_a_result(run, recording, monkeypatch):
     from hoi_retarget.cli import run as module
 
     clip = two_people(make("carry_box", seconds=1.0))
-    monkeypatch.setattr(module, "read_clip", lambda *_, **__: clip)
+    monkeypatch.setattr(module, "open_clip", lambda *_, **__: clip)
     code, out, _ = run(f"{NAME}.pt")
     assert code == 0 and "2 people" in out
     assert listing(recording / "out") == [f"{NAME}.p0.npz", f"{NAME}.p1.npz"]
@@ -320,7 +320,7 @@ def test_ctrl_c_ends_with_one_line(run, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(module, "read_clip", interrupted)
+    monkeypatch.setattr(module, "open_clip", interrupted)
     code, _, err = run(f"{NAME}.pt")
     assert code == 130 and err.count("\n") == 1
 

@@ -4,6 +4,7 @@ The file is `<name>.npz` without pickled objects; body poses are derived from `q
 kinematics and never stored.
 """
 
+import errno
 import io
 import json
 import lzma
@@ -175,18 +176,31 @@ def write_atomically(path: Path, content: bytes) -> None:
 
     Raises `WriteError`.
     """
-    temporary = None
+    write_together({path: content})
+
+
+def write_together(contents: Mapping[Path, bytes]) -> None:
+    """Write several files so that either all of them or the previous ones are there.
+
+    All are written beside their places before any is renamed over its own. Raises `WriteError`.
+    """
+    temporaries: dict[Path, Path] = {}
+    path = Path()
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
-            temporary = Path(file.name)
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.chmod(0o644)
-        temporary.replace(path)
+        for path, content in contents.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
+                temporaries[path] = Path(file.name)
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            temporaries[path].chmod(0o644)
+            if path.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        for path, temporary in temporaries.items():
+            temporary.replace(path)
     except OSError as error:
-        if temporary is not None:
+        for temporary in temporaries.values():
             temporary.unlink(missing_ok=True)
         raise WriteError(f"{path}: cannot be written ({error.strerror or error}). Choose another --out.") from error
 

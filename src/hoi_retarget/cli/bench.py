@@ -32,7 +32,7 @@ def execute(command: Bench) -> int:
     with tempfile.TemporaryDirectory() as folder, Working("timing", command.repeats) as working:
         for _ in range(command.repeats):
             (motion,) = retarget_people(clip, model, Config(), {})
-            motion = write(motion, Path(folder) / "bench.npz")
+            (motion,) = write([motion], [Path(folder) / "bench.npz"])
             runs.append(motion.report["cpu_seconds"])
             working.advance()
     best = min(runs, key=lambda seconds: sum(seconds.values()))

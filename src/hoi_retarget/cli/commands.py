@@ -34,7 +34,7 @@ class Run:
     """Retarget recorded clips; each result is OUT/<clip's stem>.npz."""
 
     clips: Annotated[Positional[tuple[Path, ...]], arg(metavar="CLIP...", help_behavior_hint="(required)")]
-    """Clips to retarget, one after the other; one that fails does not stop the rest."""
+    """Clips to retarget, one after the other: files, or built-in ones such as builtin:carry_box."""
     out: Folder
     """Folder to write into; made when it does not exist."""
     robot: RobotName = "unitree_g1"
@@ -43,6 +43,8 @@ class Run:
     """Folder with the objects' geometry: OBJECTS/<name>/<name>.obj, or sample_points.npy there."""
     object_name: ObjectName = None
     """Which object the clips are with; by default the clip says, or its file name sub<N>_<object>_<n>."""
+    edits: OptionalFile = None
+    """Contact edits for the clip, as `hoi-retarget contacts` writes them; then only one clip can be named."""
     root_scale: Scale = "auto"
     """Human size to robot size; auto divides the robot's stature by the person's height."""
     object_scale: Scale = "auto"
@@ -133,6 +135,63 @@ class Sample:
     """Folder to unpack into; made when it does not exist."""
 
 
+@dataclass(frozen=True)
+class Contacts:
+    """Show the contacts of a clip, and edit them: who touches what, where and when.
+
+    Edits are done in the order of the options below, after those of a file; the clip stays as it is. PART is
+    left_hand, right_hand, left_foot or right_foot, and p1.left_hand that of the second person. FRAME is any frame of
+    the contact that is meant, START a first frame, STOP one past the last; X,Y,Z are metres in the object's frame.
+    """
+
+    clip: Annotated[Positional[Path], arg(metavar="CLIP")]
+    """A recording, or a built-in clip such as builtin:carry_box."""
+    objects: OptionalFolder = None
+    """Folder with the objects' geometry, as for run."""
+    object_name: ObjectName = None
+    """Which object the clip is with, as for run."""
+    edits: OptionalFile = None
+    """Begin with the contact edits in this file."""
+    delete: Annotated[tuple[str, ...], arg(metavar="PART:FRAME...", help_behavior_hint="")] = ()
+    """Remove contacts."""
+    merge: Annotated[tuple[str, ...], arg(metavar="PART:FRAME...", help_behavior_hint="")] = ()
+    """Make one contact of this one and the part's next one on the same object."""
+    split: Annotated[tuple[str, ...], arg(metavar="PART:FRAME:AT...", help_behavior_hint="")] = ()
+    """Make two contacts of one; the second begins in frame AT."""
+    retime: Annotated[tuple[str, ...], arg(metavar="PART:FRAME:START:STOP...", help_behavior_hint="")] = ()
+    """Cut contacts, or hold them longer where they are."""
+    add: Annotated[tuple[str, ...], arg(metavar="PART:START:STOP:X,Y,Z[:OBJECT]...", help_behavior_hint="")] = ()
+    """Make new contacts at one point."""
+    fix_segments: Annotated[tuple[str, ...], arg(metavar="all|PART:FRAME...", help_behavior_hint="")] = ()
+    """Give contacts one point for all their frames, their mean, so that the hand does not slip."""
+    snap: Annotated[tuple[str, ...], arg(metavar="all|PART:FRAME...", help_behavior_hint="")] = ()
+    """Move contact points to the nearest point of the object's surface."""
+    move: Annotated[tuple[str, ...], arg(metavar="PART:FRAME:DX,DY,DZ...", help_behavior_hint="")] = ()
+    """Shift contact points."""
+    out: OptionalFile = None
+    """Write the edits to this file, for `hoi-retarget run CLIP --edits FILE`."""
+
+
+OptionalClip = Annotated[Path | None, arg(metavar="CLIP", help_behavior_hint="")]
+Port = Annotated[int | None, arg(metavar="PORT", help_behavior_hint="")]
+
+
+@dataclass(frozen=True)
+class View:
+    """Show results in a browser: robot, human, object, contacts, and curves of what is wrong when."""
+
+    results: Annotated[Positional[tuple[Path, ...]], arg(metavar="RESULT...", help_behavior_hint="(required)")]
+    """Result files (.npz), side by side; reloading the page reads them again."""
+    clip: OptionalClip = None
+    """The clip they were made from, where it is not where it was."""
+    objects: OptionalFolder = None
+    """Folder with the objects' geometry, as for run, where it is not where it was."""
+    host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1"
+    """Address to listen at; by default only this machine can see the page."""
+    port: Port = None
+    """Port to listen at; by default the first free one from 8080 on."""
+
+
 Command = (
     Annotated[Demo, subcommand("demo")]
     | Annotated[Run, subcommand("run")]
@@ -141,4 +200,6 @@ Command = (
     | Annotated[Robots, subcommand("robots")]
     | Annotated[Bench, subcommand("bench")]
     | Annotated[Sample, subcommand("sample")]
+    | Annotated[View, subcommand("view")]
+    | Annotated[Contacts, subcommand("contacts")]
 )

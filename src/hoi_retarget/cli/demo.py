@@ -24,7 +24,7 @@ def execute(command: Demo) -> int:
     say(f"turn and sets it down ({clip.frames} frames). Now the same by a {spec.title}:")
     with Working("retargeting", None):
         (motion,) = retarget_people(clip, load_model(spec), Config(), {})
-        motion = write(motion, path)
+        (motion,) = write([motion], [path])
     describe_result(motion, path)
     say()
     show_figures([score(motion, path)])

@@ -3,7 +3,7 @@
 import os
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from hoi_retarget.clip import Clip
 from hoi_retarget.errors import ArgumentError, WriteError
 from hoi_retarget.metrics import Figures, Score, TurnedSegment, UnreachedSegment
 from hoi_retarget.metrics.table import scales_text
-from hoi_retarget.motion import Motion, encode, save, write_atomically
+from hoi_retarget.motion import Motion, encode, write_atomically, write_together
 from hoi_retarget.pipeline import Config, retarget
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.trajopt.solvers.base import Status
@@ -63,17 +63,22 @@ def retarget_people(clip: Clip, model: RobotModel, config: Config, extra: Mappin
     )
 
 
-def write(motion: Motion, path: Path, *, read_seconds: float = 0.0) -> Motion:
-    """Write a result whose report tells the time that reading the clip and writing take; return it.
+def write(motions: Sequence[Motion], paths: Sequence[Path], *, read_seconds: float = 0.0) -> tuple[Motion, ...]:
+    """Write a clip's results, all of them or none, and return them; raises `WriteError`.
 
-    The time to write must be known before the file is: it is that of encoding the result.
+    Their reports tell the time that reading the clip and writing take. The time to write must be known
+    before a file is: it is that of encoding the result.
     """
+    timed = tuple(_timed(motion, read_seconds / len(motions)) for motion in motions)
+    write_together({path: encode(motion) for path, motion in zip(paths, timed, strict=True)})
+    return timed
+
+
+def _timed(motion: Motion, read_seconds: float) -> Motion:
     start = time.process_time()
     encode(motion)
     seconds = {"read": read_seconds, **motion.report["cpu_seconds"], "write": time.process_time() - start}
-    timed = replace(motion, report={**motion.report, "cpu_seconds": seconds})
-    save(timed, path)
-    return timed
+    return replace(motion, report={**motion.report, "cpu_seconds": seconds})
 
 
 def converged(motion: Motion) -> bool:

@@ -20,12 +20,13 @@ from hoi_retarget.cli.jobs import (
 )
 from hoi_retarget.cli.terminal import Working, fail, program, say
 from hoi_retarget.clip import Clip
+from hoi_retarget.contact_edits import apply, load
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
 from hoi_retarget.metrics import Score
 from hoi_retarget.motion import Motion
 from hoi_retarget.pipeline import Config
-from hoi_retarget.readers import read_clip
 from hoi_retarget.readers.objects import known_objects
+from hoi_retarget.recordings import open_clip, result_stem
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.targets import Scaling
@@ -39,6 +40,8 @@ def execute(command: Run) -> int:
     spec = robot(command.robot)
     _check_clips(command.clips)
     _check_objects(command.objects, command.object_name)
+    if command.edits is not None and len(command.clips) > 1:
+        raise ArgumentError(f"--edits {command.edits} is for one clip, and {len(command.clips)} are named. Name one.")
     check_writable("--out", command.out)
     model = load_model(spec)
     scores: list[Score] = []
@@ -71,17 +74,19 @@ def _run_clip(path: Path, command: Run, model: RobotModel, config: Config, worki
     if path.suffix.lower() == ".npz" and os.path.isfile(path):  # noqa: PTH113  # raises nothing
         raise ReadError(f"{path}: this is a result or another archive, not a clip. Use `{program()} evaluate` on it.")
     start = time.process_time()
-    clip = read_clip(path, objects=command.objects, object_name=command.object_name)
+    clip = open_clip(path, objects=command.objects, object_name=command.object_name)
+    if command.edits is not None:
+        clip = apply(clip, load(command.edits))
     read_seconds = time.process_time() - start
     with working.aside():
         _describe_clip(path, clip)
     motions = retarget_people(clip, model, config, {"command": _settings(command, path)})
-    results = {}
-    for motion, out in zip(motions, result_paths(clip, path.stem, command.out), strict=True):
-        results[out] = write(motion, out, read_seconds=read_seconds / len(motions))
-        with working.aside():
-            describe_result(results[out], out)
-    return results
+    paths = result_paths(clip, result_stem(path), command.out)
+    motions = write(motions, paths, read_seconds=read_seconds)
+    with working.aside():
+        for motion, out in zip(motions, paths, strict=True):
+            describe_result(motion, out)
+    return dict(zip(paths, motions, strict=True))
 
 
 def _check_clips(clips: Sequence[Path]) -> None:
@@ -91,10 +96,11 @@ def _check_clips(clips: Sequence[Path]) -> None:
     for path in clips:
         if _is_folder(path):
             raise ArgumentError(f"{path} is a folder. Name the clips in it, such as {path}/*.pt.")
-        other = seen.setdefault(path.stem, path)
+        stem = result_stem(path)
+        other = seen.setdefault(stem, path)
         if other is not path:
             raise ArgumentError(
-                f"{other} and {path} would both be written to {path.stem}.npz. Run them into different folders."
+                f"{other} and {path} would both be written to {stem}.npz. Run them into different folders."
             )
 
 

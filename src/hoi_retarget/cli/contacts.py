@@ -1,0 +1,155 @@
+"""`hoi-retarget contacts`: the contacts of a clip as a table, and edits to them."""
+
+import shlex
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hoi_retarget.cli.commands import Contacts
+from hoi_retarget.cli.jobs import check_writable, write_file
+from hoi_retarget.cli.terminal import program, say, show_table, warn
+from hoi_retarget.clip import Clip
+from hoi_retarget.contact_edits import (
+    Add,
+    ContactEdits,
+    Delete,
+    Edit,
+    Fix,
+    FixAll,
+    Merge,
+    Move,
+    Point,
+    Retime,
+    Segments,
+    Snap,
+    SnapAll,
+    Split,
+    apply,
+    load,
+    segments_of,
+    to_text,
+)
+from hoi_retarget.errors import ArgumentError
+from hoi_retarget.recordings import open_clip
+from hoi_retarget.surface import surface_of
+
+ALL = "all"
+
+
+def execute(command: Contacts) -> int:
+    """Edit a clip's contacts as asked, show them, and write the edits."""
+    asked = tuple(_asked(command))
+    if command.out is not None:
+        check_writable("--out", command.out.parent)
+    begun = None if command.edits is None else load(command.edits)
+    clip = open_clip(command.clip, objects=command.objects, object_name=command.object_name)
+    edits = ContactEdits.of(clip) if begun is None else begun
+    for edit in asked:
+        edits = edits.adding(edit)
+    edited = apply(clip, edits)
+    count = len(edits.edits)
+    after = f", after {count} edit{'s' if count > 1 else ''}" if count else ""
+    say(f"{command.clip}: {clip.frames} frames at {clip.fps:g} frames/s{after}")
+    _show(edited)
+    if command.out is not None:
+        write_file("--out", command.out, to_text(edits).encode())
+        say()
+        say(f"written: {command.out}")
+        say(f"to run: {program()} {shlex.join(_run_words(command, command.out))}")
+    return 0
+
+
+def _show(clip: Clip) -> None:
+    segments = segments_of(clip)
+    if not segments:
+        say("Nothing is touched.")
+        return
+    surfaces = {index: surface_of(clip.objects[index].geometry) for index in {item.object for item in segments}}
+    several = len(clip.people) > 1
+    header = ("part", "object", "frames", "seconds", "spread [mm]", "to surface [mm]")
+    rows = [
+        (
+            segment.part,
+            clip.objects[segment.object].name,
+            f"{segment.start} to {segment.stop - 1}",
+            f"{segment.frames / clip.fps:.2f}",
+            f"{1e3 * segment.spread:.1f}",
+            f"{1e3 * float(np.mean(surfaces[segment.object].distances(segment.points))):.1f}",
+        )
+        for segment in segments
+    ]
+    if several:
+        header = ("person", *header)
+        rows = [(f"p{segment.person}", *row) for segment, row in zip(segments, rows, strict=True)]
+    show_table([header, *rows], words=range(several + 2))
+    _summarize(segments, clip)
+    for index, surface in sorted(surfaces.items()):
+        if not surface.exact:
+            warn(f"object {clip.objects[index].name!r}: no mesh is known; its surface is the hull of its points.")
+
+
+def _summarize(segments: Segments, clip: Clip) -> None:
+    frames = sum(segment.frames for segment in segments)
+    spread = max(segment.spread for segment in segments)
+    seconds = frames / clip.fps
+    say(f"{len(segments)} contacts, {seconds:.2f} s in all; the farthest point is {1e3 * spread:.1f} mm from its mean.")
+
+
+def _run_words(command: Contacts, edits: Path) -> list[str]:
+    words = ["run", str(command.clip), "--edits", str(edits)]
+    if command.objects is not None:
+        words += ["--objects", str(command.objects)]
+    if command.object_name is not None:
+        words += ["--object", command.object_name]
+    return [*words, "--out", "results"]
+
+
+def _asked(command: Contacts) -> Iterator[Edit]:
+    """Yield the edits in the order of the options in `Contacts`: when something touches before where it does."""
+    for option, form, kind, fields in _OPTIONS:
+        for word in getattr(command, option.removeprefix("--").replace("-", "_")):
+            try:
+                yield _FOR_ALL[kind]() if kind in _FOR_ALL and word == ALL else _edit(kind, fields, word)
+            except ArgumentError as error:
+                raise ArgumentError(f"{option} {word}: {error}") from error
+            except ValueError as error:
+                raise ArgumentError(f"{option} {word}: expected {form}.") from error
+
+
+def _edit(kind: Callable[..., Edit], fields: Sequence[Callable[[str], Any]], word: str) -> Edit:
+    """Return the edit that a word describes, or raise `ValueError`: too few fields, too many, or no numbers."""
+    # An object's name may have colons in it.
+    part, *texts = word.split(":", len(fields) if fields[-1] is str else -1)
+    if not len(fields) - (fields[-1] is str) <= len(texts) <= len(fields):
+        raise ValueError
+    name, person = _part(part)
+    values = [field(text) for field, text in zip(fields, texts, strict=False)]
+    return kind(name, *values, person=person)
+
+
+def _part(word: str) -> tuple[str, int]:
+    """Return the part and the person that `left_hand` or `p1.left_hand` names."""
+    person, dot, part = word.partition(".")
+    if dot and person.startswith("p"):
+        return part, int(person[1:])
+    return word, 0
+
+
+def _point(word: str) -> Point:
+    x, y, z = (float(number) for number in word.split(","))
+    return (x, y, z)
+
+
+_OPTIONS: tuple[tuple[str, str, Callable[..., Edit], Sequence[Callable[[str], Any]]], ...] = (
+    ("--delete", "PART:FRAME", Delete, (int,)),
+    ("--merge", "PART:FRAME", Merge, (int,)),
+    ("--split", "PART:FRAME:AT", Split, (int, int)),
+    ("--retime", "PART:FRAME:START:STOP", Retime, (int, int, int)),
+    ("--add", "PART:START:STOP:X,Y,Z[:OBJECT]", Add, (int, int, _point, str)),
+    ("--fix-segments", "all or PART:FRAME", Fix, (int,)),
+    ("--snap", "all or PART:FRAME", Snap, (int,)),
+    ("--move", "PART:FRAME:DX,DY,DZ", Move, (int, _point)),
+)
+_FOR_ALL: Mapping[Callable[..., Edit], Callable[[], Edit]] = {Fix: FixAll, Snap: SnapAll}
