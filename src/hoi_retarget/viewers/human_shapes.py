@@ -11,7 +11,7 @@ from hoi_retarget.clip import Person
 from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, PARENT
 from hoi_retarget.viewers.drawing import Colour, Kind, Shapes
 
-COLOUR: Colour = (222, 170, 138)
+COLOUR: Colour = (221, 155, 118)
 REFERENCE_HEIGHT = 1.75  # [m]
 
 # Radius of the limb that ends at a joint [m], by the joint's name without its side.
@@ -25,8 +25,8 @@ _RADII = {
     "knee": 0.066,
     "ankle": 0.046,
     "foot": 0.036,
-    "collar": 0.065,
-    "shoulder": 0.058,
+    "collar": 0.055,
+    "shoulder": 0.056,
     "elbow": 0.045,
     "wrist": 0.035,
 }
@@ -34,9 +34,11 @@ _PALM_RADIUS, _FINGER_RADIUS = 0.014, 0.0095  # [m]
 
 # Ellipsoids that fill the trunk out, in axes of a joint that point left, up and ahead: joint, middle, half extents [m].
 _ROUNDINGS = (
-    ("pelvis", (0.0, -0.02, 0.0), (0.16, 0.12, 0.115)),
-    ("spine3", (0.0, 0.03, 0.015), (0.165, 0.17, 0.115)),
-    ("head", (0.0, 0.075, 0.02), (0.078, 0.118, 0.098)),
+    ("pelvis", (0.0, -0.01, -0.005), (0.165, 0.125, 0.112)),
+    ("spine1", (0.0, 0.06, 0.0), (0.135, 0.17, 0.105)),
+    ("spine3", (0.0, 0.0, 0.015), (0.16, 0.2, 0.115)),
+    ("spine3", (0.0, 0.1, 0.0), (0.2, 0.085, 0.08)),
+    ("head", (0.0, 0.08, 0.018), (0.074, 0.108, 0.092)),
 )
 
 

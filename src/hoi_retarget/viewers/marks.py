@@ -13,7 +13,7 @@ from hoi_retarget.viewers.drawing import Colour, Kind, Lines, Shapes
 SMALL_GAP, LARGE_GAP = 0.01, 0.05  # [m]
 _GREEN, _YELLOW, _RED = (46, 178, 82), (245, 196, 40), (222, 52, 44)
 _LEVELS = 9  # Shapes keep their colour: a ball that changes its own is one of so many.
-_TARGET_RADIUS, _SITE_RADIUS = 0.03, 0.022  # [m]
+_TARGET_RADIUS, _SITE_RADIUS = 0.045, 0.035  # [m]
 _STANCE: Colour = (60, 150, 200)
 _STANCE_MARGIN, _STANCE_HALF_HEIGHT = 0.012, 0.006  # [m]
 

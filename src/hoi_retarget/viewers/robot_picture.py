@@ -1,13 +1,6 @@
-"""A still picture of a robot in a pose, drawn off-screen: from the front and from the side.
-
-MuJoCo reads how to draw (`MUJOCO_GL`: egl, osmesa or glfw) from the environment when it is imported;
-whoever starts the program chooses it, nothing here does.
-"""
+"""A still picture of a robot in a pose, drawn off-screen: from the front and from the side."""
 
 import io
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,12 +10,10 @@ from jaxtyping import Float, UInt8
 
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, RobotError
 from hoi_retarget.robots.spec import RobotSpec
+from hoi_retarget.viewers import stage
 
-_OWN_GROUP, _MESH_GROUP, _STAGE_GROUP = 0, 2, 5
+_OWN_GROUP, _MESH_GROUP = 0, 2
 _LIGHT, _DARK = (0.78, 0.79, 0.8, 1.0), (0.16, 0.16, 0.18, 1.0)
-# How MuJoCo and its OpenGL bindings fail when there is no way to draw: a library that is missing
-# (ImportError, OSError, AttributeError) or one that finds no device (RuntimeError, FatalError).
-_CANNOT_DRAW = (ImportError, OSError, AttributeError, RuntimeError, mujoco.FatalError)
 
 
 @dataclass(frozen=True)
@@ -64,24 +55,25 @@ def picture(
         HoiRetargetError: This machine has no way to draw without a screen.
     """
     width = round(0.62 * height)
-    stage = mujoco.MjSpec.from_file(str(spec.mjcf))
-    _furnish(stage, width, height)
+    description = mujoco.MjSpec.from_file(str(spec.mjcf))
+    stage.furnish(description, width, height)
     if meshes is not None:
-        _dress(stage, spec, meshes)
+        _dress(description, spec, meshes)
     try:
-        compiled = stage.compile()
+        compiled = description.compile()
     except ValueError as error:
         raise ReadError(f"{meshes or spec.mjcf}: MuJoCo cannot compile the robot for a picture: {error}") from error
     data = mujoco.MjData(compiled)
     _pose(compiled, data, spec, qpos)
     option = mujoco.MjvOption()
     option.geomgroup[:] = 0
-    option.geomgroup[[_STAGE_GROUP, _OWN_GROUP if meshes is None else _MESH_GROUP]] = 1
+    option.geomgroup[[stage.GROUP, _OWN_GROUP if meshes is None else _MESH_GROUP]] = 1
     option.sitegroup[:] = 0
-    with _renderer(compiled, width, height) as renderer:
+    with stage.renderer(compiled, width, height) as renderer:
         panels = []
         for view in views:
             renderer.update_scene(data, _camera(compiled, data, view), option)
+            stage.illuminate(renderer.scene, view.azimuth)
             panels.append(renderer.render().copy())
     return np.concatenate(panels, axis=1)
 
@@ -126,55 +118,7 @@ def menagerie_meshes(spec: RobotSpec) -> Path:
         raise HoiRetargetError(f"MuJoCo Menagerie could not provide {spec.name}: {error}") from error
 
 
-def _furnish(stage: mujoco.MjSpec, width: int, height: int) -> None:
-    """Add floor, sky and lights."""
-    gradient, checker = mujoco.mjtBuiltin.mjBUILTIN_GRADIENT, mujoco.mjtBuiltin.mjBUILTIN_CHECKER
-    stage.add_texture(
-        name="stage_sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=gradient,
-        rgb1=[0.93, 0.95, 0.97],
-        rgb2=[0.62, 0.71, 0.8],
-        width=256,
-        height=1536,
-    )
-    stage.add_texture(
-        name="stage_floor",
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        builtin=checker,
-        rgb1=[0.74, 0.77, 0.8],
-        rgb2=[0.68, 0.71, 0.75],
-        width=512,
-        height=512,
-    )
-    material = stage.add_material(name="stage_floor", texrepeat=[2, 2], texuniform=True, reflectance=0.08)
-    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "stage_floor"
-    stage.worldbody.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.1], material="stage_floor", group=_STAGE_GROUP
-    )
-    directional = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-    for name, place, aim, strength, shadow in (
-        ("stage_sun", [1.5, -1.0, 3.5], [-0.4, 0.3, -1.0], 0.45, True),
-        ("stage_fill", [1.5, 2.0, 2.5], [-0.6, -0.7, -0.6], 0.2, False),
-    ):
-        stage.worldbody.add_light(
-            name=name,
-            type=directional,
-            pos=place,
-            dir=aim,
-            diffuse=[strength] * 3,
-            specular=[0.2] * 3,
-            castshadow=shadow,
-        )
-    stage.visual.headlight.ambient = [0.38] * 3
-    stage.visual.headlight.diffuse = [0.25] * 3
-    stage.visual.headlight.specular = [0.1] * 3
-    stage.visual.quality.shadowsize = 4096
-    stage.visual.quality.offsamples = 8
-    stage.visual.global_.offwidth, stage.visual.global_.offheight = width, height
-
-
-def _dress(stage: mujoco.MjSpec, spec: RobotSpec, folder: Path) -> None:
+def _dress(description: mujoco.MjSpec, spec: RobotSpec, folder: Path) -> None:
     """Add the maker's meshes to the bodies.
 
     A mesh lies in its body's frame, or where the MJCF has a site `mesh_FILE`. It looks like the first
@@ -187,14 +131,14 @@ def _dress(stage: mujoco.MjSpec, spec: RobotSpec, folder: Path) -> None:
     if missing:
         shown = ", ".join(missing[:4]) + (", ..." if len(missing) > 4 else "")
         raise ReadError(f"{folder}: {len(missing)} mesh files of {spec.title} are not there: {shown}.")
-    places = {site.name: site for site in stage.sites}
+    places = {site.name: site for site in description.sites}
     for body, files in spec.meshes.items():
-        own = stage.body(body).first_geom()
+        own = description.body(body).first_geom()
         for file in files:
             stem = Path(file).stem
-            stage.add_mesh(name=f"maker_{stem}", file=str(found[file].resolve()))
+            description.add_mesh(name=f"maker_{stem}", file=str(found[file].resolve()))
             place = places.get(f"mesh_{stem}")
-            stage.body(body).add_geom(
+            description.body(body).add_geom(
                 type=mujoco.mjtGeom.mjGEOM_MESH,
                 meshname=f"maker_{stem}",
                 pos=place.pos if place is not None else [0, 0, 0],
@@ -231,22 +175,3 @@ def _camera(compiled: mujoco.MjModel, data: mujoco.MjData, view: View) -> mujoco
     camera.distance = 1.05 * max(tall, wide / 0.62) / (2 * np.tan(np.radians(22.5))) + 0.25 * wide
     camera.azimuth, camera.elevation = view.azimuth, view.elevation
     return camera
-
-
-@contextmanager
-def _renderer(compiled: mujoco.MjModel, width: int, height: int) -> Iterator[mujoco.Renderer]:
-    try:
-        with warnings.catch_warnings():
-            # GLFW only warns that it found no screen; MuJoCo then fails, which is caught below.
-            warnings.simplefilter("ignore")
-            renderer = mujoco.Renderer(compiled, height, width)
-    except _CANNOT_DRAW as error:
-        raise HoiRetargetError(
-            "This machine cannot draw without a screen. Install EGL (Debian: apt-get install libegl1 libgl1-mesa-dri) "
-            "and set MUJOCO_GL=egl, or install OSMesa (libosmesa6) and set MUJOCO_GL=osmesa, before the program "
-            f"starts. MuJoCo says: {error}"
-        ) from error
-    try:
-        yield renderer
-    finally:
-        renderer.close()

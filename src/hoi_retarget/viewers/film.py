@@ -1,0 +1,195 @@
+"""Pictures and films of results: humans and robots in panels of their own, seen from the same side.
+
+Files are returned as bytes; where they go, the caller decides.
+"""
+
+import io
+import itertools
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from PIL import Image
+
+from hoi_retarget import se3
+from hoi_retarget.errors import ArgumentError, HoiRetargetError
+from hoi_retarget.viewers.camera import View, cameras
+from hoi_retarget.viewers.drawing import Scene
+from hoi_retarget.viewers.offscreen import easel
+from hoi_retarget.viewers.scene import Shown, make_scene, together
+
+Picture = UInt8[np.ndarray, "H W 3"]
+Side = Literal["robot", "human", "both"]
+
+VIDEO_MISSING = 'Writing MP4 needs imageio-ffmpeg: pip install "hoi-retarget[video]", or write a .gif.'
+_ROBOT_LAYERS = ("robot", "object", "contacts")
+_HUMAN_LAYERS = ("human", "human's object", "human's contacts")
+_BESIDE = 135.0  # From where people look to where the camera looks: it faces them, from their right [deg].
+_BEST_ASPECT = 0.85  # Of a panel: whoever stands in it is taller than wide.
+_EMPTY = 255  # Grey of what no panel covers.
+_GIF_COLOURS = 200
+_GIF_TICK = 10  # A GIF counts time in hundredths of a second [ms].
+
+
+def panels(shown: Sequence[Shown], side: Side = "both") -> tuple[Scene, ...]:
+    """Return what each panel shows: the human of each clip, then each robot, or robots that share objects.
+
+    Raises:
+        ArgumentError: There is nothing to see on that side.
+        GeometryError: An object's mesh file cannot be read.
+    """
+    hosts = together(shown)
+    groups = [[item for item, host in zip(shown, hosts, strict=True) if host == index] for index in sorted(set(hosts))]
+    humans = {_recorded(group): _people(group) for group in groups if group[0].clip is not None}
+    robots = [group for group in groups if group[0].motion is not None]
+    filmed = [_only(make_scene(people), _HUMAN_LAYERS) for people in humans.values() if side != "robot"]
+    filmed += [_only(make_scene(group), _ROBOT_LAYERS) for group in robots if side != "human"]
+    if not filmed:
+        raise ArgumentError(f"there is no {side} to draw. Name a {'clip' if side == 'human' else 'result'}.")
+    return tuple(filmed)
+
+
+def _recorded(group: Sequence[Shown]) -> tuple[object, ...]:
+    """Return what tells recorded people from others: results of one clip are shown with its human once."""
+    clips = [item.clip for item in group if item.clip is not None]
+    return clips[0].name, clips[0].source.sha256, clips[0].frames, tuple(sorted(item.person for item in group))
+
+
+def _people(group: Sequence[Shown]) -> list[Shown]:
+    return [Shown(item.title, clip=group[0].clip, person=item.person) for item in group]
+
+
+def _only(scene: Scene, names: Sequence[str]) -> Scene:
+    """Return a scene of which only some layers are shown."""
+    subjects = [
+        replace(subject, layers=tuple(replace(layer, shown=layer.name in names) for layer in subject.layers))
+        for subject in scene.subjects
+    ]
+    return Scene(tuple(subjects))
+
+
+def good_azimuth(shown: Sequence[Shown]) -> float:
+    """Return where a camera looks to that faces people and robots from their right, by how they stand mostly [deg]."""
+    ahead = np.mean([_ahead(item).mean(axis=0) for item in shown], axis=0)
+    return float(np.round(np.degrees(np.arctan2(ahead[1], ahead[0])) + _BESIDE)) % 360.0
+
+
+def _ahead(item: Shown) -> Float[np.ndarray, "T 3"]:
+    if item.motion is not None:
+        return se3.rotate(item.motion.qpos[:, 3:7], np.array([1.0, 0.0, 0.0]))
+    assert item.clip is not None  # One of the two is there.
+    return se3.rotate(item.clip.people[item.person].quat("pelvis"), np.array([0.0, 0.0, 1.0]))
+
+
+def duration(filmed: Sequence[Scene]) -> float:
+    """Return how long it takes until the last panel stands still [s]."""
+    return max((scene.frames - 1) / scene.fps for scene in filmed)
+
+
+@contextmanager
+def opened(filmed: Sequence[Scene], view: View, width: int, height: int) -> Iterator[Callable[[float], Picture]]:
+    """Open what draws all panels at a time [s], in a picture of a size [px].
+
+    Raises:
+        HoiRetargetError: This machine has no way to draw without a screen.
+    """
+    columns = _columns(len(filmed), width / height)
+    rows = -(-len(filmed) // columns)
+    across, down = _edges(width, columns), _edges(height, rows)
+    cells = [(down[index // columns], across[index % columns]) for index in range(len(filmed))]
+    aspect = (width / columns) / (height / rows)
+    with ExitStack() as stack:
+        easels = [
+            stack.enter_context(easel(scene, right - left, bottom - top))
+            for scene, ((top, bottom), (left, right)) in zip(filmed, cells, strict=True)
+        ]
+        placed = cameras(filmed, view, aspect)
+
+        def draw(time: float) -> Picture:
+            picture = np.full((height, width, 3), _EMPTY, dtype=np.uint8)
+            for scene, ready, camera, ((top, bottom), (left, right)) in zip(filmed, easels, placed, cells, strict=True):
+                frame = min(round(time * scene.fps), scene.frames - 1)
+                picture[top:bottom, left:right] = ready.draw(frame, camera(frame))
+            return picture
+
+        yield draw
+
+
+def _columns(count: int, aspect: float) -> int:
+    """Return how many panels stand side by side, so that they are neither too wide nor too high."""
+
+    def waste(columns: int) -> float:
+        rows = -(-count // columns)
+        return abs(np.log(aspect * rows / columns / _BEST_ASPECT)) + (rows * columns - count) / count
+
+    return min(range(1, count + 1), key=waste)
+
+
+def _edges(length: int, count: int) -> list[tuple[int, int]]:
+    edges = np.linspace(0, length, count + 1).round().astype(int).tolist()
+    return list(itertools.pairwise(edges))
+
+
+def film_times(filmed: Sequence[Scene], fps: float) -> Float[np.ndarray, "N"]:
+    """Return when the pictures of a film are taken [s]."""
+    return np.arange(int(duration(filmed) * fps + 1e-6) + 1) / fps
+
+
+def sheet_times(filmed: Sequence[Scene], count: int) -> Float[np.ndarray, "N"]:
+    """Return when the pictures of a contact sheet are taken: in the middles of equal parts of the motion [s]."""
+    return duration(filmed) * (np.arange(count) + 0.5) / count
+
+
+def gif(pictures: Iterable[Picture], samples: Sequence[Picture], fps: float) -> bytes:
+    """Return pictures as a GIF file that plays again and again, in the colours that samples of them have."""
+    together = Image.fromarray(np.concatenate(samples))
+    palette = together.quantize(_GIF_COLOURS, method=Image.Quantize.MAXCOVERAGE)
+    # Without dithering: it would crawl, and cost half as much again.
+    frames = [Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+    ends = np.round(1000.0 * np.arange(len(frames) + 1) / fps / _GIF_TICK).astype(int) * _GIF_TICK
+    buffer = io.BytesIO()
+    frames[0].save(
+        buffer, format="GIF", save_all=True, append_images=frames[1:], duration=np.diff(ends).tolist(), loop=0
+    )
+    return buffer.getvalue()
+
+
+def mp4(pictures: Iterable[Picture], fps: float) -> bytes:
+    """Return pictures, of even width and height, as an MP4 file with H.264 video that every player knows.
+
+    Raises:
+        HoiRetargetError: What encodes it is not installed, or fails.
+    """
+    try:
+        import imageio_ffmpeg  # noqa: PLC0415 # pyright: ignore[reportMissingImports] - optional
+    except ImportError as error:
+        raise HoiRetargetError(VIDEO_MISSING) from error
+    pictures = iter(pictures)
+    first = next(pictures)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "film.mp4"
+        writer = imageio_ffmpeg.write_frames(
+            str(path),
+            (first.shape[1], first.shape[0]),
+            fps=fps,  # pyright: ignore[reportArgumentType] - fractions are as good
+            codec="libx264",
+            pix_fmt_out="yuv420p",
+            macro_block_size=2,
+            quality=6,
+            output_params=["-movflags", "+faststart"],
+        )
+        try:
+            writer.send(None)
+            for picture in itertools.chain([first], pictures):
+                writer.send(np.ascontiguousarray(picture))
+            writer.close()
+            return path.read_bytes()
+        except OSError as error:
+            raise HoiRetargetError(f"the video could not be encoded: {' '.join(str(error).split())}") from error
+        finally:
+            writer.close()

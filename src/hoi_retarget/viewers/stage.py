@@ -1,0 +1,138 @@
+"""The stage on which MuJoCo draws off-screen: floor, sky, lights and the renderer.
+
+MuJoCo reads how to draw (`MUJOCO_GL`: egl, osmesa or glfw) from the environment when it is imported;
+whoever starts the program chooses it, nothing here does.
+"""
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.errors import HoiRetargetError
+
+GROUP = 5
+"""The geometry group of the floor."""
+_HORIZON = 60.0  # The floor fades into the sky before it [m].
+_SKY, _FLOOR = (0.93, 0.945, 0.96), ((0.845, 0.86, 0.88), (0.812, 0.83, 0.853))
+# Where the lights shine to: to the right of the camera, up, ahead of it.
+_SUN, _FILL = np.array([0.5, -1.3, 0.45]), np.array([-0.8, -0.5, 0.6])
+# A shadow glows in its own colour: lights would find what is left of the shapes' roundness.
+_SHADOW, _GLOW = np.array([0.0138, 0.0141, 0.0144, 1.0], dtype=np.float32), 50.0
+_SHADOW_HEIGHT, _SHADOW_SLOPE = 0.0015, 1e-4
+# How MuJoCo and its OpenGL bindings fail when there is no way to draw: a library that is missing
+# (ImportError, OSError, AttributeError) or one that finds no device (RuntimeError, FatalError).
+_CANNOT_DRAW = (ImportError, OSError, AttributeError, RuntimeError, mujoco.FatalError)
+
+
+def furnish(spec: mujoco.MjSpec, width: int, height: int) -> None:
+    """Add floor, sky and lights to a model that is drawn in pictures of a size [px]."""
+    texture = mujoco.mjtTexture
+    spec.add_texture(
+        name="stage_sky",
+        type=texture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=_SKY,
+        rgb2=_SKY,
+        width=64,
+        height=64 * 6,
+    )
+    spec.add_texture(
+        name="stage_floor",
+        type=texture.mjTEXTURE_2D,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        rgb1=_FLOOR[0],
+        rgb2=_FLOOR[1],
+        width=512,
+        height=512,
+    )
+    material = spec.add_material(name="stage_floor", texrepeat=[2, 2], texuniform=True, specular=0.0)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "stage_floor"
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[0, 0, 0.1],
+        material="stage_floor",
+        group=GROUP,
+        contype=0,
+        conaffinity=0,
+    )
+    for name, strength in (("stage_sun", 0.5), ("stage_fill", 0.2)):
+        spec.worldbody.add_light(
+            name=name,
+            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+            diffuse=[strength] * 3,
+            specular=[0.15] * 3,
+            castshadow=False,
+        )
+    visual = spec.visual
+    visual.headlight.ambient, visual.headlight.diffuse, visual.headlight.specular = [0.42] * 3, [0.2] * 3, [0.05] * 3
+    visual.quality.shadowsize, visual.quality.offsamples = 0, 8
+    visual.quality.numslices, visual.quality.numstacks = 32, 24
+    visual.global_.offwidth, visual.global_.offheight = width, height
+    visual.map.haze, visual.rgba.haze = 0.6, [*_SKY, 1.0]
+    # What the scene holds must not decide how it is lit or cut off: lengths are multiples of the extent.
+    spec.stat.extent, spec.stat.center = 1.0, [0, 0, 0]
+    visual.map.znear, visual.map.zfar = 0.05, _HORIZON
+    visual.map.fogstart, visual.map.fogend, visual.rgba.fog = 0.2 * _HORIZON, 0.9 * _HORIZON, [*_SKY, 1.0]
+
+
+def illuminate(scene: mujoco.MjvScene, azimuth: float) -> None:
+    """Light a frame from behind a camera that looks along `azimuth` [deg], and let it cast shadows on the floor.
+
+    A shadow is what casts it, flattened along the light. Shadow maps, the usual way, are ragged,
+    speckle where they end, and take twice the time without a graphics card.
+    """
+    for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
+        scene.flags[flag] = 0
+    scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = 1
+    turn = np.radians(azimuth)
+    ahead = np.array([np.cos(turn), np.sin(turn), 0.0])
+    right = np.array([ahead[1], -ahead[0], 0.0])
+    sun, fill = (light[0] * right + light[2] * ahead + [0.0, 0.0, light[1]] for light in (_SUN, _FILL))
+    lights = [light for light in scene.lights[: scene.nlight] if not light.headlight]
+    for light, aim in zip(lights, (sun, fill), strict=True):
+        light.dir[:] = aim / np.linalg.norm(aim)
+    _cast_shadows(scene, sun)
+
+
+def _cast_shadows(scene: mujoco.MjvScene, sun: Float[np.ndarray, "3"]) -> None:
+    # Takes points along the light to the floor; a trace of their height is left, so that surfaces keep their order.
+    flatten = np.eye(3) - np.outer(sun / sun[2], [0.0, 0.0, 1.0])
+    flatten[2, 2] = _SHADOW_SLOPE
+    for index in range(scene.ngeom):
+        geom = scene.geoms[index]
+        if geom.type == mujoco.mjtGeom.mjGEOM_PLANE or geom.rgba[3] < 1.0:
+            continue
+        shadow = scene.geoms[scene.ngeom]
+        place, shape = flatten @ geom.pos + [0.0, 0.0, _SHADOW_HEIGHT], flatten @ geom.mat
+        mujoco.mjv_initGeom(shadow, geom.type, np.ones(3), place, shape.ravel(), _SHADOW)
+        shadow.size[:], shadow.dataid = geom.size, geom.dataid
+        shadow.specular, shadow.emission = 0.0, _GLOW
+        scene.ngeom += 1
+
+
+@contextmanager
+def renderer(compiled: mujoco.MjModel, width: int, height: int, *, most_geoms: int = 1000) -> Iterator[mujoco.Renderer]:
+    """Open MuJoCo's renderer and close it again.
+
+    Raises:
+        HoiRetargetError: This machine has no way to draw without a screen.
+    """
+    try:
+        with warnings.catch_warnings():
+            # GLFW only warns that it found no screen; MuJoCo then fails, which is caught below.
+            warnings.simplefilter("ignore")
+            opened = mujoco.Renderer(compiled, height, width, max_geom=most_geoms)
+    except _CANNOT_DRAW as error:
+        raise HoiRetargetError(
+            "This machine cannot draw without a screen. Install EGL (Debian: apt-get install libegl1 libgl1-mesa-dri) "
+            "and set MUJOCO_GL=egl, or install OSMesa (libosmesa6) and set MUJOCO_GL=osmesa, before the program "
+            f"starts. MuJoCo says: {error}"
+        ) from error
+    try:
+        yield opened
+    finally:
+        opened.close()
