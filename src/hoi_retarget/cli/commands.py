@@ -192,6 +192,22 @@ class View:
     """Port to listen at; by default the first free one from 8080 on."""
 
 
+@dataclass(frozen=True)
+class Share:
+    """Write results as a folder of pages that play them in any browser, without a server or the internet."""
+
+    results: Annotated[Positional[tuple[Path, ...]], arg(metavar="RESULT...", help_behavior_hint="(required)")]
+    """Result files (.npz), a page each."""
+    out: Folder
+    """Folder to write; one that `share` wrote before is replaced."""
+    clip: OptionalClip = None
+    """The clip they were made from, where it is not where it was."""
+    objects: OptionalFolder = None
+    """Folder with the objects' geometry, as for run, where it is not where it was."""
+    title: str = "Retargeted motions"
+    """Title of the gallery."""
+
+
 Command = (
     Annotated[Demo, subcommand("demo")]
     | Annotated[Run, subcommand("run")]
@@ -201,5 +217,6 @@ Command = (
     | Annotated[Bench, subcommand("bench")]
     | Annotated[Sample, subcommand("sample")]
     | Annotated[View, subcommand("view")]
+    | Annotated[Share, subcommand("share")]
     | Annotated[Contacts, subcommand("contacts")]
 )

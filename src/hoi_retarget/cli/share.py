@@ -1,0 +1,90 @@
+"""`hoi-retarget share`: results as a folder of pages that anybody can open."""
+
+import shlex
+from dataclasses import MISSING, fields
+from functools import partial
+from pathlib import Path, PureWindowsPath
+from typing import Any
+
+from hoi_retarget.cli.commands import Run, Share
+from hoi_retarget.cli.jobs import FOREIGN_REPORT, check_writable, complaints, score
+from hoi_retarget.cli.terminal import Working, say, warn
+from hoi_retarget.clip import Clip
+from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
+from hoi_retarget.motion import Motion, load
+from hoi_retarget.recordings import clip_of
+from hoi_retarget.robots import robot
+from hoi_retarget.robots.model import RobotModel, load_model
+from hoi_retarget.viewers.gallery import Entry
+from hoi_retarget.viewers.scene import Shown
+from hoi_retarget.viewers.share import check_replaceable, gallery_in
+
+_PATHS = ("clips", "objects", "edits")
+
+
+def execute(command: Share) -> int:
+    """Write the gallery; nothing is written when a result cannot be read."""
+    if not command.results:
+        raise ArgumentError("no result is named. Usage: hoi-retarget share RESULT... --out DIR.")
+    check_replaceable(command.out)
+    check_writable("--out", command.out.parent)
+    models: dict[str, RobotModel] = {}
+    with gallery_in(command.out, command.title) as gallery, Working("sharing", len(command.results)) as working:
+        for path in command.results:
+            working.describe(path.name)
+            motion = load(path)
+            if motion.robot not in models:
+                models[motion.robot] = load_model(robot(motion.robot))
+            model = models[motion.robot]
+            clip = _clip(path, motion, command, working)
+            person = motion.report.get("person", 0)
+            shown = Shown(path.stem, motion, model, clip, person if isinstance(person, int) else 0)
+            gallery.add(_entry(path, motion, model), shown)
+            working.advance()
+    count = len(command.results)
+    say(f"{count} motion{'s' if count > 1 else ''} in {command.out}: open {command.out / 'index.html'} in a browser.")
+    return 0
+
+
+def _clip(path: Path, motion: Motion, command: Share, working: Working) -> Clip | None:
+    """Return the clip that a result was made from; a warning tells where it is not to be had."""
+    find = partial(clip_of, name=command.clip, objects=command.objects)
+    try:
+        return find(motion)
+    except HoiRetargetError as error:
+        if command.clip is not None:
+            raise
+        with working.aside():
+            warn(f"{path.name}: its page shows the robot without the human. {error}")
+        return None
+
+
+def _entry(path: Path, motion: Motion, model: RobotModel) -> Entry:
+    try:
+        told = score(motion, path), complaints(motion)
+    except FOREIGN_REPORT as error:
+        raise ReadError(
+            f"{path}: its report holds no figures of this version ({error}). Run the retarget again."
+        ) from error
+    return Entry(path.stem, motion, model.spec, *told, command=_made_by(motion))
+
+
+def _made_by(motion: Motion) -> str:
+    """Return the command that makes a result again, paths cut to their last name."""
+    settings: Any = motion.report.get("command")
+    if not isinstance(settings, dict):
+        return ""
+    words = ["hoi-retarget", "run"]
+    clips = settings.get("clips")
+    words += [_last_name(str(clip)) for clip in clips] if isinstance(clips, list) else []
+    for field in fields(Run):
+        value, default = settings.get(field.name), field.default
+        if field.name in ("clips", "out") or value is None or (default is not MISSING and value == default):
+            continue
+        option = "--object" if field.name == "object_name" else f"--{field.name.replace('_', '-')}"
+        words += [option, _last_name(str(value)) if field.name in _PATHS else str(value)]
+    return shlex.join([*words, "--out", "results"])
+
+
+def _last_name(path: str) -> str:
+    return PureWindowsPath(path).name or path
