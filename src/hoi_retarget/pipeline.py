@@ -62,7 +62,7 @@ def _retarget(clip: Clip, model: RobotModel, config: Config, person: int) -> Mot
     qpos, reports = solve_trajectory(model, targets, ik_qpos, config)
     clock.append(time.process_time())
     seconds = dict(zip(("targets", "ik", "trajectory"), np.diff(clock).tolist(), strict=True))
-    report = _report(clip, targets, config, ik_reports, reports) | {"cpu_seconds": seconds}
+    report = _report(clip, targets, config, ik_reports, reports) | {"person": person, "cpu_seconds": seconds}
     motion = replace(_motion(clip, model, targets, ik_qpos, qpos), report=report)
     return scored(motion, targets, clip, model, person)
 

@@ -3,11 +3,12 @@
 import os
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from hoi_retarget.cli.commands import Solving
 from hoi_retarget.cli.terminal import say, warn
 from hoi_retarget.clip import Clip
 from hoi_retarget.errors import ArgumentError, WriteError
@@ -16,7 +17,9 @@ from hoi_retarget.metrics.table import scales_text
 from hoi_retarget.motion import Motion, encode, write_atomically, write_together
 from hoi_retarget.pipeline import Config, retarget
 from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.targets import Scaling
 from hoi_retarget.trajopt.solvers.base import Status
+from hoi_retarget.trajopt.windows import parse_horizon
 
 STAGES = {"inverse kinematics": "ik_windows", "trajectory": "windows"}
 """Where the report has the windows of each stage."""
@@ -48,6 +51,12 @@ def write_file(option: str, path: Path, content: bytes) -> None:
         ) from error
 
 
+def config_of(command: Solving) -> Config:
+    """Return the configuration that a command asks for; raises `ArgumentError`."""
+    scaling = Scaling(command.root_scale, command.object_scale, command.size_multiplier)
+    return Config(scaling=scaling, horizon=parse_horizon(command.horizon))
+
+
 def result_paths(clip: Clip, stem: str, out: Path) -> tuple[Path, ...]:
     """Return one result path per person of a clip."""
     if len(clip.people) == 1:
@@ -57,10 +66,12 @@ def result_paths(clip: Clip, stem: str, out: Path) -> tuple[Path, ...]:
 
 def retarget_people(clip: Clip, model: RobotModel, config: Config, extra: Mapping[str, Any]) -> tuple[Motion, ...]:
     """Return one motion per person of a clip; its report also says what is in `extra`."""
-    motions = [retarget(clip, model, config, person=person) for person in range(len(clip.people))]
-    return tuple(
-        replace(motion, report={**motion.report, "person": person, **extra}) for person, motion in enumerate(motions)
-    )
+    return with_report([retarget(clip, model, config, person=person) for person in range(len(clip.people))], extra)
+
+
+def with_report(motions: Iterable[Motion], extra: Mapping[str, Any]) -> tuple[Motion, ...]:
+    """Return motions whose reports also say what is in `extra`."""
+    return tuple(replace(motion, report={**motion.report, **extra}) for motion in motions)
 
 
 def write(motions: Sequence[Motion], paths: Sequence[Path], *, read_seconds: float = 0.0) -> tuple[Motion, ...]:

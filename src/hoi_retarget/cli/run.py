@@ -11,6 +11,7 @@ from hoi_retarget.cli.commands import Run
 from hoi_retarget.cli.figures import show_figures
 from hoi_retarget.cli.jobs import (
     check_writable,
+    config_of,
     converged,
     describe_result,
     result_paths,
@@ -29,14 +30,11 @@ from hoi_retarget.readers.objects import known_objects
 from hoi_retarget.recordings import open_clip, result_stem
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import RobotModel, load_model
-from hoi_retarget.targets import Scaling
-from hoi_retarget.trajopt.windows import parse_horizon
 
 
 def execute(command: Run) -> int:
     """Retarget every clip; return 0 when all succeeded."""
-    scaling = Scaling(command.root_scale, command.object_scale, command.size_multiplier)
-    config = Config(scaling=scaling, horizon=parse_horizon(command.horizon))
+    config = config_of(command)
     spec = robot(command.robot)
     _check_clips(command.clips)
     _check_objects(command.objects, command.object_name)

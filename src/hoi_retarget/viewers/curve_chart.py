@@ -18,6 +18,8 @@ from hoi_retarget.viewers.curves import Curve
 LEFT_INSET_PX = 132
 RIGHT_INSET_PX = 160
 CHART_HEIGHT_PX = 32
+TITLES_HEIGHT_PX = 19
+"""Of the line that names several results."""
 LARGEST_POINTS = 1500
 """Points of one curve; of longer ones the smallest and the largest number of every stretch is drawn."""
 

@@ -12,7 +12,7 @@ from hoi_retarget.motion import Motion, load
 from hoi_retarget.recordings import clip_of
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
-from hoi_retarget.viewers.curve_chart import chart_html
+from hoi_retarget.viewers.curve_chart import TITLES_HEIGHT_PX, chart_html
 from hoi_retarget.viewers.curves import curves_of
 from hoi_retarget.viewers.drawing import Scene
 from hoi_retarget.viewers.scene import Shown, make_scene
@@ -31,6 +31,8 @@ class Exhibit:
     """None where nothing could be read."""
     chart: str = ""
     """HTML of the curves (`curve_chart`)."""
+    extra_height_px: int = 0
+    """How much higher than one result's curves it is."""
     figures: str = ""
     """HTML of the figures' table."""
     notices: tuple[str, ...] = ()
@@ -56,7 +58,8 @@ def load_exhibit(results: Sequence[Path], find_clip: Callable[..., Clip] = clip_
         return Exhibit(None, notices=tuple(notices))
     scene = make_scene(shown)
     curves = [(item.title, curves_of(item.motion, item.model)) for item in shown if item.motion and item.model]
-    return Exhibit(scene, chart_html(curves, scene.fps), figures_html(shown), tuple(notices))
+    extra = TITLES_HEIGHT_PX if len(shown) > 1 else 0
+    return Exhibit(scene, chart_html(curves, scene.fps), extra, figures_html(shown), tuple(notices))
 
 
 def _shown(path: Path, find_clip: Callable[..., Clip], notices: list[str]) -> Shown:

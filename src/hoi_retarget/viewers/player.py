@@ -32,19 +32,23 @@ _Key = Literal["arrowright", "arrowleft", "home", "end"]
 class Player:
     """Draws a scene for one browser and follows its controls until `stop`."""
 
-    def __init__(self, client: viser.ClientHandle, exhibit: Exhibit, scene: Scene) -> None:
+    def __init__(self, client: viser.ClientHandle, exhibit: Exhibit, *, left_px: int = 0) -> None:
+        """Draw an exhibit that has a scene; `left_px` is how wide a panel at the left of the window is."""
+        scene = exhibit.scene
+        assert scene is not None, "there is something to play"
         self._client, self._scene = client, scene
         self._changed = Condition()
         self._clock = Clock(scene.frames, scene.fps)
         self._stopped = False
         self._tasks: list[Callable[[], None]] = []
+        self._attached: list[Callable[[int], None]] = []
         self._world = client.scene.add_frame(WORLD, show_axes=False)
         _add_floor(client.scene)
         self._drawn = ViserScene(client.scene, scene, root=WORLD)
         self._add_titles()
         self._add_controls(exhibit)
         if exhibit.chart:
-            self._chart, self._cursor = self._add_curves(exhibit.chart)
+            self._chart, self._cursor = self._add_curves(exhibit, left_px)
         _place_camera(client, scene)
         self._thread = Thread(target=self._run, name="player", daemon=True)
         self._thread.start()
@@ -65,18 +69,24 @@ class Player:
         """Show another frame."""
         self._set(lambda clock, now: clock.sought(frame, now))
 
-    def redraw(self, scene: Scene, chart: str | None = None) -> None:
-        """Draw another scene of the same nodes, and other curves, at the same frame."""
+    def redraw(self, exhibit: Exhibit) -> None:
+        """Draw another scene of the same subjects and layers, and its curves, at the same frame."""
+        scene = exhibit.scene
+        assert scene is not None, "there is something to play"
 
         def draw() -> None:
             self._scene = scene
             self._drawn.redraw(scene)
-            if chart is not None and self._chart is not None:
-                self._chart.content = _chart_html(chart)
+            if self._chart is not None:
+                self._chart.content = _chart_html(exhibit)
 
-        self.do(draw)
+        self._do(draw)
 
-    def do(self, task: Callable[[], None]) -> None:
+    def attach(self, show: Callable[[int], None]) -> None:
+        """Call this too with every frame that is shown."""
+        self._do(lambda: self._attached.append(show))
+
+    def _do(self, task: Callable[[], None]) -> None:
         """Do something between two frames, in the thread that draws them."""
         with self._changed:
             self._tasks.append(task)
@@ -106,6 +116,8 @@ class Player:
         if self._chart is not None:
             self._cursor.value = frame
         self._follow_centre(frame)
+        for show in self._attached:
+            show(frame)
 
     def _follow_centre(self, frame: int) -> None:
         """Move the world under the camera, which stays the user's."""
@@ -147,7 +159,7 @@ class Player:
         self._button.on_click(lambda _: self._toggle())
         speed.on_update(lambda event: self._set(lambda clock, now: clock.at_speed(SPEEDS[event.target.value], now)))
         self._slider.on_update(self._on_slider)
-        self._follow.on_update(lambda _: self.do(lambda: self._follow_centre(self.frame)))
+        self._follow.on_update(lambda _: self._do(lambda: self._follow_centre(self.frame)))
         self._add_keys()
 
     def _add_layer_boxes(self) -> None:
@@ -198,15 +210,15 @@ class Player:
         if event.client is not None:  # Else it is the player itself that moved it.
             self.seek(event.target.value)
 
-    def _add_curves(self, chart: str) -> tuple[viser.GuiHtmlHandle, viser.GuiSliderHandle[int]]:
+    def _add_curves(self, exhibit: Exhibit, left_px: int) -> tuple[viser.GuiHtmlHandle, viser.GuiSliderHandle[int]]:
         """Add the curves below the scene, and over them a slider that looks like a cursor."""
         gui = self._client.gui
         panel = gui.add_panel()
         with panel.add_tab("Curves", viser.Icon.CHART_LINE):
-            html = gui.add_html(_chart_html(chart))
+            html = gui.add_html(_chart_html(exhibit))
             cursor = gui.add_slider("Cursor", 0, max(1, self._scene.frames - 1), 1, 0)
         cursor.on_update(self._on_slider)
-        width = max(500, self._client.camera.image_width - _CONTROLS_WIDTH_PX - 2 * _PANEL_MARGIN_PX)
+        width = max(500, self._client.camera.image_width - left_px - _CONTROLS_WIDTH_PX - 2 * _PANEL_MARGIN_PX)
         panel.float(x=_PANEL_MARGIN_PX, y=-_PANEL_MARGIN_PX, width=width)
         return html, cursor
 
@@ -222,26 +234,26 @@ def _notice_html(notice: str) -> str:
     return f'<div class="notice" style="{style}">{escape(notice)}</div>'
 
 
-def _chart_html(chart: str) -> str:
+def _chart_html(exhibit: Exhibit) -> str:
     """Return the curves' HTML, with the style that lays the slider that follows it over them."""
-    after, height = "div:has(> .hoi-curves) + div", f"height: {CURVES_HEIGHT_PX}px !important"
-    hidden = ", ".join(
-        f"{after} {part}" for part in ("label", ".mantine-NumberInput-root", ".mantine-Slider-markWrapper")
-    )
+    pixels = CURVES_HEIGHT_PX + exhibit.extra_height_px
+    after, height = "div:has(> .hoi-curves) + div", f"height: {pixels}px !important"
+    others = ("label", ".mantine-NumberInput-root", ".mantine-Slider-markWrapper")
+    hidden = ", ".join(f"{after} {part}" for part in others)
     # Viser sets sizes on the elements themselves.
     style = f"""
 {after} {{ position: relative; height: 0; padding: 0; overflow: visible; }}
 {after} * {{ position: static; }}
 {hidden} {{ display: none; }}
 {after} .mantine-Slider-root {{ position: absolute; left: {LEFT_INSET_PX}px; right: {RIGHT_INSET_PX}px;
-  top: -{CURVES_HEIGHT_PX}px; {height}; padding: 0 !important; z-index: 5; cursor: ew-resize; }}
+  top: -{pixels}px; {height}; padding: 0 !important; z-index: 5; cursor: ew-resize; }}
 {after} .mantine-Slider-trackContainer {{ position: relative !important; {height}; }}
 {after} .mantine-Slider-track {{ position: relative; {height}; margin: 0; }}
 {after} .mantine-Slider-track::before, {after} .mantine-Slider-bar {{ background: transparent !important; }}
 {after} .mantine-Slider-thumb {{ position: absolute; width: 3px !important; {height}; min-width: 0; border: none;
   border-radius: 0; background: rgba(200, 40, 40, 0.75) !important; }}
 """
-    return f'<style>{style}</style><div class="hoi-curves" style="height:{CURVES_HEIGHT_PX}px">{chart}</div>'
+    return f'<style>{style}</style><div class="hoi-curves" style="height:{pixels}px">{exhibit.chart}</div>'
 
 
 def _add_floor(api: viser.SceneApi) -> None:

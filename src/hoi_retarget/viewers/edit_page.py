@@ -1,0 +1,17 @@
+"""The editor's page: every browser that opens it edits on its own, from the same start."""
+
+import viser
+
+from hoi_retarget.clip import Clip
+from hoi_retarget.pipeline import Config
+from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.viewers.editing import Edited, Editing
+from hoi_retarget.viewers.editor import Editor, Places
+from hoi_retarget.viewers.visitors import serve_visitors
+
+
+def serve_editor(  # noqa: PLR0913, PLR0917 - what an editor needs
+    server: viser.ViserServer, recorded: Clip, model: RobotModel, config: Config, start: Edited, places: Places
+) -> None:
+    """Let a server edit the contacts of a clip; nothing of a browser's work outlives it but what it saved."""
+    serve_visitors(server, lambda client: Editor(client, Editing(recorded, model, config, start), model, places))

@@ -1,0 +1,55 @@
+"""One thread that does what a browser asks for, one thing after the other."""
+
+import time
+from collections.abc import Callable
+from threading import Condition, Thread
+
+Task = Callable[[], None]
+
+
+class Worker:
+    """Does tasks in order; of those that are only worth doing last, the latest one, when nothing else waits."""
+
+    def __init__(self, name: str) -> None:
+        self._changed = Condition()
+        self._tasks: list[Task] = []
+        self._latest: tuple[float, Task] | None = None
+        self._stopped = False
+        self._thread = Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def do(self, task: Task) -> None:
+        """Do this after what was asked for before; drop what waits in `do_latest`."""
+        with self._changed:
+            self._latest = None
+            self._tasks.append(task)
+            self._changed.notify()
+
+    def do_latest(self, task: Task, *, delay: float = 0.0) -> None:
+        """Do this after so many seconds [s], unless something else is asked for until then."""
+        with self._changed:
+            self._latest = (time.monotonic() + delay, task)
+            self._changed.notify()
+
+    def stop(self) -> None:
+        """Do nothing more; what is being done is brought to its end."""
+        with self._changed:
+            self._stopped = True
+            self._changed.notify()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while (task := self._next()) is not None:
+            task()
+
+    def _next(self) -> Task | None:
+        with self._changed:
+            while not self._stopped:
+                if self._tasks:
+                    return self._tasks.pop(0)
+                wait = None if self._latest is None else self._latest[0] - time.monotonic()
+                if self._latest is not None and wait is not None and wait <= 0:
+                    (_, task), self._latest = self._latest, None
+                    return task
+                self._changed.wait(wait)
+        return None
