@@ -103,7 +103,9 @@ def index_page(title: str, entries: Sequence[tuple[Entry, str, str]]) -> str:
 def _card(entry: Entry, page: str, picture: str) -> str:
     values = entry.score.values()
     figures = "".join(
-        f"<dt>{escape(column.title)}</dt><dd>{column.text(values[column.name])} {escape(_unit(column.unit))}</dd>"
+        # A card is narrow.
+        f"<dt>{escape(column.title.removeprefix('floor '))}</dt>"
+        f"<dd>{column.text(values[column.name])} {escape(_unit(column.unit))}</dd>"
         for column in COLUMNS
         if column.name in _ON_CARDS
     )

@@ -10,7 +10,7 @@ import json
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from hoi_retarget.viewers.drawing import Kind, Layer, Lines, Part, Scene, Shapes, Solid, Subject
 from hoi_retarget.viewers.standpoint import Standpoint
@@ -19,6 +19,7 @@ LARGEST_FRAMES = 2000
 """Frames of one subject that a page holds; of a longer one every second, third, ... frame is kept."""
 POSITION_STEP = 2e-4  # [m]
 _TURN_STEP = 2.5e-4  # Of a quaternion's numbers: 0.03 degrees.
+_VERTEX_STEP = 1e-4  # Of a mesh's size.
 _LARGEST_LEVEL = 65535
 
 
@@ -31,7 +32,7 @@ def pack(scene: Scene, place: Standpoint) -> str:
     """Return a scene as JSON text: its description, and all its numbers in base64 of gzip."""
     numbers = _Numbers()
     subjects = [_subject(numbers, subject) for subject in scene.subjects]
-    content = base64.b64encode(gzip.compress(bytes(numbers.content), compresslevel=9, mtime=0)).decode("ascii")
+    content = base64.b64encode(gzip.compress(bytes(numbers.content), compresslevel=6, mtime=0)).decode("ascii")
     description = {
         "fps": scene.fps,
         "seconds": max(scene.frames - 1, 1) / scene.fps,
@@ -47,10 +48,11 @@ def pack(scene: Scene, place: Standpoint) -> str:
 
 
 class _Numbers:
-    """All arrays one after the other; a page finds each by where it begins."""
+    """All arrays one after the other, each once; a page finds it by where it begins."""
 
     def __init__(self) -> None:
         self.content = bytearray()
+        self._begins: dict[bytes, int] = {}
 
     def add(self, values: np.ndarray, step: float) -> dict[str, Any]:
         """Add numbers over time, frames first, in steps as small as `step` if their range allows it."""
@@ -62,10 +64,12 @@ class _Numbers:
         levels = np.round((frames - low) / step).astype(np.uint16)
         # Unsigned differences wrap around, and back when they are added up.
         changes = np.diff(levels, n=2, axis=0, prepend=np.zeros((2, frames.shape[1]), dtype=np.uint16))
-        bytes_of = changes.T.ravel().astype("<u2").view(np.uint8)
-        place = {"at": len(self.content), "frames": len(frames), "width": frames.shape[1], "low": low, "step": step}
-        self.content += bytes_of[::2].tobytes() + bytes_of[1::2].tobytes()
-        return place
+        pairs = changes.T.ravel().astype("<u2").view(np.uint8)
+        content = pairs[::2].tobytes() + pairs[1::2].tobytes()
+        at = self._begins.setdefault(content, len(self.content))
+        if at == len(self.content):
+            self.content += content
+        return {"at": at, "frames": len(frames), "width": frames.shape[1], "low": low, "step": step}
 
     def add_turns(self, quats: Float[np.ndarray, "T N 4"]) -> dict[str, Any]:
         """Add rotations, without the jumps of sign that mean nothing."""
@@ -111,11 +115,13 @@ def _part(numbers: _Numbers, part: Part, stride: int) -> dict[str, Any]:
             }
         case Solid():
             visible = None
+            # Robot and human move one object in two sizes: as unit meshes they are the same.
+            size = float(np.abs(part.vertices).max())
             kind = {
                 "kind": "solid",
-                "vertices": numbers.add(part.vertices[None], 1e-5),
-                "faces": numbers.add(part.faces, 1.0),
-                "sizes": numbers.add(np.ones((1, 3)), 1.0),
+                "vertices": numbers.add(part.vertices[None] / size, _VERTEX_STEP),
+                "faces": numbers.add(_ordered(part.faces), 1.0),
+                "sizes": numbers.add(np.full((1, 3), size), 1e-5),
                 "colours": numbers.add(np.array([part.colour]), 1.0),
                 "positions": numbers.add(part.positions[::stride], POSITION_STEP),
                 "quats": numbers.add_turns(part.quats[::stride, None]),
@@ -131,6 +137,13 @@ def _part(numbers: _Numbers, part: Part, stride: int) -> dict[str, Any]:
     if visible is not None and not visible.all():
         kind["visible"] = numbers.add(visible[::stride], 1.0)
     return {"count": _count(part), **kind}
+
+
+def _ordered(faces: Int[np.ndarray, "F 3"]) -> Int[np.ndarray, "F 3"]:
+    """Return the triangles in order of their first corner, each beginning with its lowest: neighbours are alike."""
+    lowest = faces.argmin(axis=1)[:, None]
+    turned = np.take_along_axis(faces, (lowest + np.arange(3)) % 3, axis=1)
+    return turned[np.lexsort(turned.T[::-1])]
 
 
 def _seen_turns(shapes: Shapes) -> Float[np.ndarray, "T N 4"]:
