@@ -18,7 +18,7 @@ if _PLAIN and not _DECIDED:
     del os.environ[_TYRO_COLOURS]
 
 from hoi_retarget import __version__  # noqa: E402
-from hoi_retarget.cli.commands import DESCRIPTION, Command, Robots, Share  # noqa: E402
+from hoi_retarget.cli.commands import DESCRIPTION, Command, Render, Robots, Share  # noqa: E402
 from hoi_retarget.cli.terminal import fail, say  # noqa: E402
 from hoi_retarget.errors import ArgumentError, HoiRetargetError  # noqa: E402
 
@@ -43,7 +43,7 @@ def run(arguments: Sequence[str]) -> int:
         config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes),
     )
     _use_one_thread()
-    if isinstance(command, Robots | Share):
+    if isinstance(command, Render | Robots | Share):
         _draw_without_a_screen()
     module = import_module(f"hoi_retarget.cli.{type(command).__name__.lower()}")
     try:

@@ -1,0 +1,147 @@
+"""`hoi-retarget render`: results as a picture or a film."""
+
+import os
+import re
+from collections.abc import Callable, Iterator, Sequence
+from importlib.util import find_spec
+from math import isfinite
+from pathlib import Path
+
+import numpy as np
+
+from hoi_retarget.cli.commands import Render
+from hoi_retarget.cli.jobs import check_writable, write_file
+from hoi_retarget.cli.terminal import Working, program, say, warn
+from hoi_retarget.clip import Clip
+from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
+from hoi_retarget.motion import Motion, load
+from hoi_retarget.recordings import clip_of
+from hoi_retarget.robots import robot
+from hoi_retarget.robots.model import load_model
+from hoi_retarget.viewers import film
+from hoi_retarget.viewers.camera import View
+from hoi_retarget.viewers.drawing import Scene
+from hoi_retarget.viewers.robot_picture import png
+from hoi_retarget.viewers.scene import Shown
+
+_SHEET_FRAMES = 6  # Of a contact sheet, where nothing else is asked for.
+_PANEL = {".mp4": (640, 720), ".gif": (320, 360), ".png": (640, 720)}  # By kind of file: width, height [px].
+_SHEET_PANEL = (290, 340)
+_LEAST_SIDE, _MOST_SIDE = 64, 8192  # [px]
+_GIF_RATE, _VIDEO_RATE = 15.0, 60.0  # The most pictures a second, where nothing else is asked for.
+
+
+def execute(command: Render) -> int:
+    """Draw the results into one file."""
+    kind = _check(command)
+    shown = [_shown(path, command) for path in command.results]
+    filmed = film.panels(shown, command.only)
+    azimuth = film.good_azimuth(shown) if command.azimuth == "auto" else command.azimuth
+    distance = None if command.distance == "auto" else command.distance
+    view = View(azimuth, command.elevation, distance, follow=command.camera == "follow")
+    content = _picture(command, filmed, view) if kind == ".png" else _film(command, kind, filmed, view)
+    write_file("--out", command.out, content)
+    say(f"written: {command.out}  ({len(content) / 1e6:.2f} MB)")
+    return 0
+
+
+def _check(command: Render) -> str:
+    """Return the kind of file to write; raise `ArgumentError` for what cannot be drawn, before anything is read."""
+    if not command.results:
+        raise ArgumentError("no result is named. Usage: hoi-retarget render RESULT... --out FILE.")
+    kind = command.out.suffix.lower()
+    if kind not in _PANEL:
+        raise ArgumentError(f"--out {command.out}: name a file that ends in .mp4, .gif or .png.")
+    if kind == ".mp4" and find_spec("imageio_ffmpeg") is None:
+        raise HoiRetargetError(film.VIDEO_MISSING)
+    for_films, for_pictures = {"--fps": command.fps}, {"--frame": command.frame, "--frames": command.frames}
+    for option, value in (for_films if kind == ".png" else for_pictures).items():
+        if value is not None:
+            fitting = ".mp4 and .gif" if kind == ".png" else ".png"
+            raise ArgumentError(f"{option} {value}: this is for {fitting} files; --out names a {kind} file.")
+    if command.frame is not None and command.frames is not None:
+        raise ArgumentError("both --frame and --frames are given: the one draws one frame, the other so many.")
+    positive = {"--frames": command.frames, "--fps": command.fps, "--distance": command.distance}
+    for option, value in positive.items():
+        if isinstance(value, int | float) and not (isfinite(value) and value > 0):
+            raise ArgumentError(f"{option} {value}: it must be a positive number.")
+    check_writable("--out", command.out.parent)
+    return kind
+
+
+def _shown(path: Path, command: Render) -> Shown:
+    if path.suffix.lower() in (".pt", ".pth") and os.path.isfile(path):  # noqa: PTH113  # raises nothing
+        raise ReadError(f"{path}: this is a clip, not a result. Use `{program()} run` on it first.")
+    motion = load(path)
+    model = load_model(robot(motion.robot))
+    person = motion.report.get("person", 0)
+    return Shown(path.stem, motion, model, _clip(path, motion, command), person if isinstance(person, int) else 0)
+
+
+def _clip(path: Path, motion: Motion, command: Render) -> Clip | None:
+    """Return the clip that a result was made from; None, with a warning, where it is not to be had."""
+    try:
+        return clip_of(motion, name=command.clip, objects=command.objects)
+    except HoiRetargetError as error:
+        if command.clip is not None or command.only == "human":
+            raise
+        warn(f"{path.name}: drawn without the human, and the object as its axes. {error}")
+        return None
+
+
+def _picture(command: Render, filmed: Sequence[Scene], view: View) -> bytes:
+    """Return one frame, or a contact sheet."""
+    if command.frame is not None:
+        times = np.array([command.frame / max(scene.fps for scene in filmed)])
+        last = round(film.duration(filmed) * max(scene.fps for scene in filmed))
+        if not 0 <= command.frame <= last:
+            raise ArgumentError(f"--frame {command.frame}: the motion has the frames 0 to {last}.")
+        width, height = _size(command, *_beside(filmed, _PANEL[".png"]))
+    else:
+        times = film.sheet_times(filmed, command.frames or _SHEET_FRAMES)
+        width, height = _size(command, len(times) * _SHEET_PANEL[0], len(filmed) * _SHEET_PANEL[1])
+    with film.opened(filmed, view, max(1, width // len(times)), height) as draw:
+        return png(np.concatenate(list(_drawn(draw, times)), axis=1))
+
+
+def _film(command: Render, kind: str, filmed: Sequence[Scene], view: View) -> bytes:
+    rate = max(scene.fps for scene in filmed)
+    most = _GIF_RATE if kind == ".gif" else _VIDEO_RATE
+    fps = command.fps or rate / np.ceil(rate / most - 1e-6)
+    width, height = _size(command, *_beside(filmed, _PANEL[kind]))
+    if kind == ".mp4" and (width % 2 or height % 2):
+        raise ArgumentError(f"--size {command.size}: the width and the height of a video must be even.")
+    times = film.film_times(filmed, fps)
+    with film.opened(filmed, view, width, height) as draw:
+        pictures = _drawn(draw, times)
+        if kind == ".mp4":
+            return film.mp4(pictures, fps)
+        return film.gif(pictures, [draw(time) for time in film.sheet_times(filmed, _SHEET_FRAMES)], fps)
+
+
+def _drawn(draw: Callable[[float], film.Picture], times: Sequence[float] | np.ndarray) -> Iterator[film.Picture]:
+    """Yield a picture for each time, with a bar."""
+    with Working("drawing", len(times)) as working:
+        for time in times:
+            yield draw(float(time))
+            working.advance()
+
+
+def _beside(filmed: Sequence[Scene], panel: tuple[int, int]) -> tuple[int, int]:
+    """Return the size of a picture of all panels [px]: up to three in a row."""
+    columns = len(filmed) if len(filmed) <= 3 else int(np.ceil(np.sqrt(len(filmed))))
+    return panel[0] * columns, panel[1] * -(-len(filmed) // columns)
+
+
+def _size(command: Render, width: int, height: int) -> tuple[int, int]:
+    """Return the size that is asked for, or else the given one [px]."""
+    if command.size == "auto":
+        return width, height
+    numbers = re.fullmatch(r"(\d{1,6})[xX](\d{1,6})", command.size)
+    sides = tuple(map(int, numbers.groups())) if numbers else ()
+    if len(sides) != 2 or not all(_LEAST_SIDE <= side <= _MOST_SIDE for side in sides):
+        raise ArgumentError(
+            f"--size {command.size}: give width and height in pixels, from {_LEAST_SIDE} to {_MOST_SIDE}, "
+            "such as 1280x720."
+        )
+    return sides[0], sides[1]
