@@ -29,22 +29,12 @@ class Demo:
     """Folder to write into; made when it does not exist."""
 
 
-@dataclass(frozen=True)
-class Run:
-    """Retarget recorded clips; each result is OUT/<clip's stem>.npz."""
+@dataclass(frozen=True, kw_only=True)
+class Solving:
+    """What decides a result, beside the clip and its contacts."""
 
-    clips: Annotated[Positional[tuple[Path, ...]], arg(metavar="CLIP...", help_behavior_hint="(required)")]
-    """Clips to retarget, one after the other: files, or built-in ones such as builtin:carry_box."""
-    out: Folder
-    """Folder to write into; made when it does not exist."""
     robot: RobotName = "unitree_g1"
     """A robot's name; `hoi-retarget robots list` shows those there are."""
-    objects: OptionalFolder = None
-    """Folder with the objects' geometry: OBJECTS/<name>/<name>.obj, or sample_points.npy there."""
-    object_name: ObjectName = None
-    """Which object the clips are with; by default the clip says, or its file name sub<N>_<object>_<n>."""
-    edits: OptionalFile = None
-    """Contact edits for the clip, as `hoi-retarget contacts` writes them; then only one clip can be named."""
     root_scale: Scale = "auto"
     """Human size to robot size; auto divides the robot's stature by the person's height."""
     object_scale: Scale = "auto"
@@ -53,6 +43,22 @@ class Run:
     """On top of the object scale, to make several motions of one clip."""
     horizon: Annotated[str, arg(metavar="HORIZON")] = "auto"
     """How many frames are solved at once: auto, whole, per-frame, or windowed:LENGTH[:OVERLAP]."""
+
+
+@dataclass(frozen=True)
+class Run(Solving):
+    """Retarget recorded clips; each result is OUT/<clip's stem>.npz."""
+
+    clips: Annotated[Positional[tuple[Path, ...]], arg(metavar="CLIP...", help_behavior_hint="(required)")]
+    """Clips to retarget, one after the other: files, or built-in ones such as builtin:carry_box."""
+    out: Folder
+    """Folder to write into; made when it does not exist."""
+    objects: OptionalFolder = None
+    """Folder with the objects' geometry: OBJECTS/<name>/<name>.obj, or sample_points.npy there."""
+    object_name: ObjectName = None
+    """Which object the clips are with; by default the clip says, or its file name sub<N>_<object>_<n>."""
+    edits: OptionalFile = None
+    """Contact edits for the clip, as `hoi-retarget contacts` writes them; then only one clip can be named."""
 
 
 @dataclass(frozen=True)
@@ -137,12 +143,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Contacts:
-    """Show the contacts of a clip, and edit them: who touches what, where and when.
-
-    Edits are done in the order of the options below, after those of a file; the clip stays as it is. PART is
-    left_hand, right_hand, left_foot or right_foot, and p1.left_hand that of the second person. FRAME is any frame of
-    the contact that is meant, START a first frame, STOP one past the last; X,Y,Z are metres in the object's frame.
-    """
+    """Show the contacts of a clip, and edit them: who touches what, where and when."""
 
     clip: Annotated[Positional[Path], arg(metavar="CLIP")]
     """A recording, or a built-in clip such as builtin:carry_box."""
@@ -151,29 +152,50 @@ class Contacts:
     object_name: ObjectName = None
     """Which object the clip is with, as for run."""
     edits: OptionalFile = None
-    """Begin with the contact edits in this file."""
+    """Begin with the contact edits in this file. Those of the options below follow, in the order they have here."""
     delete: Annotated[tuple[str, ...], arg(metavar="PART:FRAME...", help_behavior_hint="")] = ()
-    """Remove contacts."""
+    """Remove contacts. PART is left_hand, right_hand, left_foot or right_foot, and p1.left_hand that of the second
+    person; FRAME is any frame of the contact that is meant."""
     merge: Annotated[tuple[str, ...], arg(metavar="PART:FRAME...", help_behavior_hint="")] = ()
     """Make one contact of this one and the part's next one on the same object."""
     split: Annotated[tuple[str, ...], arg(metavar="PART:FRAME:AT...", help_behavior_hint="")] = ()
     """Make two contacts of one; the second begins in frame AT."""
     retime: Annotated[tuple[str, ...], arg(metavar="PART:FRAME:START:STOP...", help_behavior_hint="")] = ()
-    """Cut contacts, or hold them longer where they are."""
+    """Cut contacts, or hold them longer where they are; START is the first frame, STOP one past the last."""
     add: Annotated[tuple[str, ...], arg(metavar="PART:START:STOP:X,Y,Z[:OBJECT]...", help_behavior_hint="")] = ()
-    """Make new contacts at one point."""
+    """Make new contacts at one point: metres in the object's frame, at captured size."""
     fix_segments: Annotated[tuple[str, ...], arg(metavar="all|PART:FRAME...", help_behavior_hint="")] = ()
     """Give contacts one point for all their frames, their mean, so that the hand does not slip."""
     snap: Annotated[tuple[str, ...], arg(metavar="all|PART:FRAME...", help_behavior_hint="")] = ()
     """Move contact points to the nearest point of the object's surface."""
     move: Annotated[tuple[str, ...], arg(metavar="PART:FRAME:DX,DY,DZ...", help_behavior_hint="")] = ()
-    """Shift contact points."""
+    """Shift contact points: metres in the object's frame, at captured size."""
     out: OptionalFile = None
     """Write the edits to this file, for `hoi-retarget run CLIP --edits FILE`."""
 
 
 OptionalClip = Annotated[Path | None, arg(metavar="CLIP", help_behavior_hint="")]
 Port = Annotated[int | None, arg(metavar="PORT", help_behavior_hint="")]
+
+
+@dataclass(frozen=True)
+class Edit(Solving):
+    """Edit the contacts of a clip in a browser: drag, retime, split, add; the motion follows at once."""
+
+    clip: Annotated[Positional[Path], arg(metavar="CLIP")]
+    """A recording, or a built-in clip such as builtin:carry_box."""
+    objects: OptionalFolder = None
+    """Folder with the objects' geometry, as for run."""
+    object_name: ObjectName = None
+    """Which object the clip is with, as for run."""
+    edits: OptionalFile = None
+    """Where the edits are saved, by default <clip's stem>.edits.toml here; those in it already are gone on from."""
+    out: Folder = Path("results")
+    """Folder that results are saved into; made when it does not exist."""
+    host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1"
+    """Address to listen at; by default only this machine can see the page."""
+    port: Port = None
+    """Port to listen at; by default the first free one from 8080 on."""
 
 
 @dataclass(frozen=True)
@@ -249,6 +271,7 @@ Command = (
     | Annotated[Bench, subcommand("bench")]
     | Annotated[Sample, subcommand("sample")]
     | Annotated[View, subcommand("view")]
+    | Annotated[Edit, subcommand("edit")]
     | Annotated[Render, subcommand("render")]
     | Annotated[Share, subcommand("share")]
     | Annotated[Contacts, subcommand("contacts")]
