@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from types import ModuleType
 
 _TYRO_COLOURS = "PYTHON_TYRO_ANSI_CODES"
 _PLAIN = bool(os.environ.get("NO_COLOR")) or not (sys.stdout.isatty() and sys.stderr.isatty())
@@ -45,15 +46,30 @@ def run(arguments: Sequence[str]) -> int:
     _use_one_thread()
     if isinstance(command, Render | Robots | Share):
         _draw_without_a_screen()
-    module = import_module(f"hoi_retarget.cli.{type(command).__name__.lower()}")
     try:
-        return module.execute(command)
+        return _module(type(command).__name__.lower()).execute(command)
     except ArgumentError as error:
         fail(str(error))
         return 2
     except HoiRetargetError as error:
         fail(str(error))
         return 1
+
+
+def _module(name: str) -> ModuleType:
+    """Import what does a command; raises `HoiRetargetError` when MuJoCo cannot draw as `MUJOCO_GL` asks for.
+
+    MuJoCo loads what it draws with as it is imported, even where nothing will be drawn.
+    """
+    try:
+        return import_module(f"hoi_retarget.cli.{name}")
+    except (ImportError, AttributeError, RuntimeError, OSError) as error:
+        if "MUJOCO_GL" not in os.environ or "mujoco" in sys.modules:
+            raise
+        raise HoiRetargetError(
+            f"MUJOCO_GL={os.environ['MUJOCO_GL']}: MuJoCo cannot be loaded with this way to draw ({error}). Unset "
+            "MUJOCO_GL, or install what it needs (Debian: libegl1 and libgl1-mesa-dri for egl, libosmesa6 for osmesa)."
+        ) from error
 
 
 def _use_one_thread() -> None:

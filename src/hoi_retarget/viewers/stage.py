@@ -70,7 +70,7 @@ def furnish(spec: mujoco.MjSpec, width: int, height: int) -> None:
     visual = spec.visual
     visual.headlight.ambient, visual.headlight.diffuse, visual.headlight.specular = [0.42] * 3, [0.2] * 3, [0.05] * 3
     visual.quality.shadowsize, visual.quality.offsamples = 0, 8
-    visual.quality.numslices, visual.quality.numstacks = 32, 24
+    visual.quality.numslices, visual.quality.numstacks = 24, 14
     visual.global_.offwidth, visual.global_.offheight = width, height
     visual.map.haze, visual.rgba.haze = 0.6, [*_SKY, 1.0]
     # What the scene holds must not decide how it is lit or cut off: lengths are multiples of the extent.
