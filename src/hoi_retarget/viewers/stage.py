@@ -7,6 +7,7 @@ whoever starts the program chooses it, nothing here does.
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -121,18 +122,31 @@ def renderer(compiled: mujoco.MjModel, width: int, height: int, *, most_geoms: i
     Raises:
         HoiRetargetError: This machine has no way to draw without a screen.
     """
-    try:
-        with warnings.catch_warnings():
-            # GLFW only warns that it found no screen; MuJoCo then fails, which is caught below.
-            warnings.simplefilter("ignore")
-            opened = mujoco.Renderer(compiled, height, width, max_geom=most_geoms)
-    except _CANNOT_DRAW as error:
+    trouble = _trouble()
+    if trouble:
         raise HoiRetargetError(
             "This machine cannot draw without a screen. Install EGL (Debian: apt-get install libegl1 libgl1-mesa-dri) "
             "and set MUJOCO_GL=egl, or install OSMesa (libosmesa6) and set MUJOCO_GL=osmesa, before the program "
-            f"starts. MuJoCo says: {error}"
-        ) from error
+            f"starts. MuJoCo says: {trouble}"
+        )
+    opened = mujoco.Renderer(compiled, height, width, max_geom=most_geoms)
     try:
         yield opened
     finally:
         opened.close()
+
+
+@cache
+def _trouble() -> str:
+    """Return why nothing can be drawn here, or nothing where it can.
+
+    It is tried once: asked again after it has failed, MuJoCo ends the whole program.
+    """
+    try:
+        with warnings.catch_warnings():
+            # GLFW only warns that it found no screen; MuJoCo then fails, which is caught below.
+            warnings.simplefilter("ignore")
+            mujoco.Renderer(mujoco.MjSpec().compile(), 16, 16).close()
+    except _CANNOT_DRAW as error:
+        return str(error) or type(error).__name__
+    return ""
