@@ -9,9 +9,11 @@ from scipy.spatial import ConvexHull, QhullError
 
 from hoi_retarget import se3
 from hoi_retarget.viewers.drawing import Kind, Lines, Part, Scene, Shapes, Solid
+from hoi_retarget.viewers.object_solid import thinned
 
 _WIDTH, _HEIGHT = 640, 360
 _CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+_MOST_TRIANGLES = 1500
 _GRID = 8  # Lines of the floor to each side [m].
 
 
@@ -64,8 +66,7 @@ def sketch(scene: Scene, frame: int, eye: Eye) -> str:
 def _draw(part: Part, frame: int, eye: Eye) -> Iterator[tuple[float, str]]:
     match part:
         case Solid():
-            corners = part.positions[frame] + se3.rotate(part.quats[frame], part.vertices)
-            yield from _hull(corners, _hex(part.colour), eye)
+            yield _triangles(part, frame, eye)
         case Shapes():
             there = range(len(part.sizes)) if part.visible is None else np.flatnonzero(part.visible[frame])
             for index in there:
@@ -104,6 +105,19 @@ def _line(ends: np.ndarray, radius: float, colour: str, eye: Eye) -> tuple[float
     )
 
 
+def _triangles(solid: Solid, frame: int, eye: Eye) -> tuple[float, str]:
+    """Draw a mesh as what its triangles cover, in one colour."""
+    vertices, faces = thinned(solid.vertices, solid.faces, _MOST_TRIANGLES)
+    points, depths = eye.see(solid.positions[frame] + se3.rotate(solid.quats[frame], vertices))
+    corners = np.round(points[faces], 1)
+    (ux, uy), (vx, vy) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
+    # Front and back would cancel out: all are drawn the same way round.
+    corners = np.where((ux * vy < uy * vx)[:, None, None], corners[:, ::-1], corners)
+    path = "".join(f"M{a[0]:g} {a[1]:g}L{b[0]:g} {b[1]:g}L{c[0]:g} {c[1]:g}Z" for a, b, c in corners)
+    colour = _hex(solid.colour)
+    return float(depths.mean()), f'<path d="{path}" fill="{colour}" stroke="{colour}" stroke-width="0.8"/>'
+
+
 def _hull(corners: np.ndarray, colour: str, eye: Eye) -> Iterator[tuple[float, str]]:
     points, depths = eye.see(corners)
     try:
@@ -111,7 +125,7 @@ def _hull(corners: np.ndarray, colour: str, eye: Eye) -> Iterator[tuple[float, s
     except QhullError:
         return  # Seen edge on, it has no area.
     text = " ".join(f"{x:.1f},{y:.1f}" for x, y in outline)
-    yield float(depths.mean()), f'<polygon points="{text}" fill="{colour}" stroke="#00000040" stroke-width="0.8"/>'
+    yield float(depths.mean()), f'<polygon points="{text}" fill="{colour}"/>'
 
 
 def _floor(eye: Eye) -> str:

@@ -33,6 +33,16 @@ class Standpoint:
         return float(max(self.half_height, self.half_width / aspect) / np.tan(0.5 * field_of_view))
 
 
+@dataclass(frozen=True, eq=False)
+class _Extent:
+    """Where one part is about the centre that the camera follows."""
+
+    places: Float[np.ndarray, "T N 3"]
+    """[m]"""
+    reach: Float[np.ndarray, "N"]
+    """How far it reaches around them [m]."""
+
+
 def standpoint(scene: Scene, ahead: Float[np.ndarray, "2"]) -> Standpoint:
     """Return where to stand: across the direction in which things spread most, on the side that they face.
 
@@ -41,7 +51,10 @@ def standpoint(scene: Scene, ahead: Float[np.ndarray, "2"]) -> Standpoint:
         ahead: Horizontal direction that the robots face, of any length.
     """
     extents = [extent for subject in scene.subjects for extent in _extents(subject)]
-    spread = sum((flat.T @ flat for places, _ in extents if (flat := places[..., :2].reshape(-1, 2)).size), np.eye(2))
+    spread = np.eye(2)
+    for extent in extents:
+        flat = extent.places[..., :2].reshape(-1, 2)
+        spread += flat.T @ flat
     widest = np.linalg.eigh(spread)[1][:, 1]
     back = np.array([-widest[1], widest[0]])
     if back @ ahead < 0:
@@ -53,23 +66,20 @@ def standpoint(scene: Scene, ahead: Float[np.ndarray, "2"]) -> Standpoint:
     return Standpoint(azimuth, ELEVATION, shift, 0.5 * (right_edge - left_edge), 0.5 * (high - low))
 
 
-def _extents(subject: Subject) -> Iterator[tuple[Float[np.ndarray, "T N 3"], Float[np.ndarray, "N"]]]:
-    """Yield places about the centre [m], and how far what is there reaches around them [m]."""
+def _extents(subject: Subject) -> Iterator[_Extent]:
     for layer in subject.layers:
         for part in layer.parts:
             if not layer.shown or isinstance(part, Lines):
                 continue
             places = part.positions.reshape(subject.frames, -1, 3) - subject.centre[:, None]
             if isinstance(part, Solid):
-                yield places, np.linalg.norm(part.vertices, axis=1).max(keepdims=True)
+                yield _Extent(places, np.linalg.norm(part.vertices, axis=1).max(keepdims=True))
             elif len(part.sizes):
-                yield places, np.linalg.norm(part.sizes, axis=1)
+                yield _Extent(places, np.linalg.norm(part.sizes, axis=1))
 
 
-def _window(
-    extents: list[tuple[Float[np.ndarray, "T N 3"], Float[np.ndarray, "N"]]], axis: Float[np.ndarray, "3"]
-) -> tuple[float, float]:
+def _window(extents: list[_Extent], axis: Float[np.ndarray, "3"]) -> tuple[float, float]:
     """Return between what numbers along an axis things are in nearly all frames [m]."""
-    lows = [np.percentile((places @ axis - reach).min(axis=1), _LEFT_OUT) for places, reach in extents]
-    highs = [np.percentile((places @ axis + reach).max(axis=1), 100 - _LEFT_OUT) for places, reach in extents]
+    lows = [np.percentile((item.places @ axis - item.reach).min(axis=1), _LEFT_OUT) for item in extents]
+    highs = [np.percentile((item.places @ axis + item.reach).max(axis=1), 100 - _LEFT_OUT) for item in extents]
     return float(min(lows, default=-0.5)), float(max(highs, default=0.5))
