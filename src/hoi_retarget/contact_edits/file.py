@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hoi_retarget.contact_edits.edits import ContactEdits, MadeFor
-from hoi_retarget.contact_edits.operations import OPERATIONS, Edit, operation_name
+from hoi_retarget.contact_edits.operations import OPERATIONS, Edit, edit_of, operation_name
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.motion import write_atomically
 
@@ -117,7 +117,7 @@ def _edits(owner: str, entries: list[Any]) -> Iterator[Edit]:
         values = {key: value for key, value in entry.items() if key != "operation"}
         _check_keys(f"{here} ({name})", values, names, tuple(field.name for field in known if _is_required(field)))
         try:
-            yield kind(**values)
+            yield edit_of(kind, values)
         except ArgumentError as error:
             raise ReadError(f"{here} ({name}): {error}") from error
 

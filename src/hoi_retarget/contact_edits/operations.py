@@ -28,7 +28,7 @@ from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.skeleton import PARTS
 from hoi_retarget.surface import surface_of
 
-Point = tuple[float, float, float]
+Point = tuple[float | int, float | int, float | int]
 
 LARGEST_COORDINATE = 100.0
 """[m]; points farther from an object's origin are another unit or a slip."""
@@ -269,6 +269,11 @@ OPERATIONS: Mapping[str, type[Edit]] = MappingProxyType(
 _NAMES = {kind: name for name, kind in OPERATIONS.items()}
 
 
+def edit_of(kind: type[Edit], values: Mapping[str, Any]) -> Edit:
+    """Return the edit with values from a file, of whatever type they are; raises `ArgumentError`."""
+    return kind(**{name: _CHECKS[name](name, value) for name, value in values.items()})
+
+
 def operation_name(edit: Edit) -> str:
     """Return an edit's name in `OPERATIONS`."""
     return _NAMES[type(edit)]
@@ -301,7 +306,7 @@ def _snapped(clip: Clip, segment: Segment) -> Segment:
 
 
 def _settle(edit: Edit) -> None:
-    """Check and convert an edit's fields, wherever they come from; raises `ArgumentError`."""
+    """Check an edit's fields, and make numbers plain ones; raises `ArgumentError`."""
     for field in fields(edit):
         value = getattr(edit, field.name)
         if value is not None or field.default is not None:
