@@ -27,7 +27,8 @@ _WIDTH, _HEIGHT = 4000, 400  # Units of the drawings, which are stretched to the
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 _DASHES = ("", "5 3", "1.5 2.5", "7 2.5 1.5 2.5")
 _ROUND_NUMBERS = np.array([1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0])
-_LARGEST_TICKS = 10
+_ROUND_STEPS = np.array([1.0, 2.0, 5.0, 10.0])
+_LARGEST_TICKS = 12
 
 _STYLE = f"""
 .curves {{ font: 11px/1.25 system-ui, sans-serif; color: #222; background: #fff; padding-top: 5px; }}
@@ -40,8 +41,8 @@ _STYLE = f"""
 .curves .plot {{ flex: 1; min-width: 0; }}
 .curves svg {{ display: block; width: 100%; height: 100%; overflow: visible; }}
 .curves path {{ fill: none; vector-effect: non-scaling-stroke; stroke-linejoin: round; stroke-linecap: round; }}
-.curves .legend {{ width: {RIGHT_INSET_PX}px; box-sizing: border-box; padding-left: 10px; display: grid;
-  grid-template-columns: 1fr 1fr; align-content: center; gap: 1px 6px; font-size: 10px; color: #444; }}
+.curves .legend {{ width: {RIGHT_INSET_PX}px; box-sizing: border-box; padding-left: 8px; display: grid;
+  grid-template-columns: 1fr 1fr; align-content: center; gap: 1px 4px; font-size: 10px; color: #444; }}
 .curves .key {{ display: flex; align-items: center; gap: 4px; white-space: nowrap; }}
 .curves .key svg {{ width: 14px; height: 6px; flex: none; }}
 .curves .titles {{ display: flex; flex-wrap: wrap; gap: 2px 18px;
@@ -173,20 +174,20 @@ def _strokes(values: Float[np.ndarray, "T"]) -> Iterator[Int[np.ndarray, "_"]]:
 def _range(values: Sequence[Float[np.ndarray, "_"]]) -> tuple[float, float]:
     """Return round numbers around all values and zero."""
     everything = np.concatenate([each[np.isfinite(each)] for each in values])
-    low, high = 0.0 - _round_up(-everything.min()), _round_up(everything.max())
+    low, high = 0.0 - _round_up(-everything.min(), _ROUND_NUMBERS), _round_up(everything.max(), _ROUND_NUMBERS)
     return (low, high) if high > low else (low, 1.0)
 
 
-def _round_up(number: float) -> float:
+def _round_up(number: float, mantissas: Float[np.ndarray, "_"]) -> float:
     if number <= 0.0:
         return 0.0
     power = 10.0 ** np.floor(np.log10(number))
     # Ten times the power itself is always enough, but for rounding.
-    return float(power * _ROUND_NUMBERS[min(np.searchsorted(_ROUND_NUMBERS, number / power), 10)])
+    return float(power * mantissas[min(np.searchsorted(mantissas, number / power), len(mantissas) - 1)])
 
 
 def _ticks(seconds: float) -> tuple[float, ...]:
-    step = _round_up(seconds / _LARGEST_TICKS)
+    step = _round_up(seconds / _LARGEST_TICKS, _ROUND_STEPS)
     return tuple(float(number * step) for number in range(int(seconds / step + 1e-9) + 1))
 
 

@@ -81,7 +81,7 @@ def clip_page(entry: Entry, *, scene: str, curves: str, gallery: str) -> str:
         curves=curves,
         left=LEFT_INSET_PX,
         right=RIGHT_INSET_PX,
-        warnings=f'<h2>Not right</h2><ul class="warnings">{warnings}</ul>' if warnings else "",
+        warnings=f'<h2>Warnings</h2><ul class="warnings">{warnings}</ul>' if warnings else "",
         figures=_figures(entry.score),
         facts=_facts(entry),
         command=command,

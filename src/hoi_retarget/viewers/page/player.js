@@ -626,7 +626,6 @@ async function start(description) {
       slider.value = frame;
       clock.textContent = `${second.toFixed(2)} s \u00b7 frame ${frame}`;
       if (cursor) cursor.style.left = `calc(${insets[0]}px + (100% - ${insets[0] + insets[1]}px) * ${second / seconds})`;
-      document.body.dataset.drawn = String(Number(document.body.dataset.drawn || 0) + 1);
     }
     requestAnimationFrame(draw);
   };

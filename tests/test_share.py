@@ -1,0 +1,406 @@
+"""Shared pages: they hold what the scene holds, leak nothing, replace only their own, and play offline."""
+
+import base64
+import functools
+import gzip
+import json
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from browser import chromium, wait_until
+from hoi_retarget import se3
+from hoi_retarget.cli import main
+from hoi_retarget.errors import ArgumentError, HoiRetargetError
+from hoi_retarget.metrics import Figures, Score
+from hoi_retarget.motion import Motion, save
+from hoi_retarget.synthetic import make
+from hoi_retarget.viewers import thumbnail as thumbnail_module
+from hoi_retarget.viewers.drawing import Kind, Layer, Lines, Scene, Shapes, Solid, Subject
+from hoi_retarget.viewers.gallery import Entry, clip_page, file_name, index_page
+from hoi_retarget.viewers.packed_scene import LARGEST_FRAMES, POSITION_STEP, pack
+from hoi_retarget.viewers.scene import Shown, make_scene
+from hoi_retarget.viewers.share import LISTING, gallery_in
+from hoi_retarget.viewers.standpoint import standpoint
+from hoi_retarget.viewers.thumbnail import telling_frame, thumbnail
+from test_curves import G1, carried, random_motion
+
+AHEAD = np.array([1.0, 0.0])
+NASTY = """<script>alert("1")</script> & '$title' </script><img src=x onerror=alert(2)>"""
+
+
+# What the player does with a packed scene, once more.
+
+
+def unpacked(numbers: bytes, track: dict) -> np.ndarray:
+    at, frames, width = track["at"], track["frames"], track["width"]
+    count = frames * width
+    low, high = (np.frombuffer(numbers, np.uint8, count, at + part * count).astype(np.uint16) for part in (0, 1))
+    changes = (low | high << 8).reshape(width, frames)
+    levels = np.cumsum(np.cumsum(changes, axis=1, dtype=np.uint16), axis=1, dtype=np.uint16)
+    return track["low"] + track["step"] * levels.T
+
+
+def content(scene: Scene) -> tuple[dict, bytes]:
+    packed = json.loads(pack(scene, standpoint(scene, AHEAD)))
+    return packed, gzip.decompress(base64.b64decode(packed["numbers"]))
+
+
+def scene_of(*parts: Shapes | Solid | Lines, frames: int) -> Scene:
+    return Scene((Subject("subject", 30.0, (Layer("layer", parts),), np.zeros((frames, 3))),))
+
+
+def random_turns(rng: np.random.Generator, *shape: int) -> np.ndarray:
+    return se3.exp(rng.normal(size=(*shape, 3), scale=2.0))
+
+
+@settings(max_examples=30, deadline=None)
+@given(frames=st.integers(1, 40), copies=st.integers(1, 5), size=st.floats(0.0, 50.0), seed=st.integers(0, 99))
+def test_a_packed_shape_is_where_it_was(frames: int, copies: int, size: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shapes = Shapes(
+        kind=Kind.CYLINDER,
+        sizes=rng.uniform(0.01, 0.5, size=(copies, 3)),
+        colours=rng.integers(0, 256, size=(copies, 3)).astype(np.uint8),
+        positions=rng.normal(size=(frames, copies, 3), scale=size),
+        quats=random_turns(rng, frames, copies),
+        visible=rng.random(size=(frames, copies)) < 0.5,
+    )
+    packed, numbers = content(scene_of(shapes, frames=frames))
+    (part,) = packed["subjects"][0]["layers"][0]["parts"]
+    assert part["count"] == copies
+    positions = unpacked(numbers, part["positions"]).reshape(-1, copies, 3)
+    exact = max(POSITION_STEP, np.ptp(shapes.positions) / 65535)
+    assert np.abs(positions - shapes.positions).max() <= 0.51 * exact
+    quats = unpacked(numbers, part["quats"]).reshape(-1, copies, 4)
+    assert np.abs(np.abs(np.einsum("tni,tni->tn", quats, shapes.quats)) - 1.0).max() < 1e-3
+    assert (np.einsum("tni,tni->tn", quats[1:], quats[:-1]) > -1e-3).all(), "the shorter way round"
+    assert np.array_equal(unpacked(numbers, part["colours"]).round().reshape(copies, 3), shapes.colours)
+    visible = unpacked(numbers, part["visible"]) > 0.5 if "visible" in part else True
+    assert np.array_equal(np.broadcast_to(visible, (frames, copies)), shapes.visible)
+
+
+@settings(max_examples=20, deadline=None)
+@given(corners=st.integers(3, 300), count=st.integers(1, 400), scale=st.floats(0.01, 20.0), seed=st.integers(0, 99))
+def test_a_packed_mesh_has_the_same_triangles(corners: int, count: int, scale: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    faces = np.array([rng.choice(corners, size=3, replace=False) for _ in range(count)])
+    still = np.zeros((4, 3)), random_turns(rng, 1).repeat(4, axis=0)
+    solid = Solid(scale * rng.normal(size=(corners, 3)), faces, (200, 100, 0), *still)
+    packed, numbers = content(scene_of(solid, replace(solid, vertices=2.0 * solid.vertices), frames=4))
+    one, other = packed["subjects"][0]["layers"][0]["parts"]
+    vertices = unpacked(numbers, one["sizes"])[0, 0] * unpacked(numbers, one["vertices"]).reshape(-1, 3)
+    assert np.abs(vertices - solid.vertices).max() < 1e-4 * np.abs(solid.vertices).max()
+    kept = {cyclic(face) for face in unpacked(numbers, one["faces"]).round().astype(int)}
+    assert kept == {cyclic(face) for face in faces}, "and the same way round"
+    assert one["vertices"]["at"] == other["vertices"]["at"], "one mesh in two sizes is kept once"
+
+
+def cyclic(face: np.ndarray) -> tuple[int, ...]:
+    return tuple(np.roll(face, -int(face.argmin())).tolist())
+
+
+def test_of_a_long_motion_every_so_many_frames_are_kept() -> None:
+    frames = 2 * LARGEST_FRAMES + 10
+    positions = np.linspace(0.0, 1.0, frames)[:, None, None] * np.ones((1, 1, 3))
+    ball = Shapes(Kind.SPHERE, np.ones((1, 3)), np.zeros((1, 3), np.uint8), positions, random_turns_of(frames))
+    packed, numbers = content(scene_of(ball, frames=frames))
+    (subject,) = packed["subjects"]
+    track = subject["layers"][0]["parts"][0]["positions"]
+    assert track["frames"] <= LARGEST_FRAMES
+    assert np.abs(unpacked(numbers, track) - positions[::3, 0]).max() <= 0.51 * POSITION_STEP
+    assert packed["seconds"] == pytest.approx((frames - 1) / 30.0) and subject["fps"] == 10.0
+    assert "one frame in 3;" in page_of(random_motion(frames, 0))
+
+
+def random_turns_of(frames: int) -> np.ndarray:
+    return random_turns(np.random.default_rng(0), frames, 1)
+
+
+@settings(max_examples=200, deadline=None)
+@given(titles=st.lists(st.text(max_size=120), max_size=6))
+def test_names_of_files_are_plain_and_different(titles: list[str]) -> None:
+    names: list[str] = []
+    for title in titles:
+        names.append(file_name(title, ("index", *names)))
+    assert all(re.fullmatch(r"[A-Za-z0-9_-]{1,100}", name) for name in names)
+    assert len({"index", *(name.casefold() for name in names)}) == len(names) + 1
+
+
+def test_everything_is_in_the_picture_from_a_standpoint() -> None:
+    scene = carried_scene()
+    place = standpoint(scene, AHEAD)
+    (subject,) = scene.subjects
+    right = np.array([-np.sin(place.azimuth), np.cos(place.azimuth), 0.0])
+    for layer in subject.layers:
+        for part in layer.parts if layer.shown else ():
+            if not isinstance(part, Lines):
+                away = part.positions.reshape(subject.frames, -1, 3) - subject.centre[:, None] - place.shift
+                inside = (np.abs(away @ right) < place.half_width) & (np.abs(away[..., 2]) < place.half_height)
+                assert inside.mean() > 0.95
+    away = scene.subjects[0].centre - place.distance(16 / 9, 0.7)
+    assert np.isfinite(away).all()
+    opposite = standpoint(scene, -AHEAD)
+    assert np.cos(opposite.azimuth - place.azimuth) == pytest.approx(-1.0)
+
+
+@functools.cache
+def carried_scene() -> Scene:
+    return make_scene([Shown("carry", carried(), G1, make("carry_box"))])
+
+
+# The text of the pages.
+
+
+def entry(motion: Motion, *, title: str = "carry", **more) -> Entry:
+    nothing = Figures(*[None] * len(Figures.__dataclass_fields__))
+    return Entry(title, motion, G1.spec, Score(title, nothing, motion.frames, root_scale=0.75), **more)
+
+
+def page_of(motion: Motion, *, gallery: str = "Gallery", **more) -> str:
+    return clip_page(entry(motion, **more), scene="{}", curves="", gallery=gallery)
+
+
+class Skeleton(HTMLParser):
+    """The tags of a page with the names of their attributes: all but its text."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, ...]] = []
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, *(name for name, _ in attrs)))
+
+
+def named(text: str) -> Motion:
+    source = {"path": f"/home/jane/secret/{text}.pt", "format": text, "licence": text, "sha256": "0"}
+    return replace(random_motion(9, 0, objects=1), object_names=(text,), report={"source": source})
+
+
+def test_text_of_files_stays_text() -> None:
+    def pages(text: str) -> tuple[str, str]:
+        more = {"title": text, "complaints": (text,), "command": text}
+        cards = [(entry(named(text), **more), "a.html", "a.png")]
+        return page_of(named(text), gallery=text, **more), index_page(text, cards)
+
+    for nasty, tame in zip(pages(NASTY), pages("tame"), strict=True):
+        assert Skeleton(nasty).tags == Skeleton(tame).tags
+    scene = carried_scene()
+    wicked = replace(scene.subjects[0].layers[0], name=NASTY)
+    packed = pack(Scene((replace(scene.subjects[0], layers=(wicked,)),)), standpoint(scene, AHEAD))
+    assert "<" not in packed and json.loads(packed)["subjects"][0]["layers"][0]["name"] == NASTY
+
+
+@pytest.mark.parametrize("path", ["/home/jane/clips/a.pt", r"C:\Users\jane\clips\a.pt", "clips/jane/a.pt"])
+def test_of_paths_the_last_name_is_told(path: str) -> None:
+    page = page_of(replace(named("x"), report={"source": {"path": path}}))
+    assert "a.pt" in page and "jane" not in page
+
+
+def test_reports_of_other_versions_are_no_trouble() -> None:
+    for report in ({}, {"source": None}, {"source": "x"}, {"source": {"path": 3}}):
+        assert "<h2>Result</h2>" in page_of(replace(random_motion(5, 0), report=report))
+
+
+def test_pages_load_nothing() -> None:
+    page = page_of(named("x"))
+    assert "http" not in re.sub(r'http-equiv="Content-Security-Policy"', "", page)
+    assert not re.findall(r"<(?:script|img|link|iframe)[^>]*\b(?:src|href)=", page)
+
+
+# Pictures.
+
+
+def test_a_sketch_takes_the_place_of_what_cannot_be_rendered(monkeypatch: pytest.MonkeyPatch) -> None:
+    @contextmanager
+    def blind(*_: object) -> Iterator[None]:
+        raise HoiRetargetError("no way to draw")
+        yield
+
+    monkeypatch.setattr(thumbnail_module, "easel", blind)
+    scene = carried_scene()
+    ending, drawn = thumbnail(scene, 150, standpoint(scene, AHEAD))
+    assert ending == ".svg" and len(drawn) < 200_000
+    tags = [element.tag.rpartition("}")[2] for element in ElementTree.fromstring(drawn).iter()]
+    shapes = [part for layer in scene.subjects[0].layers if layer.shown for part in layer.parts]
+    balls = sum(len(part.sizes) for part in shapes if isinstance(part, Shapes) and part.kind is Kind.SPHERE)
+    assert 0.9 * balls <= tags.count("ellipse") <= balls, "but for balls that are not there in this frame"
+
+
+def test_the_telling_frame_lies_in_the_longest_contact() -> None:
+    motion = carried()
+    flags = np.zeros_like(motion.contact_flags)
+    flags[10:14, 0] = flags[50:91, 1] = True
+    assert telling_frame(replace(motion, contact_flags=flags)) == 70
+    assert telling_frame(replace(motion, contact_flags=np.zeros_like(flags))) == motion.frames // 2
+
+
+# Folders.
+
+
+def shared(out: Path, *titles: str) -> None:
+    motion = carried()
+    with gallery_in(out, "Gallery") as gallery:
+        for title in titles:
+            gallery.add(entry(motion, title=title), Shown(title, motion, G1, make("carry_box")))
+
+
+def test_a_gallery_replaces_an_earlier_one_and_nothing_else(tmp_path: Path) -> None:
+    out = tmp_path / "deep" / "gallery"
+    shared(out, "a", "A")
+    first = {path.name: path.read_bytes() for path in out.iterdir()}
+    assert {"index.html", "a.html", "A-2.html", LISTING} <= set(first)
+    shared(out, "b")
+    assert (out / "b.html").exists() and not (out / "a.html").exists()
+    shared(out, "a", "A")
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == first, "the same pages again"
+    (out / "notes.txt").write_text("mine")
+    with pytest.raises(ArgumentError, match=r"notes\.txt"):
+        shared(out, "b")
+    assert (out / "notes.txt").read_text() == "mine" and (out / "a.html").exists()
+    assert [path.name for path in out.parent.iterdir()] == ["gallery"]
+
+
+def test_other_folders_and_files_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / LISTING).write_text('{"files": 3}')
+    for name in ("file", "folder"):
+        with pytest.raises(ArgumentError, match="Name a folder"):
+            shared(tmp_path / name, "a")
+
+
+def test_a_failure_leaves_what_was_there(tmp_path: Path) -> None:
+    out = tmp_path / "gallery"
+    shared(out, "a")
+    with pytest.raises(HoiRetargetError, match="halfway"), gallery_in(out, "Gallery") as gallery:
+        gallery.add(entry(carried()), Shown("b", carried(), G1))
+        raise HoiRetargetError("halfway")
+    assert (out / "a.html").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["gallery"]
+
+
+# The command.
+
+
+def written(folder: Path, name: str = "carry_box.npz", **report: object) -> Path:
+    motion = carried()
+    known = {"source": {**motion.report["source"], "path": "builtin:carry_box"}, **report}
+    path = folder / name
+    save(replace(motion, report={**motion.report, **known}), path)
+    return path
+
+
+def test_share_writes_pages_of_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = {"clips": [f"{tmp_path}/jane's.pt"], "objects": f"{tmp_path}/objects", "robot": "unitree_g1"}
+    result = written(tmp_path, command=command)
+    assert main(["share", str(result), "--out", str(tmp_path / "out"), "--title", "Two <boxes>"]) == 0
+    assert "index.html" in capsys.readouterr().out
+    page = (tmp_path / "out" / "carry_box.html").read_text()
+    assert "hoi-retarget run &#x27;jane&#x27;&quot;&#x27;&quot;&#x27;s.pt&#x27; --objects objects --out results" in page
+    assert "human&#x27;s object" in page or "human's object" in page
+    index = (tmp_path / "out" / "index.html").read_text()
+    assert "<h1>Two &lt;boxes&gt;</h1>" in index
+    for file in (tmp_path / "out").iterdir():
+        assert str(tmp_path).encode() not in file.read_bytes(), f"{file.name} tells where it was made"
+
+
+def test_share_shows_the_robot_where_the_clip_is_gone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = written(tmp_path, source={"path": "/nowhere/clip.pt", "sha256": "0"})
+    assert main(["share", str(result), "--out", str(tmp_path / "out")]) == 0
+    assert "without the human" in capsys.readouterr().err
+    page = (tmp_path / "out" / "carry_box.html").read_text()
+    assert "nowhere" not in page and '"human"' not in page
+    assert main(["share", str(result), "--clip", "/nowhere/clip.pt", "--out", str(tmp_path / "out")]) == 1
+    assert "/nowhere/clip.pt" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("damage", ["absent", "garbage", "foreign"])
+def test_share_writes_nothing_when_a_result_cannot_be_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: str
+) -> None:
+    good, bad = written(tmp_path), tmp_path / "bad.npz"
+    if damage == "garbage":
+        bad.write_bytes(b"PK garbage")
+    elif damage == "foreign":
+        written(tmp_path, "bad.npz", figures={"unknown": 1.0})
+    assert main(["share", str(good), str(bad), "--out", str(tmp_path / "out")]) == 1
+    error = capsys.readouterr().err
+    assert "bad.npz" in error and len(error.splitlines()) == 1
+    assert not (tmp_path / "out").exists() and not list(tmp_path.glob(".*"))
+
+
+def test_share_refuses_a_folder_with_other_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = written(tmp_path)
+    assert main(["share", str(result), "--out", str(tmp_path)]) == 2
+    assert "carry_box.npz" in capsys.readouterr().err
+    assert result.exists()
+
+
+# In a browser.
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator:
+    with chromium() as opened:
+        yield opened
+
+
+def pixels(picture: bytes) -> np.ndarray:
+    import io
+
+    from PIL import Image
+
+    return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")).astype(int)
+
+
+@pytest.mark.browser
+def test_a_gallery_plays_from_its_folder_without_a_network(browser, tmp_path: Path) -> None:
+    motion = carried()
+    with gallery_in(tmp_path / "out", NASTY) as gallery:
+        gallery.add(entry(motion, title=NASTY, complaints=(NASTY,)), Shown(NASTY, motion, G1, make("carry_box")))
+    context = browser.new_context(viewport={"width": 1000, "height": 800}, offline=True)
+    page = context.new_page()
+    troubles: list[str] = []
+    page.on("pageerror", lambda error: troubles.append(str(error)))
+    page.on("console", lambda message: troubles.append(message.text) if message.type == "error" else None)
+    page.on("requestfailed", lambda request: troubles.append(request.url))
+    page.on("dialog", lambda dialog: troubles.append(dialog.message))
+    requests: list[str] = []
+    page.on("request", lambda request: requests.append(request.url))
+    page.goto((tmp_path / "out" / "index.html").as_uri())
+    assert page.locator("h1").inner_text() == NASTY
+    assert page.locator(".card img").evaluate("image => image.complete && image.naturalWidth") > 300
+    page.click(".card")
+    clock = page.locator("#clock")
+    wait_until(lambda: "frame" in clock.inner_text(), "a first frame")
+    assert page.locator("h1").inner_text() == NASTY
+    page.click("#play")
+    page.locator("#time").fill("40")
+    wait_until(lambda: clock.inner_text().endswith("frame 40"), "frame 40")
+    early = pixels(page.locator("#picture").screenshot())
+    assert early.std(axis=(0, 1)).min() > 5, "the picture is not blank"
+    page.locator("#time").fill("150")
+    wait_until(lambda: clock.inner_text().endswith("frame 150"), "frame 150")
+    late = pixels(page.locator("#picture").screenshot())
+    assert (np.abs(late - early).max(axis=2) > 20).mean() > 0.01, "and moves"
+    box = page.locator("#cursor").bounding_box()
+    plot = page.locator("#curves .plot").first.bounding_box()
+    assert box["x"] - plot["x"] == pytest.approx(plot["width"] * 150 / (motion.frames - 1), abs=2.0)
+    page.locator("#layers label", has_text="robot").click()
+    page.wait_for_timeout(300)
+    without = pixels(page.locator("#picture").screenshot())
+    assert (np.abs(late - without).max(axis=2) > 20).mean() > 0.003, "layers can be hidden"
+    assert troubles == []
+    assert all(url.startswith(("file:", "data:")) for url in requests)
+    context.close()
