@@ -64,6 +64,11 @@ class Editor:
         self._player.stop()
 
     @property
+    def edited(self) -> Edited:
+        """Where the work stands."""
+        return self._editing.now
+
+    @property
     def frame(self) -> int:
         """The frame that is shown now."""
         return self._player.frame

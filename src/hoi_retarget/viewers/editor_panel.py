@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import viser
@@ -26,9 +26,6 @@ from hoi_retarget.metrics import COLUMNS, contact_residuals
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.editing import Edited
 
-if TYPE_CHECKING:
-    from hoi_retarget.viewers.editor import Editor
-
 PANEL_WIDTH_PX = 340
 _FIGURES = (
     "contact_gap_m",
@@ -41,10 +38,50 @@ _FIGURES = (
 _TABLE_STYLE = "font-size:12px;width:100%;text-align:right;border-spacing:0 1px"
 
 
+@runtime_checkable
+class Asked(Protocol):
+    """Who does what the panel asks for: `editor.Editor`."""
+
+    @property
+    def frame(self) -> int:
+        """The frame that is shown now."""
+        ...
+
+    def choose(self, index: int) -> None:
+        """Choose a segment."""
+
+    def change(self, edit_of: Callable[[Segment], Edit]) -> None:
+        """Change the chosen segment."""
+
+    def typed(self, edit_of: Callable[[Segment], Edit]) -> None:
+        """Change it once nothing has been typed for a moment."""
+
+    def commit(self, edit: Edit) -> None:
+        """Make an edit that names its contacts itself."""
+
+    def add(self, person: int, part: str, item: int) -> None:
+        """Add a contact of a part with an object."""
+
+    def undo(self) -> None:
+        """Take the last edit back."""
+
+    def redo(self) -> None:
+        """Do again what was taken back."""
+
+    def solve_all(self) -> None:
+        """Solve the whole clip."""
+
+    def save_edits(self) -> None:
+        """Write the edits' file."""
+
+    def save_result(self) -> None:
+        """Write the motions."""
+
+
 class EditorPanel:
     """The widgets of one browser."""
 
-    def __init__(self, gui: viser.GuiApi, edited: Edited, model: RobotModel, asked: "Editor") -> None:
+    def __init__(self, gui: viser.GuiApi, edited: Edited, model: RobotModel, asked: Asked) -> None:
         self._gui, self._model, self._asked = gui, model, asked
         self._rows: list[viser.GuiButtonHandle] = []
         panel = gui.add_panel()

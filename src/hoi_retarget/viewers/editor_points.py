@@ -1,11 +1,9 @@
 """The points of the contacts in the scene, on the robots' objects, and the handle that moves the chosen one."""
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
 
 import numpy as np
 import viser
-from jaxtyping import Float
 
 from hoi_retarget.contact_edits import Segment
 from hoi_retarget.motion import Motion
@@ -15,14 +13,12 @@ _RADIUS, _HANDLE_SIZE = 0.03, 0.22  # [m]
 _IDLE, _TOUCHED, _CHOSEN = (140, 150, 160), (40, 120, 220), (255, 140, 0)
 
 
-class _Drag(Protocol):
-    def __call__(self, point: Float[np.ndarray, "3"], /, *, released: bool) -> None: ...
-
-
 class EditorPoints:
     """A ball for each contact, at the mean of its points; a click chooses it."""
 
-    def __init__(self, api: viser.SceneApi, motion: Motion, *, choose: Callable[[int], None], drag: _Drag) -> None:
+    def __init__(
+        self, api: viser.SceneApi, motion: Motion, *, choose: Callable[[int], None], drag: Callable[..., None]
+    ) -> None:
         self._api, self._motion, self._choose, self._drag = api, motion, choose, drag
         self._holders = [
             api.add_frame(f"{WORLD}/held/{index}", show_axes=False) for index in range(len(motion.object_names))

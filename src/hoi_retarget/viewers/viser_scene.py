@@ -1,20 +1,19 @@
 """Draws a `Scene` with Viser, for a browser or for a file that a browser plays."""
 
 from functools import cache
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import trimesh
+from viser import FrameHandle, SceneApi
 
 from hoi_retarget.viewers.drawing import Kind, Layer, Lines, Part, Scene, Shapes, Solid
-
-if TYPE_CHECKING:
-    from viser import FrameHandle, SceneApi
 
 _VANISHED = 1e-6  # Size of a copy that is not there in a frame [m].
 _LINE_THICKNESS = 0.006  # [m]
 
 
+@runtime_checkable
 class _Drawn(Protocol):
     """A part's node; `takes` another part where it can show it without being made anew."""
 
@@ -25,7 +24,7 @@ class _Drawn(Protocol):
 class ViserScene:
     """The nodes of a scene in one Viser scene tree, and their poses frame by frame."""
 
-    def __init__(self, api: "SceneApi", scene: Scene, *, root: str = "") -> None:
+    def __init__(self, api: SceneApi, scene: Scene, *, root: str = "") -> None:
         self._api, self._root, self._scene = api, root, scene
         self._drawn: list[dict[str, list[_Drawn]]] = []
         self._subjects: list[FrameHandle] = []
@@ -83,7 +82,7 @@ class ViserScene:
         ]
 
 
-def _add_part(api: "SceneApi", name: str, part: Part, opacity: float | None) -> _Drawn:
+def _add_part(api: SceneApi, name: str, part: Part, opacity: float | None) -> _Drawn:
     match part:
         case Shapes():
             return _Copies(api, name, part, opacity)
@@ -96,7 +95,7 @@ def _add_part(api: "SceneApi", name: str, part: Part, opacity: float | None) -> 
 class _Copies:
     """One message a frame for all positions, one for all rotations."""
 
-    def __init__(self, api: "SceneApi", name: str, shapes: Shapes, opacity: float | None) -> None:
+    def __init__(self, api: SceneApi, name: str, shapes: Shapes, opacity: float | None) -> None:
         self._shapes = shapes
         vertices, faces = _unit_mesh(shapes.kind)
         self._node = api.add_batched_meshes_simple(
@@ -134,7 +133,7 @@ class _Copies:
 
 
 class _Rigid:
-    def __init__(self, api: "SceneApi", name: str, solid: Solid, opacity: float | None) -> None:
+    def __init__(self, api: SceneApi, name: str, solid: Solid, opacity: float | None) -> None:
         self._solid = solid
         self._node = api.add_mesh_simple(
             name, solid.vertices, solid.faces, color=solid.colour, opacity=opacity, flat_shading=True, side="double"
@@ -152,7 +151,7 @@ class _Rigid:
 
 
 class _Segments:
-    def __init__(self, api: "SceneApi", name: str, lines: Lines) -> None:
+    def __init__(self, api: SceneApi, name: str, lines: Lines) -> None:
         self._lines = lines
         self._node = api.add_line_segments(name, self._points(0), self._colours(0), thickness=_LINE_THICKNESS)
 

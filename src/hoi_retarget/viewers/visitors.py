@@ -2,11 +2,12 @@
 
 from collections.abc import Callable
 from threading import Lock
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import viser
 
 
+@runtime_checkable
 class Visit(Protocol):
     """What is done for one browser."""
 

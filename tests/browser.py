@@ -1,0 +1,84 @@
+"""Pages in headless Chromium, as a person would use them; tests that need it skip, saying so, where it is missing."""
+
+import io
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+WINDOW = {"width": 1100, "height": 700}
+CONTROLS_PX, CURVES_PX = 330, 320  # What panels cover of the window, at the right and at the bottom.
+
+
+def chromium_path() -> str:
+    """Return where Chromium is, or skip the test."""
+    pytest.importorskip("playwright", reason="playwright is not installed, so nothing is tested in a browser")
+    for name in ("chromium", "chromium-browser", "google-chrome"):
+        if path := shutil.which(name):
+            return path
+    pytest.skip("Chromium is not installed, so nothing is tested in a browser (Debian: apt-get install chromium)")
+
+
+@contextmanager
+def chromium() -> Iterator:
+    """Give a browser that draws WebGL without a graphics card and looks nothing up."""
+    path = chromium_path()
+    from playwright.sync_api import sync_playwright
+
+    arguments = [
+        "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+        "--ignore-gpu-blocklist",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-quic",
+        "--no-first-run",
+    ]
+    if hasattr(os, "geteuid") and os.geteuid() == 0:
+        arguments.append("--no-sandbox")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=arguments)
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+def open_page(browser, address: str):
+    """Open a page of a Viser server in a tab of its own, and wait for its controls."""
+    page = browser.new_page(viewport=WINDOW)
+    page.goto(address)
+    page.get_by_text("Playback", exact=True).wait_for(timeout=60_000)
+    return page
+
+
+def scene_pixels(page) -> np.ndarray:
+    """Return what the page shows of the scene, without the panels."""
+    from PIL import Image
+
+    # Above lies a warning that there is no graphics card.
+    width, height = WINDOW["width"] - CONTROLS_PX, WINDOW["height"] - CURVES_PX
+    picture = page.screenshot(clip={"x": 310, "y": 0, "width": width - 310, "height": height})
+    return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), dtype=int)
+
+
+def wait_until(holds: Callable[[], bool], what: str, seconds: float = 30.0) -> None:
+    """Wait for something to happen; fail, saying what, when it does not."""
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end, f"not within {seconds} s: {what}"
+        time.sleep(0.05)
+
+
+def frame_box(page):
+    """Return the number beside the frame slider."""
+    return page.locator("input.mantine-NumberInput-input").first
+
+
+def shown_frame(page) -> int:
+    """Return the frame that the frame slider shows."""
+    return int(frame_box(page).input_value())

@@ -1,0 +1,197 @@
+"""The contact editor in a browser: a point that is dragged takes the hand along, and nothing is lost on the way."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from browser import chromium, open_page, wait_until
+from hoi_retarget import se3
+from hoi_retarget.cli import main
+from hoi_retarget.contact_edits import ContactEdits, load
+from hoi_retarget.motion import load as load_motion
+from hoi_retarget.motion import save
+from hoi_retarget.pipeline import Config
+from hoi_retarget.recordings import open_clip
+from trajectories import MODELS
+
+pytest.importorskip("viser", reason="viser is not installed")
+
+from hoi_retarget.viewers.editing import Editing, solved
+from hoi_retarget.viewers.editor import Editor, Places
+from hoi_retarget.viewers.server import address, open_server
+from hoi_retarget.viewers.visitors import serve_visitors
+
+pytestmark = pytest.mark.browser
+
+MODEL = MODELS["unitree_g1"]
+HANDLE = 0.17  # Where along an axis the handle's arrow is taken [m].
+
+
+@pytest.fixture(scope="module")
+def start():
+    clip = open_clip("builtin:carry_box")
+    return clip, solved(clip, MODEL, Config(), ContactEdits.of(clip))
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as started:
+        yield started
+
+
+class Session:
+    """A server whose editors the test can look into."""
+
+    def __init__(self, start, folder):
+        self.clip, edited = start
+        self.folder = folder
+        self.editors: list[Editor] = []
+        self.clients = []
+        self.server = open_server("test")
+        serve_visitors(self.server, lambda client: self._receive(client, edited))
+
+    def _receive(self, client, edited):
+        editing = Editing(self.clip, MODEL, Config(), edited)
+        places = Places(self.folder / "edits.toml", self._save_result)
+        self.clients.append(client)
+        self.editors.append(Editor(client, editing, MODEL, places))
+        return self.editors[-1]
+
+    def _save_result(self, edited):
+        path = self.folder / "editor.npz"
+        save(edited.motions[0], path)
+        return (path,)
+
+
+@pytest.fixture
+def session(start, tmp_path):
+    session = Session(start, tmp_path)
+    yield session
+    session.server.stop()
+
+
+def told(page) -> str:
+    return page.locator(".told").inner_text()
+
+
+def choose(page, words: str) -> None:
+    page.get_by_role("button", name=words).first.click()
+    page.locator("button", has_text=words).first.wait_for()
+
+
+def pixel(page, client, point: np.ndarray) -> np.ndarray:
+    """Return where a point of the world is in the window."""
+    box = page.locator("canvas").first.bounding_box()
+    ahead = client.camera.look_at - client.camera.position
+    ahead /= np.linalg.norm(ahead)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    away = point - client.camera.position
+    focal = 0.5 * box["height"] / np.tan(0.5 * client.camera.fov)
+    x, y = away @ right / (away @ ahead), away @ np.cross(ahead, right) / (away @ ahead)
+    return np.array([box["x"] + 0.5 * box["width"] + focal * x, box["y"] + 0.5 * box["height"] + focal * y])
+
+
+def drag_upwards(page, session: Session, distance: float) -> None:
+    """Take the chosen point's handle by the arrow that points up, and pull it."""
+    editor, client = session.editors[-1], session.clients[-1]
+    motion, segment, frame = editor.edited.motions[0], editor.chosen, editor.frame
+    turn, world = motion.object_quat[frame, 0], np.array(client.scene.get_handle_by_name("/world").position)
+    point = motion.object_scale[0] * segment.points.mean(axis=0)
+    axis = np.array([0.0, 0.0, 1.0])
+
+    def place(along: float) -> np.ndarray:
+        inside = point + along * axis
+        return pixel(page, client, world + motion.object_pos[frame, 0] + se3.rotate(turn, inside))
+
+    begin, end = place(HANDLE), place(HANDLE + distance)
+    page.mouse.move(*begin)
+    page.wait_for_timeout(300)
+    page.mouse.down()
+    for share in np.linspace(0.0, 1.0, 6)[1:]:
+        page.mouse.move(*(begin + share * (end - begin)))
+        page.wait_for_timeout(100)
+    page.mouse.up()
+
+
+def palm_in_object(motion, frame: int) -> np.ndarray:
+    palm = MODEL.forward(motion.qpos[frame : frame + 1]).site_position("left_palm")[0]
+    return se3.rotate_inverse(motion.object_quat[frame, 0], palm - motion.object_pos[frame, 0])
+
+
+def test_a_dragged_point_takes_the_hand_along_and_the_command_line_makes_the_same_of_it(browser, session):
+    page = open_page(browser, address(session.server))
+    page.get_by_text("2 contacts").wait_for()
+    choose(page, "left hand")
+    editor = session.editors[-1]
+    wait_until(lambda: editor.chosen is not None, "the contact is chosen")
+    page.wait_for_timeout(1000)
+    before, frame = editor.edited, editor.frame
+    drag_upwards(page, session, 0.10)
+    wait_until(lambda: len(editor.edited.edits.edits) == 1, "the drag became an edit")
+    scale = before.motions[0].object_scale[0]
+    asked = scale * (editor.edited.segments[0].points - before.segments[0].points).mean(axis=0)
+    assert np.linalg.norm(asked - [0.0, 0.0, 0.10]) < 0.005
+    moved = palm_in_object(editor.edited.motions[0], frame) - palm_in_object(before.motions[0], frame)
+    assert np.linalg.norm(moved - [0.0, 0.0, 0.10]) < 0.005
+
+    page.get_by_text("Save edits", exact=True).click()
+    wait_until(lambda: "Saved 1 edit" in told(page), "the edits are saved")
+    page.get_by_text("Save result", exact=True).click()
+    wait_until(lambda: "editor.npz" in told(page), "the result is saved")
+    edits = session.folder / "edits.toml"
+    assert len(load(edits).edits) == 1
+    assert main(["run", "builtin:carry_box", "--edits", str(edits), "--out", str(session.folder / "out")]) == 0
+    ours, theirs = load_motion(session.folder / "editor.npz"), load_motion(session.folder / "out" / "carry_box.npz")
+    for name in ("qpos", "ik_qpos", "object_pos", "contact_flags", "contact_targets", "stance_flags"):
+        assert getattr(ours, name).tobytes() == getattr(theirs, name).tobytes(), name
+    page.close()
+
+
+def test_buttons_edit_undo_and_redo(browser, session):
+    page = open_page(browser, address(session.server))
+    page.get_by_text("2 contacts").wait_for()
+    editor = session.editors[-1]
+
+    def edits() -> int:
+        return len(editor.edited.edits.edits)
+
+    page.get_by_text("Delete", exact=True).click()
+    page.get_by_text("No contact is chosen").wait_for()
+    choose(page, "right hand")
+    wait_until(lambda: editor.chosen is not None, "the contact is chosen")
+    page.get_by_text("Split here", exact=True).click()
+    wait_until(lambda: len(editor.edited.segments) == 3, "there are two contacts of the right hand")
+    page.get_by_role("button", name="right hand").nth(1).wait_for()
+    page.get_by_text("One point", exact=True).click()
+    wait_until(lambda: edits() == 2, "it is fixed")
+    page.get_by_text("Undo", exact=True).click()
+    wait_until(lambda: edits() == 1, "it is not any more")
+    page.get_by_text("Redo", exact=True).click()
+    wait_until(lambda: edits() == 2, "it is again")
+    page.get_by_text("One point each", exact=True).click()
+    wait_until(lambda: edits() == 3, "all are")
+    page.get_by_text("Solve whole clip", exact=True).click()
+    wait_until(lambda: editor.edited.complete, "all frames are solved")
+    page.get_by_text("Delete", exact=True).click()
+    wait_until(lambda: len(editor.edited.segments) == 2, "one is gone")
+    page.close()
+
+
+def test_two_editors_are_apart_and_a_closed_one_stops_its_work(browser, session):
+    def workers() -> int:
+        return sum(thread.name == "editor" for thread in threading.enumerate())
+
+    wait_until(lambda: workers() == 0, "editors of other tests have ended")
+    one, two = open_page(browser, address(session.server)), open_page(browser, address(session.server))
+    wait_until(lambda: len(session.editors) == 2 and workers() == 2, "each has an editor")
+    one.get_by_text("2 contacts").wait_for()
+    one.get_by_text("One point each", exact=True).click()
+    wait_until(lambda: sum(len(editor.edited.edits.edits) for editor in session.editors) == 1, "one of them edits")
+    one.close()
+    wait_until(lambda: workers() == 1, "its work ends")
+    two.get_by_text("One point each", exact=True).click()
+    wait_until(lambda: all(len(editor.edited.edits.edits) == 1 for editor in session.editors), "the other goes on")
+    two.close()
+    wait_until(lambda: workers() == 0, "its work ends too")

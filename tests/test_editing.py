@@ -1,0 +1,113 @@
+"""What an editor does, without a browser: changes are solved, taken back, done again, and saved as they are."""
+
+import numpy as np
+import pytest
+
+from hoi_retarget.contact_edits import ContactEdits, Delete, Fix, FixAll, Move, Retime, apply, load
+from hoi_retarget.errors import ArgumentError, ClipError
+from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.synthetic import make
+from hoi_retarget.viewers.editing import Edited, Editing, solved
+from hoi_retarget.viewers.segment_strip import ROW_HEIGHT_PX, strip_height_px, strip_html
+from trajectories import MODELS
+
+MODEL, CONFIG = MODELS["unitree_g1"], Config()
+LIFT = Move("left_hand", 60, (0.0, 0.0, 0.05))
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    return make("carry_box", fps=20.0, seconds=6.0)
+
+
+@pytest.fixture(scope="module")
+def start(recorded) -> Edited:
+    return solved(recorded, MODEL, CONFIG, ContactEdits.of(recorded))
+
+
+@pytest.fixture
+def editing(recorded, start) -> Editing:
+    return Editing(recorded, MODEL, CONFIG, start)
+
+
+def test_what_is_tried_is_not_done_until_it_is_taken(editing, start):
+    tried = editing.tried(LIFT)
+    assert editing.now is start
+    assert editing.before is None
+    editing.take(tried)
+    assert editing.now is tried
+    assert editing.before is start
+    assert not tried.complete
+
+
+def test_undo_and_redo_go_back_and_forth(editing, start):
+    editing.take(editing.tried(LIFT))
+    editing.take(editing.tried(Fix("right_hand", 60)))
+    last = editing.now
+    editing.undo()
+    editing.undo()
+    assert editing.now is start
+    with pytest.raises(ArgumentError, match="take back"):
+        editing.undo()
+    editing.redo()
+    editing.redo()
+    assert editing.now is last
+    with pytest.raises(ArgumentError, match="again"):
+        editing.redo()
+
+
+def test_a_new_edit_forgets_what_was_taken_back(editing):
+    editing.take(editing.tried(LIFT))
+    editing.undo()
+    editing.take(editing.tried(FixAll()))
+    with pytest.raises(ArgumentError, match="again"):
+        editing.redo()
+
+
+def test_edits_that_were_read_can_be_taken_back_too(recorded, start):
+    edits = ContactEdits.of(recorded).adding(LIFT)
+    editing = Editing(recorded, MODEL, CONFIG, solved(recorded, MODEL, CONFIG, edits))
+    editing.undo()
+    assert editing.now.edits.edits == ()
+    np.testing.assert_allclose(editing.now.motions[0].qpos, start.motions[0].qpos, atol=5e-3)
+
+
+def test_the_whole_solved_is_what_the_pipeline_makes_to_the_bit(editing, recorded, tmp_path):
+    editing.take(editing.tried(LIFT))
+    editing.take(editing.tried(FixAll()))
+    editing.solve_all()
+    assert editing.now.complete
+    editing.save(tmp_path / "edits.toml")
+    motion = retarget(apply(recorded, load(tmp_path / "edits.toml")), MODEL, CONFIG)
+    for name in ("qpos", "ik_qpos", "contact_targets", "contact_flags"):
+        assert getattr(editing.now.motions[0], name).tobytes() == getattr(motion, name).tobytes()
+
+
+def test_an_edit_that_cannot_be_done_changes_nothing(editing, start):
+    with pytest.raises(ClipError, match="left_hand"):
+        editing.tried(Move("left_hand", 0, (0.0, 0.0, 0.1)))
+    assert editing.now is start
+
+
+def test_each_persons_robot_follows_its_own_contacts():
+    recorded = make("carry_table", fps=15.0)
+    editing = Editing(recorded, MODEL, CONFIG, solved(recorded, MODEL, CONFIG, ContactEdits.of(recorded)))
+    segment = next(item for item in editing.now.segments if item.person == 1)
+    tried = editing.tried(Move(segment.part, segment.start, (0.0, 0.03, 0.0), person=1))
+    one, two = (
+        np.abs(after.qpos - before.qpos).max() for after, before in zip(tried.motions, editing.now.motions, strict=True)
+    )
+    assert one == 0.0
+    assert two > 1e-3
+
+
+def test_the_strip_has_a_row_for_each_part_and_a_bar_for_each_contact(editing):
+    segments = editing.now.segments
+    html = strip_html(segments, 120, segments[0])
+    assert html.count("position:absolute") == len(segments)
+    assert html.count("outline") == 1
+    assert strip_height_px(segments) == 2 * ROW_HEIGHT_PX
+    editing.take(editing.tried(Delete("left_hand", 60)))
+    editing.take(editing.tried(Retime("right_hand", 60, 62, 63)))
+    assert strip_height_px(editing.now.segments) == ROW_HEIGHT_PX
+    assert "outline" not in strip_html(editing.now.segments, 120, None)

@@ -1,0 +1,156 @@
+"""The viewer in a browser: what is seen moves, the controls do what they say, and nobody is in another's way."""
+
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from browser import chromium, frame_box, open_page, scene_pixels, shown_frame, wait_until
+from hoi_retarget.errors import ArgumentError
+from hoi_retarget.motion import save
+from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.synthetic import make
+from trajectories import MODELS
+
+pytest.importorskip("viser", reason="viser is not installed")
+
+from hoi_retarget.viewers.exhibit import load_exhibit
+from hoi_retarget.viewers.server import address, open_server
+from hoi_retarget.viewers.view_page import serve_exhibit
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    clip = make("carry_box", seconds=4.0)
+    motion = retarget(clip, MODELS["unitree_g1"], Config())
+    source = {**motion.report["source"], "path": ""}
+    path = tmp_path_factory.mktemp("results") / "carry_box.npz"
+    save(replace(motion, report={**motion.report, "source": source}), path)
+    return path, clip
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as started:
+        yield started
+
+
+@pytest.fixture
+def server(result):
+    path, clip = result
+    started = open_server("test")
+    serve_exhibit(started, lambda: load_exhibit([path], lambda _: clip))
+    yield started
+    started.stop()
+
+
+def players() -> int:
+    return sum(thread.name == "player" for thread in threading.enumerate())
+
+
+def test_the_scene_is_drawn_and_moves_when_played(browser, server):
+    page = open_page(browser, address(server))
+    wait_until(lambda: scene_pixels(page).std() > 10, "the canvas is drawn")
+    before = scene_pixels(page)
+    assert shown_frame(page) == 0
+    page.get_by_role("button", name="Play").click()
+    wait_until(lambda: shown_frame(page) > 40, "it plays")
+    page.get_by_role("button", name="Pause").click()
+    moved = np.abs(scene_pixels(page) - before).max(axis=2) > 40
+    assert 0.002 < moved.mean() < 0.5
+    paused = shown_frame(page)
+    page.wait_for_timeout(300)
+    assert shown_frame(page) == paused
+    page.close()
+
+
+def test_slider_keys_and_cursor_go_to_their_frames(browser, server):
+    page = open_page(browser, address(server))
+    wait_until(lambda: page.locator(".mantine-Slider-thumb").count() == 2, "both sliders are there")
+    last = 120
+    frame_box(page).fill("57")
+    page.wait_for_timeout(300)
+    page.mouse.click(700, 200)
+    for key, frame in (("ArrowRight", 58), ("ArrowLeft", 57), ("End", last), ("Home", 0)):
+        page.keyboard.press(key)
+        wait_until(lambda frame=frame: shown_frame(page) == frame, f"{key} shows frame {frame}")
+    curves = page.locator(".mantine-Slider-root").nth(1).bounding_box()
+    thumb = page.locator(".mantine-Slider-thumb").nth(1).bounding_box()
+    height = curves["y"] + 0.5 * curves["height"]
+    page.mouse.move(thumb["x"] + 1, height)
+    page.mouse.down()
+    page.mouse.move(curves["x"] + 0.5 * curves["width"], height, steps=4)
+    page.mouse.up()
+    wait_until(lambda: abs(shown_frame(page) - last / 2) <= 2, "the cursor was dragged to the middle")
+    page.close()
+
+
+def test_layers_can_be_hidden(browser, server):
+    page = open_page(browser, address(server))
+    wait_until(lambda: scene_pixels(page).std() > 10, "the canvas is drawn")
+    page.wait_for_timeout(500)
+    before = scene_pixels(page)
+    page.get_by_label("robot", exact=True).click()
+    wait_until(lambda: (np.abs(scene_pixels(page) - before).max(axis=2) > 40).mean() > 0.002, "the robot is gone")
+    page.close()
+
+
+def test_two_browsers_do_not_disturb_each_other_and_a_closed_one_stops_its_work(browser, server):
+    wait_until(lambda: players() == 0, "players of other tests have ended")
+    one, two = open_page(browser, address(server)), open_page(browser, address(server))
+    wait_until(lambda: players() == 2, "each has a player")
+    one.get_by_role("button", name="Play").click()
+    wait_until(lambda: shown_frame(one) > 10, "one plays")
+    assert shown_frame(two) == 0
+    assert two.get_by_role("button", name="Play").count() == 1
+    one.close()
+    wait_until(lambda: players() == 1, "its player ends")
+    frame_box(two).fill("30")
+    wait_until(lambda: shown_frame(two) == 30, "the other still answers")
+    two.close()
+    wait_until(lambda: players() == 0, "the other player ends too")
+
+
+def test_a_second_server_takes_another_port_and_a_taken_one_is_refused(server):
+    second = open_server("second")
+    try:
+        assert second.get_port() != server.get_port()
+        with pytest.raises(ArgumentError, match="--port"):
+            open_server("third", port=server.get_port())
+    finally:
+        second.stop()
+
+
+def test_what_cannot_be_read_is_told_on_the_page(browser, result, tmp_path):
+    path, clip = result
+    cut_off = tmp_path / "cut_off.npz"
+    cut_off.write_bytes(path.read_bytes()[:5000])
+    started = open_server("test")
+    try:
+        serve_exhibit(started, lambda: load_exhibit([cut_off, path], lambda _: clip))
+        page = open_page(browser, address(started))
+        page.get_by_text("cut_off.npz").first.wait_for()
+        wait_until(lambda: scene_pixels(page).std() > 10, "the other one is drawn")
+        page.close()
+    finally:
+        started.stop()
+
+
+def test_a_page_that_is_reloaded_shows_the_file_as_it_is_then(browser, result, tmp_path):
+    path, clip = result
+    copy = tmp_path / "copy.npz"
+    copy.write_bytes(path.read_bytes())
+    started = open_server("test")
+    try:
+        serve_exhibit(started, lambda: load_exhibit([copy], lambda _: clip))
+        open_page(browser, address(started)).close()
+        copy.write_bytes(b"something else")
+        page = browser.new_page()
+        page.goto(address(started))
+        page.get_by_text("not a readable .npz").wait_for()
+        page.close()
+    finally:
+        started.stop()

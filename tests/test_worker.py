@@ -1,0 +1,57 @@
+"""A browser's worker: everything in order, of what is dragged only the latest."""
+
+import threading
+import time
+
+from hoi_retarget.viewers.worker import Worker
+
+
+def test_tasks_are_done_in_the_order_they_were_asked_for():
+    worker, done = Worker("test"), []
+    for number in range(50):
+        worker.do(lambda number=number: done.append(number))
+    finished = threading.Event()
+    worker.do(finished.set)
+    assert finished.wait(5.0)
+    worker.stop()
+    assert done == list(range(50))
+
+
+def test_of_what_only_the_latest_is_worth_doing_the_rest_is_dropped():
+    worker, done, busy, finished = Worker("test"), [], threading.Event(), threading.Event()
+    worker.do(lambda: busy.wait(5.0))
+    for number in range(20):
+        worker.do_latest(lambda number=number: (done.append(number), finished.set()))
+    busy.set()
+    assert finished.wait(5.0)
+    worker.stop()
+    assert done == [19]
+
+
+def test_what_is_asked_for_takes_the_place_of_what_waited():
+    worker, done, finished = Worker("test"), [], threading.Event()
+    worker.do_latest(lambda: done.append("dragged"), delay=60.0)
+    worker.do(finished.set)
+    assert finished.wait(5.0)
+    worker.stop()
+    assert done == []
+
+
+def test_a_delay_is_kept_and_starts_anew():
+    worker, done, finished = Worker("test"), [], threading.Event()
+    start = time.monotonic()
+    worker.do_latest(lambda: done.append("first"), delay=0.1)
+    worker.do_latest(lambda: (done.append("second"), finished.set()), delay=0.2)
+    assert finished.wait(5.0)
+    worker.stop()
+    assert done == ["second"]
+    assert time.monotonic() - start >= 0.2
+
+
+def test_stopped_it_does_nothing_more_and_its_thread_ends():
+    worker, done = Worker("test to be stopped"), []
+    worker.do_latest(lambda: done.append("late"), delay=60.0)
+    worker.stop()
+    worker.do(lambda: done.append("too late"))
+    assert done == []
+    assert all(thread.name != "test to be stopped" for thread in threading.enumerate())
