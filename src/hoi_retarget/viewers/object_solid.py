@@ -13,8 +13,8 @@ COLOURS: tuple[Colour, ...] = ((190, 144, 92), (112, 148, 176), (150, 160, 110),
 """Of a clip's objects, in their order and again from the start."""
 AXIS_LENGTH, _AXIS_RADIUS = 0.15, 0.006  # [m]
 
-Vertices = Float[np.ndarray, "V 3"]
-Faces = Int[np.ndarray, "F 3"]
+Vertices = Float[np.ndarray, "_ 3"]
+Faces = Int[np.ndarray, "_ 3"]
 
 
 def object_solid(

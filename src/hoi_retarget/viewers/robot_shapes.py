@@ -6,6 +6,7 @@ MuJoCo's own kinematics in the home pose; the frames then follow from ours.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -81,7 +82,8 @@ def _moved(pieces: list[_Piece], poses: NodePoses) -> Shapes:
     )
 
 
-def _pieces(model: RobotModel) -> list[_Piece]:
+@lru_cache(maxsize=8)
+def _pieces(model: RobotModel) -> tuple[_Piece, ...]:
     compiled = mujoco.MjModel.from_xml_path(str(model.spec.mjcf))
     data = mujoco.MjData(compiled)
     data.qpos[:] = model.home_qpos
@@ -99,7 +101,7 @@ def _pieces(model: RobotModel) -> list[_Piece]:
         for kind, size, along in _unit_shapes(int(compiled.geom_type[geom]), compiled.geom_size[geom]):
             place = position + se3.rotate(quat, np.array([0.0, 0.0, along]))
             found.append(_Piece(kind, size, colour, node, place, quat))
-    return found
+    return tuple(found)
 
 
 def _colour(compiled: mujoco.MjModel, geom: int) -> tuple[Colour, bool]:
