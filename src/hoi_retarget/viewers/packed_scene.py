@@ -37,8 +37,8 @@ def pack(scene: Scene, place: Standpoint) -> str:
         "fps": scene.fps,
         "seconds": max(scene.frames - 1, 1) / scene.fps,
         "camera": {
-            **{"azimuth": place.azimuth, "elevation": place.elevation, "shift": place.shift.tolist()},
-            **{"half_width": place.half_width, "half_height": place.half_height},
+            **{"azimuth": place.azimuth, "elevation": place.elevation},
+            **{"shift": place.shift.tolist(), "reaches": place.reaches.tolist()},
         },
         "subjects": subjects,
         "numbers": content,

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget import se3
 from hoi_retarget.viewers.drawing import Lines, Scene, Solid, Subject
 
 ELEVATION = 0.2
 """How far above the horizon the camera stands [rad]."""
+_CORNERS = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
 _LEFT_OUT = 2.5  # Share of the frames that may leave the picture, to each side [%].
 
 
@@ -23,14 +25,13 @@ class Standpoint:
     """[rad]"""
     shift: Float[np.ndarray, "3"]
     """From the centre that it follows to the middle of what is seen [m]."""
-    half_width: float
-    """[m]"""
-    half_height: float
-    """[m]"""
+    reaches: Float[np.ndarray, "K 3"]
+    """Of each thing: how far it reaches to a side, up or down, and towards the camera from that middle [m]."""
 
     def distance(self, aspect: float, field_of_view: float) -> float:
         """Return from how far [m] a picture of some width over height and a vertical field of view [rad] sees it."""
-        return float(max(self.half_height, self.half_width / aspect) / np.tan(0.5 * field_of_view))
+        sideways, upright, near = self.reaches.T
+        return float(np.max(np.maximum(upright, sideways / aspect) / np.tan(0.5 * field_of_view) + near))
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +61,14 @@ def standpoint(scene: Scene, ahead: Float[np.ndarray, "2"]) -> Standpoint:
     if back @ ahead < 0:
         back = -back
     right = np.array([-back[1], back[0], 0.0])
-    (left_edge, right_edge), (low, high) = (_window(extents, axis) for axis in (right, np.array([0.0, 0.0, 1.0])))
-    shift = 0.5 * (left_edge + right_edge) * right + np.array([0.0, 0.0, 0.5 * (low + high)])
+    up, towards = np.array([0.0, 0.0, 1.0]), np.array([*back, 0.0])
+    shift = sum((_middle(extents, axis) * axis for axis in (right, up)), np.zeros(3))
+    reaches = [[_reach(extent, shift, axis) for axis in (right, -right, up, -up, towards)] for extent in extents]
+    left_right, up_down, near = np.split(np.array(reaches or [[0.5] * 5]), [2, 4], axis=1)
     azimuth = float(np.arctan2(back[1], back[0]))
-    return Standpoint(azimuth, ELEVATION, shift, 0.5 * (right_edge - left_edge), 0.5 * (high - low))
+    return Standpoint(
+        azimuth, ELEVATION, shift, np.column_stack([left_right.max(axis=1), up_down.max(axis=1), near[:, 0]])
+    )
 
 
 def _extents(subject: Subject) -> Iterator[_Extent]:
@@ -71,15 +76,24 @@ def _extents(subject: Subject) -> Iterator[_Extent]:
         for part in layer.parts:
             if not layer.shown or isinstance(part, Lines):
                 continue
-            places = part.positions.reshape(subject.frames, -1, 3) - subject.centre[:, None]
             if isinstance(part, Solid):
-                yield _Extent(places, np.linalg.norm(part.vertices, axis=1).max(keepdims=True))
+                low, high = part.vertices.min(axis=0), part.vertices.max(axis=0)
+                corners = low + _CORNERS * (high - low)
+                places = part.positions[:, None] + se3.rotate(part.quats[:, None], corners)
+                yield _Extent(places - subject.centre[:, None], np.zeros(len(corners)))
             elif len(part.sizes):
-                yield _Extent(places, np.linalg.norm(part.sizes, axis=1))
+                # Where a long shape ends, there is another one: what is left is how thick it is.
+                yield _Extent(part.positions - subject.centre[:, None], np.median(part.sizes, axis=1))
 
 
-def _window(extents: list[_Extent], axis: Float[np.ndarray, "3"]) -> tuple[float, float]:
-    """Return between what numbers along an axis things are in nearly all frames [m]."""
-    lows = [np.percentile((item.places @ axis - item.reach).min(axis=1), _LEFT_OUT) for item in extents]
-    highs = [np.percentile((item.places @ axis + item.reach).max(axis=1), 100 - _LEFT_OUT) for item in extents]
-    return float(min(lows, default=-0.5)), float(max(highs, default=0.5))
+def _middle(extents: list[_Extent], axis: Float[np.ndarray, "3"]) -> float:
+    """Return the middle of everything along an axis [m]."""
+    highest = max((_reach(extent, np.zeros(3), axis) for extent in extents), default=0.0)
+    lowest = -max((_reach(extent, np.zeros(3), -axis) for extent in extents), default=0.0)
+    return 0.5 * (highest + lowest)
+
+
+def _reach(extent: _Extent, origin: Float[np.ndarray, "3"], axis: Float[np.ndarray, "3"]) -> float:
+    """Return how far a thing reaches along an axis in nearly all frames [m]."""
+    furthest = ((extent.places - origin) @ axis + extent.reach).max(axis=1)
+    return float(np.percentile(furthest, 100 - _LEFT_OUT))

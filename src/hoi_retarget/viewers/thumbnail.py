@@ -19,7 +19,7 @@ def thumbnail(scene: Scene, frame: int, place: Standpoint) -> tuple[str, bytes]:
     """Return the ending of a picture's file name and its content: a frame, rendered where the machine can."""
     centres = [subject.centre[scene.frame_of(subject, frame)] for subject in scene.subjects]
     point = np.mean(centres, axis=0) + place.shift
-    distance = 1.08 * place.distance(WIDTH / HEIGHT, np.radians(FIELD_OF_VIEW))
+    distance = 1.03 * place.distance(WIDTH / HEIGHT, np.radians(FIELD_OF_VIEW))
     # A camera's azimuth is where it looks, a standpoint's where it stands.
     camera = Camera(point, distance, np.degrees(place.azimuth) + 180.0, -np.degrees(place.elevation))
     try:

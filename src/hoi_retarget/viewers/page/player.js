@@ -401,7 +401,7 @@ class Picture {
       centre: new Track(bytes, subject.centre),
       layers: subject.layers.map((layer) => ({ ...layer, parts: layer.parts.map((part) => new Part(gl, bytes, part)) })),
     }));
-    this.reach = Math.max(description.camera.half_width, description.camera.half_height);
+    this.reach = Math.max(...description.camera.reaches.flat());
     this.makeShadows();
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.LEQUAL);
@@ -530,10 +530,12 @@ class Camera {
   }
 
   reset() {
-    const { azimuth, elevation, shift, half_width, half_height } = this.home;
+    const { azimuth, elevation, shift, reaches } = this.home;
     const aspect = this.canvas.clientWidth / this.canvas.clientHeight;
-    const half = 1.12 * Math.max(half_height, half_width / aspect);
-    Object.assign(this, { azimuth, elevation, shift: [...shift], distance: half / Math.tan(FIELD_OF_VIEW / 2) });
+    const distances = reaches.map(
+      ([sideways, upright, near]) => Math.max(upright, sideways / aspect) / Math.tan(FIELD_OF_VIEW / 2) + near,
+    );
+    Object.assign(this, { azimuth, elevation, shift: [...shift], distance: 1.03 * Math.max(...distances) });
     this.changed();
   }
 
