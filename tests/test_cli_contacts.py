@@ -3,7 +3,7 @@
 import errno
 import os
 import re
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from hoi_retarget.cli import main
 from hoi_retarget.cli.commands import Contacts
 from hoi_retarget.clip import ObjectGeometry
 from hoi_retarget.contact_edits import (
+    OPERATIONS,
     Add,
     ContactEdits,
     Delete,
@@ -26,6 +27,7 @@ from hoi_retarget.contact_edits import (
     SnapAll,
     Split,
     apply,
+    from_text,
     load,
     save,
 )
@@ -37,6 +39,7 @@ from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import make
 
 BOX = "builtin:carry_box"
+PAGE = (Path(__file__).parents[1] / "docs" / "contacts.md").read_text()
 ARRAYS = ("qpos", "ik_qpos", "object_pos", "contact_flags", "contact_targets", "stance_flags")
 
 
@@ -238,3 +241,34 @@ def test_results_of_one_clip_are_written_together_or_not_at_all(call, tmp_path, 
     calls.extend([1, 1])
     (tmp_path / "blocked" / "carry_table.p1.npz").mkdir(parents=True)
     assert call(*words, "blocked")[0] == 1 and listing(tmp_path / "blocked") == ["carry_table.p1.npz"]
+
+
+# docs/contacts.md
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGE, flags=re.MULTILINE | re.DOTALL)
+
+
+def test_the_pages_commands_write_its_file(call, tmp_path):
+    (commands,), (text,) = blocks("sh"), blocks("toml")
+    for line in commands.splitlines():
+        code, _, err = call(*line.split()[1:])
+        assert (code, err) == (0, ""), line
+    assert (tmp_path / "results" / "carry_box.npz").is_file()
+    assert load(tmp_path / "edits.toml") == from_text(text, "page")
+    assert (tmp_path / "edits.toml").read_text().endswith(text)
+
+
+def test_the_pages_python_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (code,) = blocks("python")
+    exec(compile(code, "docs/contacts.md", "exec"), {})
+    assert (tmp_path / "edits.toml").is_file()
+
+
+def test_the_page_has_every_operation_with_its_keys():
+    table = dict(re.findall(r"^\| `(\w+)` \|(.*?)\|", PAGE, flags=re.MULTILINE))
+    assert {name: set(re.findall(r"`(\w+)`", keys)) for name, keys in table.items()} == {
+        name: {field.name for field in fields(kind)} - {"person"} for name, kind in OPERATIONS.items()
+    }
