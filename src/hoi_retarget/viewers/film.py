@@ -5,9 +5,10 @@ Files are returned as bytes; where they go, the caller decides.
 
 import io
 import itertools
+import subprocess
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -26,7 +27,10 @@ from hoi_retarget.viewers.scene import Shown, make_scene, together
 Picture = UInt8[np.ndarray, "H W 3"]
 Side = Literal["robot", "human", "both"]
 
-VIDEO_MISSING = 'Writing MP4 needs imageio-ffmpeg: pip install "hoi-retarget[video]", or write a .gif.'
+VIDEO_MISSING = (
+    'Writing MP4 needs imageio-ffmpeg, which is not installed. In a clone: pip install ".[video]"; '
+    'else: pip install "hoi-retarget[video]". A .gif needs nothing.'
+)
 _ROBOT_LAYERS = ("robot", "object", "contacts")
 _HUMAN_LAYERS = ("human", "human's object", "human's contacts")
 _BESIDE = 135.0  # From where people look to where the camera looks: it faces them, from their right [deg].
@@ -166,30 +170,36 @@ def mp4(pictures: Iterable[Picture], fps: float) -> bytes:
         HoiRetargetError: What encodes it is not installed, or fails.
     """
     try:
-        import imageio_ffmpeg  # noqa: PLC0415 # pyright: ignore[reportMissingImports] - optional
-    except ImportError as error:
+        from imageio_ffmpeg import get_ffmpeg_exe  # noqa: PLC0415 # pyright: ignore[reportMissingImports] - optional
+
+        program = get_ffmpeg_exe()
+    except (ImportError, RuntimeError) as error:
         raise HoiRetargetError(VIDEO_MISSING) from error
     pictures = iter(pictures)
     first = next(pictures)
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "film.mp4"
-        writer = imageio_ffmpeg.write_frames(
-            str(path),
-            (first.shape[1], first.shape[0]),
-            fps=fps,  # pyright: ignore[reportArgumentType] - fractions are as good
-            codec="libx264",
-            pix_fmt_out="yuv420p",
-            macro_block_size=2,
-            quality=6,
-            output_params=["-movflags", "+faststart"],
-        )
-        try:
-            writer.send(None)
-            for picture in itertools.chain([first], pictures):
-                writer.send(np.ascontiguousarray(picture))
-            writer.close()
-            return path.read_bytes()
-        except OSError as error:
-            raise HoiRetargetError(f"the video could not be encoded: {' '.join(str(error).split())}") from error
-        finally:
-            writer.close()
+        path, complaints = Path(folder) / "film.mp4", Path(folder) / "complaints"
+        raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{first.shape[1]}x{first.shape[0]}", "-r", f"{fps:.6f}"]
+        coded = ["-c:v", "libx264", "-crf", "20", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
+        with complaints.open("wb") as output:
+            words = [program, "-loglevel", "error", *raw, "-i", "-", "-an", *coded, str(path)]
+            with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=output, stderr=output) as encoder:
+                try:
+                    _feed(encoder, itertools.chain([first], pictures))
+                except BaseException:
+                    encoder.kill()
+                    raise
+        if encoder.returncode:
+            said = " ".join(complaints.read_text(errors="replace").split())
+            raise HoiRetargetError(f"the video could not be encoded: {said or f'exit code {encoder.returncode}'}")
+        return path.read_bytes()
+
+
+def _feed(encoder: subprocess.Popen, pictures: Iterable[Picture]) -> None:
+    assert encoder.stdin is not None  # It is a pipe.
+    # An encoder that gives up closes its end; its own words tell why.
+    with suppress(BrokenPipeError):
+        for picture in pictures:
+            encoder.stdin.write(np.ascontiguousarray(picture).data)
+    with suppress(BrokenPipeError):
+        encoder.stdin.close()

@@ -20,6 +20,7 @@ from hoi_retarget.viewers.drawing import Kind, Lines, Part, Scene, Shapes, Solid
 Picture = UInt8[np.ndarray, "H W 3"]
 
 _LINE_RADIUS = 0.005  # [m]
+_LEAST_AREA = 1e-8  # Of a mesh that is drawn: MuJoCo refuses those without any [m^2].
 _TYPES = {
     Kind.SPHERE: mujoco.mjtGeom.mjGEOM_ELLIPSOID,
     Kind.CYLINDER: mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -40,6 +41,7 @@ def easel(scene: Scene, width: int, height: int) -> Iterator["Easel"]:
         for layer in subject.layers
         if layer.shown
         for part in layer.parts
+        if not (isinstance(part, Solid) and _area(part) < _LEAST_AREA)
     ]
     spec = mujoco.MjSpec()
     stage.furnish(spec, width, height)
@@ -114,11 +116,18 @@ def _add_mesh(spec: mujoco.MjSpec, name: str, item: _Item) -> None:
     """Add a mesh on a body that is put where the frame has it."""
     part = item.part
     assert isinstance(part, Solid)
-    mesh = spec.add_mesh(name=name, uservert=np.ravel(part.vertices), userface=np.ravel(part.faces))
+    # A single triangle has fewer vertices than MuJoCo wants.
+    vertices = np.concatenate([part.vertices, part.vertices[-1:].repeat(max(0, 4 - len(part.vertices)), axis=0)])
+    mesh = spec.add_mesh(name=name, uservert=np.ravel(vertices), userface=np.ravel(part.faces))
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # Objects are not all closed.
     body = spec.worldbody.add_body(name=name, mocap=True)
     rgba = [*(share / 255 for share in part.colour), item.opacity]
     body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, rgba=rgba, contype=0, conaffinity=0, group=0)
+
+
+def _area(solid: Solid) -> float:
+    a, b, c = solid.vertices[solid.faces].transpose(1, 0, 2)
+    return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
 def _add_shapes(drawn: mujoco.MjvScene, shapes: Shapes, frame: int, opacity: float) -> None:
