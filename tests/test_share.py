@@ -295,6 +295,13 @@ def test_a_failure_leaves_what_was_there(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["gallery"]
 
 
+def test_a_gallery_can_be_where_one_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    shared(Path(), "a")
+    assert (tmp_path / "here" / "a.html").exists()
+
+
 # The command.
 
 

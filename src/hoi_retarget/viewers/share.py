@@ -77,6 +77,7 @@ def gallery_in(out: Path, title: str) -> Iterator[Gallery]:
         WriteError: It cannot be written; what was there before still is.
     """
     check_replaceable(out)
+    out = out.resolve()  # A name is needed, which `.` has not; and a link stays one.
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         work = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
