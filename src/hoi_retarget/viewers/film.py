@@ -33,7 +33,7 @@ VIDEO_MISSING = (
 )
 _ROBOT_LAYERS = ("robot", "object", "contacts")
 _HUMAN_LAYERS = ("human", "human's object", "human's contacts")
-_BESIDE = 135.0  # From where people look to where the camera looks: it faces them, from their right [deg].
+_BESIDE = 120.0  # From where people look to where the camera looks: it faces them, from their right [deg].
 _BEST_ASPECT = 0.85  # Of a panel: whoever stands in it is taller than wide.
 _EMPTY = 255  # Grey of what no panel covers.
 _GIF_COLOURS = 200
