@@ -90,8 +90,9 @@ class EditorPanel:
             self._rows_folder = gui.add_folder("Contacts")
             with gui.add_folder("Chosen contact"):
                 self._add_chosen(edited.clip.frames)
-            with gui.add_folder("New contact", expand_by_default=False):
-                self._add_new(edited)
+            if edited.clip.objects:
+                with gui.add_folder("New contact", expand_by_default=False):
+                    self._add_new(edited)
             with gui.add_folder("All"):
                 self._add_all()
             with gui.add_folder("Figures"):

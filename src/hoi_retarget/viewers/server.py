@@ -10,7 +10,7 @@ import viser
 
 from hoi_retarget.errors import ArgumentError
 
-FIRST_PORT = 8080  # Taken ports are passed over.
+FIRST_PORT, LARGEST_PORT = 8080, 65535  # Taken ports are passed over.
 
 
 class _LocalServer(viser.ViserServer):
@@ -55,14 +55,14 @@ def address(server: viser.ViserServer) -> str:
 
 
 def _check_address(host: str, port: int) -> None:
+    if not 0 <= port <= LARGEST_PORT:
+        raise ArgumentError(f"--port {port}: ports go from 1 to {LARGEST_PORT}.")
     try:
         kind, _, _, _, where = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(kind, socket.SOCK_STREAM) as probe:
             with suppress(OSError):
                 probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind(where)
-    except OverflowError as error:
-        raise ArgumentError(f"--port {port}: ports go from 1 to 65535.") from error
     except OSError as error:
         raise ArgumentError(
             f"--host {host}{f' --port {port}' if port else ''}: cannot listen there ({error.strerror or error}). "
