@@ -215,7 +215,7 @@ def test_the_camera_faces_whom_it_sees():
     (azimuth,) = {film.good_azimuth([Shown("clip", clip=clip)])}
     ahead = np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))])
     towards = (clip.objects[0].positions - clip.people[0].position("pelvis"))[0, :2]
-    assert ahead @ towards < -0.5 * np.linalg.norm(towards), "against where the person looks, who goes to the box"
+    assert ahead @ towards < -0.3 * np.linalg.norm(towards), "against where the person looks, who goes to the box"
 
 
 def test_times_cover_the_motion():
@@ -254,16 +254,27 @@ def test_a_gif_has_the_pictures_their_colours_and_the_time(fps):
     assert length == pytest.approx(9000 / fps, abs=10)
 
 
+def decoded(path: Path, size: tuple[int, int]) -> tuple[np.ndarray, str]:
+    """Return a video's pictures and what ffmpeg says of it."""
+    program = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
+    words = [program, "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    done = subprocess.run(words, capture_output=True, check=True)
+    return np.frombuffer(done.stdout, np.uint8).reshape(-1, size[1], size[0], 3), done.stderr.decode()
+
+
 def test_an_mp4_has_the_pictures_and_the_rate(tmp_path):
-    reader = pytest.importorskip("imageio_ffmpeg")
     path = tmp_path / "film.mp4"
     path.write_bytes(film.mp4(iter(coloured(12)), 24.0))
-    frames = reader.read_frames(str(path))
-    told = next(frames)
-    assert (told["size"], told["fps"], told["codec"], told["pix_fmt"][:7]) == ((64, 64), 24.0, "h264", "yuv420p")
-    pictures = [np.frombuffer(frame, np.uint8).reshape(64, 64, 3) for frame in frames]
+    pictures, told = decoded(path, (64, 64))
+    assert "h264" in told and "yuv420p" in told and "64x64" in told and "24 fps" in told
     assert len(pictures) == 12
     assert np.abs(pictures[5].astype(int) - coloured(6)[5]).mean() < 12
+
+
+def test_a_video_that_cannot_be_encoded_is_told():
+    odd = [picture[:63, :63] for picture in coloured(40, 640)]
+    with pytest.raises(HoiRetargetError, match=r"could not be encoded: .*divisible by 2"):
+        film.mp4(iter(odd), 24.0)
 
 
 def test_an_mp4_without_its_package_names_the_extra(monkeypatch):
@@ -352,11 +363,11 @@ def test_pictures_and_films_are_written(words, size, results, tmp_path):
 
 @pytest.mark.slow
 def test_a_video_is_written(results, tmp_path):
-    reader = pytest.importorskip("imageio_ffmpeg")
+    pytest.importorskip("imageio_ffmpeg")
     done = render(tmp_path, results / "good.npz", "--out", "film.mp4", "--fps", "2", "--size", "128x64")
     assert done.returncode == 0, done.stderr
-    told = next(reader.read_frames(str(tmp_path / "film.mp4")))
-    assert (told["size"], told["fps"]) == ((128, 64), 2.0)
+    pictures, told = decoded(tmp_path / "film.mp4", (128, 64))
+    assert len(pictures) == int((make("carry_box").frames - 1) / 30 * 2) + 1 and "2 fps" in told
 
 
 @pytest.mark.slow

@@ -10,7 +10,8 @@ import pytest
 
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
 from hoi_retarget.robots import ROBOTS
-from hoi_retarget.viewers.robot_picture import menagerie_meshes, picture, png
+from hoi_retarget.viewers.makers_meshes import menagerie_meshes
+from hoi_retarget.viewers.robot_picture import picture, png
 
 MAKER = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "robots"
 

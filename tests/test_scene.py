@@ -136,6 +136,38 @@ def test_the_robot_has_the_colours_of_its_description():
     assert colours == {(199, 201, 204), (33, 33, 38), (8, 10, 15)}
 
 
+def write_tetrahedron(path, corners):
+    """Write a binary STL file of four triangles."""
+    triangles = corners[[[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]].astype("<f4")
+    records = np.zeros(4, dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
+    records["corners"] = triangles
+    path.write_bytes(bytes(80) + np.uint32(4).tobytes() + records.tobytes())
+
+
+def test_the_makers_meshes_are_where_their_bodies_are(tmp_path):
+    rng = np.random.default_rng(0)
+    corners = {}
+    for name in (name for files in G1.spec.meshes.values() for name in files):
+        corners[name] = rng.uniform(0.01, 0.02, 3) + 0.1 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+        write_tetrahedron(tmp_path / name, corners[name])
+    motion = motion_of(CLIPS["carry_box"], 4)
+    layer = layer_of(make_scene([Shown("one", motion, G1, meshes=tmp_path)]).subjects[0], "robot")
+    assert len(layer.parts) == len(corners) and all(isinstance(part, Solid) for part in layer.parts)
+    compiled = mujoco.MjModel.from_xml_path(str(G1.spec.mjcf))
+    data = mujoco.MjData(compiled)
+    data.qpos[:] = motion.qpos[3]
+    mujoco.mj_kinematics(compiled, data)
+    drawn = [part.positions[3] + se3.rotate(part.quats[3].astype(float), part.vertices) for part in layer.parts]
+    for body, files in G1.spec.meshes.items():
+        for name in files:
+            site = f"mesh_{name.removesuffix('.STL')}"
+            sites = [compiled.site(index).name for index in range(compiled.nsite)]
+            place = data.site(site) if site in sites else data.body(body)
+            world = place.xpos + corners[name] @ place.xmat.reshape(3, 3).T
+            nearest = min(np.abs(np.sort(points, axis=0) - np.sort(world, axis=0)).max() for points in drawn)
+            assert nearest < 1e-5, name
+
+
 # contacts and stance
 
 

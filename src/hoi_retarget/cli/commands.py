@@ -16,6 +16,7 @@ RobotName = Annotated[str, arg(metavar="NAME")]
 Folder = Annotated[Path, arg(metavar="DIR")]
 OptionalFolder = Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="")]
 ObjectName = Annotated[str | None, arg(name="object", aliases=["--object-name"], metavar="NAME", help_behavior_hint="")]
+Meshes = Annotated[Path | None, arg(metavar="DIR|menagerie", help_behavior_hint="")]
 OptionalFile = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
 
 
@@ -98,7 +99,7 @@ class ShowRobot:
     """A robot's name."""
     picture: OptionalFile = None
     """Write a picture of the robot to this file (.png)."""
-    meshes: Annotated[Path | None, arg(metavar="DIR|menagerie", help_behavior_hint="")] = None
+    meshes: Meshes = None
     """Draw the maker's meshes: from a folder, or those of the package mujoco-menagerie."""
 
 
@@ -244,6 +245,8 @@ class Render:
     """Folder with the objects' geometry, as for run, where it is not where it was."""
     only: Literal["robot", "human", "both"] = "both"
     """Whom to draw."""
+    meshes: Meshes = None
+    """Draw the maker's meshes of the robot: from a folder, or those of the package mujoco-menagerie."""
     frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: 6)")] = None
     """How many frames of the motion a picture shows beside each other."""
     frame: Annotated[int | None, arg(metavar="FRAME", help_behavior_hint="")] = None

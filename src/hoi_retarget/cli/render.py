@@ -11,6 +11,7 @@ import numpy as np
 
 from hoi_retarget.cli.commands import Render
 from hoi_retarget.cli.jobs import check_writable, write_file
+from hoi_retarget.cli.robots import MENAGERIE
 from hoi_retarget.cli.terminal import Working, program, say, warn
 from hoi_retarget.clip import Clip
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
@@ -21,6 +22,7 @@ from hoi_retarget.robots.model import load_model
 from hoi_retarget.viewers import film
 from hoi_retarget.viewers.camera import View
 from hoi_retarget.viewers.drawing import Scene
+from hoi_retarget.viewers.makers_meshes import menagerie_meshes
 from hoi_retarget.viewers.robot_picture import png
 from hoi_retarget.viewers.scene import Shown
 
@@ -75,7 +77,9 @@ def _shown(path: Path, command: Render) -> Shown:
     motion = load(path)
     model = load_model(robot(motion.robot))
     person = motion.report.get("person", 0)
-    return Shown(path.stem, motion, model, _clip(path, motion, command), person if isinstance(person, int) else 0)
+    person = person if isinstance(person, int) else 0
+    meshes = menagerie_meshes(model.spec) if command.meshes == MENAGERIE else command.meshes
+    return Shown(path.stem, motion, model, _clip(path, motion, command), person, meshes)
 
 
 def _clip(path: Path, motion: Motion, command: Render) -> Clip | None:

@@ -8,12 +8,12 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, RobotError
+from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
 from hoi_retarget.robots.spec import RobotSpec
 from hoi_retarget.viewers import stage
+from hoi_retarget.viewers.makers_meshes import MESH_GROUP, dress
 
-_OWN_GROUP, _MESH_GROUP = 0, 2
-_LIGHT, _DARK = (0.78, 0.79, 0.8, 1.0), (0.16, 0.16, 0.18, 1.0)
+_OWN_GROUP = 0
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def picture(
     description = mujoco.MjSpec.from_file(str(spec.mjcf))
     stage.furnish(description, width, height)
     if meshes is not None:
-        _dress(description, spec, meshes)
+        dress(description, spec, meshes)
     try:
         compiled = description.compile()
     except ValueError as error:
@@ -67,7 +67,7 @@ def picture(
     _pose(compiled, data, spec, qpos)
     option = mujoco.MjvOption()
     option.geomgroup[:] = 0
-    option.geomgroup[[stage.GROUP, _OWN_GROUP if meshes is None else _MESH_GROUP]] = 1
+    option.geomgroup[[stage.GROUP, _OWN_GROUP if meshes is None else MESH_GROUP]] = 1
     option.sitegroup[:] = 0
     with stage.renderer(compiled, width, height) as renderer:
         panels = []
@@ -91,64 +91,6 @@ def png(pixels: UInt8[np.ndarray, "H W 3"]) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, format="PNG", optimize=True)
     return buffer.getvalue()
-
-
-def menagerie_meshes(spec: RobotSpec) -> Path:
-    """Return the folder of a robot's meshes from MuJoCo Menagerie, for `picture(meshes=...)`.
-
-    The optional package `mujoco-menagerie` downloads them on first use and keeps them in its cache.
-
-    Raises:
-        ArgumentError: Menagerie does not have this robot.
-        HoiRetargetError: The package is not installed, or the download failed.
-    """
-    try:
-        import mujoco_menagerie  # noqa: PLC0415 # pyright: ignore[reportMissingImports] - optional
-    except ImportError as error:
-        raise HoiRetargetError(
-            "The meshes of MuJoCo Menagerie need its package: pip install '.[menagerie]' in a clone."
-        ) from error
-    try:
-        return mujoco_menagerie.get(spec.name).path(progress=None)
-    except mujoco_menagerie.UnknownRobotError as error:
-        raise ArgumentError(
-            f"MuJoCo Menagerie has no {spec.name}. Give the folder of the maker's meshes, or draw the primitives."
-        ) from error
-    except mujoco_menagerie.MenagerieError as error:
-        raise HoiRetargetError(f"MuJoCo Menagerie could not provide {spec.name}: {error}") from error
-
-
-def _dress(description: mujoco.MjSpec, spec: RobotSpec, folder: Path) -> None:
-    """Add the maker's meshes to the bodies.
-
-    A mesh lies in its body's frame, or where the MJCF has a site `mesh_FILE`. It looks like the first
-    primitive of its body; what is put on (head, logo, hands: what has such a site) is drawn dark.
-    """
-    if not spec.meshes:
-        raise RobotError(f"{spec.name}: its specification names no mesh files, so only its primitives can be drawn.")
-    found = {path.name: path for path in sorted(folder.rglob("*")) if path.is_file()}
-    missing = [file for files in spec.meshes.values() for file in files if file not in found]
-    if missing:
-        shown = ", ".join(missing[:4]) + (", ..." if len(missing) > 4 else "")
-        raise ReadError(f"{folder}: {len(missing)} mesh files of {spec.title} are not there: {shown}.")
-    places = {site.name: site for site in description.sites}
-    for body, files in spec.meshes.items():
-        own = description.body(body).first_geom()
-        for file in files:
-            stem = Path(file).stem
-            description.add_mesh(name=f"maker_{stem}", file=str(found[file].resolve()))
-            place = places.get(f"mesh_{stem}")
-            description.body(body).add_geom(
-                type=mujoco.mjtGeom.mjGEOM_MESH,
-                meshname=f"maker_{stem}",
-                pos=place.pos if place is not None else [0, 0, 0],
-                quat=place.quat if place is not None else [1, 0, 0, 0],
-                rgba=_DARK if place is not None or (own is not None and own.material == "dark") else _LIGHT,
-                group=_MESH_GROUP,
-                contype=0,
-                conaffinity=0,
-                density=0,
-            )
 
 
 def _pose(compiled: mujoco.MjModel, data: mujoco.MjData, spec: RobotSpec, qpos: Float[np.ndarray, "nq"] | None) -> None:

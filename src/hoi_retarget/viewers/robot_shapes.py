@@ -1,4 +1,4 @@
-"""A robot as unit shapes: the primitives of its MJCF, in world poses for all frames at once.
+"""A robot as unit shapes, the primitives of its MJCF, or as its maker's meshes: world poses for all frames at once.
 
 Every geometry is fixed to a node of the kinematic tree. Where it lies there is read once, from
 MuJoCo's own kinematics in the home pose; the frames then follow from ours.
@@ -7,15 +7,19 @@ MuJoCo's own kinematics in the home pose; the frames then follow from ours.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 
 from hoi_retarget import se3
+from hoi_retarget.errors import ReadError
 from hoi_retarget.robots.model import Kinematics, RobotModel
-from hoi_retarget.viewers.drawing import Colour, Kind, Shapes
+from hoi_retarget.viewers.drawing import Colour, Kind, Shapes, Solid
+from hoi_retarget.viewers.makers_meshes import dress
 
+_NO_COLOUR = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)  # What MuJoCo takes for none: the material's holds.
 _DRAWN_GROUPS = 3  # As in MuJoCo's own viewer; robots keep what only collides in the groups above.
 
 
@@ -67,6 +71,38 @@ def robot_shapes(model: RobotModel, poses: NodePoses) -> tuple[Shapes, ...]:
     return tuple(_moved([piece for piece in pieces if piece.kind is kind], poses) for kind in kinds)
 
 
+def robot_meshes(model: RobotModel, poses: NodePoses, folder: Path) -> tuple[Solid, ...]:
+    """Return the maker's meshes of a robot over time, from a folder with their files.
+
+    Raises:
+        RobotError: The robot's specification names no meshes.
+        ReadError: A mesh file is missing, or MuJoCo cannot read it.
+    """
+    description = mujoco.MjSpec.from_file(str(model.spec.mjcf))
+    dress(description, model.spec, folder)
+    try:
+        compiled = description.compile()
+    except ValueError as error:
+        raise ReadError(f"{folder}: MuJoCo cannot read the meshes of {model.spec.title}: {error}") from error
+    solids = []
+    for place in _placed_geometries(model, compiled):
+        mesh = int(compiled.geom_dataid[place.geom])
+        if mesh < 0:
+            continue
+        vertices, faces = int(compiled.mesh_vertadr[mesh]), int(compiled.mesh_faceadr[mesh])
+        positions, quats = poses.place(np.array([place.node]), place.position[None], place.quat[None])
+        solids.append(
+            Solid(
+                vertices=compiled.mesh_vert[vertices : vertices + compiled.mesh_vertnum[mesh]].astype(float),
+                faces=compiled.mesh_face[faces : faces + compiled.mesh_facenum[mesh]].astype(int),
+                colour=place.colour,
+                positions=positions[:, 0],
+                quats=quats[:, 0],
+            )
+        )
+    return tuple(solids)
+
+
 def _moved(pieces: list[_Piece], poses: NodePoses) -> Shapes:
     positions, quats = poses.place(
         np.array([piece.node for piece in pieces]),
@@ -85,29 +121,46 @@ def _moved(pieces: list[_Piece], poses: NodePoses) -> Shapes:
 @lru_cache(maxsize=8)
 def _pieces(model: RobotModel) -> tuple[_Piece, ...]:
     compiled = mujoco.MjModel.from_xml_path(str(model.spec.mjcf))
+    found: list[_Piece] = []
+    for place in _placed_geometries(model, compiled):
+        for kind, size, along in _unit_shapes(int(compiled.geom_type[place.geom]), compiled.geom_size[place.geom]):
+            position = place.position + se3.rotate(place.quat, np.array([0.0, 0.0, along]))
+            found.append(_Piece(kind, size, place.colour, place.node, position, place.quat))
+    return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    """A geometry of a compiled model, fixed to a node of the tree."""
+
+    geom: int
+    colour: Colour
+    node: int
+    position: Float[np.ndarray, "3"]
+    quat: Float[np.ndarray, "4"]
+
+
+def _placed_geometries(model: RobotModel, compiled: mujoco.MjModel) -> Iterator[_Placed]:
+    """Yield the geometries that are to be seen."""
     data = mujoco.MjData(compiled)
     data.qpos[:] = model.home_qpos
     mujoco.mj_kinematics(compiled, data)
     home = model.forward(model.home_qpos[None])
-    found: list[_Piece] = []
     for geom in range(compiled.ngeom):
         colour, drawn = _colour(compiled, geom)
-        if not drawn:
-            continue
-        node = _node(compiled, int(compiled.geom_bodyid[geom]))
-        turned = home.node_rotation[:, :, node, 0].T
-        position = turned @ (data.geom_xpos[geom] - home.node_position[:, node, 0])
-        quat = se3.matrix_to_quat(turned @ data.geom_xmat[geom].reshape(3, 3))
-        for kind, size, along in _unit_shapes(int(compiled.geom_type[geom]), compiled.geom_size[geom]):
-            place = position + se3.rotate(quat, np.array([0.0, 0.0, along]))
-            found.append(_Piece(kind, size, colour, node, place, quat))
-    return tuple(found)
+        if drawn:
+            node = _node(compiled, int(compiled.geom_bodyid[geom]))
+            turned = home.node_rotation[:, :, node, 0].T
+            position = turned @ (data.geom_xpos[geom] - home.node_position[:, node, 0])
+            quat = se3.matrix_to_quat(turned @ data.geom_xmat[geom].reshape(3, 3))
+            yield _Placed(geom, colour, node, position, quat)
 
 
 def _colour(compiled: mujoco.MjModel, geom: int) -> tuple[Colour, bool]:
     """Return a geometry's colour, and whether it is to be seen at all."""
-    material = compiled.geom_matid[geom]
-    rgba = compiled.geom_rgba[geom] if material < 0 else compiled.mat_rgba[material]
+    material, rgba = compiled.geom_matid[geom], compiled.geom_rgba[geom]
+    if material >= 0 and np.array_equal(rgba, _NO_COLOUR):
+        rgba = compiled.mat_rgba[material]
     red, green, blue = (round(255 * float(share)) for share in rgba[:3])
     return (red, green, blue), bool(rgba[3] > 0) and int(compiled.geom_group[geom]) < _DRAWN_GROUPS
 

@@ -6,6 +6,7 @@ more. Robots that move the same objects of one clip share a place and the object
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -20,7 +21,7 @@ from hoi_retarget.viewers.drawing import Colour, Layer, Lines, Part, Scene, Shap
 from hoi_retarget.viewers.human_shapes import human_shapes
 from hoi_retarget.viewers.marks import contact_marks, human_contact_marks, stance_marks
 from hoi_retarget.viewers.object_solid import AXIS_LENGTH, COLOURS, object_axes, object_solid
-from hoi_retarget.viewers.robot_shapes import NodePoses, robot_shapes
+from hoi_retarget.viewers.robot_shapes import NodePoses, robot_meshes, robot_shapes
 
 FREE_SPACE = 0.3  # Between what neighbours reach [m].
 _ARM_REACH = 0.8  # Of a body, around its pelvis [m].
@@ -45,6 +46,8 @@ class Shown:
     clip: Clip | None = None
     person: int = 0
     """Which of the clip's people."""
+    meshes: Path | None = None
+    """Folder with the files of the robot maker's meshes; None draws the primitives."""
 
     def __post_init__(self) -> None:
         motion, clip = self.motion, self.clip
@@ -73,6 +76,8 @@ def make_scene(shown: Sequence[Shown], *, apart: float | Literal["auto"] = "auto
     Raises:
         ArgumentError: There is nothing to show, or `apart` is no distance.
         GeometryError: An object's mesh file cannot be read.
+        RobotError: A robot's specification names no meshes of its maker.
+        ReadError: A mesh file of a robot is missing, or cannot be read.
     """
     if not shown:
         raise ArgumentError("there is nothing to show. Name a result or a clip.")
@@ -143,19 +148,21 @@ class _Side:
 def _sides(item: Shown) -> tuple[_Side, ...]:
     sides = []
     if item.motion is not None and item.model is not None:
-        sides.append(_robot_side(item.motion, item.model, item.clip))
+        sides.append(_robot_side(item, item.motion, item.model))
     if item.clip is not None:
         sides.append(_human_side(item.clip, item.person))
     return tuple(sides)
 
 
-def _robot_side(motion: Motion, model: RobotModel, clip: Clip | None) -> _Side:
+def _robot_side(item: Shown, motion: Motion, model: RobotModel) -> _Side:
     kinematics = model.forward(motion.qpos)
+    poses = NodePoses.of(kinematics)
+    robot = robot_shapes(model, poses) if item.meshes is None else robot_meshes(model, poses, item.meshes)
     earlier = robot_shapes(model, NodePoses.of(model.forward(motion.ik_qpos)))
     layers = (
-        Layer("robot", robot_shapes(model, NodePoses.of(kinematics))),
+        Layer("robot", robot),
         Layer("inverse kinematics", tuple(map(_tinted, earlier)), opacity=_IK_OPACITY, shown=False),
-        Layer("object", _robot_objects(motion, clip)),
+        Layer("object", _robot_objects(motion, item.clip)),
         Layer("contacts", contact_marks(motion, kinematics)),
         Layer("stance", (stance_marks(motion, kinematics),)),
     )
