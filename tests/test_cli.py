@@ -486,8 +486,8 @@ def test_commands_are_shown_as_the_program_was_started(monkeypatch):
 
 def test_every_setting_of_run_is_explained():
     lines = Path(sys.modules[Run.__module__].__file__).read_text()
-    body = lines.split("class Run:")[1].split("@dataclass")[0]
-    assert body.count('    """') == 1 + len(Run.__dataclass_fields__)
+    bodies = [lines.split(f"class {head}:")[1].split("@dataclass")[0] for head in ("Solving", "Run(Solving)")]
+    assert sum(body.count('    """') for body in bodies) == len(bodies) + len(Run.__dataclass_fields__)
 
 
 # demo, bench, evaluate, inspect, robots
