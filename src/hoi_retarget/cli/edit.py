@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hoi_retarget.cli.commands import Edit
-from hoi_retarget.cli.jobs import check_writable, config_of, result_paths, with_report, write
+from hoi_retarget.cli.jobs import check_writable, config_of
 from hoi_retarget.cli.serving import check_viser, serve_until_interrupted
 from hoi_retarget.cli.terminal import Working, program, say
 from hoi_retarget.contact_edits import ContactEdits, load
 from hoi_retarget.recordings import open_clip, result_stem
+from hoi_retarget.results import result_paths, with_report, write
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
 

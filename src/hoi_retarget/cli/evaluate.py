@@ -6,12 +6,13 @@ from pathlib import Path
 
 from hoi_retarget.cli.commands import Evaluate
 from hoi_retarget.cli.figures import show_figures
-from hoi_retarget.cli.jobs import FOREIGN_REPORT, check_writable, complaints, write_file
+from hoi_retarget.cli.jobs import FOREIGN_REPORT, check_writable, write_file
 from hoi_retarget.cli.jobs import score as score_of
 from hoi_retarget.cli.terminal import fail, program, say, warn
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
 from hoi_retarget.metrics import Score, to_csv, to_json
 from hoi_retarget.motion import load
+from hoi_retarget.results import complaints
 
 
 def execute(command: Evaluate) -> int:

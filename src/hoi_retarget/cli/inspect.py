@@ -5,11 +5,12 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 
 from hoi_retarget.cli.commands import Inspect
-from hoi_retarget.cli.jobs import FOREIGN_REPORT, STAGES, complaints
+from hoi_retarget.cli.jobs import FOREIGN_REPORT
 from hoi_retarget.cli.terminal import NAME, fail, program, say, show_table, warn
 from hoi_retarget.metrics.table import scales_text
 from hoi_retarget.motion import Motion
 from hoi_retarget.readers.inspection import MOTION, Inspection, inspect
+from hoi_retarget.results import STAGES, complaints
 
 
 def execute(command: Inspect) -> int:

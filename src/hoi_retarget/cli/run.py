@@ -9,16 +9,7 @@ from typing import Any
 
 from hoi_retarget.cli.commands import Run
 from hoi_retarget.cli.figures import show_figures
-from hoi_retarget.cli.jobs import (
-    check_writable,
-    config_of,
-    converged,
-    describe_result,
-    result_paths,
-    retarget_people,
-    score,
-    write,
-)
+from hoi_retarget.cli.jobs import check_writable, config_of, describe_result, score
 from hoi_retarget.cli.terminal import Working, fail, program, say
 from hoi_retarget.clip import Clip
 from hoi_retarget.contact_edits import apply, load
@@ -28,6 +19,7 @@ from hoi_retarget.motion import Motion
 from hoi_retarget.pipeline import Config
 from hoi_retarget.readers.objects import known_objects
 from hoi_retarget.recordings import open_clip, result_stem
+from hoi_retarget.results import converged, result_paths, retarget_people, write
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import RobotModel, load_model
 

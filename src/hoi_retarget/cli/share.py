@@ -7,12 +7,13 @@ from pathlib import Path, PureWindowsPath
 from typing import Any
 
 from hoi_retarget.cli.commands import Run, Share
-from hoi_retarget.cli.jobs import FOREIGN_REPORT, check_writable, complaints, score
+from hoi_retarget.cli.jobs import FOREIGN_REPORT, check_writable, score
 from hoi_retarget.cli.terminal import Working, say, warn
 from hoi_retarget.clip import Clip
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
 from hoi_retarget.motion import Motion, load
 from hoi_retarget.recordings import clip_of
+from hoi_retarget.results import complaints
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.viewers.gallery import Entry

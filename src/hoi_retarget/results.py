@@ -1,0 +1,72 @@
+"""From a clip to result files, one a person, and what is not right with them by their own reports."""
+
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from hoi_retarget.clip import Clip
+from hoi_retarget.metrics import TurnedSegment, UnreachedSegment
+from hoi_retarget.motion import Motion, encode, write_together
+from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.trajopt.solvers.base import Status
+
+STAGES = {"inverse kinematics": "ik_windows", "trajectory": "windows"}
+"""Where the report has the windows of each stage."""
+
+
+def result_paths(clip: Clip, stem: str, out: Path) -> tuple[Path, ...]:
+    """Return one result path per person of a clip."""
+    if len(clip.people) == 1:
+        return (out / f"{stem}.npz",)
+    return tuple(out / f"{stem}.p{person}.npz" for person in range(len(clip.people)))
+
+
+def retarget_people(clip: Clip, model: RobotModel, config: Config, extra: Mapping[str, Any]) -> tuple[Motion, ...]:
+    """Return one motion per person of a clip; its report also says what is in `extra`."""
+    return with_report([retarget(clip, model, config, person=person) for person in range(len(clip.people))], extra)
+
+
+def with_report(motions: Iterable[Motion], extra: Mapping[str, Any]) -> tuple[Motion, ...]:
+    """Return motions whose reports also say what is in `extra`."""
+    return tuple(replace(motion, report={**motion.report, **extra}) for motion in motions)
+
+
+def write(motions: Sequence[Motion], paths: Sequence[Path], *, read_seconds: float = 0.0) -> tuple[Motion, ...]:
+    """Write a clip's results, all of them or none, and return them; raises `WriteError`.
+
+    Their reports tell the time that reading the clip and writing take. The time to write must be known
+    before a file is: it is that of encoding the result.
+    """
+    timed = tuple(_timed(motion, read_seconds / len(motions)) for motion in motions)
+    write_together({path: encode(motion) for path, motion in zip(paths, timed, strict=True)})
+    return timed
+
+
+def _timed(motion: Motion, read_seconds: float) -> Motion:
+    start = time.process_time()
+    encode(motion)
+    seconds = {"read": read_seconds, **motion.report["cpu_seconds"], "write": time.process_time() - start}
+    return replace(motion, report={**motion.report, "cpu_seconds": seconds})
+
+
+def converged(motion: Motion) -> bool:
+    """Return whether every window of both stages was solved to tolerance."""
+    return all(
+        window["status"] == Status.SOLVED.name for stage in ("ik_windows", "windows") for window in motion.report[stage]
+    )
+
+
+def complaints(motion: Motion) -> tuple[str, ...]:
+    """Return what is not right with a result, by its report: a sentence for each."""
+    found: list[str] = []
+    for stage, windows in STAGES.items():
+        for window in motion.report[windows]:
+            if window["status"] != Status.SOLVED.name:
+                message = Status[window["status"]].value
+                found.append(f"{stage}, frames {window['start']} to {window['stop'] - 1}: {message}.")
+    found += [f"not reached: {UnreachedSegment(**segment)}." for segment in motion.report["unreached_contacts"]]
+    found += [f"{TurnedSegment(**segment)}." for segment in motion.report["turned_over"]]
+    return tuple(found)
