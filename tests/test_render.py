@@ -288,13 +288,15 @@ def test_an_mp4_without_its_package_names_the_extra(monkeypatch):
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
-    """A result that knows its clip, one that does not, and a damaged one."""
+    """A result that knows its clip, one that does not, one of another robot, and a damaged one."""
     folder = tmp_path_factory.mktemp("results")
     clip = make("carry_box")
     motion = motion_of(clip, 0)
     source = {"path": "builtin:carry_box", "sha256": clip.source.sha256}
     save(replace(motion, report=dict(motion.report) | {"source": source}), folder / "good.npz")
     save(motion, folder / "lost.npz")
+    other = {name: getattr(motion, name)[:, :-1] for name in ("qpos", "ik_qpos")}
+    save(replace(motion, joint_names=motion.joint_names[:-1], **other), folder / "other.npz")
     (folder / "damaged.npz").write_bytes((folder / "good.npz").read_bytes()[:5000])
     return folder
 
@@ -307,7 +309,10 @@ def results(tmp_path_factory):
         (["good.npz", "--out", "x.gif", "--frame", "3"], 2, "--frame 3: this is for .png files"),
         (["good.npz", "--out", "x.png", "--fps", "3"], 2, "--fps 3.0: this is for .mp4 and .gif files"),
         (["good.npz", "--out", "x.png", "--frame", "3", "--frames", "4"], 2, "both --frame and --frames"),
-        (["good.npz", "--out", "x.png", "--frames", "0"], 2, "--frames 0: it must be a positive number"),
+        (["good.npz", "--out", "x.png", "--frames", "0"], 2, "--frames 0: it must be a positive number up to 28"),
+        (["good.npz", "--out", "x.gif", "--fps", "1e9"], 2, "--fps 1000000000.0: it must be a positive number up to"),
+        (["good.npz", "--out", "x.png", "--azimuth", "nan"], 2, "--azimuth nan: it must be a number of degrees"),
+        (["other.npz", "--out", "x.png", "--clip", "builtin:carry_box"], 1, "its joints are not the model's"),
         (["good.npz", "--out", "x.png", "--distance", "-2"], 2, "--distance -2.0: it must be a positive number"),
         (["good.npz", "--out", "x.png", "--frame", "999"], 2, "--frame 999: the motion has the frames 0 to"),
         (["good.npz", "--out", "x.png", "--size", "12"], 2, "--size 12: give width and height"),
@@ -326,7 +331,7 @@ def test_what_cannot_be_drawn_is_one_line(words, code, message, results, monkeyp
     assert main(["render", *words]) == code
     out, err = capsys.readouterr()
     assert message in err and err.startswith("error: ") and err.count("\n") == 1 and out == ""
-    assert sorted(path.name for path in results.iterdir()) == ["damaged.npz", "good.npz", "lost.npz"]
+    assert sorted(path.name for path in results.iterdir()) == ["damaged.npz", "good.npz", "lost.npz", "other.npz"]
 
 
 def test_mp4_without_its_package_is_told_before_anything_is_read(results, monkeypatch, capsys):
@@ -359,6 +364,20 @@ def test_pictures_and_films_are_written(words, size, results, tmp_path):
         assert getattr(image, "n_frames", 1) == (int((frames - 1) / 30 * 2) + 1 if words[1].endswith("gif") else 1)
         assert np.asarray(image.convert("RGB")).std() > 15
     assert [path.name for path in (tmp_path / "o").iterdir()] == [Path(words[1]).name]
+
+
+@pytest.mark.slow
+def test_several_results_are_beside_each_other_and_named(results, tmp_path):
+    words = ["--frame", "0", "--size", "300x200", "--only", "robot", "--clip", "builtin:carry_box"]
+    (tmp_path / "other.npz").write_bytes((results / "good.npz").read_bytes())
+    one = render(tmp_path, results / "good.npz", *words, "--out", "one.png")
+    two = render(tmp_path, results / "good.npz", "other.npz", *words, "--out", "two.png")
+    assert (one.returncode, two.returncode) == (0, 0), one.stderr + two.stderr
+    with Image.open(tmp_path / "two.png") as image:
+        pixels = np.asarray(image).astype(int)
+    left, right = pixels[:, :150], pixels[:, 150:]
+    assert np.abs(left - right)[:170].max() == 0, "the same motion, seen from the same side"
+    assert np.abs(left - right)[170:].max() > 50, "under another name"
 
 
 @pytest.mark.slow

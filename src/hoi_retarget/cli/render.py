@@ -30,6 +30,7 @@ _SHEET_FRAMES = 6  # Of a contact sheet, where nothing else is asked for.
 _PANEL = {".mp4": (640, 720), ".gif": (320, 360), ".png": (640, 720)}  # By kind of file: width, height [px].
 _SHEET_PANEL = (290, 340)
 _LEAST_SIDE, _MOST_SIDE = 64, 8192  # [px]
+_MOST_FRAMES, _MOST_FPS, _MOST_DISTANCE = 28, 240, 50
 _GIF_RATE, _VIDEO_RATE = 15.0, 60.0  # The most pictures a second, where nothing else is asked for.
 
 
@@ -63,12 +64,20 @@ def _check(command: Render) -> str:
             raise ArgumentError(f"{option} {value}: this is for {fitting} files; --out names a {kind} file.")
     if command.frame is not None and command.frames is not None:
         raise ArgumentError("both --frame and --frames are given: the one draws one frame, the other so many.")
-    positive = {"--frames": command.frames, "--fps": command.fps, "--distance": command.distance}
-    for option, value in positive.items():
-        if isinstance(value, int | float) and not (isfinite(value) and value > 0):
-            raise ArgumentError(f"{option} {value}: it must be a positive number.")
+    _check_numbers(command)
     check_writable("--out", command.out.parent)
     return kind
+
+
+def _check_numbers(command: Render) -> None:
+    most = {"--frames": (command.frames, _MOST_FRAMES), "--fps": (command.fps, _MOST_FPS)}
+    most["--distance"] = (command.distance, _MOST_DISTANCE)
+    for option, (value, limit) in most.items():
+        if isinstance(value, int | float) and not 0 < value <= limit:
+            raise ArgumentError(f"{option} {value}: it must be a positive number up to {limit}.")
+    for option, value in (("--azimuth", command.azimuth), ("--elevation", command.elevation)):
+        if isinstance(value, int | float) and not isfinite(value):
+            raise ArgumentError(f"{option} {value}: it must be a number of degrees.")
 
 
 def _shown(path: Path, command: Render) -> Shown:

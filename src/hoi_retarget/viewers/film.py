@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, UInt8
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
 from hoi_retarget import se3
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
@@ -36,6 +36,7 @@ _HUMAN_LAYERS = ("human", "human's object", "human's contacts")
 _BESIDE = 120.0  # From where people look to where the camera looks: it faces them, from their right [deg].
 _BEST_ASPECT = 0.85  # Of a panel: whoever stands in it is taller than wide.
 _EMPTY = 255  # Grey of what no panel covers.
+_INK = (60, 64, 72)  # Of captions.
 _GIF_COLOURS = 200
 _GIF_TICK = 10  # A GIF counts time in hundredths of a second [ms].
 
@@ -99,6 +100,8 @@ def duration(filmed: Sequence[Scene]) -> float:
 def opened(filmed: Sequence[Scene], view: View, width: int, height: int) -> Iterator[Callable[[float], Picture]]:
     """Open what draws all panels at a time [s], in a picture of a size [px].
 
+    Where there are several results, each panel says whose it is.
+
     Raises:
         HoiRetargetError: This machine has no way to draw without a screen.
     """
@@ -113,15 +116,34 @@ def opened(filmed: Sequence[Scene], view: View, width: int, height: int) -> Iter
             for scene, ((top, bottom), (left, right)) in zip(filmed, cells, strict=True)
         ]
         placed = cameras(filmed, view, aspect)
+        captions = _captions(filmed)
 
         def draw(time: float) -> Picture:
             picture = np.full((height, width, 3), _EMPTY, dtype=np.uint8)
-            for scene, ready, camera, ((top, bottom), (left, right)) in zip(filmed, easels, placed, cells, strict=True):
+            drawn = zip(filmed, easels, placed, captions, cells, strict=True)
+            for scene, ready, camera, caption, ((top, bottom), (left, right)) in drawn:
                 frame = min(round(time * scene.fps), scene.frames - 1)
-                picture[top:bottom, left:right] = ready.draw(frame, camera(frame))
+                picture[top:bottom, left:right] = _titled(ready.draw(frame, camera(frame)), caption)
             return picture
 
         yield draw
+
+
+def _captions(filmed: Sequence[Scene]) -> list[str]:
+    humans = [any(layer.name == "human" and layer.shown for layer in scene.subjects[0].layers) for scene in filmed]
+    if len(filmed) - sum(humans) < 2:
+        return [""] * len(filmed)
+    titles = [" + ".join(subject.title for subject in scene.subjects) for scene in filmed]
+    return ["human" if human else title for human, title in zip(humans, titles, strict=True)]
+
+
+def _titled(picture: Picture, caption: str) -> Picture:
+    if not caption:
+        return picture
+    image = Image.fromarray(picture)
+    size = max(10, len(picture) // 28)
+    ImageDraw.Draw(image).text((size, len(picture) - 2 * size), caption, _INK, ImageFont.load_default(size))
+    return np.asarray(image)
 
 
 def _columns(count: int, aspect: float) -> int:
@@ -151,8 +173,7 @@ def sheet_times(filmed: Sequence[Scene], count: int) -> Float[np.ndarray, "N"]:
 
 def gif(pictures: Iterable[Picture], samples: Sequence[Picture], fps: float) -> bytes:
     """Return pictures as a GIF file that plays again and again, in the colours that samples of them have."""
-    together = Image.fromarray(np.concatenate(samples))
-    palette = together.quantize(_GIF_COLOURS, method=Image.Quantize.MAXCOVERAGE)
+    palette = Image.fromarray(np.concatenate(samples)).quantize(_GIF_COLOURS, method=Image.Quantize.MAXCOVERAGE)
     # Without dithering: it would crawl, and cost half as much again.
     frames = [Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     ends = np.round(1000.0 * np.arange(len(frames) + 1) / fps / _GIF_TICK).astype(int) * _GIF_TICK

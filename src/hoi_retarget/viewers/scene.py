@@ -15,6 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from hoi_retarget.clip import Clip
 from hoi_retarget.errors import ArgumentError
+from hoi_retarget.metrics.view import check_joints
 from hoi_retarget.motion import Motion
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.drawing import Colour, Layer, Lines, Part, Scene, Shapes, Solid, Subject
@@ -37,7 +38,7 @@ class Shown:
     """What is to be seen: a motion with its robot, the clip it was made from, or both.
 
     Raises `ArgumentError` when there is neither, a motion without its robot, a person whom the clip
-    does not have, or a clip that the motion was not made from.
+    does not have, or a clip that the motion was not made from; `RobotError` for another robot's motion.
     """
 
     title: str
@@ -55,6 +56,8 @@ class Shown:
             raise ArgumentError(f"{self.title}: neither a result nor a clip is given; one is needed.")
         if motion is not None and self.model is None:
             raise ArgumentError(f"{self.title}: a result is drawn with its robot, which is not given.")
+        if motion is not None and self.model is not None:
+            check_joints(motion, self.model)
         if clip is not None and not 0 <= self.person < len(clip.people):
             raise ArgumentError(f"{self.title}: no person {self.person}; there are 0 to {len(clip.people) - 1}.")
         if motion is not None and clip is not None:
