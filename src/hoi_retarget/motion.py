@@ -7,13 +7,8 @@ kinematics and never stored.
 import errno
 import io
 import json
-import lzma
 import os
-import re
-import struct
 import tempfile
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -22,30 +17,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from hoi_retarget import npz
 from hoi_retarget.arrays import check_shape, frozen
 from hoi_retarget.errors import ClipError, ReadError, WriteError
 
 SCHEMA = 1
 UNIT_TOLERANCE = 1e-3  # Of a quaternion's length: more is damage, not rounding.
-
-# The start of an .npy file as numpy writes it: matched, never evaluated.
-_NPY = re.compile(
-    rb"\x93NUMPY\x01\x00..\{'descr': '(?P<dtype>[<|](?P<kind>[a-zA-Z])\d*)', "
-    rb"'fortran_order': (?P<fortran>True|False), 'shape': \((?P<shape>[\d, ]*)\), \} *\n",
-    re.DOTALL,
-)
-# What zipfile and its decompressors raise for damaged archives.
-_ARCHIVE_ERRORS = (
-    zipfile.BadZipFile,
-    zlib.error,
-    lzma.LZMAError,
-    struct.error,
-    EOFError,
-    KeyError,
-    OSError,
-    RuntimeError,
-    ValueError,
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,11 +200,9 @@ def load(path: Path) -> Motion:
 
 
 def _members(path: Path, content: bytes) -> dict[str, bytes]:
-    """Return the .npy files of an .npz by array name, their checksums compared."""
     try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            return {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
-    except _ARCHIVE_ERRORS as error:
+        return npz.members(content)
+    except ValueError as error:
         raise ReadError(f"{path}: not a readable .npz motion file ({error}). Run the retarget again.") from error
 
 
@@ -243,8 +218,8 @@ def _motion(path: Path, members: Mapping[str, bytes]) -> Motion:
     report = json.loads(str(_scalar("report", members["report"], "U")))
     if not isinstance(report, dict):
         raise ValueError("report is no JSON object")
-    values: dict[str, Any] = {name: _array(name, members[name], _KINDS.get(name, "f")) for name in _ARRAYS}
-    values |= {name: tuple(_array(name, members[name], "U").ravel().tolist()) for name in _NAMES}
+    values: dict[str, Any] = {name: npz.array(name, members[name], _KINDS.get(name, "f")) for name in _ARRAYS}
+    values |= {name: tuple(npz.array(name, members[name], "U").ravel().tolist()) for name in _NAMES}
     return Motion(
         robot=str(_scalar("robot", members["robot"], "U")),
         fps=float(_scalar("fps", members["fps"], "if")),
@@ -256,22 +231,4 @@ def _motion(path: Path, members: Mapping[str, bytes]) -> Motion:
 
 
 def _scalar(name: str, content: bytes, kinds: str) -> Any:
-    return _array(name, content, kinds).reshape(()).item()
-
-
-def _array(name: str, content: bytes, kinds: str) -> np.ndarray:
-    """Return the array of an .npy file whose numbers are of one of `kinds`, or raise `ValueError`."""
-    header = _NPY.match(content)
-    if header is None:
-        raise ValueError(f"{name} is no plain array")
-    if header["kind"].decode() not in kinds:
-        raise ValueError(f"{name} holds {header['dtype'].decode()!r}, expected numpy kind {kinds!r}")
-    shape = tuple(int(size) for size in header["shape"].replace(b",", b" ").split())
-    order = "F" if header["fortran"] == b"True" else "C"
-    try:
-        array = np.ndarray(shape, header["dtype"].decode(), content, header.end(), order=order)
-    except (TypeError, OverflowError) as error:
-        raise ValueError(f"{name}: {error}") from error
-    if array.dtype.kind == "U":
-        array.tobytes().decode("utf-32-le")
-    return array
+    return npz.array(name, content, kinds).reshape(()).item()

@@ -1,15 +1,18 @@
-"""Interprets the pickle of a torch file: builds tensors, numbers, strings and containers, calls nothing.
+"""Interprets pickles: builds tensors, arrays, numbers, strings and containers, calls nothing.
 
 A pickle is a small program. It is interpreted here by hand instead of by `pickle.Unpickler`, for three
 reasons: only the few operations that build plain values exist, so nothing can be called; Python's own
 machine sizes its memo by a number in the file, which lets a few bytes claim 64 GB; and it hashes any key,
 where a deep enough tuple ends the process.
+
+What a pickle may name and which operations it may use is a dialect: that of torch's files is here, that of
+numpy's arrays in `array_pickle`.
 """
 
 import math
 import pickletools
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -39,16 +42,24 @@ _STORAGE_DTYPES = {
 
 
 class RefusedError(Exception):
-    """What is wrong with the content; becomes a `ReadError` that names the file."""
+    """What is wrong with the content, and what to do about it; becomes a `ReadError` that names the file."""
+
+    def __init__(self, what: str, advice: str = RESAVE) -> None:
+        super().__init__(f"{what}. {advice}")
+        self.what = what
 
 
 def damaged(what: str) -> RefusedError:
     """Return the error for content that contradicts itself, with what to do about it."""
-    return RefusedError(f"{what}. {RESAVE}")
+    return RefusedError(what)
+
+
+class Internal:
+    """Base of what a pickle names or builds on the way to a value, without being one."""
 
 
 @dataclass(frozen=True)
-class StorageType:
+class StorageType(Internal):
     """A storage class of torch, such as `FloatStorage`."""
 
     name: str
@@ -79,15 +90,15 @@ StorageSource = Callable[[StorageType, str, int], np.ndarray | None]
 
 
 @dataclass(frozen=True)
-class _Function:
+class Function(Internal):
     """Stands for a function that a pickle may name; `call` is ours."""
 
     name: str
-    call: Callable[["_Machine", tuple], Any]
+    call: Callable[["Machine", tuple], Any]
 
 
 @dataclass(frozen=True, eq=False)
-class _Storage:
+class _Storage(Internal):
     """A storage that a tensor views; the elements are None while the file is read for its keys only."""
 
     kind: StorageType
@@ -95,14 +106,11 @@ class _Storage:
     elements: np.ndarray | None
 
 
-_INTERNAL = (_Function, _Storage, StorageType)
-
-
 def _is_count(value: Any) -> bool:
     return type(value) is int and 0 <= value < 1 << 48
 
 
-def _rebuild_tensor(machine: "_Machine", arguments: tuple) -> Any:
+def _rebuild_tensor(machine: "Machine", arguments: tuple) -> Any:
     """Return a view of a storage: `(storage, offset, size, stride, ...)`, counted in elements."""
     if len(arguments) < 4 or not isinstance(arguments[0], _Storage):
         raise damaged("a tensor is described by other values than storage, offset, size and stride")
@@ -133,48 +141,57 @@ def _rebuild_tensor(machine: "_Machine", arguments: tuple) -> Any:
     )
 
 
-def _rebuild_parameter(_machine: "_Machine", arguments: tuple) -> Any:
+def _rebuild_parameter(_machine: "Machine", arguments: tuple) -> Any:
     if not arguments or not isinstance(arguments[0], np.ndarray | None):
         raise damaged("a parameter is described by something that is not a tensor")
     return arguments[0]
 
 
-def _ordered_dict(_machine: "_Machine", arguments: tuple) -> dict:
+def _ordered_dict(_machine: "Machine", arguments: tuple) -> dict:
     if arguments:
         raise damaged("an OrderedDict is built from arguments, expected an empty one that is then filled")
     return {}
 
 
-def _size(_machine: "_Machine", arguments: tuple) -> tuple:
+def _size(_machine: "Machine", arguments: tuple) -> tuple:
     if len(arguments) != 1 or not isinstance(arguments[0], tuple) or not all(map(_is_count, arguments[0])):
         raise damaged("a torch.Size is built from something that is not a tuple of numbers")
     return arguments[0]
 
 
-_GLOBALS: dict[tuple[str, str], _Function | StorageType] = {
-    ("torch._utils", "_rebuild_tensor"): _Function("tensor", _rebuild_tensor),
-    ("torch._utils", "_rebuild_tensor_v2"): _Function("tensor", _rebuild_tensor),
-    ("torch._utils", "_rebuild_parameter"): _Function("parameter", _rebuild_parameter),
-    ("torch", "Size"): _Function("size", _size),
-    ("collections", "OrderedDict"): _Function("OrderedDict", _ordered_dict),
+_GLOBALS: dict[tuple[str, str], Internal] = {
+    ("torch._utils", "_rebuild_tensor"): Function("tensor", _rebuild_tensor),
+    ("torch._utils", "_rebuild_tensor_v2"): Function("tensor", _rebuild_tensor),
+    ("torch._utils", "_rebuild_parameter"): Function("parameter", _rebuild_parameter),
+    ("torch", "Size"): Function("size", _size),
+    ("collections", "OrderedDict"): Function("OrderedDict", _ordered_dict),
     **{("torch", name): StorageType(name) for name in _STORAGE_DTYPES},
 }
 
 
-def _find_global(module: Any, name: Any) -> _Function | StorageType:
+def _find_global(machine: "Machine", module: Any, name: Any) -> Any:
     """Return our stand-in for a name that a pickle wants to import, or refuse it."""
-    found = _GLOBALS.get((module, name)) if isinstance(module, str) and isinstance(name, str) else None
+    names = machine.dialect.names
+    found = names.get((module, name)) if isinstance(module, str) and isinstance(name, str) else None
     if found is None:
         wanted = ascii(f"{module}.{name}" if isinstance(module, str) and isinstance(name, str) else "something")[1:-1]
         raise RefusedError(
             f"refused: the file wants to import {wanted[:120]}, which could run code; expected tensors, numbers, "
-            "strings, dictionaries and lists only. If you trust its origin, load it with torch where it was "
-            "made and save plain tensors."
+            "strings, dictionaries and lists only",
+            "If you trust its origin, load it with torch where it was made and save plain tensors.",
         )
     return found
 
 
 # The interpreter
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """What a pickle may name, and the operations it may use, by their codes."""
+
+    names: Mapping[tuple[str, str], Any]
+    operations: Mapping[bytes, Callable[["Machine"], Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,11 +205,12 @@ class _Enclosed:
 
 
 @dataclass
-class _Machine:
+class Machine:
     """The state of one pickle's interpretation: a stack machine of plain values."""
 
     content: bytes
     storage: StorageSource
+    dialect: Dialect
     position: int = 0
     stack: list = field(default_factory=list)
     marks: list[int] = field(default_factory=list)
@@ -211,21 +229,25 @@ class _Machine:
         return taken
 
     def take_number(self, count: int) -> int:
+        """Return the next bytes as a number."""
         return int.from_bytes(self.take(count), "little")
 
     def take_line(self) -> str:
+        """Return the text up to the end of the line."""
         end = self.content.find(b"\n", self.position)
         if end < 0:
             raise damaged("the pickle is cut off")
         return self.take(end + 1 - self.position)[:-1].decode("utf-8", "backslashreplace")
 
     def pop(self) -> Any:
+        """Take the last value off the stack."""
         # Values below the last mark belong to another container.
         if len(self.stack) <= (self.marks[-1] if self.marks else 0):
             raise damaged("the pickle takes a value that is not there")
         return self.stack.pop()
 
     def pop_to_mark(self) -> list:
+        """Take off all values above the last mark."""
         if not self.marks:
             raise damaged("the pickle closes a list that was not opened")
         mark = self.marks.pop()
@@ -234,6 +256,7 @@ class _Machine:
         return values
 
     def top(self, kind: type) -> Any:
+        """Return the last value, a container that still is filled."""
         value = self.pop()
         # A container that already is inside another is complete; one that still grows contains itself.
         if type(value) is not kind or id(value) in self.enclosed:
@@ -243,7 +266,7 @@ class _Machine:
 
     def enclose(self, value: Any) -> bool:
         """Note that a value goes into a container, which completes it; return whether it is a value at all."""
-        if isinstance(value, _INTERNAL):
+        if isinstance(value, Internal):
             return False
         if type(value) not in (list, dict, tuple):
             return True
@@ -253,7 +276,7 @@ class _Machine:
             depth = 1 + max((item.depth for item in inside), default=0)
             if depth > MAXIMUM_DEPTH:
                 raise damaged(f"containers are nested more than {MAXIMUM_DEPTH} deep")
-            internal = any(item.internal for item in inside) or any(isinstance(item, _INTERNAL) for item in items)
+            internal = any(item.internal for item in inside) or any(isinstance(item, Internal) for item in items)
             self.enclosed[id(value)] = _Enclosed(value, depth, internal)
         return not self.enclosed[id(value)].internal
 
@@ -265,24 +288,29 @@ class _Machine:
             raise damaged("a container holds the name of a function or a storage, expected values")
 
     def spend_expansion(self, count: int) -> None:
+        """Count elements that are shown beyond those stored."""
         self.expansion_left -= count
         if self.expansion_left < 0:
             raise damaged(f"tensors show more than {MAXIMUM_EXPANSION} elements beyond those stored")
 
     def remember(self, index: int) -> None:
+        """Keep the last value under a number."""
         value = self.pop()
         self.memo[index] = value
         self.stack.append(value)
 
     def recall(self, index: int) -> None:
+        """Put the value that was kept under a number on the stack."""
         if index not in self.memo:
             raise damaged("the pickle refers to a value that it has not built")
         self.stack.append(self.memo[index])
 
 
-def interpret(content: bytes, storage: StorageSource, position: int = 0) -> tuple[Any, int]:
-    """Return the value of the pickle at `position` and where it ends."""
-    machine = _Machine(content, storage, position)
+def interpret(
+    content: bytes, storage: StorageSource, position: int = 0, dialect: Dialect | None = None
+) -> tuple[Any, int]:
+    """Return the value of the pickle at `position` and where it ends; by default in torch's dialect."""
+    machine = Machine(content, storage, dialect or TORCH, position)
     while True:
         code = machine.take(1)
         if code == b".":
@@ -290,7 +318,7 @@ def interpret(content: bytes, storage: StorageSource, position: int = 0) -> tupl
             if not machine.enclose(value):
                 raise damaged("the file holds no value but the name of one")
             return value, machine.position
-        operation = _OPERATIONS.get(code)
+        operation = machine.dialect.operations.get(code)
         if operation is None:
             names = [known.name for known in pickletools.opcodes if known.code.encode("latin-1") == code]
             name = f"operation {names[0]}" if names else f"byte {code!r}, which is no operation"
@@ -298,27 +326,27 @@ def interpret(content: bytes, storage: StorageSource, position: int = 0) -> tupl
         operation(machine)
 
 
-def _tuple_of(count: int) -> Callable[[_Machine], None]:
-    def operation(machine: _Machine) -> None:
+def _tuple_of(count: int) -> Callable[[Machine], None]:
+    def operation(machine: Machine) -> None:
         _push_tuple(machine, [machine.pop() for _ in range(count)][::-1])
 
     return operation
 
 
-def _push_tuple(machine: _Machine, values: list) -> None:
+def _push_tuple(machine: Machine, values: list) -> None:
     for value in values:
         machine.enclose(value)
     machine.stack.append(tuple(values))
 
 
-def _append(machine: _Machine, values: list) -> None:
+def _append(machine: Machine, values: list) -> None:
     target = machine.top(list)
     for value in values:
         machine.enclose_value(value, target)
         target.append(value)
 
 
-def _set_items(machine: _Machine, values: list) -> None:
+def _set_items(machine: Machine, values: list) -> None:
     target = machine.top(dict)
     if len(values) % 2:
         raise damaged("a dictionary's key has no value")
@@ -329,29 +357,29 @@ def _set_items(machine: _Machine, values: list) -> None:
         target[key] = value
 
 
-def _append_one(machine: _Machine) -> None:
+def _append_one(machine: Machine) -> None:
     _append(machine, [machine.pop()])
 
 
-def _set_item(machine: _Machine) -> None:
+def _set_item(machine: Machine) -> None:
     value, key = machine.pop(), machine.pop()
     _set_items(machine, [key, value])
 
 
-def _reduce(machine: _Machine) -> None:
+def _reduce(machine: Machine) -> None:
     arguments, function = machine.pop(), machine.pop()
-    if not isinstance(function, _Function) or type(arguments) is not tuple:
+    if not isinstance(function, Function) or type(arguments) is not tuple:
         raise damaged("the pickle calls something that is not a function")
     machine.stack.append(function.call(machine, arguments))
 
 
-def _build(machine: _Machine) -> None:
+def _build(machine: Machine) -> None:
     # torch gives an OrderedDict attributes (`_metadata` of a state_dict): not values, so left out.
     machine.pop()
     machine.top(dict)
 
 
-def _persistent_id(machine: _Machine) -> None:
+def _persistent_id(machine: Machine) -> None:
     """Replace `("storage", type, key, location, count[, view])` by the storage."""
     wanted = machine.pop()
     if not (
@@ -368,8 +396,8 @@ def _persistent_id(machine: _Machine) -> None:
     machine.stack.append(_Storage(kind, count, machine.storage(kind, key, count)))
 
 
-def _push_text(width: int) -> Callable[[_Machine], None]:
-    def operation(machine: _Machine) -> None:
+def _push_text(width: int) -> Callable[[Machine], None]:
+    def operation(machine: Machine) -> None:
         raw = machine.take(machine.take_number(width))
         try:
             machine.stack.append(raw.decode("utf-8"))
@@ -379,28 +407,29 @@ def _push_text(width: int) -> Callable[[_Machine], None]:
     return operation
 
 
-def _push_long(machine: _Machine) -> None:
+def _push_long(machine: Machine) -> None:
     size = machine.take_number(1)
     if size > 16:
         raise damaged(f"an integer has {size} bytes, expected at most 16")
     machine.stack.append(int.from_bytes(machine.take(size), "little", signed=True))
 
 
-def _push_global_line(machine: _Machine) -> None:
-    machine.stack.append(_find_global(machine.take_line(), machine.take_line()))
+def _push_global_line(machine: Machine) -> None:
+    machine.stack.append(_find_global(machine, machine.take_line(), machine.take_line()))
 
 
-def _refuse_instance(machine: _Machine) -> None:
-    wanted = _find_global(machine.take_line(), machine.take_line())
-    raise damaged(f"the pickle builds an instance of {wanted.name}, expected a call")
+def _refuse_instance(machine: Machine) -> None:
+    module, name = machine.take_line(), machine.take_line()
+    _find_global(machine, module, name)
+    raise damaged(f"the pickle builds an instance of {name}, expected a call")
 
 
-def _push_global_stack(machine: _Machine) -> None:
+def _push_global_stack(machine: Machine) -> None:
     name, module = machine.pop(), machine.pop()
-    machine.stack.append(_find_global(module, name))
+    machine.stack.append(_find_global(machine, module, name))
 
 
-_OPERATIONS: dict[bytes, Callable[[_Machine], Any]] = {
+_OPERATIONS: dict[bytes, Callable[[Machine], Any]] = {
     b"\x80": lambda machine: machine.take(1),  # protocol
     b"\x95": lambda machine: machine.take(8),  # frame: a hint for streams
     b"(": lambda machine: machine.marks.append(len(machine.stack)),
@@ -441,3 +470,5 @@ _OPERATIONS: dict[bytes, Callable[[_Machine], Any]] = {
     b"b": _build,
     b"Q": _persistent_id,
 }
+
+TORCH = Dialect(_GLOBALS, _OPERATIONS)
