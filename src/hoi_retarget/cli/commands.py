@@ -232,6 +232,42 @@ class Share:
 
 
 @dataclass(frozen=True)
+class Report:
+    """Judge many motions: a page, tables, and a verdict on each with its reasons."""
+
+    paths: Annotated[Positional[tuple[Path, ...]], arg(metavar="DIR|FILE...", help_behavior_hint="(required)")]
+    """Results, folders with results, and batches' folders."""
+    out: Folder
+    """Folder to write report.html, index.csv, index.parquet and verdicts.json into; made when it does not exist."""
+    objects: OptionalFolder = None
+    """Folder with the objects' geometry, as for run, where it is not where it was; for the pictures."""
+    title: str = "Retargeting report"
+    """Title of the page."""
+    strict: bool = False
+    """Exit with 1 when a motion fails or a file cannot be read."""
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write results as the files that trackers and other tools read."""
+
+    results: Annotated[Positional[tuple[Path, ...]], arg(metavar="RESULT...", help_behavior_hint="(required)")]
+    """Result files (.npz)."""
+    to: Annotated[str, arg(metavar="FORMAT")]
+    """beyondmimic, mjlab, holosoma, holosoma-qpos, hdmi, gmr, unitree-csv, or dataset: many results in one folder."""
+    out: Annotated[Path, arg(metavar="PATH")]
+    """Folder to write <result's stem>.<format>.* into, or the file to write; the folder of a data set."""
+    fps: Annotated[float | None, arg(metavar="NUMBER", help_behavior_hint="")] = None
+    """Frames a second; by default what the format's readers expect, mostly 50."""
+    object_name: ObjectName = None
+    """Which object goes into a format that has one place for it, where there are several."""
+    clip: OptionalClip = None
+    """The clip they were made from, where it is not where it was; it knows the objects' surfaces."""
+    objects: OptionalFolder = None
+    """Folder with the objects' geometry, as for run, where it is not where it was."""
+
+
+@dataclass(frozen=True)
 class Render:
     """Draw results, human and robot beside each other, as a picture or a film."""
 
@@ -275,7 +311,9 @@ Command = (
     | Annotated[Sample, subcommand("sample")]
     | Annotated[View, subcommand("view")]
     | Annotated[Edit, subcommand("edit")]
+    | Annotated[Export, subcommand("export")]
     | Annotated[Render, subcommand("render")]
     | Annotated[Share, subcommand("share")]
     | Annotated[Contacts, subcommand("contacts")]
+    | Annotated[Report, subcommand("report")]
 )

@@ -19,7 +19,7 @@ if _PLAIN and not _DECIDED:
     del os.environ[_TYRO_COLOURS]
 
 from hoi_retarget import __version__  # noqa: E402
-from hoi_retarget.cli.commands import DESCRIPTION, Command, Render, Robots, Share  # noqa: E402
+from hoi_retarget.cli.commands import DESCRIPTION, Command, Render, Report, Robots, Share  # noqa: E402
 from hoi_retarget.cli.terminal import fail, say  # noqa: E402
 from hoi_retarget.errors import ArgumentError, HoiRetargetError  # noqa: E402
 
@@ -44,7 +44,7 @@ def run(arguments: Sequence[str]) -> int:
         config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes),
     )
     _use_one_thread()
-    if isinstance(command, Render | Robots | Share):
+    if isinstance(command, Render | Report | Robots | Share):
         _draw_without_a_screen()
     try:
         return _module(type(command).__name__.lower()).execute(command)

@@ -1,0 +1,84 @@
+"""`hoi-retarget report`: many results on one page and in tables, with a verdict on each."""
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from hoi_retarget.cli.commands import Report
+from hoi_retarget.cli.jobs import check_writable
+from hoi_retarget.cli.terminal import Working, say, show_table, warn
+from hoi_retarget.errors import ArgumentError
+from hoi_retarget.motion import write_together
+from hoi_retarget.report.finding import find
+from hoi_retarget.report.index import to_csv, to_json, to_parquet
+from hoi_retarget.report.page import Picture, report_page
+from hoi_retarget.report.pictures import picture_of
+from hoi_retarget.report.rows import Row, read_row, worst_first
+from hoi_retarget.verdict import Level
+
+PICTURES = 6
+_SHOWN = 10  # Files that are named in the terminal.
+_PARQUET = "index.parquet"
+
+
+def execute(command: Report) -> int:
+    """Write the report; return 1 when `--strict` is given and a file fails or cannot be read."""
+    if not command.paths:
+        raise ArgumentError("nothing is named. Usage: hoi-retarget report DIR|FILE... --out DIR.")
+    check_writable("--out", command.out)
+    found, _ = find(command.paths)
+    rows: list[Row] = []
+    with Working("judging", len(found)) as working:
+        for file in found:
+            rows.append(read_row(file))
+            working.advance()
+        working.describe("drawing")
+        pictures = _pictures(rows, command.objects)
+    _write(command.out, command.title, rows, pictures)
+    _summarize(rows)
+    say(f"Open {command.out / 'report.html'} in a browser; tables: index.csv, {_PARQUET}, verdicts.json beside it.")
+    bad = any(row.level in (None, Level.FAIL) for row in rows)
+    return 1 if command.strict and bad else 0
+
+
+def _pictures(rows: Sequence[Row], objects: Path | None) -> dict[str, Picture]:
+    drawn: dict[str, Picture] = {}
+    for row in worst_first(rows)[:PICTURES]:
+        picture = picture_of(row.path, objects=objects) if row.path is not None else None
+        if picture is not None:
+            drawn[row.file] = picture
+    return drawn
+
+
+def _write(out: Path, title: str, rows: Sequence[Row], pictures: dict[str, Picture]) -> None:
+    contents = {
+        out / "report.html": report_page(title, rows, pictures).encode(),
+        out / "index.csv": to_csv(rows),
+        out / "verdicts.json": to_json(rows),
+    }
+    parquet = to_parquet(rows)
+    if parquet is not None:
+        contents[out / _PARQUET] = parquet
+    write_together(contents)
+    if parquet is None:
+        warn(f"{_PARQUET} is not written: it needs pyarrow. Install it with: pip install 'hoi-retarget[dataset]'.")
+
+
+def _summarize(rows: Sequence[Row]) -> None:
+    counts: dict[str, Counter[Level | None]] = {}
+    for row in sorted(rows, key=lambda row: row.robot):
+        counts.setdefault(row.robot or "-", Counter())[row.level] += 1
+    heads = ("robot", "files", *map(str, Level), "unread")
+    lines = [
+        (name, str(sum(count.values())), *(str(count[level]) for level in (*Level, None)))
+        for name, count in counts.items()
+    ]
+    show_table([heads, *lines])
+    say()
+    for told in (Level.FAIL, None):
+        named = [row for row in rows if row.level is told]
+        for row in named[:_SHOWN]:
+            why = row.error if row.verdict is None else "; ".join(map(str, row.verdict.reasons))
+            say(f"{'unread' if told is None else told}: {row.file}: {why}")
+        if len(named) > _SHOWN:
+            say(f"... and {len(named) - _SHOWN} more.")

@@ -1,0 +1,74 @@
+"""Which files a report is about: those that are named, and those in folders, each one once."""
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hoi_retarget.errors import ArgumentError
+
+MANIFEST = "manifest.jsonl"
+"""What a batch tells of its jobs, in the folder of its results."""
+_SUFFIXES = (".npz", ".pkl", ".csv")
+_OWN = ("index.csv", "verdicts.json")
+"""Beside each other they tell a folder that a report was written into."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A file that a report is about."""
+
+    path: Path
+    name: str
+    """The path from the folder that holds all files, with forward slashes."""
+
+
+def find(named: Sequence[Path]) -> tuple[tuple[Found, ...], tuple[Path, ...]]:
+    """Return the files of a report in order of their names, and the batches' manifests.
+
+    In folders, hidden files and what an earlier report wrote are left out, and of tables (.csv) those that
+    begin with words: motions in them are numbers alone.
+
+    Raises:
+        ArgumentError: A path does not exist, or there is no such file in any of the folders.
+    """
+    paths: dict[Path, Path] = {}
+    manifests: dict[Path, Path] = {}
+    for path in named:
+        if path.is_dir():
+            for file in _walk(path):
+                (manifests if file.name == MANIFEST else paths).setdefault(file.resolve(), file)
+        elif path.exists():
+            (manifests if path.name == MANIFEST else paths).setdefault(path.resolve(), path)
+        else:
+            raise ArgumentError(f"{path}: there is no such file or folder. Name results, or folders with results.")
+    if not paths and not manifests:
+        raise ArgumentError(
+            f"{', '.join(map(str, named))}: there are no results in it ({', '.join(_SUFFIXES)}). Name another folder."
+        )
+    root = Path(os.path.commonpath([file.parent for file in paths])) if paths else Path()
+    found = (Found(path, resolved.relative_to(root).as_posix()) for resolved, path in paths.items())
+    return tuple(sorted(found, key=lambda file: file.name)), tuple(sorted(manifests.values()))
+
+
+def _walk(folder: Path) -> Iterator[Path]:
+    for parent, folders, files in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        report = all(name in files for name in _OWN)
+        for name in sorted(files):
+            path = Path(parent) / name
+            if name == MANIFEST:
+                yield path
+            elif name.startswith(".") or path.suffix.lower() not in _SUFFIXES or (report and name in _OWN):
+                continue
+            elif path.suffix.lower() != ".csv" or _begins_with_a_number(path):
+                yield path
+
+
+def _begins_with_a_number(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            float(file.readline(1000).split(b",")[0])
+    except (OSError, ValueError):
+        return False
+    return True

@@ -1,0 +1,102 @@
+"""How one figure is distributed over all motions: a small picture with its thresholds drawn."""
+
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+
+from hoi_retarget.verdict import Level, Threshold
+
+WIDTH, HEIGHT = 264, 124  # [px]
+_LEFT, _RIGHT, _TOP, _BOTTOM = 6, 6, 18, 18  # Around the bars [px].
+_BINS = 24
+_FARTHEST = 4.0  # Fail thresholds; what lies beyond is counted in the last bin.
+_ROOM = 1.04  # Between the last value and the edge.
+
+
+def histogram(threshold: Threshold, values: Sequence[float]) -> str:
+    """Return an SVG element: a bar is as long as the number of motions, coloured by how good they are.
+
+    Args:
+        threshold: The figure.
+        values: Of each motion, in stored units; at least one.
+    """
+    axis = _Axis(threshold, values)
+    levels = [threshold.level(value) for value in values]
+    bins = [axis.bin_of(value) for value in values]
+    counts = np.zeros((_BINS, len(Level)), dtype=int)
+    np.add.at(counts, (bins, levels), 1)
+    marks = [_mark(axis, Level.WARN, threshold.warn)]
+    if threshold.fail is not None:
+        marks.append(_mark(axis, Level.FAIL, threshold.fail))
+    low, high = axis.labels()
+    base = HEIGHT - _BOTTOM
+    return (
+        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(threshold.column.header)}">'
+        f"{_bars(counts)}{''.join(marks)}"
+        f'<path class="axis" d="M{_LEFT} {base}.5H{WIDTH - _RIGHT}"/>'
+        f'<text x="{_LEFT}" y="{HEIGHT - 5}">{escape(low)}</text>'
+        f'<text class="end" x="{WIDTH - _RIGHT}" y="{HEIGHT - 5}">{escape(high)}</text></svg>'
+    )
+
+
+class _Axis:
+    """From values to places; where higher is better, it is the lower end that is cut."""
+
+    def __init__(self, threshold: Threshold, values: Sequence[float]) -> None:
+        self._column = threshold.column
+        self._sign = 1.0 if threshold.column.better == "lower" else -1.0
+        worse = self._sign * np.array(values)
+        warn, fail = self._sign * threshold.warn, threshold.fail
+        self._low = min(float(worse.min()), warn, 0.0)
+        high = max(float(worse.max()), warn)
+        self.cut = False
+        if fail is not None and high > warn:
+            farthest = _FARTHEST * self._sign * fail
+            self.cut = high > farthest > 0
+            high = farthest if self.cut else max(high, self._sign * fail)
+        self._high = self._low + _ROOM * (high - self._low) if high > self._low else self._low + 1.0
+
+    def share(self, value: float) -> float:
+        """Return how far along the axis a value lies, from 0 to 1, with the good ones at the left."""
+        return float(np.clip((self._sign * value - self._low) / (self._high - self._low), 0.0, 1.0))
+
+    def bin_of(self, value: float) -> int:
+        return min(_BINS - 1, int(self.share(value) * _BINS))
+
+    def labels(self) -> tuple[str, str]:
+        low, high = (f"{self._column.scale * self._sign * end + 0.0:.3g}" for end in (self._low, self._high))
+        return low, f"{high} and beyond" if self.cut else high
+
+
+def _x(share: float) -> float:
+    return _LEFT + share * (WIDTH - _LEFT - _RIGHT)
+
+
+def _bars(counts: np.ndarray) -> str:
+    step = (_x(1.0) - _x(0.0)) / _BINS
+    room, tallest = HEIGHT - _TOP - _BOTTOM, counts.sum(axis=1).max()
+    bars = []
+    for number, of_levels in enumerate(counts):
+        below = 0.0
+        for level in Level:
+            height = room * of_levels[level] / tallest
+            if height:
+                top = HEIGHT - _BOTTOM - below - height
+                bars.append(
+                    f'<rect class="{level}" x="{_x(0.0) + number * step:.2f}" y="{top:.2f}" width="{step - 1:.2f}" '
+                    f'height="{height:.2f}"/>'
+                )
+            below += height
+    return "".join(bars)
+
+
+def _mark(axis: _Axis, level: Level, limit: float) -> str:
+    share = axis.share(limit)
+    if share >= 1.0:
+        return ""  # All motions are far from it.
+    x, side = _x(share), "end" if share > 0.5 else ""
+    return (
+        f'<path class="limit {level}" d="M{x:.2f} {_TOP - 6}V{HEIGHT - _BOTTOM}"/>'
+        f'<text class="{side}" x="{x + (-3 if side else 3):.2f}" y="{_TOP - 8}">{level}</text>'
+    )

@@ -1,0 +1,59 @@
+"""Pictures of the motions that a report warns of, taken where they are at their worst."""
+
+from pathlib import Path
+
+import numpy as np
+
+from hoi_retarget import se3
+from hoi_retarget.clip import Clip
+from hoi_retarget.errors import HoiRetargetError
+from hoi_retarget.motion import Motion, load
+from hoi_retarget.recordings import clip_of
+from hoi_retarget.robots import robot
+from hoi_retarget.robots.model import load_model
+from hoi_retarget.viewers.scene import Shown, make_scene
+from hoi_retarget.viewers.standpoint import standpoint
+from hoi_retarget.viewers.thumbnail import telling_frame, thumbnail
+
+
+def picture_of(path: Path, *, objects: Path | None = None) -> tuple[str, bytes] | None:
+    """Return a picture of a result, beside its human where the recording is at hand: the ending of its name, content.
+
+    None where it cannot be drawn: a robot that is not known, or a file that is gone.
+
+    Args:
+        path: The result.
+        objects: The objects' folder, where it is not the one that the result says.
+    """
+    try:
+        motion = load(path)
+        model = load_model(robot(motion.robot))
+        clip = _clip(motion, objects)
+        person = motion.report.get("person", 0)
+        scene = make_scene([Shown(path.stem, motion, model, clip, person if isinstance(person, int) else 0)])
+        ahead = se3.rotate(motion.qpos[:, 3:7], np.array([1.0, 0.0, 0.0])).mean(axis=0)[:2]
+        return thumbnail(scene, worst_frame(motion), standpoint(scene, ahead))
+    except HoiRetargetError:
+        return None
+
+
+def worst_frame(motion: Motion) -> int:
+    """Return the middle of the longest stretch that the report complains of, else that of the longest contact."""
+    found = [*_segments(motion, "turned_over"), *_segments(motion, "unreached_contacts")]
+    first, last = max(found, key=lambda segment: segment[1] - segment[0], default=(-1, -1))
+    return (first + last) // 2 if 0 <= first <= last < motion.frames else telling_frame(motion)
+
+
+def _segments(motion: Motion, key: str) -> list[tuple[int, int]]:
+    segments = motion.report.get(key)
+    try:
+        return [(int(segment["first_frame"]), int(segment["last_frame"])) for segment in segments or ()]
+    except (KeyError, TypeError, ValueError):
+        return []
+
+
+def _clip(motion: Motion, objects: Path | None) -> Clip | None:
+    try:
+        return clip_of(motion, objects=objects)
+    except HoiRetargetError:
+        return None

@@ -1,0 +1,125 @@
+"""What a report knows of one file: where it comes from, its figures, and the verdict on them."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path, PureWindowsPath
+from typing import Any
+
+from hoi_retarget.errors import HoiRetargetError
+from hoi_retarget.motion import Motion, load
+from hoi_retarget.report.finding import Found
+from hoi_retarget.verdict import THRESHOLDS, Level, Verdict, judged_figures, verdict_of_figures
+
+OWN_FORMAT = "hoi-retarget"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One file of a report; without a verdict when it could not be read or was never written."""
+
+    file: str
+    """Its name in the report."""
+    path: Path | None = None
+    """Where it is; None when it was never written."""
+    error: str = ""
+    """Why there is no verdict."""
+    format: str = ""
+    robot: str = ""
+    objects: tuple[str, ...] = ()
+    clip: str = ""
+    frames: int | None = None
+    fps: float | None = None
+    root_scale: float | None = None
+    object_scale: tuple[float, ...] = ()
+    licence: str = ""
+    """Terms of the recording that it was made from; empty where the file does not say."""
+    lineage: str = ""
+    """What it is a variant of, as JSON; empty where the file does not say."""
+    figures: Mapping[str, float | None] = field(default_factory=dict)
+    verdict: Verdict | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the file without folders and ending."""
+        return PureWindowsPath(self.file).stem
+
+    @property
+    def seconds(self) -> float | None:
+        """Length of the motion [s]."""
+        return self.frames / self.fps if self.frames is not None and self.fps else None
+
+    @property
+    def level(self) -> Level | None:
+        """How good it is; None without a verdict."""
+        return self.verdict.level if self.verdict is not None else None
+
+    @property
+    def badness(self) -> tuple[float, ...]:
+        """A key to sort by, the worst motion last: level, reasons, and how near to thresholds or beyond them it is."""
+        if self.verdict is None:
+            return ()
+        return (
+            self.verdict.level,
+            sum(reason.level for reason in self.verdict.reasons),
+            max(self._shares(), default=0),
+        )
+
+    def _shares(self) -> list[float]:
+        """Return figures over their thresholds, where lower is better and the threshold is not zero."""
+        return [
+            value / threshold.warn
+            for threshold in THRESHOLDS
+            if threshold.column.better == "lower"
+            and threshold.warn > 0
+            and (value := self.figures.get(threshold.name)) is not None
+        ]
+
+
+def worst_first(rows: Sequence[Row]) -> tuple[Row, ...]:
+    """Return the rows that have a verdict, the worst first, equal ones by name."""
+    judged = sorted((row for row in rows if row.verdict is not None), key=lambda row: row.file)
+    return tuple(sorted(judged, key=lambda row: row.badness, reverse=True))
+
+
+def read_row(found: Found) -> Row:
+    """Return what a file holds; one that cannot be read gives a row with the reason."""
+    try:
+        motion = load(found.path)
+    except HoiRetargetError as error:
+        return Row(found.name, found.path, str(error).replace(str(found.path), found.path.name))
+    return _row(found, motion)
+
+
+def _row(found: Found, motion: Motion) -> Row:
+    figures = judged_figures(motion)
+    report = motion.report
+    source = report.get("source")
+    return Row(
+        file=found.name,
+        path=found.path,
+        format=OWN_FORMAT,
+        robot=motion.robot,
+        objects=motion.object_names,
+        clip=_text(report.get("clip")),
+        frames=motion.frames,
+        fps=motion.fps,
+        root_scale=_number(report.get("root_scale")),
+        object_scale=tuple(motion.object_scale.tolist()),
+        licence=_text(source.get("licence")) if isinstance(source, Mapping) else "",
+        lineage=_json(report.get("lineage")),
+        figures=figures,
+        verdict=verdict_of_figures(figures),
+    )
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else ""
+
+
+def _number(value: Any) -> float | None:
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
+
+
+def _json(value: Any) -> str:
+    return "" if value is None else json.dumps(value, sort_keys=True)
