@@ -201,14 +201,16 @@ def test_height_scales_with_the_person_and_no_movement_changes_it(seed, size):
     assert replace(ann, joint_positions=moved).height == pytest.approx(size * ann.height)
 
 
-def test_height_is_the_chain_of_one_leg_and_the_trunk():
-    """Joints of the chain on a staircase: the sum of its bones is known."""
+def test_height_is_the_chain_of_the_legs_mean_and_the_trunk():
+    """Joints of the chain on a staircase: the sum of its bones is known. The right leg is 6 long, the left one 4."""
     chain = ["left_ankle", "left_knee", "left_hip", "pelvis", "spine1", "spine2", "spine3", "neck", "head"]
     positions = np.full((4, len(JOINTS), 3), 99.0)
     for step, joint in enumerate(chain):
         positions[:, JOINT_INDEX[joint]] = [0.0, 0.0, step**2]
+    for side, length in (("hip", 0.0), ("knee", 3.0), ("ankle", 6.0)):
+        positions[:, JOINT_INDEX[f"right_{side}"]] = [0.0, length, 0.0]
     # All steps but the one from hip to pelvis, which is no bone of the chain.
-    expected = HEIGHT_OVER_CHAIN * (8**2 - (3**2 - 2**2))
+    expected = HEIGHT_OVER_CHAIN * (8**2 - 3**2 + (2**2 + 6) / 2)
     assert replace(person(4), joint_positions=positions).height == pytest.approx(expected)
 
 

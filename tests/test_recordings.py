@@ -1,12 +1,13 @@
 """Clips by what they are called: built-in ones, files, and the one a result was made from."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hoi_retarget.clip import Clip
+from hoi_retarget.augment import augment
+from hoi_retarget.clip import Augmentation, Clip
 from hoi_retarget.contact_edits import ContactEdits, FixAll, Move, apply, from_text
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.motion import Motion, load, save
@@ -37,8 +38,8 @@ def same(a: Clip, b: Clip) -> bool:
 
 def result_of(clip: Clip, **report) -> Motion:
     """Return a motion whose report tells of the clip, as a run's does."""
-    short = replace(clip.source)
-    return replace(MOTION, report={**MOTION.report, "source": {**vars(short), "notes": list(short.notes)}, **report})
+    source = asdict(clip.source)
+    return replace(MOTION, report={**MOTION.report, "source": {**source, "notes": list(clip.source.notes)}, **report})
 
 
 MOTION = retarget(make("carry_box", seconds=0.5), load_model(robot("unitree_g1")), Config())
@@ -99,6 +100,22 @@ def test_the_edits_of_a_result_are_applied_again(folder):
     recording, found = recording_of(motion)
     assert same(recording, clip) and found == edits
     assert recording_of(result_of(clip, command=SETTINGS))[1] == ContactEdits.of(clip)
+
+
+def test_a_result_of_an_augmented_clip_leads_to_that_clip(folder):
+    clip = open_clip("sub1_box_000.pt", objects=Path("objects"))
+    edited = apply(clip, ContactEdits.of(clip).adding(FixAll()))
+    augmented = augment(edited, Augmentation(mirrored=True, speed=1.25))
+    save(result_of(augmented, command=SETTINGS), folder / "result.npz")
+    assert same(clip_of(load(folder / "result.npz")), augmented)
+    assert same(recording_of(result_of(augmented, command=SETTINGS))[0], clip)
+
+
+@pytest.mark.parametrize("done", ["mirrored", {"mirrored": True}, {"mirrored": True, "speed": "fast"}])
+def test_a_result_that_says_nonsense_of_its_augmentation(done):
+    clip = make("carry_box")
+    with pytest.raises(ReadError, match="what was done to its clip"):
+        clip_of(result_of(clip, source=asdict(clip.source) | {"augmentation": done}))
 
 
 def test_a_recording_that_changed_is_refused(folder):

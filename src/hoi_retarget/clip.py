@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from hoi_retarget import se3
 from hoi_retarget.arrays import check_finite, check_shape, describe_frames, frozen, runs
-from hoi_retarget.errors import ClipError
+from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.skeleton import HEIGHT_OVER_CHAIN, JOINT_INDEX, JOINTS, PARTS
 
 MINIMUM_FRAMES = 4  # The jerk penalty is a third difference.
@@ -54,12 +54,15 @@ class Person:
 
     @property
     def height(self) -> float:
-        """Standing height [m], estimated from the skeleton's leg and trunk."""
-        leg = ("left_hip", "left_knee", "left_ankle")
-        trunk = ("pelvis", "spine1", "spine2", "spine3", "neck", "head")
-        bones = [*pairwise(leg), *pairwise(trunk)]
-        lengths = [np.linalg.norm(self.position(b) - self.position(a), axis=-1) for a, b in bones]
-        return float(HEIGHT_OVER_CHAIN * np.mean(np.sum(lengths, axis=0)))
+        """Standing height [m], estimated from the skeleton's legs, their mean, and its trunk."""
+        legs = [self._length(f"{side}_hip", f"{side}_knee", f"{side}_ankle") for side in ("left", "right")]
+        trunk = self._length("pelvis", "spine1", "spine2", "spine3", "neck", "head")
+        return HEIGHT_OVER_CHAIN * (float(np.mean(legs)) + trunk)
+
+    def _length(self, *chain: str) -> float:
+        """Return the length of a chain of joints [m], its mean over time."""
+        bones = [np.linalg.norm(self.position(b) - self.position(a), axis=-1) for a, b in pairwise(chain)]
+        return float(np.mean(np.sum(bones, axis=0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +143,20 @@ class ContactTrack:
 
 
 @dataclass(frozen=True)
+class Augmentation:
+    """What was done to a whole recording to get another clip of it; nothing by default."""
+
+    mirrored: bool = False
+    """Left for right."""
+    speed: float = 1.0
+    """How many times as fast as recorded."""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.speed) and self.speed > 0):
+            raise ArgumentError(f"The speed is {self.speed}; it must be a positive number.")
+
+
+@dataclass(frozen=True)
 class Source:
     """Where a clip comes from."""
 
@@ -151,6 +168,8 @@ class Source:
     """What the reader found and decided, one sentence each."""
     contact_edits: str = ""
     """Text of the contact edits that were applied to the contacts as recorded; empty where none were."""
+    augmentation: Augmentation = Augmentation()
+    """What was done after that."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hoi_retarget.clip import Clip
+from hoi_retarget.augment import augment
+from hoi_retarget.clip import Augmentation, Clip
 from hoi_retarget.contact_edits import ContactEdits, apply, from_text
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
 from hoi_retarget.motion import Motion
@@ -50,7 +51,7 @@ def result_stem(name: Path | str) -> str:
 
 
 def clip_of(motion: Motion, *, name: Path | None = None, objects: Path | None = None) -> Clip:
-    """Return the clip that a result was made from, its contact edits applied, by what the result's report says.
+    """Return the clip that a result was made from, edited and augmented as it was, by what the result's report says.
 
     Args:
         motion: The result.
@@ -63,9 +64,13 @@ def clip_of(motion: Motion, *, name: Path | None = None, objects: Path | None = 
     """
     clip, edits = recording_of(motion, name=name, objects=objects)
     try:
-        return apply(clip, edits)
+        clip = apply(clip, edits)
     except HoiRetargetError as error:
         raise ReadError(f"the result's contact edits no longer fit its clip: {error} {_ADVICE}") from error
+    try:
+        return augment(clip, _augmentation(motion))
+    except HoiRetargetError as error:
+        raise ReadError(f"the result's clip cannot be augmented again as it was: {error} {_ADVICE}") from error
 
 
 def recording_of(motion: Motion, *, name: Path | None = None, objects: Path | None = None) -> tuple[Clip, ContactEdits]:
@@ -96,6 +101,17 @@ def recording_of(motion: Motion, *, name: Path | None = None, objects: Path | No
     if not text:
         return clip, ContactEdits.of(clip)
     return clip, from_text(str(text), "the result's contact edits")
+
+
+def _augmentation(motion: Motion) -> Augmentation:
+    """Return what was done to a result's clip; raises `ReadError` when the report cannot be understood."""
+    done = _table(motion.report, "source").get("augmentation", {})
+    try:
+        return Augmentation(mirrored=bool(done["mirrored"]), speed=float(done["speed"])) if done else Augmentation()
+    except (KeyError, TypeError, ValueError, ArgumentError) as error:
+        raise ReadError(
+            f"the result does not say what was done to its clip: its report has {done!r} there. Run the retarget again."
+        ) from error
 
 
 def _table(report: Mapping[str, Any], key: str) -> Mapping[str, Any]:

@@ -48,6 +48,11 @@ def quat_multiply(a: Float[Array, "*#batch 4"], b: Float[Array, "*#batch 4"]) ->
     )
 
 
+def quat_mirrored(quat: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
+    """Return the rotation that is seen in a mirror at the plane y = 0."""
+    return quat * np.array([1.0, -1.0, 1.0, -1.0])
+
+
 def quat_to_matrix(quat: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
     """Return the rotation matrix of a unit quaternion."""
     w, x, y, z = np.moveaxis(quat, -1, 0)

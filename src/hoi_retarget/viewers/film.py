@@ -62,7 +62,9 @@ def panels(shown: Sequence[Shown], side: Side = "both") -> tuple[Scene, ...]:
 def _recorded(group: Sequence[Shown]) -> tuple[object, ...]:
     """Return what tells recorded people from others: results of one clip are shown with its human once."""
     clips = [item.clip for item in group if item.clip is not None]
-    return clips[0].name, clips[0].source.sha256, clips[0].frames, tuple(sorted(item.person for item in group))
+    source = clips[0].source
+    people = tuple(sorted(item.person for item in group))
+    return clips[0].name, source.sha256, source.augmentation, clips[0].frames, people
 
 
 def _people(group: Sequence[Shown]) -> list[Shown]:
