@@ -54,12 +54,15 @@ def load_exhibit(results: Sequence[Path], find_clip: Callable[..., Clip] = clip_
             shown.append(_shown(path, find_clip, notices))
         except HoiRetargetError as error:
             notices.append(str(error))
-    if not shown:
-        return Exhibit(None, notices=tuple(notices))
+    return exhibit_of(shown, tuple(notices)) if shown else Exhibit(None, notices=tuple(notices))
+
+
+def exhibit_of(shown: Sequence[Shown], notices: tuple[str, ...] = ()) -> Exhibit:
+    """Return what there is to see of results and clips; raises what `make_scene` raises."""
     scene = make_scene(shown)
     curves = [(item.title, curves_of(item.motion, item.model)) for item in shown if item.motion and item.model]
     extra = TITLES_HEIGHT_PX if len(shown) > 1 else 0
-    return Exhibit(scene, chart_html(curves, scene.fps), extra, figures_html(shown), tuple(notices))
+    return Exhibit(scene, chart_html(curves, scene.fps), extra, figures_html(shown), notices)
 
 
 def _shown(path: Path, find_clip: Callable[..., Clip], notices: list[str]) -> Shown:

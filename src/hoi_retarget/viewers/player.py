@@ -23,8 +23,9 @@ WORLD = "/world"
 SPEEDS = {"0.1x": 0.1, "0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0}
 CURVES_HEIGHT_PX = 245
 _CONTROLS_WIDTH_PX, _PANEL_MARGIN_PX = 320, 15
-_VIEW = np.array([0.55, -0.8, 0.25])  # From what is looked at to the camera, a unit's length.
-_HIDDEN_BELOW = 0.35  # Part of the window's height that the curves cover.
+_PANEL_HEAD_PX = 60  # Of the curves' panel, with its margin.
+_VIEW = np.array([0.55, -0.8, 0.24]) / np.linalg.norm([0.55, -0.8, 0.24])  # Towards the camera.
+_ROOM = 0.3  # Around what is looked at [m].
 _GREY = (205, 210, 216)
 _Key = Literal["arrowright", "arrowleft", "home", "end"]
 
@@ -49,7 +50,7 @@ class Player:
         self._add_controls(exhibit)
         if exhibit.chart:
             self._chart, self._cursor = self._add_curves(exhibit, left_px)
-        _place_camera(client, scene)
+        _place_camera(client, scene, exhibit, left_px)
         self._thread = Thread(target=self._run, name="player", daemon=True)
         self._thread.start()
 
@@ -272,8 +273,8 @@ def _add_floor(api: viser.SceneApi) -> None:
     )
 
 
-def _place_camera(client: viser.ClientHandle, scene: Scene) -> None:
-    """Look at everything that is there in the first frame, above the curves."""
+def _place_camera(client: viser.ClientHandle, scene: Scene, exhibit: Exhibit, left_px: int) -> None:
+    """Look at everything that is there in the first frame, so that it fills what the panels leave free."""
     places = [
         part.positions[0]
         for subject in scene.subjects
@@ -282,8 +283,15 @@ def _place_camera(client: viser.ClientHandle, scene: Scene) -> None:
         if isinstance(part, Shapes) and layer.shown
     ]
     everything = np.concatenate([*places, [subject.centre[0] for subject in scene.subjects]])
-    low, high = everything.min(axis=0), everything.max(axis=0)
-    distance = 0.8 + 0.95 * float(np.linalg.norm(high - low))
-    middle = 0.5 * (low + high) - [0.0, 0.0, 0.5 * _HIDDEN_BELOW * distance * np.tan(0.5 * client.camera.fov)]
-    client.camera.position = middle + distance * _VIEW
-    client.camera.look_at = middle
+    right = np.cross(-_VIEW, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(right, -_VIEW)])
+    low, high = (everything @ axes.T).min(axis=0) - _ROOM, (everything @ axes.T).max(axis=0) + _ROOM
+    covered = CURVES_HEIGHT_PX + exhibit.extra_height_px + _PANEL_HEAD_PX if exhibit.chart else 0
+    height = client.camera.image_height
+    free = np.array([client.camera.image_width - left_px - _CONTROLS_WIDTH_PX, height - covered])
+    metres_a_pixel = float(np.max((high - low) / np.maximum(free, 100)))
+    middle = 0.5 * (everything.min(axis=0) + everything.max(axis=0))
+    look_at = middle - 0.5 * covered * metres_a_pixel * axes[1]
+    client.camera.position = look_at + 0.5 * height * metres_a_pixel / np.tan(0.5 * client.camera.fov) * _VIEW
+    client.camera.look_at = look_at

@@ -45,6 +45,9 @@ def open_server(title: str, *, host: str = "127.0.0.1", port: int | None = None)
     server = _LocalServer(host=host, port=FIRST_PORT if port is None else port, label=title, verbose=False)
     server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(38, 110, 160))
     server.scene.set_up_direction("+z")
+    # Light from all around is what takes longest to draw without a graphics card, and adds little here.
+    server.scene.configure_environment_map(hdri=None)
+    server.scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(190, 185, 180), intensity=1.4)
     return server
 
 

@@ -179,9 +179,10 @@ class _Segments:
 def _unit_mesh(kind: Kind) -> tuple[np.ndarray, np.ndarray]:
     match kind:
         case Kind.SPHERE:
-            mesh = trimesh.creation.icosphere(subdivisions=2)
+            mesh = trimesh.creation.uv_sphere(radius=1.0, count=[8, 14])
+            mesh.merge_vertices()
         case Kind.CYLINDER:
-            mesh = trimesh.creation.cylinder(radius=1.0, height=2.0, sections=24)
+            mesh = trimesh.creation.cylinder(radius=1.0, height=2.0, sections=14)
         case Kind.BOX:
             mesh = trimesh.creation.box(extents=(2.0, 2.0, 2.0))
     return np.asarray(mesh.vertices, dtype=np.float32), np.asarray(mesh.faces)

@@ -1,0 +1,135 @@
+"""How quickly viewer and editor answer, in headless Chromium that draws without a graphics card.
+
+    python benchmarks/pages.py [--clip builtin:carry_box] [--objects DIR] [--minutes 1]
+
+Says: opening to the first drawn frame; frames shown a second while playing; memory of the server while it
+plays; from a committed change of a contact to its figures on the page, with the shares of solving and
+drawing; the whole clip solved again.
+"""
+
+import argparse
+import re
+import resource
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from browser import chromium, open_page, scene_pixels, wait_until
+from hoi_retarget.contact_edits import ContactEdits, Move
+from hoi_retarget.pipeline import Config
+from hoi_retarget.recordings import open_clip
+from hoi_retarget.robots import robot
+from hoi_retarget.robots.model import load_model
+from hoi_retarget.viewers.editing import Editing, solved
+from hoi_retarget.viewers.editor import Editor, Places
+from hoi_retarget.viewers.exhibit import exhibit_of
+from hoi_retarget.viewers.scene import Shown
+from hoi_retarget.viewers.server import address, open_server
+from hoi_retarget.viewers.view_page import serve_exhibit
+from hoi_retarget.viewers.visitors import serve_visitors
+
+CHANGES = 25
+SAMPLED_SECONDS = 5.0
+# Counts, in the browser, how often the number beside the frame slider changes.
+COUNT_FRAMES = """async (seconds) => {
+    const box = document.querySelector("input.mantine-NumberInput-input");
+    const end = performance.now() + 1000 * seconds;
+    let last = box.value, changes = 0, drawn = 0;
+    while (performance.now() < end) {
+        await new Promise(requestAnimationFrame);
+        drawn += 1;
+        if (box.value !== last) { changes += 1; last = box.value; }
+    }
+    return [changes / seconds, drawn / seconds];
+}"""
+
+
+def main() -> None:
+    arguments = _arguments()
+    clip = open_clip(arguments.clip, objects=arguments.objects)
+    model = load_model(robot("unitree_g1"))
+    start = solved(clip, model, Config(), ContactEdits.of(clip))
+    print(f"{arguments.clip}: {clip.frames} frames at {clip.fps:g}/s")
+    with chromium() as browser:
+        viewer(browser, clip, model, start, arguments.minutes)
+        editor(browser, clip, model, start)
+
+
+def viewer(browser, clip, model, start, minutes: float) -> None:
+    server = open_server("hoi-retarget")
+    exhibit = exhibit_of([Shown(clip.name, start.motions[0], model, clip)])
+    serve_exhibit(server, lambda: exhibit)
+    for attempt in range(3):
+        begin = time.perf_counter()
+        page = open_page(browser, address(server))
+        wait_until(lambda page=page: scene_pixels(page).std() > 10, "the first frame is drawn")
+        print(f"open to first frame, attempt {attempt + 1}: {time.perf_counter() - begin:.2f} s")
+        if attempt < 2:
+            page.close()
+    page.get_by_role("button", name="Play").click()
+    time.sleep(1.0)
+    began, first = time.perf_counter(), _memory_mb()
+    while True:
+        shown, drawn = page.evaluate(COUNT_FRAMES, SAMPLED_SECONDS)
+        print(f"playing: {shown:.1f} of {clip.fps:g} frames/s shown, page redraws {drawn:.0f}/s, {_memory_mb():.0f} MB")
+        if time.perf_counter() - began > 60 * minutes:
+            break
+        time.sleep(max(0.0, min(30.0, 60 * minutes) - SAMPLED_SECONDS))
+    print(f"memory of the server: {first:.0f} MB at first, {_memory_mb():.0f} MB after {minutes:g} minutes")
+    page.close()
+    server.stop()
+
+
+def editor(browser, clip, model, start) -> None:
+    server, editors = open_server("contacts"), []
+
+    def receive(client) -> Editor:
+        editors.append(Editor(client, Editing(clip, model, Config(), start), model, Places(Path("-"), lambda _: ())))
+        return editors[-1]
+
+    serve_visitors(server, receive)
+    page = open_page(browser, address(server))
+    told = page.locator(".told")
+    told.wait_for()
+    segment = start.segments[0]
+    seconds, shares = [], []
+    for number in range(CHANGES):
+        offset = (0.0, 0.0, 0.02 if number % 2 == 0 else -0.02)
+        before, begin = told.inner_text(), time.perf_counter()
+        editors[0].commit(Move(segment.part, segment.start, offset, segment.person))
+        wait_until(lambda before=before: told.inner_text() != before, "the change is told")
+        seconds.append(time.perf_counter() - begin)
+        shares.append([float(number) for number in re.findall(r"(\d+) ms", told.inner_text())])
+        time.sleep(0.3)
+    solving, drawing = np.median(shares, axis=0)
+    print(
+        f"one contact moved, {CHANGES} times: median {1e3 * np.median(seconds):.0f} ms until the page says so "
+        f"(largest {1e3 * max(seconds):.0f}); solving {solving:.0f} ms, drawing {drawing:.0f} ms"
+    )
+    begin = time.perf_counter()
+    editors[0].solve_all()
+    wait_until(lambda: "whole clip" in told.inner_text(), "the whole clip is solved")
+    print(f"whole clip: {1e3 * (time.perf_counter() - begin):.0f} ms until the page says so")
+    page.close()
+    server.stop()
+
+
+def _memory_mb() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 1e6
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--clip", default="builtin:carry_box")
+    parser.add_argument("--objects", type=Path, default=None)
+    parser.add_argument("--minutes", type=float, default=0.2)
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,76 @@
+"""Takes the pictures of viewer and editor from the built-in clip: `python docs/make_screenshots.py`.
+
+Needs the extra `dev` and Chromium (Debian: `apt-get install chromium`).
+"""
+
+import io
+import sys
+from pathlib import Path
+
+from PIL import Image
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from browser import chromium
+from hoi_retarget.contact_edits import ContactEdits
+from hoi_retarget.pipeline import Config
+from hoi_retarget.recordings import open_clip
+from hoi_retarget.robots import robot
+from hoi_retarget.robots.model import load_model
+from hoi_retarget.viewers.edit_page import serve_editor
+from hoi_retarget.viewers.editing import solved
+from hoi_retarget.viewers.editor import Places
+from hoi_retarget.viewers.exhibit import exhibit_of
+from hoi_retarget.viewers.scene import Shown
+from hoi_retarget.viewers.server import address, open_server
+from hoi_retarget.viewers.view_page import serve_exhibit
+
+IMAGES = Path(__file__).parent / "images"
+WINDOW = {"width": 1440, "height": 900}
+COLOURS = 256  # Of a picture's palette: enough for these pages, in a third of the bytes.
+
+
+def main() -> None:
+    """Write `images/viewer.png`, `images/editor_before.png` and `images/editor_after.png`."""
+    clip, model = open_clip("builtin:carry_box"), load_model(robot("unitree_g1"))
+    start = solved(clip, model, Config(), ContactEdits.of(clip))
+    with chromium() as browser:
+        server = open_server("hoi-retarget")
+        exhibit = exhibit_of([Shown("carry box", start.motions[0], model, clip)])
+        serve_exhibit(server, lambda: exhibit)
+        page = _page(browser, address(server))
+        page.locator("input.mantine-NumberInput-input").first.fill("128")
+        _picture(page, "viewer")
+        page.close()
+        server.stop()
+
+        server = open_server("contacts of carry_box")
+        serve_editor(server, clip, model, Config(), start, Places(Path("carry_box.edits.toml"), lambda _: ()))
+        page = _page(browser, address(server))
+        page.get_by_role("button", name="left hand").first.click()
+        page.get_by_role("button", name="left hand").first.wait_for()
+        _picture(page, "editor_before")
+        page.locator("input.mantine-NumberInput-input").nth(2).fill("0.12")
+        page.get_by_text("move, left_hand").wait_for()
+        _picture(page, "editor_after")
+        page.close()
+        server.stop()
+
+
+def _page(browser, address: str):
+    page = browser.new_page(viewport=WINDOW)
+    page.goto(address)
+    page.get_by_text("Playback", exact=True).wait_for()
+    # Of a browser without a graphics card Viser warns; a reader of the documentation need not know.
+    page.add_style_tag(content=".mantine-Notification-root { display: none; }")
+    return page
+
+
+def _picture(page, name: str) -> None:
+    page.wait_for_timeout(4000)
+    picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+    picture.quantize(COLOURS, dither=Image.Dither.NONE).save(IMAGES / f"{name}.png", optimize=True)
+
+
+if __name__ == "__main__":
+    main()
