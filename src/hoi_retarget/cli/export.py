@@ -1,0 +1,155 @@
+"""`hoi-retarget export`: results as the files that trackers and other tools read."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+
+from hoi_retarget.cli.commands import Export
+from hoi_retarget.cli.jobs import check_writable
+from hoi_retarget.cli.terminal import Working, fail, say, warn
+from hoi_retarget.errors import ArgumentError, HoiRetargetError
+from hoi_retarget.exporters import DATASET, FORMATS, Exported, Format, Result, export, format_named
+from hoi_retarget.exporters.dataset import FOLDER, write_dataset
+from hoi_retarget.motion import load, write_together
+from hoi_retarget.recordings import clip_of
+from hoi_retarget.robots import robot
+from hoi_retarget.robots.model import RobotModel, load_model
+
+
+def execute(command: Export) -> int:
+    """Export every result; return 0 when all succeeded."""
+    if not command.results:
+        raise ArgumentError("no result is named. Usage: hoi-retarget export RESULT... --to FORMAT --out PATH.")
+    if command.to == DATASET:
+        return _export_dataset(command)
+    format = format_named(command.to)
+    targets = _targets(command, format)
+    check_writable("--out", next(iter(targets.values())).parent)
+    models: dict[str, RobotModel] = {}
+    failures: list[HoiRetargetError] = []
+    notes: dict[str, None] = {}
+    with Working("exporting", len(targets)) as working:
+        for path, target in targets.items():
+            working.describe(path.name)
+            try:
+                result = _read(path, command, models, working)
+                exported = export(result, format, name=target.name, fps=command.fps, object_name=command.object_name)
+                write_together({target.parent / file: content for file, content in exported.files.items()})
+                notes |= dict.fromkeys(exported.notes)
+                with working.aside():
+                    _describe(result, exported, f"{target}{format.suffix}")
+            except HoiRetargetError as error:
+                failures.append(error)
+                with working.aside():
+                    fail(_naming(path, error))
+            working.advance()
+    for note in notes:
+        say(f"note: {note}")
+    say(f"{len(targets) - len(failures)} exported, {len(failures)} failed.")
+    if not failures:
+        return 0
+    return 2 if len(failures) == len(targets) and all(isinstance(error, ArgumentError) for error in failures) else 1
+
+
+def _export_dataset(command: Export) -> int:
+    """Write all results into one folder, or none of them."""
+    if command.object_name is not None:
+        raise ArgumentError(f"--object {command.object_name}: a data set holds all objects. Leave the option out.")
+    _check_folder(command.out)
+    check_writable("--out", command.out)
+    models: dict[str, RobotModel] = {}
+    results: list[Result] = []
+    with Working("exporting", len(command.results)) as working:
+        for path in command.results:
+            working.describe(path.name)
+            try:
+                results.append(_read(path, command, models, working))
+            except HoiRetargetError as error:
+                raise type(error)(_naming(path, error)) from error
+            working.advance()
+        _check_rows(results)
+        files = write_dataset(results, command.fps)
+        write_together({command.out / name: content for name, content in files.items()})
+    for licence in sorted({result.source.licence for result in results}):
+        say(f"licence of sources: {licence}")
+    say(f"{len(results)} motion{'s' if len(results) > 1 else ''} in {command.out}")
+    return 0
+
+
+def _check_folder(folder: Path) -> None:
+    """Raise `ArgumentError` unless the folder is new, or one whose only rows will be replaced."""
+    if folder.is_file():
+        raise ArgumentError(f"--out {folder} is a file. A data set is a folder; name another one.")
+    rows = folder / FOLDER
+    others = sorted(path.name for path in rows.iterdir() if path.suffix == ".parquet") if rows.is_dir() else []
+    if others:
+        raise ArgumentError(f"--out {folder}: there are rows in it already ({others[0]}, ...). Name another folder.")
+
+
+def _check_rows(results: Sequence[Result]) -> None:
+    """Raise `ArgumentError` where two motions of one robot have one name."""
+    counts = Counter((result.stem, result.motion.robot) for result in results)
+    (stem, name), count = counts.most_common(1)[0]
+    if count > 1:
+        raise ArgumentError(f"{count} results of {name} are called {stem}; rows of a data set need names of their own.")
+
+
+def _targets(command: Export, format: Format) -> dict[Path, Path]:
+    """Return, for each result, the path of its export without suffix."""
+    _check_stems(command.results)
+    a_file = command.out.suffix in {known.suffix for known in FORMATS.values()} - {""} and not command.out.is_dir()
+    single = a_file and command.out.suffix == format.suffix
+    if a_file and not single:
+        ending = f"files that end in {format.suffix}" if format.suffix else "a folder"
+        raise ArgumentError(f"--out {command.out}: the format {format.name} is {ending}. Name such a one, or a folder.")
+    if single and len(command.results) > 1:
+        raise ArgumentError(
+            f"--out {command.out} is one file, and {len(command.results)} results are named. Name a folder."
+        )
+    if not single:
+        return {path: command.out / f"{path.stem}.{format.name}" for path in command.results}
+    path = next(iter(command.results))
+    if command.out.resolve() == path.resolve():
+        raise ArgumentError(f"--out {command.out} is the result itself, which would be lost. Name another file.")
+    return {path: command.out.with_suffix("")}
+
+
+def _check_stems(paths: Sequence[Path]) -> None:
+    seen: dict[str, Path] = {}
+    for path in paths:
+        other = seen.setdefault(path.stem, path)
+        if other is not path:
+            raise ArgumentError(f"{other} and {path} would both be written as {path.stem}. Export them one by one.")
+
+
+def _read(path: Path, command: Export, models: dict[str, RobotModel], working: Working) -> Result:
+    """Return a result with the clip it was made from; a warning tells what is missing without that."""
+    motion = load(path)
+    if motion.robot not in models:
+        models[motion.robot] = load_model(robot(motion.robot))
+    alone = Result(path.stem, sha256(path.read_bytes()).hexdigest(), motion, models[motion.robot])
+    if not motion.object_names:
+        return alone
+    try:
+        result = replace(alone, clip=clip_of(motion, name=command.clip, objects=command.objects))
+        _ = result.surfaces  # Read now: a mesh may be damaged.
+    except HoiRetargetError as error:
+        if command.clip is not None:
+            raise
+        with working.aside():
+            warn(f"{path.name}: contacts are written without surface normals. {error}")
+        return alone
+    return result
+
+
+def _describe(result: Result, exported: Exported, target: str) -> None:
+    say(f"{target}  ({exported.frames} frames at {exported.fps:g} frames/s)")
+    say(f"  licence of the source: {result.source.licence}")
+
+
+def _naming(path: Path, error: HoiRetargetError) -> str:
+    """Return an error's text, which names the result's file."""
+    text = str(error)
+    return text if path.name in text else f"{path}: {text}"
