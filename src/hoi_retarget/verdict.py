@@ -12,7 +12,7 @@ from functools import cache
 from typing import Any
 
 from hoi_retarget.errors import HoiRetargetError
-from hoi_retarget.metrics import COLUMNS, Column, plausibility
+from hoi_retarget.metrics import COLUMNS, Column, soundness
 from hoi_retarget.metrics.view import check_joints
 from hoi_retarget.motion import Motion
 from hoi_retarget.robots import robot
@@ -191,9 +191,14 @@ class Reason:
 
     def __str__(self) -> str:
         column = self.threshold.column
-        shown, limit = (f"{column.scale * number:.4g}" for number in (self.value, self.threshold.limit(self.level)))
+        if math.isnan(self.value):
+            return f"{column.title} is no number"
+        value, limit = (column.scale * number for number in (self.value, self.threshold.limit(self.level)))
         side = "above" if column.better == "lower" else "below"
-        return f"{column.title} {shown} {column.unit}, {side} {limit}"
+        # As many digits as tell the two apart.
+        texts = (f"{value:.{digits}g}" for digits in (3, 5, 8, 17))
+        shown = next(text for text in texts if float(text) != limit or value == limit)
+        return f"{column.title} {shown} {column.unit}, {side} {limit:.8g}"
 
 
 @dataclass(frozen=True)
@@ -267,7 +272,7 @@ def _of_kinematics(motion: Motion, model: RobotModel | None) -> dict[str, float 
     except HoiRetargetError:
         return {}
     kinematics, height = model.forward(motion.qpos), float(model.home_qpos[2])
-    return asdict(plausibility(motion.qpos, motion.fps, kinematics, motion.stance_flags, height))
+    return asdict(soundness(motion.qpos, motion.fps, kinematics, motion.stance_flags, height))
 
 
 @cache

@@ -16,7 +16,7 @@ from hoi_retarget.report.pictures import picture_of
 from hoi_retarget.report.rows import Row, read_row, worst_first
 from hoi_retarget.verdict import Level
 
-PICTURES = 6
+PICTURES, _PASSING_PICTURES = 6, 3
 _SHOWN = 10  # Files that are named in the terminal.
 _PARQUET = "index.parquet"
 
@@ -43,11 +43,17 @@ def execute(command: Report) -> int:
 
 def _pictures(rows: Sequence[Row], objects: Path | None) -> dict[str, Picture]:
     drawn: dict[str, Picture] = {}
-    for row in worst_first(rows)[:PICTURES]:
+    for row in _to_draw(rows):
         picture = picture_of(row.path, objects=objects) if row.path is not None else None
         if picture is not None:
             drawn[row.file] = picture
     return drawn
+
+
+def _to_draw(rows: Sequence[Row]) -> Sequence[Row]:
+    """Return the worst of the motions that do not pass; where all do, those nearest to a threshold."""
+    ordered = worst_first(rows)
+    return [row for row in ordered if row.level is not Level.PASS][:PICTURES] or ordered[:_PASSING_PICTURES]
 
 
 def _write(out: Path, title: str, rows: Sequence[Row], pictures: dict[str, Picture]) -> None:

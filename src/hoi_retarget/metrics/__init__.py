@@ -1,7 +1,7 @@
 """Figures of merit: how well a robot's motion keeps what the human did, and what it violates."""
 
 from hoi_retarget.metrics.figures import Figures, evaluate, evaluate_kinematics
-from hoi_retarget.metrics.plausibility import Plausibility, plausibility
+from hoi_retarget.metrics.soundness import Soundness, soundness
 from hoi_retarget.metrics.table import COLUMNS, Column, Score, mean_values, table_rows, to_csv, to_json, worst_values
 from hoi_retarget.metrics.turned import TurnedSegment, turned_over
 from hoi_retarget.metrics.unreachable import UNREACHED_M, UnreachedSegment, contact_residuals, unreached_contacts
@@ -11,15 +11,15 @@ __all__ = [
     "UNREACHED_M",
     "Column",
     "Figures",
-    "Plausibility",
     "Score",
+    "Soundness",
     "TurnedSegment",
     "UnreachedSegment",
     "contact_residuals",
     "evaluate",
     "evaluate_kinematics",
     "mean_values",
-    "plausibility",
+    "soundness",
     "table_rows",
     "to_csv",
     "to_json",

@@ -65,7 +65,9 @@ class _Axis:
         return min(_BINS - 1, int(self.share(value) * _BINS))
 
     def labels(self) -> tuple[str, str]:
-        low, high = (f"{self._column.scale * self._sign * end + 0.0:.3g}" for end in (self._low, self._high))
+        low, high = (
+            f"{float(f'{self._column.scale * self._sign * end + 0.0:.3g}'):g}" for end in (self._low, self._high)
+        )
         return low, f"{high} and beyond" if self.cut else high
 
 
@@ -80,7 +82,7 @@ def _bars(counts: np.ndarray) -> str:
     for number, of_levels in enumerate(counts):
         below = 0.0
         for level in Level:
-            height = room * of_levels[level] / tallest
+            height = max(2.0, room * of_levels[level] / tallest) if of_levels[level] else 0.0
             if height:
                 top = HEIGHT - _BOTTOM - below - height
                 bars.append(

@@ -31,6 +31,7 @@ _IN_TABLE = (
     "joint_range_margin_rad",
     "joint_speed_margin_radps",
 )
+_DRAWN = tuple(name for name in _IN_TABLE if name != "joint_range_margin_rad")  # At its limit by design.
 _IN_GROUPS = (*_IN_TABLE[:3], "floor_penetration_max_m", "stance_slide_mps", "body_jerk_mps3")
 _PICTURE_TYPES = {".png": "image/png", ".svg": "image/svg+xml"}
 Picture = tuple[str, bytes]
@@ -122,7 +123,7 @@ def _reasons(rows: Sequence[Row]) -> str:
 
 def _histograms(rows: Sequence[Row]) -> str:
     drawn = []
-    for threshold in _chosen(_IN_TABLE):
+    for threshold in _chosen(_DRAWN):
         values = _values(rows, threshold.name)
         if not values:
             continue
@@ -140,7 +141,8 @@ def _cards(rows: Sequence[Row], pictures: Mapping[str, Picture]) -> str:
     shown = [row for row in rows if row.file in pictures]
     if not shown:
         return ""
-    return f'<h2>Worst motions</h2><div class="cards">{"".join(_card(row, *pictures[row.file]) for row in shown)}</div>'
+    title = "Nearest to a threshold" if all(row.level is Level.PASS for row in shown) else "Worst motions"
+    return f'<h2>{title}</h2><div class="cards">{"".join(_card(row, *pictures[row.file]) for row in shown)}</div>'
 
 
 def _card(row: Row, ending: str, picture: bytes) -> str:
@@ -165,8 +167,8 @@ def _groups(title: str, head: str, rows: Sequence[Row], of: Callable[[Row], str]
         means = [_mean(column, _values(members, column.name)) for column in columns]
         cells = "".join(f'<td class="number">{escape(str(text))}</td>' for text in (len(members), *levels, *means))
         lines.append(f"<tr><td>{escape(name)}</td>{cells}</tr>")
-    heads = (head, "*files", *(f"*{level}" for level in Level), *(f"*mean {_head(column)}" for column in columns))
-    return _table(title, heads, lines) if lines else ""
+    heads = (head, "*files", *(f"*{level}" for level in Level), *(f"*{_head(column)}" for column in columns))
+    return _table(f"{title}, with mean figures", heads, lines, "groups") if lines else ""
 
 
 def _motions(rows: Sequence[Row]) -> str:
@@ -245,8 +247,8 @@ def _limit(threshold: Threshold) -> str:
     return f"{side} {threshold.column.scale * threshold.fail:g}"
 
 
-def _table(title: str, heads: Sequence[str], lines: Sequence[str]) -> str:
-    return f"<h2>{escape(title)}</h2><table>{_header(heads)}<tbody>{''.join(lines)}</tbody></table>"
+def _table(title: str, heads: Sequence[str], lines: Sequence[str], kind: str = "") -> str:
+    return f'<h2>{escape(title)}</h2><table class="{kind}">{_header(heads)}<tbody>{"".join(lines)}</tbody></table>'
 
 
 def _header(heads: Sequence[str]) -> str:

@@ -18,7 +18,7 @@ FROZEN = 1e-7
 
 
 @dataclass(frozen=True)
-class Plausibility:
+class Soundness:
     """One number per figure."""
 
     sole_tilt_deg: float | None
@@ -35,13 +35,13 @@ class Plausibility:
     """Greatest height of the base, over that of standing."""
 
 
-def plausibility(
+def soundness(
     qpos: Float[np.ndarray, "T nq"],
     fps: float,
     kinematics: KinematicsLike,
     stance: Bool[np.ndarray, "T 2"],
     standing_height: float,
-) -> Plausibility:
+) -> Soundness:
     """Return the figures of a motion.
 
     Args:
@@ -53,7 +53,7 @@ def plausibility(
     """
     tilts = sole_tilts_deg(kinematics)[stance]
     heights = qpos[:, 2] / standing_height
-    return Plausibility(
+    return Soundness(
         sole_tilt_deg=float(np.median(tilts)) if tilts.size else None,
         frozen_share=mean_or_none(frozen(qpos).astype(float)),
         base_speed_max_mps=max_or_none(norms(np.diff(qpos[:, :3], axis=0)) * fps),
