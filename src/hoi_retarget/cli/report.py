@@ -26,7 +26,7 @@ def execute(command: Report) -> int:
     if not command.paths:
         raise ArgumentError("nothing is named. Usage: hoi-retarget report DIR|FILE... --out DIR.")
     check_writable("--out", command.out)
-    found, _ = find(command.paths)
+    found = find(command.paths).motions
     rows: list[Row] = []
     with Working("judging", len(found)) as working:
         for file in found:

@@ -23,8 +23,18 @@ class Found:
     """The path from the folder that holds all files, with forward slashes."""
 
 
-def find(named: Sequence[Path]) -> tuple[tuple[Found, ...], tuple[Path, ...]]:
-    """Return the files of a report in order of their names, and the batches' manifests.
+@dataclass(frozen=True)
+class Files:
+    """What was found."""
+
+    motions: tuple[Found, ...]
+    """In order of their names."""
+    manifests: tuple[Path, ...]
+    """Of batches."""
+
+
+def find(named: Sequence[Path]) -> Files:
+    """Return the files of a report, each one once.
 
     In folders, hidden files and what an earlier report wrote are left out, and of tables (.csv) those that
     begin with words: motions in them are numbers alone.
@@ -48,7 +58,7 @@ def find(named: Sequence[Path]) -> tuple[tuple[Found, ...], tuple[Path, ...]]:
         )
     root = Path(os.path.commonpath([file.parent for file in paths])) if paths else Path()
     found = (Found(path, resolved.relative_to(root).as_posix()) for resolved, path in paths.items())
-    return tuple(sorted(found, key=lambda file: file.name)), tuple(sorted(manifests.values()))
+    return Files(tuple(sorted(found, key=lambda file: file.name)), tuple(sorted(manifests.values())))
 
 
 def _walk(folder: Path) -> Iterator[Path]:

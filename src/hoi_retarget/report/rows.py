@@ -59,11 +59,8 @@ class Row:
         """A key to sort by, the worst motion last: level, reasons, and how near to thresholds or beyond them it is."""
         if self.verdict is None:
             return ()
-        return (
-            self.verdict.level,
-            sum(reason.level for reason in self.verdict.reasons),
-            max(self._shares(), default=0),
-        )
+        reasons = sum(reason.level for reason in self.verdict.reasons)
+        return (float(self.verdict.level), float(reasons), max(self._shares(), default=0.0))
 
     def _shares(self) -> list[float]:
         """Return figures over their thresholds, where lower is better and the threshold is not zero."""

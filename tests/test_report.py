@@ -1,0 +1,376 @@
+"""Reports: every file once, a reason for what cannot be read, nothing unescaped, the same bytes every time."""
+
+import csv
+import functools
+import io
+import json
+import math
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from browser import chromium
+from hoi_retarget.cli import main
+from hoi_retarget.errors import ArgumentError
+from hoi_retarget.motion import Motion, save
+from hoi_retarget.report.finding import find
+from hoi_retarget.report.histogram import histogram
+from hoi_retarget.report.index import index_columns, to_csv, to_json, to_parquet
+from hoi_retarget.report.lone import lone_motion
+from hoi_retarget.report.page import report_page
+from hoi_retarget.report.pictures import worst_frame
+from hoi_retarget.report.rows import Row, read_row, worst_first
+from hoi_retarget.verdict import THRESHOLDS, Level, judged_figures, verdict_of_figures
+from test_curves import G1, carried
+
+NASTY = """<script>alert("1")</script>&'$title'<img src=x onerror=alert(2)>"""
+PIXEL = (".png", b"\x89PNG")
+
+
+def with_figures(motion: Motion, **figures: float | None) -> Motion:
+    return replace(motion, report={**motion.report, "figures": {**motion.report["figures"], **figures}})
+
+
+@functools.cache
+def bad() -> Motion:
+    segment = {"link": "left_palm", "object": "box", "first_frame": 70, "last_frame": 110}
+    unreached = [{**segment, "mean_residual_m": 0.04, "max_residual_m": 0.06}]
+    worse = with_figures(carried(), contact_gap_m=0.02, body_jerk_mps3=90.0)
+    return replace(worse, report={**worse.report, "unreached_contacts": unreached})
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Two good results, one bad one in a folder below, a damaged one, and what is not meant."""
+    results = tmp_path / "results"
+    for name, motion in (("a.npz", carried()), ("b.npz", carried()), ("deeper/bad.npz", bad())):
+        save(motion, results / name)
+    (results / "damaged.npz").write_bytes((results / "a.npz").read_bytes()[:5000])
+    (results / "figures.csv").write_text("name,contact_gap_m\na,0.001\n")
+    (results / ".hidden.npz").write_bytes(b"")
+    (results / "notes.txt").write_text("not a result")
+    return results
+
+
+def rows_of(*paths: Path) -> tuple[Row, ...]:
+    return tuple(map(read_row, find(paths).motions))
+
+
+# Which files.
+
+
+def test_a_report_lists_every_file_once(folder: Path) -> None:
+    once = find([folder]).motions
+    assert [found.name for found in once] == ["a.npz", "b.npz", "damaged.npz", "deeper/bad.npz"]
+    assert find([folder, folder / "a.npz", folder / "deeper", folder / "deeper" / ".." / "b.npz"]).motions == once
+
+
+def test_files_are_named_from_the_folder_that_holds_them_all(folder: Path) -> None:
+    assert [found.name for found in find([folder / "deeper"]).motions] == ["bad.npz"]
+    assert [found.name for found in find([folder / "a.npz"]).motions] == ["a.npz"]
+
+
+def test_what_an_earlier_report_wrote_is_no_motion(folder: Path) -> None:
+    before = find([folder])
+    assert main(["report", str(folder / "a.npz"), "--out", str(folder)]) == 0
+    assert find([folder]) == before
+
+
+def test_a_path_that_does_not_exist_or_an_empty_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ArgumentError, match="no such"):
+        find([tmp_path / "nowhere"])
+    with pytest.raises(ArgumentError, match="no results"):
+        find([tmp_path])
+
+
+# What is known of them.
+
+
+def test_a_damaged_file_is_one_row_with_its_reason_and_the_rest_is_there(folder: Path) -> None:
+    rows = {row.file: row for row in rows_of(folder)}
+    assert rows["damaged.npz"].verdict is None
+    assert "damaged.npz" in rows["damaged.npz"].error and str(folder) not in rows["damaged.npz"].error
+    assert rows["a.npz"].level is Level.PASS
+    assert rows["deeper/bad.npz"].level is Level.FAIL
+    assert rows["a.npz"].figures == judged_figures(carried(), G1)
+
+
+def test_results_of_another_version_and_of_unknown_robots_are_judged_by_what_is_there(tmp_path: Path) -> None:
+    save(replace(carried(), robot="unheard_of", report={"figures": "none", "windows": 3}), tmp_path / "odd.npz")
+    (row,) = rows_of(tmp_path)
+    assert row.level is Level.WARN
+    assert set(row.verdict.not_judged) == {threshold.name for threshold in THRESHOLDS}
+
+
+def test_the_worst_come_first(folder: Path) -> None:
+    rows = rows_of(folder)
+    assert [row.file for row in worst_first(rows)] == ["deeper/bad.npz", "a.npz", "b.npz"]
+    assert worst_first(rows[::-1]) == worst_first(rows)
+
+
+def test_a_bad_motion_is_shown_where_it_is_bad() -> None:
+    assert worst_frame(bad()) == 90
+    beyond = [{"first_frame": 10**6, "last_frame": 10**6 + 5}]
+    for strange in ({}, {"turned_over": beyond}, {"turned_over": [1]}, {"unreached_contacts": "none"}):
+        assert 0 <= worst_frame(replace(carried(), report=strange)) < carried().frames
+
+
+# Motions of which only the robot's side is known.
+
+
+def test_of_a_lone_motion_the_same_is_measured_as_of_the_result() -> None:
+    whole = judged_figures(carried(), G1)
+    lone = judged_figures(lone_motion(carried().qpos, carried().fps, G1), G1)
+    for name in ("base_height_max_share", "base_turn_max_radps", "frozen_share"):
+        assert lone[name] == whole[name]
+    for name in ("body_jerk_max_mps3", "joint_range_margin_rad", "joint_speed_margin_radps", "floor_penetration_max_m"):
+        # A result counts from the recording's second frame on.
+        assert lone[name] == pytest.approx(whole[name], rel=0.05, abs=1e-3)
+    assert lone["stance_slide_mps"] == pytest.approx(whole["stance_slide_mps"], abs=0.03)
+    assert lone["contact_gap_m"] is None
+
+
+@pytest.mark.parametrize("shift", [-0.02, 0.0, 0.02])
+def test_where_feet_stand_does_not_depend_on_where_the_floor_is(shift: float) -> None:
+    qpos = carried().qpos.copy()
+    stance = lone_motion(qpos, 30.0, G1).stance_flags
+    qpos[:, 2] += shift
+    moved = lone_motion(qpos, 30.0, G1)
+    assert np.array_equal(moved.stance_flags, stance)
+    assert stance.any(axis=1).all()
+    figures = judged_figures(moved, G1)
+    assert max(figures["stance_float_m"], figures["floor_penetration_max_m"]) == pytest.approx(abs(shift), abs=0.005)
+
+
+def test_a_motion_that_skates_slides() -> None:
+    qpos = np.repeat(G1.home_qpos[None], 60, axis=0)
+    assert judged_figures(lone_motion(qpos, 30.0, G1), G1)["stance_slide_mps"] == 0.0
+    qpos[:, 0] = np.arange(60) / 30.0
+    assert judged_figures(lone_motion(qpos, 30.0, G1), G1)["stance_slide_mps"] == pytest.approx(1.0)
+
+
+# Tables.
+
+words = st.text(st.characters(codec="utf-8", exclude_characters="\r\0"), max_size=12)
+values = st.none() | st.floats(-1e6, 1e6)
+figures_of_rows = st.dictionaries(st.sampled_from([threshold.name for threshold in THRESHOLDS]), values)
+
+
+some_rows = st.lists(
+    st.fixed_dictionaries(
+        {
+            "robot": words,
+            "objects": st.lists(words, max_size=2).map(tuple),
+            "frames": st.integers(1, 10**6),
+            "fps": st.floats(1.0, 200.0),
+            "object_scale": st.lists(st.floats(0.1, 3.0), max_size=2).map(tuple),
+            "licence": words,
+            "figures": figures_of_rows,
+        }
+    )
+    | st.fixed_dictionaries({"error": words}),
+    min_size=1,
+    max_size=5,
+)
+
+
+def rows_with(facts: list[dict]) -> tuple[Row, ...]:
+    return tuple(
+        Row(str(number), **fact, verdict=verdict_of_figures(fact["figures"]) if "figures" in fact else None)
+        for number, fact in enumerate(facts)
+    )
+
+
+@settings(max_examples=30, deadline=None)
+@given(some_rows)
+def test_the_index_reads_back_as_it_was_written(facts: list[dict]) -> None:
+    rows = rows_with(facts)
+    columns = index_columns(rows)
+    read = list(csv.DictReader(io.StringIO(to_csv(rows).decode(), newline="")))
+    assert len(read) == len(rows)
+    for number, record in enumerate(read):
+        for name, column in columns.items():
+            value = column[number]
+            assert (record[name] == (value or "")) if isinstance(value, str) else (record[name] == _cell(value)), name
+
+
+def _cell(value: float | None) -> str:
+    return "" if value is None else str(value)
+
+
+@settings(max_examples=10, deadline=None)
+@given(some_rows)
+def test_parquet_holds_the_same_table(facts: list[dict]) -> None:
+    rows = rows_with(facts)
+    parquet = pytest.importorskip("pyarrow.parquet")
+    content = to_parquet(rows)
+    assert content is not None
+    assert parquet.read_table(io.BytesIO(content)).to_pydict() == index_columns(rows)
+
+
+@given(some_rows)
+@settings(max_examples=20, deadline=None)
+def test_verdicts_count_every_file(facts: list[dict]) -> None:
+    rows = rows_with(facts)
+    told = json.loads(to_json(rows))
+    assert sum(told["counts"].values()) == len(rows) == len(told["files"])
+    for row, entry in zip(rows, told["files"], strict=True):
+        assert entry["level"] == (None if row.level is None else str(row.level))
+
+
+def test_numbers_that_are_none_do_not_break_the_json() -> None:
+    figures = {"contact_gap_m": math.nan, "stance_slide_mps": math.inf}
+    told = json.loads(to_json([Row("a", figures=figures, verdict=verdict_of_figures(figures))]))
+    assert told["files"][0]["level"] == "fail"
+    assert told["files"][0]["figures"] == {"contact_gap_m": None, "stance_slide_mps": None}
+
+
+# The page.
+
+
+class Page(HTMLParser):
+    """What a page consists of: its elements, attributes and words."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.attributes: list[tuple[str, str | None]] = []
+        self.words: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes += attrs
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+
+def nasty_rows() -> tuple[Row, ...]:
+    figures = {"contact_gap_m": 0.02}
+    known = Row(
+        NASTY,
+        robot=NASTY,
+        objects=(NASTY,),
+        licence=NASTY,
+        frames=30,
+        fps=30.0,
+        figures=figures,
+        verdict=verdict_of_figures(figures),
+    )
+    return known, Row(f"{NASTY}2", error=NASTY)
+
+
+def test_names_from_files_are_escaped() -> None:
+    page = Page(report_page(NASTY, nasty_rows(), {NASTY: PIXEL}))
+    assert page.tags.count("script") == 1
+    assert page.tags.count("img") == 1
+    assert not [name for name, _ in page.attributes if name.startswith("on")]
+    assert sum(NASTY in word for word in page.words) >= 8
+
+
+def test_a_page_loads_nothing() -> None:
+    attributes = Page(report_page("Report", nasty_rows(), {NASTY: PIXEL})).attributes
+    for name, value in attributes:
+        assert name not in ("src", "href") or (value or "").startswith("data:")
+
+
+def test_a_page_without_any_motion_still_tells_what_failed() -> None:
+    assert "no such clip" in report_page("Report", [Row("a.npz", error="no such clip")], {})
+
+
+@pytest.mark.parametrize("threshold", THRESHOLDS, ids=lambda threshold: threshold.name)
+@given(values=st.lists(st.floats(-1e5, 1e5), min_size=1, max_size=40))
+@settings(max_examples=8, deadline=None)
+def test_a_histogram_shows_every_level_that_occurs_inside_the_picture(threshold, values: list[float]) -> None:
+    drawn = Page(histogram(threshold, values))
+    classes = {value for name, value in drawn.attributes if name == "class"}
+    assert {str(level) for level in Level} & classes == {str(threshold.level(value)) for value in values}
+    for name in ("x", "y", "height", "width"):
+        assert all(0 <= float(value) <= 264 for key, value in drawn.attributes if key == name and value)
+
+
+# The command.
+
+
+def test_report_writes_pages_and_tables_and_tells_how_many_fail(folder: Path, capsys, monkeypatch) -> None:
+    out = folder.parent / "out"
+    monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, objects: PIXEL)
+    assert main(["report", str(folder), "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "deeper/bad.npz" in said and "contact gap 20 mm, above 10" in said
+    assert "damaged.npz" in said
+    page = (out / "report.html").read_text()
+    for name in ("a.npz", "b.npz", "deeper/bad.npz", "damaged.npz"):
+        assert name in page
+    assert json.loads((out / "verdicts.json").read_text())["counts"] == {"pass": 2, "warn": 0, "fail": 1, "unread": 1}
+    first = {path.name: path.read_bytes() for path in out.iterdir()}
+    assert main(["report", str(folder), "--out", str(out), "--strict"]) == 1
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == first
+
+
+def test_strict_is_content_when_nothing_fails(folder: Path, monkeypatch) -> None:
+    monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, objects: None)
+    words = ["report", str(folder / "a.npz"), "--out", str(folder.parent / "out"), "--strict"]
+    assert main(words) == 0
+
+
+def test_without_pyarrow_the_rest_is_written_and_the_extra_named(folder: Path, capsys, monkeypatch) -> None:
+    monkeypatch.setattr("hoi_retarget.cli.report.to_parquet", lambda rows: None)
+    monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, objects: None)
+    out = folder.parent / "out"
+    assert main(["report", str(folder / "a.npz"), "--out", str(out)]) == 0
+    assert "hoi-retarget[dataset]" in capsys.readouterr().err
+    assert sorted(path.name for path in out.iterdir()) == ["index.csv", "report.html", "verdicts.json"]
+
+
+@pytest.mark.parametrize("words", [(), ("nowhere",)], ids=["nothing", "absent"])
+def test_report_of_nothing_is_refused(tmp_path: Path, capsys, words) -> None:
+    assert main(["report", *words, "--out", str(tmp_path / "out")]) == 2
+    assert not (tmp_path / "out").exists()
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+# In a browser.
+
+
+@pytest.mark.browser
+def test_the_page_sorts_and_filters_without_a_network(tmp_path: Path) -> None:
+    rows = list(nasty_rows())
+    for name, gap in (("b", 0.004), ("a", 0.0004), ("c", None), ("d", 0.03)):
+        figures = {"contact_gap_m": gap, "stance_slide_mps": 0.01}
+        rows.append(Row(name, robot="robot", frames=90, fps=30.0, figures=figures, verdict=verdict_of_figures(figures)))
+    address = tmp_path / "report.html"
+    address.write_text(report_page(NASTY, rows, {}))
+    with chromium() as browser:
+        page = browser.new_context(viewport={"width": 1280, "height": 800}, offline=True).new_page()
+        troubles: list[str] = []
+        page.on("pageerror", lambda error: troubles.append(str(error)))
+        page.on("console", lambda message: troubles.append(message.text) if message.type == "error" else None)
+        page.on("dialog", lambda dialog: troubles.append(dialog.message))
+        page.goto(address.as_uri())
+
+        def names() -> list[str]:
+            return page.locator("#motions tbody tr:visible td:nth-child(2)").all_inner_texts()
+
+        assert names() == ["d", NASTY, "b", "a", "c"], "the worst first"
+        head = page.locator("#motions th", has_text="contact gap")
+        head.locator("button").click()
+        assert names() == ["a", "b", NASTY, "d", "c"]
+        assert head.get_attribute("aria-sort") == "ascending"
+        head.locator("button").click()
+        assert names() == ["d", NASTY, "b", "a", "c"], "what has no number stays last"
+        page.locator("#motions th", has_text="motion").locator("button").click()
+        assert names()[1:] == ["a", "b", "c", "d"]
+        page.locator("#find select").select_option("fail")
+        assert sorted(names()) == sorted([NASTY, "d"])
+        page.locator("#find input").fill("onerror")
+        assert names() == [NASTY]
+        assert page.locator("#find output").inner_text() == "1 of 5"
+        assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth"), "only the table scrolls"
+        assert troubles == []
