@@ -27,9 +27,9 @@ from hoi_retarget.robots.model import load_model
 from hoi_retarget.viewers.editing import Editing, solved
 from hoi_retarget.viewers.editor import Editor, Places
 from hoi_retarget.viewers.exhibit import exhibit_of
+from hoi_retarget.viewers.player import Player
 from hoi_retarget.viewers.scene import Shown
 from hoi_retarget.viewers.server import address, open_server
-from hoi_retarget.viewers.view_page import serve_exhibit
 from hoi_retarget.viewers.visitors import serve_visitors
 
 CHANGES = 25
@@ -62,7 +62,14 @@ def main() -> None:
 def viewer(browser, clip, model, start, minutes: float) -> None:
     server = open_server("hoi-retarget")
     exhibit = exhibit_of([Shown(clip.name, start.motions[0], model, clip)])
-    serve_exhibit(server, lambda: exhibit)
+    sent = []
+
+    def receive(client) -> Player:
+        player = Player(client, exhibit)
+        player.attach(lambda _: sent.append(time.perf_counter()))
+        return player
+
+    serve_visitors(server, receive)
     for attempt in range(3):
         begin = time.perf_counter()
         page = open_page(browser, address(server))
@@ -74,8 +81,15 @@ def viewer(browser, clip, model, start, minutes: float) -> None:
     time.sleep(1.0)
     began, first = time.perf_counter(), _memory_mb()
     while True:
+        begin, busy, count = time.perf_counter(), time.process_time(), len(sent)
         shown, drawn = page.evaluate(COUNT_FRAMES, SAMPLED_SECONDS)
-        print(f"playing: {shown:.1f} of {clip.fps:g} frames/s shown, page redraws {drawn:.0f}/s, {_memory_mb():.0f} MB")
+        passed = time.perf_counter() - begin
+        rate, share = (len(sent) - count) / passed, (time.process_time() - busy) / passed
+        steps = np.diff(sent[count:])
+        print(
+            f"playing: {rate:.1f} of {clip.fps:g} frames/s sent, {1e3 * np.percentile(steps, 95):.0f} ms apart at p95, "
+            f"{100 * share:.0f} % of a core; page shows {shown:.1f}/s, redraws {drawn:.1f}/s; {_memory_mb():.0f} MB"
+        )
         if time.perf_counter() - began > 60 * minutes:
             break
         time.sleep(max(0.0, min(30.0, 60 * minutes) - SAMPLED_SECONDS))
