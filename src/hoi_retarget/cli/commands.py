@@ -63,6 +63,28 @@ class Run(Solving):
 
 
 @dataclass(frozen=True)
+class Batch:
+    """Make a set of results of a folder of clips, or of what a file declares; the same command goes on after any end."""
+
+    source: Annotated[Positional[Path], arg(metavar="SPEC.toml|DIR")]
+    """A file that declares clips, robots, sizes, mirror images and speeds, or a folder: every clip in it, once."""
+    out: Folder
+    """Folder for the results and their manifest; made when it does not exist."""
+    objects: OptionalFolder = None
+    """Folder with the objects' geometry of a folder of clips, by default DIR/objects."""
+    workers: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: the number of cores)")] = None
+    """How many clips are worked on at a time."""
+    engine: Literal["local", "ray"] = "local"
+    """Where: processes of this machine, or Ray."""
+    address: Annotated[str | None, arg(metavar="ADDRESS", help_behavior_hint="")] = None
+    """Of a Ray cluster; without one, Ray is started on this machine."""
+    time_limit: Annotated[float, arg(metavar="SECONDS")] = 600.0
+    """How long one clip may take."""
+    memory_limit: Annotated[float | None, arg(metavar="MB", help_behavior_hint="")] = None
+    """How much memory one worker may allocate."""
+
+
+@dataclass(frozen=True)
 class Evaluate:
     """Show the figures of merit of results, per clip and their mean."""
 
@@ -301,9 +323,22 @@ class Render:
     """Pictures a second of a film; by default the motion's, for .gif no more than 15."""
 
 
+@dataclass(frozen=True)
+class CheckMotion:
+    """Say what a robot-motion file is, whoever wrote it, and what in its numbers contradicts what it claims."""
+
+    file: Annotated[Positional[Path], arg(metavar="FILE")]
+    """A result, another program's motion (.npz, .pkl, .csv), or a folder with motion.npz and meta.json."""
+    robot: RobotName = "unitree_g1"
+    """A robot's name; `hoi-retarget robots list` shows those there are."""
+    json: OptionalFile = None
+    """Write what was found to this file as JSON."""
+
+
 Command = (
     Annotated[Demo, subcommand("demo")]
     | Annotated[Run, subcommand("run")]
+    | Annotated[Batch, subcommand("batch")]
     | Annotated[Evaluate, subcommand("evaluate")]
     | Annotated[Inspect, subcommand("inspect")]
     | Annotated[Robots, subcommand("robots")]
@@ -312,6 +347,7 @@ Command = (
     | Annotated[View, subcommand("view")]
     | Annotated[Edit, subcommand("edit")]
     | Annotated[Export, subcommand("export")]
+    | Annotated[CheckMotion, subcommand("check-motion")]
     | Annotated[Render, subcommand("render")]
     | Annotated[Share, subcommand("share")]
     | Annotated[Contacts, subcommand("contacts")]

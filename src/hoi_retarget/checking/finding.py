@@ -1,0 +1,31 @@
+"""What was found in a file: what it claims, what its numbers say, what to do."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+Level = Literal["ok", "note", "unknown", "contradiction"]
+Spoils = Literal["poses", "rate", "velocities", "objects", "nothing"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at."""
+
+    level: Level
+    """Whether the numbers agree, want a remark, cannot tell, or contradict."""
+    subject: str
+    """What was looked at, such as 'quaternion order'."""
+    claim: str
+    """What the file says, or what its format demands."""
+    numbers: str
+    """What the numbers say, with how far apart the possibilities are."""
+    advice: str = ""
+    """What to do; empty where there is nothing to do."""
+    spoils: Spoils = "nothing"
+    """What cannot be used as it is."""
+
+
+def contradictions(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return those in which the numbers contradict the claim."""
+    return tuple(finding for finding in findings if finding.level == "contradiction")
