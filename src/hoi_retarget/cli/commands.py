@@ -64,7 +64,7 @@ class Run(Solving):
 
 @dataclass(frozen=True)
 class Batch:
-    """Make a set of results of a folder of clips, or of what a file declares; the same command goes on after any end."""
+    """Make a set of results of a folder of clips, or as a file declares; the same command goes on after any end."""
 
     source: Annotated[Positional[Path], arg(metavar="SPEC.toml|DIR")]
     """A file that declares clips, robots, sizes, mirror images and speeds, or a folder: every clip in it, once."""

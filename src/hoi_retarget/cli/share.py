@@ -73,7 +73,7 @@ def _entry(path: Path, motion: Motion, model: RobotModel) -> Entry:
 def _made_by(motion: Motion) -> str:
     """Return the command that makes a result again, paths cut to their last name."""
     settings: Any = motion.report.get("command")
-    if not isinstance(settings, dict):
+    if not isinstance(settings, dict) or "clips" not in settings:
         return ""
     words = ["hoi-retarget", "run"]
     clips = settings.get("clips")

@@ -11,7 +11,8 @@ from hoi_retarget.readers import intermimic
 READERS: Mapping[str, Callable[..., Clip]] = MappingProxyType({intermimic.FORMAT: intermimic.read})
 """Format name -> `read(path, *, objects, object_name)`."""
 
-_SUFFIXES = {".pt": intermimic.FORMAT, ".pth": intermimic.FORMAT}
+SUFFIXES: Mapping[str, str] = MappingProxyType({".pt": intermimic.FORMAT, ".pth": intermimic.FORMAT})
+"""File name ending -> format name."""
 
 
 def read_clip(path: Path, *, objects: Path | None = None, object_name: str | None = None) -> Clip:
@@ -27,8 +28,8 @@ def read_clip(path: Path, *, objects: Path | None = None, object_name: str | Non
         ClipError: What it holds cannot be used.
         GeometryError: The object's geometry cannot be had.
     """
-    name = _SUFFIXES.get(path.suffix.lower())
+    name = SUFFIXES.get(path.suffix.lower())
     if name is None:
-        supported = ", ".join(f"*{suffix} ({format_name})" for suffix, format_name in _SUFFIXES.items())
+        supported = ", ".join(f"*{suffix} ({format_name})" for suffix, format_name in SUFFIXES.items())
         raise ReadError(f"{path}: files of type {path.suffix or 'without suffix'!r} are not supported: {supported}.")
     return READERS[name](path, objects=objects, object_name=object_name)

@@ -40,7 +40,7 @@ def load_geometry(folder: Path, name: str) -> ObjectGeometry:
     """
     _check_name(folder, name)
     try:
-        for path in _candidates(folder, name):
+        for path in geometry_files(folder, name):
             if path.is_file():
                 status = path.stat()
                 return _load(path, status.st_mtime_ns, status.st_size)
@@ -59,7 +59,7 @@ def known_objects(folder: Path) -> tuple[str, ...]:
     if not folder.is_dir():
         return ()
     names = sorted(entry.name for entry in folder.iterdir() if entry.is_dir())
-    return tuple(name for name in names if any(map(_is_readable_file, _candidates(folder, name))))
+    return tuple(name for name in names if any(map(_is_readable_file, geometry_files(folder, name))))
 
 
 def _is_readable_file(path: Path) -> bool:
@@ -69,7 +69,8 @@ def _is_readable_file(path: Path) -> bool:
         return False
 
 
-def _candidates(folder: Path, name: str) -> tuple[Path, ...]:
+def geometry_files(folder: Path, name: str) -> tuple[Path, ...]:
+    """Return the files that an object's geometry can be in; the first that exists is read."""
     directory = folder / name
     return directory / f"{name}.obj", directory / f"{name}_hull.obj", directory / SAMPLE_POINTS
 
@@ -84,7 +85,7 @@ def _check_name(folder: Path, name: str) -> None:
 
 
 def _describe_absence(folder: Path, name: str, known: tuple[str, ...]) -> str:
-    looked_for = " or ".join(str(path.relative_to(folder)) for path in _candidates(folder, name))
+    looked_for = " or ".join(str(path.relative_to(folder)) for path in geometry_files(folder, name))
     if not folder.is_dir():
         return f"{folder}: there is no such folder of objects. Pass --objects DIR with {looked_for} in it."
     if (folder / name).is_dir():

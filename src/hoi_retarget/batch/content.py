@@ -1,0 +1,73 @@
+"""What a job depends on, as one digest: where it is the same, the result would be, and need not be made again."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from functools import cache
+from pathlib import Path
+
+from hoi_retarget import __version__
+from hoi_retarget.batch.jobs import Job
+from hoi_retarget.readers.objects import geometry_files, known_objects
+from hoi_retarget.recordings import builtin_scene
+from hoi_retarget.robots import robot
+
+
+class Contents:
+    """Digests of everything that jobs read, each file read once."""
+
+    def __init__(self) -> None:
+        self.of_file = cache(digest_of_file)
+        self._of_robot = cache(_digest_of_robot)
+        self._of_object = cache(self._digest_of_object)
+        self._known_objects = cache(known_objects)
+
+    def key(self, job: Job, objects: Sequence[str] | None) -> str:
+        """Return the digest of a job's inputs, settings and program.
+
+        Args:
+            job: The job.
+            objects: Names of the objects in its clip; None where the clip could not be read, and any object may matter.
+        """
+        folder = job.objects
+        names = self._objects(folder) if objects is None else objects
+        parts = {
+            "version": __version__,
+            "clip": job.clip if builtin_scene(job.clip) is not None else self.of_file(Path(job.clip)),
+            "objects": {name: self._of_object(folder, name) for name in names} if folder else {},
+            "object_name": job.object_name,
+            "edits": self.of_file(job.edits) if job.edits else "",
+            "robot": self._of_robot(job.robot),
+            "config": asdict(job.config),
+            "augmentation": asdict(job.augmentation),
+        }
+        return _sha256(json.dumps(parts, sort_keys=True).encode())
+
+    def _objects(self, folder: Path | None) -> Sequence[str]:
+        try:
+            return self._known_objects(folder) if folder else ()
+        except OSError:
+            return ()
+
+    def _digest_of_object(self, folder: Path, name: str) -> list[str]:
+        return [self.of_file(path) for path in geometry_files(folder, name)]
+
+
+def digest_of_file(path: Path) -> str:
+    """Return the SHA-256 of a file, or why it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        return type(error).__name__
+
+
+def _digest_of_robot(name: str) -> str:
+    spec = robot(name)
+    # Where the package is installed does not matter, what it says does.
+    return _sha256(spec.mjcf.read_bytes() + repr(replace(spec, mjcf=Path(spec.mjcf.name))).encode())
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()

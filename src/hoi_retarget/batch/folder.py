@@ -1,0 +1,51 @@
+"""The output folder while a batch works in it: locked against a second one, and cleared of what a crash left."""
+
+import fcntl
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from hoi_retarget.batch.manifest import MANIFEST
+from hoi_retarget.errors import HoiRetargetError, WriteError
+
+LOCK = ".batch.lock"
+_TEMPORARY = re.compile(rf"\.(.+\.npz|{re.escape(MANIFEST)})\.[a-z0-9_]{{8}}")
+"""How `motion.write_together` calls files that are not complete."""
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Make a folder and hold it for one batch alone; the system lets go of it however the program ends.
+
+    Raises:
+        HoiRetargetError: another batch works in it.
+        WriteError: it cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as error:
+        raise WriteError(f"{folder}: cannot be written ({error.strerror or error}). Choose another --out.") from error
+    try:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            who = os.pread(file, 20, 0).decode("ascii", "replace").strip()
+            raise HoiRetargetError(
+                f"{folder}: another batch is at work there{f' (process {who})' if who else ''}. "
+                "Wait for it, end it, or choose another --out."
+            ) from error
+        os.truncate(file, 0)
+        os.pwrite(file, f"{os.getpid()}\n".encode(), 0)
+        yield
+    finally:
+        os.close(file)
+
+
+def remove_temporaries(folder: Path) -> None:
+    """Remove files that were never completed."""
+    for path in folder.rglob(".*"):
+        if _TEMPORARY.fullmatch(path.name):
+            path.unlink(missing_ok=True)

@@ -1,0 +1,130 @@
+"""The jobs that a specification asks for: one clip, one robot, one variant each."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+from hoi_retarget.augment import describe
+from hoi_retarget.batch.specification import Specification
+from hoi_retarget.clip import Augmentation
+from hoi_retarget.errors import ArgumentError
+from hoi_retarget.pipeline import Config
+from hoi_retarget.readers import SUFFIXES
+from hoi_retarget.recordings import builtin_scene
+from hoi_retarget.targets import Scaling
+from hoi_retarget.trajopt.windows import parse_horizon
+
+_WILD = frozenset("*?[")
+
+
+@dataclass(frozen=True)
+class Job:
+    """One clip for one robot in one variant; a value that any process can be given."""
+
+    name: str
+    """Where its results are below the output folder, without the suffix: `<robot>/<clip>[-<variant>...]`."""
+    clip: str
+    """`builtin:<scene>` or an absolute path."""
+    shown: str
+    """The clip as it was named: relative to the specification's folder, where it was."""
+    objects: Path | None
+    object_name: str | None
+    edits: Path | None
+    robot: str
+    scaling: Scaling
+    horizon: str
+    augmentation: Augmentation
+
+    @property
+    def config(self) -> Config:
+        """Everything that decides a result beside the clip and the robot."""
+        return Config(scaling=self.scaling, horizon=parse_horizon(self.horizon))
+
+
+def jobs_of(specification: Specification) -> tuple[Job, ...]:
+    """Return all jobs, clip by clip.
+
+    Raises:
+        ArgumentError: a folder or a pattern has no clips, or two clips would have the same results.
+    """
+    jobs: dict[str, Job] = {}
+    for clip in _clips(specification):
+        for job in _variants(clip, specification):
+            other = jobs.setdefault(job.name, job)
+            if other is not job:
+                raise ArgumentError(
+                    f"{other.clip} and {job.clip} would both be written to {job.name}.npz. Name only one of them, or "
+                    "a folder that both are below: results then have the folders' names, too."
+                )
+    return tuple(jobs.values())
+
+
+@dataclass(frozen=True)
+class _Named:
+    """A clip and what its results are called."""
+
+    name: str
+    clip: str
+    shown: str
+
+
+def _variants(clip: _Named, specification: Specification) -> Iterator[Job]:
+    edits = specification.edits and specification.edits / f"{clip.name}.edits.toml"
+    objects = specification.objects
+    grid = product(
+        specification.robots,
+        specification.object_scales,
+        specification.size_multipliers,
+        specification.mirrored,
+        specification.speeds,
+    )
+    for robot, object_scale, multiplier, mirrored, speed in grid:
+        augmentation = Augmentation(mirrored, speed)
+        words = (
+            *(() if object_scale == "auto" else (f"object {object_scale:g}",)),
+            *(() if multiplier == 1.0 else (f"size {multiplier:g}",)),
+            *describe(augmentation),
+        )
+        yield Job(
+            name="-".join((f"{robot}/{clip.name}", *(word.replace(" ", "") for word in words))),
+            clip=clip.clip,
+            shown=clip.shown,
+            objects=objects and objects.absolute(),
+            object_name=specification.object_name,
+            edits=edits.absolute() if edits and edits.exists() else None,
+            robot=robot,
+            scaling=Scaling(specification.root_scale, object_scale, multiplier),
+            horizon=specification.horizon,
+            augmentation=augmentation,
+        )
+
+
+def _clips(specification: Specification) -> Iterator[_Named]:
+    for named in specification.clips:
+        scene = builtin_scene(named)
+        path = specification.folder / named
+        if scene is not None:
+            yield _Named(scene, named, named)
+        elif _WILD & set(named):
+            steps = Path(named).parts
+            fixed = next(index for index, step in enumerate(steps) if _WILD & set(step))
+            yield from _below(specification, Path(*steps[:fixed]), str(Path(*steps[fixed:])), named)
+        elif path.is_dir():
+            yield from _below(specification, Path(named), "**/*", named)
+        else:
+            yield _Named(path.stem, str(path.absolute()), named)
+
+
+def _below(specification: Specification, folder: Path, pattern: str, named: str) -> Iterator[_Named]:
+    """Yield the clips in a folder that fit a pattern, called by their way from there."""
+    root = specification.folder / folder
+    found = sorted(path for path in root.glob(pattern) if path.suffix.lower() in SUFFIXES and path.is_file())
+    if not found:
+        known = ", ".join(f"*{suffix}" for suffix in SUFFIXES)
+        raise ArgumentError(
+            f"{specification.folder / named}: there are no clips ({known}). Name a folder or a pattern that has some."
+        )
+    for path in found:
+        way = path.relative_to(root)
+        yield _Named(way.with_suffix("").as_posix(), str(path.absolute()), (folder / way).as_posix())

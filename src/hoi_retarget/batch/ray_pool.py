@@ -1,0 +1,99 @@
+"""The same tasks on Ray: on this machine, or on a cluster whose machines share the files."""
+
+import logging
+import os
+import signal
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Any
+
+from hoi_retarget.batch.pool import LOOK_SECONDS, Lost
+from hoi_retarget.batch.worker import limit_memory
+from hoi_retarget.errors import HoiRetargetError
+
+
+@dataclass(frozen=True)
+class RayPool:
+    """Processes of Ray, an extra.
+
+    Raises `HoiRetargetError` where Ray is not installed.
+    """
+
+    function: Callable[[Any], Any]
+    """What is done with a task, importable by name on every machine; it returns its failures."""
+    workers: int | None = None
+    """Tasks at a time; by default one for each core."""
+    address: str | None = None
+    """Of a cluster that runs; without one, Ray is started on this machine."""
+    time_limit: float | None = None
+    """What a task may take [s]."""
+    memory_limit: float | None = None
+    """What a worker may allocate [MB]."""
+
+    def __post_init__(self) -> None:
+        if find_spec("ray") is None:
+            raise HoiRetargetError(
+                'Ray is not installed. In a clone: pip install ".[ray]"; else: pip install "hoi-retarget[ray]". '
+                "Without --engine ray, the processes of this machine are used."
+            )
+
+    def run(self, tasks: Sequence[Any], stopped: Callable[[], bool]) -> Generator[tuple[int, Any], None, None]:
+        """Yield each task's index and its value, or `Lost`, as they end; end early when `stopped` says so.
+
+        Raises `HoiRetargetError` when there is no cluster at the address.
+        """
+        ray = self._start()
+        try:
+            do = ray.remote(num_cpus=1, max_retries=0)(_do_limited)
+            at_a_time = self.workers or max(1, int(ray.cluster_resources().get("CPU", 1)))
+            waiting, running = deque(range(len(tasks))), {}
+            while (waiting or running) and not stopped():
+                while waiting and len(running) < at_a_time:
+                    index = waiting.popleft()
+                    reference = do.remote(self.function, tasks[index], self.memory_limit)
+                    running[reference] = (index, time.monotonic())
+                done, _ = ray.wait(list(running), num_returns=1, timeout=LOOK_SECONDS)
+                for reference in done:
+                    index, since = running.pop(reference)
+                    yield index, _value(ray, reference, since)
+                for reference, (index, since) in tuple(running.items()):
+                    seconds = time.monotonic() - since
+                    if self.time_limit is not None and seconds > self.time_limit:
+                        ray.cancel(reference, force=True)
+                        del running[reference]
+                        yield index, Lost("timeout", f"it took longer than the limit of {self.time_limit:g} s", seconds)
+        finally:
+            ray.shutdown()
+
+    def _start(self) -> Any:
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # Ray reports to its makers otherwise.
+        os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")  # What it warns will be the default.
+        import ray  # noqa: PLC0415 - an extra
+
+        local = {} if self.address else {"num_cpus": self.workers, "include_dashboard": False}
+        handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            ray.init(address=self.address or "local", log_to_driver=False, logging_level=logging.ERROR, **local)
+        except (ConnectionError, ValueError, RuntimeError) as error:
+            where = f"at --address {self.address}" if self.address else "on this machine"
+            raise HoiRetargetError(f"Ray cannot be used {where}: {error}") from error
+        finally:
+            for number, handler in handlers.items():
+                signal.signal(number, handler)  # Ray puts its own in their place.
+        return ray
+
+
+def _do_limited(function: Callable[[Any], Any], task: Any, memory_limit: float | None) -> Any:
+    limit_memory(memory_limit)
+    return function(task)
+
+
+def _value(ray: Any, reference: Any, since: float) -> Any:
+    try:
+        return ray.get(reference)
+    except ray.exceptions.RayError as error:
+        reason = " ".join(str(error).split())[:200]
+        return Lost("killed", f"its process ended: {reason}", time.monotonic() - since)

@@ -1,0 +1,108 @@
+"""A batch: what is not done yet is done, and the manifest tells what became of everything."""
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from hoi_retarget.batch.content import Contents, digest_of_file
+from hoi_retarget.batch.folder import locked, remove_temporaries
+from hoi_retarget.batch.jobs import Job, jobs_of
+from hoi_retarget.batch.manifest import Entry, Manifest
+from hoi_retarget.batch.pool import Lost, Pool
+from hoi_retarget.batch.specification import Specification
+from hoi_retarget.batch.work import Task, blank
+
+
+@dataclass(frozen=True)
+class Summary:
+    """How a batch ended."""
+
+    jobs: int
+    """How many were asked for."""
+    entries: tuple[Entry, ...]
+    """Of those that were asked for and have ended, in order; those that were done before are among them."""
+    done_now: tuple[Entry, ...]
+    """Of those that this run did, as they ended."""
+    seconds: float
+    """What it took [s]."""
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all jobs have ended."""
+        return len(self.entries) == self.jobs
+
+
+def run_batch(  # noqa: PLR0913 - all but three are to be told what happens
+    specification: Specification,
+    out: Path,
+    pool: Pool,
+    *,
+    planned: Callable[[int, int], None] = lambda _all, _todo: None,
+    ended: Callable[[Entry], None] = lambda _entry: None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Summary:
+    """Do all jobs of a specification that are not done yet, and keep the manifest in `out`.
+
+    Args:
+        specification: What is asked for.
+        out: Folder for results, `<robot>/<clip>...npz`, and the manifest; made when it does not exist.
+        pool: Where jobs are done; its function is `work.do`.
+        planned: Told how many jobs there are, and how many are to do.
+        ended: Told of each job that ends.
+        stopped: Asked whether to end early; what is finished by then is complete.
+
+    Raises:
+        ArgumentError: the specification asks for clips that are not there.
+        HoiRetargetError: another batch works in the folder, or no worker can be started.
+        WriteError: the folder or the manifest cannot be written.
+    """
+    start, out = time.monotonic(), out.absolute()
+    jobs = jobs_of(specification)
+    with locked(out):
+        remove_temporaries(out)
+        contents = Contents()
+        done_now: list[Entry] = []
+        with Manifest(out, [job.name for job in jobs]) as manifest:
+            todo = [job for job in jobs if not _is_done(job, manifest.entries.get(job.name), out, contents, pool)]
+            for job in todo:
+                contents.key(job, None)  # What changes while the batch runs must not pass for what was read.
+            planned(len(jobs), len(todo))
+            with closing(pool.run([Task(job, out) for job in todo], stopped)) as outcomes:
+                for index, outcome in outcomes:
+                    entry = _entry(todo[index], outcome, contents, pool.time_limit)
+                    _remove_outdated(out, manifest.entries.get(entry.name), entry)
+                    manifest.add(entry)
+                    done_now.append(entry)
+                    ended(entry)
+            remove_temporaries(out)
+        entries = tuple(manifest.entries[job.name] for job in jobs if job.name in manifest.entries)
+        return Summary(len(jobs), entries, tuple(done_now), time.monotonic() - start)
+
+
+def _is_done(job: Job, entry: Entry | None, out: Path, contents: Contents, pool: Pool) -> bool:
+    """Return whether doing a job again would give what is there."""
+    if entry is None or not entry.is_final(pool.time_limit) or entry.key != _key(job, entry, contents):
+        return False
+    return all(digest_of_file(out / result["path"]) == result["sha256"] for result in entry.results)
+
+
+def _key(job: Job, entry: Entry, contents: Contents) -> str:
+    objects: Sequence[str] | None = entry.source.get("objects")
+    return contents.key(job, objects)
+
+
+def _entry(job: Job, outcome: Entry | Lost, contents: Contents, time_limit: float | None) -> Entry:
+    """Return the entry of a job for the manifest."""
+    if isinstance(outcome, Lost):
+        outcome = replace(blank(job, outcome.status, outcome.reason), seconds=round(outcome.seconds, 3))
+    return replace(outcome, time_limit=time_limit, key=_key(job, outcome, contents))
+
+
+def _remove_outdated(out: Path, before: Entry | None, after: Entry) -> None:
+    """Remove results of an earlier run that the new one did not replace, for they are of something else."""
+    new = {result["path"] for result in after.results}
+    for result in before.results if before else ():
+        if result["path"] not in new:
+            (out / result["path"]).unlink(missing_ok=True)

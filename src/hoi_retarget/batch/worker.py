@@ -1,0 +1,44 @@
+"""What runs in a worker process: one task after the other, from a pipe and back into it."""
+
+import os
+import resource
+from collections.abc import Callable
+from multiprocessing import parent_process
+from multiprocessing.connection import Connection
+from threading import Thread
+from typing import Any
+
+from hoi_retarget.pipeline import one_thread
+
+READY = "ready"
+
+
+def serve(connection: Connection, function: Callable[[Any], Any], memory_limit: float | None) -> None:
+    """Say that this process is ready, then answer each task with the function's value, until the pipe closes.
+
+    An exception ends the process: a function that is given here returns its failures.
+    """
+    Thread(target=_end_with_parent, daemon=True).start()
+    limit_memory(memory_limit)
+    with one_thread():
+        connection.send(READY)
+        while True:
+            try:
+                task = connection.recv()
+            except EOFError:
+                return
+            connection.send(function(task))
+
+
+def limit_memory(megabytes: float | None) -> None:
+    """Let this process allocate no more than some memory [MB]; beyond it, Python raises `MemoryError`."""
+    if megabytes is not None:
+        _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+        resource.setrlimit(resource.RLIMIT_DATA, (int(megabytes * 2**20), hard))
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)  # Whatever it does: nobody wants it any more.

@@ -1,0 +1,179 @@
+"""`hoi-retarget batch`: a set of results in one command, which can be ended and gone on with at any time."""
+
+import os
+import signal
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import FrameType
+
+from hoi_retarget.batch import (
+    MANIFEST,
+    Entry,
+    LocalPool,
+    Pool,
+    RayPool,
+    Specification,
+    Summary,
+    do,
+    of_folder,
+    read_specification,
+    run_batch,
+)
+from hoi_retarget.cli.commands import Batch
+from hoi_retarget.cli.jobs import check_writable
+from hoi_retarget.cli.terminal import Working, fail, say, show_table
+from hoi_retarget.errors import ArgumentError
+
+_STOPPING = (signal.SIGINT, signal.SIGTERM)
+_TENTHS = 10  # Lines of progress where no bar can be drawn.
+
+
+def execute(command: Batch) -> int:
+    """Do what is not done yet; return 0 when every job has a result."""
+    specification, pool = _specification(command), _pool(command)
+    check_writable("--out", command.out)
+    with _stopped_by_signals() as received, _Progress() as progress:
+        summary = run_batch(
+            specification,
+            command.out,
+            pool,
+            planned=progress.planned,
+            ended=progress.ended,
+            stopped=lambda: bool(received),
+        )
+    _show(summary, command)
+    if received and not summary.is_complete:
+        left = summary.jobs - len(summary.entries)
+        fail(f"stopped by {received[0].name}: {left} jobs are left. The same command goes on with them.")
+        return 128 + received[0]
+    return 0 if all(entry.succeeded for entry in summary.entries) else 1
+
+
+def _specification(command: Batch) -> Specification:
+    if command.source.is_dir():
+        return of_folder(command.source, command.objects)
+    if command.objects is not None:
+        raise ArgumentError(
+            f'--objects {command.objects} is for a folder of clips. In {command.source} write objects = "...".'
+        )
+    return read_specification(command.source)
+
+
+def _pool(command: Batch) -> Pool:
+    for option, value in (
+        ("--workers", command.workers),
+        ("--time-limit", command.time_limit),
+        ("--memory-limit", command.memory_limit),
+    ):
+        if value is not None and not value > 0:
+            raise ArgumentError(f"{option} is {value:g}; it must be positive.")
+    if command.engine == "ray":
+        return RayPool(do, command.workers, command.address, command.time_limit, command.memory_limit)
+    if command.address is not None:
+        raise ArgumentError(f"--address {command.address} is that of a Ray cluster. Add --engine ray.")
+    return LocalPool(do, command.workers or _cores(), command.time_limit, command.memory_limit)
+
+
+def _cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def _stopped_by_signals() -> Iterator[list[signal.Signals]]:
+    """Collect signals that ask to stop, instead of being ended by them in the middle of something."""
+    received: list[signal.Signals] = []
+
+    def note(number: int, _: FrameType | None) -> None:
+        received.append(signal.Signals(number))
+
+    before = {number: signal.signal(number, note) for number in _STOPPING}
+    try:
+        yield received
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@dataclass
+class _Progress:
+    """A bar on a terminal, else a line now and then; failures are told at once."""
+
+    jobs: int = 0
+    todo: int = 0
+    finished: int = 0
+    failed: int = 0
+    start: float = 0.0
+    working: Working | None = None
+
+    def __enter__(self) -> "_Progress":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self.working is not None:
+            self.working.__exit__(*error)
+
+    def planned(self, jobs: int, todo: int) -> None:
+        """Say what is to be done, and begin to count."""
+        self.jobs, self.todo, self.start = jobs, todo, time.monotonic()
+        done = f", {jobs - todo} of them done before" if jobs > todo else ""
+        say(f"{jobs} job{'' if jobs == 1 else 's'}{done}.")
+        if todo:
+            self.working = Working("starting workers", todo).__enter__()
+
+    def ended(self, entry: Entry) -> None:
+        """Count a job; say at once when it failed."""
+        assert self.working is not None
+        self.finished += 1
+        if not entry.succeeded:
+            self.failed += 1
+            with self.working.aside():
+                fail(f"{entry.name}: {entry.status}: {entry.reason}")
+        self.working.describe(self._pace())
+        self.working.advance()
+        tenth = _TENTHS * self.finished // self.todo > _TENTHS * (self.finished - 1) // self.todo
+        if tenth and self.todo > _TENTHS and not sys.stderr.isatty():
+            say(f"  {self.finished} of {self.todo}: {self._pace()}")
+
+    def _pace(self) -> str:
+        rate = self.finished / max(time.monotonic() - self.start, 1e-3)
+        left = (self.todo - self.finished) / rate
+        failed = f", {self.failed} failed" if self.failed else ""
+        return f"{rate:.2f} clips/s{failed}, {duration_text(left)} left"
+
+
+def duration_text(seconds: float) -> str:
+    """Return a duration as people say it."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    if seconds < 6000:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.1f} h"
+
+
+def _show(summary: Summary, command: Batch) -> None:
+    entries = summary.entries
+    statuses = Counter(entry.status for entry in entries)
+    verdicts = Counter(entry.verdict for entry in entries if entry.succeeded)
+    licences = Counter(entry.source.get("licence") or "unknown" for entry in entries if entry.succeeded)
+    errors = Counter(entry.error or entry.status for entry in entries if not entry.succeeded)
+    rows = [("", "jobs")]
+    rows += [(status, str(count)) for status, count in statuses.items()]
+    rows += [(f"verdict {verdict}", str(count)) for verdict, count in sorted(verdicts.items())]
+    rows += [(f"failed by {error}", str(count)) for error, count in errors.most_common()]
+    rows += [(f"licence {licence}", str(count)) for licence, count in licences.most_common()]
+    if entries:
+        say()
+        show_table(rows)
+        say()
+    if summary.done_now:
+        frames = sum(entry.frames * len(entry.results) for entry in summary.done_now)
+        pace = f"{3600 * len(summary.done_now) / summary.seconds:.0f} clips/h, {frames / summary.seconds:.0f} frames/s"
+        say(f"{len(summary.done_now)} jobs done in {duration_text(summary.seconds)}: {pace}.")
+    else:
+        say("0 jobs done: nothing was left to do.")
+    say(f"What became of each: {command.out / MANIFEST}")
