@@ -31,6 +31,8 @@ def execute(command: Demo) -> int:
     show_figures([score(motion, path)])
     say()
     say("The figures are explained in docs/metrics.md. Next:")
+    say(f"  {program()} view {shlex.quote(str(path))}   # see it in a browser")
+    say(f"  {program()} edit builtin:{SCENE}   # drag its contacts, and see what follows")
     say(f"  {program()} inspect {shlex.quote(str(path))}   # what the file holds")
     say(f"  {program()} sample sample   # two real recordings (downloads 102 MB)")
     say(f"  {program()} run sample/sub3_largebox_003.pt --objects sample/objects --out results")
