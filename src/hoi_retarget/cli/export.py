@@ -102,8 +102,8 @@ def _targets(command: Export, format: Format) -> dict[Path, Path]:
     a_file = command.out.suffix in {known.suffix for known in FORMATS.values()} - {""} and not command.out.is_dir()
     single = a_file and command.out.suffix == format.suffix
     if a_file and not single:
-        ending = f"files that end in {format.suffix}" if format.suffix else "a folder"
-        raise ArgumentError(f"--out {command.out}: the format {format.name} is {ending}. Name such a one, or a folder.")
+        kind = f"files that end in {format.suffix}" if format.suffix else "folders"
+        raise ArgumentError(f"--out {command.out}: {format.name} motions are {kind}. Name the folder to write into.")
     if single and len(command.results) > 1:
         raise ArgumentError(
             f"--out {command.out} is one file, and {len(command.results)} results are named. Name a folder."

@@ -7,12 +7,13 @@ from scipy.spatial import KDTree
 from hoi_retarget.surface import Surface
 
 _ON_TRIANGLE = 1e-6  # Of the object's size: a point that near to a triangle lies on it.
+_SAME_SIDE = 6  # Digits in which the normals of one flat side agree.
 
 
 def outward_normals(surface: Surface, points: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K 3"]:
     """Return the outward unit normal at the surface's nearest point to each point.
 
-    Where triangles meet, it is the mean of theirs. Triangles are taken to be wound alike; which way,
+    Where sides meet, it is the mean of theirs. Triangles are taken to be wound alike; which way,
     the enclosed volume tells. A hull's triangles face away from its middle.
     """
     normals = np.empty_like(points, dtype=float)
@@ -29,7 +30,9 @@ def outward_normals(surface: Surface, points: Float[np.ndarray, "K 3"]) -> Float
     for index, place in enumerate(places):
         members = np.asarray(near[index], dtype=int)
         away = _distances(place, triangles[members])
-        found[index] = faces[members[away <= max(tolerance, away.min())]].sum(axis=0)
+        meeting = faces[members[away <= max(tolerance, away.min())]]
+        # A flat side counts once, however many triangles it is cut into.
+        found[index] = np.unique(meeting.round(_SAME_SIDE), axis=0).sum(axis=0)
     lengths = np.linalg.norm(found, axis=1, keepdims=True)
     return (found / np.where(lengths > 0, lengths, 1.0))[which.reshape(-1)]
 

@@ -25,6 +25,8 @@ class Source:
     format: str
     sha256: str
     licence: str
+    augmentation: Mapping[str, Any]
+    """Whether it was mirrored, and at which speed; empty where it is as recorded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,12 +57,17 @@ class Result:
     @cached_property
     def source(self) -> Source:
         """What it was made from."""
-        table = self.motion.report.get("source")
-        told: Mapping[str, Any] = table if isinstance(table, Mapping) else {}
+        told = _table(self.motion.report.get("source"))
         # Folders of whoever ran it are nobody else's business.
         name = PureWindowsPath(str(told.get("path", ""))).name
         licence = str(told.get("licence", "")) or UNKNOWN
-        return Source(name or UNKNOWN, str(told.get("format", "")), str(told.get("sha256", "")), licence)
+        return Source(
+            name=name or UNKNOWN,
+            format=str(told.get("format", "")),
+            sha256=str(told.get("sha256", "")),
+            licence=licence,
+            augmentation=_table(told.get("augmentation")),
+        )
 
     @cached_property
     def geometries(self) -> Mapping[str, ObjectGeometry]:
@@ -88,3 +95,8 @@ class Result:
             "mesh_sha256": None if path is None else sha256(path.read_bytes()).hexdigest(),
             "shape": "triangles" if self.surfaces[name].exact else "convex hull of points",
         }
+
+
+def _table(value: Any) -> Mapping[str, Any]:
+    """Return an entry of a report; one of another version may have anything there."""
+    return value if isinstance(value, Mapping) else {}

@@ -50,6 +50,7 @@ def provenance(result: Result) -> dict[str, Any]:
             "format": source.format,
             "sha256": source.sha256,
             "licence": source.licence,
+            "augmentation": dict(source.augmentation),
             "person": motion.report.get("person", 0),
             "first_source_frame": motion.first_source_frame,
         },
