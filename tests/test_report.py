@@ -5,7 +5,7 @@ import functools
 import io
 import json
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -15,6 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from browser import chromium
+from hoi_retarget.batch.manifest import Entry
+from hoi_retarget.checking import ObjectPath
 from hoi_retarget.cli import main
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.motion import Motion, save
@@ -29,6 +31,7 @@ from hoi_retarget.verdict import THRESHOLDS, Level, judged_figures, verdict_of_f
 from test_curves import G1, carried
 
 NASTY = """<script>alert("1")</script>&'$title'<img src=x onerror=alert(2)>"""
+BLANK = asdict(Entry(name="", status="solved", robot="unitree_g1", source={}, scales={}, lineage={}))
 PIXEL = (".png", b"\x89PNG")
 
 
@@ -58,7 +61,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def rows_of(*paths: Path) -> tuple[Row, ...]:
-    return tuple(map(read_row, find(paths).motions))
+    return tuple(read_row(found, G1) for found in find(paths).motions)
 
 
 # Which files.
@@ -152,6 +155,60 @@ def test_a_motion_that_skates_slides() -> None:
     assert judged_figures(lone_motion(qpos, 30.0, G1), G1)["stance_slide_mps"] == 0.0
     qpos[:, 0] = np.arange(60) / 30.0
     assert judged_figures(lone_motion(qpos, 30.0, G1), G1)["stance_slide_mps"] == pytest.approx(1.0)
+
+
+# Other programs' files, and batches.
+
+
+def written_csv(path: Path, qpos: np.ndarray) -> Path:
+    """A motion as Unitree writes them: no header, rotations scalar last."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.savetxt(path, np.concatenate([qpos[:, :3], qpos[:, [4, 5, 6, 3]], qpos[:, 7:]], axis=1), delimiter=",")
+    return path
+
+
+def test_of_another_programs_file_what_needs_no_clip_is_judged(folder: Path) -> None:
+    written_csv(folder / "foreign.csv", carried().qpos)
+    rows = {row.file: row for row in rows_of(folder)}
+    foreign, own = rows["foreign.csv"], rows["a.npz"]
+    assert foreign.format == "unitree-csv" and foreign.robot == "unitree_g1"
+    assert foreign.notes == ("30 frames a second are assumed",)
+    assert foreign.frames == own.frames
+    assert foreign.figures["joint_speed_margin_radps"] == pytest.approx(own.figures["joint_speed_margin_radps"])
+    assert set(foreign.verdict.not_judged) > {"contact_gap_m", "turned_over_s"}
+    assert foreign.level is Level.PASS
+
+
+def test_another_programs_file_that_contradicts_itself_is_told_as_such(tmp_path: Path) -> None:
+    written_csv(tmp_path / "short.csv", carried().qpos[:, :-2])
+    (row,) = rows_of(tmp_path)
+    assert row.level is None and "27 columns" in row.error
+
+
+def test_a_lone_motion_has_the_objects_that_its_file_has(tmp_path: Path) -> None:
+    motion = carried()
+    path = ObjectPath("box", motion.object_pos[:, 0], motion.object_quat[:, 0])
+    lone = lone_motion(motion.qpos, motion.fps, G1, [path])
+    assert lone.object_names == ("box",)
+    assert np.array_equal(lone.object_pos, motion.object_pos)
+
+
+def test_a_batchs_failures_stand_beside_its_results(folder: Path, capsys, monkeypatch) -> None:
+    solved = {"name": "a", "status": "solved", "lineage": {"mirrored": True}, "results": [{"path": "a.npz"}]}
+    gone = {"name": "gone", "status": "solved", "results": [{"path": "gone.npz"}]}
+    failed = {"name": "lost", "status": "failed", "reason": f"no such clip {NASTY}", "source": {"licence": "CC0"}}
+    lines = [json.dumps({**BLANK, **entry}) for entry in (solved, gone, failed)]
+    (folder / "manifest.jsonl").write_text("\n".join([*lines, '{"torn": ']))
+    monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, model, objects: None)
+    assert main(["report", str(folder), "--out", str(folder.parent / "out")]) == 0
+    assert "failed: no such clip" in capsys.readouterr().out
+    table = (folder.parent / "out" / "index.csv").read_text()
+    records = {record["file"]: record for record in csv.DictReader(io.StringIO(table))}
+    assert list(records) == ["a.npz", "b.npz", "damaged.npz", "deeper/bad.npz", "gone", "lost"]
+    assert json.loads(records["a.npz"]["lineage"]) == {"mirrored": True}
+    assert records["b.npz"]["level"] == "pass" and json.loads(records["b.npz"]["lineage"])["mirrored"] is False
+    assert "gone.npz" in records["gone"]["error"]
+    assert records["lost"]["licence"] == "CC0"
 
 
 # Tables.
@@ -300,7 +357,7 @@ def test_a_histogram_shows_every_level_that_occurs_inside_the_picture(threshold,
 
 def test_report_writes_pages_and_tables_and_tells_how_many_fail(folder: Path, capsys, monkeypatch) -> None:
     out = folder.parent / "out"
-    monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, objects: PIXEL)
+    monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, model, objects: PIXEL)
     assert main(["report", str(folder), "--out", str(out)]) == 0
     said = capsys.readouterr().out
     assert "deeper/bad.npz" in said and "contact gap 20 mm, above 10" in said
@@ -315,14 +372,14 @@ def test_report_writes_pages_and_tables_and_tells_how_many_fail(folder: Path, ca
 
 
 def test_strict_is_content_when_nothing_fails(folder: Path, monkeypatch) -> None:
-    monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, objects: None)
+    monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, model, objects: None)
     words = ["report", str(folder / "a.npz"), "--out", str(folder.parent / "out"), "--strict"]
     assert main(words) == 0
 
 
 def test_without_pyarrow_the_rest_is_written_and_the_extra_named(folder: Path, capsys, monkeypatch) -> None:
     monkeypatch.setattr("hoi_retarget.cli.report.to_parquet", lambda rows: None)
-    monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, objects: None)
+    monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, model, objects: None)
     out = folder.parent / "out"
     assert main(["report", str(folder / "a.npz"), "--out", str(out)]) == 0
     assert "hoi-retarget[dataset]" in capsys.readouterr().err

@@ -196,8 +196,8 @@ class Reason:
         value, limit = (column.scale * number for number in (self.value, self.threshold.limit(self.level)))
         side = "above" if column.better == "lower" else "below"
         # As many digits as tell the two apart.
-        texts = (f"{value:.{digits}g}" for digits in (3, 5, 8, 17))
-        shown = next(text for text in texts if float(text) != limit or value == limit)
+        texts = (f"{float(f'{value:.{digits}g}'):.10g}" for digits in (3, 5, 8))
+        shown = next((text for text in texts if float(text) != limit), repr(float(value)))
         return f"{column.title} {shown} {column.unit}, {side} {limit:.8g}"
 
 

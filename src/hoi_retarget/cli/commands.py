@@ -258,11 +258,13 @@ class Report:
     """Judge many motions: a page, tables, and a verdict on each with its reasons."""
 
     paths: Annotated[Positional[tuple[Path, ...]], arg(metavar="DIR|FILE...", help_behavior_hint="(required)")]
-    """Results, folders with results, and batches' folders."""
+    """Results, other programs' motions (.npz, .pkl, .csv), folders with such files, and batches' folders."""
     out: Folder
     """Folder to write report.html, index.csv, index.parquet and verdicts.json into; made when it does not exist."""
     objects: OptionalFolder = None
     """Folder with the objects' geometry, as for run, where it is not where it was; for the pictures."""
+    robot: RobotName = "unitree_g1"
+    """The robot of other programs' motions, which do not say."""
     title: str = "Retargeting report"
     """Title of the page."""
     strict: bool = False

@@ -9,11 +9,14 @@ from hoi_retarget.cli.jobs import check_writable
 from hoi_retarget.cli.terminal import Working, say, show_table, warn
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.motion import write_together
+from hoi_retarget.report.batches import told_by
 from hoi_retarget.report.finding import find
 from hoi_retarget.report.index import to_csv, to_json, to_parquet
 from hoi_retarget.report.page import Picture, report_page
 from hoi_retarget.report.pictures import picture_of
 from hoi_retarget.report.rows import Row, read_row, worst_first
+from hoi_retarget.robots import robot
+from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.verdict import Level
 
 PICTURES, _PASSING_PICTURES = 6, 3
@@ -26,14 +29,17 @@ def execute(command: Report) -> int:
     if not command.paths:
         raise ArgumentError("nothing is named. Usage: hoi-retarget report DIR|FILE... --out DIR.")
     check_writable("--out", command.out)
-    found = find(command.paths).motions
-    rows: list[Row] = []
-    with Working("judging", len(found)) as working:
-        for file in found:
-            rows.append(read_row(file))
+    files = find(command.paths)
+    told = told_by(files.manifests)
+    model = load_model(robot(command.robot))
+    rows = list(told.missing)
+    with Working("judging", len(files.motions)) as working:
+        for file in files.motions:
+            rows.append(read_row(file, model, told.lineages.get(file.path.resolve())))
             working.advance()
         working.describe("drawing")
-        pictures = _pictures(rows, command.objects)
+        pictures = _pictures(rows, model, command.objects)
+    rows.sort(key=lambda row: row.file)
     _write(command.out, command.title, rows, pictures)
     _summarize(rows)
     say(f"Open {command.out / 'report.html'} in a browser; tables: index.csv, {_PARQUET}, verdicts.json beside it.")
@@ -41,10 +47,10 @@ def execute(command: Report) -> int:
     return 1 if command.strict and bad else 0
 
 
-def _pictures(rows: Sequence[Row], objects: Path | None) -> dict[str, Picture]:
+def _pictures(rows: Sequence[Row], model: RobotModel, objects: Path | None) -> dict[str, Picture]:
     drawn: dict[str, Picture] = {}
     for row in _to_draw(rows):
-        picture = picture_of(row.path, objects=objects) if row.path is not None else None
+        picture = picture_of(row.path, model, objects=objects) if row.path is not None else None
         if picture is not None:
             drawn[row.file] = picture
     return drawn

@@ -10,7 +10,20 @@ from typing import Any
 from hoi_retarget.report.rows import Row
 from hoi_retarget.verdict import THRESHOLDS, Level
 
-_WORDS = ("file", "format", "robot", "objects", "clip", "licence", "lineage", "level", "reasons", "not_judged", "error")
+_WORDS = (
+    "file",
+    "format",
+    "robot",
+    "objects",
+    "clip",
+    "licence",
+    "lineage",
+    "level",
+    "reasons",
+    "not_judged",
+    "notes",
+    "error",
+)
 _NUMBERS = ("frames", "fps", "root_scale", "object_scale")
 
 
@@ -38,6 +51,7 @@ def _record(row: Row) -> dict[str, Any]:
         "level": str(row.level) if row.level is not None else "",
         "reasons": "; ".join(map(str, verdict.reasons)) if verdict else "",
         "not_judged": "; ".join(verdict.not_judged) if verdict else "",
+        "notes": "; ".join(row.notes),
         "error": row.error,
         "frames": row.frames,
         "fps": row.fps,

@@ -1,10 +1,12 @@
 """Motions of which only the robot's side is known: a result without its clip, and with what can be measured so."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from hoi_retarget.checking import ObjectPath
 from hoi_retarget.metrics import ground, limits, movement
 from hoi_retarget.metrics.statistics import finite_min_or_none, max_or_none, mean_or_none
 from hoi_retarget.motion import Motion
@@ -17,15 +19,18 @@ STANDING_SPEED = 0.3
 _STANDING_PERCENTILE = 5.0  # Of the lower foot's height: where feet stand.
 
 
-def lone_motion(qpos: Float[np.ndarray, "T nq"], fps: float, model: RobotModel) -> Motion:
-    """Return a robot's path as a result, with the figures in its report that need no human and no object.
+def lone_motion(
+    qpos: Float[np.ndarray, "T nq"], fps: float, model: RobotModel, objects: Sequence[ObjectPath] = ()
+) -> Motion:
+    """Return a robot's path as a result, with the figures in its report that need no human and no object's shape.
 
-    Its stance is estimated. Nothing is touched, and inverse kinematics is the motion itself.
+    Its stance is estimated. Who touches what is not known, and inverse kinematics is the motion itself.
 
     Args:
         qpos: Root position [m], root rotation wxyz, joints [rad] in the model's order.
         fps: Frames a second.
         model: The robot.
+        objects: What it moves.
 
     Raises:
         ClipError: Numbers are not finite, or rotations are no unit quaternions.
@@ -37,10 +42,10 @@ def lone_motion(qpos: Float[np.ndarray, "T nq"], fps: float, model: RobotModel) 
         joint_names=model.joint_names,
         qpos=qpos,
         ik_qpos=qpos,
-        object_names=(),
-        object_pos=np.zeros((frames, 0, 3)),
-        object_quat=np.zeros((frames, 0, 4)),
-        object_scale=np.zeros(0),
+        object_names=tuple(item.name for item in objects),
+        object_pos=np.stack([item.pos for item in objects], axis=1) if objects else np.zeros((frames, 0, 3)),
+        object_quat=np.stack([item.quat for item in objects], axis=1) if objects else np.zeros((frames, 0, 4)),
+        object_scale=np.ones(len(objects)),
         contact_links=(),
         contact_flags=np.zeros((frames, 0), dtype=bool),
         contact_object=np.zeros((frames, 0), dtype=int),

@@ -57,6 +57,7 @@ def report_page(title: str, rows: Sequence[Row], pictures: Mapping[str, Picture]
         _histograms(judged),
         _cards(judged, pictures),
         _groups("By robot", "robot", judged, lambda row: row.robot or "-"),
+        _groups("By format", "format", judged, lambda row: row.format or "-"),
         _groups("By object", "object", judged, lambda row: ", ".join(row.objects) or "none"),
         _motions(judged),
         _licences(judged),
@@ -167,6 +168,8 @@ def _groups(title: str, head: str, rows: Sequence[Row], of: Callable[[Row], str]
         means = [_mean(column, _values(members, column.name)) for column in columns]
         cells = "".join(f'<td class="number">{escape(str(text))}</td>' for text in (len(members), *levels, *means))
         lines.append(f"<tr><td>{escape(name)}</td>{cells}</tr>")
+    if len(groups) == 1 and head == "format":
+        return ""
     heads = (head, "*files", *(f"*{level}" for level in Level), *(f"*{_head(column)}" for column in columns))
     return _table(f"{title}, with mean figures", heads, lines, "groups") if lines else ""
 
@@ -175,7 +178,7 @@ def _motions(rows: Sequence[Row]) -> str:
     if not rows:
         return ""
     thresholds = [threshold for threshold in _chosen(_IN_TABLE) if _values(rows, threshold.name)]
-    heads = ("verdict", "motion", "robot", "object", "*scale", "*seconds")
+    heads = ("verdict", "motion", "format", "robot", "object", "*scale", "*seconds")
     heads += (*(f"*{_head(threshold.column)}" for threshold in thresholds), "why")
     lines = [_motion(row, thresholds) for row in rows]
     options = "".join(f"<option>{level}</option>" for level in Level)
@@ -191,7 +194,7 @@ def _motion(row: Row, thresholds: Sequence[Threshold]) -> str:
     levels = {reason.threshold.name: reason.level for reason in row.verdict.reasons}
     cells = [
         f'<td data-value="{int(row.verdict.level)}">{_badge(row)}</td>',
-        *(f"<td>{escape(text)}</td>" for text in (row.file, row.robot, ", ".join(row.objects) or "-")),
+        *(f"<td>{escape(text)}</td>" for text in (row.file, row.format, row.robot, ", ".join(row.objects) or "-")),
         _cell(row.object_scale[0] if row.object_scale else None, " ".join(f"{s:.3f}" for s in row.object_scale) or "-"),
         _cell(row.seconds, "-" if row.seconds is None else f"{row.seconds:.1f}"),
     ]
@@ -199,7 +202,7 @@ def _motion(row: Row, thresholds: Sequence[Threshold]) -> str:
         value = row.figures.get(threshold.name)
         level = levels.get(threshold.name, "")
         cells.append(_cell(value, threshold.column.text(value), str(level)))
-    reasons = _with_units("; ".join(map(str, row.verdict.reasons)))
+    reasons = _with_units("; ".join((*map(str, row.verdict.reasons), *row.notes)))
     return f'<tr>{"".join(cells)}<td class="reasons">{escape(reasons)}</td></tr>'
 
 

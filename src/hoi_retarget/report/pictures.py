@@ -7,26 +7,28 @@ import numpy as np
 from hoi_retarget import se3
 from hoi_retarget.clip import Clip
 from hoi_retarget.errors import HoiRetargetError
-from hoi_retarget.motion import Motion, load
+from hoi_retarget.motion import Motion
 from hoi_retarget.recordings import clip_of
+from hoi_retarget.report.opening import open_motion
 from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.viewers.scene import Shown, make_scene
 from hoi_retarget.viewers.standpoint import standpoint
 from hoi_retarget.viewers.thumbnail import telling_frame, thumbnail
 
 
-def picture_of(path: Path, *, objects: Path | None = None) -> tuple[str, bytes] | None:
-    """Return a picture of a result, beside its human where the recording is at hand: the ending of its name, content.
+def picture_of(path: Path, foreign_robot: RobotModel, *, objects: Path | None = None) -> tuple[str, bytes] | None:
+    """Return a picture of a motion, beside its human where the recording is at hand: the ending of its name, content.
 
     None where it cannot be drawn: a robot that is not known, or a file that is gone.
 
     Args:
-        path: The result.
+        path: The motion's file.
+        foreign_robot: The robot of files that do not say which.
         objects: The objects' folder, where it is not the one that the result says.
     """
     try:
-        motion = load(path)
+        motion = open_motion(path, foreign_robot).motion
         model = load_model(robot(motion.robot))
         clip = _clip(motion, objects)
         person = motion.report.get("person", 0)

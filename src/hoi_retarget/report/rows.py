@@ -7,11 +7,10 @@ from pathlib import Path, PureWindowsPath
 from typing import Any
 
 from hoi_retarget.errors import HoiRetargetError
-from hoi_retarget.motion import Motion, load
 from hoi_retarget.report.finding import Found
+from hoi_retarget.report.opening import OWN_FORMAT, open_motion
+from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.verdict import THRESHOLDS, Level, Verdict, judged_figures, verdict_of_figures
-
-OWN_FORMAT = "hoi-retarget"
 
 
 @dataclass(frozen=True)
@@ -36,6 +35,8 @@ class Row:
     """Terms of the recording that it was made from; empty where the file does not say."""
     lineage: str = ""
     """What it is a variant of, as JSON; empty where the file does not say."""
+    notes: tuple[str, ...] = ()
+    """What was assumed to read it, a clause each."""
     figures: Mapping[str, float | None] = field(default_factory=dict)
     verdict: Verdict | None = None
 
@@ -79,32 +80,36 @@ def worst_first(rows: Sequence[Row]) -> tuple[Row, ...]:
     return tuple(sorted(judged, key=lambda row: row.badness, reverse=True))
 
 
-def read_row(found: Found) -> Row:
-    """Return what a file holds; one that cannot be read gives a row with the reason."""
+def read_row(found: Found, robot: RobotModel, lineage: Mapping[str, Any] | None = None) -> Row:
+    """Return what a file holds; one that cannot be read gives a row with the reason.
+
+    Args:
+        found: The file.
+        robot: The robot of files that do not say which.
+        lineage: What was done to the recording, where it is known from elsewhere.
+    """
     try:
-        motion = load(found.path)
+        opened = open_motion(found.path, robot)
     except HoiRetargetError as error:
         return Row(found.name, found.path, str(error).replace(str(found.path), found.path.name))
-    return _row(found, motion)
-
-
-def _row(found: Found, motion: Motion) -> Row:
+    motion = opened.motion
     figures = judged_figures(motion)
-    report = motion.report
-    source = report.get("source")
+    source = motion.report.get("source")
+    source = source if isinstance(source, Mapping) else {}
     return Row(
         file=found.name,
         path=found.path,
-        format=OWN_FORMAT,
+        format=opened.format,
         robot=motion.robot,
         objects=motion.object_names,
-        clip=_text(report.get("clip")),
+        clip=_text(motion.report.get("clip")),
         frames=motion.frames,
         fps=motion.fps,
-        root_scale=_number(report.get("root_scale")),
-        object_scale=tuple(motion.object_scale.tolist()),
-        licence=_text(source.get("licence")) if isinstance(source, Mapping) else "",
-        lineage=_json(report.get("lineage")),
+        root_scale=_number(motion.report.get("root_scale")),
+        object_scale=tuple(motion.object_scale.tolist()) if opened.format == OWN_FORMAT else (),
+        licence=_text(source.get("licence")),
+        lineage=_json(lineage if lineage is not None else source.get("augmentation")),
+        notes=opened.notes,
         figures=figures,
         verdict=verdict_of_figures(figures),
     )
@@ -118,5 +123,5 @@ def _number(value: Any) -> float | None:
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
-def _json(value: Any) -> str:
-    return "" if value is None else json.dumps(value, sort_keys=True)
+def _json(value: Mapping[str, Any] | None) -> str:
+    return json.dumps(value, sort_keys=True) if value else ""
