@@ -2,13 +2,21 @@
 
 import json
 import math
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget.verdict import THRESHOLDS, Level, Threshold, verdict_of_figures
+from hoi_retarget import se3
+from hoi_retarget.augment import mirrored
+from hoi_retarget.metrics import Figures, Soundness, soundness
+from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.synthetic import make
+from hoi_retarget.verdict import THRESHOLDS, Level, Threshold, judged_figures, verdict_of, verdict_of_figures
+from test_curves import G1, carried
+from trajectories import MODELS, random_qpos
 
 NAMES = [threshold.name for threshold in THRESHOLDS]
 GOOD = {threshold.name: threshold.warn for threshold in THRESHOLDS}
@@ -85,3 +93,113 @@ def test_json_tells_level_reasons_and_what_was_not_judged():
     assert told["level"] == "fail"
     assert told["reasons"] == ["contact gap 11.4 mm, above 10", "foot slide 12 cm/s, above 10"]
     assert "body_jerk_mps3" in told["not_judged"]
+
+
+# Verdicts on results.
+
+SEGMENT = {"first_frame": 60, "last_frame": 64}
+
+
+def told(**report) -> dict[str, float | None]:
+    return judged_figures(replace(carried(), report={**carried().report, **report}), G1)
+
+
+def test_a_good_result_passes_and_only_what_nobody_measures_is_not_judged():
+    verdict = verdict_of(carried())
+    assert verdict.level is Level.PASS
+    assert verdict.not_judged == ("object_penetration_max_m",)
+    assert verdict == verdict_of(carried(), G1)
+
+
+def test_the_mirrored_clip_gets_the_same_verdict():
+    mirror = verdict_of(retarget(mirrored(make("carry_box")), G1, Config()))
+    assert (mirror.level, mirror.not_judged) == (Level.PASS, verdict_of(carried()).not_judged)
+
+
+def test_what_a_report_complains_of_is_counted():
+    contacts = carried().contact_flags.sum()
+    assert told(unreached_contacts=[SEGMENT, SEGMENT])["unreached_share"] == pytest.approx(10 / contacts)
+    assert told(turned_over=[SEGMENT])["turned_over_s"] == pytest.approx(5 / carried().fps)
+    half = [{"start": 0, "stop": carried().frames // 2, "status": "STALLED"}]
+    assert told(windows=half)["unsolved_share"] == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_clip_without_contacts_has_no_share_of_them():
+    motion = carried()
+    nothing = replace(motion, contact_flags=np.zeros_like(motion.contact_flags))
+    assert judged_figures(nothing, G1)["unreached_share"] is None
+
+
+@pytest.mark.parametrize("value", [None, 3, "text", [1], [{}], [{"first_frame": "x", "last_frame": 1}]])
+def test_reports_of_another_version_are_not_judged_where_they_differ(value):
+    figures = told(figures=value, unreached_contacts=value, turned_over=value, windows=value)
+    for name in ("contact_gap_m", "unreached_share", "turned_over_s", "unsolved_share"):
+        assert figures[name] is None
+    assert figures["sole_tilt_deg"] is not None
+
+
+def test_a_robot_that_is_not_known_leaves_the_rest_to_be_judged():
+    figures = judged_figures(replace(carried(), robot="unheard_of"))
+    assert figures["sole_tilt_deg"] is None
+    assert figures["contact_gap_m"] == carried().report["figures"]["contact_gap_m"]
+
+
+def test_every_judged_figure_is_one_that_somebody_computes():
+    known = {field.name for kind in (Figures, Soundness) for field in fields(kind)}
+    later = {"unreached_share", "turned_over_s", "unsolved_share", "object_penetration_max_m"}
+    assert set(NAMES) <= known | later
+
+
+# What a motion says of itself.
+
+
+def sound(qpos: np.ndarray, model=G1, stance: bool = True) -> Soundness:
+    flags = np.full((len(qpos), 2), stance)
+    return soundness(qpos, 30.0, model.forward(qpos), flags, float(model.home_qpos[2]))
+
+
+@pytest.mark.parametrize("robot", MODELS)
+@settings(max_examples=10, deadline=None)
+@given(tilt=st.floats(0.0, 179.0), towards=st.floats(0.0, 6.28), yaw=st.floats(-3.1, 3.1))
+def test_a_standing_robot_that_is_tilted_has_tilted_soles(robot, tilt, towards, yaw):
+    model = MODELS[robot]
+    qpos = np.repeat(model.home_qpos[None], 3, axis=0)
+    flat = sound(qpos, model).sole_tilt_deg
+    assert flat is not None and flat < 1.0
+    axis = np.array([np.cos(towards), np.sin(towards), 0.0])
+    turn = se3.quat_multiply(se3.exp(np.radians(tilt) * axis), se3.exp(np.array([0.0, 0.0, yaw])))
+    qpos[:, 3:7] = se3.quat_multiply(turn, qpos[:, 3:7])
+    assert sound(qpos, model).sole_tilt_deg == pytest.approx(tilt, abs=flat + 1e-6)
+
+
+def test_without_stance_soles_have_no_tilt():
+    assert sound(np.repeat(G1.home_qpos[None], 3, axis=0), stance=False).sole_tilt_deg is None
+
+
+@settings(max_examples=20, deadline=None)
+@given(repeats=st.integers(1, 5), frames=st.integers(2, 20), seed=st.integers(0, 99))
+def test_frames_that_are_repeated_are_frozen(repeats, frames, seed):
+    moving = random_qpos(G1, frames, np.random.default_rng(seed))
+    assert sound(moving).frozen_share == 0.0
+    share = sound(np.repeat(moving, repeats, axis=0)).frozen_share
+    assert share == pytest.approx(frames * (repeats - 1) / (frames * repeats - 1))
+
+
+def test_a_base_that_jumps_or_flips_is_fast():
+    qpos = np.repeat(G1.home_qpos[None], 4, axis=0)
+    assert (sound(qpos).base_speed_max_mps, sound(qpos).base_turn_max_radps) == (0.0, 0.0)
+    qpos[2:, 0] += 0.5
+    qpos[3, 3:7] = se3.quat_multiply(se3.exp(np.array([0.0, 0.0, np.pi])), qpos[3, 3:7])
+    assert sound(qpos).base_speed_max_mps == pytest.approx(15.0)
+    assert sound(qpos).base_turn_max_radps == pytest.approx(30.0 * np.pi)
+
+
+def test_a_base_is_measured_by_where_it_stands():
+    qpos = np.repeat(G1.home_qpos[None], 3, axis=0)
+    qpos[:, 2] *= (0.5, 1.0, 2.0)
+    assert (sound(qpos).base_height_min_share, sound(qpos).base_height_max_share) == (0.5, 2.0)
+
+
+def test_of_a_single_frame_nothing_that_moves_is_judged():
+    figures = sound(G1.home_qpos[None])
+    assert (figures.frozen_share, figures.base_speed_max_mps, figures.base_turn_max_radps) == (None, None, None)
