@@ -62,6 +62,13 @@ def test_every_format_is_written_with_its_description(name, demo, export, tmp_pa
     assert str(demo.parent) not in json.dumps(meta)
 
 
+@pytest.mark.parametrize("name", ["beyondmimic", "mjlab", "holosoma", "hdmi"])
+def test_nothing_contradicts_what_a_file_claims(name, demo, export, tmp_path, capsys):
+    assert export(demo, "--to", name, "--out", ".")[0] == 0
+    assert main(["check-motion", f"carry_box.{name}{FORMATS[name].suffix}"]) == 0
+    assert "Nothing contradicts what the file claims." in capsys.readouterr().out
+
+
 def test_a_file_may_be_named(demo, export, tmp_path):
     assert export(demo, "--to", "mjlab", "--out", "deep/motion.npz")[0] == 0
     assert listing(tmp_path) == ["deep/motion.meta.json", "deep/motion.npz"]
