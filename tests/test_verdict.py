@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -86,6 +87,19 @@ def test_thresholds_are_in_order_and_each_says_why():
         assert threshold.why
         if threshold.fail is not None:
             assert (threshold.fail > threshold.warn) == (threshold.column.better == "lower")
+
+
+def test_the_documentation_has_the_same_thresholds():
+    path = Path(__file__).parents[1] / "docs" / "verdicts.md"
+    documented = [line for line in path.read_text().splitlines() if line.startswith("| `") and line.count("|") == 6]
+    assert documented[-len(THRESHOLDS) :] == [_documented(threshold) for threshold in THRESHOLDS]
+
+
+def _documented(threshold: Threshold) -> str:
+    column, side = threshold.column, "above" if threshold.column.better == "lower" else "below"
+    fail = "-" if threshold.fail is None else f"{side} {column.scale * threshold.fail:g}"
+    warn = f"{side} {column.scale * threshold.warn:g}"
+    return f"| `{threshold.name}` | {warn} | {fail} | {column.unit} | {threshold.why} |"
 
 
 def test_json_tells_level_reasons_and_what_was_not_judged():
