@@ -12,7 +12,6 @@ from hoi_retarget.checking.body_poses import (
     claimed_places,
     fit_tree,
     implied_angles,
-    unit_of_length,
 )
 from hoi_retarget.checking.conventions import breadth_first_joints
 from hoi_retarget.checking.finding import Finding
@@ -55,10 +54,9 @@ def read_bodies(
         says = f"their lengths differ from 1 by up to {off:.2g}"
         advice = "Normalize the quaternions, or write them at all."
         return None, [Finding("contradiction", "quaternion order", "unit quaternions", says, advice, "poses")]
-    metres = unit_of_length(model, places, bodies.pos)
-    findings = [] if metres == 1.0 else [_unit(metres)]
-    there, more = _fitting(model, bodies, list(body_readings(model, places, replace(claim, metres=metres))), file)
-    findings += more
+    there, findings = _fitting(model, bodies, list(body_readings(model, places, claim, bodies.pos)), file)
+    if there.reading.metres != 1.0:
+        findings.append(_unit(there.reading.metres))
     implied = implied_angles(model, there, bodies.pos, bodies.quat)
     reading, format_name, more = _joints(file, model, layout, there, implied)
     findings += more
@@ -102,7 +100,7 @@ def _fitting(
 
 
 def _is_legal(there: BodyReading, claimed: BodyReading) -> bool:
-    return there.order.startswith("in ") and there.reading == claimed.reading
+    return there.order.startswith("in ") and replace(there.reading, metres=1.0) == replace(claimed.reading, metres=1.0)
 
 
 def _contradictions(readings: list[BodyReading], fits: list, best: int, claimed: int) -> list[Finding]:
@@ -130,25 +128,27 @@ def _joints(
     known = np.isfinite(implied).all(axis=0) & (np.array(there.reading.columns) >= 0)
     reading = there.reading
 
-    def error(candidate: Interpretation) -> float:
+    def errors(candidate: Interpretation) -> np.ndarray:
         difference = implied[:, known] - candidate.angles(layout.joint_pos)[:, known]
         with np.errstate(over="ignore"):
             wrapped = np.abs(np.angle(np.exp(1j * np.clip(difference, -1e6, 1e6))))
         # Angles that are far beyond a turn would look near by chance.
-        return float(np.minimum(np.median(np.where(np.abs(difference) > 7.0, 3.0, wrapped), axis=0), 3.0).mean())
+        wrapped = np.where(np.abs(difference) > 7.0, np.pi, wrapped)
+        return np.sqrt(np.mean(wrapped**2, axis=0))
 
     breadth = replace(reading, columns=tuple(int(i) for i in np.argsort(breadth_first_joints(model))))
     name, claimed = file.format, reading
     if file.convention.order is None:
         bodies_are = BREADTH_FIRST if "breadth" in there.order else DEPTH_FIRST
         name, claimed = bodies_are, breadth if bodies_are == BREADTH_FIRST else reading
-    base = error(claimed)
+    base = errors(claimed)
     words = "as the bodies' poses imply"
-    if base < _SAME_ANGLE:
-        return claimed, name, [Finding("ok", "joints", words, f"within {np.degrees(base):.2g} deg")]
-    candidates = [(error(item.reading), item) for item in joint_deviations(claimed, model)]
+    if base.max(initial=0.0) < _SAME_ANGLE:
+        return claimed, name, [Finding("ok", "joints", words, f"within {np.degrees(base.max(initial=0.0)):.2g} deg")]
+    base = float(base.mean())
+    candidates = [(float(errors(item.reading).mean()), item) for item in joint_deviations(claimed, model)]
     best, deviation = min(candidates, key=lambda pair: pair[0])
-    if best < max(_SAME_ANGLE, 0.2 * base) and best < 0.5 * base:
+    if best < 0.2 * base:
         says = (
             f"the joint angles are {deviation.is_}: {np.degrees(best):.2g} deg from what the bodies imply, "
             f"{np.degrees(base):.2g} deg as claimed"
@@ -171,8 +171,8 @@ def _single_joints(
     angles = claimed.angles(layout.joint_pos)
     signs, negated, wrong = list(claimed.signs), [], []
     for joint in np.flatnonzero(np.isfinite(implied).all(axis=0)):
-        straight = np.median(np.abs(implied[:, joint] - angles[:, joint]))
-        turned = np.median(np.abs(implied[:, joint] + angles[:, joint]))
+        straight = np.sqrt(np.mean((implied[:, joint] - angles[:, joint]) ** 2))
+        turned = np.sqrt(np.mean((implied[:, joint] + angles[:, joint]) ** 2))
         if straight > _SAME_ANGLE:
             if turned < 0.2 * straight:
                 signs[joint] = -signs[joint]

@@ -16,6 +16,7 @@ from hoi_retarget.checking.interpretation import Interpretation
 from hoi_retarget.robots.model import RobotModel
 
 _FRAMES = 200  # That are looked at, evenly over the clip.
+_SAME_MAGNITUDE = 0.1  # In powers of ten.
 Places = dict[str, int]
 """Where in the file each of the robot's bodies is."""
 
@@ -55,9 +56,15 @@ def claimed_places(model: RobotModel, names: tuple[str, ...] | None, count: int)
     return {name: index for index, name in enumerate(model.body_names)} if count == len(model.body_names) else {}
 
 
-def body_readings(model: RobotModel, places: Places, claim: Interpretation) -> Iterator[BodyReading]:
-    """Yield the claimed reading first, then every other one: orders of bodies times orders of components."""
+def body_readings(
+    model: RobotModel, places: Places, claim: Interpretation, pos: Float[np.ndarray, "T B 3"]
+) -> Iterator[BodyReading]:
+    """Yield the claimed reading first, then every other one: orders of bodies times orders of components.
+
+    Each has the unit of length that the distances of neighbours have in its order.
+    """
     orders = [("", places), *_other_orders(model, places)]
+    units = [_unit_of_length(model, there, pos) for _, there in orders]
     other = "xyzw" if claim.quat_order == "wxyz" else "wxyz"
     rotations = [
         claim,
@@ -66,8 +73,8 @@ def body_readings(model: RobotModel, places: Places, claim: Interpretation) -> I
         replace(claim, quat_order=other, inverted=True),
     ]
     for reading in rotations:
-        for order, there in orders:
-            yield BodyReading(order, there, reading)
+        for (order, there), metres in zip(orders, units, strict=True):
+            yield BodyReading(order, there, replace(reading, metres=metres))
 
 
 def _other_orders(model: RobotModel, places: Places) -> Iterator[tuple[str, Places]]:
@@ -86,16 +93,16 @@ def _other_orders(model: RobotModel, places: Places) -> Iterator[tuple[str, Plac
             yield words, candidate
 
 
-def unit_of_length(model: RobotModel, places: Places, pos: Float[np.ndarray, "T B 3"]) -> float:
-    """Return the power of ten nearest to one unit of the file's lengths [m]: 1, 0.1, 0.01 or 0.001."""
+def _unit_of_length(model: RobotModel, places: Places, pos: Float[np.ndarray, "T B 3"]) -> float:
+    """Return one unit of the file's lengths [m]: 0.01 or 0.001 where distances are that much too long, else 1."""
     pairs = [pair for pair in _neighbours(model, places) if np.linalg.norm(model.offsets[:, pair.hinge]) > 0.02]
     if not pairs:
         return 1.0
     frames = _frames(len(pos))
     stored = np.array([np.median(np.linalg.norm(pos[frames, p.child] - pos[frames, p.parent], axis=-1)) for p in pairs])
     known = np.array([np.linalg.norm(model.offsets[:, pair.hinge]) for pair in pairs])
-    ratio = float(np.median(stored / known))
-    return 10.0 ** -np.clip(np.round(np.log10(max(ratio, 1e-9))), 0, 3)
+    magnitude = float(np.log10(max(float(np.median(stored / known)), 1e-9)))
+    return next((unit for unit in (0.01, 0.001) if abs(magnitude + np.log10(unit)) < _SAME_MAGNITUDE), 1.0)
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,8 @@ from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 
 _PAIRS = 120  # Neighbouring frames that are looked at, evenly over the clip.
 _RANGE_TOLERANCE = 0.02  # [rad]
+_MOVES, _ENOUGH = 0.1, 6
+"""A pelvis that moves [m/s], and in how many pairs of frames it has to, for slides to tell anything."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class Plausibility:
     tilt: float
     """Of the lower foot, median [deg]."""
     slide: float
-    """Speed of the slower foot, median [m/s]."""
+    """Speed of the slower foot over that of the pelvis, median while the pelvis moves."""
     unevenness: float
     """Spread of the height of the lowest sole corner, 5th to 95th percentile [m]."""
     height: float
@@ -54,7 +56,7 @@ class Plausibility:
 _HALF = {
     "upside_down": 0.2,
     "tilt": 20.0,
-    "slide": 0.3,
+    "slide": 0.7,
     "unevenness": 0.12,
     "height": 0.3,
     "outside": 0.02,
@@ -92,12 +94,17 @@ def plausibility(model: RobotModel, qpos: Float[np.ndarray, "P nq"], fps: float)
     return Plausibility(
         upside_down=float(np.mean(up < 0.1)),
         tilt=float(np.median(_tilts(soles)[np.arange(len(qpos)), lowest.argmin(axis=1)])),
-        slide=float(np.median(steps.min(axis=1))),
+        slide=_slide(steps.min(axis=1), np.linalg.norm(qpos[half:, :3] - qpos[:half, :3], axis=1) * fps),
         unevenness=float(high - low),
         height=float(middle),
         outside=float(outside.mean()),
         elbows_inside=float(np.mean(_elbows_aside(kinematics) < _TRUNK * model.spec.stature)),
     )
+
+
+def _slide(slower: Float[np.ndarray, "pairs"], pelvis: Float[np.ndarray, "pairs"]) -> float:
+    moves = pelvis > _MOVES
+    return float(np.median(slower[moves] / pelvis[moves])) if moves.sum() >= _ENOUGH else 0.0
 
 
 def _tilts(soles: Float[np.ndarray, "P 2 4 3"]) -> Float[np.ndarray, "P 2"]:

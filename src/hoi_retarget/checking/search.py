@@ -116,7 +116,7 @@ def describe(judged: Plausibility) -> str:
     """Return the figures that tell most, in words."""
     parts = [
         f"standing foot tilted {judged.tilt:.1f} deg",
-        f"sliding {judged.slide:.2f} m/s",
+        f"sliding at {judged.slide:.2f} of the pelvis' speed",
         f"soles at {1000 * judged.height:.0f} mm (spread {1000 * judged.unevenness:.0f})",
     ]
     if judged.outside:
