@@ -42,7 +42,7 @@ def execute(command: Report) -> int:
     rows.sort(key=lambda row: row.file)
     _write(command.out, command.title, rows, pictures)
     _summarize(rows)
-    say(f"Open {command.out / 'report.html'} in a browser; tables: index.csv, {_PARQUET}, verdicts.json beside it.")
+    say(f"Open {command.out / 'report.html'} in a browser; the tables are beside it.")
     bad = any(row.level in (None, Level.FAIL) for row in rows)
     return 1 if command.strict and bad else 0
 
@@ -73,6 +73,7 @@ def _write(out: Path, title: str, rows: Sequence[Row], pictures: dict[str, Pictu
         contents[out / _PARQUET] = parquet
     write_together(contents)
     if parquet is None:
+        (out / _PARQUET).unlink(missing_ok=True)  # An earlier one would contradict the rest.
         warn(f"{_PARQUET} is not written: it needs pyarrow. Install it with: pip install 'hoi-retarget[dataset]'.")
 
 

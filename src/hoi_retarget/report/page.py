@@ -171,7 +171,7 @@ def _groups(title: str, head: str, rows: Sequence[Row], of: Callable[[Row], str]
     if len(groups) == 1 and head == "format":
         return ""
     heads = (head, "*files", *(f"*{level}" for level in Level), *(f"*{_head(column)}" for column in columns))
-    return _table(f"{title}, with mean figures", heads, lines, "groups") if lines else ""
+    return _table(f"{title}, with mean figures", heads, lines) if lines else ""
 
 
 def _motions(rows: Sequence[Row]) -> str:
@@ -240,7 +240,7 @@ def _thresholds() -> str:
         for column in (threshold.column,)
     ]
     table = f"<table>{_header(('figure', '*warn', '*fail', 'why'))}<tbody>{''.join(lines)}</tbody></table>"
-    return f"<details><summary>Thresholds</summary>{table}</details>"
+    return f'<details><summary>Thresholds</summary><div class="scroll">{table}</div></details>'
 
 
 def _limit(threshold: Threshold) -> str:
@@ -250,8 +250,9 @@ def _limit(threshold: Threshold) -> str:
     return f"{side} {threshold.column.scale * threshold.fail:g}"
 
 
-def _table(title: str, heads: Sequence[str], lines: Sequence[str], kind: str = "") -> str:
-    return f'<h2>{escape(title)}</h2><table class="{kind}">{_header(heads)}<tbody>{"".join(lines)}</tbody></table>'
+def _table(title: str, heads: Sequence[str], lines: Sequence[str]) -> str:
+    table = f"<table>{_header(heads)}<tbody>{''.join(lines)}</tbody></table>"
+    return f'<h2>{escape(title)}</h2><div class="scroll">{table}</div>'
 
 
 def _header(heads: Sequence[str]) -> str:
