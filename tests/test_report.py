@@ -371,6 +371,26 @@ def test_report_writes_pages_and_tables_and_tells_how_many_fail(folder: Path, ca
     assert {path.name: path.read_bytes() for path in out.iterdir()} == first
 
 
+def test_names_that_no_text_can_hold_are_told_with_question_marks(tmp_path: Path, capsys, monkeypatch) -> None:
+    monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, model, objects: None)
+    strange = replace(carried(), report={**carried().report, "clip": "\ud800", "source": {"licence": "\udfff"}})
+    save(strange, tmp_path / "in" / "strange.npz")
+    try:
+        (tmp_path / "in" / "\udcff.npz").write_bytes(b"damaged")
+    except OSError:
+        pytest.skip("this file system has no such names")
+    words = ["report", str(tmp_path / "in"), "--out", str(tmp_path / "out"), "--title", "\udc80"]
+    assert main(words) == 0
+    assert "?.npz" in capsys.readouterr().out
+    assert "?.npz" in (tmp_path / "out" / "index.csv").read_text()
+
+
+@pytest.mark.parametrize("name", ["x" * 5000, "a\0b"], ids=["long", "null"])
+def test_a_path_that_cannot_be_is_refused(tmp_path: Path, capsys, name: str) -> None:
+    assert main(["report", name, "--out", str(tmp_path / "out")]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
 def test_strict_is_content_when_nothing_fails(folder: Path, monkeypatch) -> None:
     monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, model, objects: None)
     words = ["report", str(folder / "a.npz"), "--out", str(folder.parent / "out"), "--strict"]

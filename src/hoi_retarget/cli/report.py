@@ -64,7 +64,7 @@ def _to_draw(rows: Sequence[Row]) -> Sequence[Row]:
 
 def _write(out: Path, title: str, rows: Sequence[Row], pictures: dict[str, Picture]) -> None:
     contents = {
-        out / "report.html": report_page(title, rows, pictures).encode(),
+        out / "report.html": report_page(title, rows, pictures).encode("utf-8", "replace"),
         out / "index.csv": to_csv(rows),
         out / "verdicts.json": to_json(rows),
     }

@@ -45,10 +45,10 @@ def find(named: Sequence[Path]) -> Files:
     paths: dict[Path, Path] = {}
     manifests: dict[Path, Path] = {}
     for path in named:
-        if path.is_dir():
+        if os.path.isdir(path):  # noqa: PTH112  # raises nothing
             for file in _walk(path):
                 (manifests if file.name == MANIFEST else paths).setdefault(file.resolve(), file)
-        elif path.exists():
+        elif os.path.exists(path):  # noqa: PTH110
             (manifests if path.name == MANIFEST else paths).setdefault(path.resolve(), path)
         else:
             raise ArgumentError(f"{path}: there is no such file or folder. Name results, or folders with results.")

@@ -40,6 +40,11 @@ class Row:
     figures: Mapping[str, float | None] = field(default_factory=dict)
     verdict: Verdict | None = None
 
+    def __post_init__(self) -> None:
+        for name in ("file", "error", "clip", "licence", "lineage"):
+            # Names of files, and what files say, may hold characters that no text file can.
+            object.__setattr__(self, name, getattr(self, name).encode("utf-8", "replace").decode())
+
     @property
     def name(self) -> str:
         """Name of the file without folders and ending."""
