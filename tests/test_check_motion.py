@@ -6,11 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import motion_writers as writers
 from hoi_retarget import exporters, se3
 from hoi_retarget.checking import Verdict, as_qpos, check
 from hoi_retarget.cli import main
+from hoi_retarget.cli.checkmotion import facts
 from hoi_retarget.errors import ClipError
 from hoi_retarget.exporters import Result
 from hoi_retarget.motion_files import read
@@ -57,6 +60,7 @@ def test_a_good_file_comes_back_as_it_was_written(name, tmp_path):
     assert len(trajectory.objects) == (1 if name in with_object else 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["push_table", "drag_suitcase", "move_chair", "carry_table"])
 @pytest.mark.parametrize("robot", ["unitree_g1", "unitree_h2"])
 def test_other_motions_and_robots_are_not_complained_about(scene, robot, tmp_path):
@@ -297,6 +301,10 @@ def foreign_root(content: Content) -> None:
     content["joint_pos"] = joint_pos
 
 
+ISAAC = isaac_joints("joint_pos", also="joint_vel")
+ISAAC_NAMED = isaac_joints("joint_pos", 7, "joint_vel")
+WRIST = "left_wrist_roll_joint"
+OF_BODIES = "angular velocities of bodies"
 FAULTS: dict[str, tuple[str, Callable[[Content], None], str, str]] = {
     # What: format, how it is spoilt, subject of the finding, words in it.
     "wxyz for xyzw, pickle": ("gmr", to_wxyz, "quaternion order", "wxyz"),
@@ -348,7 +356,7 @@ FAULTS: dict[str, tuple[str, Callable[[Content], None], str, str]] = {
         "angular velocities of bodies",
         "body's own axes",
     ),
-    "angular velocities rotated twice": ("mjlab", angular_rotated_twice, "angular velocities of bodies", "too often"),
+    "angular velocities rotated twice": ("mjlab", angular_rotated_twice, OF_BODIES, "too often"),
     "linear velocities in root axes": ("mjlab", linear_in_root_axes, "linear velocities of bodies", "root's axes"),
     "velocities of another rate": ("beyondmimic", velocities_of_30, "rate", "imply 30"),
     "only joint velocities of another rate": ("mjlab", joint_velocities_of_30, "rate", "the velocities differ"),
@@ -400,7 +408,7 @@ def test_what_this_motion_cannot_tell_is_said(tmp_path):
 
 
 def test_a_file_that_contradicts_itself_is_not_converted(tmp_path):
-    with pytest.raises(ClipError, match="quaternion order.*check-motion"):
+    with pytest.raises(ClipError, match=r"quaternion order.*check-motion"):
         as_qpos(read(writers.write("gmr", tmp_path, to_wxyz)), writers.model())
 
 
@@ -421,6 +429,26 @@ def test_what_the_numbers_say_is_the_motion_that_was_spoilt(fault, tmp_path):
     assert se3.angle_between(qpos[:, 3:7], source[:, 3:7]).max() < 1e-6
 
 
+# Numbers of any kind
+
+
+@settings(derandomize=True, deadline=None, max_examples=12, database=None)
+@given(st.integers(0, 10_000), st.sampled_from([3, 4, 9, 40]), st.sampled_from([0.0, 1e-300, 1.0, 1e6]))
+def test_any_numbers_have_a_verdict(tmp_path_factory, seed, frames, size):
+    rng = np.random.default_rng(seed)
+    folder = tmp_path_factory.mktemp("any")
+    for name in ("gmr", "mjlab", "holosoma-wbt", "sbto"):
+        content = {
+            key: size * rng.normal(size=(frames, *value.shape[1:]))
+            if isinstance(value, np.ndarray) and value.dtype.kind == "f" and value.ndim > 1
+            else value
+            for key, value in writers.MAKERS[name](writers.motion()).items()
+        }
+        verdict = check(read(writers.save(name, content, folder)), writers.model())
+        assert verdict.contradictions
+        assert json.dumps(facts(verdict), allow_nan=False)
+
+
 # The command
 
 
@@ -433,10 +461,10 @@ def test_exit_codes_and_json(tmp_path, capsys):
     spoilt = str(writers.write("gmr", bad, to_wxyz))
     assert main(["check-motion", spoilt, "--json", str(tmp_path / "found.json")]) == 1
     assert "WRONG    quaternion order" in capsys.readouterr().out
-    facts = json.loads((tmp_path / "found.json").read_text())
-    assert facts["format"] == "gmr"
-    assert facts["contradictions"] == 1
-    assert [item["subject"] for item in facts["findings"] if item["level"] == "contradiction"] == ["quaternion order"]
+    found = json.loads((tmp_path / "found.json").read_text())
+    assert found["format"] == "gmr"
+    assert found["contradictions"] == 1
+    assert [item["subject"] for item in found["findings"] if item["level"] == "contradiction"] == ["quaternion order"]
     assert main(["check-motion", spoilt, "--robot", "nobody"]) == 2
     assert main(["check-motion", str(tmp_path / "nothing.npz")]) == 1
     assert "no such file" in capsys.readouterr().err
@@ -445,7 +473,7 @@ def test_exit_codes_and_json(tmp_path, capsys):
 # Our own exports
 
 
-@pytest.mark.parametrize("robot", ["unitree_g1", "unitree_h2"])
+@pytest.mark.parametrize("robot", ["unitree_g1", pytest.param("unitree_h2", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", exporters.FORMATS)
 def test_our_exports_are_what_they_claim(name, robot, tmp_path):
     source = writers.motion(robot=robot)

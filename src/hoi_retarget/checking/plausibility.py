@@ -14,7 +14,7 @@ from hoi_retarget import se3
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 
-_PAIRS = 120  # Neighbouring frames that are looked at, evenly over the clip.
+_PAIRS = 80  # Neighbouring frames that are looked at, evenly over the clip.
 _RANGE_TOLERANCE = 0.02  # [rad]
 _MOVES, _ENOUGH = 0.1, 6
 """A pelvis that moves [m/s], and in how many pairs of frames it has to, for slides to tell anything."""

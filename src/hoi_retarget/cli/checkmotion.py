@@ -27,7 +27,7 @@ def execute(command: CheckMotion) -> int:
     say()
     say(_conclusion(verdict))
     if command.json is not None:
-        write_file("--json", command.json, (json.dumps(_facts(verdict), indent=1) + "\n").encode())
+        write_file("--json", command.json, (json.dumps(facts(verdict), indent=1) + "\n").encode())
         say(f"written: {command.json}")
     return 1 if verdict.contradictions else 0
 
@@ -63,7 +63,8 @@ def _conclusion(verdict: Verdict) -> str:
     )
 
 
-def _facts(verdict: Verdict) -> dict[str, object]:
+def facts(verdict: Verdict) -> dict[str, object]:
+    """Return a verdict for machines."""
     return {
         "file": verdict.path,
         "robot": verdict.robot,

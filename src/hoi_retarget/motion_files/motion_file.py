@@ -1,14 +1,17 @@
-"""What is in a robot-motion file, as it is there: nothing is reordered, scaled or turned."""
+"""What is in a robot-motion file, as it is there: nothing is reordered, scaled or turned.
+
+Shapes come from foreign files: they are checked here, with an error for the user, not by annotations.
+"""
 
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from hoi_retarget.arrays import describe_frames, frozen
 from hoi_retarget.errors import ReadError
 
+LARGEST = 1e9  # In any unit: larger numbers are damage.
 MINIMUM_FRAMES = 3  # A velocity in the middle of a frame takes its two neighbours.
 
 
@@ -29,10 +32,14 @@ class Convention:
 class Bodies:
     """World poses and velocities of bodies; T frames, B bodies."""
 
-    pos: Float[np.ndarray, "T B 3"]
-    quat: Float[np.ndarray, "T B 4"]
-    lin_vel: Float[np.ndarray, "T B 3"] | None = None
-    ang_vel: Float[np.ndarray, "T B 3"] | None = None
+    pos: np.ndarray
+    """(T, B, 3)"""
+    quat: np.ndarray
+    """(T, B, 4)"""
+    lin_vel: np.ndarray | None = None
+    """(T, B, 3)"""
+    ang_vel: np.ndarray | None = None
+    """(T, B, 3)"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +47,12 @@ class ObjectPoses:
     """One object's free joint, in the order in which the format writes the robot's root."""
 
     name: str
-    pose: Float[np.ndarray, "T 7"]
-    lin_vel: Float[np.ndarray, "T 3"] | None = None
-    ang_vel: Float[np.ndarray, "T 3"] | None = None
+    pose: np.ndarray
+    """(T, 7)"""
+    lin_vel: np.ndarray | None = None
+    """(T, 3)"""
+    ang_vel: np.ndarray | None = None
+    """(T, 3)"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +60,8 @@ class ContactFlags:
     """Who touches when, by whatever names the file has for it."""
 
     names: tuple[str, ...]
-    flags: Bool[np.ndarray, "T C"]
+    flags: np.ndarray
+    """(T, C)"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,14 +76,16 @@ class MotionFile:
     convention: Convention
     contents: tuple[str, ...]
     """What the file holds: names, types and shapes."""
-    joint_pos: Float[np.ndarray, "T n"]
+    joint_pos: np.ndarray
+    """(T, n)"""
     fps: float | None = None
     """As stated; None where the file does not state it [1/s]."""
-    root: Float[np.ndarray, "T 7"] | None = None
-    """The free joint; None where it is the first body."""
-    joint_vel: Float[np.ndarray, "T n"] | None = None
-    root_vel: Float[np.ndarray, "T 6"] | None = None
-    """Linear [m/s], then angular [rad/s]."""
+    root: np.ndarray | None = None
+    """(T, 7) The free joint; None where it is the first body."""
+    joint_vel: np.ndarray | None = None
+    """(T, n)"""
+    root_vel: np.ndarray | None = None
+    """(T, 6) Linear [m/s], then angular [rad/s]."""
     bodies: Bodies | None = None
     joint_names: tuple[str, ...] | None = None
     body_names: tuple[str, ...] | None = None
@@ -137,11 +150,15 @@ class MotionFile:
         ):
             wanted = ", ".join("any" if size is None else str(size) for size in expected)
             raise ReadError(f"{self.path}: {name} have shape {array.shape}, expected ({wanted}): a {self.format} file.")
-        bad = ~np.isfinite(array).reshape(len(array), -1).all(axis=1) if array.size else np.zeros(0, dtype=bool)
+        if array.size:
+            table = array.reshape(frames, -1)
+            self._check_values(name, ~np.isfinite(table).all(axis=1), "not finite")
+            self._check_values(name, (np.abs(table) > LARGEST).any(axis=1), f"beyond {LARGEST:g}")
+
+    def _check_values(self, name: str, bad: np.ndarray, what: str) -> None:
         if bad.any():
-            raise ReadError(
-                f"{self.path}: {name} are not finite in {describe_frames(np.flatnonzero(bad))}. Make the file again."
-            )
+            frames = describe_frames(np.flatnonzero(bad))
+            raise ReadError(f"{self.path}: {name} are {what} in {frames}. Make the file again.")
 
     def _check_names(self, kind: str, names: tuple[str, ...] | None, count: int) -> None:
         if names is None:

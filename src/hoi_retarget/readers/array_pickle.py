@@ -134,7 +134,7 @@ def _array_of(raw: bytes, kind: Any, shape: Any, fortran: bool) -> np.ndarray:
             raw.decode("utf-32-be" if dtype.byteorder == ">" else "utf-32-le")
         except UnicodeDecodeError as error:
             raise damaged("an array of text holds what is no text") from error
-    array = (array != 0) if dtype.kind == "b" else array.astype(dtype.newbyteorder("="), copy=False)
+    array = np.asarray(array != 0) if dtype.kind == "b" else array.astype(dtype.newbyteorder("="), copy=False)
     array.setflags(write=False)
     return array
 
