@@ -139,7 +139,8 @@ def _entry(line: bytes) -> Entry | None:
     """Return what a line says; None where it is torn or of another version."""
     try:
         values = json.loads(line)
-        entry = Entry(**{key: values[key] for key in _KEYS})
+        known: dict[str, Any] = {key: values[key] for key in _KEYS}
+        entry = Entry(**{**known, "results": tuple(known["results"])})
     except (ValueError, KeyError, TypeError, RecursionError):
         return None
     return entry if entry.status in STATUSES else None

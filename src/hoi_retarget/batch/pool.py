@@ -9,9 +9,9 @@ import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import wait
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from hoi_retarget.batch.worker import READY, serve
 from hoi_retarget.errors import HoiRetargetError
@@ -30,6 +30,7 @@ class Lost:
     seconds: float
 
 
+@runtime_checkable
 class Pool(Protocol):
     """Where tasks are done: on this machine, or elsewhere."""
 
@@ -155,7 +156,8 @@ class _Worker:
         self.is_ready = False
         self._since = time.monotonic()
         self._process = context.Process(target=serve, args=(theirs, pool.function, pool.memory_limit), daemon=True)
-        # A worker is born with this signal blocked, for Ctrl-C is meant for the pool; here it is only late.
+        # Ctrl-C goes to all processes of a terminal, and is meant for this one: workers are born with it blocked.
+        resource_tracker.ensure_running()  # Python would start it in between, and unblock the signal.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             self._process.start()

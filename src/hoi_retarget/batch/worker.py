@@ -8,8 +8,6 @@ from multiprocessing.connection import Connection
 from threading import Thread
 from typing import Any
 
-from hoi_retarget.pipeline import one_thread
-
 READY = "ready"
 
 
@@ -20,14 +18,13 @@ def serve(connection: Connection, function: Callable[[Any], Any], memory_limit: 
     """
     Thread(target=_end_with_parent, daemon=True).start()
     limit_memory(memory_limit)
-    with one_thread():
-        connection.send(READY)
-        while True:
-            try:
-                task = connection.recv()
-            except EOFError:
-                return
-            connection.send(function(task))
+    connection.send(READY)
+    while True:
+        try:
+            task = connection.recv()
+        except EOFError:
+            return
+        connection.send(function(task))
 
 
 def limit_memory(megabytes: float | None) -> None:

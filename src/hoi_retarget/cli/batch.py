@@ -10,25 +10,18 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
 
-from hoi_retarget.batch import (
-    MANIFEST,
-    Entry,
-    LocalPool,
-    Pool,
-    RayPool,
-    Specification,
-    Summary,
-    do,
-    of_folder,
-    read_specification,
-    run_batch,
-)
+from hoi_retarget.batch.manifest import MANIFEST, Entry
+from hoi_retarget.batch.pool import LocalPool, Pool
+from hoi_retarget.batch.ray_pool import RayPool
+from hoi_retarget.batch.run import Summary, run_batch
+from hoi_retarget.batch.specification import Specification, of_folder, read_specification
+from hoi_retarget.batch.work import do
 from hoi_retarget.cli.commands import Batch
 from hoi_retarget.cli.jobs import check_writable
 from hoi_retarget.cli.terminal import Working, fail, say, show_table
 from hoi_retarget.errors import ArgumentError
 
-_STOPPING = (signal.SIGINT, signal.SIGTERM)
+_STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _TENTHS = 10  # Lines of progress where no bar can be drawn.
 
 
@@ -91,7 +84,10 @@ def _stopped_by_signals() -> Iterator[list[signal.Signals]]:
     def note(number: int, _: FrameType | None) -> None:
         received.append(signal.Signals(number))
 
-    before = {number: signal.signal(number, note) for number in _STOPPING}
+    before = {number: signal.getsignal(number) for number in _STOPPING}
+    for number, handler in before.items():
+        if handler != signal.SIG_IGN:  # As nohup has it.
+            signal.signal(number, note)
     try:
         yield received
     finally:

@@ -1,0 +1,459 @@
+"""Batches: what is made, what is made again, and what is left of a clip that fails. Processes have their own tests."""
+
+import json
+import resource
+import time
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hoi_retarget.batch import work
+from hoi_retarget.batch.folder import locked
+from hoi_retarget.batch.jobs import jobs_of
+from hoi_retarget.batch.manifest import MANIFEST, STATUSES, Entry, Manifest, read_manifest
+from hoi_retarget.batch.pool import Lost
+from hoi_retarget.batch.run import run_batch
+from hoi_retarget.batch.specification import Specification, of_folder, read_specification
+from hoi_retarget.batch.work import do
+from hoi_retarget.cli import main
+from hoi_retarget.clip import Augmentation
+from hoi_retarget.contact_edits import ContactEdits, FixAll, save
+from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, WriteError
+from hoi_retarget.metrics import Figures
+from hoi_retarget.motion import Motion, load
+from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.recordings import clip_of, open_clip
+from hoi_retarget.results import with_report
+from hoi_retarget.robots import ROBOTS
+from hoi_retarget.robots.model import load_model
+from hoi_retarget.synthetic import make
+from intermimic_writer import columns_of, write_box
+from torch_writer import torch_bytes
+
+
+class Inline:
+    """A pool in this process."""
+
+    time_limit: float | None = 60.0
+
+    def run(self, tasks, stopped):
+        for index, task in enumerate(tasks):
+            if stopped():
+                return
+            yield index, do(task)
+
+
+class Losing(Inline):
+    """A pool that loses every task."""
+
+    def __init__(self, status: str, time_limit: float | None = 60.0) -> None:
+        self.status, self.time_limit = status, time_limit
+
+    def run(self, tasks, stopped):
+        for index, _ in enumerate(tasks):
+            yield index, Lost(self.status, "as it should", 1.0)
+
+
+@pytest.fixture(scope="session")
+def columns() -> np.ndarray:
+    return columns_of(make("carry_box", seconds=1.0))
+
+
+@pytest.fixture
+def folder(tmp_path, columns, monkeypatch):
+    """The current folder, with two clips in `clips` and their object."""
+    write_box(tmp_path / "clips" / "objects", "box")
+    for number in range(2):
+        (tmp_path / "clips" / f"sub1_box_00{number}.pt").write_bytes(torch_bytes(columns[number:]))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture(scope="session")
+def motion() -> Motion:
+    return retarget(make("carry_box", seconds=1.0), load_model(ROBOTS["unitree_g1"]), Config())
+
+
+@pytest.fixture
+def quick(folder, motion, monkeypatch):
+    """The same folder, where nothing is solved: every clip gets the frames of one motion."""
+    timed = [
+        field.name for field in fields(Motion) if np.ndim(getattr(motion, field.name)) > 1 or "flags" in field.name
+    ]
+
+    def canned(clip, _model, _config, extra):
+        frames = {
+            name: np.resize(getattr(motion, name), (clip.frames, *getattr(motion, name).shape[1:])) for name in timed
+        }
+        return with_report([replace(motion, **frames)] * len(clip.people), extra)
+
+    monkeypatch.setattr(work, "retarget_people", canned)
+    return folder
+
+
+OUT = Path("out")
+
+
+def batch(pool=None, **changes):
+    """Run the folder's batch, and check what holds after every one."""
+    summary = run_batch(replace(of_folder(Path("clips")), **changes), OUT, pool or Inline())
+    entries = read_manifest(OUT)
+    assert len((OUT / MANIFEST).read_text().splitlines()) == len(entries)
+    assert summary.is_complete and all(entries[entry.name] == entry for entry in summary.entries)
+    for entry in entries.values():
+        assert entry.status in STATUSES and entry.succeeded == bool(entry.results)
+        assert entry.succeeded or entry.reason
+        for result in entry.results:
+            assert load(OUT / result["path"]).frames == entry.frames
+    listed = {result["path"] for entry in entries.values() for result in entry.results}
+    there = {path.relative_to(OUT).as_posix() for path in OUT.rglob("*") if path.is_file()}
+    assert there == listed | {MANIFEST, ".batch.lock"}, "no temporary files, nothing unlisted"
+    return summary
+
+
+def names(summary) -> list[str]:
+    return [entry.name for entry in summary.done_now]
+
+
+# what is asked for
+
+
+def test_the_grid_is_every_combination_and_names_say_what_differs():
+    grid = Specification(
+        ("builtin:carry_box",),
+        robots=("unitree_g1", "unitree_h2"),
+        object_scales=("auto", 1.0),
+        size_multipliers=(1.0, 0.75),
+        mirrored=(False, True),
+        speeds=(1.0, 1.25),
+    )
+    found = [job.name for job in jobs_of(grid)]
+    assert len(set(found)) == len(found) == 2**5
+    assert found[0] == "unitree_g1/carry_box"
+    assert found[-1] == "unitree_h2/carry_box-object1-size0.75-speed1.25-mirrored"
+
+
+def test_clips_below_a_folder_are_called_by_their_way_from_there(folder):
+    deep = folder / "clips" / "more" / "sub1_box_000.pt"
+    deep.parent.mkdir()
+    deep.touch()
+    ways = ["more/sub1_box_000", "sub1_box_000", "sub1_box_001"]
+    for specification in (of_folder(Path("clips")), Specification(("clips/**/*.pt",), folder)):
+        assert [job.name for job in jobs_of(specification)] == [f"unitree_g1/{way}" for way in ways]
+    assert next(job.shown for job in jobs_of(Specification(("clips",), folder))) == "clips/more/sub1_box_000.pt"
+    with pytest.raises(ArgumentError, match=r"sub1_box_000\.pt and .*sub1_box_000\.pt would both"):
+        jobs_of(Specification(("clips/sub1_box_000.pt", "clips/more/sub1_box_000.pt"), folder))
+    for nothing in ("clips/objects", "gone/*.pt"):
+        with pytest.raises(ArgumentError, match="there are no clips"):
+            jobs_of(Specification((nothing,), folder))
+
+
+def test_a_specification_is_read_as_it_is_written(tmp_path):
+    path = tmp_path / "set.toml"
+    path.write_text(
+        """
+clips = ["builtin:carry_box", "recordings"]
+objects = "objects"
+object_name = "box"
+edits = "/elsewhere"
+robots = ["unitree_h2"]
+root_scale = 0.8
+horizon = "whole"
+object_scales = ["auto", 1]
+size_multipliers = [0.5, 1.0]
+mirrored = [true]
+speeds = [2]
+"""
+    )
+    wanted = Specification(
+        ("builtin:carry_box", "recordings"),
+        tmp_path,
+        tmp_path / "objects",
+        "box",
+        Path("/elsewhere"),
+        ("unitree_h2",),
+        0.8,
+        "whole",
+        ("auto", 1.0),
+        (0.5, 1.0),
+        (True,),
+        (2.0,),
+    )
+    assert read_specification(path) == wanted
+    assert all(getattr(wanted, field.name) != field.default for field in fields(wanted)), "each field is in the test"
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "match"),
+    [
+        ("clips = ", ReadError, "not a TOML file"),
+        ("", ReadError, "'clips' is missing"),
+        ('clips = ["a"]\nrobot = "unitree_g1"', ReadError, "unknown key 'robot'. Keys there can be: .*robots"),
+        ('clips = "a"', ReadError, "expected a list"),
+        ("clips = [1]", ReadError, "clips holds 1"),
+        ('clips = ["a"]\nspeeds = ["fast"]', ReadError, "speeds holds 'fast'; expected numbers"),
+        ('clips = ["a"]\nmirrored = [1]', ReadError, "true and false"),
+        ('clips = ["a"]\nobjects = 3', ReadError, "expected a text"),
+        ("clips = []", ArgumentError, "clips is empty"),
+        ('clips = ["a"]\nspeeds = [1, 1.0]', ArgumentError, "the same twice"),
+        ('clips = ["a"]\nspeeds = [0]', ArgumentError, "speed is 0"),
+        ('clips = ["a"]\nsize_multipliers = [-1]', ArgumentError, "size-multiplier"),
+        ('clips = ["a"]\nrobots = ["atlas"]', ArgumentError, "unitree_g1"),
+        ('clips = ["a"]\nhorizon = "short"', ArgumentError, "horizon"),
+    ],
+)
+def test_specifications_that_mean_nothing(tmp_path, text, error, match):
+    (tmp_path / "set.toml").write_text(text)
+    with pytest.raises(error, match=match):
+        read_specification(tmp_path / "set.toml")
+
+
+# what is made, and what is made again
+
+
+def test_a_batch_makes_every_result_and_the_next_one_nothing(quick):
+    assert names(batch()) == ["unitree_g1/sub1_box_000", "unitree_g1/sub1_box_001"]
+    assert names(batch()) == []
+
+
+def test_the_manifest_tells_where_each_result_is_from(folder):
+    clip = open_clip("clips/sub1_box_000.pt", objects=Path("clips/objects"))
+    Path("edits").mkdir()
+    save(ContactEdits.of(clip).adding(FixAll()), Path("edits/sub1_box_000.edits.toml"))
+    first, second = batch(edits=Path("edits"), mirrored=(True,), speeds=(0.8,), object_scales=(1.0,)).entries
+    assert (first.status, first.robot, first.fps) == ("solved", "unitree_g1", 30.0)
+    assert first.source["path"] == "sub1_box_000.pt"
+    assert (first.source["sha256"], first.source["licence"]) == (clip.source.sha256, clip.source.licence)
+    assert first.source["objects"] == ["box"]
+    assert first.scales["object"] == [1.0] and first.scales["size_multiplier"] == 1.0
+    assert first.lineage["mirrored"] is True and first.lineage["speed"] == 0.8
+    assert first.lineage["contact_edits"] and not second.lineage["contact_edits"]
+    assert first.verdict in ("pass", "warn", "fail") and first.results[0]["verdict"]["level"] == first.verdict
+    assert set(first.results[0]["figures"]) == {field.name for field in fields(Figures)}
+    motion = load(OUT / first.results[0]["path"])
+    again = clip_of(motion)
+    assert again.source.augmentation == Augmentation(mirrored=True, speed=0.8)
+    assert again.frames == motion.frames == first.frames
+
+
+def test_people_of_one_clip_are_one_job(folder):
+    summary = batch(clips=("builtin:carry_table",))
+    (entry,) = summary.entries
+    assert [result["path"] for result in entry.results] == [
+        f"unitree_g1/carry_table.p{person}.npz" for person in (0, 1)
+    ]
+
+
+def test_what_changed_is_made_again_and_nothing_else(quick, columns):
+    batch()
+    one, two = "unitree_g1/sub1_box_000", "unitree_g1/sub1_box_001"
+    Path("clips/sub1_box_001.pt").write_bytes(torch_bytes(columns[2:]))
+    assert names(batch()) == [two]
+    (OUT / f"{one}.npz").write_bytes((OUT / f"{one}.npz").read_bytes()[:-1])
+    assert names(batch()) == [one]
+    (OUT / f"{two}.npz").unlink()
+    assert names(batch()) == [two]
+    Path("edits").mkdir()
+    clip = open_clip("clips/sub1_box_000.pt", objects=Path("clips/objects"))
+    save(ContactEdits.of(clip).adding(FixAll()), Path("edits/sub1_box_000.edits.toml"))
+    assert names(batch(edits=Path("edits"))) == [one]
+    assert names(batch(edits=Path("edits"), horizon="windowed:20")) == [one, two]
+    assert names(batch()) == [one, two], "back to what it was"
+    write_box(quick / "clips" / "objects", "table")
+    assert names(batch()) == [], "another object"
+    write_box(quick / "clips" / "objects", "box", half_size=0.19)
+    assert names(batch()) == [one, two]
+    assert names(batch(mirrored=(False, True))) == [f"{one}-mirrored", f"{two}-mirrored"]
+
+
+def test_another_program_or_robot_makes_all_again(quick, monkeypatch):
+    batch()
+    monkeypatch.setattr("hoi_retarget.batch.content.__version__", "99")
+    assert len(names(batch())) == 2
+    changed = replace(work.robot("unitree_g1"), stature=1.5)
+    monkeypatch.setattr("hoi_retarget.batch.content.robot", lambda _: changed)
+    assert len(names(batch())) == 2
+
+
+def test_a_batch_that_is_stopped_goes_on_where_it_was(quick):
+    seen = []
+    specification = replace(of_folder(Path("clips")), mirrored=(False, True))
+    summary = run_batch(specification, OUT, Inline(), ended=seen.append, stopped=lambda: len(seen) == 1)
+    assert not summary.is_complete and names(summary) == ["unitree_g1/sub1_box_000"]
+    assert len(names(batch(mirrored=(False, True)))) == 3
+
+
+# faults
+
+
+def test_faulty_clips_cost_themselves_alone(quick, columns):
+    broken = columns.copy()
+    broken[7, 200] = np.nan
+    Path("clips/sub1_box_002.pt").write_bytes(torch_bytes(broken))
+    Path("clips/sub1_box_003.pt").write_bytes(torch_bytes(columns)[:2000])
+    Path("clips/sub1_lamp_004.pt").write_bytes(torch_bytes(columns))
+    entries = batch().entries
+    assert [entry.status for entry in entries] == ["solved", "solved", "failed", "failed", "failed"]
+    assert [entry.error for entry in entries[2:]] == ["ClipError", "ReadError", "GeometryError"]
+    assert entries[2].frame == 7 and "not finite" in entries[2].reason
+    assert "lamp" in entries[4].reason
+    assert names(batch()) == [], "the same would fail again"
+    write_box(quick / "clips" / "objects", "lamp")
+    lamp = "unitree_g1/sub1_lamp_004"
+    assert lamp in names(batch())
+    assert read_manifest(OUT)[lamp].status == "solved"
+    Path("clips/sub1_box_000.pt").write_bytes(b"")
+    assert batch().entries[0].status == "failed"
+    assert not (OUT / "unitree_g1" / "sub1_box_000.npz").exists(), "its old result is of something else"
+
+
+@pytest.mark.parametrize(("error", "again"), [(ZeroDivisionError("nothing"), 0), (MemoryError(), 2), (OSError(), 2)])
+def test_whatever_is_raised_ends_in_the_manifest(quick, monkeypatch, error, again):
+    def fail(*_):
+        raise error
+
+    with monkeypatch.context() as patch:
+        patch.setattr(work, "retarget_people", fail)
+        entries = batch().entries
+        assert [entry.status for entry in entries] == ["failed", "failed"]
+        assert entries[0].error == type(error).__name__ and entries[0].reason
+    assert len(names(batch())) == again, "what is not the clip's fault is tried again"
+
+
+@pytest.mark.parametrize("kilobytes", [40, 1])
+def test_a_full_disk_loses_what_did_not_fit_and_the_next_run_makes_it(quick, kilobytes):
+    """With the smaller limit the manifest's lines do not fit either until there is room again."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    seen: list[Entry] = []
+
+    def ended(entry: Entry) -> None:
+        seen.append(entry)
+        if len(seen) == 2:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+    try:
+        run_batch(of_folder(Path("clips")), OUT, _Limited(kilobytes), ended=ended)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert [(entry.status, entry.error) for entry in seen] == [("failed", "WriteError")] * 2
+    assert read_manifest(OUT) == {entry.name: entry for entry in seen}
+    assert len(names(batch())) == 2
+    assert names(batch()) == []
+
+
+class _Limited(Inline):
+    """A pool with a disk that is full as soon as it starts."""
+
+    def __init__(self, kilobytes: int) -> None:
+        self.bytes = kilobytes << 10
+
+    def run(self, tasks, stopped):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (self.bytes, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
+        yield from super().run(tasks, stopped)
+
+
+def test_lost_jobs_are_tried_again_and_late_ones_when_they_may_take_longer(quick):
+    assert {entry.status for entry in batch(Losing("killed")).entries} == {"killed"}
+    assert len(names(batch(Losing("timeout", 60.0)))) == 2
+    assert len(names(batch(Losing("timeout", 60.0)))) == 0
+    assert len(names(batch(Losing("timeout", 30.0)))) == 0
+    assert len(names(batch(Losing("timeout", 90.0)))) == 2
+    longer = Inline()
+    longer.time_limit = None
+    assert {entry.status for entry in batch(longer).entries} == {"solved"}
+
+
+def test_the_clock_on_the_wall_does_not_matter(quick, monkeypatch):
+    backwards = iter(range(10**9, 0, -(10**6)))
+    monkeypatch.setattr(time, "time", lambda: float(next(backwards)))
+    summary = batch()
+    assert 0.0 < sum(entry.seconds for entry in summary.entries) <= summary.seconds
+    assert names(batch()) == []
+
+
+def test_two_batches_cannot_share_a_folder(quick):
+    with locked(OUT), pytest.raises(HoiRetargetError, match=r"another batch is at work there \(process \d+\)"):
+        batch()
+    batch()
+    Path("file").touch()
+    with pytest.raises(WriteError, match="Choose another --out"), locked(Path("file")):
+        pass
+
+
+def test_what_a_crash_left_is_removed(quick):
+    stray = OUT / "unitree_g1" / ".sub1_box_000.npz.abcd1234"
+    stray.parent.mkdir(parents=True)
+    stray.touch()
+    (OUT / f".{MANIFEST}.a_b2c3d4").touch()
+    batch()
+
+
+# the manifest
+
+
+def entry_of(name: str, **changes) -> Entry:
+    return Entry(name, "failed", "unitree_g1", {"path": name}, {}, {}, reason="ü\n\u2028", **changes)
+
+
+@settings(max_examples=15, deadline=None)
+@given(cut=st.integers(0, 10**6))
+def test_of_a_torn_manifest_the_whole_lines_are_read(tmp_path_factory, cut):
+    folder = tmp_path_factory.mktemp("torn")
+    entries = [entry_of(str(number)) for number in range(5)]
+    content = b"".join(json.dumps(vars(entry)).encode() + b"\n" for entry in entries)
+    content = content[: cut % (len(content) + 1)]
+    (folder / MANIFEST).write_bytes(content)
+    whole = content.count(b"\n") + (not content.endswith(b"\n") and content.endswith(b"}"))
+    assert list(read_manifest(folder).values()) == entries[:whole]
+    with Manifest(folder, []) as manifest:
+        manifest.add(entries[-1])
+    assert list(read_manifest(folder).values()) == [*entries[: min(whole, 4)], entries[-1]]
+
+
+def test_later_lines_count_and_lines_of_other_versions_do_not(tmp_path):
+    lines = [json.dumps(vars(entry_of("a", seconds=float(second)))) for second in range(3)]
+    (tmp_path / MANIFEST).write_text("\n".join([*lines, "{}", "[1]", '"x"', "\x00", lines[0].replace("failed", "new")]))
+    assert read_manifest(tmp_path) == {"a": entry_of("a", seconds=2.0)}
+
+
+def test_a_closed_manifest_has_a_line_for_each_job_in_the_order_asked_for(tmp_path):
+    with Manifest(tmp_path, ["b", "a"]) as manifest:
+        for name in ("z", "a", "b", "a"):
+            manifest.add(entry_of(name))
+        assert len((tmp_path / MANIFEST).read_text().splitlines()) == 4
+    lines = (tmp_path / MANIFEST).read_text().splitlines()
+    assert [json.loads(line)["name"] for line in lines] == ["b", "a", "z"]
+
+
+# the command
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "match"),
+    [
+        (["gone.toml"], 1, "no such file"),
+        (["clips", "--workers", "0"], 2, "--workers is 0"),
+        (["clips", "--time-limit", "-1"], 2, "--time-limit is -1"),
+        (["clips", "--address", "here"], 2, "--engine ray"),
+        (["set.toml", "--objects", "clips/objects"], 2, "for a folder of clips"),
+        (["clips/objects"], 2, "there are no clips"),
+    ],
+)
+def test_commands_that_cannot_be_done(folder, capsys, words, code, match):
+    Path("set.toml").write_text('clips = ["clips"]')
+    assert main(["batch", *words, "--out", "out"]) == code
+    assert match in capsys.readouterr().err
+
+
+def test_a_result_is_the_one_that_run_makes(folder):
+    """Also what the commands of results rely on: their report tells how they were made."""
+    batch()
+    assert main(["run", "clips/sub1_box_000.pt", "--objects", "clips/objects", "--out", "single"]) == 0
+    ours, single = load(OUT / "unitree_g1" / "sub1_box_000.npz"), load(Path("single/sub1_box_000.npz"))
+    np.testing.assert_array_equal(ours.qpos, single.qpos)
+    same = set(single.report["command"]) - {"clips", "objects", "out"}
+    assert {key: ours.report["command"][key] for key in same} == {key: single.report["command"][key] for key in same}

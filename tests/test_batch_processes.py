@@ -1,0 +1,242 @@
+"""Batches among processes that die: workers, the batch itself, and by whatever signal."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from batch_tasks import act, unpicklable
+from hoi_retarget.batch.folder import locked
+from hoi_retarget.batch.manifest import MANIFEST, read_manifest
+from hoi_retarget.batch.pool import LocalPool, Lost
+from hoi_retarget.batch.ray_pool import RayPool
+from hoi_retarget.errors import HoiRetargetError
+from hoi_retarget.motion import Motion, load
+
+PATIENCE_S = 60.0  # On a busy machine.
+
+
+def run(pool, tasks, stopped=lambda: False) -> list:
+    """Return what became of each task, None where it was not done."""
+    outcomes = dict(pool.run(tasks, stopped))
+    return [outcomes.get(index) for index in range(len(tasks))]
+
+
+def until(condition) -> None:
+    start = time.monotonic()
+    while not condition():
+        assert time.monotonic() - start < PATIENCE_S
+        time.sleep(0.05)
+
+
+def is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    # What has ended and was not waited for by its new parent is a zombie.
+    return "\nState:\tZ" not in Path(f"/proc/{process}/status").read_text()
+
+
+# the pool
+
+
+@pytest.mark.slow
+def test_whatever_a_task_does_costs_that_task_alone():
+    tasks = ["a", "die SIGKILL", "b", "hang", "exit 3", "die SIGSEGV", "raise", "interrupt", "c"]
+    outcomes = run(LocalPool(act, workers=2, time_limit=1.0), tasks)
+    done = {task: value for task, value in zip(tasks, outcomes, strict=True) if not isinstance(value, Lost)}
+    assert done == {"a": "A", "b": "B", "interrupt": "INTERRUPT", "c": "C"}
+    lost = {task: value for task, value in zip(tasks, outcomes, strict=True) if isinstance(value, Lost)}
+    assert {task: value.status for task, value in lost.items()} == {
+        "die SIGKILL": "killed",
+        "hang": "timeout",
+        "exit 3": "killed",
+        "die SIGSEGV": "killed",
+        "raise": "killed",
+    }
+    assert "SIGKILL, perhaps for lack of memory" in lost["die SIGKILL"].reason
+    assert "SIGSEGV" in lost["die SIGSEGV"].reason and "exit code 3" in lost["exit 3"].reason
+    assert "limit of 1 s" in lost["hang"].reason and 1.0 < lost["hang"].seconds < PATIENCE_S
+
+
+@pytest.mark.slow
+def test_memory_beyond_the_limit_is_refused_and_the_worker_goes_on():
+    outcomes = run(LocalPool(act, workers=1, memory_limit=1000.0), ["hog 4000", "hog 10", "a"])
+    assert outcomes == ["MemoryError", "10 MB", "A"]
+
+
+@pytest.mark.slow
+def test_a_value_that_cannot_be_sent_is_lost():
+    (outcome,) = run(LocalPool(unpicklable, workers=1), ["a"])
+    assert isinstance(outcome, Lost) and outcome.status == "killed"
+
+
+@pytest.mark.slow
+def test_a_pool_that_is_stopped_leaves_no_process(tmp_path):
+    def stopped() -> bool:
+        return len(list(tmp_path.iterdir())) == 2
+
+    assert run(LocalPool(act, workers=2), [f"stay {tmp_path}"] * 3, stopped) == [None, None, None]
+    assert not any(is_alive(int(path.name)) for path in tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_workers_that_cannot_start_end_the_batch(monkeypatch):
+    monkeypatch.setenv("BATCH_TASKS_BROKEN", "1")
+    with pytest.raises(HoiRetargetError, match=r"3 workers in a row ended as they started: .* exit code 7"):
+        run(LocalPool(act, workers=1), ["a"])
+
+
+def test_nothing_to_do_starts_no_process():
+    assert run(LocalPool(act, workers=2), []) == []
+
+
+# the command
+
+SPECIFICATION = (
+    'clips = ["builtin:carry_box", "builtin:move_chair"]\nsize_multipliers = [1.0, 0.9]\nspeeds = [1.0, 1.5]\n'
+)
+JOBS = 8
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "set.toml").write_text(SPECIFICATION)
+    return tmp_path
+
+
+def start(folder: Path, *words: str) -> subprocess.Popen:
+    """Start a batch in a session of its own, as a terminal does."""
+    command = [sys.executable, "-m", "hoi_retarget", "batch", "set.toml", "--out", "out", "--workers", "2", *words]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen(command, cwd=folder, text=True, start_new_session=True, **pipes)
+
+
+def finish(folder: Path, *words: str) -> str:
+    """Run the batch to its end and check that its manifest is complete; return what it said."""
+    process = start(folder, *words)
+    said, complaints = process.communicate(timeout=4 * PATIENCE_S)
+    assert (process.returncode, complaints) == (0, "")
+    entries = read_manifest(folder / "out")
+    assert len(entries) == JOBS
+    for entry in entries.values():
+        assert all(load(folder / "out" / result["path"]).frames == entry.frames for result in entry.results)
+    assert not list((folder / "out").rglob(".*.npz.*"))
+    return said
+
+
+def lines(folder: Path) -> int:
+    manifest = folder / "out" / MANIFEST
+    return manifest.read_bytes().count(b"\n") if manifest.exists() else 0
+
+
+def workers(process: subprocess.Popen) -> list[int]:
+    """Return the processes that do the work; another one tracks what they share."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    return [int(child) for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
+
+
+@pytest.mark.slow
+def test_a_batch_that_is_killed_loses_no_more_than_what_it_was_at(folder):
+    process = start(folder)
+    until(lambda: lines(folder) >= 3)
+    children = workers(process)
+    process.kill()
+    process.communicate()
+    assert len(children) == 2
+    until(lambda: not any(map(is_alive, children)))
+    kept = lines(folder)
+    with (folder / "out" / MANIFEST).open("a") as file:
+        file.write('{"name": "unitree_g1/carry_b')  # As a power cut leaves it.
+    (folder / "out" / "unitree_g1" / ".carry_box.npz.0123abcd").touch()
+    assert f"{JOBS} jobs, {kept} of them done before." in finish(folder)
+    assert "0 jobs done: nothing was left to do." in finish(folder)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_batch_that_is_asked_to_stop_does(folder, number, code):
+    process = start(folder)
+    until(lambda: lines(folder) >= 2)
+    children = workers(process)
+    if number == signal.SIGINT:
+        os.killpg(process.pid, number)  # Ctrl-C goes to the workers, too.
+    else:
+        process.send_signal(number)
+    said, complaints = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == code
+    kept = lines(folder)
+    assert (
+        complaints
+        == f"error: stopped by {number.name}: {JOBS - kept} jobs are left. The same command goes on with them.\n"
+    )
+    assert "solved" in said
+    assert not any(map(is_alive, children))
+    assert not list((folder / "out").rglob(".*.npz.*"))
+    assert f"{kept} of them done before" in finish(folder)
+
+
+@pytest.mark.slow
+def test_a_second_batch_is_refused(folder):
+    with locked(folder / "out"):
+        process = start(folder)
+        _, complaints = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 1
+    assert f"another batch is at work there (process {os.getpid()})" in complaints
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_killed_costs_its_clip(folder):
+    process = start(folder)
+    until(lambda: lines(folder) >= 1)
+    os.kill(workers(process)[0], signal.SIGKILL)
+    _, complaints = process.communicate(timeout=4 * PATIENCE_S)
+    entries = read_manifest(folder / "out").values()
+    killed = [entry for entry in entries if not entry.succeeded]
+    assert len(entries) == JOBS and len(killed) <= 1, "it may have been between two clips"
+    assert all(entry.status == "killed" and "SIGKILL" in entry.reason for entry in killed)
+    assert process.returncode == (1 if killed else 0)
+    assert f"{JOBS - len(killed)} of them done before" in finish(folder)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("ray") is None, reason="Ray is an extra")
+def test_ray_makes_the_same_to_the_bit(folder):
+    def content(out: Path) -> dict[str, Motion]:
+        return {path.relative_to(out).as_posix(): load(path) for path in out.rglob("*.npz")}
+
+    finish(folder)
+    local = content(folder / "out")
+    (folder / "out").rename(folder / "local")
+    finish(folder, "--engine", "ray")
+    rays = content(folder / "out")
+    assert set(local) == set(rays) and len(local) == JOBS
+    for name, motion in local.items():
+        other = rays[name]
+        for field, value in vars(motion).items():
+            if isinstance(value, np.ndarray):
+                assert value.tobytes() == getattr(other, field).tobytes()
+            elif field != "report":
+                assert value == getattr(other, field)
+        reports = [json.dumps({**item.report, "cpu_seconds": None}) for item in (motion, other)]
+        assert reports[0] == reports[1]
+    timings = {"seconds": 0.0, "results": ()}
+    manifests = [
+        {name: {**vars(entry), **timings} for name, entry in read_manifest(folder / out).items()}
+        for out in ("out", "local")
+    ]
+    assert manifests[0] == manifests[1]
+
+
+@pytest.mark.skipif(find_spec("ray") is not None, reason="Ray is there")
+def test_without_ray_it_is_said_how_to_get_it():
+    with pytest.raises(HoiRetargetError, match=r"hoi-retarget\[ray\]"):
+        RayPool(act)
