@@ -460,7 +460,7 @@ def test_exit_codes_and_json(tmp_path, capsys):
     assert "Nothing contradicts" in capsys.readouterr().out
     spoilt = str(writers.write("gmr", bad, to_wxyz))
     assert main(["check-motion", spoilt, "--json", str(tmp_path / "found.json")]) == 1
-    assert "WRONG    quaternion order" in capsys.readouterr().out
+    assert "WRONG    quaternion order (" in capsys.readouterr().out
     found = json.loads((tmp_path / "found.json").read_text())
     assert found["format"] == "gmr"
     assert found["contradictions"] == 1

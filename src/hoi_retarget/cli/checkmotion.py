@@ -48,7 +48,7 @@ def _describe(file: MotionFile, verdict: Verdict) -> None:
 
 
 def _show(finding: Finding) -> None:
-    say(f"{_MARKS[finding.level]:9}{finding.subject}: {finding.claim}: {finding.numbers}")
+    say(f"{_MARKS[finding.level]:9}{finding.subject} ({finding.claim}): {finding.numbers}")
     if finding.advice:
         say(f"{'':9}-> {finding.advice}")
 
