@@ -198,7 +198,7 @@ def test_a_worker_that_is_killed_costs_its_clip(folder):
     process = start(folder)
     until(lambda: lines(folder) >= 1)
     os.kill(workers(process)[0], signal.SIGKILL)
-    _, complaints = process.communicate(timeout=4 * PATIENCE_S)
+    process.communicate(timeout=4 * PATIENCE_S)
     entries = read_manifest(folder / "out").values()
     killed = [entry for entry in entries if not entry.succeeded]
     assert len(entries) == JOBS and len(killed) <= 1, "it may have been between two clips"

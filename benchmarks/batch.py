@@ -1,0 +1,122 @@
+"""A set as it is made overnight: all clips of a folder, two robots, two object sizes, with `hoi-retarget batch`.
+
+Measured from outside: the time on the clock, the processor time and the memory of all processes together. What
+others do on the machine counts on the clock, so its load is shown beside it.
+"""
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+from common import show, write_json
+
+from hoi_retarget.batch.manifest import read_manifest
+
+CORPUS_SECONDS = 13.8 * 3600  # Of motion: the set that the paper's authors released.
+CORPUS_FPS = 30.0
+PAPER_SECONDS = 0.145  # A frame, as the paper says.
+CORES = (2, 16)
+SAMPLE_SECONDS = 0.5
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Which clips, and on how many processes."""
+
+    clips: Path
+    """Folder with recorded clips."""
+    objects: Path
+    """Folder with the geometry of their objects."""
+    robots: tuple[str, ...] = ("unitree_g1", "unitree_h2")
+    workers: int = 2
+    json: Path | None = None
+
+
+def specification(arguments: Arguments) -> str:
+    lists = {"clips": [str(arguments.clips.absolute())], "robots": list(arguments.robots)}
+    lines = [f"{key} = {json.dumps(value)}" for key, value in lists.items()]
+    lines += [f"objects = {json.dumps(str(arguments.objects.absolute()))}", 'object_scales = ["auto", 1.0]']
+    return "\n".join(lines) + "\n"
+
+
+def memory(process: int) -> float:
+    """Return what a process and those it started use together [MB]; what they share counts once."""
+    total = 0.0
+    try:
+        rollup = Path(f"/proc/{process}/smaps_rollup").read_text()
+        total += next(int(line.split()[1]) for line in rollup.splitlines() if line.startswith("Pss:")) / 1024
+        children = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    except (OSError, StopIteration):
+        return total
+    return total + sum(memory(int(child)) for child in children)
+
+
+def measure(arguments: Arguments, folder: Path) -> dict[str, Any]:
+    (folder / "set.toml").write_text(specification(arguments))
+    words = ["batch", str(folder / "set.toml"), "--out", str(folder / "out"), "--workers", str(arguments.workers)]
+    before, start, peak = os.getloadavg()[0], time.monotonic(), 0.0
+    process = subprocess.Popen([sys.executable, "-m", "hoi_retarget", *words])
+    while process.poll() is None:
+        peak = max(peak, memory(process.pid))
+        time.sleep(SAMPLE_SECONDS)
+    seconds = time.monotonic() - start
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    entries = read_manifest(folder / "out").values()
+    return {
+        "jobs": len(entries),
+        "solved": sum(entry.succeeded for entry in entries),
+        "verdicts": {level: sum(entry.verdict == level for entry in entries) for level in ("pass", "warn", "fail")},
+        "frames": sum(entry.frames * len(entry.results) for entry in entries),
+        "seconds": seconds,
+        "cpu_seconds": used.ru_utime + used.ru_stime,
+        "peak_megabytes": peak,
+        "load": (before, os.getloadavg()[0]),
+        "workers": arguments.workers,
+    }
+
+
+def report(result: dict[str, Any]) -> None:
+    frames, seconds = result["frames"], result["seconds"]
+    rows = [
+        ("jobs, of them with results", f"{result['jobs']}, {result['solved']}"),
+        ("verdicts", ", ".join(f"{count} {level}" for level, count in result["verdicts"].items())),
+        ("frames", f"{frames}"),
+        ("time [s]", f"{seconds:.0f}"),
+        ("clips/h", f"{3600 * result['jobs'] / seconds:.0f}"),
+        ("frames/s", f"{frames / seconds:.0f}"),
+        ("processor time [ms/frame]", f"{1e3 * result['cpu_seconds'] / frames:.2f}"),
+        ("peak memory of all processes [MB]", f"{result['peak_megabytes']:.0f}"),
+        ("load of the machine before, after", "{:.1f}, {:.1f}".format(*result["load"])),
+    ]
+    show(f"Batch with {result['workers']} workers", ("", "value"), rows)
+    corpus = CORPUS_SECONDS * CORPUS_FPS
+    rows = [
+        (
+            f"{cores} cores",
+            f"{corpus * seconds / frames * result['workers'] / cores / 3600:.2f}",
+            f"{corpus * result['cpu_seconds'] / frames / cores / 3600:.2f}",
+            f"{corpus * PAPER_SECONDS / cores / 3600:.1f}",
+        )
+        for cores in CORES
+    ]
+    header = ("", "at this pace [h]", "by processor time [h]", f"at {1e3 * PAPER_SECONDS:.0f} ms/frame [h]")
+    show(f"{CORPUS_SECONDS / 3600:.1f} h of motion at {CORPUS_FPS:g} Hz, one robot", header, rows)
+
+
+def main(arguments: Arguments) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        result = measure(arguments, Path(folder))
+    report(result)
+    write_json(arguments.json, result)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Arguments, description=__doc__))
