@@ -1,8 +1,10 @@
 """Batches: what is made, what is made again, and what is left of a clip that fails. Processes have their own tests."""
 
 import json
+import re
 import resource
 import time
+import tomllib
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -96,6 +98,7 @@ def quick(folder, motion, monkeypatch):
 
 
 OUT = Path("out")
+ROOT = Path(__file__).parents[1]
 
 
 def batch(pool=None, **changes):
@@ -457,3 +460,21 @@ def test_a_result_is_the_one_that_run_makes(folder):
     np.testing.assert_array_equal(ours.qpos, single.qpos)
     same = set(single.report["command"]) - {"clips", "objects", "out"}
     assert {key: ours.report["command"][key] for key in same} == {key: single.report["command"][key] for key in same}
+
+
+# the documentation
+
+
+def test_the_documented_specification_is_one_and_names_every_key(tmp_path):
+    text = (ROOT / "docs" / "dataset.md").read_text()
+    (example,) = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
+    (tmp_path / "set.toml").write_text(example)
+    assert len(read_specification(tmp_path / "set.toml").robots) == 2
+    assert set(tomllib.loads(example)) == {field.name for field in fields(Specification)} - {"folder"}
+
+
+def test_the_documented_manifest_has_every_key():
+    text = (ROOT / "docs" / "dataset.md").read_text()
+    (table,) = re.findall(r"## The manifest\n.*?\n\n(\|.*?)\n\n", text, flags=re.DOTALL)
+    named = {name for row in table.splitlines()[2:] for name in re.findall(r"`(\w+)`", row.split("|")[1])}
+    assert named == {field.name for field in fields(Entry)}
