@@ -6,13 +6,18 @@ from types import MappingProxyType
 
 from hoi_retarget.clip import Clip
 from hoi_retarget.errors import ReadError
-from hoi_retarget.readers import intermimic
+from hoi_retarget.readers import intermimic, intermimic_objects
+from hoi_retarget.readers.torch_file import parse_torch, read_bytes
 
-READERS: Mapping[str, Callable[..., Clip]] = MappingProxyType({intermimic.FORMAT: intermimic.read})
+READERS: Mapping[str, Callable[..., Clip]] = MappingProxyType(
+    {module.FORMAT: module.read for module in (intermimic, intermimic_objects)}
+)
 """Format name -> `read(path, *, objects, object_name)`."""
 
-SUFFIXES: Mapping[str, str] = MappingProxyType({".pt": intermimic.FORMAT, ".pth": intermimic.FORMAT})
-"""File name ending -> format name."""
+SUFFIXES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {suffix: (intermimic.FORMAT, intermimic_objects.FORMAT) for suffix in (".pt", ".pth")}
+)
+"""File name ending -> names of the formats that such a file can have; its content tells which."""
 
 
 def read_clip(path: Path, *, objects: Path | None = None, object_name: str | None = None) -> Clip:
@@ -27,9 +32,16 @@ def read_clip(path: Path, *, objects: Path | None = None, object_name: str | Non
         ReadError: The file is missing, damaged, or of no supported format.
         ClipError: What it holds cannot be used.
         GeometryError: The object's geometry cannot be had.
+        ArgumentError: The object's name is given, although the file tells it.
     """
-    name = SUFFIXES.get(path.suffix.lower())
-    if name is None:
-        supported = ", ".join(f"*{suffix} ({format_name})" for suffix, format_name in SUFFIXES.items())
+    if path.suffix.lower() not in SUFFIXES:
+        supported = ", ".join(f"*{suffix} ({', '.join(names)})" for suffix, names in SUFFIXES.items())
         raise ReadError(f"{path}: files of type {path.suffix or 'without suffix'!r} are not supported: {supported}.")
-    return READERS[name](path, objects=objects, object_name=object_name)
+    return _read_torch_clip(path, objects, object_name)
+
+
+def _read_torch_clip(path: Path, objects: Path | None, object_name: str | None) -> Clip:
+    content = read_bytes(path)
+    value = parse_torch(content, path)
+    module = intermimic_objects if intermimic_objects.is_multi_object(value) else intermimic
+    return module.clip_of(value, path, content, objects=objects, object_name=object_name)

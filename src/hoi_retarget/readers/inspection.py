@@ -9,7 +9,6 @@ import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -17,12 +16,12 @@ from jaxtyping import Bool, Float
 from hoi_retarget import motion, se3
 from hoi_retarget.clip import Person
 from hoi_retarget.errors import ClipError, GeometryError, ReadError
-from hoi_retarget.readers import READERS, intermimic
-from hoi_retarget.readers.objects import NUMPY_ERRORS, load_geometry
+from hoi_retarget.readers import READERS, intermimic, intermimic_objects
+from hoi_retarget.readers.intermimic_objects import geometry_of
+from hoi_retarget.readers.objects import NUMPY_ERRORS
 from hoi_retarget.readers.torch_file import parse_torch, read_bytes
 from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, PARTS
 
-MULTI_OBJECT = "intermimic-multi-object"
 MOTION = "hoi-retarget-motion"
 UNKNOWN = "unknown"
 UP_AXIS = "z, by the format"
@@ -131,7 +130,7 @@ def inspect(path: Path, objects: Path | None = None, object_name: str | None = N
     value = parse_torch(content, path)
     if isinstance(value, np.ndarray) and value.ndim == 2 and value.shape[1] == intermimic.COLUMNS:
         return _inspect_single(path, value, objects, object_name)
-    if isinstance(value, dict) and _is_multi_object(value):
+    if isinstance(value, dict) and intermimic_objects.is_multi_object(value):
         return _inspect_multi(path, value, objects)
     if isinstance(value, np.ndarray):
         shape = f"a torch file with one tensor of shape {value.shape}"
@@ -196,55 +195,44 @@ def _row_notes(value: np.ndarray, usable: Bool[np.ndarray, "T"]) -> tuple[str, .
 # InterMimic's dictionary of several objects
 
 
-def _is_multi_object(value: dict) -> bool:
-    data, names = value.get("data"), value.get("objects")
-    return (
-        isinstance(data, np.ndarray)
-        and data.ndim == 2
-        and data.dtype.kind == "f"
-        and isinstance(names, list)
-        and all(isinstance(name, str) for name in names)
-        and 0 < len(names) == intermimic.object_count(data.shape[1])
-    )
-
-
 def _inspect_multi(path: Path, value: dict, objects: Path | None) -> Inspection:
-    """Describe `(T, 526 + 65 n)`: as the other layout up to column 318, body rotations, then 65 for each object.
-
-    Each object's are position 3, rotation 4, padding 5, its own label 1, labels of the bodies 52.
-    """
-    data, names = value["data"], value["objects"]
+    data, names = value["data"], tuple(value["objects"])
     usable = _usable_rows(data)
     facts = Inspection(
         str(path),
-        MULTI_OBJECT,
+        intermimic_objects.FORMAT,
         f"InterMimic clip of one person and {len(names)} object(s)",
         frames=len(data),
         fps=intermimic.FPS,
-        notes=(*_row_notes(data, usable), *_multi_notes(value)),
+        notes=(
+            f"Licence of the data: {intermimic_objects.licence_of(value)}.",
+            *_row_notes(data, usable),
+            *intermimic_objects.content_notes(value, names),
+        ),
     )
     if usable.any():
         rows = data[usable].astype(float)
-        order = [intermimic.BODIES.index(joint) for joint in JOINTS]
-        items = []
-        for index, name in enumerate(names):
-            block = rows[:, 526 + 65 * index : 526 + 65 * (index + 1)]
-            quats = se3.quat_from_xyzw(block[:, 3:7])
-            items.append(_Item(name, block[:, :3], quats, block[:, 13:65][:, order]))
-        facts = _with_scene(facts, rows[:, 162:318].reshape(-1, 52, 3)[:, order], items, objects)
-    if not np.isfinite(data).all():
-        facts = replace(facts, problems=(*facts.problems, f"{path}: the data hold numbers that are not finite."))
-    return _with_command(facts, path, objects, None)
+        items = [
+            _Item(item.name, item.positions, item.quats, item.joint_labels)
+            for item in intermimic_objects.objects_of(rows, names)
+        ]
+        bodies = intermimic.FIELDS["body positions"]
+        positions = rows[:, bodies].reshape(-1, len(JOINTS), 3)[:, list(intermimic.JOINT_ORDER)]
+        facts = _with_scene(facts, positions, items, objects)
+    return _with_command(_with_problems(facts, path, data, names), path, objects, None)
 
 
-def _multi_notes(value: dict) -> tuple[str, ...]:
-    notes: tuple[str, ...] = ()
-    metadata, joints = value.get("metadata"), value.get("joints")
-    if isinstance(metadata, dict) and isinstance(metadata.get("expression"), str):
-        notes += (f"Described as {metadata['expression'][:200]!r}.",)
-    if isinstance(joints, dict) and joints:
-        notes += (f"Articulated parts: {', '.join(str(name)[:40] for name in list(joints)[:20])}.",)
-    return notes
+def _with_problems(facts: Inspection, path: Path, data: np.ndarray, names: tuple[str, ...]) -> Inspection:
+    """Return the facts with what the layout's reader refuses."""
+    matrix = data.astype(float)
+    first = intermimic.leading_zero_frames(matrix)
+    try:
+        intermimic_objects.check(path, matrix, names, first)
+        positions, _, _ = intermimic_objects.person_of(matrix[first:], path)
+        intermimic.check_hands(path, positions, first)
+    except ClipError as error:
+        return replace(facts, problems=(*facts.problems, str(error)))
+    return facts
 
 
 # Facts of a scene
@@ -309,7 +297,7 @@ def _describe_object(item: _Item, objects: Path | None) -> ObjectFacts:
     if objects is None:
         return ObjectFacts(item.name, moved, None, "missing, pass --objects DIR", False)
     try:
-        geometry = _find_geometry(objects, item.name)
+        geometry = geometry_of(objects, item.name)
     except GeometryError as error:
         return ObjectFacts(item.name, moved, None, f"missing: {error}", False)
     lowest = None
@@ -323,25 +311,12 @@ def _describe_object(item: _Item, objects: Path | None) -> ObjectFacts:
     return ObjectFacts(item.name, moved, lowest, found, True)
 
 
-def _find_geometry(objects: Path, name: str) -> Any:
-    try:
-        return load_geometry(objects, name)
-    except GeometryError:
-        # ParaHome names the parts of an object; its mesh is that of the base.
-        if not name.removesuffix("_base") or name == name.removesuffix("_base"):
-            raise
-        return load_geometry(objects, name.removesuffix("_base"))
-
-
 def _describe_contact(active: Bool[np.ndarray, "T"], part: str, name: str) -> ContactFacts:
     begins = active & ~np.concatenate([[False], active[:-1]])
     return ContactFacts(part, name, int(active.sum()), int(begins.sum()))
 
 
 def _with_command(facts: Inspection, path: Path, objects: Path | None, object_name: str | None) -> Inspection:
-    if facts.format not in READERS:
-        unread = f"{path}: this layout can be described, but no reader makes a clip of it yet."
-        return replace(facts, problems=(*facts.problems, unread))
     if facts.problems:
         return facts
     words = ["hoi-retarget", "run", str(path), "--objects", str(objects or "DIR")]

@@ -12,6 +12,7 @@ fingers far from their wrists; undone, all bones are constant in their parent's 
 
 import hashlib
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -74,7 +75,8 @@ ROOT_TOLERANCE = 1e-3
 """[m]; the root and the pelvis are the same point, up to rounding."""
 ROOT_ANGLE_TOLERANCE = np.deg2rad(1.0)
 
-_JOINT_ORDER = [BODIES.index(joint) for joint in JOINTS]
+JOINT_ORDER = tuple(BODIES.index(joint) for joint in JOINTS)
+"""Where each of `skeleton.JOINTS` stands in the file."""
 _FIRST_FINGER = JOINT_INDEX["left_index1"]
 _LATE = 3  # jaw, left eye and right eye come between wrists and fingers in SMPL-X
 _THUMB = ("thumb1", "thumb2", "thumb3")
@@ -110,7 +112,14 @@ def read(path: Path, *, objects: Path | None = None, object_name: str | None = N
         GeometryError: the object has no name, or its geometry cannot be had.
     """
     content = read_bytes(path)
-    matrix = matrix_of(parse_torch(content, path), path)
+    return clip_of(parse_torch(content, path), path, content, objects=objects, object_name=object_name)
+
+
+def clip_of(
+    value: Any, path: Path, content: bytes, *, objects: Path | None = None, object_name: str | None = None
+) -> Clip:
+    """Return the clip that the value in a torch file is; otherwise as `read`."""
+    matrix = matrix_of(value, path)
     first = leading_zero_frames(matrix)
     check(path, matrix, first)
     recording = split(matrix[first:])
@@ -169,7 +178,7 @@ def describe_columns(columns: int) -> str:
     if object_count(columns):
         return (
             f"the tensor has {columns} columns: this looks like InterMimic's multi-object layout "
-            f"(526 + 65 for each of {object_count(columns)} objects), which is not read here"
+            f"(526 + 65 for each of {object_count(columns)} objects) without the dictionary that names the objects"
         )
     return f"the tensor has {columns} columns, which is no layout known here"
 
@@ -184,7 +193,7 @@ def describe_other(value: Any) -> str:
     if isinstance(data, np.ndarray) and data.ndim == 2 and object_count(data.shape[1]) and "objects" in value:
         return (
             f"a dictionary ({keys}): this looks like InterMimic's multi-object layout with "
-            f"{object_count(data.shape[1])} object(s), which is not read here"
+            f"{object_count(data.shape[1])} object(s)"
         )
     return f"a dictionary ({keys})"
 
@@ -194,7 +203,7 @@ def object_count(columns: int) -> int:
     return (columns - 526) // 65 if columns > 526 and (columns - 526) % 65 == 0 else 0
 
 
-def leading_zero_frames(matrix: Float[np.ndarray, "T 591"]) -> int:
+def leading_zero_frames(matrix: Float[np.ndarray, "T columns"]) -> int:
     """Return how many frames at the beginning are zero throughout."""
     filled = np.flatnonzero(matrix.any(axis=1))
     return int(filled[0]) if len(filled) else len(matrix)
@@ -204,8 +213,8 @@ def split(matrix: Float[np.ndarray, "T 591"]) -> Recording:
     """Return the columns by their meaning."""
     frames = len(matrix)
     columns = {name: matrix[:, field] for name, field in FIELDS.items()}
-    stored = columns["body positions"].reshape(frames, 52, 3)[:, _JOINT_ORDER]
-    body_quats = se3.quat_from_xyzw(columns["body rotations"].reshape(frames, 52, 4)[:, _JOINT_ORDER])
+    stored = columns["body positions"].reshape(frames, 52, 3)[:, list(JOINT_ORDER)]
+    body_quats = se3.quat_from_xyzw(columns["body rotations"].reshape(frames, 52, 4)[:, list(JOINT_ORDER)])
     quats = se3.quat_multiply(body_quats, UPRIGHT_QUAT)
     late = has_late_fingers(stored)
     return Recording(
@@ -213,7 +222,7 @@ def split(matrix: Float[np.ndarray, "T 591"]) -> Recording:
         joint_quats=quats,
         object_positions=columns["object position"],
         object_quats=se3.quat_from_xyzw(columns["object rotation"]),
-        joint_labels=columns["body contact labels"][:, _JOINT_ORDER],
+        joint_labels=columns["body contact labels"][:, list(JOINT_ORDER)],
         object_labels=columns["object contact label"][:, 0],
         late_fingers=late,
     )
@@ -249,6 +258,16 @@ def _without_delay(
 
 def check(path: Path, matrix: Float[np.ndarray, "T 591"], first: int) -> None:
     """Raise `ClipError` unless all frames from `first` on can be used; frames are counted from the file's first."""
+    check_frames(path, matrix, first)
+    check_numbers(path, matrix, FIELDS)
+    _check_rotations(path, matrix, first)
+    labels = ("object contact label", "body contact labels")
+    check_labels(path, matrix, {name: FIELDS[name] for name in labels}, (-1, 1), "-1 (far), 0 (near) or 1 (contact)")
+    check_root(path, matrix, first, FIELDS)
+
+
+def check_frames(path: Path, matrix: Float[np.ndarray, "T columns"], first: int) -> None:
+    """Raise `ClipError` unless there are enough frames from `first` on, and data in all of them."""
     usable = len(matrix) - first
     if usable < MINIMUM_FRAMES:
         zero = f", {first} of them zero throughout" if first else ""
@@ -268,7 +287,11 @@ def check(path: Path, matrix: Float[np.ndarray, "T 591"], first: int) -> None:
         raise ClipError(
             f"{path}: {_frames(zero)} in the middle hold zeros only: data are missing there. Cut the clip there."
         )
-    for name, field in FIELDS.items():
+
+
+def check_numbers(path: Path, matrix: Float[np.ndarray, "T columns"], fields: Mapping[str, slice]) -> None:
+    """Raise `ClipError` where a number is not finite or too large for metres, radians and quaternions."""
+    for name, field in fields.items():
         values = matrix[:, field]
         bad = _any_in_frame(~(np.abs(values) <= LARGEST_VALUE))  # Not a number compares as False.
         if bad.any():
@@ -277,9 +300,6 @@ def check(path: Path, matrix: Float[np.ndarray, "T 591"], first: int) -> None:
                 f"{path}: {name} (columns {field.start}:{field.stop}) {how} in {_frames(bad)}, expected metres, "
                 "radians and unit quaternions. Cut those frames or convert the clip again."
             )
-    _check_rotations(path, matrix, first)
-    _check_labels(path, matrix)
-    _check_root(path, matrix, first)
 
 
 def check_hands(path: Path, positions: Float[np.ndarray, "T 52 3"], first: int) -> None:
@@ -303,19 +323,27 @@ def _frames(bad: Bool[np.ndarray, "T"]) -> str:
 
 
 def _check_rotations(path: Path, matrix: Float[np.ndarray, "T 591"], first: int) -> None:
-    for name in ("root rotation", "object rotation", "body rotations"):
-        field = FIELDS[name]
+    fields = {name: FIELDS[name] for name in ("root rotation", "object rotation", "body rotations")}
+    try:
+        check_unit(path, matrix, first, fields)
+    except ClipError as error:
+        if not _is_multi_object(matrix[first:]):
+            raise
+        raise ReadError(
+            f"{path}: the tensor has {COLUMNS} columns in the order of InterMimic's multi-object layout "
+            f"(rotations in columns 318:526), expected that of {FORMAT} (rotations in 383:591). {ADVICE}"
+        ) from error
+
+
+def check_unit(path: Path, matrix: Float[np.ndarray, "T columns"], first: int, fields: Mapping[str, slice]) -> None:
+    """Raise `ClipError` where a rotation is no unit quaternion in a frame from `first` on."""
+    for name, field in fields.items():
         lengths = np.linalg.norm(matrix[:, field].reshape(len(matrix), -1, 4), axis=-1)
         # Single precision leaves far less than a percent.
         bad = np.abs(lengths - 1.0) > 0.01
         bad[:first] = False
         if not bad.any():
             continue
-        if _is_multi_object(matrix[first:]):
-            raise ReadError(
-                f"{path}: the tensor has {COLUMNS} columns in the order of InterMimic's multi-object layout "
-                f"(rotations in columns 318:526), expected that of {FORMAT} (rotations in 383:591). {ADVICE}"
-            )
         worst = lengths[bad].min() if lengths[bad].min() < 0.99 else lengths[bad].max()
         of = f" of {', '.join(np.array(BODIES)[bad.any(axis=0)][:5])}" if name == "body rotations" else ""
         raise ClipError(
@@ -331,38 +359,45 @@ def _is_multi_object(matrix: Float[np.ndarray, "T 591"]) -> bool:
     return bool((np.abs(lengths - 1.0) < 0.01).all())
 
 
-def _check_labels(path: Path, matrix: Float[np.ndarray, "T 591"]) -> None:
-    for name in ("object contact label", "body contact labels"):
-        field = FIELDS[name]
+def check_labels(
+    path: Path,
+    matrix: Float[np.ndarray, "T columns"],
+    fields: Mapping[str, slice],
+    limits: Sequence[int],
+    expected: str,
+) -> None:
+    """Raise `ClipError` where a label is no whole number within the limits."""
+    for name, field in fields.items():
         labels = matrix[:, field]
-        bad = (labels != -1) & (labels != 0) & (labels != 1)
+        bad = (labels != np.round(labels)) | (labels < limits[0]) | (labels > limits[1])
         if bad.any():
             values = ", ".join(f"{value:g}" for value in np.unique(labels[bad])[:5])
             raise ClipError(
                 f"{path}: {name} (columns {field.start}:{field.stop}) has the value(s) {values} in "
-                f"{_frames(_any_in_frame(bad))}, expected -1 (far), 0 (near) or 1 (contact). Convert the clip again."
+                f"{_frames(_any_in_frame(bad))}, expected {expected}. Convert the clip again."
             )
 
 
-def _check_root(path: Path, matrix: Float[np.ndarray, "T 591"], first: int) -> None:
-    body = FIELDS["body positions"].start
-    apart = np.linalg.norm(matrix[:, FIELDS["root position"]] - matrix[:, body : body + 3], axis=1)
+def check_root(path: Path, matrix: Float[np.ndarray, "T columns"], first: int, fields: Mapping[str, slice]) -> None:
+    """Raise `ClipError` where the root's pose is not that of the pelvis."""
+    body = fields["body positions"].start
+    apart = np.linalg.norm(matrix[:, fields["root position"]] - matrix[:, body : body + 3], axis=1)
     if (apart > ROOT_TOLERANCE).any():
         raise ClipError(
-            f"{path}: the root position (columns 0:3) and that of the pelvis (columns 162:165) are up to "
+            f"{path}: the root position (columns 0:3) and that of the pelvis (columns {body}:{body + 3}) are up to "
             f"{apart.max():.3g} m apart in {_frames(apart > ROOT_TOLERANCE)}, expected the same point: the file "
             "contradicts itself. Convert the clip again."
         )
-    body = FIELDS["body rotations"].start
+    body = fields["body rotations"].start
     used = matrix[first:]
     angle = np.zeros(len(matrix))
     angle[first:] = se3.angle_between(
-        se3.quat_from_xyzw(used[:, FIELDS["root rotation"]]), se3.quat_from_xyzw(used[:, body : body + 4])
+        se3.quat_from_xyzw(used[:, fields["root rotation"]]), se3.quat_from_xyzw(used[:, body : body + 4])
     )
     if (angle > ROOT_ANGLE_TOLERANCE).any():
         raise ClipError(
-            f"{path}: the root rotation (columns 3:7) and that of the pelvis (columns 383:387) differ by up to "
-            f"{np.rad2deg(angle.max()):.3g} deg in {_frames(angle > ROOT_ANGLE_TOLERANCE)}, expected the same: the "
+            f"{path}: the root rotation (columns 3:7) and that of the pelvis (columns {body}:{body + 4}) differ by up "
+            f"to {np.rad2deg(angle.max()):.3g} deg in {_frames(angle > ROOT_ANGLE_TOLERANCE)}, expected the same: the "
             "file contradicts itself. Convert the clip again."
         )
 

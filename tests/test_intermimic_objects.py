@@ -1,0 +1,205 @@
+"""InterMimic's clips of several objects: written and read back, real ones, and files that are damaged."""
+
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hoi_retarget import se3
+from hoi_retarget.clip import Clip, ContactTrack, ObjectTrack
+from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, HoiRetargetError, ReadError
+from hoi_retarget.readers import intermimic_objects, read_clip
+from hoi_retarget.readers.inspection import inspect
+from hoi_retarget.skeleton import JOINT_INDEX, PARTS
+from intermimic_writer import BODY_ORDER, columns_of, random_clip, write_box
+from torch_writer import torch_bytes
+
+SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+REAL = sorted((SHARED / "parahome").glob("*.pt"))
+NEEDS_SHARED = pytest.mark.skipif(not REAL, reason="no real recordings here")
+
+
+def clip_of_two(seed: int = 0, frames: int = 12) -> Clip:
+    """Return a clip of one person and two objects, every part touching both now and then."""
+    clip, rng = random_clip(seed, frames), np.random.default_rng(seed)
+    person, first = clip.people[0], clip.objects[0]
+    second = ObjectTrack("cup_base", first.positions[::-1] + 0.3, first.quats[::-1], first.geometry)
+    contacts = tuple(
+        ContactTrack(0, index, part, rng.random(frames) < 0.5, track.to_object(person.part_position(part)))
+        for index, track in enumerate((first, second))
+        for part in PARTS
+    )
+    return replace(clip, name="clip", objects=(first, second), contacts=contacts)
+
+
+def dictionary_of(clip: Clip, turned: bool = True) -> dict:
+    """Return what a file of this layout holds, with the bodies' rotations turned or as SMPL-X has them."""
+    single = columns_of(clip)
+    data = np.zeros((clip.frames, 526 + 65 * len(clip.objects)), dtype=np.float32)
+    data[:, :318], data[:, 318:526] = single[:, :318], single[:, 383:591]
+    if not turned:
+        quats = clip.people[0].joint_quats[:, BODY_ORDER]
+        data[:, 318:526] = se3.quat_to_xyzw(quats).reshape(clip.frames, -1)
+        data[:, 3:7] = data[:, 318:322]
+    for index, track in enumerate(clip.objects):
+        block = data[:, 526 + 65 * index : 526 + 65 * (index + 1)]
+        block[:, :3], block[:, 3:7] = track.positions, se3.quat_to_xyzw(track.quats)
+        labels = np.zeros((clip.frames, 52))
+        for contact in clip.contacts:
+            if contact.object == index:
+                for joint in PARTS[contact.part].label_joints:
+                    labels[contact.active, JOINT_INDEX[joint]] = 1.0
+        block[:, 12], block[:, 13:65] = (labels == 1).any(axis=1), labels[:, BODY_ORDER]
+    return {"data": data, "objects": [track.name for track in clip.objects], "joints": {}}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in ("box", "cup"):
+        write_box(tmp_path / "objects", name)
+    return tmp_path
+
+
+def written(folder: Path, value: dict) -> Path:
+    (folder / "clip.pt").write_bytes(torch_bytes(value))
+    return folder / "clip.pt"
+
+
+@pytest.mark.parametrize("turned", [True, False])
+@pytest.mark.parametrize("seed", range(2))
+def test_what_is_written_is_read(folder, seed, turned):
+    clip = clip_of_two(seed)
+    again = read_clip(written(folder, dictionary_of(clip, turned)), objects=folder / "objects")
+    assert (again.name, again.fps, again.frames, again.first_source_frame) == ("clip", 30.0, clip.frames, 0)
+    assert np.allclose(again.people[0].joint_positions, clip.people[0].joint_positions, atol=1e-6)
+    assert np.allclose(again.people[0].joint_quats, clip.people[0].joint_quats, atol=1e-6)
+    for new, old in zip(again.objects, clip.objects, strict=True):
+        assert new.name == old.name
+        assert np.allclose(new.positions, old.positions, atol=1e-6)
+        assert np.allclose(new.quats, old.quats, atol=1e-6)
+    for new, old in zip(again.contacts, clip.contacts, strict=True):
+        assert (new.object, new.part) == (old.object, old.part)
+        assert np.array_equal(new.active, old.active)
+        assert np.allclose(new.points_object, old.points_object, atol=1e-5, equal_nan=True)
+
+
+def test_what_is_not_taken_is_noted(folder):
+    value = dictionary_of(clip_of_two())
+    value["data"][:, 526 + 13] = 1.0  # the pelvis
+    value["data"][3, 526 + 13 + 1] = 4.0
+    value["metadata"] = {"scene": "s1", "interval_key": "0 9", "expression": "Sit", "contact_objects": ["pot_base"]}
+    value["joints"] = {"lid": {"type": "hinge", "states": np.zeros(3)}}
+    clip = read_clip(written(folder, value), objects=folder / "objects")
+    notes = " ".join(clip.source.notes)
+    for words in ("box is also touched by pelvis", "Labels 2 to 6", "two objects at once", "Sit", "pot_base", "lid"):
+        assert words in notes
+    assert "ParaHome" in clip.source.licence
+    assert "not stated" in intermimic_objects.licence_of({})
+
+
+def test_leading_zero_frames_are_dropped_and_counted(folder):
+    value = dictionary_of(clip_of_two())
+    value["data"] = np.concatenate([np.zeros_like(value["data"][:2]), value["data"]])
+    clip = read_clip(written(folder, value), objects=folder / "objects")
+    assert (clip.frames, clip.first_source_frame) == (12, 2)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "words"),
+    [
+        (200, np.nan, "body positions (columns 162:318) is not finite"),
+        (318, 5.0, "body rotations"),
+        (526 + 5, 3.0, "box: rotation (columns 529:533)"),
+        (526 + 65 + 20, 0.5, "cup_base: body contact labels"),
+        (526 + 20, 7.0, "from -1"),
+        (0, 9.0, "the file contradicts itself"),
+    ],
+)
+def test_damage_is_named(folder, column, value, words):
+    content = dictionary_of(clip_of_two())
+    content["data"][4, column] = value
+    path = written(folder, content)
+    with pytest.raises(ClipError) as caught:
+        read_clip(path, objects=folder / "objects")
+    assert str(path) in str(caught.value)
+    assert words in str(caught.value)
+    assert words in inspect(path, folder / "objects").problems[0]
+
+
+def test_rotations_that_fit_no_reading_are_refused(folder):
+    clip = clip_of_two()
+    person = clip.people[0]
+    quats = se3.quat_multiply(person.joint_quats, se3.exp(np.array([0.0, 0.0, 1.5])))
+    turned = replace(clip, people=(replace(person, joint_quats=quats),))
+    with pytest.raises(ClipError, match="T-pose"):
+        read_clip(written(folder, dictionary_of(turned)), objects=folder / "objects")
+
+
+def test_what_must_be_told_is_told(folder):
+    path = written(folder, dictionary_of(clip_of_two()))
+    with pytest.raises(GeometryError, match="cup/cup"):
+        read_clip(path)
+    with pytest.raises(GeometryError, match="has no geometry"):
+        (folder / "objects" / "box" / "box.obj").rename(folder / "box.obj")
+        read_clip(path, objects=folder / "objects")
+    with pytest.raises(ArgumentError, match="box, cup_base"):
+        read_clip(path, objects=folder / "objects", object_name="box")
+    with pytest.raises(ReadError, match="526"):
+        intermimic_objects.read(written(folder, {"data": 1}), objects=folder / "objects")
+    twice = dictionary_of(clip_of_two()) | {"objects": ["box", "box"]}
+    with pytest.raises(ClipError, match="one name"):
+        read_clip(written(folder, twice), objects=folder / "objects")
+
+
+@settings(derandomize=True, deadline=None, max_examples=100, database=None)
+@given(st.data())
+def test_whatever_the_numbers_only_our_errors_come(tmp_path_factory, data):
+    folder = tmp_path_factory.getbasetemp() / "fuzz_objects"
+    for name in ("box", "cup"):
+        write_box(folder / "objects", name)
+    value = dictionary_of(clip_of_two(frames=6))
+    matrix = value["data"].astype(float)
+    for _ in range(data.draw(st.integers(1, 4))):
+        first = data.draw(st.integers(0, matrix.shape[1] - 1))
+        stop = data.draw(st.integers(first + 1, matrix.shape[1]))
+        matrix[data.draw(st.integers(0, 5)), first:stop] = data.draw(st.floats(width=32))
+    extras = st.recursive(st.none() | st.integers(-5, 5) | st.text(max_size=4), lambda x: st.lists(x, max_size=3))
+    content = value | {"data": matrix[: data.draw(st.integers(0, 6))]}
+    content[data.draw(st.sampled_from(["objects", "joints", "metadata", "data", "other"]))] = data.draw(extras)
+    path = written(folder, content)
+    for task in (lambda: read_clip(path, objects=folder / "objects"), lambda: inspect(path, folder / "objects")):
+        try:
+            task()
+        except HoiRetargetError as error:
+            assert str(path) in str(error) or "clip" in str(error) or "object" in str(error)
+
+
+@settings(derandomize=True, deadline=None, max_examples=60, database=None)
+@given(st.integers(0, 10**6), st.integers(0, 255))
+def test_damaged_bytes_give_our_errors(tmp_path_factory, place, byte):
+    folder = tmp_path_factory.getbasetemp() / "bytes_objects"
+    for name in ("box", "cup"):
+        write_box(folder / "objects", name)
+    content = bytearray(torch_bytes(dictionary_of(clip_of_two(frames=4))))
+    content[place % len(content)] = byte
+    (folder / "clip.pt").write_bytes(bytes(content)[: None if place % 3 else place % len(content)])
+    with suppress(HoiRetargetError):
+        read_clip(folder / "clip.pt", objects=folder / "objects")
+
+
+@NEEDS_SHARED
+@pytest.mark.parametrize("path", REAL, ids=[path.stem.split(",")[0] for path in REAL])
+def test_real_clips_are_read(path):
+    clip = read_clip(path, objects=SHARED / "parahome" / "objects")
+    assert (len(clip.people), len(clip.objects), clip.fps) == (1, 3, 30.0)
+    assert 1.4 < clip.people[0].height < 2.1
+    assert "ParaHome" in clip.source.licence
+    assert any("those of SMPL-X" in note for note in clip.source.notes)
+    moving = [np.ptp(track.positions, axis=0).max() > 0.1 for track in clip.objects]
+    assert moving == [True, False, False]
+    assert {track.object for track in clip.contacts if track.active.any()} == {0}
+    assert inspect(path, SHARED / "parahome" / "objects").command
