@@ -48,20 +48,24 @@ def test_the_readmes_commands_run_in_its_order(tmp_path):
     (demo,) = block("demo")
     uses = [demo, *block("")]
     commands = [shlex.split(line)[1] for line in uses[1:]]
-    assert commands == ["contacts", "run", "render", "share", "inspect", "evaluate", "examples/01_demo_in_python.py"]
+    assert commands == [
+        *("contacts", "run", "render", "share"),
+        *("batch", "report", "export", "check-motion"),
+        "examples/01_demo_in_python.py",
+    ]
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     for line in uses:
         done = subprocess.run(after_installation(line), cwd=tmp_path, capture_output=True, text=True, check=False)
         assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
     assert (tmp_path / "out" / "carry_box.npz").is_file()
     assert (tmp_path / "carry_box.png").is_file() and (tmp_path / "gallery" / "index.html").is_file()
-    assert (tmp_path / "figures.json").is_file() and (tmp_path / "figures.csv").is_file()
+    assert (tmp_path / "report" / "report.html").is_file()
 
 
 def test_what_the_readmes_commands_write_is_not_for_git():
     ignored = (ROOT / ".gitignore").read_text().splitlines()
-    files = {"figures.json", "figures.csv", "edits.toml", "*.edits.toml"}
-    assert {".venv/", "out/", "sample/", "results/", "gallery/", *files} <= set(ignored)
+    folders = {"out/", "sample/", "results/", "gallery/", "/set/", "/report/", "/motions/"}
+    assert {".venv/", "edits.toml", "*.edits.toml", *folders} <= set(ignored)
 
 
 @pytest.mark.parametrize("document", ["README.md", *(f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md"))])
