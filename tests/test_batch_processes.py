@@ -236,6 +236,21 @@ def test_ray_makes_the_same_to_the_bit(folder):
     assert manifests[0] == manifests[1]
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("ray") is None, reason="Ray is an extra")
+def test_ray_outlives_its_workers_too():
+    code = (
+        "from batch_tasks import act; from hoi_retarget.batch.ray_pool import RayPool; import json; print(json.dumps("
+    )
+    code += "{i: getattr(v, 'status', v) for i, v in RayPool(act, 2, time_limit=5.0).run(TASKS, bool)}))"
+    tasks = ["a", "die SIGKILL", "hang", "raise", "b"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+    command = [sys.executable, "-c", code.replace("TASKS", repr(tasks))]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    outcomes = json.loads(done.stdout.splitlines()[-1])
+    assert [outcomes[str(index)] for index in range(len(tasks))] == ["A", "killed", "timeout", "killed", "B"]
+
+
 @pytest.mark.skipif(find_spec("ray") is not None, reason="Ray is there")
 def test_without_ray_it_is_said_how_to_get_it():
     with pytest.raises(HoiRetargetError, match=r"hoi-retarget\[ray\]"):

@@ -6,11 +6,10 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import ExitStack, contextmanager
 from types import FrameType
 
-from hoi_retarget.batch.manifest import MANIFEST, Entry
+from hoi_retarget.batch.manifest import MANIFEST, STATUSES, Entry
 from hoi_retarget.batch.pool import LocalPool, Pool
 from hoi_retarget.batch.ray_pool import RayPool
 from hoi_retarget.batch.run import Summary, run_batch
@@ -29,7 +28,8 @@ def execute(command: Batch) -> int:
     """Do what is not done yet; return 0 when every job has a result."""
     specification, pool = _specification(command), _pool(command)
     check_writable("--out", command.out)
-    with _stopped_by_signals() as received, _Progress() as progress:
+    with _stopped_by_signals() as received, ExitStack() as shown:
+        progress = _Progress(shown)
         summary = run_batch(
             specification,
             command.out,
@@ -95,31 +95,22 @@ def _stopped_by_signals() -> Iterator[list[signal.Signals]]:
             signal.signal(number, handler)
 
 
-@dataclass
 class _Progress:
     """A bar on a terminal, else a line now and then; failures are told at once."""
 
-    jobs: int = 0
-    todo: int = 0
-    finished: int = 0
-    failed: int = 0
-    start: float = 0.0
-    working: Working | None = None
-
-    def __enter__(self) -> "_Progress":
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        if self.working is not None:
-            self.working.__exit__(*error)
+    def __init__(self, shown: ExitStack) -> None:
+        self.shown = shown
+        self.working: Working | None = None
+        self.todo = self.finished = self.failed = 0
+        self.start = time.monotonic()
 
     def planned(self, jobs: int, todo: int) -> None:
         """Say what is to be done, and begin to count."""
-        self.jobs, self.todo, self.start = jobs, todo, time.monotonic()
+        self.todo, self.start = todo, time.monotonic()
         done = f", {jobs - todo} of them done before" if jobs > todo else ""
         say(f"{jobs} job{'' if jobs == 1 else 's'}{done}.")
         if todo:
-            self.working = Working("starting workers", todo).__enter__()
+            self.working = self.shown.enter_context(Working("starting workers", todo))
 
     def ended(self, entry: Entry) -> None:
         """Count a job; say at once when it failed."""
@@ -158,7 +149,7 @@ def _show(summary: Summary, command: Batch) -> None:
     licences = Counter(entry.source.get("licence") or "unknown" for entry in entries if entry.succeeded)
     errors = Counter(entry.error or entry.status for entry in entries if not entry.succeeded)
     rows = [("", "jobs")]
-    rows += [(status, str(count)) for status, count in statuses.items()]
+    rows += [(status, str(statuses[status])) for status in STATUSES if status in statuses]
     rows += [(f"verdict {verdict}", str(count)) for verdict, count in sorted(verdicts.items())]
     rows += [(f"failed by {error}", str(count)) for error, count in errors.most_common()]
     rows += [(f"licence {licence}", str(count)) for licence, count in licences.most_common()]
