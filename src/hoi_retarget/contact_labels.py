@@ -97,9 +97,9 @@ class Nearness:
     """From surface to surface, negative where they overlap [m]; infinite beyond `FAR`."""
     points_object: Float[np.ndarray, "T 3"]
     """The object's nearest point, in its frame at captured size [m]; NaN beyond `FAR`."""
-    normals_object: Float[np.ndarray, "T 3"]
-    """Unit direction from there to the middle of the part, in the object's frame: the normal of the surface, or one
-    of an edge's; NaN beyond `FAR`, and where the middle lies on the surface."""
+    directions_object: Float[np.ndarray, "T 3"]
+    """Unit direction from there to the middle of the part's nearest bone, in the object's frame: the surface's normal,
+    or one of an edge's; it points inwards where the bone itself has sunk in. NaN beyond `FAR` and on the surface."""
 
     def confidence(self, rule: Proximity = PROXIMITY) -> Float[np.ndarray, "T"]:
         """Return how surely this is a contact: 1 up to the distance `touch`, falling to 0 at `release`."""
@@ -185,11 +185,11 @@ def _halved(triangles: Float[np.ndarray, "F 3 3"], longest: Int[np.ndarray, "F"]
 def _nearest(
     balls: Spheres, track: ObjectTrack, coarse: _Coarse
 ) -> tuple[Float[np.ndarray, "T"], Float[np.ndarray, "T 3"], Float[np.ndarray, "T 3"]]:
-    """Return distance, point and normal of the sphere that is nearest in each frame."""
+    """Return distance, point and direction of the sphere that is nearest in each frame."""
     middles = se3.rotate_inverse(track.quats[:, None], balls.middles - track.positions[:, None])
     bound = _lower_bounds(middles, balls.radii, coarse)
     distances = np.full(len(middles), np.inf)
-    points, normals = np.full((len(middles), 3), np.nan), np.full((len(middles), 3), np.nan)
+    points, directions = np.full((len(middles), 3), np.nan), np.full((len(middles), 3), np.nan)
 
     def compare(candidates: Bool[np.ndarray, "T n"]) -> None:
         frames, which = np.nonzero(candidates & (bound <= FAR))
@@ -202,13 +202,13 @@ def _nearest(
         best = best[(gap[best] < distances[frames[best]]) & (gap[best] <= FAR)]
         distances[frames[best]], points[frames[best]] = gap[best], closest[best]
         apart = np.where(away[best] > _CROSSING, away[best], np.nan)[:, None]
-        normals[frames[best]] = (middle[best] - closest[best]) / apart
+        directions[frames[best]] = (middle[best] - closest[best]) / apart
 
     # The likeliest of each frame bounds all others; few of those are left to compare.
     likeliest = np.arange(bound.shape[1]) == bound.argmin(axis=1)[:, None]
     compare(likeliest)
     compare(~likeliest & (bound < distances[:, None]))
-    return distances, points, normals
+    return distances, points, directions
 
 
 def _lower_bounds(
