@@ -42,14 +42,18 @@ def parse_pickle(content: bytes, path: Path) -> Any:
     if not content:
         raise ReadError(f"{path}: the file is empty, expected a pickle. Download it again.")
     try:
-        if content[:1] == b"\x78":  # joblib.dump(..., compress=True)
-            content = _decompressed(content)
-        if content[:1] != b"\x80":
-            raise damaged(f"it starts with {content[:4]!r}, which no pickle of protocol 2 to 5 does")
-        value, _ = interpret(content, _no_storage, dialect=_ARRAYS)
-        return _plain(value, {})
+        return plain(parse_raw(content, ARRAYS), {})
     except RefusedError as error:
         raise ReadError(f"{path}: {error.what}. {_ADVICE}") from error
+
+
+def parse_raw(content: bytes, dialect: Dialect) -> Any:
+    """Return what a pickle holds, with stand-ins for arrays that `plain` replaces; raises `RefusedError`."""
+    if content[:1] == b"\x78":  # joblib.dump(..., compress=True)
+        content = _decompressed(content)
+    if content[:1] != b"\x80":
+        raise damaged(f"it starts with {content[:4]!r}, which no pickle of protocol 2 to 5 does")
+    return interpret(content, _no_storage, dialect=dialect)[0]
 
 
 def _decompressed(content: bytes) -> bytes:
@@ -242,7 +246,7 @@ _NAMES: dict[tuple[str, str], Any] = {
     },
 }
 _TORCH_ONLY = (b"Q",)
-_ARRAYS = Dialect(
+ARRAYS = Dialect(
     _NAMES,
     {code: operation for code, operation in TORCH.operations.items() if code not in _TORCH_ONLY}
     | {
@@ -256,7 +260,7 @@ _ARRAYS = Dialect(
 )
 
 
-def _plain(value: Any, known: dict[int, Any]) -> Any:
+def plain(value: Any, known: dict[int, Any]) -> Any:
     """Return a value with arrays in the place of what stands for them; shared containers stay shared."""
     if id(value) in known:
         return known[id(value)]
@@ -266,14 +270,14 @@ def _plain(value: Any, known: dict[int, Any]) -> Any:
                 raise damaged("an array has no content")
             return value.content
         case dict():
-            plain: Any = {key: _plain(item, known) for key, item in value.items()}
+            copied: Any = {key: plain(item, known) for key, item in value.items()}
         case list():
-            plain = [_plain(item, known) for item in value]
+            copied = [plain(item, known) for item in value]
         case tuple():
-            plain = tuple(_plain(item, known) for item in value)
+            copied = tuple(plain(item, known) for item in value)
         case str() | bytes() | int() | float() | None:
             return value
         case _:
             raise damaged("it holds the name of a class, expected values")
-    known[id(value)] = plain
-    return plain
+    known[id(value)] = copied
+    return copied
