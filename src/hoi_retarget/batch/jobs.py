@@ -10,7 +10,7 @@ from hoi_retarget.batch.specification import Specification
 from hoi_retarget.clip import Augmentation
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.pipeline import Config
-from hoi_retarget.readers import SUFFIXES
+from hoi_retarget.readers import SUFFIXES, can_be_clip
 from hoi_retarget.recordings import builtin_scene
 from hoi_retarget.targets import Scaling
 from hoi_retarget.trajopt.windows import parse_horizon
@@ -119,7 +119,7 @@ def _clips(specification: Specification) -> Iterator[_Named]:
 def _below(specification: Specification, folder: Path, pattern: str, named: str) -> Iterator[_Named]:
     """Yield the clips in a folder that fit a pattern, called by their way from there."""
     root = specification.folder / folder
-    found = sorted(path for path in root.glob(pattern) if path.suffix.lower() in SUFFIXES and path.is_file())
+    found = sorted(path for path in root.glob(pattern) if path.is_file() and can_be_clip(path))
     if not found:
         known = ", ".join(f"*{suffix}" for suffix in SUFFIXES)
         raise ArgumentError(

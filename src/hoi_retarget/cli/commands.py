@@ -109,6 +109,20 @@ class Inspect:
 
 
 @dataclass(frozen=True)
+class Convert:
+    """Write a clip in the project's own layout: one file with all that is needed, object shapes included."""
+
+    clip: Annotated[Positional[Path], arg(metavar="CLIP")]
+    """A recording, or a built-in clip such as builtin:carry_box."""
+    out: Annotated[Path, arg(metavar="FILE")]
+    """File to write (.npz)."""
+    objects: OptionalFolder = None
+    """Folder with the objects' geometry, as for run."""
+    object_name: ObjectName = None
+    """Which object the clip is with, as for run."""
+
+
+@dataclass(frozen=True)
 class ListRobots:
     """List the robots."""
 
@@ -343,6 +357,7 @@ Command = (
     | Annotated[Batch, subcommand("batch")]
     | Annotated[Evaluate, subcommand("evaluate")]
     | Annotated[Inspect, subcommand("inspect")]
+    | Annotated[Convert, subcommand("convert")]
     | Annotated[Robots, subcommand("robots")]
     | Annotated[Bench, subcommand("bench")]
     | Annotated[Sample, subcommand("sample")]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hoi_retarget.cli.commands import Edit
-from hoi_retarget.cli.jobs import check_writable, config_of
+from hoi_retarget.cli.jobs import check_spared, check_writable, config_of
 from hoi_retarget.cli.serving import check_viser, serve_until_interrupted
 from hoi_retarget.cli.terminal import Working, program, say
 from hoi_retarget.contact_edits import ContactEdits, load
@@ -35,6 +35,7 @@ def execute(command: Edit) -> int:
     path = command.edits or Path(f"{stem}.edits.toml")
     check_writable("--edits", path.parent)
     check_writable("--out", command.out)
+    check_spared(command.clip, command.out)
     clip = open_clip(command.clip, objects=command.objects, object_name=command.object_name)
     edits = load(path) if os.path.lexists(path) else ContactEdits.of(clip)
     with Working("retargeting", None):

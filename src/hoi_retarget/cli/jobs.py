@@ -11,6 +11,7 @@ from hoi_retarget.metrics import Figures, Score
 from hoi_retarget.metrics.table import scales_text
 from hoi_retarget.motion import Motion, write_atomically
 from hoi_retarget.pipeline import Config
+from hoi_retarget.recordings import result_stem
 from hoi_retarget.results import complaints
 from hoi_retarget.targets import Scaling
 from hoi_retarget.trajopt.windows import parse_horizon
@@ -30,6 +31,17 @@ def check_writable(option: str, folder: Path) -> None:
         raise ArgumentError(
             f"{option} {folder}: cannot write there ({existing}: {error.strerror or error}). Choose another folder."
         ) from error
+
+
+def check_spared(clip: Path, out: Path) -> None:
+    """Raise `ArgumentError` when a clip's result would be written over the clip."""
+    result = out / f"{result_stem(clip)}.npz"
+    try:
+        same = result.samefile(clip)
+    except (OSError, ValueError):
+        return
+    if same:
+        raise ArgumentError(f"--out {out}: the result would be written over the clip {clip}. Choose another folder.")
 
 
 def write_file(option: str, path: Path, content: bytes) -> None:

@@ -1,6 +1,5 @@
 """`hoi-retarget run`: recorded clips to result files."""
 
-import os
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -9,11 +8,11 @@ from typing import Any
 
 from hoi_retarget.cli.commands import Run
 from hoi_retarget.cli.figures import show_figures
-from hoi_retarget.cli.jobs import check_writable, config_of, describe_result, score
-from hoi_retarget.cli.terminal import Working, fail, program, say
+from hoi_retarget.cli.jobs import check_spared, check_writable, config_of, describe_result, score
+from hoi_retarget.cli.terminal import Working, fail, say
 from hoi_retarget.clip import Clip
 from hoi_retarget.contact_edits import apply, load
-from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
+from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.metrics import Score
 from hoi_retarget.motion import Motion
 from hoi_retarget.pipeline import Config
@@ -29,6 +28,8 @@ def execute(command: Run) -> int:
     config = config_of(command)
     spec = robot(command.robot)
     _check_clips(command.clips)
+    for path in command.clips:
+        check_spared(path, command.out)
     _check_objects(command.objects, command.object_name)
     if command.edits is not None and len(command.clips) > 1:
         raise ArgumentError(f"--edits {command.edits} is for one clip, and {len(command.clips)} are named. Name one.")
@@ -61,8 +62,6 @@ def execute(command: Run) -> int:
 
 def _run_clip(path: Path, command: Run, model: RobotModel, config: Config, working: Working) -> dict[Path, Motion]:
     """Retarget all people of one clip, then write their results; return what is where."""
-    if path.suffix.lower() == ".npz" and os.path.isfile(path):  # noqa: PTH113  # raises nothing
-        raise ReadError(f"{path}: this is a result or another archive, not a clip. Use `{program()} evaluate` on it.")
     start = time.process_time()
     clip = open_clip(path, objects=command.objects, object_name=command.object_name)
     if command.edits is not None:

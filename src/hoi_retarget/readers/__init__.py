@@ -6,16 +6,19 @@ from types import MappingProxyType
 
 from hoi_retarget.clip import Clip
 from hoi_retarget.errors import ReadError
-from hoi_retarget.readers import intermimic, intermimic_objects
+from hoi_retarget.readers import intermimic, intermimic_objects, own_layout
 from hoi_retarget.readers.torch_file import parse_torch, read_bytes
 
 READERS: Mapping[str, Callable[..., Clip]] = MappingProxyType(
-    {module.FORMAT: module.read for module in (intermimic, intermimic_objects)}
+    {module.FORMAT: module.read for module in (intermimic, intermimic_objects, own_layout)}
 )
 """Format name -> `read(path, *, objects, object_name)`."""
 
 SUFFIXES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {suffix: (intermimic.FORMAT, intermimic_objects.FORMAT) for suffix in (".pt", ".pth")}
+    {
+        **{suffix: (intermimic.FORMAT, intermimic_objects.FORMAT) for suffix in (".pt", ".pth")},
+        ".npz": (own_layout.FORMAT,),
+    }
 )
 """File name ending -> names of the formats that such a file can have; its content tells which."""
 
@@ -37,11 +40,20 @@ def read_clip(path: Path, *, objects: Path | None = None, object_name: str | Non
     if path.suffix.lower() not in SUFFIXES:
         supported = ", ".join(f"*{suffix} ({', '.join(names)})" for suffix, names in SUFFIXES.items())
         raise ReadError(f"{path}: files of type {path.suffix or 'without suffix'!r} are not supported: {supported}.")
-    return _read_torch_clip(path, objects, object_name)
-
-
-def _read_torch_clip(path: Path, objects: Path | None, object_name: str | None) -> Clip:
     content = read_bytes(path)
+    if path.suffix.lower() == ".npz":
+        return own_layout.clip_of(path, content, objects=objects, object_name=object_name)
     value = parse_torch(content, path)
     module = intermimic_objects if intermimic_objects.is_multi_object(value) else intermimic
     return module.clip_of(value, path, content, objects=objects, object_name=object_name)
+
+
+def can_be_clip(path: Path) -> bool:
+    """Return whether a file may be a clip by its name, and where results are called alike, by what it holds."""
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        return False
+    try:
+        return suffix != ".npz" or own_layout.holds(path.read_bytes())
+    except OSError:
+        return False

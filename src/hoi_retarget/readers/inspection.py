@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget import motion, se3
-from hoi_retarget.clip import Person
+from hoi_retarget.clip import ObjectTrack, Person
 from hoi_retarget.errors import ClipError, GeometryError, ReadError
-from hoi_retarget.readers import READERS, intermimic, intermimic_objects
+from hoi_retarget.readers import READERS, intermimic, intermimic_objects, own_layout
 from hoi_retarget.readers.intermimic_objects import geometry_of
 from hoi_retarget.readers.objects import NUMPY_ERRORS
 from hoi_retarget.readers.torch_file import parse_torch, read_bytes
@@ -124,7 +124,8 @@ def inspect(path: Path, objects: Path | None = None, object_name: str | None = N
     """
     content = read_bytes(path)
     if path.suffix.lower() == ".npz":
-        return _inspect_archive(path, content)
+        own = own_layout.holds(content)
+        return _inspect_own(path, content, objects, object_name) if own else _inspect_archive(path, content)
     if content and not content.startswith((b"PK", b"\x80")):
         return _unknown(path, f"a file of {len(content)} bytes that is neither a torch file nor a result")
     value = parse_torch(content, path)
@@ -233,6 +234,46 @@ def _with_problems(facts: Inspection, path: Path, data: np.ndarray, names: tuple
     except ClipError as error:
         return replace(facts, problems=(*facts.problems, str(error)))
     return facts
+
+
+# Clips in the layout of our own
+
+
+def _inspect_own(path: Path, content: bytes, objects: Path | None, object_name: str | None) -> Inspection:
+    facts = Inspection(str(path), own_layout.FORMAT, "a clip in the layout of this project")
+    try:
+        clip = own_layout.clip_of(path, content, objects=objects, object_name=object_name)
+    except GeometryError as error:
+        return replace(facts, missing=(str(error),))
+    except ClipError as error:
+        return replace(facts, problems=(str(error),))
+    described = tuple(_describe_track(track) for track in clip.objects)
+    contacts = (_describe_contact(track.active, track.part, clip.objects[track.object].name) for track in clip.contacts)
+    people = "" if len(clip.people) == 1 else f" of {len(clip.people)} people"
+    doubts = (doubt for person in clip.people for doubt in _doubts(person.joint_positions, described))
+    facts = replace(
+        facts,
+        frames=clip.frames,
+        fps=clip.fps,
+        fps_stated=True,
+        skeleton=f"{len(JOINTS)} joints{people}, positions and rotations",
+        up_axis="z, as the file says",
+        lowest_joint=min(float(person.joint_positions[..., 2].min()) for person in clip.people),
+        height=float(np.mean([person.height for person in clip.people])),
+        objects=described,
+        contacts=tuple(contacts),
+        notes=(f"Licence of the data: {clip.source.licence or 'not stated'}.", *clip.source.notes),
+        warnings=tuple(dict.fromkeys(doubts)),
+    )
+    return replace(facts, command=shlex.join(["hoi-retarget", "run", str(path), "--out", "out"]))
+
+
+def _describe_track(track: ObjectTrack) -> ObjectFacts:
+    geometry = track.geometry
+    heights = se3.quat_to_matrix(track.quats)[:, 2] @ geometry.points.T + track.positions[:, 2:]
+    of = f", {len(geometry.faces)} triangles" if geometry.faces is not None else ""
+    found = f"found: {geometry.mesh_path or f'in the file, {len(geometry.points)} points{of}'}"
+    return ObjectFacts(track.name, _moved(track.positions), float(heights.min()), found, True)
 
 
 # Facts of a scene

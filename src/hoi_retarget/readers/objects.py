@@ -50,6 +50,17 @@ def load_geometry(folder: Path, name: str) -> ObjectGeometry:
     raise GeometryError(_describe_absence(folder, name, known))
 
 
+def load_mesh(path: Path) -> ObjectGeometry:
+    """Return the geometry in a Wavefront OBJ file; raises `GeometryError`."""
+    if path.suffix.lower() != ".obj":
+        raise GeometryError(f"{path}: meshes are read from .obj files only. Export it as Wavefront OBJ.")
+    try:
+        status = path.stat()
+    except OSError as error:
+        raise GeometryError(f"{path}: the mesh cannot be read ({error.strerror or error}). Check the path.") from error
+    return _load(path, status.st_mtime_ns, status.st_size)
+
+
 def known_objects(folder: Path) -> tuple[str, ...]:
     """Return the names of the objects in `folder` that have a file to load, sorted.
 
@@ -99,7 +110,7 @@ def _describe_absence(folder: Path, name: str, known: tuple[str, ...]) -> str:
 @functools.lru_cache(maxsize=128)
 def _load(path: Path, _modified: int, _size: int) -> ObjectGeometry:
     """Read and reduce one file; the time and the size only tell a changed file from a known one."""
-    is_mesh = path.suffix == ".obj"
+    is_mesh = path.suffix.lower() == ".obj"
     points = _read_mesh(path) if is_mesh else _read_points(path)
     if not np.isfinite(points).all():
         raise GeometryError(f"{path}: {(~np.isfinite(points).all(axis=1)).sum()} of its points are not finite numbers.")
