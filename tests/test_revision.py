@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hoi_retarget.clip import Clip
+from hoi_retarget.contact_edits import Add, ContactEdits, apply
 from hoi_retarget.pipeline import Config, retarget
 from hoi_retarget.revision import Draft, changed_frames, draft, revise
 from hoi_retarget.synthetic import make
@@ -78,6 +79,16 @@ def test_a_change_longer_than_the_horizon_is_solved_in_windows(before):
     clip = shifted(before.clip, 0)
     after = revise(draft(before.clip, MODEL, config), clip, MODEL, config).motion
     assert np.linalg.norm(palm(after, "left") - palm(retarget(clip, MODEL, config), "left"), axis=1).max() < 1e-6
+
+
+@pytest.mark.parametrize("frames", [4, 13, 46])
+def test_a_change_in_the_last_frame_of_a_clip_shorter_than_the_margin_is_solved_whole(frames):
+    clip = make("carry_box", fps=30.0, seconds=(frames - 1) / 30.0)
+    edits = ContactEdits.of(clip).adding(Add("left_hand", clip.frames - 1, clip.frames, (0.0, 0.2, 0.0)))
+    edited = apply(clip, edits)
+    after = revise(draft(clip, MODEL, Config()), edited, MODEL, Config()).motion
+    whole = retarget(edited, MODEL, Config()).report["figures"]["contact_gap_m"]
+    assert after.report["figures"]["contact_gap_m"] == pytest.approx(whole, abs=2e-4)
 
 
 def test_a_contact_taken_away_sets_the_hand_free(before):

@@ -9,6 +9,7 @@ what the optimum gains from moving the pinned frames too.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import binary_dilation
 
 from hoi_retarget.arrays import runs
 from hoi_retarget.clip import Clip
@@ -67,8 +68,7 @@ def _pieces(before: Targets, after: Targets) -> tuple[tuple[int, int], ...]:
     """Return the frames to solve again as (first, one past the last): those that changed, and a margin."""
     margin = frames_in(MARGIN_SECONDS, after.fps) + PINNED
     changed = changed_frames(before, after)
-    near = np.convolve(changed, np.ones(2 * margin + 1), "same") > 0 if changed.any() else changed
-    return runs(near)
+    return runs(binary_dilation(changed, np.ones(2 * margin + 1)))
 
 
 def changed_frames(before: Targets, after: Targets) -> np.ndarray:
