@@ -102,7 +102,8 @@ def editor(browser, clip, model, start) -> None:
     server, editors = open_server("contacts"), []
 
     def receive(client) -> Editor:
-        editors.append(Editor(client, Editing(clip, model, Config(), start), model, Places(Path("-"), lambda _: ())))
+        places = Places(Path("-"), lambda _: ())
+        editors.append(Editor(client, Editing(clip, model, Config(), start), model, places, lambda _: None))
         return editors[-1]
 
     serve_visitors(server, receive)

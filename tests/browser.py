@@ -53,6 +53,8 @@ def open_page(browser, address: str):
     page = browser.new_page(viewport=WINDOW)
     page.goto(address)
     page.get_by_text("Playback", exact=True).wait_for(timeout=60_000)
+    # A warning that there is no graphics card would lie over the scene.
+    page.add_style_tag(content=".mantine-Notification-root { display: none; }")
     return page
 
 
@@ -60,9 +62,8 @@ def scene_pixels(page) -> np.ndarray:
     """Return what the page shows of the scene, without the panels."""
     from PIL import Image
 
-    # Above lies a warning that there is no graphics card.
     width, height = WINDOW["width"] - CONTROLS_PX, WINDOW["height"] - CURVES_PX
-    picture = page.screenshot(clip={"x": 310, "y": 0, "width": width - 310, "height": height})
+    picture = page.screenshot(clip={"x": 0, "y": 0, "width": width, "height": height})
     return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), dtype=int)
 
 

@@ -47,6 +47,7 @@ class Session:
         self.clip, edited = start
         self.folder = folder
         self.editors: list[Editor] = []
+        self.saved = []
         self.clients = []
         self.server = open_server("test")
         serve_visitors(self.server, lambda client: self._receive(client, edited))
@@ -55,7 +56,7 @@ class Session:
         editing = Editing(self.clip, MODEL, Config(), edited)
         places = Places(self.folder / "edits.toml", self._save_result)
         self.clients.append(client)
-        self.editors.append(Editor(client, editing, MODEL, places))
+        self.editors.append(Editor(client, editing, MODEL, places, self.saved.append))
         return self.editors[-1]
 
     def _save_result(self, edited):
@@ -136,12 +137,14 @@ def test_a_dragged_point_takes_the_hand_along_and_the_command_line_makes_the_sam
     moved = palm_in_object(editor.edited.motions[0], frame) - palm_in_object(before.motions[0], frame)
     assert np.linalg.norm(moved - [0.0, 0.0, 0.10]) < 0.005
 
+    before_saving = editor.edited
     page.get_by_text("Save edits", exact=True).click()
     wait_until(lambda: "Saved 1 edit" in told(page), "the edits are saved")
     page.get_by_text("Save result", exact=True).click()
     wait_until(lambda: "editor.npz" in told(page), "the result is saved")
     edits = session.folder / "edits.toml"
     assert len(load(edits).edits) == 1
+    assert session.saved == [before_saving]
     assert main(["run", "builtin:carry_box", "--edits", str(edits), "--out", str(session.folder / "out")]) == 0
     ours, theirs = load_motion(session.folder / "editor.npz"), load_motion(session.folder / "out" / "carry_box.npz")
     for name in ("qpos", "ik_qpos", "object_pos", "contact_flags", "contact_targets", "stance_flags"):
@@ -176,6 +179,25 @@ def test_buttons_edit_undo_and_redo(browser, session):
     wait_until(lambda: editor.edited.complete, "all frames are solved")
     page.get_by_text("Delete", exact=True).click()
     wait_until(lambda: len(editor.edited.segments) == 2, "one is gone")
+    page.close()
+
+
+def test_what_cannot_be_done_is_told_and_the_editor_goes_on_with_the_same_contact(browser, session):
+    page = open_page(browser, address(session.server))
+    page.get_by_text("2 contacts").wait_for()
+    choose(page, "left hand")
+    editor = session.editors[-1]
+    wait_until(lambda: editor.chosen is not None, "the contact is chosen")
+    middle = editor.frame
+    page.mouse.click(700, 200)
+    page.keyboard.press("Home")
+    wait_until(lambda: editor.frame == 0, "a frame before the contact is shown")
+    page.get_by_text("End here", exact=True).click()
+    page.get_by_text("no frame is left").wait_for()
+    choose(page, "left hand")
+    wait_until(lambda: editor.frame == middle, "a frame of the contact is shown")
+    page.get_by_text("Start here", exact=True).click()
+    wait_until(lambda: editor.chosen is not None and editor.chosen.start == middle, "it begins there, and is chosen")
     page.close()
 
 

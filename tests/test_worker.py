@@ -3,6 +3,8 @@
 import threading
 import time
 
+import pytest
+
 from hoi_retarget.viewers.worker import Worker
 
 
@@ -29,19 +31,31 @@ def test_of_what_only_the_latest_is_worth_doing_the_rest_is_dropped():
 
 
 def test_what_is_asked_for_takes_the_place_of_what_waited():
-    worker, done, finished = Worker("test"), [], threading.Event()
-    worker.do_latest(lambda: done.append("dragged"), delay=60.0)
+    worker, done, busy, finished = Worker("test"), [], threading.Event(), threading.Event()
+    worker.do(lambda: busy.wait(5.0))
+    worker.do_latest(lambda: done.append("dragged"))
     worker.do(finished.set)
+    busy.set()
     assert finished.wait(5.0)
     worker.stop()
     assert done == []
 
 
+@pytest.mark.parametrize("ask", ["do", "do_latest"])
+def test_what_can_wait_is_done_before_what_is_asked_for_after_it(ask):
+    worker, done, finished = Worker("test"), [], threading.Event()
+    worker.do_later(lambda: done.append("typed"), 60.0)
+    getattr(worker, ask)(lambda: (done.append("asked"), finished.set()))
+    assert finished.wait(5.0)
+    worker.stop()
+    assert done == ["typed", "asked"]
+
+
 def test_a_delay_is_kept_and_starts_anew():
     worker, done, finished = Worker("test"), [], threading.Event()
     start = time.monotonic()
-    worker.do_latest(lambda: done.append("first"), delay=0.1)
-    worker.do_latest(lambda: (done.append("second"), finished.set()), delay=0.2)
+    worker.do_later(lambda: done.append("first"), 0.1)
+    worker.do_later(lambda: (done.append("second"), finished.set()), 0.2)
     assert finished.wait(5.0)
     worker.stop()
     assert done == ["second"]
@@ -50,7 +64,7 @@ def test_a_delay_is_kept_and_starts_anew():
 
 def test_stopped_it_does_nothing_more_and_its_thread_ends():
     worker, done = Worker("test to be stopped"), []
-    worker.do_latest(lambda: done.append("late"), delay=60.0)
+    worker.do_later(lambda: done.append("late"), 60.0)
     worker.stop()
     worker.do(lambda: done.append("too late"))
     assert done == []

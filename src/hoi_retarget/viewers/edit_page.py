@@ -1,4 +1,4 @@
-"""The editor's page: every browser that opens it edits on its own, from the same start."""
+"""The editor's page: every browser that opens it edits on its own, from what was saved last."""
 
 import viser
 
@@ -14,4 +14,10 @@ def serve_editor(  # noqa: PLR0913, PLR0917 - what an editor needs
     server: viser.ViserServer, recorded: Clip, model: RobotModel, config: Config, start: Edited, places: Places
 ) -> None:
     """Let a server edit the contacts of a clip; nothing of a browser's work outlives it but what it saved."""
-    serve_visitors(server, lambda client: Editor(client, Editing(recorded, model, config, start), model, places))
+    latest = start
+
+    def keep(saved: Edited) -> None:
+        nonlocal latest
+        latest = saved
+
+    serve_visitors(server, lambda client: Editor(client, Editing(recorded, model, config, latest), model, places, keep))

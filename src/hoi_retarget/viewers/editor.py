@@ -6,7 +6,7 @@ being dragged only the latest place counts.
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,19 +14,17 @@ import viser
 from jaxtyping import Float
 
 from hoi_retarget import se3
-from hoi_retarget.contact_edits import Add, Edit, Move, Segment, describe
+from hoi_retarget.contact_edits import Add, Edit, Move, Retime, Segment, describe
 from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.signals import frames_in
 from hoi_retarget.surface import surface_of
-from hoi_retarget.viewers.curve_chart import chart_html
-from hoi_retarget.viewers.curves import curves_of
 from hoi_retarget.viewers.editing import Edited, Editing
 from hoi_retarget.viewers.editor_panel import PANEL_WIDTH_PX, EditorPanel
 from hoi_retarget.viewers.editor_points import EditorPoints
-from hoi_retarget.viewers.exhibit import Exhibit
+from hoi_retarget.viewers.exhibit import Exhibit, exhibit_of
 from hoi_retarget.viewers.player import Player
-from hoi_retarget.viewers.scene import Shown, make_scene
+from hoi_retarget.viewers.scene import Shown
 from hoi_retarget.viewers.segment_strip import strip_height_px, strip_html
 from hoi_retarget.viewers.worker import Worker
 
@@ -47,8 +45,16 @@ class Places:
 class Editor:
     """Shows a clip's contacts to one browser, and changes them as it asks, until `stop`."""
 
-    def __init__(self, client: viser.ClientHandle, editing: Editing, model: RobotModel, places: Places) -> None:
-        self._editing, self._model, self._places = editing, model, places
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        editing: Editing,
+        model: RobotModel,
+        places: Places,
+        saved: Callable[[Edited], None],
+    ) -> None:
+        """Begin; `saved` is told what was written to the edits' file."""
+        self._editing, self._model, self._places, self._saved = editing, model, places, saved
         self._first = editing.now
         self._chosen: tuple[int, str, int] | None = None
         self._worker = Worker("editor")
@@ -76,11 +82,7 @@ class Editor:
     @property
     def chosen(self) -> Segment | None:
         """The segment that is being changed."""
-        if self._chosen is None:
-            return None
-        person, part, frame = self._chosen
-        own = (item for item in self._editing.now.segments if (item.person, item.part) == (person, part))
-        return next((item for item in own if item.holds(frame)), None)
+        return self._chosen_of(self._editing.now.segments)
 
     # What the browser asks for.
 
@@ -96,27 +98,19 @@ class Editor:
                     self._player.seek((segment.start + segment.stop) // 2)
                 self._show()
 
-        self._worker.do(task)
+        self._do(task)
 
     def change(self, edit_of: Callable[[Segment], Edit]) -> None:
         """Change the chosen segment."""
-
-        def task() -> None:
-            segment = self.chosen
-            if segment is None:
-                self._panel.say("No contact is chosen. Choose a row or a point first.", wrong=True)
-            else:
-                self._commit(edit_of(segment))
-
-        self._worker.do(task)
+        self._do(lambda: self._change(edit_of))
 
     def typed(self, edit_of: Callable[[Segment], Edit]) -> None:
         """Change the chosen segment once nothing has been typed for a moment."""
-        self._worker.do_latest(lambda: self.change(edit_of), delay=_TYPING_SECONDS)
+        self._worker.do_later(lambda: self._guarded(lambda: self._change(edit_of)), _TYPING_SECONDS)
 
     def commit(self, edit: Edit) -> None:
         """Make an edit that names its contacts itself."""
-        self._worker.do(lambda: self._commit(edit))
+        self._do(lambda: self._commit(edit))
 
     def add(self, person: int, part: str, item: int) -> None:
         """Add a contact with an object from this frame on, where the robot's part is nearest to its surface."""
@@ -130,35 +124,36 @@ class Editor:
             self._chosen = (person, part, frame)
             self._show()
 
-        self._worker.do(task)
+        self._do(task)
 
     def drag(self, point: Float[np.ndarray, "3"], *, released: bool) -> None:
         """Move the chosen segment's point, in its object's frame at captured size [m]."""
         if released:
-            self._worker.do(lambda: self._drag(point, released=True))
+            self._do(lambda: self._drag(point, released=True))
         else:
-            self._worker.do_latest(lambda: self._drag(point, released=False))
+            self._worker.do_latest(lambda: self._guarded(lambda: self._drag(point, released=False)))
 
     def undo(self) -> None:
         """Take the last edit back."""
-        self._worker.do(lambda: self._go(self._editing.undo, "Taken back."))
+        self._do(lambda: self._go(self._editing.undo, "Taken back."))
 
     def redo(self) -> None:
         """Do again what was taken back."""
-        self._worker.do(lambda: self._go(self._editing.redo, "Done again."))
+        self._do(lambda: self._go(self._editing.redo, "Done again."))
 
     def solve_all(self) -> None:
         """Solve the whole clip."""
-        self._worker.do(lambda: self._go(self._editing.solve_all, "The whole clip is solved."))
+        self._do(lambda: self._go(self._editing.solve_all, "The whole clip is solved."))
 
     def save_edits(self) -> None:
         """Write the edits' file."""
 
         def task() -> None:
             self._editing.save(self._places.edits)
+            self._saved(self._editing.now)
             self._panel.say(f"Saved {len(self._editing.now.edits.edits)} edits to {self._places.edits}.")
 
-        self._worker.do(lambda: self._guarded(task))
+        self._do(task)
 
     def save_result(self) -> None:
         """Solve the whole clip and write its motions."""
@@ -169,23 +164,39 @@ class Editor:
             paths = self._places.save_result(self._editing.now)
             self._show(f"Saved {', '.join(map(str, paths))}.")
 
-        self._worker.do(lambda: self._guarded(task))
+        self._do(task)
 
     # What is done about it, in the worker's thread.
 
-    def _commit(self, edit: Edit) -> None:
-        def task() -> None:
-            start = time.perf_counter()
-            tried = self._editing.tried(edit)
-            solved = time.perf_counter()
-            self._editing.take(tried)
-            self._show()
-            drawn = time.perf_counter() - solved
-            self._panel.say(
-                f"{describe(edit)}: solved in {1e3 * (solved - start):.0f} ms, drawn in {1e3 * drawn:.0f} ms."
-            )
+    def _do(self, task: Callable[[], None]) -> None:
+        self._worker.do(lambda: self._guarded(task))
 
-        self._guarded(task)
+    def _change(self, edit_of: Callable[[Segment], Edit]) -> None:
+        segment = self.chosen
+        if segment is None:
+            self._panel.say("No contact is chosen. Choose a row or a point first.", wrong=True)
+        else:
+            self._commit(edit_of(segment))
+
+    def _commit(self, edit: Edit) -> None:
+        start = time.perf_counter()
+        tried = self._editing.tried(edit)
+        solved = time.perf_counter()
+        self._editing.take(tried)
+        if isinstance(edit, Retime) and self._chosen is not None:
+            person, part, frame = self._chosen
+            # A frame that it still has: otherwise it would not be the chosen one any more.
+            self._chosen = (person, part, min(max(frame, edit.start), edit.stop - 1))
+        self._show()
+        drawn = time.perf_counter() - solved
+        self._panel.say(f"{describe(edit)}: solved in {1e3 * (solved - start):.0f} ms, drawn in {1e3 * drawn:.0f} ms.")
+
+    def _chosen_of(self, segments: Sequence[Segment]) -> Segment | None:
+        if self._chosen is None:
+            return None
+        person, part, frame = self._chosen
+        own = (item for item in segments if (item.person, item.part) == (person, part))
+        return next((item for item in own if item.holds(frame)), None)
 
     def _nearest_point(self, person: int, part: str, item: int, frame: int) -> np.ndarray:
         """Return the point of an object's surface next to a robot's part, at captured size [m]."""
@@ -207,15 +218,12 @@ class Editor:
         if released:
             self._commit(edit)
         else:
-            self._guarded(lambda: self._draw(self._editing.tried(edit)))
+            self._draw(self._editing.tried(edit))
 
     def _go(self, step: Callable[[], None], told: str) -> None:
-        def task() -> None:
-            start = time.perf_counter()
-            step()
-            self._show(f"{told} ({1e3 * (time.perf_counter() - start):.0f} ms)")
-
-        self._guarded(task)
+        start = time.perf_counter()
+        step()
+        self._show(f"{told} ({1e3 * (time.perf_counter() - start):.0f} ms)")
 
     def _guarded(self, task: Callable[[], None]) -> None:
         try:
@@ -227,10 +235,10 @@ class Editor:
     # What is shown then.
 
     def _show(self, told: str | None = None) -> None:
-        now = self._editing.now
+        now, chosen = self._editing.now, self.chosen
         self._draw(now)
-        self._points.show(now.segments, self.chosen)
-        self._panel.show(now, self.chosen, recorded=self._first, before=self._editing.before)
+        self._player.do(lambda: self._points.show(now.segments, chosen))
+        self._panel.show(now, chosen, recorded=self._first, before=self._editing.before)
         if told is not None:
             self._panel.say(told)
 
@@ -240,16 +248,16 @@ class Editor:
     def _exhibit(self, edited: Edited) -> Exhibit:
         people, segments = edited.clip.people, edited.segments
         titles = [person.name if len(people) > 1 else edited.clip.name for person in people]
-        scene = make_scene(
+        plain = exhibit_of(
             [
                 Shown(title, motion, self._model, edited.clip, person)
                 for person, (title, motion) in enumerate(zip(titles, edited.motions, strict=True))
             ]
         )
-        curves = [(title, curves_of(motion, self._model)) for title, motion in zip(titles, edited.motions, strict=True)]
-        strip = strip_html(segments, edited.clip.frames, self.chosen)
-        chart = strip + chart_html(curves, scene.fps)
-        return Exhibit(scene, chart, extra_height_px=strip_height_px(segments))
+        strip = strip_html(segments, edited.clip.frames, self._chosen_of(segments))
+        height = plain.extra_height_px + strip_height_px(segments)
+        # The editor's own panel has the figures.
+        return replace(plain, chart=strip + plain.chart, extra_height_px=height, figures="")
 
 
 def _starts_after(segments: Sequence[Segment], frame: int) -> list[int]:

@@ -81,13 +81,13 @@ class Player:
             if self._chart is not None:
                 self._chart.content = _chart_html(exhibit)
 
-        self._do(draw)
+        self.do(draw)
 
     def attach(self, show: Callable[[int], None]) -> None:
         """Call this too with every frame that is shown."""
-        self._do(lambda: self._attached.append(show))
+        self.do(lambda: self._attached.append(show))
 
-    def _do(self, task: Callable[[], None]) -> None:
+    def do(self, task: Callable[[], None]) -> None:
         """Do something between two frames, in the thread that draws them."""
         with self._changed:
             self._tasks.append(task)
@@ -160,7 +160,7 @@ class Player:
         self._button.on_click(lambda _: self._toggle())
         speed.on_update(lambda event: self._set(lambda clock, now: clock.at_speed(SPEEDS[event.target.value], now)))
         self._slider.on_update(self._on_slider)
-        self._follow.on_update(lambda _: self._do(lambda: self._follow_centre(self.frame)))
+        self._follow.on_update(lambda _: self.do(lambda: self._follow_centre(self.frame)))
         self._add_keys()
 
     def _add_layer_boxes(self) -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from html import escape
 
-from hoi_retarget.contact_edits import Segment
+from hoi_retarget.contact_edits import Segment, part_text
 from hoi_retarget.viewers.curve_chart import LEFT_INSET_PX, RIGHT_INSET_PX
 
 ROW_HEIGHT_PX = 15
@@ -13,10 +13,9 @@ _COLOURS = {"left_hand": "#0072b2", "right_hand": "#d55e00", "left_foot": "#009e
 def strip_html(segments: Sequence[Segment], frames: int, chosen: Segment | None) -> str:
     """Return the rows as HTML; the chosen segment is framed."""
     rows = dict.fromkeys((segment.person, segment.part) for segment in segments)
-    several = len({segment.person for segment in segments}) > 1
     drawn = []
     for person, part in rows:
-        name = part.replace("_", " ") + (f" {person + 1}" if several else "")
+        name = part_text(person, part).replace("_", " ")
         own = [segment for segment in segments if (segment.person, segment.part) == (person, part)]
         bars = "".join(_bar(segment, frames, chosen is segment) for segment in own)
         drawn.append(

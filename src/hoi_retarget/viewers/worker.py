@@ -8,12 +8,13 @@ Task = Callable[[], None]
 
 
 class Worker:
-    """Does tasks in order; of those that are only worth doing last, the latest one, when nothing else waits."""
+    """Does tasks in order; of those of which only the latest counts, that one."""
 
     def __init__(self, name: str) -> None:
         self._changed = Condition()
         self._tasks: list[Task] = []
-        self._latest: tuple[float, Task] | None = None
+        self._latest: Task | None = None
+        self._later: tuple[float, Task] | None = None
         self._stopped = False
         self._thread = Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
@@ -22,13 +23,21 @@ class Worker:
         """Do this after what was asked for before; drop what waits in `do_latest`."""
         with self._changed:
             self._latest = None
+            self._hurry()
             self._tasks.append(task)
             self._changed.notify()
 
-    def do_latest(self, task: Task, *, delay: float = 0.0) -> None:
-        """Do this after so many seconds [s], unless something else is asked for until then."""
+    def do_latest(self, task: Task) -> None:
+        """Do this when nothing else waits, unless something else is asked for until then."""
         with self._changed:
-            self._latest = (time.monotonic() + delay, task)
+            self._hurry()
+            self._latest = task
+            self._changed.notify()
+
+    def do_later(self, task: Task, delay: float) -> None:
+        """Do this after so many seconds [s], or before what is asked for until then; forget what waits here."""
+        with self._changed:
+            self._later = (time.monotonic() + delay, task)
             self._changed.notify()
 
     def stop(self) -> None:
@@ -42,14 +51,22 @@ class Worker:
         while (task := self._next()) is not None:
             task()
 
+    def _hurry(self) -> None:
+        """Let what waits in `do_later` wait no longer."""
+        if self._later is not None:
+            self._tasks.append(self._later[1])
+            self._later = None
+
     def _next(self) -> Task | None:
         with self._changed:
             while not self._stopped:
+                wait = None if self._later is None else self._later[0] - time.monotonic()
+                if wait is not None and wait <= 0:
+                    self._hurry()
                 if self._tasks:
                     return self._tasks.pop(0)
-                wait = None if self._latest is None else self._latest[0] - time.monotonic()
-                if self._latest is not None and wait is not None and wait <= 0:
-                    (_, task), self._latest = self._latest, None
+                if self._latest is not None:
+                    task, self._latest = self._latest, None
                     return task
                 self._changed.wait(wait)
         return None
