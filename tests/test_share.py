@@ -4,6 +4,7 @@ import base64
 import functools
 import gzip
 import json
+import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -337,7 +338,7 @@ def test_share_shows_the_robot_where_the_clip_is_gone(tmp_path: Path, capsys: py
     assert "/nowhere/clip.pt" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("damage", ["absent", "garbage", "foreign"])
+@pytest.mark.parametrize("damage", ["absent", "garbage", "foreign", "wrong figure", "wrong scale"])
 def test_share_writes_nothing_when_a_result_cannot_be_read(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: str
 ) -> None:
@@ -346,10 +347,21 @@ def test_share_writes_nothing_when_a_result_cannot_be_read(
         bad.write_bytes(b"PK garbage")
     elif damage == "foreign":
         written(tmp_path, "bad.npz", figures={"unknown": 1.0})
+    elif damage == "wrong figure":
+        written(tmp_path, "bad.npz", figures={**carried().report["figures"], "contact_gap_m": "small"})
+    elif damage == "wrong scale":
+        written(tmp_path, "bad.npz", root_scale="large")
     assert main(["share", str(good), str(bad), "--out", str(tmp_path / "out")]) == 1
     error = capsys.readouterr().err
     assert "bad.npz" in error and len(error.splitlines()) == 1
     assert not (tmp_path / "out").exists() and not list(tmp_path.glob(".*"))
+
+
+def test_results_may_be_called_what_no_text_can_hold(tmp_path: Path) -> None:
+    name = os.fsdecode(b"caf\xe9.npz")
+    result = written(tmp_path, name)
+    assert main(["share", str(result), "--out", str(tmp_path / "out")]) == 0
+    assert r"<h1>caf\udce9</h1>" in (tmp_path / "out" / "caf.html").read_text()
 
 
 def test_share_refuses_a_folder_with_other_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

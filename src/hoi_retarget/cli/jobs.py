@@ -3,6 +3,7 @@
 import os
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from hoi_retarget.cli.commands import Solving
 from hoi_retarget.cli.terminal import say, warn
@@ -71,8 +72,8 @@ def describe_result(motion: Motion, path: Path) -> None:
 
 
 def score(motion: Motion, path: Path) -> Score:
-    """Return the figures that a motion's report holds, as tables need them."""
-    figures = Figures(**motion.report["figures"])
+    """Return the figures that a motion's report holds, as tables need them; raises one of `FOREIGN_REPORT`."""
+    figures = Figures(**{name: _number(value) for name, value in motion.report["figures"].items()})
     return Score(
         path.stem,
         figures,
@@ -80,6 +81,10 @@ def score(motion: Motion, path: Path) -> Score:
         sum(motion.report["cpu_seconds"].values()),
         file=str(path),
         robot=motion.robot,
-        root_scale=motion.report["root_scale"],
+        root_scale=_number(motion.report["root_scale"]),
         object_scale=tuple(motion.object_scale.tolist()),
     )
+
+
+def _number(value: Any) -> float | None:
+    return None if value is None else float(value)

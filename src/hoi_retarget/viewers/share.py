@@ -49,15 +49,19 @@ class Gallery:
         taken = ("index", *(Path(page).stem for _, page, _ in self._entries))
         name = file_name(entry.title, taken)
         page = clip_page(entry, scene=pack(scene, place), curves=curves, gallery=self._title)
-        self._write(f"{name}.html", page.encode())
+        self._write_page(f"{name}.html", page)
         self._write(f"{name}{ending}", picture)
         self._entries.append((entry, f"{name}.html", f"{name}{ending}"))
 
     def finish(self) -> None:
         """Write what leads to the pages; raises `WriteError`."""
-        self._write("index.html", index_page(self._title, self._entries).encode())
+        self._write_page("index.html", index_page(self._title, self._entries))
         own = sorted([path.name for path in self._folder.iterdir()] + [LISTING])
         self._write(LISTING, json.dumps({"made by": "hoi-retarget share", "files": own}, indent=1).encode())
+
+    def _write_page(self, name: str, text: str) -> None:
+        # Names of results may contain bytes that are no characters.
+        self._write(name, text.encode(errors="backslashreplace"))
 
     def _write(self, name: str, content: bytes) -> None:
         try:
