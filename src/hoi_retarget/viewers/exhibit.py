@@ -12,6 +12,7 @@ from hoi_retarget.motion import Motion, load
 from hoi_retarget.recordings import clip_of
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
+from hoi_retarget.surface import surface_of
 from hoi_retarget.viewers.curve_chart import TITLES_HEIGHT_PX, chart_html
 from hoi_retarget.viewers.curves import curves_of
 from hoi_retarget.viewers.drawing import Scene
@@ -70,6 +71,8 @@ def _shown(path: Path, find_clip: Callable[..., Clip], notices: list[str]) -> Sh
     spec = robot(motion.robot)
     try:
         clip = find_clip(motion)
+        for track in clip.objects:
+            surface_of(track.geometry)  # Drawn later, with the other results.
     except HoiRetargetError as error:
         clip = None
         notices.append(f"{path.name}: shown without the human. {error}")
