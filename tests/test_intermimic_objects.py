@@ -155,7 +155,7 @@ def test_what_must_be_told_is_told(folder):
         read_clip(written(folder, twice), objects=folder / "objects")
 
 
-@settings(derandomize=True, deadline=None, max_examples=100, database=None)
+@settings(derandomize=True, deadline=None, max_examples=50, database=None)
 @given(st.data())
 def test_whatever_the_numbers_only_our_errors_come(tmp_path_factory, data):
     folder = tmp_path_factory.getbasetemp() / "fuzz_objects"
@@ -178,7 +178,7 @@ def test_whatever_the_numbers_only_our_errors_come(tmp_path_factory, data):
             assert str(path) in str(error) or "clip" in str(error) or "object" in str(error)
 
 
-@settings(derandomize=True, deadline=None, max_examples=60, database=None)
+@settings(derandomize=True, deadline=None, max_examples=30, database=None)
 @given(st.integers(0, 10**6), st.integers(0, 255))
 def test_damaged_bytes_give_our_errors(tmp_path_factory, place, byte):
     folder = tmp_path_factory.getbasetemp() / "bytes_objects"

@@ -59,7 +59,7 @@ def assert_same(new: Clip, old: Clip, tolerance: float = 1e-12) -> None:
         assert np.array_equal(a.points_object, b.points_object, equal_nan=True)
 
 
-@settings(derandomize=True, deadline=None, max_examples=20, database=None)
+@settings(derandomize=True, deadline=None, max_examples=8, database=None)
 @given(
     scene=st.sampled_from(tuple(SCENES)),
     height=st.floats(1.3, 2.1),

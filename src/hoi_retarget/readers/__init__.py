@@ -6,7 +6,7 @@ from types import MappingProxyType
 
 from hoi_retarget.clip import Clip
 from hoi_retarget.errors import ReadError
-from hoi_retarget.readers import intermimic, intermimic_objects, own_layout
+from hoi_retarget.readers import grasp_check, intermimic, intermimic_objects, own_layout
 from hoi_retarget.readers.torch_file import parse_torch, read_bytes
 
 READERS: Mapping[str, Callable[..., Clip]] = MappingProxyType(
@@ -33,7 +33,7 @@ def read_clip(path: Path, *, objects: Path | None = None, object_name: str | Non
 
     Raises:
         ReadError: The file is missing, damaged, or of no supported format.
-        ClipError: What it holds cannot be used.
+        ClipError: What it holds cannot be used, or its grasps contradict how it is read.
         GeometryError: The object's geometry cannot be had.
         ArgumentError: The object's name is given, although the file tells it.
     """
@@ -42,10 +42,10 @@ def read_clip(path: Path, *, objects: Path | None = None, object_name: str | Non
         raise ReadError(f"{path}: files of type {path.suffix or 'without suffix'!r} are not supported: {supported}.")
     content = read_bytes(path)
     if path.suffix.lower() == ".npz":
-        return own_layout.clip_of(path, content, objects=objects, object_name=object_name)
+        return grasp_check.checked(own_layout.clip_of(path, content, objects=objects, object_name=object_name))
     value = parse_torch(content, path)
     module = intermimic_objects if intermimic_objects.is_multi_object(value) else intermimic
-    return module.clip_of(value, path, content, objects=objects, object_name=object_name)
+    return grasp_check.checked(module.clip_of(value, path, content, objects=objects, object_name=object_name))
 
 
 def can_be_clip(path: Path) -> bool:
