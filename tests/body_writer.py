@@ -68,22 +68,29 @@ class _ChumpyPickler(pickle._Pickler):  # pyright: ignore  # only the one in Pyt
     dispatch = {**pickle._Pickler.dispatch, bytes: save_bytes, str: save_text}  # noqa: RUF012  # pyright: ignore
 
 
-def write_pickle(path: Path, values: dict, *, sparse: bool = True, chumpy: bool = True) -> Path:
+def write_pickle(path, values, *, sparse=True, chumpy=True, regressor=None) -> Path:
     """Write as Python 2 with chumpy and scipy does: protocol 2, bytes as strings, arrays wrapped."""
-    module = types.ModuleType("chumpy.ch")
+    modules = {name: types.ModuleType(name) for name in ("chumpy", "chumpy.ch", "chumpy.reordering")}
     kind = type("Ch", (), {"__module__": "chumpy.ch"})
-    vars(module)["Ch"] = kind
+    selection = type("Select", (), {"__module__": "chumpy.reordering"})
+    vars(modules["chumpy.ch"])["Ch"], vars(modules["chumpy.reordering"])["Select"] = kind, selection
     content = dict(values)
     if chumpy:
         for name in ("shapedirs", "posedirs", "weights"):
             wrapped = kind()
             vars(wrapped).update(x=values[name], label="a name", is_valid=True)
             content[name] = wrapped
+        whole, first = kind(), selection()
+        vars(whole).update(x=np.concatenate([values["v_template"], np.ones((2, 3))]))
+        vars(first).update(
+            a=whole, idxs=np.arange(values["v_template"].size), preferred_shape=values["v_template"].shape
+        )
+        content["v_template"] = first
     if sparse:
-        content["J_regressor"] = csc_matrix(values["J_regressor"])
+        content["J_regressor"] = csc_matrix(values["J_regressor"]) if regressor is None else regressor
     content |= {"bs_style": "lbs", "joint_names": np.array(["pelvis", None], dtype=object)}
-    saved = {name: sys.modules.get(name) for name in ("chumpy", "chumpy.ch")}
-    sys.modules |= {"chumpy": types.ModuleType("chumpy"), "chumpy.ch": module}
+    saved = {name: sys.modules.get(name) for name in modules}
+    sys.modules |= modules
     try:
         buffer = io.BytesIO()
         _ChumpyPickler(buffer, protocol=2).dump(content)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.sparse import csc_matrix
 
 from body_writer import CORNERS, names_of, tiny_model, write_npz, write_pickle
 from hoi_retarget import se3
@@ -303,8 +304,28 @@ def test_only_body_models_may_hold_chumpys_arrays(tmp_path):
 def test_a_sparse_matrix_that_contradicts_itself_is_refused(tmp_path):
     path = write_pickle(tmp_path / "model.pkl", tiny_model("smplh"))
     content = path.read_bytes()
-    at = content.index(b"_shape")
+    at = content.index(b"U\x06_shape") + 2
     damaged = content[:at] + b"_shapf" + content[at + 6 :]
     path.write_bytes(damaged)
     with pytest.raises(ReadError, match="sparse matrix has no shape"):
         load_body_model(path, "male", "smplh")
+
+
+def test_an_array_inside_itself_is_refused(tmp_path):
+    path = tmp_path / "model.pkl"
+    # An object of chumpy whose numbers are itself: {"v_template": it, "f": it, ...}.
+    ring = b"cchumpy.ch\nCh\n)\x81q\x00}U\x01xh\x00sb"
+    names = ("v_template", "shapedirs", "posedirs", "J_regressor", "weights", "kintree_table", "f")
+    items = b"".join(
+        b"U" + bytes([len(name)]) + name.encode() + (b"h\x00" if index else ring) for index, name in enumerate(names)
+    )
+    path.write_bytes(b"\x80\x02}(" + items + b"u.")
+    with pytest.raises(ReadError, match="inside one another more than"):
+        load_body_model(path, "male", "smplh")
+
+
+def test_a_huge_sparse_matrix_is_not_unfolded(tmp_path):
+    values = tiny_model("smplh")
+    huge = csc_matrix((52, 1 << 26))
+    with pytest.raises(ReadError, match="sparse matrix has no shape"):
+        load_body_model(write_pickle(tmp_path / "model.pkl", values, regressor=huge), "male", "smplh")

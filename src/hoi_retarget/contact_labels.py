@@ -25,7 +25,7 @@ from hoi_retarget.surface import Surface, surface_of
 
 FAR = 0.10
 """[m]; what is farther from an object than this is only known to be."""
-_FINENESS = 0.02  # [m] of the coarse search's triangles, for objects up to a metre in size.
+_FINENESS = 0.01  # [m] of the coarse search's triangles, for objects up to a metre in size.
 _CROSSING = 1e-6  # [m]; a middle that is nearer to the surface lies on it, and has no direction from it.
 _GRAVITY = 9.8  # [m/s^2]
 

@@ -106,7 +106,7 @@ class _Type:
 
 
 @dataclass(eq=False)
-class _Array:
+class StandIn:
     """An array whose content comes after its name."""
 
     content: np.ndarray | None = None
@@ -143,10 +143,10 @@ def _array_of(raw: bytes, kind: Any, shape: Any, fortran: bool) -> np.ndarray:
     return array
 
 
-def _reconstruct(_machine: Machine, arguments: tuple) -> _Array:
+def _reconstruct(_machine: Machine, arguments: tuple) -> StandIn:
     if not arguments or arguments[0] is not _NDARRAY:
         raise damaged("an array of another class than numpy.ndarray")
-    return _Array()
+    return StandIn()
 
 
 def _dtype(_machine: Machine, arguments: tuple) -> _Type:
@@ -155,10 +155,10 @@ def _dtype(_machine: Machine, arguments: tuple) -> _Type:
     return _Type(arguments[0])
 
 
-def _from_buffer(_machine: Machine, arguments: tuple) -> _Array:
+def _from_buffer(_machine: Machine, arguments: tuple) -> StandIn:
     if len(arguments) != 4 or not isinstance(arguments[0], bytes):
         raise damaged("an array is made from something that is no bytes")
-    return _Array(_array_of(arguments[0], arguments[1], arguments[2], arguments[3] == "F"))
+    return StandIn(_array_of(arguments[0], arguments[1], arguments[2], arguments[3] == "F"))
 
 
 def _scalar(_machine: Machine, arguments: tuple) -> int | float | bool | str:
@@ -206,9 +206,9 @@ def _build(machine: Machine) -> None:
     match target:
         case _Type() if isinstance(state, tuple) and len(state) > 1 and isinstance(state[1], str):
             target.order = state[1] or "="
-        case _Array(content=None) if isinstance(state, tuple) and len(state) == 5 and isinstance(state[4], bytes):
+        case StandIn(content=None) if isinstance(state, tuple) and len(state) == 5 and isinstance(state[4], bytes):
             target.content = _array_of(state[4], state[2], state[1], bool(state[3]))
-        case _Array(content=None) if isinstance(state, tuple) and len(state) == 5 and isinstance(state[4], list):
+        case StandIn(content=None) if isinstance(state, tuple) and len(state) == 5 and isinstance(state[4], list):
             raise damaged("refused: an array holds Python objects, expected numbers")
         case _Wrapper(content=None) if isinstance(state, dict):
             target.content = _following_array(machine, state)
@@ -265,7 +265,7 @@ def plain(value: Any, known: dict[int, Any]) -> Any:
     if id(value) in known:
         return known[id(value)]
     match value:
-        case _Array() | _Wrapper():
+        case StandIn() | _Wrapper():
             if value.content is None:
                 raise damaged("an array has no content")
             return value.content

@@ -4,6 +4,7 @@ They are written by Python 2, with chumpy's arrays and scipy's sparse matrices a
 `array_pickle` is widened by stand-ins that keep the numbers of these and do nothing.
 """
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 from scipy.sparse import csc_matrix
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.readers.array_pickle import ARRAYS, parse_raw, plain
+from hoi_retarget.readers.array_pickle import ARRAYS, StandIn, parse_raw, plain
 from hoi_retarget.readers.pickle_machine import Dialect, Function, Machine, RefusedError, damaged
 
 _ADVICE = "Download the model again from its makers."
@@ -34,7 +35,9 @@ class _Instance:
     attributes: dict = field(default_factory=dict)
 
 
-_CHUMPY, _SPARSE = _Class("chumpy array"), _Class("sparse matrix")
+_CHUMPY, _SELECTION, _SPARSE = _Class("chumpy array"), _Class("chumpy selection"), _Class("sparse matrix")
+_ENTRIES = 1 << 26  # Of a sparse matrix when unfolded.
+_WRAPPINGS = 4  # Of a chumpy array in others.
 
 
 def read_body_pickle(path: Path, content: bytes, names: Iterable[str]) -> dict[str, np.ndarray | None]:
@@ -53,21 +56,39 @@ def read_body_pickle(path: Path, content: bytes, names: Iterable[str]) -> dict[s
         raise ReadError(f"{path}: {error.what}. {_ADVICE}") from error
 
 
-def _array(value: Any) -> np.ndarray | None:
+def _array(value: Any, wrappings: int = _WRAPPINGS) -> np.ndarray | None:
+    """Return the numbers of an array, a sparse matrix, or a chumpy array of one of these; None for all else."""
     if isinstance(value, _Instance):
-        return _dense(value.attributes) if value.kind is _SPARSE else _array(value.attributes.get("x"))
-    array = plain(value, {})
+        if value.kind is _SPARSE:
+            return _dense(value.attributes)
+        if wrappings == 0:
+            raise damaged(f"{_CHUMPY.name}s are inside one another more than {_WRAPPINGS} deep")
+        if value.kind is _SELECTION:
+            return _selected(value.attributes, _array(value.attributes.get("a"), wrappings - 1))
+        return _array(value.attributes.get("x"), wrappings - 1)
+    array = plain(value, {}) if isinstance(value, StandIn) else None
     return array if isinstance(array, np.ndarray) else None
+
+
+def _selected(attributes: dict, source: np.ndarray | None) -> np.ndarray:
+    """Return the entries of a flattened array that a selection names, in its shape."""
+    index, shape = _array(attributes.get("idxs")), attributes.get("preferred_shape")
+    try:
+        if source is None or index is None:
+            raise ValueError("it names no array")
+        chosen = source.ravel()[index]
+        return chosen if shape is None else chosen.reshape(shape)
+    except (ValueError, TypeError, IndexError) as error:
+        raise damaged(f"a selection of an array contradicts itself ({error})") from error
 
 
 def _dense(attributes: dict) -> np.ndarray:
     """Return a matrix stored by columns: entries, their rows, and where each column begins."""
-    entries, rows, starts = (plain(attributes.get(name), {}) for name in ("data", "indices", "indptr"))
+    entries, rows, starts = (_array(attributes.get(name)) for name in ("data", "indices", "indptr"))
     shape = attributes.get("_shape", attributes.get("shape"))
-    if not (
-        isinstance(shape, tuple) and len(shape) == 2 and all(type(size) is int and 0 < size < 1 << 20 for size in shape)
-    ):
-        raise damaged("a sparse matrix has no shape")
+    sizes = shape if isinstance(shape, tuple) else ()
+    if len(sizes) != 2 or not all(type(size) is int and size > 0 for size in sizes) or math.prod(sizes) > _ENTRIES:
+        raise damaged("a sparse matrix has no shape that a regressor can have")
     try:
         matrix = csc_matrix((entries, rows, starts), shape=shape)
         matrix.check_format(full_check=True)
@@ -120,10 +141,9 @@ def _push_latin(width: int) -> Any:
 _BODIES = Dialect(
     {
         **ARRAYS.names,
-        **{
-            (f"chumpy.{module}", name): _CHUMPY
-            for module, name in (("ch", "Ch"), ("ch", "MatVecMult"), ("reordering", "Select"))
-        },
+        ("chumpy.ch", "Ch"): _CHUMPY,
+        ("chumpy.ch", "MatVecMult"): _Class("chumpy product"),
+        ("chumpy.reordering", "Select"): _SELECTION,
         **{(f"scipy.sparse.{module}", "csc_matrix"): _SPARSE for module in ("csc", "_csc")},
         **{(module, "set"): Function("set", _nothing) for module in ("__builtin__", "builtins")},
         **{(module, "_reconstructor"): Function("object", _reconstructor) for module in ("copy_reg", "copyreg")},
