@@ -113,6 +113,17 @@ def test_contacts_of_other_frames_are_noted(scene, frames):
     assert any(words in note for note in notes for words in ("fit better", "slips")), notes
 
 
+@pytest.mark.parametrize("frames", [4, 12, 31])
+def test_clips_that_are_shorter_than_the_shifts_pass(frames):
+    clip = make("carry_box", seconds=(frames - 1) / 30)
+    always = tuple(
+        replace(it, active=np.ones(frames, dtype=bool), points_object=np.zeros((frames, 3))) for it in clip.contacts
+    )
+    figures = grasp_figures(replace(clip, contacts=always))
+    assert figures.frames == (2 * frames if frames >= 10 else 0)
+    assert not fatal_fault(figures)
+
+
 def test_clips_without_contacts_pass():
     clip = replace(make("carry_box"), contacts=())
     assert grasp_figures(clip).frames == 0

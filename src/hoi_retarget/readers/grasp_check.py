@@ -156,8 +156,9 @@ def _shifted_spread(clip: Clip, held: list[ContactTrack], shift: int, least: int
     parts = []
     for track in held:
         points = clip.objects[track.object].to_object(clip.people[track.person].part_position(track.part))
-        moved = np.zeros_like(track.active)
-        moved[max(shift, 0) : len(moved) + min(shift, 0)] = track.active[max(-shift, 0) : len(moved) - max(shift, 0)]
+        before = np.arange(len(points)) - shift
+        within = (before >= 0) & (before < len(points))
+        moved = within & track.active[np.where(within, before, 0)]
         parts += [_deviations(points[a:b]) for a, b in runs(moved) if b - a >= least]
     # Without any contact left, nothing speaks for the shift.
     return _root_mean(parts) if parts else float("inf")
