@@ -124,6 +124,18 @@ def test_a_second_server_takes_another_port_and_a_taken_one_is_refused(server):
         second.stop()
 
 
+def test_pages_of_other_sites_are_not_listened_to(server):
+    from websockets.exceptions import InvalidStatus
+    from websockets.sync.client import connect
+
+    here = f"ws://localhost:{server.get_port()}"
+    for origin in (None, f"http://localhost:{server.get_port()}", "http://127.0.0.1:9999"):
+        connect(here, origin=origin, subprotocols=["viser-v1"], close_timeout=1).close()
+    for origin in ("http://evil.example", "https://localhost.evil.example", "http://localhost@evil.example", "null"):
+        with pytest.raises(InvalidStatus, match="403"):
+            connect(here, origin=origin, subprotocols=["viser-v1"])
+
+
 def test_what_cannot_be_read_is_told_on_the_page(browser, result, tmp_path):
     path, clip = result
     cut_off = tmp_path / "cut_off.npz"

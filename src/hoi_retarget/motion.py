@@ -190,7 +190,9 @@ def load(path: Path) -> Motion:
     try:
         content = path.read_bytes()
     except FileNotFoundError as error:
-        raise ReadError(f"{path}: there is no such file.") from error
+        raise ReadError(f"{path}: there is no such file. Check the path.") from error
+    except IsADirectoryError as error:
+        raise ReadError(f"{path}: this is a folder. Name the results in it, such as {path}/*.npz.") from error
     except OSError as error:
         raise ReadError(f"{path}: cannot be read ({error.strerror or error}).") from error
     try:

@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 from math import isfinite
 from pathlib import Path
@@ -25,6 +26,7 @@ from hoi_retarget.viewers.drawing import Scene
 from hoi_retarget.viewers.makers_meshes import menagerie_meshes
 from hoi_retarget.viewers.robot_picture import png
 from hoi_retarget.viewers.scene import Shown
+from hoi_retarget.viewers.titles import titles_of
 
 _SHEET_FRAMES = 6  # Of a contact sheet, where nothing else is asked for.
 _PANEL = {".mp4": (640, 720), ".gif": (320, 360), ".png": (640, 720)}  # By kind of file: width, height [px].
@@ -37,7 +39,7 @@ _GIF_RATE, _VIDEO_RATE = 15.0, 60.0  # The most pictures a second, where nothing
 def execute(command: Render) -> int:
     """Draw the results into one file."""
     kind = _check(command)
-    shown = [_shown(path, command) for path in command.results]
+    shown = _titled(command.results, [_shown(path, command) for path in command.results])
     filmed = film.panels(shown, command.only)
     azimuth = film.good_azimuth(shown) if command.azimuth == "auto" else command.azimuth
     distance = None if command.distance == "auto" else command.distance
@@ -78,6 +80,12 @@ def _check_numbers(command: Render) -> None:
     for option, value in (("--azimuth", command.azimuth), ("--elevation", command.elevation)):
         if isinstance(value, int | float) and not isfinite(value):
             raise ArgumentError(f"{option} {value}: it must be a number of degrees.")
+
+
+def _titled(results: Sequence[Path], shown: Sequence[Shown]) -> list[Shown]:
+    motions = [item.motion for item in shown if item.motion is not None]
+    titles = titles_of(list(zip(results, motions, strict=True)))
+    return [replace(item, title=title) for item, title in zip(shown, titles, strict=True)]
 
 
 def _shown(path: Path, command: Render) -> Shown:

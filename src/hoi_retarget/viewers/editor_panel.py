@@ -35,6 +35,7 @@ _FIGURES = (
     "body_jerk_max_mps3",
     "stance_slide_mps",
 )
+_DIGITS = 4  # Of a point's coordinates [m], as they are shown.
 _TABLE_STYLE = "font-size:12px;width:100%;text-align:right;border-spacing:0 1px"
 
 
@@ -117,7 +118,7 @@ class EditorPanel:
         if chosen is not None:
             point = chosen.points.mean(axis=0)
             self._frames.value = (chosen.start, chosen.stop - 1)
-            self._point.value = tuple(np.round(point, 4).tolist())
+            self._point.value = tuple(np.round(point, _DIGITS).tolist())
         self._figures.content = _figures_html(recorded, before or recorded, edited)
 
     def _show_rows(self, edited: Edited, chosen: Segment | None) -> None:
@@ -216,7 +217,9 @@ class EditorPanel:
 
 
 def _moved_to(segment: Segment, point: Float[np.ndarray, "3"]) -> Edit:
-    offset = point - segment.points.mean(axis=0)
+    middle = segment.points.mean(axis=0)
+    # What was shown rounded, and not typed over, stays.
+    offset = np.where(point == np.round(middle, _DIGITS), 0.0, np.round(point - middle, _DIGITS + 2))
     return Move(segment.part, segment.start, tuple(offset.tolist()), segment.person)
 
 

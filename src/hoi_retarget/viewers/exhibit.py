@@ -1,7 +1,7 @@
 """Result files to what a page shows of them: each on its own, so that one that is damaged hides no other."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from hoi_retarget.viewers.curve_chart import TITLES_HEIGHT_PX, chart_html
 from hoi_retarget.viewers.curves import curves_of
 from hoi_retarget.viewers.drawing import Scene
 from hoi_retarget.viewers.scene import Shown, make_scene
+from hoi_retarget.viewers.titles import titles_of
 
 _TABLE_STYLE = """<style>
 .figures td, .figures th { padding: 1px 10px 1px 0; font-size: 12px; text-align: right; }
@@ -48,14 +49,18 @@ def load_exhibit(results: Sequence[Path], find_clip: Callable[..., Clip] = clip_
         find_clip: Returns the clip that a motion was made from; raises `HoiRetargetError` where it is not to be had,
             and the robot is then shown alone.
     """
-    shown: list[Shown] = []
+    shown: dict[Path, Shown] = {}
     notices: list[str] = []
     for path in results:
         try:
-            shown.append(_shown(path, find_clip, notices))
+            shown[path] = _shown(path, find_clip, notices)
         except HoiRetargetError as error:
             notices.append(str(error))
-    return exhibit_of(shown, tuple(notices)) if shown else Exhibit(None, notices=tuple(notices))
+    if not shown:
+        return Exhibit(None, notices=tuple(notices))
+    titles = titles_of([(path, item.motion) for path, item in shown.items() if item.motion is not None])
+    titled = [replace(item, title=title) for item, title in zip(shown.values(), titles, strict=True)]
+    return exhibit_of(titled, tuple(notices))
 
 
 def exhibit_of(shown: Sequence[Shown], notices: tuple[str, ...] = ()) -> Exhibit:

@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 import viser
+from jaxtyping import Bool, Float
 
 from hoi_retarget.viewers.clock import Clock
 from hoi_retarget.viewers.curve_chart import LEFT_INSET_PX, RIGHT_INSET_PX
@@ -25,7 +26,8 @@ CURVES_HEIGHT_PX = 245
 _CONTROLS_WIDTH_PX, _PANEL_MARGIN_PX = 320, 15
 _PANEL_HEAD_PX = 60  # Of the curves' panel, with its margin.
 _VIEW = np.array([0.55, -0.8, 0.24]) / np.linalg.norm([0.55, -0.8, 0.24])  # Towards the camera.
-_ROOM = 0.3  # Around what is looked at [m].
+_ROOM = 0.15  # Around what is looked at [m].
+_SAMPLES = 12  # Frames that the camera is placed by.
 _GREY = (205, 210, 216)
 _Key = Literal["arrowright", "arrowleft", "home", "end"]
 
@@ -122,12 +124,8 @@ class Player:
 
     def _follow_centre(self, frame: int) -> None:
         """Move the world under the camera, which stays the user's."""
-        if self._follow.value:
-            subject = self._scene.subjects[0]
-            centre = subject.centre[self._scene.frame_of(subject, frame)] - subject.centre[0]
-            self._world.position = (-centre[0], -centre[1], 0.0)
-        else:
-            self._world.position = (0.0, 0.0, 0.0)
+        way = _way(self._scene, frame) if self._follow.value else np.zeros(3)
+        self._world.position = -way
 
     def _set(self, change: Callable[[Clock, float], Clock]) -> None:
         with self._changed:
@@ -274,15 +272,8 @@ def _add_floor(api: viser.SceneApi) -> None:
 
 
 def _place_camera(client: viser.ClientHandle, scene: Scene, exhibit: Exhibit, left_px: int) -> None:
-    """Look at everything that is there in the first frame, so that it fills what the panels leave free."""
-    places = [
-        part.positions[0]
-        for subject in scene.subjects
-        for layer in subject.layers
-        for part in layer.parts
-        if isinstance(part, Shapes) and layer.shown
-    ]
-    everything = np.concatenate([*places, [subject.centre[0] for subject in scene.subjects]])
+    """Look at everything that will be there, so that it fills what the panels leave free."""
+    everything = _everything(scene)
     right = np.cross(-_VIEW, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(right, -_VIEW)])
@@ -291,7 +282,33 @@ def _place_camera(client: viser.ClientHandle, scene: Scene, exhibit: Exhibit, le
     height = client.camera.image_height
     free = np.array([client.camera.image_width - left_px - _CONTROLS_WIDTH_PX, height - covered])
     metres_a_pixel = float(np.max((high - low) / np.maximum(free, 100)))
-    middle = 0.5 * (everything.min(axis=0) + everything.max(axis=0))
+    middle = 0.5 * (low + high) @ axes + 0.5 * (np.min(everything @ _VIEW) + np.max(everything @ _VIEW)) * _VIEW
     look_at = middle - 0.5 * covered * metres_a_pixel * axes[1]
-    client.camera.position = look_at + 0.5 * height * metres_a_pixel / np.tan(0.5 * client.camera.fov) * _VIEW
+    # What is nearer than the middle looks larger.
+    distance = 0.5 * height * metres_a_pixel / np.tan(0.5 * client.camera.fov) + 0.5 * np.ptp(everything @ _VIEW)
+    client.camera.position = look_at + distance * _VIEW
     client.camera.look_at = look_at
+
+
+def _everything(scene: Scene) -> Float[np.ndarray, "P 3"]:
+    """Return where all that is shown is in some frames [m], as a camera sees it that follows."""
+    found = []
+    for frame in np.linspace(0, scene.frames - 1, _SAMPLES).astype(int).tolist():
+        for subject in scene.subjects:
+            own = scene.frame_of(subject, frame)
+            shapes = [
+                part for layer in subject.layers if layer.shown for part in layer.parts if isinstance(part, Shapes)
+            ]
+            places = [part.positions[own][_there(part, own)] for part in shapes]
+            found.append(np.concatenate([subject.centre[own : own + 1], *places]) - _way(scene, frame))
+    return np.concatenate(found)
+
+
+def _there(shapes: Shapes, frame: int) -> Bool[np.ndarray, "N"]:
+    return np.ones(len(shapes.sizes), dtype=bool) if shapes.visible is None else shapes.visible[frame]
+
+
+def _way(scene: Scene, frame: int) -> Float[np.ndarray, "3"]:
+    """Return how far the subjects have come since the first frame, on average [m]: over the floor."""
+    ways = [subject.centre[scene.frame_of(subject, frame)] - subject.centre[0] for subject in scene.subjects]
+    return np.mean(ways, axis=0) * [1.0, 1.0, 0.0]

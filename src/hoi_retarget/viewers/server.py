@@ -1,24 +1,31 @@
 """A Viser server that only this machine reaches, unless told otherwise, and that hands nothing on."""
 
 import io
+import re
 import socket
 import warnings
-from contextlib import redirect_stdout, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
+from functools import partial
 from typing import Any
 
 import viser
+import websockets.asyncio.server
 
 from hoi_retarget.errors import ArgumentError
 
+_LOOPBACK = ("127.0.0.1", "localhost", "::1")
+# Programs other than browsers send no origin.
+_OWN_ORIGINS = [None, re.compile(r"http://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?")]
 FIRST_PORT, LARGEST_PORT = 8080, 65535  # Taken ports are passed over.
 
 
 class _LocalServer(viser.ViserServer):
     """Viser's server without its tunnel, which any page it serves could ask it to open, and without its prints."""
 
-    def __init__(self, **settings: Any) -> None:
-        with redirect_stdout(io.StringIO()):
-            super().__init__(**settings)
+    def __init__(self, *, host: str, **settings: Any) -> None:
+        with redirect_stdout(io.StringIO()), _own_pages_only(host):
+            super().__init__(host=host, **settings)
 
     def request_share_url(self, verbose: bool = True) -> None:
         return None
@@ -39,7 +46,7 @@ def open_server(title: str, *, host: str = "127.0.0.1", port: int | None = None)
     Raises:
         ArgumentError: The port is taken, or the machine does not have this address.
     """
-    _check_address(host, 0 if port is None else port)
+    _check_address(host, port)
     # A browser that goes while a frame is drawn for it is no mistake.
     warnings.filterwarnings("ignore", message="Queued a .* on a closed connection", category=UserWarning)
     server = _LocalServer(host=host, port=FIRST_PORT if port is None else port, label=title, verbose=False)
@@ -54,20 +61,38 @@ def open_server(title: str, *, host: str = "127.0.0.1", port: int | None = None)
 def address(server: viser.ViserServer) -> str:
     """Return the address to open in a browser."""
     host = server.get_host()
-    return f"http://{'localhost' if host in ('0.0.0.0', '127.0.0.1', '::') else host}:{server.get_port()}"
+    name = "localhost" if host in (*_LOOPBACK[:2], "0.0.0.0", "::") else f"[{host}]" if ":" in host else host
+    return f"http://{name}:{server.get_port()}"
 
 
-def _check_address(host: str, port: int) -> None:
-    if not 0 <= port <= LARGEST_PORT:
+@contextmanager
+def _own_pages_only(host: str) -> Iterator[None]:
+    """Let a server that only this machine reaches listen to its own pages alone.
+
+    Any page of the internet, open in the same browser, could otherwise connect to it, read what it shows and press
+    its buttons. Viser has no setting for it; what it calls to listen has.
+    """
+    listen = websockets.asyncio.server.serve
+    if host in _LOOPBACK:
+        websockets.asyncio.server.serve = partial(listen, origins=_OWN_ORIGINS)
+    try:
+        yield
+    finally:
+        websockets.asyncio.server.serve = listen
+
+
+def _check_address(host: str, port: int | None) -> None:
+    if port is not None and not 1 <= port <= LARGEST_PORT:
         raise ArgumentError(f"--port {port}: ports go from 1 to {LARGEST_PORT}.")
     try:
-        kind, _, _, _, where = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        kind, _, _, _, where = socket.getaddrinfo(host, port or 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(kind, socket.SOCK_STREAM) as probe:
             with suppress(OSError):
                 probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind(where)
     except OSError as error:
+        asked = f"--host {host}" + ("" if port is None else f" --port {port}")
+        advice = "--port away to take a free one" if port else "--host away to listen to this machine alone"
         raise ArgumentError(
-            f"--host {host}{f' --port {port}' if port else ''}: cannot listen there ({error.strerror or error}). "
-            "Leave --port away to take a free one."
+            f"{asked}: cannot listen there ({error.strerror or error}). Leave {advice}."
         ) from error
