@@ -38,6 +38,8 @@ def read_clip(path: Path, *, objects: Path | None = None, object_name: str | Non
         ArgumentError: The object's name is given, although the file tells it.
     """
     if path.suffix.lower() not in SUFFIXES:
+        if path.is_dir():
+            raise ReadError(f"{path}: this is a folder. Name a clip in it.")
         supported = ", ".join(f"*{suffix} ({', '.join(names)})" for suffix, names in SUFFIXES.items())
         raise ReadError(f"{path}: files of type {path.suffix or 'without suffix'!r} are not supported: {supported}.")
     content = read_bytes(path)
