@@ -10,10 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget import se3
+from hoi_retarget.cli import main
 from hoi_retarget.clip import Clip, ObjectTrack
 from hoi_retarget.errors import ClipError
 from hoi_retarget.readers import own_layout, read_clip
 from hoi_retarget.readers.grasp_check import checked, fatal_fault, grasp_faults, grasp_figures
+from hoi_retarget.readers.inspection import inspect
 from hoi_retarget.synthetic import SCENES, make
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
@@ -122,6 +124,17 @@ def test_clips_that_are_shorter_than_the_shifts_pass(frames):
     figures = grasp_figures(replace(clip, contacts=always))
     assert figures.frames == (2 * frames if frames >= 10 else 0)
     assert not fatal_fault(figures)
+
+
+def test_doubts_are_shown_where_clips_are_looked_at(tmp_path, capsys):
+    own_layout.write(shifted(make("carry_box"), 30), tmp_path / "late.npz")
+    own_layout.write(moved(make("carry_box"), ROTATIONS["inverse"]), tmp_path / "inverse.npz")
+    assert any("earlier" in doubt for doubt in inspect(tmp_path / "late.npz").warnings)
+    facts = inspect(tmp_path / "inverse.npz")
+    assert "rotations are read wrongly" in facts.problems[0]
+    assert not facts.command
+    assert main(["run", str(tmp_path / "late.npz"), "--out", str(tmp_path / "out")]) == 0
+    assert "warning: late.npz: Contacts fit better" in capsys.readouterr().err
 
 
 def test_clips_without_contacts_pass():

@@ -9,13 +9,14 @@ from typing import Any
 from hoi_retarget.cli.commands import Run
 from hoi_retarget.cli.figures import show_figures
 from hoi_retarget.cli.jobs import check_spared, check_writable, config_of, describe_result, score
-from hoi_retarget.cli.terminal import Working, fail, say
+from hoi_retarget.cli.terminal import Working, fail, say, warn
 from hoi_retarget.clip import Clip
 from hoi_retarget.contact_edits import apply, load
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.metrics import Score
 from hoi_retarget.motion import Motion
 from hoi_retarget.pipeline import Config
+from hoi_retarget.readers.grasp_check import grasp_faults, grasp_figures
 from hoi_retarget.readers.objects import known_objects
 from hoi_retarget.recordings import open_clip, result_stem
 from hoi_retarget.results import converged, result_paths, retarget_people, write
@@ -64,11 +65,14 @@ def _run_clip(path: Path, command: Run, model: RobotModel, config: Config, worki
     """Retarget all people of one clip, then write their results; return what is where."""
     start = time.process_time()
     clip = open_clip(path, objects=command.objects, object_name=command.object_name)
+    doubts = grasp_faults(grasp_figures(clip))
     if command.edits is not None:
         clip = apply(clip, load(command.edits))
     read_seconds = time.process_time() - start
     with working.aside():
         _describe_clip(path, clip)
+        for doubt in doubts:
+            warn(f"{path.name}: {doubt}")
     motions = retarget_people(clip, model, config, {"command": _settings(command, path)})
     paths = result_paths(clip, result_stem(path), command.out)
     motions = write(motions, paths, read_seconds=read_seconds)

@@ -15,8 +15,9 @@ from jaxtyping import Bool, Float
 
 from hoi_retarget import motion, se3
 from hoi_retarget.clip import ObjectTrack, Person
-from hoi_retarget.errors import ClipError, GeometryError, ReadError
-from hoi_retarget.readers import READERS, intermimic, intermimic_objects, own_layout
+from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, ReadError
+from hoi_retarget.readers import READERS, intermimic, intermimic_objects, own_layout, read_clip
+from hoi_retarget.readers.grasp_check import grasp_faults, grasp_figures
 from hoi_retarget.readers.intermimic_objects import geometry_of
 from hoi_retarget.readers.objects import NUMPY_ERRORS
 from hoi_retarget.readers.torch_file import parse_torch, read_bytes
@@ -122,6 +123,23 @@ def inspect(path: Path, objects: Path | None = None, object_name: str | None = N
     Raises:
         ReadError: The file is missing or damaged.
     """
+    facts = _described(path, objects, object_name)
+    if facts.format not in READERS or facts.problems or facts.missing:
+        return facts
+    # All is there: what only the whole clip shows is asked too.
+    try:
+        figures = grasp_figures(read_clip(path, objects=objects, object_name=object_name))
+    except (ClipError, ReadError, GeometryError, ArgumentError) as error:
+        return replace(facts, problems=(str(error),), command="")
+    doubts = grasp_faults(figures)
+    return replace(
+        facts,
+        warnings=(*facts.warnings, *doubts),
+        notes=tuple(note for note in facts.notes if note not in doubts),
+    )
+
+
+def _described(path: Path, objects: Path | None, object_name: str | None) -> Inspection:
     content = read_bytes(path)
     if path.suffix.lower() == ".npz":
         own = own_layout.holds(content)
