@@ -144,11 +144,22 @@ def test_a_hand_that_comes_down_on_a_plate_touches_exactly_while_it_is_near(touc
 # Distances
 
 
-def test_distances_are_those_of_all_spheres_to_all_triangles():
+def soup() -> ObjectGeometry:
+    """Triangles of all sizes about where the box is."""
+    rng = np.random.default_rng(0)
+    corners = rng.normal(size=(60, 1, 3)) * 0.25 + 10.0 ** rng.uniform(-2.5, -0.5, (60, 1, 1)) * rng.normal(
+        size=(60, 3, 3)
+    )
+    return ObjectGeometry(corners.reshape(-1, 3), faces=np.arange(180).reshape(-1, 3))
+
+
+@pytest.mark.parametrize("other", [None, soup()])
+def test_distances_are_those_of_all_spheres_to_all_triangles(other):
     person, track = clip().people[0], clip().objects[0]
+    track = track if other is None else replace(track, geometry=other)
     mesh = surface_of(track.geometry)
-    frames = np.arange(0, clip().frames, 9)
-    for item in nearness(clip()):
+    frames = np.arange(0, clip().frames, 3)
+    for item in nearness(replace(clip(), objects=(track,))):
         balls = spheres(person, PART_CAPSULES[item.part])
         middles = se3.rotate_inverse(track.quats[:, None], balls.middles - track.positions[:, None])[frames]
         naive = (mesh.distances(middles.reshape(-1, 3)).reshape(len(frames), -1) - balls.radii).min(axis=1)
@@ -225,6 +236,17 @@ def test_no_gap_and_no_contact_is_shorter_than_asked_for(seed, gap, shortest):
     (bare,) = touching(clip(), [noisy], Proximity(gap=0.0, shortest=0.0, speed=1e6))
     for first, stop in runs(bare):
         assert (noisy.distances[first:stop] < rule.touch).any(), "hysteresis begins with a touch"
+
+
+@pytest.mark.parametrize(("pause", "closed"), [(1, True), (3, True), (4, False)])
+def test_interruptions_up_to_the_gap_are_closed(pause, closed):
+    item = nearness(clip())[0]
+    away = np.zeros(clip().frames)
+    away[10 : 10 + pause] = 0.05
+    rule = Proximity(gap=3 / FPS, speed=1e6)
+    (active,) = touching(clip(), [replace(item, distances=away)], rule)
+    assert active[10 : 10 + pause].all() == closed
+    assert active[:10].all() and active[10 + pause :].all()
 
 
 def test_a_hand_that_passes_by_fast_does_not_touch():
