@@ -300,7 +300,7 @@ def refusal(path, data: bytes) -> str:
 def test_missing_files_and_folders_are_named(tmp_path):
     with pytest.raises(ReadError, match=r"gone\.npz: there is no such file"):
         load(tmp_path / "gone.npz")
-    with pytest.raises(ReadError, match="cannot be read"):
+    with pytest.raises(ReadError, match="this is a folder"):
         load(tmp_path)
 
 
