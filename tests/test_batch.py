@@ -28,6 +28,7 @@ from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, Writ
 from hoi_retarget.metrics import Figures
 from hoi_retarget.motion import Motion, load
 from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.readers import own_layout
 from hoi_retarget.recordings import clip_of, open_clip
 from hoi_retarget.results import with_report
 from hoi_retarget.robots import ROBOTS
@@ -273,6 +274,22 @@ def test_what_changed_is_made_again_and_nothing_else(quick, columns):
     assert names(batch(mirrored=(False, True))) == [f"{one}-mirrored", f"{two}-mirrored"]
 
 
+def test_a_mesh_beside_a_clip_counts_as_the_clip_does(quick):
+    own_layout.write(open_clip("clips/sub1_box_000.pt", objects=Path("clips/objects")), Path("clips/own.npz"))
+    only = {"clips": ("own.npz",), "objects": None, "mirrored": (True,)}
+    batch(**only)
+    assert names(batch(**only)) == []
+    mesh = Path("clips/objects/box/box.obj")
+    content = mesh.read_bytes()
+    mesh.unlink()
+    assert names(batch(**only)) == ["unitree_g1/own-mirrored"]
+    assert names(batch(**only)) == []
+    mesh.write_bytes(content)
+    assert names(batch(**only)) == ["unitree_g1/own-mirrored"], "a clip whose mesh was missing"
+    write_box(quick / "clips" / "objects", "box", half_size=0.19)
+    assert names(batch(**only)) == ["unitree_g1/own-mirrored"], "another mesh"
+
+
 def test_another_program_or_robot_makes_all_again(quick, monkeypatch):
     batch()
     monkeypatch.setattr("hoi_retarget.batch.content.__version__", "99")
@@ -400,6 +417,35 @@ def test_what_a_crash_left_is_removed(quick):
 
 def entry_of(name: str, **changes) -> Entry:
     return Entry(name, "failed", "unitree_g1", {"path": name}, {}, {}, reason="ü\n\u2028", **changes)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"name": ["a"]},
+        {"name": 5},
+        {"source": []},
+        {"source": {"objects": 5}},
+        {"source": {"objects": ["\0"]}},
+        {"seconds": float("nan")},
+        {"time_limit": "long"},
+        {"frames": None},
+        {"results": [1]},
+        {"results": [{}]},
+        {"results": [{"path": "../clips/sub1_box_000.pt", "sha256": ""}]},
+        {"results": [{"path": "/clips/sub1_box_000.pt", "sha256": ""}]},
+        {"results": [{"path": "a\0", "sha256": ""}]},
+    ],
+)
+def test_a_foreign_manifest_costs_no_batch_and_no_file_elsewhere(quick, changes):
+    batch()
+    lines = (OUT / MANIFEST).read_text().splitlines()
+    content = {path: path.read_bytes() for path in Path("clips").rglob("*.pt")}
+    foreign = {**json.loads(lines[0]), "key": "another", **changes}
+    (OUT / MANIFEST).write_text("\n".join([lines[1], json.dumps(foreign)]))
+    batch()
+    assert names(batch()) == []
+    assert content == {path: path.read_bytes() for path in Path("clips").rglob("*.pt")}
 
 
 @settings(max_examples=15, deadline=None)

@@ -10,6 +10,7 @@ from pathlib import Path
 from hoi_retarget import __version__
 from hoi_retarget.batch.jobs import Job
 from hoi_retarget.readers.objects import geometry_files, known_objects
+from hoi_retarget.readers.own_layout import mesh_files
 from hoi_retarget.recordings import builtin_scene
 from hoi_retarget.robots import robot
 
@@ -19,6 +20,7 @@ class Contents:
 
     def __init__(self) -> None:
         self.of_file = cache(digest_of_file)
+        self._of_recording = cache(self._digests_of_recording)
         self._of_robot = cache(_digest_of_robot)
         self._of_object = cache(self._digest_of_object)
         self._known_objects = cache(known_objects)
@@ -34,7 +36,7 @@ class Contents:
         names = self._objects(folder) if objects is None else objects
         parts = {
             "version": __version__,
-            "clip": job.clip if builtin_scene(job.clip) is not None else self.of_file(Path(job.clip)),
+            "clip": job.clip if builtin_scene(job.clip) is not None else self._of_recording(Path(job.clip)),
             "objects": {name: self._of_object(folder, name) for name in names} if folder else {},
             "object_name": job.object_name,
             "edits": self.of_file(job.edits) if job.edits else "",
@@ -50,6 +52,10 @@ class Contents:
         except OSError:
             return ()
 
+    def _digests_of_recording(self, path: Path) -> list[str]:
+        meshes = mesh_files(path) if path.suffix.lower() == ".npz" else ()
+        return [self.of_file(file) for file in (path, *meshes)]
+
     def _digest_of_object(self, folder: Path, name: str) -> list[str]:
         return [self.of_file(path) for path in geometry_files(folder, name)]
 
@@ -59,7 +65,7 @@ def digest_of_file(path: Path) -> str:
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
+    except (OSError, ValueError) as error:  # A name may hold what no path can.
         return type(error).__name__
 
 

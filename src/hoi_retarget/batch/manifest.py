@@ -9,7 +9,7 @@ import json
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from types import TracebackType
 from typing import Any
 
@@ -136,14 +136,45 @@ def _line(entry: Entry) -> bytes:
 
 
 def _entry(line: bytes) -> Entry | None:
-    """Return what a line says; None where it is torn or of another version."""
+    """Return what a line says; None where it is torn, of another version, or not of a batch."""
     try:
-        values = json.loads(line)
+        values = json.loads(line, parse_constant=_refused)
         known: dict[str, Any] = {key: values[key] for key in _KEYS}
-        entry = Entry(**{**known, "results": tuple(known["results"])})
+        if not _is_sound(known):
+            return None
+        return Entry(**{**known, "results": tuple(known["results"])})
     except (ValueError, KeyError, TypeError, RecursionError):
         return None
-    return entry if entry.status in STATUSES else None
+
+
+def _refused(constant: str) -> float:
+    raise ValueError(f"{constant} is not JSON")
+
+
+def _is_sound(values: Mapping[str, Any]) -> bool:
+    """Return whether values have the types of an entry, and results are in the folder: outdated ones are removed."""
+    objects = values["source"].get("objects") if isinstance(values["source"], dict) else ()
+    return (
+        all(isinstance(values[key], kinds) for key, kinds in _KINDS.items())
+        and values["status"] in STATUSES
+        and (objects is None or (isinstance(objects, list) and all(isinstance(name, str) for name in objects)))
+        and all(_is_inside(result["path"]) and isinstance(result["sha256"], str) for result in values["results"])
+    )
+
+
+def _is_inside(path: str) -> bool:
+    way = PurePosixPath(path)
+    return not way.is_absolute() and ".." not in way.parts and "\0" not in path
 
 
 _KEYS = tuple(field.name for field in fields(Entry))
+_KINDS: Mapping[str, Any] = {
+    **dict.fromkeys(("name", "status", "robot", "verdict", "reason", "error", "key"), str),
+    **dict.fromkeys(("source", "scales", "lineage"), dict),
+    **dict.fromkeys(("fps", "seconds"), int | float),
+    "frame": int | None,
+    "frames": int,
+    "time_limit": int | float | None,
+    "results": list,
+}
+"""Of what type the value of each key is."""

@@ -8,6 +8,7 @@ points are the parts' own points where none are given. Nothing else is made up.
 import difflib
 import hashlib
 import io
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -43,6 +44,8 @@ FLOOR_TOLERANCE = 0.3
 
 _FINGERS_NOTE = "The clip has no fingers; they are straight, of a length that follows the forearm's."
 _POINTS_NOTE = "Contact points are where the parts are, as the clip names none."
+
+_MESH = re.compile(r"object_\d+_mesh")
 
 # Kinds of numpy arrays by what they mean.
 _NUMBERS, _INTEGERS, _TEXT, _FLAGS = "fiu", "iu", "U", "b"
@@ -108,6 +111,16 @@ def clip_of(path: Path, content: bytes, *, objects: Path | None = None, object_n
     for person in people:
         check_person(path, person)
     return clip
+
+
+def mesh_files(path: Path) -> tuple[Path, ...]:
+    """Return the mesh files that the clip in `path` names, whether there or not; none where it cannot be read."""
+    try:
+        members = npz.members(path.read_bytes())
+        arrays = _Arrays(path, members)
+        return tuple(_mesh_file(arrays, name) for name in sorted(members) if _MESH.fullmatch(name))
+    except (OSError, ValueError, ClipError):
+        return ()
 
 
 def write(clip: Clip, path: Path) -> None:
