@@ -93,6 +93,4 @@ def _check_address(host: str, port: int | None) -> None:
     except OSError as error:
         asked = f"--host {host}" + ("" if port is None else f" --port {port}")
         advice = "--port away to take a free one" if port else "--host away to listen to this machine alone"
-        raise ArgumentError(
-            f"{asked}: cannot listen there ({error.strerror or error}). Leave {advice}."
-        ) from error
+        raise ArgumentError(f"{asked}: cannot listen there ({error.strerror or error}). Leave {advice}.") from error
