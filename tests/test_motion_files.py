@@ -1,7 +1,9 @@
 """The readers of robot motions: what is written is read, and whatever is wrong is one clear error."""
 
+import json
 import os
 import pickle
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -120,6 +122,37 @@ def test_arrays_of_objects_in_npz_are_refused(tmp_path):
     path = tmp_path / "evil.npz"
     np.savez(path, qpos=np.array([1, "a"], dtype=object))
     refused(path, "refused: qpos holds Python objects")
+
+
+@pytest.mark.parametrize(("sizes", "kind"), [((0, 1 << 39, 1 << 39), b"f8"), ((1 << 39,), b"U0")])
+def test_arrays_without_bytes_claim_no_memory(sizes, kind):
+    written = b"(" + b"".join(b"\x8a\x08" + size.to_bytes(8, "little") for size in sizes) + b"t"
+    named = b"cnumpy\ndtype\nU\x02" + kind + b"\x85R"
+    array = b"cnumpy.core.multiarray\n_reconstruct\ncnumpy\nndarray\n\x85R(K\x01" + written + named + b"\x89C\x00tb"
+    with pytest.raises(ReadError, match=r"motion\.pkl: .*an array of shape"):
+        parse_pickle(b"\x80\x03" + array + b".", PLAIN)
+
+
+def test_texts_without_letters_claim_no_memory(tmp_path):
+    header = b"{'descr': '<U0', 'fortran_order': False, 'shape': (549755813888,), }\n"
+    path = tmp_path / "names.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("joint_names.npy", b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header)
+    with pytest.raises(ReadError, match=r"names\.npz.*joint_names"):
+        read_npz(path)
+
+
+def test_a_rate_beyond_all_numbers_is_refused(tmp_path):
+    path = small("gmr", tmp_path)
+    values = pickle.loads(path.read_bytes())
+    path.write_bytes(pickle.dumps({**values, "fps": 10**37}))
+    refused(path, "its rate is 1e+37")
+    (folder := tmp_path / "folder").mkdir()
+    path = writers.write("hdmi", folder)
+    meta = json.loads((path / "meta.json").read_text())
+    (path / "meta.json").write_text(json.dumps({**meta, "fps": 10**400}))
+    with pytest.raises(ReadError, match="'fps' is not one number"):
+        read(path)
 
 
 def test_missing_and_unknown_files(tmp_path):

@@ -51,6 +51,8 @@ def array(name: str, content: bytes, kinds: str) -> np.ndarray:
         values = np.ndarray(shape, header["dtype"].decode(), content, header.end(), order=order)
     except (TypeError, OverflowError) as error:
         raise ValueError(f"{name}: {error}") from error
+    if values.size > len(content):  # Texts of no letters take no bytes.
+        raise ValueError(f"{name} has shape {shape} in {len(content)} bytes")
     if values.dtype.kind == "U":
         values.tobytes().decode("utf-32-le")
     return values

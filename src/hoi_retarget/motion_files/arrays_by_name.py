@@ -11,6 +11,7 @@ from hoi_retarget.errors import ReadError
 from hoi_retarget.readers.torch_file import read_bytes
 
 _KINDS = "biufU"
+_BEYOND_RATES = 1e300  # A whole number may be too large for a float.
 Arrays = Mapping[str, np.ndarray]
 
 
@@ -67,7 +68,7 @@ def rate(path: Path, values: Mapping[str, Any], name: str = "fps") -> float | No
         return None
     if isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and value.size == 1:
         return float(value.reshape(()))
-    if isinstance(value, int | float) and not isinstance(value, bool):
+    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < _BEYOND_RATES:
         return float(value)
     raise ReadError(f"{path}: '{name}' is not one number. Make the file again.")
 

@@ -20,6 +20,7 @@ from hoi_retarget.readers.torch_file import read_bytes
 MAXIMUM_SIZE = 1 << 32
 """Bytes that a compressed file may unpack to."""
 _KINDS = "biufU"
+_MAXIMUM_EMPTY = 1 << 20  # Elements along the sizes that are not zero of an array without bytes.
 _ADVICE = (
     "Save it again as plain numbers, strings, lists, dictionaries and numpy arrays of numbers, or download it again."
 )
@@ -131,6 +132,9 @@ def _array_of(raw: bytes, kind: Any, shape: Any, fortran: bool) -> np.ndarray:
     if len(raw) != math.prod(shape) * dtype.itemsize or len(shape) > 8:
         raise damaged(f"an array of shape {shape} and type {dtype} cannot have {len(raw)} bytes")
     if not raw:
+        # Sizes that no bytes pay for.
+        if math.prod(max(1, size) for size in shape) > _MAXIMUM_EMPTY:
+            raise damaged(f"an array of shape {shape} and type {dtype} has no bytes")
         return np.zeros(shape, dtype=dtype.newbyteorder("="))
     array = np.frombuffer(raw, dtype=dtype).reshape(shape, order="F" if fortran else "C")
     if dtype.kind == "U":
