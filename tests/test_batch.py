@@ -22,7 +22,7 @@ from hoi_retarget.batch.run import run_batch
 from hoi_retarget.batch.specification import Specification, of_folder, read_specification
 from hoi_retarget.batch.work import do
 from hoi_retarget.cli import main
-from hoi_retarget.clip import Augmentation
+from hoi_retarget.clip import Augmentation, ObjectGeometry, ObjectTrack
 from hoi_retarget.contact_edits import ContactEdits, FixAll, save
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, WriteError
 from hoi_retarget.metrics import Figures
@@ -203,6 +203,7 @@ speeds = [2]
         ('clips = ["a"]\nmirrored = [1]', ReadError, "true and false"),
         ('clips = ["a"]\nobjects = 3', ReadError, "expected a text"),
         ("clips = []", ArgumentError, "clips is empty"),
+        (f'clips = ["a"]\nspeeds = [{10**400}]', ReadError, "expected numbers"),
         ('clips = ["a"]\nspeeds = [1, 1.0]', ArgumentError, "the same twice"),
         ('clips = ["a"]\nspeeds = [0]', ArgumentError, "speed is 0"),
         ('clips = ["a"]\nsize_multipliers = [-1]', ArgumentError, "size-multiplier"),
@@ -412,6 +413,40 @@ def test_what_a_crash_left_is_removed(quick):
     batch()
 
 
+def test_no_result_is_written_over_a_recording(quick):
+    clip = open_clip("clips/sub1_box_000.pt", objects=Path("clips/objects"))
+    recording = OUT / "unitree_g1" / "own.npz"
+    own_layout.write(replace(clip, objects=tuple(map(_without_mesh, clip.objects))), recording)
+    content = recording.read_bytes()
+    with pytest.raises(ArgumentError, match=r"own\.npz: this is a recording"):
+        batch(clips=("unitree_g1/own.npz",), folder=OUT)
+    assert recording.read_bytes() == content
+
+
+def _without_mesh(track: ObjectTrack) -> ObjectTrack:
+    return replace(track, geometry=ObjectGeometry(track.geometry.points))
+
+
+@pytest.mark.parametrize(
+    ("clip", "match"),
+    [
+        ("clips/**.pt", "no pattern"),
+        ("*/../../clips/*.pt", "no pattern"),
+        (300 * "a", "cannot be looked for"),
+    ],
+)
+def test_what_cannot_name_clips_is_told_of(quick, clip, match):
+    with pytest.raises(ArgumentError, match=match):
+        jobs_of(Specification((clip,)))
+
+
+def test_a_name_that_leaves_no_room_for_that_of_its_edits_has_none(quick, columns):
+    name = 250 * "a"
+    Path(f"clips/{name}.pt").write_bytes(torch_bytes(columns))
+    jobs = jobs_of(Specification((f"clips/{name}.pt",), edits=Path("clips")))
+    assert [job.edits for job in jobs] == [None]
+
+
 # the manifest
 
 
@@ -488,6 +523,8 @@ def test_a_closed_manifest_has_a_line_for_each_job_in_the_order_asked_for(tmp_pa
         (["gone.toml"], 1, "no such file"),
         (["clips", "--workers", "0"], 2, "--workers is 0"),
         (["clips", "--time-limit", "-1"], 2, "--time-limit is -1"),
+        (["clips", "--time-limit", "inf"], 2, "--time-limit is inf"),
+        (["clips", "--memory-limit", "inf"], 2, "--memory-limit is inf"),
         (["clips", "--address", "here"], 2, "--engine ray"),
         (["set.toml", "--objects", "clips/objects"], 2, "for a folder of clips"),
         (["clips/objects"], 2, "there are no clips"),

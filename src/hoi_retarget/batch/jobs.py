@@ -1,5 +1,6 @@
 """The jobs that a specification asks for: one clip, one robot, one variant each."""
 
+import errno
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
@@ -70,7 +71,7 @@ class _Named:
 
 
 def _variants(clip: _Named, specification: Specification) -> Iterator[Job]:
-    edits = specification.edits and specification.edits / f"{clip.name}.edits.toml"
+    edits = specification.edits and _edits_of(clip, specification.edits)
     objects = specification.objects
     grid = product(
         specification.robots,
@@ -92,7 +93,7 @@ def _variants(clip: _Named, specification: Specification) -> Iterator[Job]:
             shown=clip.shown,
             objects=objects and objects.absolute(),
             object_name=specification.object_name,
-            edits=edits.absolute() if edits and edits.exists() else None,
+            edits=edits,
             robot=robot,
             scaling=Scaling(specification.root_scale, object_scale, multiplier),
             horizon=specification.horizon,
@@ -100,20 +101,45 @@ def _variants(clip: _Named, specification: Specification) -> Iterator[Job]:
         )
 
 
+def _edits_of(clip: _Named, folder: Path) -> Path | None:
+    path = folder.absolute() / f"{clip.name}.edits.toml"
+    try:
+        return path if path.exists() else None
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            return None
+        raise ArgumentError(f"edits: {path}: cannot be read ({error.strerror}). Check its permissions.") from error
+
+
 def _clips(specification: Specification) -> Iterator[_Named]:
     for named in specification.clips:
-        scene = builtin_scene(named)
-        path = specification.folder / named
-        if scene is not None:
-            yield _Named(scene, named, named)
-        elif _WILD & set(named):
-            steps = Path(named).parts
-            fixed = next(index for index, step in enumerate(steps) if _WILD & set(step))
-            yield from _below(specification, Path(*steps[:fixed]), str(Path(*steps[fixed:])), named)
-        elif path.is_dir():
-            yield from _below(specification, Path(named), "**/*", named)
-        else:
-            yield _Named(path.stem, str(path.absolute()), named)
+        try:
+            yield from _named(specification, named)
+        except OSError as error:
+            where = specification.folder / named
+            raise ArgumentError(f"clips: {where}: cannot be looked for ({error}). Check the path.") from error
+
+
+def _named(specification: Specification, named: str) -> Iterator[_Named]:
+    """Yield the clips that one name in the specification stands for."""
+    scene = builtin_scene(named)
+    path = specification.folder / named
+    if scene is not None:
+        yield _Named(scene, named, named)
+    elif _WILD & set(named):
+        steps = Path(named).parts
+        fixed = next(index for index, step in enumerate(steps) if _WILD & set(step))
+        # Clips are called by their way from the first wildcard on, which must not lead out of the output folder.
+        if any(step == ".." or ("**" in step and step != "**") for step in steps[fixed:]):
+            raise ArgumentError(
+                f"clips: {named!r} is no pattern: '**' stands alone between slashes, and '..' only before the first "
+                "wildcard. Name, for example, 'recordings/**/*.pt'."
+            )
+        yield from _below(specification, Path(*steps[:fixed]), str(Path(*steps[fixed:])), named)
+    elif path.is_dir():
+        yield from _below(specification, Path(named), "**/*", named)
+    else:
+        yield _Named(path.stem, str(path.absolute()), named)
 
 
 def _below(specification: Specification, folder: Path, pattern: str, named: str) -> Iterator[_Named]:

@@ -1,5 +1,6 @@
 """A batch: what is not done yet is done, and the manifest tells what became of everything."""
 
+import re
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
@@ -13,6 +14,10 @@ from hoi_retarget.batch.manifest import Entry, Manifest
 from hoi_retarget.batch.pool import Lost, Pool
 from hoi_retarget.batch.specification import Specification
 from hoi_retarget.batch.work import Task, blank
+from hoi_retarget.errors import ArgumentError
+
+_RESULT = re.compile(r"(\.p\d+)?\.npz$")
+"""How a result's name goes on after that of its job."""
 
 
 @dataclass(frozen=True)
@@ -54,12 +59,13 @@ def run_batch(  # noqa: PLR0913 - all but three are to be told what happens
         stopped: Asked whether to end early; what is finished by then is complete.
 
     Raises:
-        ArgumentError: the specification asks for clips that are not there.
+        ArgumentError: the specification asks for clips that are not there, or whose results would be written over one.
         HoiRetargetError: another batch works in the folder, or no worker can be started.
         WriteError: the folder or the manifest cannot be written.
     """
     start, out = time.monotonic(), out.absolute()
     jobs = jobs_of(specification)
+    _check_spared(jobs, out)
     with locked(out):
         remove_temporaries(out)
         contents = Contents()
@@ -79,6 +85,19 @@ def run_batch(  # noqa: PLR0913 - all but three are to be told what happens
             remove_temporaries(out)
         entries = tuple(manifest.entries[job.name] for job in jobs if job.name in manifest.entries)
         return Summary(len(jobs), entries, tuple(done_now), time.monotonic() - start)
+
+
+def _check_spared(jobs: Sequence[Job], out: Path) -> None:
+    """Raise `ArgumentError` when a result would be written over a recording."""
+    recordings = {Path(job.clip).resolve() for job in jobs if job.clip.endswith(".npz")}
+    stems = {str(path.with_name(_RESULT.sub("", path.name))): path for path in recordings}
+    for job in jobs if recordings else ():
+        path = stems.get(str((out / job.name).resolve()))
+        if path is not None:
+            raise ArgumentError(
+                f"{path}: this is a recording, and a result of {job.name} would be written over it. "
+                "Choose another --out."
+            )
 
 
 def _is_done(job: Job, entry: Entry | None, out: Path, contents: Contents, pool: Pool) -> bool:

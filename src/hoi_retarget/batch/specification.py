@@ -101,6 +101,7 @@ def _with_paths(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     return {key: folder / value if key in ("objects", "edits") else value for key, value in values.items()}
 
 
+_LARGEST_INTEGER = 2**63  # Of TOML; Python's may be too large for any float.
 _TEXTS, _LISTS_OF_TEXTS = ("objects", "object_name", "edits", "horizon"), ("clips", "robots")
 
 
@@ -126,7 +127,7 @@ def _scale(owner: str, value: Any) -> Scale:
 
 
 def _number(owner: str, value: Any) -> float:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    is_number = isinstance(value, float) or (type(value) is int and abs(value) < _LARGEST_INTEGER)
     return float(_checked(owner, value, is_number, "numbers"))
 
 

@@ -1,5 +1,6 @@
 """`hoi-retarget batch`: a set of results in one command, which can be ended and gone on with at any time."""
 
+import math
 import os
 import signal
 import sys
@@ -62,8 +63,8 @@ def _pool(command: Batch) -> Pool:
         ("--time-limit", command.time_limit),
         ("--memory-limit", command.memory_limit),
     ):
-        if value is not None and not value > 0:
-            raise ArgumentError(f"{option} is {value:g}; it must be positive.")
+        if value is not None and not 0 < value < math.inf:
+            raise ArgumentError(f"{option} is {value:g}; it must be a positive number, which may be large.")
     if command.engine == "ray":
         return RayPool(do, command.workers, command.address, command.time_limit, command.memory_limit)
     if command.address is not None:
