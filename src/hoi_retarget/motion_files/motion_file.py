@@ -152,12 +152,12 @@ class MotionFile:
             raise ReadError(f"{self.path}: {name} have shape {array.shape}, expected ({wanted}): a {self.format} file.")
         if array.size:
             table = array.reshape(frames, -1)
-            self._check_values(name, ~np.isfinite(table).all(axis=1), "not finite")
-            self._check_values(name, (np.abs(table) > LARGEST).any(axis=1), f"beyond {LARGEST:g}")
+            self._check_values(name, ~np.isfinite(table), "not finite")
+            self._check_values(name, np.abs(table) > LARGEST, f"beyond {LARGEST:g}")
 
     def _check_values(self, name: str, bad: np.ndarray, what: str) -> None:
         if bad.any():
-            frames = describe_frames(np.flatnonzero(bad))
+            frames = describe_frames(np.flatnonzero(bad.any(axis=1)))
             raise ReadError(f"{self.path}: {name} are {what} in {frames}. Make the file again.")
 
     def _check_names(self, kind: str, names: tuple[str, ...] | None, count: int) -> None:
