@@ -1,5 +1,6 @@
 """Batches among processes that die: workers, the batch itself, and by whatever signal."""
 
+import errno
 import json
 import os
 import signal
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 from batch_tasks import act, unpicklable
+from hoi_retarget.batch import pool
 from hoi_retarget.batch.folder import locked
 from hoi_retarget.batch.manifest import MANIFEST, read_manifest
 from hoi_retarget.batch.pool import LocalPool, Lost
@@ -23,9 +25,9 @@ from hoi_retarget.motion import Motion, load
 PATIENCE_S = 60.0  # On a busy machine.
 
 
-def run(pool, tasks, stopped=lambda: False) -> list:
+def run(crew, tasks, stopped=lambda: False) -> list:
     """Return what became of each task, None where it was not done."""
-    outcomes = dict(pool.run(tasks, stopped))
+    outcomes = dict(crew.run(tasks, stopped))
     return [outcomes.get(index) for index in range(len(tasks))]
 
 
@@ -93,6 +95,41 @@ def test_workers_that_cannot_start_end_the_batch(monkeypatch):
     monkeypatch.setenv("BATCH_TASKS_BROKEN", "1")
     with pytest.raises(HoiRetargetError, match=r"3 workers in a row ended as they started: .* exit code 7"):
         run(LocalPool(act, workers=1), ["a"])
+
+
+@pytest.mark.slow
+def test_starts_that_fail_now_and_then_do_not_add_up(monkeypatch):
+    started = []
+
+    def every_other_broken(asked):
+        started.append(len(started) % 2 == 0)
+        if started[-1]:
+            monkeypatch.setenv("BATCH_TASKS_BROKEN", "1")
+        else:
+            monkeypatch.delenv("BATCH_TASKS_BROKEN")
+        return worker(asked)
+
+    worker = pool._Worker
+    monkeypatch.setattr(pool, "_Worker", every_other_broken)
+    outcomes = run(LocalPool(act, workers=1, time_limit=0.1), ["hang"] * 3)
+    assert [outcome.status for outcome in outcomes] == ["timeout"] * 3 and len(started) == 6
+
+
+@pytest.mark.slow
+def test_without_room_for_another_process_those_that_are_there_go_on(monkeypatch):
+    started = []
+
+    def one(asked):
+        if started:
+            raise OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+        started.append(worker(asked))
+        return started[0]
+
+    worker = pool._Worker
+    monkeypatch.setattr(pool, "_Worker", one)
+    assert run(LocalPool(act, workers=2), ["a", "b", "c"]) == ["A", "B", "C"]
+    with pytest.raises(HoiRetargetError, match="no worker can be started: Resource temporarily unavailable"):
+        run(LocalPool(act, workers=2), ["a"])
 
 
 def test_nothing_to_do_starts_no_process():

@@ -91,9 +91,16 @@ class _Crew:
         return len(self._waiting) + sum(worker.task is not None for worker in self._workers)
 
     def fill_up(self) -> None:
-        """Start workers where some are missing."""
+        """Start workers where some are missing; those that are there go on where the system has room for no more."""
         while len(self._workers) < min(self._pool.workers, self.unfinished):
-            self._workers.append(_Worker(self._pool))
+            try:
+                self._workers.append(_Worker(self._pool))
+            except OSError as error:
+                if self._workers:
+                    return
+                raise HoiRetargetError(
+                    f"no worker can be started: {error.strerror or error}. Free memory, or allow more processes."
+                ) from error
 
     def collect(self, patience: float) -> Iterator[tuple[int, Any]]:
         """Yield what workers finished or lost, waiting for it a while [s]."""
@@ -108,6 +115,7 @@ class _Crew:
                 if task is not None:
                     yield task, Lost("killed", reason, seconds)
             else:
+                self._deaths = 0
                 if task is not None:
                     yield task, value
 
@@ -138,7 +146,7 @@ class _Crew:
         return worker.end()
 
     def _count_death(self, worker: "_Worker", reason: str) -> None:
-        self._deaths = 0 if worker.is_ready else self._deaths + 1
+        self._deaths += not worker.is_ready
         if self._deaths == STARTS:
             raise HoiRetargetError(
                 f"{STARTS} workers in a row ended as they started: {reason}. Try fewer --workers, or a higher "
