@@ -10,6 +10,8 @@ from hoi_retarget.errors import ArgumentError
 MANIFEST = "manifest.jsonl"
 """What a batch tells of its jobs, in the folder of its results."""
 _SUFFIXES = (".npz", ".pkl", ".csv")
+_CONTACTS = ".contacts.npz"
+"""What an export has beside a motion whose format has no room for contacts."""
 _OWN = ("index.csv", "verdicts.json")
 """Beside each other they tell a folder that a report was written into."""
 
@@ -36,8 +38,8 @@ class Files:
 def find(named: Sequence[Path]) -> Files:
     """Return the files of a report, each one once.
 
-    In folders, hidden files and what an earlier report wrote are left out, and of tables (.csv) those that
-    begin with words: motions in them are numbers alone.
+    In folders, hidden files, what an earlier report wrote and contacts beside exports are left out, and of
+    tables (.csv) those that begin with words: motions in them are numbers alone.
 
     Raises:
         ArgumentError: A path does not exist, or there is no such file in any of the folders.
@@ -69,9 +71,9 @@ def _walk(folder: Path) -> Iterator[Path]:
             path = Path(parent) / name
             if name == MANIFEST:
                 yield path
-            elif name.startswith(".") or path.suffix.lower() not in _SUFFIXES or (report and name in _OWN):
+            elif name.startswith(".") or name.endswith(_CONTACTS) or (report and name in _OWN):
                 continue
-            elif path.suffix.lower() != ".csv" or _begins_with_a_number(path):
+            elif path.suffix.lower() in _SUFFIXES and (path.suffix.lower() != ".csv" or _begins_with_a_number(path)):
                 yield path
 
 
