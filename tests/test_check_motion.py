@@ -470,6 +470,17 @@ def test_exit_codes_and_json(tmp_path, capsys):
     assert "no such file" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", ["gmr", "hdmi"])
+def test_what_was_found_is_not_written_over_the_motion(name, tmp_path, capsys):
+    path = writers.write(name, tmp_path)
+    files = [path] if path.is_file() else sorted(path.iterdir())
+    for file in files:
+        content = file.read_bytes()
+        assert main(["check-motion", str(path), "--json", str(file)]) == 2
+        assert "would be written over" in capsys.readouterr().err
+        assert file.read_bytes() == content
+
+
 # Our own exports
 
 

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -196,6 +197,29 @@ def test_a_result_is_never_written_over(demo, export, tmp_path):
     assert code == 2 and "is the result itself" in err and demo.read_bytes() == content
     assert export(demo, "--to", "mjlab", "--out", demo.parent)[0] == 0
     assert demo.read_bytes() == content
+
+
+def test_a_result_called_as_anothers_export_is_kept(export, tmp_path):
+    for name in ("a.npz", "a.mjlab.npz"):
+        save(smooth_motion(G1, objects=0), tmp_path / name)
+    content = (tmp_path / "a.mjlab.npz").read_bytes()
+    code, _, err = export("a.npz", "a.mjlab.npz", "--to", "mjlab", "--out", ".")
+    assert code == 1 and "would be written over" in err
+    assert (tmp_path / "a.mjlab.npz").read_bytes() == content
+
+
+def test_texts_that_no_file_can_hold_are_written_with_question_marks(export, tmp_path):
+    motion = smooth_motion(G1, objects=0)
+    save(replace(motion, report={**motion.report, "source": {"licence": "\udfff"}}), tmp_path / "a.npz")
+    assert export("a.npz", "--to", "mjlab", "--out", ".")[0] == 0
+    assert json.loads((tmp_path / "a.mjlab.meta.json").read_text())["source"]["licence"] == "?"
+
+
+def test_a_data_set_replaces_no_page_of_its_folder(demo, export, tmp_path):
+    (tmp_path / "README.md").write_text("mine")
+    code, _, err = export(demo, "--to", "dataset", "--out", ".")
+    assert code == 2 and "README.md" in err
+    assert (tmp_path / "README.md").read_text() == "mine" and not (tmp_path / "data").exists()
 
 
 def test_several_results_need_a_folder_and_names_of_their_own(demo, export, tmp_path):

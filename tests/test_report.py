@@ -84,6 +84,12 @@ def test_what_an_earlier_report_wrote_is_no_motion(folder: Path) -> None:
     assert find([folder]) == before
 
 
+def test_contacts_beside_an_export_are_no_motion(folder: Path) -> None:
+    before = find([folder])
+    np.savez(folder / "a.gmr.contacts.npz", contact_flags=np.zeros((3, 1), dtype=bool))
+    assert find([folder]) == before
+
+
 def test_a_path_that_does_not_exist_or_an_empty_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ArgumentError, match="no such"):
         find([tmp_path / "nowhere"])
@@ -194,8 +200,13 @@ def test_a_lone_motion_has_the_objects_that_its_file_has(tmp_path: Path) -> None
 
 
 def test_a_batchs_failures_stand_beside_its_results(folder: Path, capsys, monkeypatch) -> None:
-    solved = {"name": "a", "status": "solved", "lineage": {"mirrored": True}, "results": [{"path": "a.npz"}]}
-    gone = {"name": "gone", "status": "solved", "results": [{"path": "gone.npz"}]}
+    solved = {
+        "name": "a",
+        "status": "solved",
+        "lineage": {"mirrored": True},
+        "results": [{"path": "a.npz", "sha256": ""}],
+    }
+    gone = {"name": "gone", "status": "solved", "results": [{"path": "gone.npz", "sha256": ""}]}
     failed = {"name": "lost", "status": "failed", "reason": f"no such clip {NASTY}", "source": {"licence": "CC0"}}
     lines = [json.dumps({**BLANK, **entry}) for entry in (solved, gone, failed)]
     (folder / "manifest.jsonl").write_text("\n".join([*lines, '{"torn": ']))
@@ -389,6 +400,15 @@ def test_names_that_no_text_can_hold_are_told_with_question_marks(tmp_path: Path
 def test_a_path_that_cannot_be_is_refused(tmp_path: Path, capsys, name: str) -> None:
     assert main(["report", name, "--out", str(tmp_path / "out")]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_a_table_that_is_a_motion_is_not_written_over(tmp_path: Path, capsys, monkeypatch) -> None:
+    monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, model, objects: None)
+    path = written_csv(tmp_path / "index.csv", carried().qpos)
+    content = path.read_bytes()
+    assert main(["report", str(tmp_path), "--out", str(tmp_path)]) == 2
+    assert "would be written over" in capsys.readouterr().err
+    assert path.read_bytes() == content
 
 
 def test_strict_is_content_when_nothing_fails(folder: Path, monkeypatch) -> None:

@@ -5,7 +5,7 @@ from dataclasses import asdict
 
 from hoi_retarget.checking import Finding, Verdict, check
 from hoi_retarget.cli.commands import CheckMotion
-from hoi_retarget.cli.jobs import check_writable, write_file
+from hoi_retarget.cli.jobs import check_inputs_kept, check_writable, write_file
 from hoi_retarget.cli.terminal import say
 from hoi_retarget.motion_files import MotionFile, read
 from hoi_retarget.robots import robot
@@ -19,6 +19,8 @@ def execute(command: CheckMotion) -> int:
     spec = robot(command.robot)
     if command.json is not None:
         check_writable("--json", command.json.parent)
+        read_from = command.file.iterdir() if command.file.is_dir() else [command.file]
+        check_inputs_kept("--json", [command.json], read_from)
     file = read(command.file)
     verdict = check(file, load_model(spec))
     _describe(file, verdict)

@@ -7,11 +7,11 @@ from hashlib import sha256
 from pathlib import Path
 
 from hoi_retarget.cli.commands import Export
-from hoi_retarget.cli.jobs import check_writable
+from hoi_retarget.cli.jobs import check_inputs_kept, check_writable
 from hoi_retarget.cli.terminal import Working, fail, say, warn
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.exporters import DATASET, FORMATS, Exported, Format, Result, export, format_named
-from hoi_retarget.exporters.dataset import FOLDER, write_dataset
+from hoi_retarget.exporters.dataset import CARD, FOLDER, write_dataset
 from hoi_retarget.motion import load, write_together
 from hoi_retarget.recordings import clip_of
 from hoi_retarget.robots import robot
@@ -36,7 +36,9 @@ def execute(command: Export) -> int:
             try:
                 result = _read(path, command, models, working)
                 exported = export(result, format, name=target.name, fps=command.fps, object_name=command.object_name)
-                write_together({target.parent / file: content for file, content in exported.files.items()})
+                contents = {target.parent / file: content for file, content in exported.files.items()}
+                check_inputs_kept("--out", contents, command.results)
+                write_together(contents)
                 notes |= dict.fromkeys(exported.notes)
                 with working.aside():
                     _describe(result, exported, f"{target}{format.suffix}")
@@ -79,13 +81,15 @@ def _export_dataset(command: Export) -> int:
 
 
 def _check_folder(folder: Path) -> None:
-    """Raise `ArgumentError` unless the folder is new, or one whose only rows will be replaced."""
+    """Raise `ArgumentError` when the folder holds rows or a page already."""
     if folder.is_file():
         raise ArgumentError(f"--out {folder} is a file. A data set is a folder; name another one.")
     rows = folder / FOLDER
     others = sorted(path.name for path in rows.iterdir() if path.suffix == ".parquet") if rows.is_dir() else []
     if others:
         raise ArgumentError(f"--out {folder}: there are rows in it already ({others[0]}, ...). Name another folder.")
+    if (folder / CARD).exists():
+        raise ArgumentError(f"--out {folder}: there is a {CARD} in it, which would be lost. Name another folder.")
 
 
 def _check_rows(results: Sequence[Result]) -> None:

@@ -2,6 +2,7 @@
 
 import os
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,14 @@ def check_spared(clip: Path, out: Path) -> None:
         return
     if same:
         raise ArgumentError(f"--out {out}: the result would be written over the clip {clip}. Choose another folder.")
+
+
+def check_inputs_kept(option: str, written: Iterable[Path], inputs: Iterable[Path]) -> None:
+    """Raise `ArgumentError` when a file would be written over one that was read."""
+    kept = {path.resolve(): path for path in inputs}
+    for path in written:
+        if (lost := kept.get(path.resolve())) is not None:
+            raise ArgumentError(f"{option}: {path} would be written over {lost}, which was read. Choose another place.")
 
 
 def write_file(option: str, path: Path, content: bytes) -> None:

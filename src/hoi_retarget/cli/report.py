@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hoi_retarget.cli.commands import Report
-from hoi_retarget.cli.jobs import check_writable
+from hoi_retarget.cli.jobs import check_inputs_kept, check_writable
 from hoi_retarget.cli.terminal import Working, say, show_table, warn
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.motion import write_together
@@ -21,7 +21,7 @@ from hoi_retarget.verdict import Level
 
 PICTURES, _PASSING_PICTURES = 6, 3
 _SHOWN = 10  # Files that are named in the terminal.
-_PARQUET = "index.parquet"
+_PAGE, _TABLE, _PARQUET = "report.html", "index.csv", "index.parquet"
 
 
 def execute(command: Report) -> int:
@@ -30,6 +30,8 @@ def execute(command: Report) -> int:
         raise ArgumentError("nothing is named. Usage: hoi-retarget report DIR|FILE... --out DIR.")
     check_writable("--out", command.out)
     files = find(command.paths)
+    # Of what is written, only the table can be a motion.
+    check_inputs_kept("--out", [command.out / _TABLE], (file.path for file in files.motions))
     told = told_by(files.manifests)
     model = load_model(robot(command.robot))
     rows = list(told.missing)
@@ -42,7 +44,7 @@ def execute(command: Report) -> int:
     rows.sort(key=lambda row: row.file)
     _write(command.out, command.title, rows, pictures)
     _summarize(rows)
-    say(f"Open {command.out / 'report.html'} in a browser; the tables are beside it.")
+    say(f"Open {command.out / _PAGE} in a browser; the tables are beside it.")
     bad = any(row.level in (None, Level.FAIL) for row in rows)
     return 1 if command.strict and bad else 0
 
@@ -64,8 +66,8 @@ def _to_draw(rows: Sequence[Row]) -> Sequence[Row]:
 
 def _write(out: Path, title: str, rows: Sequence[Row], pictures: dict[str, Picture]) -> None:
     contents = {
-        out / "report.html": report_page(title, rows, pictures).encode("utf-8", "replace"),
-        out / "index.csv": to_csv(rows),
+        out / _PAGE: report_page(title, rows, pictures).encode("utf-8", "replace"),
+        out / _TABLE: to_csv(rows),
         out / "verdicts.json": to_json(rows),
     }
     parquet = to_parquet(rows)

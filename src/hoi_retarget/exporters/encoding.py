@@ -20,8 +20,8 @@ def to_npz(arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def to_json(content: Mapping[str, Any]) -> bytes:
-    """Return an indented JSON file."""
-    return (json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n").encode()
+    """Return an indented JSON file; question marks stand for what no text can hold, such as half a character."""
+    return (json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n").encode("utf-8", "replace")
 
 
 def to_pickle(content: Mapping[str, Any]) -> bytes:

@@ -59,12 +59,12 @@ class Result:
         """What it was made from."""
         told = _table(self.motion.report.get("source"))
         # Folders of whoever ran it are nobody else's business.
-        name = PureWindowsPath(str(told.get("path", ""))).name
-        licence = str(told.get("licence", "")) or UNKNOWN
+        name = PureWindowsPath(_text(told.get("path"))).name
+        licence = _text(told.get("licence")) or UNKNOWN
         return Source(
             name=name or UNKNOWN,
-            format=str(told.get("format", "")),
-            sha256=str(told.get("sha256", "")),
+            format=_text(told.get("format")),
+            sha256=_text(told.get("sha256")),
             licence=licence,
             augmentation=_table(told.get("augmentation")),
         )
@@ -95,6 +95,11 @@ class Result:
             "mesh_sha256": None if path is None else sha256(path.read_bytes()).hexdigest(),
             "shape": "triangles" if self.surfaces[name].exact else "convex hull of points",
         }
+
+
+def _text(value: Any) -> str:
+    """Return an entry of a report as text; question marks stand for what no text can hold."""
+    return "" if value is None else str(value).encode("utf-8", "replace").decode()
 
 
 def _table(value: Any) -> Mapping[str, Any]:
