@@ -152,6 +152,15 @@ def test_reports_of_another_version_are_not_judged_where_they_differ(value):
     assert figures["sole_tilt_deg"] is not None
 
 
+@pytest.mark.parametrize("value", [math.inf, 10**400], ids=["infinite", "huge"])
+def test_numbers_that_count_nothing_are_not_judged(value):
+    segments = [{"first_frame": 0, "last_frame": value}]
+    windows = [{"start": 0, "stop": 10**400, "status": "FAILED"}]
+    report = {"unreached_contacts": segments, "turned_over": segments, "windows": windows}
+    verdict = verdict_of(replace(carried(), report={**report, "figures": {"contact_gap_m": 10**400}}))
+    assert {"contact_gap_m", "unreached_share", "turned_over_s", "unsolved_share"} <= set(verdict.not_judged)
+
+
 def test_a_robot_that_is_not_known_leaves_the_rest_to_be_judged():
     figures = judged_figures(replace(carried(), robot="unheard_of"))
     assert figures["sole_tilt_deg"] is None

@@ -258,7 +258,7 @@ def judged_figures(motion: Motion, model: RobotModel | None = None) -> dict[str,
     """
     report = motion.report
     stored = report.get("figures")
-    figures = {name: _number(value) for name, value in stored.items()} if isinstance(stored, Mapping) else {}
+    figures = {name: number(value) for name, value in stored.items()} if isinstance(stored, Mapping) else {}
     return {
         **{threshold.name: None for threshold in THRESHOLDS},
         **figures,
@@ -302,17 +302,21 @@ def _unsolved_share(motion: Motion) -> float | None:
     try:
         unsolved = [window["stop"] - window["start"] for window in windows if window["status"] != Status.SOLVED.name]
         return min(1.0, sum(unsolved) / motion.frames)
-    except (KeyError, TypeError):
+    except (KeyError, TypeError, OverflowError):
         return None
 
 
-def _frames(segments: Any, first: str, last: str) -> int | None:
+def _frames(segments: Any, first: str, last: str) -> float | None:
     """Return how many frames all segments of a report have together; None where it does not say."""
     try:
-        return sum(int(segment[last]) - int(segment[first]) + 1 for segment in segments)
-    except (KeyError, TypeError, ValueError):
+        return float(sum(int(segment[last]) - int(segment[first]) + 1 for segment in segments))
+    except (KeyError, TypeError, ValueError, OverflowError):
         return None
 
 
-def _number(value: Any) -> float | None:
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
+def number(value: Any) -> float | None:
+    """Return an entry of a report as a number; None where it is something else, or too large to be one."""
+    try:
+        return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
+    except OverflowError:
+        return None

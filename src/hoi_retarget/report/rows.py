@@ -10,7 +10,7 @@ from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.report.finding import Found
 from hoi_retarget.report.opening import OWN_FORMAT, open_motion
 from hoi_retarget.robots.model import RobotModel
-from hoi_retarget.verdict import THRESHOLDS, Level, Verdict, judged_figures, verdict_of_figures
+from hoi_retarget.verdict import THRESHOLDS, Level, Verdict, judged_figures, number, verdict_of_figures
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def read_row(found: Found, robot: RobotModel, lineage: Mapping[str, Any] | None 
         clip=_text(motion.report.get("clip")),
         frames=motion.frames,
         fps=motion.fps,
-        root_scale=_number(motion.report.get("root_scale")),
+        root_scale=number(motion.report.get("root_scale")),
         object_scale=tuple(motion.object_scale.tolist()) if opened.format == OWN_FORMAT else (),
         licence=_text(source.get("licence")),
         lineage=_json(lineage if lineage is not None else source.get("augmentation")),
@@ -122,10 +122,6 @@ def read_row(found: Found, robot: RobotModel, lineage: Mapping[str, Any] | None 
 
 def _text(value: Any) -> str:
     return value if isinstance(value, str) else ""
-
-
-def _number(value: Any) -> float | None:
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
 def _json(value: Mapping[str, Any] | None) -> str:
