@@ -1,5 +1,6 @@
 """Batches: what is made, what is made again, and what is left of a clip that fails. Processes have their own tests."""
 
+import errno
 import json
 import re
 import resource
@@ -343,6 +344,17 @@ def test_whatever_is_raised_ends_in_the_manifest(quick, monkeypatch, error, agai
         assert [entry.status for entry in entries] == ["failed", "failed"]
         assert entries[0].error == type(error).__name__ and entries[0].reason
     assert len(names(batch())) == again, "what is not the clip's fault is tried again"
+
+
+@pytest.mark.parametrize(("cause", "again"), [(OSError(errno.EIO, "a fault"), 2), (OSError("no array"), 0)])
+def test_a_clip_that_the_machine_could_not_read_is_tried_again(quick, monkeypatch, cause, again):
+    def fail(*_, **__):
+        raise ReadError("it cannot be read") from cause
+
+    with monkeypatch.context() as patch:
+        patch.setattr(work, "open_clip", fail)
+        batch()
+    assert len(names(batch())) == again
 
 
 @pytest.mark.parametrize("kilobytes", [40, 1])

@@ -13,7 +13,7 @@ from hoi_retarget.batch.jobs import Job
 from hoi_retarget.batch.manifest import Entry
 from hoi_retarget.clip import Clip
 from hoi_retarget.contact_edits import apply, load
-from hoi_retarget.errors import HoiRetargetError
+from hoi_retarget.errors import GeometryError, HoiRetargetError, ReadError
 from hoi_retarget.motion import Motion
 from hoi_retarget.recordings import open_clip
 from hoi_retarget.results import STAGES, complaints, converged, result_paths, retarget_people, write
@@ -22,6 +22,7 @@ from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.trajopt.solvers.base import Status
 from hoi_retarget.verdict import verdict_of
 
+_OF_THE_INPUT = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)
 _FRAME = re.compile(r"\bframes? \(?(\d+)")  # As messages name them.
 
 
@@ -115,8 +116,16 @@ def _first_loose_frame(motions: tuple[Motion, ...]) -> int:
 def _failed(entry: Entry, error: Exception, text: str) -> Entry:
     reason = " ".join(text.split())
     found = _FRAME.search(reason)
-    kind = "OSError" if isinstance(error, OSError) else type(error).__name__
+    by_machine = isinstance(error, OSError) or (isinstance(error, ReadError | GeometryError) and _is_fault(error))
+    kind = "OSError" if by_machine else type(error).__name__
     return replace(entry, reason=reason, error=kind, frame=int(found[1]) if found else None)
+
+
+def _is_fault(error: Exception) -> bool:
+    """Return whether a file could not be read although it is there, whole, and may be read."""
+    cause = error.__cause__
+    # An error without a number is numpy's of damaged files.
+    return isinstance(cause, OSError) and cause.errno is not None and not isinstance(cause, _OF_THE_INPUT)
 
 
 def _source(job: Job, clip: Clip) -> dict[str, Any]:
