@@ -71,7 +71,7 @@ class RayPool:
     def _start(self) -> Any:
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # Ray reports to its makers otherwise.
         os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")  # What it warns will be the default.
-        import ray  # noqa: PLC0415 - an extra
+        import ray  # noqa: PLC0415 # pyright: ignore[reportMissingImports] - an extra
 
         local = {} if self.address else {"num_cpus": self.workers, "include_dashboard": False}
         handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
