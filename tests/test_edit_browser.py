@@ -70,6 +70,7 @@ def session(start, tmp_path):
     session = Session(start, tmp_path)
     yield session
     session.server.stop()
+    assert not [thread for thread in threading.enumerate() if thread.name in ("player", "editor")], "all work has ended"
 
 
 def told(page) -> str:

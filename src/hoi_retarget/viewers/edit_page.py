@@ -1,17 +1,16 @@
 """The editor's page: every browser that opens it edits on its own, from what was saved last."""
 
-import viser
-
 from hoi_retarget.clip import Clip
 from hoi_retarget.pipeline import Config
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.editing import Edited, Editing
 from hoi_retarget.viewers.editor import Editor, Places
+from hoi_retarget.viewers.server import PageServer
 from hoi_retarget.viewers.visitors import serve_visitors
 
 
 def serve_editor(  # noqa: PLR0913, PLR0917 - what an editor needs
-    server: viser.ViserServer, recorded: Clip, model: RobotModel, config: Config, start: Edited, places: Places
+    server: PageServer, recorded: Clip, model: RobotModel, config: Config, start: Edited, places: Places
 ) -> None:
     """Let a server edit the contacts of a clip; nothing of a browser's work outlives it but what it saved."""
     latest = start

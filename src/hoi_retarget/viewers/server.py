@@ -4,7 +4,7 @@ import io
 import re
 import socket
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from functools import partial
 from typing import Any
@@ -20,22 +20,31 @@ _OWN_ORIGINS = [None, re.compile(r"http://(localhost|127\.0\.0\.1|\[::1\])(:\d+)
 FIRST_PORT, LARGEST_PORT = 8080, 65535  # Taken ports are passed over.
 
 
-class _LocalServer(viser.ViserServer):
+class PageServer(viser.ViserServer):
     """Viser's server without its tunnel, which any page it serves could ask it to open, and without its prints."""
 
     def __init__(self, *, host: str, **settings: Any) -> None:
+        self._farewells: list[Callable[[], None]] = []
         with redirect_stdout(io.StringIO()), _own_pages_only(host):
             super().__init__(host=host, **settings)
 
     def request_share_url(self, verbose: bool = True) -> None:
+        """Open no tunnel."""
         return None
 
+    def before_stop(self, farewell: Callable[[], None]) -> None:
+        """Call this when the server is to stop, while what it sends still arrives."""
+        self._farewells.append(farewell)
+
     def stop(self) -> None:
+        """Say farewell and stop."""
+        for farewell in self._farewells:
+            farewell()
         with redirect_stdout(io.StringIO()):
             super().stop()
 
 
-def open_server(title: str, *, host: str = "127.0.0.1", port: int | None = None) -> viser.ViserServer:
+def open_server(title: str, *, host: str = "127.0.0.1", port: int | None = None) -> PageServer:
     """Start a server in threads of its own; `get_port()` tells where, `stop()` ends it.
 
     Args:
@@ -49,7 +58,7 @@ def open_server(title: str, *, host: str = "127.0.0.1", port: int | None = None)
     _check_address(host, port)
     # A browser that goes while a frame is drawn for it is no mistake.
     warnings.filterwarnings("ignore", message="Queued a .* on a closed connection", category=UserWarning)
-    server = _LocalServer(host=host, port=FIRST_PORT if port is None else port, label=title, verbose=False)
+    server = PageServer(host=host, port=FIRST_PORT if port is None else port, label=title, verbose=False)
     server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(38, 110, 160))
     server.scene.set_up_direction("+z")
     # Light from all around is what takes longest to draw without a graphics card, and adds little here.

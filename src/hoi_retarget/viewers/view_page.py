@@ -6,10 +6,11 @@ import viser
 
 from hoi_retarget.viewers.exhibit import Exhibit
 from hoi_retarget.viewers.player import Player, show_notices
+from hoi_retarget.viewers.server import PageServer
 from hoi_retarget.viewers.visitors import serve_visitors
 
 
-def serve_exhibit(server: viser.ViserServer, load: Callable[[], Exhibit]) -> None:
+def serve_exhibit(server: PageServer, load: Callable[[], Exhibit]) -> None:
     """Let a server show what `load` returns when a browser connects."""
 
     def receive(client: viser.ClientHandle) -> Player | None:

@@ -6,18 +6,20 @@ from typing import Protocol, runtime_checkable
 
 import viser
 
+from hoi_retarget.viewers.server import PageServer
+
 
 @runtime_checkable
 class Visit(Protocol):
     """What is done for one browser."""
 
     def stop(self) -> None:
-        """End it."""
+        """End it, once or more often; it has ended on return."""
         ...
 
 
-def serve_visitors(server: viser.ViserServer, receive: Callable[[viser.ClientHandle], Visit | None]) -> None:
-    """Call `receive` for every browser that connects, and stop what it returns when the browser goes."""
+def serve_visitors(server: PageServer, receive: Callable[[viser.ClientHandle], Visit | None]) -> None:
+    """Call `receive` for every browser that connects, and stop what it returns when the browser or the server goes."""
     visits: dict[int, Visit] = {}
     lock = Lock()
 
@@ -30,11 +32,20 @@ def serve_visitors(server: viser.ViserServer, receive: Callable[[viser.ClientHan
             visits[client.client_id] = visit
         # One that went while it was received has been dismissed too early.
         if client.client_id not in server.get_clients():
-            dismiss(client)
+            end(client.client_id)
 
     @server.on_client_disconnect
     def dismiss(client: viser.ClientHandle) -> None:
+        end(client.client_id)
+
+    @server.before_stop
+    def _() -> None:
+        for client_id in list(visits):
+            end(client_id)
+
+    def end(client_id: int) -> None:
         with lock:
-            visit = visits.pop(client.client_id, None)
+            visit = visits.get(client_id)
         if visit is not None:
-            visit.stop()
+            visit.stop()  # Both may come here; neither goes on before it has ended.
+            visits.pop(client_id, None)
