@@ -107,6 +107,12 @@ class Motion:
         """Number of frames T."""
         return len(self.qpos)
 
+    @property
+    def person(self) -> int:
+        """Which of the clip's people it follows, by its report: the first, where that does not say."""
+        person = self.report.get("person")
+        return person if isinstance(person, int) else 0
+
 
 _ARRAYS = (
     "qpos",

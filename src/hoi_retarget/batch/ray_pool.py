@@ -1,7 +1,6 @@
 """The same tasks on Ray: on this machine, or on a cluster whose machines share the files."""
 
 import logging
-import os
 import signal
 import time
 from collections import deque
@@ -69,8 +68,6 @@ class RayPool:
             ray.shutdown()
 
     def _start(self) -> Any:
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # Ray reports to its makers otherwise.
-        os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")  # What it warns will be the default.
         import ray  # noqa: PLC0415 # pyright: ignore[reportMissingImports] - an extra
 
         local = {} if self.address else {"num_cpus": self.workers, "include_dashboard": False}

@@ -66,10 +66,17 @@ def _pool(command: Batch) -> Pool:
         if value is not None and not 0 < value < math.inf:
             raise ArgumentError(f"{option} is {value:g}; it must be a positive number, which may be large.")
     if command.engine == "ray":
+        _set_up_ray()
         return RayPool(do, command.workers, command.address, command.time_limit, command.memory_limit)
     if command.address is not None:
         raise ArgumentError(f"--address {command.address} is that of a Ray cluster. Add --engine ray.")
     return LocalPool(do, command.workers or _cores(), command.time_limit, command.memory_limit)
+
+
+def _set_up_ray() -> None:
+    """Choose what Ray reads from the environment when it is imported, unless the user has."""
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # Ray reports to its makers otherwise.
+    os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")  # What it warns will be the default.
 
 
 def _cores() -> int:

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from hoi_retarget.cli.commands import Contacts
+from hoi_retarget.cli.commands import Contacts, Run
 from hoi_retarget.cli.jobs import check_writable, write_file
+from hoi_retarget.cli.run_words import settings_of, words_of
 from hoi_retarget.cli.terminal import program, say, show_table, warn
 from hoi_retarget.clip import Clip
 from hoi_retarget.contact_edits import (
@@ -98,12 +99,14 @@ def _summarize(segments: Segments, clip: Clip) -> None:
 
 
 def _run_words(command: Contacts, edits: Path) -> list[str]:
-    words = ["run", str(command.clip), "--edits", str(edits)]
-    if command.objects is not None:
-        words += ["--objects", str(command.objects)]
-    if command.object_name is not None:
-        words += ["--object", command.object_name]
-    return [*words, "--out", "results"]
+    asked = Run(
+        clips=(command.clip,),
+        out=Path("results"),
+        objects=command.objects,
+        object_name=command.object_name,
+        edits=edits,
+    )
+    return words_of(settings_of(asked))
 
 
 def _asked(command: Contacts) -> Iterator[Edit]:

@@ -2,12 +2,13 @@
 
 import os
 import shlex
-from dataclasses import asdict, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hoi_retarget.cli.commands import Edit
+from hoi_retarget.cli.commands import Edit, Run, Solving
 from hoi_retarget.cli.jobs import check_spared, check_writable, config_of
+from hoi_retarget.cli.run_words import settings_of, words_of
 from hoi_retarget.cli.serving import check_viser, serve_until_interrupted
 from hoi_retarget.cli.terminal import Working, program, say
 from hoi_retarget.contact_edits import ContactEdits, load
@@ -18,9 +19,6 @@ from hoi_retarget.robots.model import load_model
 
 if TYPE_CHECKING:
     from hoi_retarget.viewers.editing import Edited
-
-_OPTIONS = {"object_name": "--object"}
-"""Options that are not called what their fields are."""
 
 
 def execute(command: Edit) -> int:
@@ -41,15 +39,16 @@ def execute(command: Edit) -> int:
     with Working("retargeting", None):
         start = solved(clip, model, config, edits)
 
+    settings = settings_of(_as_run(command, path))
+
     def save_result(edited: "Edited") -> tuple[Path, ...]:
         paths = result_paths(clip, stem, command.out)
-        settings = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(command).items()}
         write(with_report(edited.motions, {"command": settings}), paths)
         return paths
 
     count = len(edits.edits)
     say(f"Edits are saved to {path}{f', which has {count} already' if count else ''}; then:")
-    say(f"  {program()} {shlex.join(_run_words(command, path))}")
+    say(f"  {program()} {shlex.join(words_of(settings))}")
     places = Places(path, save_result)
     serve_until_interrupted(
         f"contacts of {stem}",
@@ -60,11 +59,14 @@ def execute(command: Edit) -> int:
     return 0
 
 
-def _run_words(command: Edit, edits: Path) -> list[str]:
-    """Return the words of the `run` that makes the same result."""
-    words = ["run", str(command.clip), "--edits", str(edits), "--out", str(command.out)]
-    for option in fields(command):
-        name, value = option.name, getattr(command, option.name)
-        if name not in ("clip", "edits", "out", "host", "port") and value != option.default:
-            words += [_OPTIONS.get(name, f"--{name.replace('_', '-')}"), str(value)]
-    return words
+def _as_run(command: Edit, edits: Path) -> Run:
+    """Return the `run` that makes the same result."""
+    solving = {field.name: getattr(command, field.name) for field in fields(Solving)}
+    return Run(
+        clips=(command.clip,),
+        out=command.out,
+        objects=command.objects,
+        object_name=command.object_name,
+        edits=edits,
+        **solving,
+    )

@@ -93,10 +93,8 @@ def _shown(path: Path, command: Render) -> Shown:
         raise ReadError(f"{path}: this is a clip, not a result. Use `{program()} run` on it first.")
     motion = load(path)
     model = load_model(robot(motion.robot))
-    person = motion.report.get("person", 0)
-    person = person if isinstance(person, int) else 0
     meshes = menagerie_meshes(model.spec) if command.meshes == MENAGERIE else command.meshes
-    return Shown(path.stem, motion, model, _clip(path, motion, command), person, meshes)
+    return Shown(path.stem, motion, model, _clip(path, motion, command), motion.person, meshes)
 
 
 def _clip(path: Path, motion: Motion, command: Render) -> Clip | None:

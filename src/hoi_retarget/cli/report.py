@@ -94,6 +94,7 @@ def _summarize(rows: Sequence[Row]) -> None:
         named = [row for row in rows if row.level is told]
         for row in named[:_SHOWN]:
             why = row.error if row.verdict is None else "; ".join(map(str, row.verdict.reasons))
-            say(f"{'unread' if told is None else told}: {row.file}: {why}")
+            where = "" if row.file in why else f"{row.file}: "  # Errors name their file.
+            say(f"{'unread' if told is None else told}: {where}{why}")
         if len(named) > _SHOWN:
             say(f"... and {len(named) - _SHOWN} more.")

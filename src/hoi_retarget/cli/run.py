@@ -2,13 +2,13 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from hoi_retarget.cli.commands import Run
 from hoi_retarget.cli.figures import show_figures
 from hoi_retarget.cli.jobs import check_spared, check_writable, config_of, describe_result, score
+from hoi_retarget.cli.run_words import settings_of
 from hoi_retarget.cli.terminal import Working, fail, say, warn
 from hoi_retarget.clip import Clip
 from hoi_retarget.contact_edits import apply, load
@@ -73,7 +73,7 @@ def _run_clip(path: Path, command: Run, model: RobotModel, config: Config, worki
         _describe_clip(path, clip)
         for doubt in doubts:
             warn(f"{path.name}: {doubt}")
-    motions = retarget_people(clip, model, config, {"command": _settings(command, path)})
+    motions = retarget_people(clip, model, config, {"command": settings_of(replace(command, clips=(path,)))})
     paths = result_paths(clip, result_stem(path), command.out)
     motions = write(motions, paths, read_seconds=read_seconds)
     with working.aside():
@@ -125,12 +125,6 @@ def _describe_clip(path: Path, clip: Clip) -> None:
     people = f", {len(clip.people)} people" if len(clip.people) > 1 else ""
     dropped = f", {clip.first_source_frame} empty leading frames dropped" if clip.first_source_frame else ""
     say(f"{path.name}: {clip.frames} frames at {clip.fps:g} frames/s{people}, object: {objects}{dropped}")
-
-
-def _settings(command: Run, path: Path) -> dict[str, Any]:
-    """Return the command's words as plain JSON values."""
-    settings = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(command).items()}
-    return {**settings, "clips": [str(path)]}
 
 
 def _naming(path: Path, error: HoiRetargetError) -> str:

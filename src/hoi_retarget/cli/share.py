@@ -1,13 +1,13 @@
 """`hoi-retarget share`: results as a folder of pages that anybody can open."""
 
 import shlex
-from dataclasses import MISSING, fields
 from functools import partial
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
-from hoi_retarget.cli.commands import Run, Share
+from hoi_retarget.cli.commands import Share
 from hoi_retarget.cli.jobs import FOREIGN_REPORT, check_writable, score
+from hoi_retarget.cli.run_words import words_of
 from hoi_retarget.cli.terminal import Working, say, warn
 from hoi_retarget.clip import Clip
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
@@ -19,8 +19,6 @@ from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.viewers.gallery import Entry
 from hoi_retarget.viewers.scene import Shown
 from hoi_retarget.viewers.share import check_replaceable, gallery_in
-
-_PATHS = ("clips", "objects", "edits")
 
 
 def execute(command: Share) -> int:
@@ -38,8 +36,7 @@ def execute(command: Share) -> int:
                 models[motion.robot] = load_model(robot(motion.robot))
             model = models[motion.robot]
             clip = _clip(path, motion, command, working)
-            person = motion.report.get("person", 0)
-            shown = Shown(path.stem, motion, model, clip, person if isinstance(person, int) else 0)
+            shown = Shown(path.stem, motion, model, clip, motion.person)
             gallery.add(_entry(path, motion, model), shown)
             working.advance()
     count = len(command.results)
@@ -75,16 +72,7 @@ def _made_by(motion: Motion) -> str:
     settings: Any = motion.report.get("command")
     if not isinstance(settings, dict) or "clips" not in settings:
         return ""
-    words = ["hoi-retarget", "run"]
-    clips = settings.get("clips")
-    words += [_last_name(str(clip)) for clip in clips] if isinstance(clips, list) else []
-    for field in fields(Run):
-        value, default = settings.get(field.name), field.default
-        if field.name in ("clips", "out") or value is None or (default is not MISSING and value == default):
-            continue
-        option = "--object" if field.name == "object_name" else f"--{field.name.replace('_', '-')}"
-        words += [option, _last_name(str(value)) if field.name in _PATHS else str(value)]
-    return shlex.join([*words, "--out", "results"])
+    return shlex.join(["hoi-retarget", *words_of({**settings, "out": "results"}, shown=_last_name)])
 
 
 def _last_name(path: str) -> str:

@@ -34,8 +34,15 @@ LARGEST_COORDINATE = 100.0
 """[m]; points farther from an object's origin are another unit or a slip."""
 
 
+class _Settled:
+    """An operation whose fields are checked when it is made."""
+
+    def __post_init__(self) -> None:
+        _settle(self)  # pyright: ignore[reportArgumentType]  # every operation is one of `Edit`
+
+
 @dataclass(frozen=True)
-class Move:
+class Move(_Settled):
     """Shift all points of a segment alike."""
 
     part: str
@@ -45,9 +52,6 @@ class Move:
     """[m]"""
     person: int = 0
 
-    def __post_init__(self) -> None:
-        _settle(self)
-
     def on(self, clip: Clip, segments: Segments) -> Segments:
         """Return the segments after it; raises `ClipError` when its segment is not there."""
         segment = segment_at(clip, segments, self.person, self.part, self.frame)
@@ -55,7 +59,7 @@ class Move:
 
 
 @dataclass(frozen=True)
-class Retime:
+class Retime(_Settled):
     """Let a segment begin and end elsewhere: it is cut, or held with the nearest of its points."""
 
     part: str
@@ -66,9 +70,6 @@ class Retime:
     stop: int
     """One past its new last frame."""
     person: int = 0
-
-    def __post_init__(self) -> None:
-        _settle(self)
 
     def on(self, clip: Clip, segments: Segments) -> Segments:
         """Return the segments after it; raises `ClipError` when it overlaps another or leaves the clip."""
@@ -81,7 +82,7 @@ class Retime:
 
 
 @dataclass(frozen=True)
-class Split:
+class Split(_Settled):
     """Make two segments of one."""
 
     part: str
@@ -90,9 +91,6 @@ class Split:
     at: int
     """First frame of the second of the two."""
     person: int = 0
-
-    def __post_init__(self) -> None:
-        _settle(self)
 
     def on(self, clip: Clip, segments: Segments) -> Segments:
         """Return the segments after it; raises `ClipError` when there would be nothing on one side."""
@@ -111,16 +109,13 @@ class Split:
 
 
 @dataclass(frozen=True)
-class Merge:
+class Merge(_Settled):
     """Make one segment of this and the part's next one on the same object; points between are interpolated."""
 
     part: str
     frame: int
     """Any frame of the first of the two."""
     person: int = 0
-
-    def __post_init__(self) -> None:
-        _settle(self)
 
     def on(self, clip: Clip, segments: Segments) -> Segments:
         """Return the segments after it; raises `ClipError` when there is no next one, or another thing between."""
@@ -140,7 +135,7 @@ class Merge:
 
 
 @dataclass(frozen=True)
-class Delete:
+class Delete(_Settled):
     """Remove a segment: the part no longer touches the object there."""
 
     part: str
@@ -148,16 +143,13 @@ class Delete:
     """Any frame of the segment."""
     person: int = 0
 
-    def __post_init__(self) -> None:
-        _settle(self)
-
     def on(self, clip: Clip, segments: Segments) -> Segments:
         """Return the segments after it; raises `ClipError` when its segment is not there."""
         return exchanged(clip, segments, [segment_at(clip, segments, self.person, self.part, self.frame)], [])
 
 
 @dataclass(frozen=True)
-class Add:
+class Add(_Settled):
     """Make a new segment with one fixed point."""
 
     part: str
@@ -170,9 +162,6 @@ class Add:
     object: str | None = None
     """The object's name; may be left out where the clip has one object."""
     person: int = 0
-
-    def __post_init__(self) -> None:
-        _settle(self)
 
     def on(self, clip: Clip, segments: Segments) -> Segments:
         """Return the segments after it; raises `ClipError` when it overlaps another or leaves the clip."""
@@ -194,7 +183,7 @@ class Add:
 
 
 @dataclass(frozen=True)
-class Fix:
+class Fix(_Settled):
     """Give a segment one point for all of its frames, so that the hand does not slip (paper Sec. III-C)."""
 
     part: str
@@ -203,9 +192,6 @@ class Fix:
     point: Point | None = None
     """[m]; the mean of the segment's points where none is given."""
     person: int = 0
-
-    def __post_init__(self) -> None:
-        _settle(self)
 
     def on(self, clip: Clip, segments: Segments) -> Segments:
         """Return the segments after it; raises `ClipError` when its segment is not there."""
@@ -223,16 +209,13 @@ class FixAll:
 
 
 @dataclass(frozen=True)
-class Snap:
+class Snap(_Settled):
     """Move every point of a segment to the nearest point of the object's surface."""
 
     part: str
     frame: int
     """Any frame of the segment."""
     person: int = 0
-
-    def __post_init__(self) -> None:
-        _settle(self)
 
     def on(self, clip: Clip, segments: Segments) -> Segments:
         """Return the segments after it; raises `ClipError`, and `GeometryError` when the surface cannot be had."""

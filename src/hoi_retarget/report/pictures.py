@@ -31,8 +31,7 @@ def picture_of(path: Path, foreign_robot: RobotModel, *, objects: Path | None = 
         motion = open_motion(path, foreign_robot).motion
         model = load_model(robot(motion.robot))
         clip = _clip(motion, objects)
-        person = motion.report.get("person", 0)
-        scene = make_scene([Shown(path.stem, motion, model, clip, person if isinstance(person, int) else 0)])
+        scene = make_scene([Shown(path.stem, motion, model, clip, motion.person)])
         ahead = se3.rotate(motion.qpos[:, 3:7], np.array([1.0, 0.0, 0.0])).mean(axis=0)[:2]
         return thumbnail(scene, worst_frame(motion), standpoint(scene, ahead))
     except HoiRetargetError:

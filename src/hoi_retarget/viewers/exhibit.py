@@ -20,7 +20,9 @@ from hoi_retarget.viewers.scene import Shown, make_scene
 from hoi_retarget.viewers.titles import titles_of
 
 _TABLE_STYLE = """<style>
-.figures td, .figures th { padding: 1px 10px 1px 0; font-size: 12px; text-align: right; }
+.figures { width: 100%; }
+.figures td, .figures th { padding: 1px 6px 1px 0; font-size: 12px; text-align: right; overflow-wrap: anywhere; }
+.figures td { white-space: nowrap; }
 .figures td:first-child { text-align: left; }
 </style>"""
 
@@ -81,8 +83,7 @@ def _shown(path: Path, find_clip: Callable[..., Clip], notices: list[str]) -> Sh
     except HoiRetargetError as error:
         clip = None
         notices.append(f"{path.name}: shown without the human. {error}")
-    person = motion.report.get("person", 0)
-    return Shown(path.stem, motion, load_model(spec), clip, person if isinstance(person, int) else 0)
+    return Shown(path.stem, motion, load_model(spec), clip, motion.person)
 
 
 def figures_html(shown: Sequence[Shown]) -> str:

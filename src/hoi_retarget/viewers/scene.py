@@ -125,7 +125,7 @@ def _share(a: Shown, b: Shown) -> bool:
         len(one.object_names) > 0
         and (a.clip is None) == (b.clip is None)
         and _origin(one) == _origin(two)
-        and one.report.get("person") != two.report.get("person")
+        and one.person != two.person
         and np.array_equal(one.object_pos, two.object_pos)
         and np.array_equal(one.object_quat, two.object_quat)
         and np.array_equal(one.object_scale, two.object_scale)
