@@ -20,12 +20,14 @@ def names_of(family: Family) -> tuple[str, ...]:
     return (*JOINTS[:22], *FACE, *JOINTS[22:]) if family == "smplx" else JOINTS
 
 
-def tiny_model(family: Family, *, shapes: int = 20, components: int = 45, seed: int = 0) -> dict[str, np.ndarray]:
+def tiny_model(
+    family: Family, *, shapes: int = 20, components: int = 45, seed: int = 0, middles: np.ndarray | None = None
+) -> dict[str, np.ndarray]:
     """The arrays of a body with four vertices, a tetrahedron, around each joint, which alone moves them."""
     rng = np.random.default_rng(seed)
     names = names_of(family)
     parents = [names.index(PARENT.get(name, "head")) if name != "pelvis" else -1 for name in names]
-    middles = rng.normal(size=(len(names), 3))
+    middles = rng.normal(size=(len(names), 3)) if middles is None else middles
     tetrahedron = 0.05 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1.0]])
     template = (middles[:, None] + tetrahedron).reshape(-1, 3)
     regressor = np.kron(np.eye(len(names)), np.full((1, CORNERS), 1 / CORNERS))

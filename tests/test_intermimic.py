@@ -249,6 +249,7 @@ def test_objects_that_cannot_be_had(folder):
 
 def test_other_files_are_refused_with_what_is_supported(folder):
     for name in ("clip.csv", "clip"):
+        (folder / name).write_bytes(b"1,2")
         with pytest.raises(ReadError, match=re.escape("*.pt (intermimic-591")):
             read_clip(folder / name)
 

@@ -7,6 +7,7 @@ Each message says what is wrong, where, what exists or was expected, and what to
     ├── ReadError          a file is missing, damaged, unsafe, or not of the format it should be
     ├── ClipError          a file was read, but what it holds is not a usable clip
     ├── GeometryError      an object has no geometry, or none that can be used
+    ├── BodyModelError     a recording needs a body model that was not given
     ├── RobotError         a robot's model lacks a frame, a limit or a joint that its roles need
     ├── SolveError         a solve ended without a usable trajectory
     └── WriteError         a result could not be written; nothing half-written is left behind
@@ -33,6 +34,10 @@ class ClipError(HoiRetargetError):
 
 class GeometryError(HoiRetargetError):
     """Object geometry is absent or unusable."""
+
+
+class BodyModelError(HoiRetargetError):
+    """A recording holds a body's parameters, and the model that they are of is not at hand."""
 
 
 class RobotError(HoiRetargetError):

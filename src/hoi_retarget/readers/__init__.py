@@ -1,61 +1,117 @@
-"""Readers of recorded interactions: one module for each source, each a function `read(path, ...) -> Clip`."""
+"""Readers of recorded interactions: one module for each source, found by what a file holds."""
 
-from collections.abc import Callable, Mapping
+import difflib
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
 from hoi_retarget.clip import Clip
-from hoi_retarget.errors import ReadError
+from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.readers import grasp_check, intermimic, intermimic_objects, own_layout
-from hoi_retarget.readers.torch_file import parse_torch, read_bytes
+from hoi_retarget.readers.reader import Reader, ReadOptions
+from hoi_retarget.readers.source_file import FOLDER, SELECTION, SourceFile
 
-READERS: Mapping[str, Callable[..., Clip]] = MappingProxyType(
-    {module.FORMAT: module.read for module in (intermimic, intermimic_objects, own_layout)}
+READERS: Mapping[str, Reader] = MappingProxyType(
+    {module.READER.format: module.READER for module in (intermimic, intermimic_objects, own_layout)}
 )
-"""Format name -> `read(path, *, objects, object_name)`."""
+"""Format name -> its reader."""
+SUFFIXES: tuple[str, ...] = tuple(dict.fromkeys(suffix for reader in READERS.values() for suffix in reader.suffixes))
+"""Endings that the file of a clip can have; `FOLDER` for clips that are folders."""
 
-SUFFIXES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        **{suffix: (intermimic.FORMAT, intermimic_objects.FORMAT) for suffix in (".pt", ".pth")},
-        ".npz": (own_layout.FORMAT,),
-    }
-)
-"""File name ending -> names of the formats that such a file can have; its content tells which."""
+_EXPLAINING: Mapping[str, Reader] = {
+    ".pt": intermimic.READER,
+    ".pth": intermimic.READER,
+    ".npz": own_layout.READER,
+}
+"""Readers that say best what a file is not, where nobody reads it."""
+_SHOWN = 12  # Names of clips that an error lists.
 
 
-def read_clip(path: Path, *, objects: Path | None = None, object_name: str | None = None) -> Clip:
-    """Return the clip in `path`, whatever supported format it has.
+def read_clip(
+    path: Path, *, objects: Path | None = None, object_name: str | None = None, body_models: Path | None = None
+) -> Clip:
+    """Return the clip in `path` as its source has it, whatever supported format that is.
+
+    Contacts are those that the source labels, none where it labels none; `recordings.open_clip` finds them then.
 
     Args:
-        path: The recording.
-        objects: Folder with `<name>/<name>.obj` of each object.
+        path: The recording; `FILE#NAME` is one clip of a file that holds several.
+        objects: Folder with `<name>/<name>.obj` of each object, or as the source gives them.
         object_name: The object's name, where the file does not tell it.
+        body_models: Folder with the body models that some sources' parameters need.
 
     Raises:
         ReadError: The file is missing, damaged, or of no supported format.
         ClipError: What it holds cannot be used, or its grasps contradict how it is read.
         GeometryError: The object's geometry cannot be had.
-        ArgumentError: The object's name is given, although the file tells it.
+        BodyModelError: The body model that it needs cannot be had.
+        ArgumentError: The object's name is given, although the file tells it, or a clip is named that is not in it.
     """
-    if path.suffix.lower() not in SUFFIXES:
-        if path.is_dir():
-            raise ReadError(f"{path}: this is a folder. Name a clip in it.")
-        supported = ", ".join(f"*{suffix} ({', '.join(names)})" for suffix, names in SUFFIXES.items())
-        raise ReadError(f"{path}: files of type {path.suffix or 'without suffix'!r} are not supported: {supported}.")
-    content = read_bytes(path)
-    if path.suffix.lower() == ".npz":
-        return grasp_check.checked(own_layout.clip_of(path, content, objects=objects, object_name=object_name))
-    value = parse_torch(content, path)
-    module = intermimic_objects if intermimic_objects.is_multi_object(value) else intermimic
-    return grasp_check.checked(module.clip_of(value, path, content, objects=objects, object_name=object_name))
+    file = SourceFile(path)
+    reader = reader_of(file)
+    select(file, reader)
+    return grasp_check.checked(reader.read(file, ReadOptions(objects, object_name, body_models)))
+
+
+def reader_of(file: SourceFile) -> Reader:
+    """Return the reader of a file; raises `ReadError` where nobody reads it."""
+    if not file.path.exists():
+        raise ReadError(f"{file.name}: there is no such file. Check the path.")
+    fitting = [reader for reader in READERS.values() if file.suffix in reader.suffixes]
+    for reader in fitting:
+        if reader.holds(file):
+            return reader
+    if file.suffix in _EXPLAINING:
+        return _EXPLAINING[file.suffix]
+    if file.suffix == FOLDER:
+        kinds = f" ({', '.join(reader.format for reader in fitting)})" if fitting else ""
+        raise ReadError(f"{file.name}: this is a folder, and not the recording of one clip{kinds}. Name a clip in it.")
+    if fitting:
+        names = ", ".join(reader.format for reader in fitting)
+        raise ReadError(
+            f"{file.name}: it holds something else than clips of {names}. docs/sources.md tells the layouts."
+        )
+    supported = ", ".join(
+        f"*{suffix} ({', '.join(reader.format for reader in READERS.values() if suffix in reader.suffixes)})"
+        for suffix in SUFFIXES
+    )
+    kind = file.suffix or "without suffix"
+    raise ReadError(f"{file.name}: files of type {kind!r} are not supported: {supported}.")
+
+
+def clips_in(path: Path) -> tuple[Path, ...]:
+    """Return the names of all clips in a file, one where it is one clip; raises `ReadError` as `read_clip`."""
+    file = SourceFile(path)
+    reader = reader_of(file)
+    names = reader.clips_in(file) if file.selection is None else ()
+    return tuple(Path(f"{path}{SELECTION}{name}") for name in names) or (path,)
+
+
+def select(file: SourceFile, reader: Reader) -> None:
+    """Choose the only clip of a file where its name chooses none; raises `ArgumentError` where that does not do."""
+    names = reader.clips_in(file)
+    if file.selection is None and len(names) == 1:
+        file.selection = names[0]
+    if file.selection in names or (file.selection is None and not names):
+        return
+    if not names:
+        raise ArgumentError(f"{file.name}: the file is one clip. Leave {SELECTION}{file.selection} away.")
+    listing = f"{', '.join(names[:_SHOWN])}{', ...' if len(names) > _SHOWN else ''}"
+    if file.selection is None:
+        raise ArgumentError(
+            f"{file.name}: there are {len(names)} clips in it ({listing}). Choose one: {file.path}{SELECTION}{names[0]}"
+        )
+    close = difflib.get_close_matches(file.selection, names, n=1)
+    hint = f"Did you mean {close[0]!r}? " if close else ""
+    raise ArgumentError(f"{file.name}: no clip {file.selection!r} is in it. {hint}There are {len(names)}: {listing}.")
 
 
 def can_be_clip(path: Path) -> bool:
-    """Return whether a file may be a clip by its name, and where results are called alike, by what it holds."""
-    suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        return False
+    """Return whether a file or a folder may be a clip by its name, and where that says little, by what it holds."""
+    file = SourceFile(path)
+    if file.suffix in (".pt", ".pth"):
+        return True
     try:
-        return suffix != ".npz" or own_layout.holds(path.read_bytes())
-    except OSError:
+        return any(reader.holds(file) for reader in READERS.values() if file.suffix in reader.suffixes)
+    except (ReadError, OSError):
         return False

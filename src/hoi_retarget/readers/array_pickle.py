@@ -110,7 +110,8 @@ class _Type:
 class StandIn:
     """An array whose content comes after its name."""
 
-    content: np.ndarray | None = None
+    content: np.ndarray | list | None = None
+    """Of an array of objects, what it holds, one after the other."""
 
 
 @dataclass(eq=False)
@@ -272,9 +273,11 @@ def plain(value: Any, known: dict[int, Any]) -> Any:
         case StandIn() | _Wrapper():
             if value.content is None:
                 raise damaged("an array has no content")
-            return value.content
+            if not isinstance(value.content, list):
+                return value.content
+            copied: Any = [plain(item, known) for item in value.content]
         case dict():
-            copied: Any = {key: plain(item, known) for key, item in value.items()}
+            copied = {key: plain(item, known) for key, item in value.items()}
         case list():
             copied = [plain(item, known) for item in value]
         case tuple():

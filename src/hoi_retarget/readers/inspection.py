@@ -20,6 +20,7 @@ from hoi_retarget.readers import READERS, intermimic, intermimic_objects, own_la
 from hoi_retarget.readers.grasp_check import grasp_faults, grasp_figures
 from hoi_retarget.readers.intermimic_objects import geometry_of
 from hoi_retarget.readers.objects import NUMPY_ERRORS
+from hoi_retarget.readers.source_file import SourceFile
 from hoi_retarget.readers.torch_file import parse_torch, read_bytes
 from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, PARTS
 
@@ -142,7 +143,7 @@ def inspect(path: Path, objects: Path | None = None, object_name: str | None = N
 def _described(path: Path, objects: Path | None, object_name: str | None) -> Inspection:
     content = read_bytes(path)
     if path.suffix.lower() == ".npz":
-        own = own_layout.holds(content)
+        own = own_layout.holds(SourceFile(path))
         return _inspect_own(path, content, objects, object_name) if own else _inspect_archive(path, content)
     if content and not content.startswith((b"PK", b"\x80")):
         return _unknown(path, f"a file of {len(content)} bytes that is neither a torch file nor a result")

@@ -25,6 +25,8 @@ from hoi_retarget.arrays import describe_frames
 from hoi_retarget.clip import MINIMUM_FRAMES, Clip, ContactTrack, ObjectTrack, Person, Source
 from hoi_retarget.errors import ClipError, GeometryError, ReadError
 from hoi_retarget.readers.objects import load_geometry
+from hoi_retarget.readers.reader import Reader, ReadOptions
+from hoi_retarget.readers.source_file import SourceFile
 from hoi_retarget.readers.torch_file import parse_torch, read_bytes
 from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, LEFT_FINGERS, PARENT, PARTS, RIGHT_FINGERS
 
@@ -113,6 +115,16 @@ def read(path: Path, *, objects: Path | None = None, object_name: str | None = N
     """
     content = read_bytes(path)
     return clip_of(parse_torch(content, path), path, content, objects=objects, object_name=object_name)
+
+
+def holds(file: SourceFile) -> bool:
+    """Return whether a torch file is one tensor of this layout's width."""
+    return isinstance(file.torch, np.ndarray) and file.torch.ndim == 2 and file.torch.shape[1] == COLUMNS
+
+
+def read_file(file: SourceFile, options: ReadOptions) -> Clip:
+    """Return the clip of an opened file; otherwise as `read`."""
+    return clip_of(file.torch, file.path, file.content, objects=options.objects, object_name=options.object_name)
 
 
 def clip_of(
@@ -433,3 +445,6 @@ def _notes(recording: Recording) -> tuple[str, ...]:
     if (item & ~body).any():
         notes += (f"{(item & ~body).sum()} frame(s) label the object in contact, but no body.",)
     return notes
+
+
+READER = Reader(format=FORMAT, suffixes=(".pt", ".pth"), floor_at_zero=True, holds=holds, read=read_file)

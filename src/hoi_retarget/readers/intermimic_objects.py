@@ -42,6 +42,8 @@ from hoi_retarget.readers.intermimic import (
     part_active,
 )
 from hoi_retarget.readers.objects import load_geometry
+from hoi_retarget.readers.reader import Reader, ReadOptions
+from hoi_retarget.readers.source_file import SourceFile
 from hoi_retarget.readers.torch_file import parse_torch, read_bytes
 from hoi_retarget.skeleton import JOINTS, PARTS
 
@@ -108,6 +110,16 @@ def read(path: Path, *, objects: Path | None = None, object_name: str | None = N
     """
     content = read_bytes(path)
     return clip_of(parse_torch(content, path), path, content, objects=objects, object_name=object_name)
+
+
+def holds(file: SourceFile) -> bool:
+    """Return whether a torch file is a dictionary of this layout."""
+    return is_multi_object(file.torch)
+
+
+def read_file(file: SourceFile, options: ReadOptions) -> Clip:
+    """Return the clip of an opened file; otherwise as `read`."""
+    return clip_of(file.torch, file.path, file.content, objects=options.objects, object_name=options.object_name)
 
 
 def clip_of(
@@ -279,3 +291,6 @@ def content_notes(value: Mapping[str, Any], names: tuple[str, ...]) -> tuple[str
         listing = ", ".join(str(name)[:40] for name in list(joints)[:20])
         notes += (f"Angles of articulated parts are not used: {listing}.",)
     return notes
+
+
+READER = Reader(format=FORMAT, suffixes=(".pt", ".pth"), floor_at_zero=True, holds=holds, read=read_file)

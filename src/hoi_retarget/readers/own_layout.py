@@ -23,6 +23,8 @@ from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, ReadErr
 from hoi_retarget.motion import write_atomically
 from hoi_retarget.readers import rest_pose
 from hoi_retarget.readers.objects import LARGEST_OBJECT, load_geometry, load_mesh
+from hoi_retarget.readers.reader import Reader, ReadOptions
+from hoi_retarget.readers.source_file import SourceFile
 from hoi_retarget.readers.torch_file import read_bytes
 from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, LEFT_FINGERS, PARTS, RIGHT_FINGERS
 
@@ -51,12 +53,14 @@ _MESH = re.compile(r"object_\d+_mesh")
 _NUMBERS, _INTEGERS, _TEXT, _FLAGS = "fiu", "iu", "U", "b"
 
 
-def holds(content: bytes) -> bool:
-    """Return whether the bytes of an `.npz` file say that they are a clip of this layout."""
-    try:
-        return SCHEMA_KEY in npz.members(content)
-    except ValueError:
-        return False
+def holds(file: SourceFile) -> bool:
+    """Return whether an `.npz` file says that it is a clip of this layout."""
+    return SCHEMA_KEY in file.members
+
+
+def read_file(file: SourceFile, options: ReadOptions) -> Clip:
+    """Return the clip of an opened file; otherwise as `read`."""
+    return clip_of(file.path, file.content, objects=options.objects, object_name=options.object_name)
 
 
 def read(path: Path, *, objects: Path | None = None, object_name: str | None = None) -> Clip:
@@ -564,3 +568,6 @@ def _segment_contacts(
             points[touch][start:stop] = fixed[index]
     made = tuple(ContactTrack(it.person, it.object, it.part, active[it], points[it]) for it in active)
     return made, (_POINTS_NOTE,) if fixed is None else ()
+
+
+READER = Reader(format=FORMAT, suffixes=(".npz",), floor_at_zero=True, holds=holds, read=read_file)

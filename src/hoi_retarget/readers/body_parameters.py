@@ -1,0 +1,101 @@
+"""People from the parameters of a body model, as sources store them."""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.bodies import BodyModel, Family
+from hoi_retarget.clip import Person
+from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError
+from hoi_retarget.readers.body_models import load_body_model
+
+LARGEST_CHANGE = 1e-3
+"""Of betas between frames that are meant to be one body's."""
+_TITLES: dict[Family, str] = {"smplx": "SMPL-X", "smplh": "SMPL-H"}
+
+
+@dataclass(frozen=True, eq=False)
+class BodyParameters:
+    """Shape and pose of one person over time; rotations are rotation vectors [rad]."""
+
+    family: Family
+    gender: str
+    betas: Float[np.ndarray, "b"]
+    translation: Float[np.ndarray, "T 3"]
+    """[m]"""
+    body: Float[np.ndarray, "T 66"]
+    """The 22 joints of the body, pelvis first."""
+    left_hand: Float[np.ndarray, "T L"]
+    """45 numbers of 15 joints, or weights of principal components."""
+    right_hand: Float[np.ndarray, "T L"]
+    flat_hands: bool
+    """Whether hands are counted from flat ones; otherwise from the model's mean hand."""
+    template: Float[np.ndarray, "V 3"] | None = None
+    """The person's own body at rest [m], in the place of the model's."""
+
+
+def person_of(path: Path, name: str, parameters: BodyParameters, body_models: Path | None) -> Person:
+    """Return a person from a body's parameters.
+
+    Args:
+        path: the recording, for errors.
+        name: what the person is called.
+        parameters: the body's shape and pose.
+        body_models: the user's folder of models.
+
+    Raises:
+        BodyModelError: there is no folder, or it lacks the model.
+        ReadError: the model is damaged or of another family.
+        ClipError: the parameters are not those of this model.
+    """
+    model = _model(path, parameters, body_models)
+    try:
+        pose = model.pose(
+            parameters.body, parameters.left_hand, parameters.right_hand, flat_hands=parameters.flat_hands
+        )
+        positions, quats = model.joints(parameters.betas, pose, parameters.translation)
+    except ArgumentError as error:
+        raise ClipError(f"{path}: person {name!r}: {error}") from error
+    return Person(name, positions[:, model.skeleton_joints], quats[:, model.skeleton_joints])
+
+
+def constant_betas(path: Path, rows: Float[np.ndarray, "T b"]) -> Float[np.ndarray, "b"]:
+    """Return the betas of a body that are stored for every frame; raises `ClipError` where they change."""
+    change = float(np.ptp(rows, axis=0).max(initial=0.0))
+    if change > LARGEST_CHANGE:
+        raise ClipError(
+            f"{path}: the betas change by {change:.3g} over the recording, expected those of one body. "
+            "Are these frames of several people?"
+        )
+    return rows[0]
+
+
+def _model(path: Path, parameters: BodyParameters, folder: Path | None) -> BodyModel:
+    what = f"the {parameters.gender} {_TITLES[parameters.family]} body model"
+    if folder is None:
+        raise BodyModelError(
+            f"{path}: the recording holds parameters of {what}, not joints. Download it from its makers, whose terms "
+            "forbid to ship it here, and pass --body-models DIR."
+        )
+    if not folder.exists():
+        raise BodyModelError(f"--body-models {folder}: there is no such folder. {path} needs {what}.")
+    try:
+        model = _loaded(folder, parameters.gender, parameters.family)
+    except ArgumentError as error:
+        raise ClipError(f"{path}: {error}") from error
+    if parameters.template is None:
+        return model
+    if parameters.template.shape != model.template.shape:
+        raise ClipError(
+            f"{path}: the person's own body has {len(parameters.template)} vertices, {what} {len(model.template)}. "
+            "Use the model that it was made with."
+        )
+    return replace(model, template=parameters.template)
+
+
+@lru_cache(maxsize=8)
+def _loaded(folder: Path, gender: str, family: str) -> BodyModel:
+    return load_body_model(folder, gender, family)

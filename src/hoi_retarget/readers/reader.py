@@ -1,0 +1,72 @@
+"""What every reader of recordings offers."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from hoi_retarget.clip import Clip
+from hoi_retarget.readers.source_file import SourceFile
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """What a reader is told beside the recording's path."""
+
+    objects: Path | None = None
+    """Folder with the objects' geometry."""
+    object_name: str | None = None
+    """The object's name, where the recording does not tell it."""
+    body_models: Path | None = None
+    """Folder with SMPL-X or SMPL-H models, as `body_models.load_body_model` takes it."""
+
+
+@dataclass(frozen=True)
+class Outline:
+    """What a recording holds, as far as its own files say without shapes and body models."""
+
+    description: str
+    """Such as `BEHAVE recording of one person and one object`."""
+    frames: int
+    fps: float
+    """Frames a second."""
+    fps_stated: bool
+    """Whether the recording states its rate; otherwise its format implies it."""
+    skeleton: str
+    """What the person is given as, such as `SMPL-H male, 10 betas`."""
+    up_axis: str
+    """Which way is up in the recording, and who says so."""
+    people: int
+    objects: tuple[str, ...]
+    """Their names."""
+    contacts: str
+    """Where contacts come from, such as `none stored` or `labels of the hands`."""
+    licence: str
+    notes: tuple[str, ...] = ()
+
+
+def _is_one_clip(_file: SourceFile) -> tuple[str, ...]:
+    return ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reader:
+    """How one format is recognized and read.
+
+    Clips come out with z up, in metres; contacts are empty where the source has none.
+    """
+
+    format: str
+    """Its name, in small letters with dashes."""
+    suffixes: tuple[str, ...]
+    """Endings of file names in small letters, or `FOLDER`."""
+    floor_at_zero: bool
+    """Whether the format has the floor at z = 0; otherwise its height is estimated from the clip."""
+    holds: Callable[[SourceFile], bool]
+    """Tells whether a file with one of the suffixes is of this format, by names and shapes alone."""
+    read: Callable[[SourceFile, ReadOptions], Clip]
+    """Returns the clip; raises `ReadError`, `ClipError`, `GeometryError`, `BodyModelError` or `ArgumentError`."""
+    clips_in: Callable[[SourceFile], tuple[str, ...]] = _is_one_clip
+    """Returns the names of the clips to select from; none where the recording is one clip."""
+    outline: Callable[[SourceFile], Outline] | None = None
+    """Returns what the recording is and holds, cheaply; raises `ReadError` or `ClipError`. None for the formats that
+    `inspect` looks into more closely."""
