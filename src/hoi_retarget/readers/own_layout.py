@@ -15,17 +15,17 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
-from hoi_retarget import npz, se3
+from hoi_retarget import npz
 from hoi_retarget.clip import MINIMUM_FRAMES, Clip, ContactTrack, ObjectGeometry, ObjectTrack, Person, Source
 from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, ReadError, WriteError
 from hoi_retarget.motion import write_atomically
-from hoi_retarget.readers import rest_pose
+from hoi_retarget.readers import fingers, rest_pose
 from hoi_retarget.readers.objects import LARGEST_OBJECT, load_geometry, load_mesh
 from hoi_retarget.readers.reader import Reader, ReadOptions
 from hoi_retarget.readers.source_file import SourceFile
 from hoi_retarget.readers.torch_file import read_bytes
+from hoi_retarget.readers.upright import SHORTEST, TALLEST, standing_axis
 from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, LEFT_FINGERS, PARTS, RIGHT_FINGERS
 
 FORMAT = "hoi-retarget-clip"
@@ -39,12 +39,9 @@ BODY_JOINTS = tuple(joint for joint in JOINTS if joint not in (*LEFT_FINGERS, *R
 
 LARGEST_VALUE = 1e4
 """Of any number; metres, frames a second and quaternions stay below."""
-SHORTEST, TALLEST = 0.5, 3.0
-"""[m]; people whose skeleton is smaller or larger are given in another unit."""
 FLOOR_TOLERANCE = 0.3
 """[m]; the lowest joint is that near the floor in most frames of any recording."""
 
-_FINGERS_NOTE = "The clip has no fingers; they are straight, of a length that follows the forearm's."
 _POINTS_NOTE = "Contact points are where the parts are, as the clip names none."
 
 _MESH = re.compile(r"object_\d+_mesh")
@@ -213,17 +210,6 @@ def check_person(path: Path, person: Person) -> None:
         )
 
 
-def standing_axis(positions: Float[np.ndarray, "T 52 3"]) -> str:
-    """Return the axis along which it is farthest from feet to head in most frames, `-z` for upside down."""
-    feet = [JOINT_INDEX[f"{side}_ankle"] for side in ("left", "right")]
-    upward = positions[:, JOINT_INDEX["head"]] - positions[:, feet].mean(axis=1)
-    shares = np.bincount(np.abs(upward).argmax(axis=1), minlength=3) / len(upward)
-    axis = int(shares.argmax())
-    if shares[axis] <= 0.5:
-        return "z"
-    return f"{'-' if np.median(upward[:, axis]) < 0 else ''}{'xyz'[axis]}"
-
-
 # Arrays by name
 
 
@@ -333,8 +319,8 @@ def _people(arrays: _Arrays) -> tuple[tuple[Person, ...], tuple[str, ...]]:
     all_positions[:, :, present], all_quats[:, :, present] = positions, quats
     notes = ()
     if len(names) < len(JOINTS):
-        _add_fingers(all_positions, all_quats)
-        notes = (_FINGERS_NOTE,)
+        fingers.add_straight_fingers(all_positions, all_quats)
+        notes = (fingers.NOTE,)
     made = tuple(Person(name, all_positions[:, i], all_quats[:, i]) for i, name in enumerate(called))
     return made, notes
 
@@ -363,28 +349,6 @@ def _check_joint_names(path: Path, names: list[str]) -> None:
             f"{path}: joint_names has some fingers but lacks {', '.join(absent)}. Give all {len(fingers)} finger "
             "joints or none."
         )
-
-
-# Where straight fingers are in the left wrist's frame, in lengths of the forearm: x along the hand, z to the thumb.
-_KNUCKLES = {"index": 0.10, "middle": 0.02, "ring": -0.05, "pinky": -0.12}
-_ALONG = (0.38, 0.50, 0.59)
-_THUMB = ((0.14, 0.0, 0.12), (0.24, 0.0, 0.20), (0.33, 0.0, 0.26))
-
-
-def _add_fingers(positions: np.ndarray, quats: np.ndarray) -> None:
-    """Fill in the finger joints of arrays that have the body's: straight, turned as the wrist."""
-    for side, sign in (("left", 1.0), ("right", -1.0)):
-        wrist, elbow = JOINT_INDEX[f"{side}_wrist"], JOINT_INDEX[f"{side}_elbow"]
-        bones = np.linalg.norm(positions[:, :, wrist] - positions[:, :, elbow], axis=-1)
-        # The mean over time: a hand does not grow.
-        length = bones.mean(axis=0)[:, None]
-        for joint in LEFT_FINGERS if side == "left" else RIGHT_FINGERS:
-            finger, bone = joint.removeprefix(f"{side}_")[:-1], int(joint[-1]) - 1
-            place = _THUMB[bone] if finger == "thumb" else (_ALONG[bone], 0.0, _KNUCKLES[finger])
-            offset = length * (np.array(place) * [sign, 1.0, 1.0])
-            index = JOINT_INDEX[joint]
-            positions[:, :, index] = positions[:, :, wrist] + se3.rotate(quats[:, :, wrist], offset[None])
-            quats[:, :, index] = quats[:, :, wrist]
 
 
 def _check_unit(path: Path, name: str, quats: np.ndarray) -> None:
