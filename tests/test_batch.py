@@ -164,6 +164,9 @@ def test_a_specification_is_read_as_it_is_written(tmp_path):
 clips = ["builtin:carry_box", "recordings"]
 objects = "objects"
 object_name = "box"
+body_models = "models"
+floor = -0.02
+labels = "interact"
 edits = "/elsewhere"
 robots = ["unitree_h2"]
 root_scale = 0.8
@@ -179,6 +182,9 @@ speeds = [2]
         tmp_path,
         tmp_path / "objects",
         "box",
+        tmp_path / "models",
+        -0.02,
+        "interact",
         Path("/elsewhere"),
         ("unitree_h2",),
         0.8,

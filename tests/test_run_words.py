@@ -36,7 +36,7 @@ def test_words_parse_to_the_run_they_are_of(asked):
 def test_only_names_of_paths_are_shown_where_that_is_asked_for():
     run = Run(clips=(Path("/home/jane/a.pt"),), out=Path("/data/out"), objects=Path("/home/jane/objects"))
     words = words_of(settings_of(run), shown=lambda path: Path(path).name)
-    assert words == ["run", "a.pt", "--out", "out", "--objects", "objects"]
+    assert words == ["run", "a.pt", "--objects", "objects", "--out", "out"]
 
 
 def test_settings_of_another_version_are_left_out():

@@ -108,7 +108,11 @@ class Nearness:
 
 
 def label_contacts(
-    clip: Clip, *, rule: Rule = PROXIMITY, points: Literal["part", "surface"] = "part"
+    clip: Clip,
+    *,
+    rule: Rule = PROXIMITY,
+    points: Literal["part", "surface"] = "part",
+    near: tuple["Nearness", ...] | None = None,
 ) -> tuple[ContactTrack, ...]:
     """Return the contacts of a clip: a track for each person, object and part, in this order.
 
@@ -117,11 +121,12 @@ def label_contacts(
         rule: when a part touches.
         points: `part` gives the part's own point (`Person.part_position`) in the object's frame, as the readers do;
             `surface` gives the object's point nearest to the part.
+        near: the clip's `nearness`, where it is known already.
 
     Raises:
         GeometryError: an object's mesh cannot be read.
     """
-    near = nearness(clip)
+    near = nearness(clip) if near is None else near
     active = touching(clip, near, rule) if isinstance(rule, Proximity) else _by_interact(clip, rule)
     tracks = []
     for item, flags in zip(near, active, strict=True):

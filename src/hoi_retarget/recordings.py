@@ -2,36 +2,59 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from hoi_retarget.augment import augment
 from hoi_retarget.clip import Augmentation, Clip
+from hoi_retarget.completion import Labels, on_floor, with_contacts
 from hoi_retarget.contact_edits import ContactEdits, apply, from_text
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
 from hoi_retarget.motion import Motion
-from hoi_retarget.readers import read_clip
+from hoi_retarget.readers import READERS, grasp_check, read_clip
+from hoi_retarget.readers.source_file import FOLDER, SourceFile
 from hoi_retarget.synthetic import BUILTIN, SCENES, make
 
 _ADVICE = "Pass --clip to name it."
 
 
-def open_clip(name: Path | str, *, objects: Path | None = None, object_name: str | None = None) -> Clip:
-    """Return a clip by its name: `builtin:<scene>`, or the path of a recording.
+def open_clip(  # noqa: PLR0913 - all that a source may leave open
+    name: Path | str,
+    *,
+    objects: Path | None = None,
+    object_name: str | None = None,
+    body_models: Path | None = None,
+    floor: float | None = None,
+    labels: Labels = "auto",
+) -> Clip:
+    """Return a clip by its name, `builtin:<scene>` or the path of a recording, with floor and contacts.
+
+    What the source leaves open is found from the motion, and said in the clip's notes.
 
     Args:
-        name: What the clip is called.
-        objects: Folder with `<name>/<name>.obj` of each object; built-in clips need none.
+        name: What the clip is called; `FILE#NAME` is one clip of a file that holds several.
+        objects: Folder with `<name>/<name>.obj` of each object, or as the source gives them; built-in clips need none.
         object_name: The object's name, where the file does not tell it.
+        body_models: Folder with the body models that some sources' parameters need.
+        floor: Height of the floor in the recording [m], where it is known better than by the source or an estimate.
+        labels: Where contacts come from, as in `completion.with_contacts`.
 
     Raises:
         ArgumentError: There is no such built-in clip.
         ReadError: The file is missing, damaged, or of no supported format.
         ClipError: What it holds cannot be used.
         GeometryError: The object's geometry cannot be had.
+        BodyModelError: The body model that it needs cannot be had.
     """
+    clip = _as_recorded(name, objects, object_name, body_models)
+    reader = READERS.get(clip.source.format)
+    clip = on_floor(clip, at_zero=reader is None or reader.floor_at_zero, floor=floor)
+    return grasp_check.checked(with_contacts(clip, labels))
+
+
+def _as_recorded(name: Path | str, objects: Path | None, object_name: str | None, body_models: Path | None) -> Clip:
     scene = builtin_scene(name)
     if scene is None:
-        return read_clip(Path(name), objects=objects, object_name=object_name)
+        return read_clip(Path(name), objects=objects, object_name=object_name, body_models=body_models)
     if scene not in SCENES:
         listing = ", ".join(f"{BUILTIN}{known}" for known in SCENES)
         raise ArgumentError(f"{name}: there is no such built-in clip. Built-in clips: {listing}.")
@@ -47,7 +70,12 @@ def builtin_scene(name: Path | str) -> str | None:
 def result_stem(name: Path | str) -> str:
     """Return what results made of a clip are called, without `.npz`."""
     scene = builtin_scene(name)
-    return Path(name).stem if scene is None else scene
+    if scene is not None:
+        return scene
+    file = SourceFile(Path(name))
+    if file.selection is not None:
+        return file.selection.replace(" ", "_")
+    return file.path.name if file.suffix == FOLDER else file.path.stem
 
 
 def clip_of(motion: Motion, *, name: Path | None = None, objects: Path | None = None) -> Clip:
@@ -86,13 +114,8 @@ def recording_of(motion: Motion, *, name: Path | None = None, objects: Path | No
     if not isinstance(path, str) or not path:
         raise ReadError(f"the result does not say which clip it was made from. {_ADVICE}")
     settings = _table(motion.report, "command")
-    folder, object_name = settings.get("objects"), settings.get("object_name")
     try:
-        clip = open_clip(
-            path,
-            objects=Path(folder) if objects is None and isinstance(folder, str) else objects,
-            object_name=object_name if isinstance(object_name, str) else None,
-        )
+        clip = open_clip(path, **_read_with(settings, objects))
     except HoiRetargetError as error:
         raise ReadError(f"the clip that the result was made from cannot be read again: {error} {_ADVICE}") from error
     if name is None and clip.source.sha256 != source.get("sha256"):
@@ -101,6 +124,20 @@ def recording_of(motion: Motion, *, name: Path | None = None, objects: Path | No
     if not text:
         return clip, ContactEdits.of(clip)
     return clip, from_text(str(text), "the result's contact edits")
+
+
+def _read_with(settings: Mapping[str, Any], objects: Path | None) -> dict[str, Any]:
+    """Return what a result's clip was read with; settings of another version may lack any of it."""
+    folders = {key: Path(settings[key]) for key in ("objects", "body_models") if isinstance(settings.get(key), str)}
+    if objects is not None:
+        folders["objects"] = objects
+    name, floor, labels = (settings.get(key) for key in ("object_name", "floor", "labels"))
+    return {
+        **folders,
+        "object_name": name if isinstance(name, str) else None,
+        "floor": float(floor) if isinstance(floor, int | float) else None,
+        "labels": labels if labels in get_args(Labels) else "auto",
+    }
 
 
 def _augmentation(motion: Motion) -> Augmentation:

@@ -32,13 +32,13 @@ class Contents:
             job: The job.
             objects: Names of the objects in its clip; None where the clip could not be read, and any object may matter.
         """
-        folder = job.objects
+        folder = job.reading["objects"]
         names = self._objects(folder) if objects is None else objects
         parts = {
             "version": __version__,
             "clip": job.clip if builtin_scene(job.clip) is not None else self._of_recording(Path(job.clip)),
             "objects": {name: self._of_object(folder, name) for name in names} if folder else {},
-            "object_name": job.object_name,
+            "reading": {key: str(value) for key, value in job.reading.items() if key != "objects"},
             "edits": self.of_file(job.edits) if job.edits else "",
             "robot": self._of_robot(job.robot),
             "config": asdict(job.config),

@@ -1,18 +1,19 @@
 """The jobs that a specification asks for: one clip, one robot, one variant each."""
 
 import errno
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 from hoi_retarget.augment import describe
 from hoi_retarget.batch.specification import Specification
 from hoi_retarget.clip import Augmentation
-from hoi_retarget.errors import ArgumentError
+from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.pipeline import Config
-from hoi_retarget.readers import SUFFIXES, can_be_clip
-from hoi_retarget.recordings import builtin_scene
+from hoi_retarget.readers import SUFFIXES, can_be_clip, clips_in
+from hoi_retarget.recordings import builtin_scene, result_stem
 from hoi_retarget.targets import Scaling
 from hoi_retarget.trajopt.windows import parse_horizon
 
@@ -29,8 +30,8 @@ class Job:
     """`builtin:<scene>` or an absolute path."""
     shown: str
     """The clip as it was named: relative to the specification's folder, where it was."""
-    objects: Path | None
-    object_name: str | None
+    reading: Mapping[str, Any]
+    """What the clip is read with, as `recordings.open_clip` takes it."""
     edits: Path | None
     robot: str
     scaling: Scaling
@@ -72,7 +73,14 @@ class _Named:
 
 def _variants(clip: _Named, specification: Specification) -> Iterator[Job]:
     edits = specification.edits and _edits_of(clip, specification.edits)
-    objects = specification.objects
+    objects, models = specification.objects, specification.body_models
+    reading = {
+        "objects": objects and objects.absolute(),
+        "object_name": specification.object_name,
+        "body_models": models and models.absolute(),
+        "floor": specification.floor,
+        "labels": specification.labels,
+    }
     grid = product(
         specification.robots,
         specification.object_scales,
@@ -91,8 +99,7 @@ def _variants(clip: _Named, specification: Specification) -> Iterator[Job]:
             name="-".join((f"{robot}/{clip.name}", *(word.replace(" ", "") for word in words))),
             clip=clip.clip,
             shown=clip.shown,
-            objects=objects and objects.absolute(),
-            object_name=specification.object_name,
+            reading=reading,
             edits=edits,
             robot=robot,
             scaling=Scaling(specification.root_scale, object_scale, multiplier),
@@ -136,21 +143,35 @@ def _named(specification: Specification, named: str) -> Iterator[_Named]:
                 "wildcard. Name, for example, 'recordings/**/*.pt'."
             )
         yield from _below(specification, Path(*steps[:fixed]), str(Path(*steps[fixed:])), named)
-    elif path.is_dir():
+    elif path.is_dir() and not can_be_clip(path):
         yield from _below(specification, Path(named), "**/*", named)
     else:
-        yield _Named(path.stem, str(path.absolute()), named)
+        for clip in _selected(path):
+            yield _Named(result_stem(clip), str(clip.absolute()), named.removesuffix(path.name) + clip.name)
 
 
 def _below(specification: Specification, folder: Path, pattern: str, named: str) -> Iterator[_Named]:
     """Yield the clips in a folder that fit a pattern, called by their way from there."""
     root = specification.folder / folder
-    found = sorted(path for path in root.glob(pattern) if path.is_file() and can_be_clip(path))
+    found: list[Path] = []
+    for path in sorted(root.glob(pattern)):
+        # What lies in a clip's own folder is part of it.
+        if not any(path.is_relative_to(clip) for clip in found) and can_be_clip(path):
+            found.append(path)
     if not found:
         known = ", ".join(f"*{suffix}" for suffix in SUFFIXES)
         raise ArgumentError(
             f"{specification.folder / named}: there are no clips ({known}). Name a folder or a pattern that has some."
         )
     for path in found:
-        way = path.relative_to(root)
-        yield _Named(way.with_suffix("").as_posix(), str(path.absolute()), (folder / way).as_posix())
+        for clip in _selected(path):
+            way = clip.relative_to(root)
+            yield _Named((way.parent / result_stem(clip)).as_posix(), str(clip.absolute()), (folder / way).as_posix())
+
+
+def _selected(path: Path) -> tuple[Path, ...]:
+    """Return the names of all clips in a file; the file itself where it cannot be read, which its job will tell."""
+    try:
+        return clips_in(path)
+    except ReadError:
+        return (path,)

@@ -5,9 +5,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from hoi_retarget.clip import Augmentation
+from hoi_retarget.completion import Labels
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.robots import robot
 from hoi_retarget.targets import Scaling
@@ -32,6 +33,12 @@ class Specification:
     """Folder with the objects' geometry."""
     object_name: str | None = None
     """Which object the clips are with, where neither they nor their names say."""
+    body_models: Path | None = None
+    """Folder with SMPL-X or SMPL-H models, for recordings that hold their parameters."""
+    floor: float | None = None
+    """Height of the floor in the recordings [m], where it is known better than by the format or an estimate."""
+    labels: Labels = "auto"
+    """Where contacts come from: `auto`, `proximity` or `interact`, as for `run`."""
     edits: Path | None = None
     """Folder with contact edits, `<clip>.edits.toml` for those clips that have some."""
     robots: tuple[str, ...] = ("unitree_g1",)
@@ -98,19 +105,19 @@ def read_specification(path: Path) -> Specification:
 
 
 def _with_paths(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    return {key: folder / value if key in ("objects", "edits") else value for key, value in values.items()}
+    return {
+        key: folder / value if key in ("objects", "body_models", "edits") else value for key, value in values.items()
+    }
 
 
 _LARGEST_INTEGER = 2**63  # Of TOML; Python's may be too large for any float.
-_TEXTS, _LISTS_OF_TEXTS = ("objects", "object_name", "edits", "horizon"), ("clips", "robots")
+_LISTS_OF_TEXTS = ("clips", "robots")
 
 
 def _value(owner: str, key: str, value: Any) -> Any:
     """Return a value as its field has it, or raise `ReadError`."""
-    if key in _TEXTS:
-        return _checked(owner, value, isinstance(value, str), "a text")
-    if key == "root_scale":
-        return _scale(owner, value)
+    if key in _SINGLE:
+        return _SINGLE[key](owner, value)
     if not isinstance(value, list):
         raise ReadError(f"{owner} is {value!r}; expected a list, such as [{value!r}].")
     if key in _LISTS_OF_TEXTS:
@@ -120,6 +127,15 @@ def _value(owner: str, key: str, value: Any) -> Any:
     if key == "object_scales":
         return tuple(_scale(owner, item) for item in value)
     return tuple(_number(owner, item) for item in value)
+
+
+def _text(owner: str, value: Any) -> str:
+    return _checked(owner, value, isinstance(value, str), "a text")
+
+
+def _labels(owner: str, value: Any) -> Labels:
+    known = get_args(Labels)
+    return _checked(owner, value, isinstance(value, str) and value in known, f"one of {', '.join(known)}")
 
 
 def _scale(owner: str, value: Any) -> Scale:
@@ -135,3 +151,12 @@ def _checked(owner: str, value: Any, good: bool, expected: str) -> Any:
     if not good:
         raise ReadError(f"{owner} holds {value!r}; expected {expected}.")
     return value
+
+
+_SINGLE = {
+    **dict.fromkeys(("objects", "object_name", "body_models", "edits", "horizon"), _text),
+    "root_scale": _scale,
+    "floor": _number,
+    "labels": _labels,
+}
+"""Keys whose value is no list, and what checks it."""

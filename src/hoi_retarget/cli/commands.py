@@ -46,18 +46,31 @@ class Solving:
     """How many frames are solved at once: auto, whole, per-frame, or windowed:LENGTH[:OVERLAP]."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """What a recording is read with."""
+
+    objects: OptionalFolder = None
+    """Folder with the objects' geometry: OBJECTS/<name>/<name>.obj, or sample_points.npy there, or the source's own."""
+    object_name: ObjectName = None
+    """Which object the clip is with; by default the clip says, or its file name sub<N>_<object>_<n>."""
+    body_models: OptionalFolder = None
+    """Folder with SMPL-X or SMPL-H models, for recordings that hold their parameters."""
+    floor: Annotated[float | None, arg(metavar="HEIGHT", help_behavior_hint="")] = None
+    """Height of the floor in the recording [m]; by default the format's, or an estimate from standing feet."""
+    labels: Literal["auto", "proximity", "interact"] = "auto"
+    """Where contacts come from: auto keeps the recording's own and finds them from distances where it has none;
+    proximity and interact find them anew, by the rule of that name."""
+
+
 @dataclass(frozen=True)
-class Run(Solving):
+class Run(Reading, Solving):
     """Retarget recorded clips; each result is OUT/<clip's stem>.npz."""
 
     clips: Annotated[Positional[tuple[Path, ...]], arg(metavar="CLIP...", help_behavior_hint="(required)")]
     """Clips to retarget, one after the other: files, or built-in ones such as builtin:carry_box."""
     out: Folder
     """Folder to write into; made when it does not exist."""
-    objects: OptionalFolder = None
-    """Folder with the objects' geometry: OBJECTS/<name>/<name>.obj, or sample_points.npy there."""
-    object_name: ObjectName = None
-    """Which object the clips are with; by default the clip says, or its file name sub<N>_<object>_<n>."""
     edits: OptionalFile = None
     """Contact edits for the clip, as `hoi-retarget contacts` writes them; then only one clip can be named."""
 
@@ -97,29 +110,21 @@ class Evaluate:
 
 
 @dataclass(frozen=True)
-class Inspect:
+class Inspect(Reading):
     """Say what a file holds, what is missing, and which command to run on it."""
 
     file: Annotated[Positional[Path], arg(metavar="FILE")]
     """A clip or a result."""
-    objects: OptionalFolder = None
-    """Folder with the objects' geometry, as for run."""
-    object_name: ObjectName = None
-    """Which object the clip is with, as for run."""
 
 
 @dataclass(frozen=True)
-class Convert:
+class Convert(Reading):
     """Write a clip in the project's own layout: one file with all that is needed, object shapes included."""
 
     clip: Annotated[Positional[Path], arg(metavar="CLIP")]
     """A recording, or a built-in clip such as builtin:carry_box."""
     out: Annotated[Path, arg(metavar="FILE")]
     """File to write (.npz)."""
-    objects: OptionalFolder = None
-    """Folder with the objects' geometry, as for run."""
-    object_name: ObjectName = None
-    """Which object the clip is with, as for run."""
 
 
 @dataclass(frozen=True)
@@ -179,15 +184,11 @@ class Sample:
 
 
 @dataclass(frozen=True)
-class Contacts:
+class Contacts(Reading):
     """Show the contacts of a clip, and edit them: who touches what, where and when."""
 
     clip: Annotated[Positional[Path], arg(metavar="CLIP")]
     """A recording, or a built-in clip such as builtin:carry_box."""
-    objects: OptionalFolder = None
-    """Folder with the objects' geometry, as for run."""
-    object_name: ObjectName = None
-    """Which object the clip is with, as for run."""
     edits: OptionalFile = None
     """Begin with the contact edits in this file. Those of the options below follow, in the order they have here."""
     delete: Annotated[tuple[str, ...], arg(metavar="PART:FRAME...", help_behavior_hint="")] = ()
@@ -216,15 +217,11 @@ Port = Annotated[int | None, arg(metavar="PORT", help_behavior_hint="")]
 
 
 @dataclass(frozen=True)
-class Edit(Solving):
+class Edit(Reading, Solving):
     """Edit the contacts of a clip in a browser: drag, retime, split, add; the motion follows at once."""
 
     clip: Annotated[Positional[Path], arg(metavar="CLIP")]
     """A recording, or a built-in clip such as builtin:carry_box."""
-    objects: OptionalFolder = None
-    """Folder with the objects' geometry, as for run."""
-    object_name: ObjectName = None
-    """Which object the clip is with, as for run."""
     edits: OptionalFile = None
     """Where the edits are saved, by default <clip's stem>.edits.toml here; those in it already are gone on from."""
     out: Folder = Path("results")

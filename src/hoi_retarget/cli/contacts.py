@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hoi_retarget.cli.commands import Contacts, Run
-from hoi_retarget.cli.jobs import check_writable, write_file
+from hoi_retarget.cli.jobs import check_writable, reading_of, write_file
 from hoi_retarget.cli.run_words import settings_of, words_of
 from hoi_retarget.cli.terminal import program, say, show_table, warn
 from hoi_retarget.clip import Clip
@@ -45,7 +45,7 @@ def execute(command: Contacts) -> int:
     if command.out is not None:
         check_writable("--out", command.out.parent)
     begun = None if command.edits is None else load(command.edits)
-    clip = open_clip(command.clip, objects=command.objects, object_name=command.object_name)
+    clip = open_clip(command.clip, **reading_of(command))
     edits = ContactEdits.of(clip) if begun is None else begun
     for edit in asked:
         edits = edits.adding(edit)
@@ -102,8 +102,7 @@ def _run_words(command: Contacts, edits: Path) -> list[str]:
     asked = Run(
         clips=(command.clip,),
         out=Path("results"),
-        objects=command.objects,
-        object_name=command.object_name,
+        **reading_of(command),
         edits=edits,
     )
     return words_of(settings_of(asked))

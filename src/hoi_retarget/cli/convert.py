@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from hoi_retarget.cli.commands import Convert
-from hoi_retarget.cli.jobs import check_writable
+from hoi_retarget.cli.jobs import check_writable, reading_of
 from hoi_retarget.cli.terminal import program, say
 from hoi_retarget.clip import Clip, ObjectGeometry
 from hoi_retarget.errors import ArgumentError
@@ -19,7 +19,7 @@ def execute(command: Convert) -> int:
     if command.out.suffix.lower() != ".npz":
         raise ArgumentError(f"--out {command.out}: the file's name must end with .npz.")
     check_writable("--out", command.out.parent)
-    clip = open_clip(command.clip, objects=command.objects, object_name=command.object_name)
+    clip = open_clip(command.clip, **reading_of(command))
     own_layout.write(_whole(clip), command.out)
     size = command.out.stat().st_size / 1e6
     say(f"{command.out}: {clip.frames} frames at {clip.fps:g} frames/s, {size:.1f} MB")

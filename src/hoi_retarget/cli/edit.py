@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hoi_retarget.cli.commands import Edit, Run, Solving
-from hoi_retarget.cli.jobs import check_spared, check_writable, config_of
+from hoi_retarget.cli.jobs import check_spared, check_writable, config_of, reading_of
 from hoi_retarget.cli.run_words import settings_of, words_of
 from hoi_retarget.cli.serving import check_viser, serve_until_interrupted
 from hoi_retarget.cli.terminal import Working, program, say
@@ -34,7 +34,7 @@ def execute(command: Edit) -> int:
     check_writable("--edits", path.parent)
     check_writable("--out", command.out)
     check_spared(command.clip, command.out)
-    clip = open_clip(command.clip, objects=command.objects, object_name=command.object_name)
+    clip = open_clip(command.clip, **reading_of(command))
     edits = load(path) if os.path.lexists(path) else ContactEdits.of(clip)
     with Working("retargeting", None):
         start = solved(clip, model, config, edits)
@@ -65,8 +65,7 @@ def _as_run(command: Edit, edits: Path) -> Run:
     return Run(
         clips=(command.clip,),
         out=command.out,
-        objects=command.objects,
-        object_name=command.object_name,
+        **reading_of(command),
         edits=edits,
         **solving,
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hoi_retarget.cli.commands import Run
 from hoi_retarget.cli.figures import show_figures
-from hoi_retarget.cli.jobs import check_spared, check_writable, config_of, describe_result, score
+from hoi_retarget.cli.jobs import check_spared, check_writable, config_of, describe_result, reading_of, score
 from hoi_retarget.cli.run_words import settings_of
 from hoi_retarget.cli.terminal import Working, fail, say, warn
 from hoi_retarget.clip import Clip
@@ -64,7 +64,7 @@ def execute(command: Run) -> int:
 def _run_clip(path: Path, command: Run, model: RobotModel, config: Config, working: Working) -> dict[Path, Motion]:
     """Retarget all people of one clip, then write their results; return what is where."""
     start = time.process_time()
-    clip = open_clip(path, objects=command.objects, object_name=command.object_name)
+    clip = open_clip(path, **reading_of(command))
     doubts = grasp_faults(grasp_figures(clip))
     if command.edits is not None:
         clip = apply(clip, load(command.edits))

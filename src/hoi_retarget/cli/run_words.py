@@ -7,7 +7,7 @@ from typing import Any
 
 from hoi_retarget.cli.commands import Run
 
-_PATHS = ("objects", "edits", "out")
+_PATHS = ("objects", "body_models", "edits", "out")
 _OPTIONS = {"object_name": "--object"}
 """Options that are not called what their fields are."""
 

@@ -25,7 +25,7 @@ class SourceFile:
 
     def __init__(self, name: Path) -> None:
         path, _, selection = str(name).rpartition(SELECTION)
-        chosen = bool(path) and not name.exists()
+        chosen = bool(path) and not _there(name)
         self.name = name
         """As the user wrote it."""
         self.path = Path(path) if chosen else name
@@ -37,7 +37,12 @@ class SourceFile:
     @property
     def suffix(self) -> str:
         """The ending of the file's name in small letters, or `FOLDER`."""
-        return FOLDER if self.path.is_dir() else self.path.suffix.lower()
+        return FOLDER if _is_folder(self.path) else self.path.suffix.lower()
+
+    @property
+    def exists(self) -> bool:
+        """Whether it is there; what cannot be looked at may be."""
+        return _there(self.path)
 
     @cached_property
     def content(self) -> bytes:
@@ -70,7 +75,7 @@ class SourceFile:
         for step in steps:
             if step in ("", ".", "..") or any(character in step for character in "/\\:\0"):
                 raise ReadError(f"{self.name}: it names {step[:80]!a}, which is no plain name of a file or folder.")
-        return (self.path if self.path.is_dir() else self.path.parent).joinpath(*steps)
+        return (self.path if _is_folder(self.path) else self.path.parent).joinpath(*steps)
 
     def read(self, path: Path) -> bytes:
         """Return the bytes of a file that the clip is made of; raises `ReadError`."""
@@ -83,3 +88,17 @@ class SourceFile:
         """Of the file that was read; of the digests of all, in the order of their paths, where there were several."""
         digests = [self._digests[path] for path in sorted(self._digests)]
         return digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
+
+
+def _there(path: Path) -> bool:
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return True
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False

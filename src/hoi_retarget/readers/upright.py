@@ -23,14 +23,14 @@ def check_upright(path: Path, person: Person, up_axis: str) -> None:
     """
     if not SHORTEST <= person.height <= TALLEST:
         raise ClipError(
-            f"{path}: person {person.name!r} would be {person.height:.4g} m tall: the recording is in another unit than "
-            "metres, or its body is of another model. Check the betas and the model."
+            f"{path}: person {person.name!r} would be {person.height:.4g} m tall: the recording is in another unit "
+            "than metres, or its body is of another model. Check the betas and the model."
         )
     axis = standing_axis(person.joint_positions)
     if axis != "z":
         raise ClipError(
-            f"{path}: person {person.name!r} stands along {axis}, turned to z up from {up_axis} up as the format has it: "
-            "this copy has another axis up. Turn it as its makers give it."
+            f"{path}: person {person.name!r} stands along {axis}, turned to z up from {up_axis} up as the format has "
+            "it: this copy has another axis up. Turn it as its makers give it."
         )
 
 
