@@ -1,0 +1,265 @@
+"""Reads CORE4D's recordings of two people and one object: a folder for each.
+
+`person1_poses.npz` and `person2_poses.npz` hold a dictionary each, pickled into `arr_0`: parameters of neutral SMPL-X,
+ten betas, hands as twelve principal components from the flat hand, and the joints and vertices that come out of them.
+`smooth_objposes.npy` holds the object's poses as matrices, `object_metadata.json` its name; its mesh is
+`object_models/<category>/<name>_m.obj`, the category being the name without its three digits. y is up, in metres, 15
+frames a second, which the makers' paper says and not the files (leolyliu/CORE4D-Instructions docs/file_definitions.md,
+benchmarks/data_processing/utils/VTS_object.py).
+
+Joints need no body model here: they are stored, in SMPL-X's order, and the pose gives the body's rotations. With a
+model people come from it, and must be where the stored joints are.
+
+The second version has other files for people, `person_1/result.npz`, and no objects; the synthetic part's files are
+nowhere described. Both are refused.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget import npz
+from hoi_retarget.arrays import describe_frames
+from hoi_retarget.bodies import JOINT_COUNT
+from hoi_retarget.clip import MINIMUM_FRAMES, Clip, ObjectGeometry, ObjectTrack, Person, Source
+from hoi_retarget.errors import ClipError, ReadError
+from hoi_retarget.readers import kinematics
+from hoi_retarget.readers.body_parameters import BodyParameters, constant_betas, person_of
+from hoi_retarget.readers.companions import folder_above, json_table, refuse_object_name
+from hoi_retarget.readers.fields import Fields
+from hoi_retarget.readers.object_arrays import object_or_array
+from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.rigid import poses_of
+from hoi_retarget.readers.source_file import FOLDER, SourceFile
+from hoi_retarget.readers.triangles import first_mesh
+from hoi_retarget.readers.upright import check_upright
+from hoi_retarget.readers.worlds import turned_object, turned_person
+from hoi_retarget.skeleton import JOINTS
+
+FORMAT = "core4d"
+LICENCE = "CC BY 4.0, as the data set's README says"
+FPS = 15.0
+UP = "y"
+PEOPLE = ("person1", "person2")
+LARGEST_GAP = 0.01
+"""[m]; between joints that the file stores and where its own parameters put them."""
+
+_PARAMETERS = "arr_0"
+_POSES = "smooth_objposes.npy"
+_METADATA = "object_metadata.json"
+_MESHES = "object_models"
+_STORED_JOINTS = 127
+"""SMPL-X's 55 joints, then points of the face, the feet and the fingertips."""
+_SKELETON_JOINTS = [*range(22), *range(25, JOINT_COUNT["smplx"])]
+"""Which of them are those of `skeleton.JOINTS`: all but jaw and eyes."""
+_DIGITS = 3
+_NEW_PEOPLE = ("person_1", "result.npz")
+_SYNTHETIC = ("human_poses.npy", "object_poses.npy", "object_mesh.obj")
+_RATE_NOTE = "15 frames a second, as the makers' paper and scripts have it; the files do not state it."
+_FINGER_NOTE = (
+    "Finger joints are where the file has them, turned as the wrist: their own rotations are components that only the "
+    "body model can expand."
+)
+
+
+def holds(file: SourceFile) -> bool:
+    """Return whether a folder has the files of one of CORE4D's recordings, of any version."""
+    names = ((f"{PEOPLE[0]}_poses.npz",), _NEW_PEOPLE)
+    return any(file.beside(*name).is_file() for name in names) or _is_synthetic(file)
+
+
+def read_file(file: SourceFile, options: ReadOptions) -> Clip:
+    """Return the clip in a folder; body models are used where they are given.
+
+    Raises:
+        ReadError: files are missing, damaged, or of the versions that are not read.
+        ClipError: arrays are missing, disagree, or contradict each other.
+        GeometryError: the object's mesh cannot be had.
+        ArgumentError: an object's name is given.
+    """
+    _check_version(file)
+    name = _object_name(file)
+    refuse_object_name(file, options, name)
+    fields = {person: _fields(file, person) for person in PEOPLE}
+    poses = _object_poses(file)
+    _check_frames(file, {_POSES: len(poses)} | {person: len(_joints(values)) for person, values in fields.items()})
+    path = file.beside(_POSES)
+    positions, quats = poses_of(path, "the object's pose", poses)
+    track = ObjectTrack(name, positions, quats, _geometry(file, options, name))
+    people = tuple(turned_person(_person(values, name, options.body_models), UP) for name, values in fields.items())
+    for person in people:
+        check_upright(file.path, person, UP)
+    return Clip(
+        name="_".join(file.path.resolve().parts[-2:]),
+        fps=FPS,
+        people=people,
+        objects=(turned_object(track, UP),),
+        contacts=(),
+        source=Source(
+            str(file.name),
+            file.sha256,
+            FORMAT,
+            LICENCE,
+            (_RATE_NOTE,) if options.body_models else (_RATE_NOTE, _FINGER_NOTE),
+        ),
+    )
+
+
+def outline(file: SourceFile) -> Outline:
+    """Return what a folder holds, without reading people; raises `ReadError` or `ClipError`."""
+    _check_version(file)
+    return Outline(
+        description="CORE4D recording of two people and one object",
+        frames=len(_object_poses(file)),
+        fps=FPS,
+        fps_stated=False,
+        skeleton="SMPL-X neutral, 10 betas, joints stored",
+        up_axis="y, as the format has it",
+        people=len(PEOPLE),
+        objects=(_object_name(file),),
+        contacts="none stored",
+        licence=LICENCE,
+    )
+
+
+def _is_synthetic(file: SourceFile) -> bool:
+    return all(file.beside(name).is_file() for name in _SYNTHETIC)
+
+
+def _check_version(file: SourceFile) -> None:
+    if _is_synthetic(file):
+        raise ReadError(
+            f"{file.name}: this is of CORE4D's synthetic part, whose {_SYNTHETIC[0]} its makers do not describe. Only "
+            f"recordings with {PEOPLE[0]}_poses.npz are read."
+        )
+    if not file.beside(f"{PEOPLE[0]}_poses.npz").is_file():
+        raise ReadError(
+            f"{file.name}: this is a recording of CORE4D's second version, {'/'.join(_NEW_PEOPLE)}, which has people "
+            f"without objects. Name the folder of the first version, with {PEOPLE[0]}_poses.npz and {_POSES}."
+        )
+
+
+# The object
+
+
+def _object_name(file: SourceFile) -> str:
+    """Return what the object is called in small letters, as its mesh is; raises `ReadError` or `ClipError`."""
+    path = file.beside(_METADATA)
+    name = json_table(file, path).text("obj_name", "the object's name").lower()
+    category = name[:-_DIGITS]
+    if not category or not name[-_DIGITS:].isdecimal():
+        raise ClipError(
+            f"{path}: obj_name is {name[:80]!a}, expected a category and three digits, such as 'box021'. "
+            "Download it again."
+        )
+    file.beside(category, name)  # A plain name, or an error.
+    return name
+
+
+def _object_poses(file: SourceFile) -> Float[np.ndarray, "T 4 4"]:
+    path = file.beside(_POSES)
+    try:
+        poses = npz.array(_POSES, file.read(path), "f")
+    except ValueError as error:
+        raise ReadError(f"{path}: cannot be read: {error}. Download it again.") from error
+    return Fields(path, {_POSES: poses}).array(_POSES, ("T", 4, 4), "the object's poses")
+
+
+def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeometry:
+    mesh = f"{name}_m.obj"
+    within = (name[:-_DIGITS], mesh)
+    if options.objects is not None:
+        candidates = [options.objects.joinpath(*within), options.objects / mesh]
+    else:
+        folder = folder_above(file.path, _MESHES) or file.path.resolve().parent / _MESHES
+        candidates = [folder.joinpath(*within)]
+    return first_mesh(name, candidates, centred=False)
+
+
+# People
+
+
+def _fields(file: SourceFile, person: str) -> Fields:
+    path = file.beside(f"{person}_poses.npz")
+    try:
+        members = npz.members(file.read(path))
+    except ValueError as error:
+        raise ReadError(f"{path}: not a readable .npz file ({error}). Download it again.") from error
+    if _PARAMETERS not in members:
+        listing = ", ".join(ascii(name)[:40] for name in sorted(members)[:10])
+        raise ReadError(f"{path}: it has no {_PARAMETERS!r}, but {listing or 'nothing'}. Download it again.")
+    values = object_or_array(path, _PARAMETERS, members[_PARAMETERS])
+    if not isinstance(values, Mapping):
+        raise ReadError(f"{path}: {_PARAMETERS} is {type(values).__name__}, expected a dictionary. Download it again.")
+    # Vertices are a hundred times as large as all the rest.
+    return Fields(path, {key: value for key, value in values.items() if key != "vertices"})
+
+
+def _joints(fields: Fields) -> Float[np.ndarray, "T 127 3"]:
+    return fields.array("joints", ("T", _STORED_JOINTS, 3), "the joints")
+
+
+def _check_frames(file: SourceFile, frames: Mapping[str, int]) -> None:
+    listing = ", ".join(f"{owner}: {count}" for owner, count in frames.items())
+    if len(set(frames.values())) > 1:
+        raise ClipError(f"{file.name}: people and object differ in their frames ({listing}). Download it again.")
+    if min(frames.values()) < MINIMUM_FRAMES:
+        raise ClipError(f"{file.name}: there are too few frames ({listing}); at least {MINIMUM_FRAMES} are needed.")
+
+
+def _person(fields: Fields, name: str, body_models: Path | None) -> Person:
+    stored = _joints(fields)[:, _SKELETON_JOINTS]
+    frames = len(stored)
+    root = fields.array("global_orient", (frames, 3), "the pelvis's rotation")
+    body = fields.array("body_pose", (frames, 21, 3), "the body's pose")
+    pose = np.concatenate([root[:, None], body], axis=1)
+    if body_models is None:
+        return _person_of_joints(fields.path, name, stored, pose)
+    parameters = BodyParameters(
+        family="smplx",
+        gender="neutral",
+        betas=constant_betas(fields.path, fields.array("betas", (frames, 10), "the body's shape")),
+        translation=fields.array("transl", (frames, 3), "the body's position"),
+        body=pose.reshape(frames, -1),
+        left_hand=fields.array("left_hand_pose", (frames, 12), "the left hand's components"),
+        right_hand=fields.array("right_hand_pose", (frames, 12), "the right hand's components"),
+        flat_hands=True,
+    )
+    person = person_of(fields.path, name, parameters, body_models)
+    _check_gap(fields.path, np.linalg.norm(person.joint_positions - stored, axis=-1), "the body model puts")
+    return person
+
+
+def _person_of_joints(
+    path: Path, name: str, positions: Float[np.ndarray, "T 52 3"], pose: Float[np.ndarray, "T 22 3"]
+) -> Person:
+    body = kinematics.world_quats(pose, kinematics.BODY_PARENTS)
+    count = body.shape[1]
+    bones = kinematics.bones_in_parents(positions[:, :count], body, kinematics.BODY_PARENTS)
+    _check_gap(path, kinematics.wandering(bones), "rigid bones turned by its pose have")
+    wrists = [body[:, JOINTS.index(f"{side}_wrist"), None] for side in ("left", "right")]
+    hands = [np.broadcast_to(wrist, (len(body), 15, 4)) for wrist in wrists]
+    return Person(name, positions, np.concatenate([body, *hands], axis=1))
+
+
+def _check_gap(path: Path, gaps: Float[np.ndarray, "T J"], elsewhere: str) -> None:
+    bad = gaps > LARGEST_GAP
+    if bad.any():
+        joint = JOINTS[int(gaps.max(axis=0).argmax())]
+        raise ClipError(
+            f"{path}: stored joints are up to {gaps.max():.3g} m from where {elsewhere} them, most at {joint}, in "
+            f"{describe_frames(np.flatnonzero(bad.any(axis=1)))}; at most {LARGEST_GAP:g} m was expected. Use the "
+            "neutral SMPL-X model, or download the recording again."
+        )
+
+
+READER = Reader(
+    format=FORMAT,
+    suffixes=(FOLDER,),
+    floor_at_zero=False,
+    holds=holds,
+    read=read_file,
+    outline=outline,
+)
