@@ -7,14 +7,7 @@ from types import MappingProxyType
 
 from hoi_retarget.clip import Clip
 from hoi_retarget.errors import ArgumentError, ReadError
-from hoi_retarget.readers import (
-    core4d,
-    grasp_check,
-    intermimic,
-    intermimic_objects,
-    own_layout,
-    core4d,
-)
+from hoi_retarget.readers import core4d, grasp_check, intermimic, intermimic_objects, own_layout
 from hoi_retarget.readers.reader import Reader, ReadOptions
 from hoi_retarget.readers.source_file import FOLDER, SELECTION, SourceFile
 
