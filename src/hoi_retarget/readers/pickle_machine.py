@@ -97,6 +97,21 @@ class Function(Internal):
     call: Callable[["Machine", tuple], Any]
 
 
+@dataclass(frozen=True)
+class Unread:
+    """Stands for an object that some torch files hold beside their tensors; nothing of it is kept."""
+
+    name: str
+    """What its class is called."""
+
+
+@dataclass(frozen=True)
+class _UnreadClass(Internal):
+    """A class whose objects become `Unread`; it is neither imported nor called."""
+
+    name: str
+
+
 @dataclass(frozen=True, eq=False)
 class _Storage(Internal):
     """A storage that a tensor views; the elements are None while the file is read for its keys only."""
@@ -166,6 +181,8 @@ _GLOBALS: dict[tuple[str, str], Internal] = {
     ("torch", "Size"): Function("size", _size),
     ("collections", "OrderedDict"): Function("OrderedDict", _ordered_dict),
     **{("torch", name): StorageType(name) for name in _STORAGE_DTYPES},
+    # How far CARI4D's optimization has come, stored beside its result.
+    ("learning.training.training_utils", "TrainState"): _UnreadClass("TrainState"),
 }
 
 
@@ -373,10 +390,18 @@ def _reduce(machine: Machine) -> None:
     machine.stack.append(function.call(machine, arguments))
 
 
+def _new_object(machine: Machine) -> None:
+    arguments, kind = machine.pop(), machine.pop()
+    if not isinstance(kind, _UnreadClass) or arguments != ():
+        raise damaged("refused: it builds an object of a class, expected tensors and plain values")
+    machine.stack.append(Unread(kind.name))
+
+
 def _build(machine: Machine) -> None:
     # torch gives an OrderedDict attributes (`_metadata` of a state_dict): not values, so left out.
     machine.pop()
-    machine.top(dict)
+    if not isinstance(machine.stack[-1] if machine.stack else None, Unread):
+        machine.top(dict)
 
 
 def _persistent_id(machine: Machine) -> None:
@@ -467,6 +492,7 @@ _OPERATIONS: dict[bytes, Callable[[Machine], Any]] = {
     b"i": _refuse_instance,
     b"\x93": _push_global_stack,
     b"R": _reduce,
+    b"\x81": _new_object,
     b"b": _build,
     b"Q": _persistent_id,
 }
