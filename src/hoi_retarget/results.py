@@ -2,15 +2,17 @@
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from hoi_retarget.clip import Clip
-from hoi_retarget.metrics import TurnedSegment, UnreachedSegment
+from hoi_retarget.errors import ArgumentError
+from hoi_retarget.metrics import UNREACHED_M, HandToHand, TurnedSegment, UnreachedSegment, hand_to_hand
 from hoi_retarget.motion import Motion, encode, write_together
 from hoi_retarget.pipeline import Config, retarget
 from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.targets import shared_scalings
 from hoi_retarget.trajopt.solvers.base import Status
 
 STAGES = {"inverse kinematics": "ik_windows", "trajectory": "windows"}
@@ -24,9 +26,35 @@ def result_paths(clip: Clip, stem: str, out: Path) -> tuple[Path, ...]:
     return tuple(out / f"{stem}.p{person}.npz" for person in range(len(clip.people)))
 
 
-def retarget_people(clip: Clip, model: RobotModel, config: Config, extra: Mapping[str, Any]) -> tuple[Motion, ...]:
-    """Return one motion per person of a clip; its report also says what is in `extra`."""
-    return with_report([retarget(clip, model, config, person=person) for person in range(len(clip.people))], extra)
+def retarget_people(
+    clip: Clip, models: Sequence[RobotModel], config: Config, extra: Mapping[str, Any]
+) -> tuple[Motion, ...]:
+    """Return one motion per person of a clip, in one world with the same objects.
+
+    Args:
+        clip: The recording.
+        models: One robot for all people, or one for each.
+        config: What else decides the motions.
+        extra: What their reports say beside.
+
+    Raises:
+        ArgumentError: There are other numbers of robots and people.
+        SolveError: A window ends without a usable trajectory.
+    """
+    people = len(clip.people)
+    if len(models) not in (1, people):
+        raise ArgumentError(
+            f"{len(models)} robots are named for the {people} {'people' if people > 1 else 'person'} of {clip.name}. "
+            "Name one robot for all, or one for each."
+        )
+    team = tuple(models) * (people if len(models) == 1 else 1)
+    motions = [
+        retarget(clip, model, replace(config, scaling=scaling), person=person)
+        for person, (model, scaling) in enumerate(zip(team, shared_scalings(clip, team, config.scaling), strict=True))
+    ]
+    if people > 1:
+        extra = {"hand_to_hand": [asdict(pair) for pair in hand_to_hand(motions, team)], **extra}
+    return with_report(motions, extra)
 
 
 def with_report(motions: Iterable[Motion], extra: Mapping[str, Any]) -> tuple[Motion, ...]:
@@ -68,5 +96,7 @@ def complaints(motion: Motion) -> tuple[str, ...]:
                 message = Status[window["status"]].value
                 found.append(f"{stage}, frames {window['start']} to {window['stop'] - 1}: {message}.")
     found += [f"not reached: {UnreachedSegment(**segment)}." for segment in motion.report["unreached_contacts"]]
+    pairs = (HandToHand(**pair) for pair in motion.report.get("hand_to_hand", ()))
+    found += [f"{pair}." for pair in pairs if pair.max_m > UNREACHED_M]
     found += [f"{TurnedSegment(**segment)}." for segment in motion.report["turned_over"]]
     return tuple(found)

@@ -5,6 +5,7 @@ carries the contact points along in the object's frame (Eq. 1), plants standing 
 by the robot's own soles, and smooths the object's path.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Literal
 
@@ -31,16 +32,19 @@ class Scaling:
     """How the human and the objects are made to fit the robot."""
 
     root_scale: float | Literal["auto"] = "auto"
-    """Human to robot; auto divides the robot's stature by the mean height of the clip's people."""
+    """Human to robot: where the person goes, and how far; auto divides the robot's stature by the mean height of the
+    clip's people."""
     object_scale: float | Literal["auto"] = "auto"
     """Object geometry; auto shrinks with the root scale or keeps the size, as the robot prefers."""
     size_multiplier: float = 1.0
     """On top of the object scale, for augmentation."""
+    body_scale: float | Literal["root"] = "root"
+    """Human to robot: the size of the body; it differs from the root scale where different robots share one world."""
 
     def __post_init__(self) -> None:
-        for name in ("root_scale", "object_scale", "size_multiplier"):
+        for name in ("root_scale", "object_scale", "size_multiplier", "body_scale"):
             value = getattr(self, name)
-            if value != "auto" and not (np.isfinite(value) and value > 0):
+            if not isinstance(value, str) and not (np.isfinite(value) and value > 0):
                 raise ArgumentError(f"{name.replace('_', '-')} is {value}; it must be a positive number.")
 
 
@@ -110,7 +114,10 @@ def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int
     geometry_scale = _geometry_scale(model, scaling, root_scale)
     stands = stance(human, clip.fps)
     feet = tuple(Foot.of(model, side) for side in SIDES)
-    goals = _site_targets(human, model, root_scale, feet, stands)
+    body_scale = root_scale if scaling.body_scale == "root" else scaling.body_scale
+    goals = _site_targets(human, model, body_scale, feet, stands)
+    # A body of its own size goes where the root scale puts everybody.
+    goals.positions[..., :2] += (root_scale - body_scale) * human.position("pelvis")[:, None, :2]
     goals, foot_positions, foot_quats = _with_planted_feet(goals, feet, stands, clip.fps)
     tracks = [_scale_track(track, root_scale, geometry_scale, clip.fps) for track in clip.objects]
     return Targets(
@@ -140,6 +147,25 @@ def with_contacts_of(targets: Targets, clip: Clip, model: RobotModel, *, person:
     return replace(targets, **_contact_targets(clip, model, person, scale))
 
 
+def shared_scalings(clip: Clip, models: Sequence[RobotModel], scaling: Scaling) -> tuple[Scaling, ...]:
+    """Return the scaling of each robot of a clip, such that all move in one world and share its objects.
+
+    Robots of one kind are scaled as each alone would be. Of different ones the mean stature makes the root scale, each
+    keeps a body of its own size, and objects have the size that suits the one that needs them smallest.
+    """
+    if len({model.spec.name for model in models}) == 1:
+        return (scaling,) * len(models)
+    heights = float(np.mean([person.height for person in clip.people]))
+    root = scaling.root_scale
+    if root == "auto":
+        root = float(np.mean([model.spec.stature for model in models])) / heights
+    geometry = scaling.object_scale
+    if geometry == "auto":
+        geometry = min(_geometry_scale(model, replace(scaling, size_multiplier=1.0), root) for model in models)
+    together = replace(scaling, root_scale=root, object_scale=geometry)
+    return tuple(replace(together, body_scale=model.spec.stature / heights) for model in models)
+
+
 def _root_scale(clip: Clip, model: RobotModel, scaling: Scaling) -> float:
     """Return the human's scale: one for all people of a clip, so that they share one object."""
     if scaling.root_scale != "auto":
@@ -166,13 +192,13 @@ class _SiteTargets:
 
 
 def _site_targets(
-    human: Person, model: RobotModel, root_scale: float, feet: tuple[Foot, ...], stands: np.ndarray
+    human: Person, model: RobotModel, body_scale: float, feet: tuple[Foot, ...], stands: np.ndarray
 ) -> _SiteTargets:
     """Return positions and rotations for the IK table, with the body lowered to stand on the floor."""
     rows = model.spec.ik
     root = human.position("pelvis")
     positions = np.stack(
-        [root_scale * (root + row.scale * (human.position(row.human_joint) - root)) for row in rows], axis=1
+        [body_scale * (root + row.scale * (human.position(row.human_joint) - root)) for row in rows], axis=1
     )
     offsets = np.array([row.rotation_offset for row in rows])
     quats = se3.quat_multiply(np.stack([human.quat(row.human_joint) for row in rows], axis=1), offsets)
@@ -180,7 +206,7 @@ def _site_targets(
     toes = [goals.row(f"{side}_toe") for side in SIDES]
     rests = [resting_height(positions[:, toe, 2], stands[:, side]) for side, toe in enumerate(toes)]
     # A foot that never stands has no resting height of its own: it rides as the other one does.
-    rests = [min(rest, min(rests) + root_scale * LARGEST_DIFFERENCE) for rest in rests]
+    rests = [min(rest, min(rests) + body_scale * LARGEST_DIFFERENCE) for rest in rests]
     standing = [foot.toe_height for foot in feet]
     lowered = np.mean(standing) - np.mean(rests)
     positions[:, :, 2] += lowered

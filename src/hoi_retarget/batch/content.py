@@ -12,7 +12,7 @@ from hoi_retarget.batch.jobs import Job
 from hoi_retarget.readers.objects import geometry_files, known_objects
 from hoi_retarget.readers.own_layout import mesh_files
 from hoi_retarget.recordings import builtin_scene
-from hoi_retarget.robots import robot
+from hoi_retarget.robots import robot, team
 
 
 class Contents:
@@ -40,7 +40,7 @@ class Contents:
             "objects": {name: self._of_object(folder, name) for name in names} if folder else {},
             "reading": {key: str(value) for key, value in job.reading.items() if key != "objects"},
             "edits": self.of_file(job.edits) if job.edits else "",
-            "robot": self._of_robot(job.robot),
+            "robot": [self._of_robot(spec.name) for spec in team(job.robot)],
             "config": asdict(job.config),
             "augmentation": asdict(job.augmentation),
         }

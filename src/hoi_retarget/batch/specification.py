@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 from hoi_retarget.clip import Augmentation
 from hoi_retarget.completion import Labels
 from hoi_retarget.errors import ArgumentError, ReadError
-from hoi_retarget.robots import robot
+from hoi_retarget.robots import team
 from hoi_retarget.targets import Scaling
 from hoi_retarget.trajopt.windows import parse_horizon
 
@@ -56,8 +56,8 @@ class Specification:
                 raise ArgumentError(f"{name} is empty: there is nothing to make. Name at least one.")
             if len(set(values)) < len(values):
                 raise ArgumentError(f"{name} names the same twice: {', '.join(map(str, values))}. Name each once.")
-        for name in self.robots:
-            robot(name)
+        for names in self.robots:
+            team(names)
         for object_scale, multiplier in product(self.object_scales, self.size_multipliers):
             Scaling(self.root_scale, object_scale, multiplier)
         for speed in self.speeds:

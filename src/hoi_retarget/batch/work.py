@@ -17,7 +17,7 @@ from hoi_retarget.errors import GeometryError, HoiRetargetError, ReadError
 from hoi_retarget.motion import Motion
 from hoi_retarget.recordings import open_clip
 from hoi_retarget.results import STAGES, complaints, converged, result_paths, retarget_people, write
-from hoi_retarget.robots import robot
+from hoi_retarget.robots import robot, team
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.trajopt.solvers.base import Status
 from hoi_retarget.verdict import verdict_of
@@ -67,12 +67,12 @@ def _done(task: Task) -> Entry:
         edits = clip.source.contact_edits
         lineage = {**entry.lineage, "contact_edits": edits and hashlib.sha256(edits.encode()).hexdigest()}
         entry = replace(entry, lineage=lineage, frames=clip.frames)
-        model = _model(job.robot)
+        models = [_model(spec.name) for spec in team(job.robot)]
         seconds = time.process_time() - start
-        motions = retarget_people(clip, model, job.config, {"command": _command(job)})
+        motions = retarget_people(clip, models, job.config, {"command": _command(job)})
         paths = result_paths(clip, Path(job.name).name, (task.out / job.name).parent)
         motions = write(motions, paths, read_seconds=seconds)
-        return _finished(entry, task, motions, paths, model)
+        return _finished(entry, task, motions, paths)
     except HoiRetargetError as error:
         return _failed(entry, error, str(error))
     except MemoryError as error:
@@ -81,10 +81,8 @@ def _done(task: Task) -> Entry:
         return _failed(entry, error, f"unexpected {type(error).__name__}: {error}")
 
 
-def _finished(
-    entry: Entry, task: Task, motions: tuple[Motion, ...], paths: tuple[Path, ...], model: RobotModel
-) -> Entry:
-    verdicts = [verdict_of(motion, model) for motion in motions]
+def _finished(entry: Entry, task: Task, motions: tuple[Motion, ...], paths: tuple[Path, ...]) -> Entry:
+    verdicts = [verdict_of(motion, _model(motion.robot)) for motion in motions]
     results = tuple(
         {
             "path": path.relative_to(task.out).as_posix(),

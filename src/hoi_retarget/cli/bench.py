@@ -31,7 +31,7 @@ def execute(command: Bench) -> int:
     runs = []
     with tempfile.TemporaryDirectory() as folder, Working("timing", command.repeats) as working:
         for _ in range(command.repeats):
-            (motion,) = retarget_people(clip, model, Config(), {})
+            (motion,) = retarget_people(clip, [model], Config(), {})
             (motion,) = write([motion], [Path(folder) / "bench.npz"])
             runs.append(motion.report["cpu_seconds"])
             working.advance()

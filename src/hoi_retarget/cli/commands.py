@@ -35,7 +35,7 @@ class Solving:
     """What decides a result, beside the clip and its contacts."""
 
     robot: RobotName = "unitree_g1"
-    """A robot's name; `hoi-retarget robots list` shows those there are."""
+    """A robot's name, or one for each person with commas between; `hoi-retarget robots list` shows those there are."""
     root_scale: Scale = "auto"
     """Human size to robot size; auto divides the robot's stature by the person's height."""
     object_scale: Scale = "auto"

@@ -24,7 +24,7 @@ def execute(command: Demo) -> int:
     say(f"A built-in clip: a person of {clip.people[0].height:.2f} m walks to a box, lifts it, carries it round a")
     say(f"turn and sets it down ({clip.frames} frames). Now the same by a {spec.title}:")
     with Working("retargeting", None):
-        (motion,) = retarget_people(clip, load_model(spec), Config(), {})
+        (motion,) = retarget_people(clip, [load_model(spec)], Config(), {})
         (motion,) = write([motion], [path])
     describe_result(motion, path)
     say()

@@ -13,21 +13,22 @@ from hoi_retarget.cli.terminal import Working, fail, say, warn
 from hoi_retarget.clip import Clip
 from hoi_retarget.contact_edits import apply, load
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
-from hoi_retarget.metrics import Score
+from hoi_retarget.metrics import HandToHand, Score
 from hoi_retarget.motion import Motion
 from hoi_retarget.pipeline import Config
+from hoi_retarget.readers import can_be_clip
 from hoi_retarget.readers.grasp_check import grasp_faults, grasp_figures
 from hoi_retarget.readers.objects import known_objects
 from hoi_retarget.recordings import open_clip, result_stem
 from hoi_retarget.results import converged, result_paths, retarget_people, write
-from hoi_retarget.robots import robot
+from hoi_retarget.robots import team
 from hoi_retarget.robots.model import RobotModel, load_model
 
 
 def execute(command: Run) -> int:
     """Retarget every clip; return 0 when all succeeded."""
     config = config_of(command)
-    spec = robot(command.robot)
+    specs = team(command.robot)
     _check_clips(command.clips)
     for path in command.clips:
         check_spared(path, command.out)
@@ -35,7 +36,7 @@ def execute(command: Run) -> int:
     if command.edits is not None and len(command.clips) > 1:
         raise ArgumentError(f"--edits {command.edits} is for one clip, and {len(command.clips)} are named. Name one.")
     check_writable("--out", command.out)
-    model = load_model(spec)
+    models = [load_model(spec) for spec in specs]
     scores: list[Score] = []
     failures: list[HoiRetargetError] = []
     loose = 0
@@ -43,7 +44,7 @@ def execute(command: Run) -> int:
         for path in command.clips:
             working.describe(path.name)
             try:
-                motions = _run_clip(path, command, model, config, working)
+                motions = _run_clip(path, command, models, config, working)
                 scores += [score(motion, out) for out, motion in motions.items()]
                 loose += not all(map(converged, motions.values()))
             except HoiRetargetError as error:
@@ -61,7 +62,9 @@ def execute(command: Run) -> int:
     return _exit_code(failures, written)
 
 
-def _run_clip(path: Path, command: Run, model: RobotModel, config: Config, working: Working) -> dict[Path, Motion]:
+def _run_clip(
+    path: Path, command: Run, models: Sequence[RobotModel], config: Config, working: Working
+) -> dict[Path, Motion]:
     """Retarget all people of one clip, then write their results; return what is where."""
     start = time.process_time()
     clip = open_clip(path, **reading_of(command))
@@ -73,13 +76,26 @@ def _run_clip(path: Path, command: Run, model: RobotModel, config: Config, worki
         _describe_clip(path, clip)
         for doubt in doubts:
             warn(f"{path.name}: {doubt}")
-    motions = retarget_people(clip, model, config, {"command": settings_of(replace(command, clips=(path,)))})
+    motions = retarget_people(clip, models, config, {"command": settings_of(replace(command, clips=(path,)))})
     paths = result_paths(clip, result_stem(path), command.out)
     motions = write(motions, paths, read_seconds=read_seconds)
     with working.aside():
         for motion, out in zip(motions, paths, strict=True):
             describe_result(motion, out)
+        _describe_together(motions[0])
     return dict(zip(paths, motions, strict=True))
+
+
+def _describe_together(motion: Motion) -> None:
+    """Print how people's hands are placed on what they hold together, which each of their results tells."""
+    pairs = [HandToHand(**pair) for pair in motion.report.get("hand_to_hand", ())]
+    for name in dict.fromkeys(pair.object for pair in pairs):
+        held = [pair for pair in pairs if pair.object == name]
+        mean = sum(pair.mean_m * pair.frames for pair in held) / sum(pair.frames for pair in held)
+        say(
+            f"  hands of different people on {name}: {1000 * mean:.1f} mm from their place relative to each other on "
+            f"average, {1000 * max(pair.max_m for pair in held):.1f} mm at most"
+        )
 
 
 def _check_clips(clips: Sequence[Path]) -> None:
@@ -87,7 +103,7 @@ def _check_clips(clips: Sequence[Path]) -> None:
         raise ArgumentError("no clip is named. Usage: hoi-retarget run CLIP... --out DIR.")
     seen: dict[str, Path] = {}
     for path in clips:
-        if _is_folder(path):
+        if _is_folder(path) and not can_be_clip(path):
             raise ArgumentError(f"{path} is a folder. Name the clips in it, such as {path}/*.pt.")
         stem = result_stem(path)
         other = seen.setdefault(stem, path)

@@ -3,6 +3,7 @@
 from hoi_retarget.metrics.figures import Figures, evaluate, evaluate_kinematics
 from hoi_retarget.metrics.soundness import Soundness, soundness
 from hoi_retarget.metrics.table import COLUMNS, Column, Score, mean_values, table_rows, to_csv, to_json, worst_values
+from hoi_retarget.metrics.together import HandToHand, hand_to_hand
 from hoi_retarget.metrics.turned import TurnedSegment, turned_over
 from hoi_retarget.metrics.unreachable import UNREACHED_M, UnreachedSegment, contact_residuals, unreached_contacts
 
@@ -11,6 +12,7 @@ __all__ = [
     "UNREACHED_M",
     "Column",
     "Figures",
+    "HandToHand",
     "Score",
     "Soundness",
     "TurnedSegment",
@@ -18,6 +20,7 @@ __all__ = [
     "contact_residuals",
     "evaluate",
     "evaluate_kinematics",
+    "hand_to_hand",
     "mean_values",
     "soundness",
     "table_rows",

@@ -10,6 +10,11 @@ from hoi_retarget.robots.spec import RobotSpec
 ROBOTS: Mapping[str, RobotSpec] = MappingProxyType({spec.name: spec for spec in (unitree_g1.SPEC, unitree_h2.SPEC)})
 
 
+def team(names: str) -> tuple[RobotSpec, ...]:
+    """Return the robots of the people of a clip, whose names stand with commas between; raises as `robot`."""
+    return tuple(robot(name.strip()) for name in names.split(","))
+
+
 def robot(name: str) -> RobotSpec:
     """Return the robot called `name`.
 
