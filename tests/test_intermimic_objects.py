@@ -13,7 +13,7 @@ from hoi_retarget import se3
 from hoi_retarget.clip import Clip, ContactTrack, ObjectTrack
 from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, HoiRetargetError, ReadError
 from hoi_retarget.readers import intermimic_objects, read_clip
-from hoi_retarget.readers.inspection import inspect
+from hoi_retarget.inspection import inspect
 from hoi_retarget.skeleton import JOINT_INDEX, PARTS
 from intermimic_writer import BODY_ORDER, columns_of, random_clip, write_box
 from torch_writer import torch_bytes

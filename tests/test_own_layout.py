@@ -16,7 +16,7 @@ from hoi_retarget.clip import Clip, ObjectGeometry
 from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, HoiRetargetError, ReadError, WriteError
 from hoi_retarget.motion import load
 from hoi_retarget.readers import can_be_clip, own_layout, read_clip
-from hoi_retarget.readers.inspection import inspect
+from hoi_retarget.inspection import inspect
 from hoi_retarget.skeleton import JOINT_INDEX, JOINTS
 from hoi_retarget.synthetic import SCENES, make
 

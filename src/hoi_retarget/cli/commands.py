@@ -114,7 +114,7 @@ class Inspect(Reading):
     """Say what a file holds, what is missing, and which command to run on it."""
 
     file: Annotated[Positional[Path], arg(metavar="FILE")]
-    """A clip or a result."""
+    """A clip, as a file or a folder, or a result."""
 
 
 @dataclass(frozen=True)

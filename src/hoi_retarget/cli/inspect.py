@@ -5,17 +5,17 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 
 from hoi_retarget.cli.commands import Inspect
-from hoi_retarget.cli.jobs import FOREIGN_REPORT
+from hoi_retarget.cli.jobs import FOREIGN_REPORT, reading_of
 from hoi_retarget.cli.terminal import NAME, fail, program, say, show_table, warn
+from hoi_retarget.inspection import MOTION, Inspection, inspect
 from hoi_retarget.metrics.table import scales_text
 from hoi_retarget.motion import Motion
-from hoi_retarget.readers.inspection import MOTION, Inspection, inspect
 from hoi_retarget.results import STAGES, complaints
 
 
 def execute(command: Inspect) -> int:
     """Describe a file; return 0 unless something is wrong with it."""
-    facts = inspect(command.file, command.objects, command.object_name)
+    facts = inspect(command.file, **reading_of(command))
     say(f"{facts.path}: {facts.description}  [{facts.format}]")
     _facts(facts)
     if facts.objects:
@@ -51,6 +51,7 @@ def _facts(facts: Inspection) -> None:
         ("up axis", facts.up_axis or None),
         ("lowest joint", lowest),
         ("human height", None if facts.height is None else f"{facts.height:.2f} m, from the skeleton"),
+        ("contacts", facts.contacts_from or None),
         ("label values", ", ".join(f"{value:g}" for value in facts.label_values) or None),
     )
     for title, text in (*rows, *(() if facts.result is None else _result(facts.result))):
@@ -91,7 +92,12 @@ def _complaints(motion: Motion) -> tuple[str, ...]:
 
 def _objects(facts: Inspection) -> list[tuple[str, ...]]:
     return [
-        (item.name or "?", f"{item.moved:.2f}", "-" if item.lowest is None else f"{item.lowest:.3f}", item.geometry)
+        (
+            item.name or "?",
+            "-" if item.moved is None else f"{item.moved:.2f}",
+            "-" if item.lowest is None else f"{item.lowest:.3f}",
+            item.geometry,
+        )
         for item in facts.objects
     ]
 

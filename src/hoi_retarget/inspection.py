@@ -6,25 +6,29 @@ import struct
 import warnings
 import zipfile
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget import motion, se3
-from hoi_retarget.clip import ObjectTrack, Person
-from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, ReadError
-from hoi_retarget.readers import READERS, intermimic, intermimic_objects, own_layout, read_clip
+from hoi_retarget.clip import Clip, ObjectTrack, Person
+from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, ReadError
+from hoi_retarget.readers import READERS, SUFFIXES, intermimic, intermimic_objects, own_layout, reader_of, select
 from hoi_retarget.readers.grasp_check import grasp_faults, grasp_figures
 from hoi_retarget.readers.intermimic_objects import geometry_of
 from hoi_retarget.readers.objects import NUMPY_ERRORS
-from hoi_retarget.readers.source_file import SourceFile
+from hoi_retarget.readers.reader import Reader
+from hoi_retarget.readers.source_file import SELECTION, SourceFile
 from hoi_retarget.readers.torch_file import parse_torch, read_bytes
+from hoi_retarget.recordings import open_clip
 from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, PARTS
 
 MOTION = "hoi-retarget-motion"
+_SHOWN = 12  # Names of clips that are listed.
 UNKNOWN = "unknown"
 UP_AXIS = "z, by the format"
 FLOOR_TOLERANCE = 0.3
@@ -48,8 +52,8 @@ class ObjectFacts:
     """What is known of one object."""
 
     name: str
-    moved: float
-    """Largest distance from where it was first [m]."""
+    moved: float | None
+    """Largest distance from where it was first [m]; None where it could not be read."""
     lowest: float | None
     """Height of its lowest point over all frames [m]; None without geometry."""
     geometry: str
@@ -89,6 +93,8 @@ class Inspection:
     """The person's standing height, estimated from the skeleton [m]."""
     objects: tuple[ObjectFacts, ...] = ()
     contacts: tuple[ContactFacts, ...] = ()
+    contacts_from: str = ""
+    """Where contacts come from, where the source does not label them all."""
     label_values: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -113,25 +119,34 @@ class _Item:
     labels: Float[np.ndarray, "T 52"]
 
 
-def inspect(path: Path, objects: Path | None = None, object_name: str | None = None) -> Inspection:
-    """Return what is in a file; neither the file nor its objects need to be complete.
+def inspect(path: Path, **reading: Any) -> Inspection:
+    """Return what is in a file or a folder; neither it nor its objects need to be complete.
 
     Args:
-        path: Any file.
-        objects: Folder with `<name>/<name>.obj` of each object; without it geometry counts as missing.
-        object_name: The object's name, where the file does not tell it.
+        path: Any file, or a folder that is a recording.
+        reading: What it would be read with, as `recordings.open_clip` takes it; what is not given counts as missing.
 
     Raises:
         ReadError: The file is missing or damaged.
     """
-    facts = _described(path, objects, object_name)
+    file = SourceFile(path)
+    reader = reader_of(file) if file.suffix in SUFFIXES else None
+    if reader is not None and reader.outline is not None:
+        return _inspect_source(file, reader, reading)
+    facts = _described(path, reading.get("objects"), reading.get("object_name"))
     if facts.format not in READERS or facts.problems or facts.missing:
         return facts
     # All is there: what only the whole clip shows is asked too.
     try:
-        figures = grasp_figures(read_clip(path, objects=objects, object_name=object_name))
+        clip = open_clip(path, **reading)
     except (ClipError, ReadError, GeometryError, ArgumentError) as error:
         return replace(facts, problems=(str(error),), command="")
+    return _with_doubts(facts, clip)
+
+
+def _with_doubts(facts: Inspection, clip: Clip) -> Inspection:
+    """Return the facts with what a clip's grasps say against it, as warnings."""
+    figures = grasp_figures(clip)
     doubts = grasp_faults(figures)
     return replace(
         facts,
@@ -266,10 +281,7 @@ def _inspect_own(path: Path, content: bytes, objects: Path | None, object_name: 
         return replace(facts, missing=(str(error),))
     except ClipError as error:
         return replace(facts, problems=(str(error),))
-    described = tuple(_describe_track(track) for track in clip.objects)
-    contacts = (_describe_contact(track.active, track.part, clip.objects[track.object].name) for track in clip.contacts)
     people = "" if len(clip.people) == 1 else f" of {len(clip.people)} people"
-    doubts = (doubt for person in clip.people for doubt in _doubts(person.joint_positions, described))
     facts = replace(
         facts,
         frames=clip.frames,
@@ -277,14 +289,27 @@ def _inspect_own(path: Path, content: bytes, objects: Path | None, object_name: 
         fps_stated=True,
         skeleton=f"{len(JOINTS)} joints{people}, positions and rotations",
         up_axis="z, as the file says",
+        contacts_from="the file" if clip.contacts else "none in the file; found from distances",
+        notes=(f"Licence of the data: {clip.source.licence or 'not stated'}.",),
+    )
+    facts = _with_clip(facts, clip)
+    return replace(facts, command=shlex.join(["hoi-retarget", "run", str(path), "--out", "out"]))
+
+
+def _with_clip(facts: Inspection, clip: Clip) -> Inspection:
+    """Return the facts with what a clip that could be read holds."""
+    described = tuple(_describe_track(track) for track in clip.objects)
+    contacts = (_describe_contact(track.active, track.part, clip.objects[track.object].name) for track in clip.contacts)
+    doubts = (doubt for person in clip.people for doubt in _doubts(person.joint_positions, described))
+    return replace(
+        facts,
         lowest_joint=min(float(person.joint_positions[..., 2].min()) for person in clip.people),
         height=float(np.mean([person.height for person in clip.people])),
         objects=described,
         contacts=tuple(contacts),
-        notes=(f"Licence of the data: {clip.source.licence or 'not stated'}.", *clip.source.notes),
+        notes=tuple(dict.fromkeys((*facts.notes, *clip.source.notes))),
         warnings=tuple(dict.fromkeys(doubts)),
     )
-    return replace(facts, command=shlex.join(["hoi-retarget", "run", str(path), "--out", "out"]))
 
 
 def _describe_track(track: ObjectTrack) -> ObjectFacts:
@@ -382,6 +407,53 @@ def _with_command(facts: Inspection, path: Path, objects: Path | None, object_na
     words = ["hoi-retarget", "run", str(path), "--objects", str(objects or "DIR")]
     words += ["--object", object_name] if object_name else []
     return replace(facts, command=shlex.join([*words, "--out", "out"]))
+
+
+# Recordings as their sources give them
+
+
+def _inspect_source(file: SourceFile, reader: Reader, reading: Mapping[str, Any]) -> Inspection:
+    assert reader.outline is not None, "asked before"
+    names = reader.clips_in(file)
+    if len(names) > 1 and file.selection is None:
+        first = shlex.join(["hoi-retarget", "inspect", f"{file.name}{SELECTION}{names[0]}"])
+        shown = f"{', '.join(names[:_SHOWN])}{', ...' if len(names) > _SHOWN else ''}"
+        notes = (f"Clips in it: {shown}", f"One of them: {first}")
+        return Inspection(str(file.name), reader.format, f"{len(names)} clips in one recording", notes=notes)
+    select(file, reader)
+    outline = reader.outline(file)
+    facts = Inspection(
+        str(file.name),
+        reader.format,
+        outline.description,
+        frames=outline.frames,
+        fps=outline.fps,
+        fps_stated=outline.fps_stated,
+        skeleton=outline.skeleton,
+        up_axis=outline.up_axis,
+        objects=tuple(ObjectFacts(name, None, None, "not read", False) for name in outline.objects),
+        contacts_from=outline.contacts,
+        notes=(f"Licence of the data: {outline.licence}.", *outline.notes),
+    )
+    try:
+        clip = open_clip(file.name, **reading)
+    except (GeometryError, BodyModelError) as error:
+        needed = "body_models" if isinstance(error, BodyModelError) else "objects"
+        command = _run_command(file.name, {**reading, needed: reading.get(needed) or "DIR"})
+        return replace(facts, missing=(str(error),), command=command)
+    except (ClipError, ReadError, ArgumentError) as error:
+        return replace(facts, problems=(str(error),))
+    return _with_doubts(replace(_with_clip(facts, clip), command=_run_command(file.name, reading)), clip)
+
+
+def _run_command(path: Path, reading: Mapping[str, Any]) -> str:
+    """Return the command that retargets a recording, read with the same."""
+    options = {"object_name": "--object"}
+    words = ["hoi-retarget", "run", str(path)]
+    for name, value in reading.items():
+        if value is not None and value != "auto":
+            words += [options.get(name, f"--{name.replace('_', '-')}"), str(value)]
+    return shlex.join([*words, "--out", "out"])
 
 
 # Our own results
