@@ -1,0 +1,110 @@
+"""Floor and contacts of clips whose source leaves them open."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hoi_retarget import se3
+from hoi_retarget.cli import main
+from hoi_retarget.completion import floor_height, on_floor, with_contacts
+from hoi_retarget.contact_labels import InterAct, label_contacts
+from hoi_retarget.errors import ClipError
+from hoi_retarget.motion import load
+from hoi_retarget.readers import own_layout
+from hoi_retarget.recordings import clip_of, open_clip
+from hoi_retarget.synthetic import SCENES, make
+
+CLIP = make("carry_box")
+
+
+def shifted(clip, height):
+    up = np.array([0.0, 0.0, height])
+    return replace(
+        clip,
+        people=tuple(replace(person, joint_positions=person.joint_positions + up) for person in clip.people),
+        objects=tuple(replace(track, positions=track.positions + up) for track in clip.objects),
+    )
+
+
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("height", [0.0, -1.3, 0.4])
+def test_the_floor_is_where_people_stand(scene, height):
+    found, frames = floor_height(shifted(make(scene), height))
+    assert found == pytest.approx(height, abs=0.035) and frames > 100
+
+
+def test_the_floor_goes_up_with_the_clip_and_is_put_at_zero():
+    base, raised = (on_floor(shifted(CLIP, height), at_zero=False) for height in (0.0, 0.7))
+    for one, other in zip((*base.people, *base.objects), (*raised.people, *raised.objects), strict=True):
+        name = "joint_positions" if hasattr(one, "joint_positions") else "positions"
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-9)
+    assert floor_height(raised)[0] == pytest.approx(0.0, abs=1e-9)
+    assert any("estimated from" in note and "standing feet" in note for note in raised.source.notes)
+
+
+def test_a_promised_floor_stays_and_a_known_one_is_believed():
+    assert on_floor(CLIP, at_zero=True) is CLIP
+    for at_zero in (True, False):
+        lowered = on_floor(CLIP, at_zero=at_zero, floor=0.25)
+        np.testing.assert_allclose(lowered.objects[0].positions, CLIP.objects[0].positions - [0, 0, 0.25], atol=1e-12)
+        assert "z = 0.250 m" in lowered.source.notes[-1]
+
+
+def test_feet_that_never_stand_still_have_a_lowest_point():
+    """On a sliding walkway nobody stands; the floor is then no lower than the lowest sole."""
+    person = CLIP.people[0]
+    slide = np.zeros((CLIP.frames, 1, 3))
+    slide[:, 0, 0] = 3.0 * np.arange(CLIP.frames) / CLIP.fps
+    height, frames = floor_height(
+        replace(CLIP, people=(replace(person, joint_positions=person.joint_positions + slide),))
+    )
+    assert frames == 0 and height == pytest.approx(0.0, abs=0.05)
+
+
+def test_contacts_are_found_only_where_the_source_has_none_or_others_are_asked_for():
+    bare = replace(CLIP, contacts=())
+    assert with_contacts(CLIP) is CLIP
+    for clip, labels, rule in ((bare, "auto", None), (CLIP, "proximity", None), (bare, "interact", InterAct())):
+        found = with_contacts(clip, labels)
+        wanted = label_contacts(clip) if rule is None else label_contacts(clip, rule=rule)
+        assert [(track.part, track.object) for track in found.contacts] == [(t.part, t.object) for t in wanted]
+        for ours, theirs in zip(found.contacts, wanted, strict=True):
+            np.testing.assert_array_equal(ours.active, theirs.active)
+            np.testing.assert_array_equal(ours.points_object, theirs.points_object)
+        assert any(note.startswith("Contacts are found from distances") for note in found.source.notes)
+    assert with_contacts(nothing := replace(bare, objects=())) is nothing
+
+
+def test_inverse_rotations_of_what_is_carried_are_refused_without_labels():
+    """A box that is turned about another place than its own, far from the hands that carry it."""
+    track = CLIP.objects[0]
+    corner = np.array([0.5, 0.8, 0.0])
+    geometry = replace(track.geometry, points=track.geometry.points - corner, mesh_path=None, faces=None)
+    away = replace(track, positions=track.positions + se3.rotate(track.quats, corner), geometry=geometry)
+    right = replace(CLIP, contacts=(), objects=(away,))
+    assert not any("no hand or foot" in note for note in with_contacts(right).source.notes)
+    wrong = replace(right, objects=(replace(away, quats=se3.quat_conjugate(away.quats)),))
+    with pytest.raises(ClipError, match="rotations of 'box' are read wrongly"):
+        with_contacts(wrong)
+
+
+def test_what_moves_alone_is_doubted():
+    track = CLIP.objects[0]
+    alone = replace(track, positions=track.positions + np.array([0.0, 0.0, 2.0]))
+    notes = with_contacts(replace(CLIP, contacts=(), objects=(alone,))).source.notes
+    assert any("box moves in" in note and "no hand or foot within 10 cm" in note for note in notes)
+
+
+def test_results_open_their_clip_as_it_was_read(tmp_path, capsys):
+    path = tmp_path / "bare.npz"
+    own_layout.write(replace(shifted(CLIP, 0.3), contacts=()), path)
+    assert main(["run", str(path), "--floor", "0.3", "--labels", "interact", "--out", str(tmp_path / "out")]) == 0
+    motion = load(tmp_path / "out" / "bare.npz")
+    again, direct = clip_of(motion), open_clip(path, floor=0.3, labels="interact")
+    np.testing.assert_array_equal(again.objects[0].positions, direct.objects[0].positions)
+    assert [track.active.sum() for track in again.contacts] == [track.active.sum() for track in direct.contacts]
+    assert motion.contact_flags.any() and motion.report["figures"]["contact_gap_m"] < 0.01
+    capsys.readouterr()
+    assert main(["inspect", str(path)]) == 0
+    assert "none in the file; found from distances" in capsys.readouterr().out
