@@ -1,0 +1,76 @@
+"""Pickles of joblib that stay in their file: whatever is written comes back, as views where that can be."""
+
+import mmap
+
+import numpy as np
+import pytest
+
+from hoi_retarget.errors import ReadError
+from hoi_retarget.readers.large_pickle import read_large_pickle, starts_with
+from joblib_writer import joblib_bytes, write_joblib
+
+VALUES = {
+    0: {
+        "name": "first",
+        "floats": np.arange(12.0).reshape(3, 4),
+        "columns": np.asfortranarray(np.arange(6, dtype=np.float32).reshape(2, 3)),
+        "foreign": np.arange(4, dtype=">f8"),
+        "flags": np.array([True, False]),
+        "whole": np.int64(3) * np.ones(3, dtype=np.int16),
+        "empty": np.zeros((0, 3)),
+        "single": np.array(2.5),
+        "text": np.array("male"),
+        "list": [1, None, "x", (2.0, True)],
+    }
+}
+
+
+def base_of(array: np.ndarray) -> object:
+    """What owns the bytes of an array."""
+    owner: object = array
+    while isinstance(owner, np.ndarray | memoryview):
+        owner = owner.base if isinstance(owner, np.ndarray) else owner.obj
+    return owner
+
+
+@pytest.mark.parametrize("protocol", [2, 3, 4, 5])
+@pytest.mark.parametrize("alignment", [None, 16])
+@pytest.mark.parametrize("compressed", [False, True])
+def test_what_is_written_comes_back(tmp_path, protocol, alignment, compressed):
+    path = write_joblib(tmp_path / "a.p", VALUES, protocol=protocol, alignment=alignment, compressed=compressed)
+    read = read_large_pickle(path)[0][0]
+    assert list(read) == list(VALUES[0])
+    for name, value in VALUES[0].items():
+        if isinstance(value, np.ndarray):
+            assert np.array_equal(read[name], value)
+            assert (read[name].dtype.kind, read[name].shape) == (value.dtype.kind, value.shape)
+            assert not (value.size and read[name].flags.writeable)
+        else:
+            assert read[name] == value
+    assert isinstance(base_of(read["floats"]), mmap.mmap) != compressed
+    assert isinstance(base_of(read["columns"]), mmap.mmap) != compressed
+
+
+def test_names_are_looked_for_at_the_start_only(tmp_path):
+    for compressed in (False, True):
+        path = write_joblib(tmp_path / "a.p", VALUES, compressed=compressed)
+        assert starts_with(path, (b"floats", b"name"), 1000)
+        assert not starts_with(path, (b"floats", b"other"), 1000)
+        assert not starts_with(path, (b"floats",), 10)
+    with pytest.raises(ReadError, match="cannot be read"):
+        starts_with(tmp_path / "absent.p", (), 10)
+
+
+def test_damaged_files_have_one_error(tmp_path):
+    content = joblib_bytes(VALUES)
+    path = tmp_path / "a.p"
+    for damaged, words in (
+        (b"", "the file is empty"),
+        (content[:-40], "cut off"),
+        (b"no pickle", "which no pickle of protocol 2 to 5 does"),
+        (joblib_bytes({"a": print}), "wants to import"),
+        (joblib_bytes(VALUES, compressed=True)[:-9], "cut off"),
+    ):
+        path.write_bytes(damaged)
+        with pytest.raises(ReadError, match=words):
+            read_large_pickle(path)
