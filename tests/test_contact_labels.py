@@ -11,19 +11,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from hoi_retarget import se3
+from hoi_retarget import contact_labels, se3
 from hoi_retarget.arrays import runs
 from hoi_retarget.capsules import PART_CAPSULES, spheres
 from hoi_retarget.clip import Clip, ContactTrack, ObjectGeometry, ObjectTrack
 from hoi_retarget.contact_labels import FAR, PROXIMITY, InterAct, Proximity, label_contacts, nearness, touching
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.readers import read_clip
+from hoi_retarget.readers.body_parameters import BodyParameters, person_of
 from hoi_retarget.skeleton import FEET, HANDS, PARTS
 from hoi_retarget.surface import surface_of
 from hoi_retarget.synthetic import make
+from source_people import parameters_of, write_models
 
 FAST = settings(max_examples=4, deadline=None, derandomize=True, database=None)
-SHARED = Path("/work/shared/data")
+SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 FPS = 15.0
 SLOW_CLOSING = 3  # Frames.
 
@@ -306,3 +308,39 @@ def test_recorded_labels_are_found(name):
             assert (found[known.part] == known.active).mean() > 0.97
         if known.part in FEET:
             assert not found[known.part].any()
+
+
+# The skin, where a body model is at hand
+
+
+@pytest.fixture(scope="module")
+def skinned(tmp_path_factory):
+    """A clip whose person was read from a body's parameters."""
+    clip = make("carry_box")
+    folder = write_models(tmp_path_factory.mktemp("models"), clip.people, "smplx", ["neutral"])
+    asked = parameters_of(clip.people[0], "smplx")
+    body = np.concatenate([asked["root"], asked["body"]], axis=1)
+    hands = asked["left_hand"], asked["right_hand"]
+    parameters = BodyParameters("smplx", "neutral", np.zeros(10), asked["translation"], body, *hands, True)
+    return replace(clip, people=(person_of(Path("clip"), "person", parameters, folder),))
+
+
+def test_a_skin_is_as_near_as_its_nearest_vertex(skinned):
+    person, track = skinned.people[0], skinned.objects[0]
+    surface = surface_of(track.geometry)
+    frames = slice(90, 130)
+    for item in nearness(skinned):
+        joints = {capsule.joint for capsule in PART_CAPSULES[item.part]}
+        skin = person.shape.skin(person.joint_positions, person.joint_quats, person.shape.vertices_of(joints))[frames]
+        inside = se3.rotate_inverse(track.quats[frames, None], skin - track.positions[frames, None])
+        away = np.linalg.norm(inside - surface.closest_points(inside.reshape(-1, 3)).reshape(inside.shape), axis=-1)
+        nearest = away.min(axis=1)
+        np.testing.assert_allclose(item.distances[frames], np.where(nearest <= FAR, nearest, np.inf), atol=1e-12)
+
+
+def test_a_skin_in_pieces_is_the_skin(skinned, monkeypatch):
+    whole = nearness(skinned)
+    monkeypatch.setattr(contact_labels, "_SKIN_FRAMES", 100)
+    for one, other in zip(whole, nearness(skinned), strict=True):
+        np.testing.assert_array_equal(one.distances, other.distances)
+        np.testing.assert_array_equal(one.points_object, other.points_object)

@@ -7,7 +7,9 @@ Frames are those of the model: rest pose along +y, looking along +z, metres. Rot
 for each joint, root first.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -16,6 +18,7 @@ from jaxtyping import Float, Int
 from hoi_retarget import se3
 from hoi_retarget.arrays import frozen
 from hoi_retarget.errors import ArgumentError, ReadError
+from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, PARENT
 
 Family = Literal["smplx", "smplh"]
 Gender = Literal["neutral", "male", "female"]
@@ -160,36 +163,6 @@ class BodyModel:
         self._check_pose(pose)
         return self._posed(self.rest_joints(betas), pose, translation)
 
-    def vertices(
-        self,
-        betas: Float[np.ndarray, "b"],
-        pose: Float[np.ndarray, "T J 3"],
-        translation: Float[np.ndarray, "T 3"],
-    ) -> Float[np.ndarray, "T V 3"]:
-        """Return the skin [m].
-
-        Raises:
-            ArgumentError: more betas than the model has, or a pose of another number of joints.
-        """
-        self._check_pose(pose)
-        shaped = self.template + self.shape_directions[..., : self._checked(betas)] @ betas
-        rest = self.regressor @ shaped
-        positions, quats = self._posed(rest, pose, translation)
-        local = se3.quat_to_matrix(se3.exp(pose[:, 1:])) - np.eye(3)
-        turns = se3.quat_to_matrix(quats)
-        moves = positions - np.einsum("tjab,jb->tja", turns, rest)
-        skin = np.empty((len(pose), *self.template.shape))
-        directions = self.pose_directions.reshape(-1, self.pose_directions.shape[-1])
-        # A rotation and a translation for each vertex, as one row of twelve numbers for each joint.
-        rigid = np.concatenate([turns, moves[..., None]], axis=-1).reshape(len(pose), -1, 12)
-        for first in range(0, len(pose), _CHUNK):
-            chunk = slice(first, first + _CHUNK)
-            features = local[chunk].reshape(len(local[chunk]), -1)
-            bent = shaped + (features @ directions.T).reshape(-1, *shaped.shape)
-            blended = (self.weights @ rigid[chunk]).reshape(*bent.shape[:2], 3, 4)
-            skin[chunk] = np.einsum("tvab,tvb->tva", blended[..., :3], bent) + blended[..., 3]
-        return skin
-
     def _posed(
         self, rest: np.ndarray, pose: np.ndarray, translation: np.ndarray
     ) -> tuple[Float[np.ndarray, "T J 3"], Float[np.ndarray, "T J 4"]]:
@@ -218,3 +191,69 @@ class BodyModel:
                 f"The pose has {pose.shape[1]} joints{looks}; this {self.family} model has {joints}. "
                 "Use the model that it was fitted with."
             )
+
+
+@dataclass(frozen=True, eq=False)
+class BodyShape:
+    """One person's skin: what a body model makes of the person's betas, moved by the joints of `skeleton.JOINTS`.
+
+    Jaw and eyes rest, so the skin follows from these joints alone, in whatever world they are.
+    Raises `ArgumentError` for more betas than the model has.
+    """
+
+    model: BodyModel
+    betas: Float[np.ndarray, "b"]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "betas", frozen(self.betas))
+        self.model.rest_joints(self.betas)
+
+    def vertices_of(self, joints: Iterable[str]) -> Int[np.ndarray, "n"]:
+        """Return the indices of the vertices that one of these joints moves more than any other does."""
+        chosen = [JOINT_INDEX[joint] for joint in joints]
+        return np.flatnonzero(np.isin(self._weights.argmax(axis=1), chosen))
+
+    def skin(
+        self,
+        positions: Float[np.ndarray, "T 52 3"],
+        quats: Float[np.ndarray, "T 52 4"],
+        vertices: Int[np.ndarray, "n"] | None = None,
+    ) -> Float[np.ndarray, "T n 3"]:
+        """Return where vertices are when joints are there [m]; all of them, unless some are named."""
+        chosen = slice(None) if vertices is None else vertices
+        shaped, weights = self._shaped[chosen], self._weights[chosen]
+        directions = self.model.pose_directions[chosen][..., self._bending].reshape(3 * len(shaped), -1)
+        turns = se3.quat_to_matrix(quats)
+        local = np.swapaxes(turns[:, _PARENTS[1:]], -1, -2) @ turns[:, 1:] - np.eye(3)
+        rest = self.model.rest_joints(self.betas)[self.model.skeleton_joints]
+        moves = positions - np.einsum("tjab,jb->tja", turns, rest)
+        # A rotation and a translation for each vertex, as one row of twelve numbers for each joint.
+        rigid = np.concatenate([turns, moves[..., None]], axis=-1).reshape(len(turns), -1, 12)
+        skin = np.empty((len(turns), *shaped.shape))
+        for first in range(0, len(turns), _CHUNK):
+            chunk = slice(first, first + _CHUNK)
+            bent = shaped + (local[chunk].reshape(len(local[chunk]), -1) @ directions.T).reshape(-1, *shaped.shape)
+            blended = (weights @ rigid[chunk]).reshape(*bent.shape[:2], 3, 4)
+            skin[chunk] = np.einsum("tvab,tvb->tva", blended[..., :3], bent) + blended[..., 3]
+        return skin
+
+    @cached_property
+    def _shaped(self) -> Float[np.ndarray, "V 3"]:
+        return self.model.template + self.model.shape_directions[..., : len(self.betas)] @ self.betas
+
+    @cached_property
+    def _weights(self) -> Float[np.ndarray, "V 52"]:
+        """Weights of the skeleton's joints: what jaw and eyes move, the head does."""
+        weights = self.model.weights[:, self.model.skeleton_joints].copy()
+        face = np.setdiff1d(np.arange(JOINT_COUNT[self.model.family]), self.model.skeleton_joints)
+        weights[:, JOINT_INDEX["head"]] += self.model.weights[:, face].sum(axis=1)
+        return weights
+
+    @property
+    def _bending(self) -> Int[np.ndarray, "459"]:
+        """Which of the pose's displacements are of the skeleton's joints."""
+        first = 9 * (self.model.skeleton_joints[1:] - 1)
+        return (first[:, None] + np.arange(9)).reshape(-1)
+
+
+_PARENTS = np.array([0 if PARENT[joint] is None else JOINT_INDEX[str(PARENT[joint])] for joint in JOINTS])

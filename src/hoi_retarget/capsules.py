@@ -59,13 +59,12 @@ class Capsule:
 
 @dataclass(frozen=True, eq=False)
 class Spheres:
-    """Capsules as rows of spheres: their middles over time, their radii, and the joint that moves each."""
+    """Capsules as rows of spheres: their middles over time, and their radii."""
 
     middles: Float[np.ndarray, "T n 3"]
     """In the world [m]."""
     radii: Float[np.ndarray, "n"]
     """[m]"""
-    joints: tuple[str, ...]
 
 
 def spheres(person: Person, capsules: Iterable[Capsule]) -> Spheres:
@@ -75,7 +74,6 @@ def spheres(person: Person, capsules: Iterable[Capsule]) -> Spheres:
     return Spheres(
         middles=np.concatenate([axis for _, axis in pairs], axis=1),
         radii=np.concatenate([np.full(axis.shape[1], size * capsule.radius) for capsule, axis in pairs]),
-        joints=tuple(capsule.joint for capsule, axis in pairs for _ in range(axis.shape[1])),
     )
 
 

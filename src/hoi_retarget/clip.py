@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from hoi_retarget import se3
 from hoi_retarget.arrays import check_finite, check_shape, describe_frames, frozen, runs
+from hoi_retarget.bodies import BodyShape
 from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.skeleton import HEIGHT_OVER_CHAIN, JOINT_INDEX, JOINTS, PARTS
 
@@ -27,6 +28,8 @@ class Person:
     """World positions [m]."""
     joint_quats: Float[np.ndarray, "T 52 4"]
     """World rotations, wxyz, identity in the T-pose that stands along +y and looks along +z."""
+    shape: BodyShape | None = None
+    """The person's skin, where the source tells it and its body model is at hand."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joint_positions", frozen(self.joint_positions))

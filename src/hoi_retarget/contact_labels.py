@@ -7,7 +7,7 @@ the nearest of their frame are compared with triangles.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -28,6 +28,7 @@ FAR = 0.10
 _FINENESS = 0.01  # [m] of the coarse search's triangles, for objects up to a metre in size.
 _CROSSING = 1e-6  # [m]; a middle that is nearer to the surface lies on it, and has no direction from it.
 _GRAVITY = 9.8  # [m/s^2]
+_SKIN_FRAMES = 500  # Whose skin is made at once: bounds the memory.
 
 
 @dataclass(frozen=True)
@@ -144,10 +145,10 @@ def nearness(clip: Clip) -> tuple[Nearness, ...]:
     coarse = [_Coarse.of(surface_of(track.geometry)) for track in clip.objects]
     found = []
     for person, human in enumerate(clip.people):
-        parts = {part: spheres(human, capsules) for part, capsules in PART_CAPSULES.items()}
         for index, track in enumerate(clip.objects):
-            for part, balls in parts.items():
-                found.append(Nearness(person, index, part, *_nearest(balls, track, coarse[index])))
+            for part in PARTS:
+                near = (_of_capsules if human.shape is None else _of_skin)(human, part, track, coarse[index])
+                found.append(Nearness(person, index, part, *near))
     return tuple(found)
 
 
@@ -187,9 +188,10 @@ def _halved(triangles: Float[np.ndarray, "F 3 3"], longest: Int[np.ndarray, "F"]
     return np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
 
 
-def _nearest(
-    balls: Spheres, track: ObjectTrack, coarse: _Coarse
-) -> tuple[Float[np.ndarray, "T"], Float[np.ndarray, "T 3"], Float[np.ndarray, "T 3"]]:
+_Near = tuple[Float[np.ndarray, "T"], Float[np.ndarray, "T 3"], Float[np.ndarray, "T 3"]]
+
+
+def _nearest(balls: Spheres, track: ObjectTrack, coarse: _Coarse) -> _Near:
     """Return distance, point and direction of the sphere that is nearest in each frame."""
     middles = se3.rotate_inverse(track.quats[:, None], balls.middles - track.positions[:, None])
     bound = _lower_bounds(middles, balls.radii, coarse)
@@ -213,6 +215,26 @@ def _nearest(
     likeliest = np.arange(bound.shape[1]) == bound.argmin(axis=1)[:, None]
     compare(likeliest)
     compare(~likeliest & (bound < distances[:, None]))
+    return distances, points, directions
+
+
+def _of_capsules(human: Person, part: str, track: ObjectTrack, coarse: _Coarse) -> _Near:
+    """Return distance, point and direction of a part from its capsules."""
+    return _nearest(spheres(human, PART_CAPSULES[part]), track, coarse)
+
+
+def _of_skin(human: Person, part: str, track: ObjectTrack, coarse: _Coarse) -> _Near:
+    """Return the same from a part's skin: its vertices are spheres without a size."""
+    assert human.shape is not None, "asked before"
+    joints = tuple({capsule.joint for capsule in PART_CAPSULES[part]})
+    vertices = human.shape.vertices_of(joints)
+    found = []
+    for first in range(0, len(track.positions), _SKIN_FRAMES):
+        frames = slice(first, first + _SKIN_FRAMES)
+        skin = human.shape.skin(human.joint_positions[frames], human.joint_quats[frames], vertices)
+        piece = replace(track, positions=track.positions[frames], quats=track.quats[frames])
+        found.append(_nearest(Spheres(skin, np.zeros(len(vertices))), piece, coarse))
+    distances, points, directions = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return distances, points, directions
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.bodies import BodyModel, Family
+from hoi_retarget.bodies import BodyModel, BodyShape, Family
 from hoi_retarget.clip import Person
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError
 from hoi_retarget.readers.body_models import load_body_model
@@ -59,7 +59,8 @@ def person_of(path: Path, name: str, parameters: BodyParameters, body_models: Pa
         positions, quats = model.joints(parameters.betas, pose, parameters.translation)
     except ArgumentError as error:
         raise ClipError(f"{path}: person {name!r}: {error}") from error
-    return Person(name, positions[:, model.skeleton_joints], quats[:, model.skeleton_joints])
+    shape = BodyShape(model, parameters.betas)
+    return Person(name, positions[:, model.skeleton_joints], quats[:, model.skeleton_joints], shape)
 
 
 def constant_betas(path: Path, rows: Float[np.ndarray, "T b"]) -> Float[np.ndarray, "b"]:
