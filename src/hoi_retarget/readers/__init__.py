@@ -7,14 +7,23 @@ from types import MappingProxyType
 
 from hoi_retarget.clip import Clip
 from hoi_retarget.errors import ArgumentError, ReadError
-from hoi_retarget.readers import cari4d, core4d, grasp_check, intermimic, intermimic_objects, omomo, own_layout
+from hoi_retarget.readers import (
+    cari4d,
+    core4d,
+    grasp_check,
+    interact,
+    intermimic,
+    intermimic_objects,
+    omomo,
+    own_layout,
+)
 from hoi_retarget.readers.reader import Reader, ReadOptions
 from hoi_retarget.readers.source_file import FOLDER, SELECTION, SourceFile
 
 READERS: Mapping[str, Reader] = MappingProxyType(
     {
         module.READER.format: module.READER
-        for module in (intermimic, intermimic_objects, own_layout, core4d, cari4d, omomo)
+        for module in (intermimic, intermimic_objects, own_layout, core4d, cari4d, omomo, interact)
     }
 )
 """Format name -> its reader."""
