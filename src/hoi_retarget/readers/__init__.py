@@ -10,8 +10,10 @@ from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.readers import (
     cari4d,
     core4d,
+    grab,
     grasp_check,
     interact,
+    intercap,
     intermimic,
     intermimic_objects,
     omomo,
@@ -23,7 +25,7 @@ from hoi_retarget.readers.source_file import FOLDER, SELECTION, SourceFile
 READERS: Mapping[str, Reader] = MappingProxyType(
     {
         module.READER.format: module.READER
-        for module in (intermimic, intermimic_objects, own_layout, core4d, cari4d, omomo, interact)
+        for module in (intermimic, intermimic_objects, own_layout, core4d, cari4d, omomo, interact, intercap, grab)
     }
 )
 """Format name -> its reader."""

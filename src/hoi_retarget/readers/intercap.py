@@ -1,0 +1,314 @@
+"""Reads InterCap's results: `<subject>/<object>/Seg_<n>/res.pkl`, one person and one object from six cameras.
+
+A pickle holds a dictionary of the whole recording, or a list with a dictionary for each frame: a person as gendered
+SMPL-X, ten betas, hands as twelve principal components from the model's mean hand (YinghaoHuang91/InterCap
+prox_second/cfg_files/SMPLifyD.yaml), and the object's rotation vectors and positions, `ob_pose` and `ob_trans`. The
+makers' scripts move the mesh as it is in its file (prox_second/prox/fitting.py), and save the moved one of every frame
+in `Mesh`: what is there in the first frame, moved back, is the shape. Folders tell subject and object. 30 frames a
+second.
+
+Everything is in the frame of the first camera, metres, y down, tilted by nine degrees. The makers' scripts hold bodies
+and objects above a floor that they give as a point and a normal, and feet on it (the same file): that floor becomes
+z = 0 where the feet are indeed on it.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget import se3
+from hoi_retarget.clip import MINIMUM_FRAMES, Clip, ObjectGeometry, ObjectTrack, Person, Source
+from hoi_retarget.errors import ClipError, GeometryError
+from hoi_retarget.readers.body_parameters import BodyParameters
+from hoi_retarget.readers.companions import refuse_object_name
+from hoi_retarget.readers.fields import Fields
+from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.source_file import SourceFile
+from hoi_retarget.readers.triangles import first_mesh
+from hoi_retarget.readers.upright import check_upright
+from hoi_retarget.readers.varying_shape import person_of_rows
+from hoi_retarget.readers.worlds import TURN, turned_object, turned_person
+from hoi_retarget.skeleton import JOINT_INDEX
+
+FORMAT = "intercap"
+LICENCE = "InterCap's licence: non-commercial scientific research only"
+FPS = 30.0
+UP = "-y"
+OBJECTS: Mapping[str, str] = {
+    "01": "suitcase",
+    "02": "skateboard",
+    "03": "soccerball",
+    "04": "umbrella",
+    "05": "racket",
+    "06": "toolbox",
+    "07": "chair",
+    "08": "bottle",
+    "09": "cup",
+    "10": "stool",
+}
+"""Object's folder -> its name."""
+MALE = ("01", "02", "04", "05", "10")
+SUBJECTS = tuple(f"{number:02d}" for number in range(1, 11))
+FLOOR_POINT = (-0.07362306, 1.06334016, 2.88126607)
+"""A point of the floor in the first camera's frame [m]..."""
+FLOOR_NORMAL = (0.02645398, -0.98627183, -0.16299712)
+"""...and the direction upward there."""
+LOWEST_FOOT, HIGHEST_FOOT = -0.1, 0.25
+"""[m]; the lower foot's joints are between these heights above the floor..."""
+LEAST_ON_FLOOR = 0.8
+"""...in this part of the frames of a recording that has the makers' floor."""
+LARGEST_MISFIT = 0.02
+"""[m]; between the mesh of `--objects` and the one beside the recording."""
+
+_WIDTHS = {
+    "global_orient": 3,
+    "body_pose": 63,
+    "transl": 3,
+    "betas": 10,
+    "left_hand_pose": 12,
+    "right_hand_pose": 12,
+    "ob_pose": 3,
+    "ob_trans": 3,
+}
+"""Numbers a frame of everything that is used."""
+_TOLD_BY = ("body_pose", "global_orient", "ob_pose", "ob_trans")
+_MESHES, _FIRST_MESH = "Mesh", "00000_second_obj.ply"
+_FEET = [JOINT_INDEX[f"{side}_{joint}"] for side in ("left", "right") for joint in ("ankle", "foot")]
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Whose recording of which object it is, as the folders tell."""
+
+    subject: str
+    object: str
+    segment: str
+
+    @property
+    def gender(self) -> str:
+        return "male" if self.subject in MALE else "female"
+
+    @property
+    def name(self) -> str:
+        return OBJECTS[self.object]
+
+
+def holds(file: SourceFile) -> bool:
+    """Return whether a pickle is a dictionary, or a list of some, with a body's pose and an object's."""
+    value = file.pickle
+    first = value[0] if isinstance(value, list) and value else value
+    return isinstance(first, Mapping) and all(name in first for name in _TOLD_BY)
+
+
+def read_file(file: SourceFile, options: ReadOptions) -> Clip:
+    """Return the clip in a file.
+
+    Raises:
+        ReadError: the file is damaged.
+        ClipError: arrays are missing, unusable or disagree, folders do not tell the subject, or nobody stands upright.
+        GeometryError: the object's mesh cannot be had, or is another one than beside the recording.
+        BodyModelError: the body model cannot be had.
+        ArgumentError: an object's name is given.
+    """
+    place = _place(file)
+    refuse_object_name(file, options, place.name)
+    fields, frames = _fields(file)
+    track = _track(fields, frames, place, file, options)
+    person, notes = _person(fields, frames, place, options)
+    person, track, floor_note = _on_floor(turned_person(person, UP), turned_object(track, UP))
+    check_upright(file.path, person, UP)
+    return Clip(
+        name=f"{place.subject}_{place.object}_{place.segment}",
+        fps=FPS,
+        people=(person,),
+        objects=(track,),
+        contacts=(),
+        source=Source(str(file.name), file.sha256, FORMAT, LICENCE, (floor_note, *notes)),
+    )
+
+
+def outline(file: SourceFile) -> Outline:
+    """Return what a file holds, without shapes and body models; raises `ReadError` or `ClipError`."""
+    place = _place(file)
+    return Outline(
+        description="InterCap recording of one person and one object",
+        frames=_fields(file)[1],
+        fps=FPS,
+        fps_stated=False,
+        skeleton=f"SMPL-X {place.gender}, {_WIDTHS['betas']} betas",
+        up_axis="-y of the first camera, tilted as its makers' scripts have it",
+        people=1,
+        objects=(place.name,),
+        contacts="none stored",
+        licence=LICENCE,
+    )
+
+
+def _place(file: SourceFile) -> _Place:
+    steps = file.path.resolve().parts[-4:-1]
+    place = _Place(*steps) if len(steps) == 3 else None
+    if place is None or place.subject not in SUBJECTS or place.object not in OBJECTS:
+        raise ClipError(
+            f"{file.name}: the folders that it is in do not tell whose recording of which object it is. Expected "
+            "<subject>/<object>/Seg_<n>/res.pkl with subjects and objects 01 to 10, as InterCap has them."
+        )
+    return place
+
+
+# What the file holds
+
+
+def _fields(file: SourceFile) -> tuple[Fields, int]:
+    """Return everything that is used as rows for frames, and how many there are."""
+    value = file.pickle
+    if isinstance(value, Mapping):
+        rows = {name: _rows(file.path, name, value[name], width) for name, width in _WIDTHS.items() if name in value}
+    else:
+        rows = {name: _rows_of_frames(file.path, name, value, width) for name, width in _WIDTHS.items()}
+    fields = Fields(file.path, rows)
+    frames = len(fields.array("global_orient", ("T", 3), "the pelvis's rotation"))
+    if frames < MINIMUM_FRAMES:
+        raise ClipError(f"{file.path}: there are {frames} frames; at least {MINIMUM_FRAMES} are needed.")
+    return fields, frames
+
+
+def _rows_of_frames(path: Path, name: str, frames: Sequence[Any], width: int) -> Float[np.ndarray, "T n"]:
+    rows = []
+    for number, frame in enumerate(frames):
+        known = isinstance(frame, Mapping) and name in frame
+        row = _rows(path, f"frame {number}'s {name}", frame[name], width) if known else ()
+        if len(row) != 1:
+            raise ClipError(f"{path}: frame {number} has not one {name}, but {len(row)}. Download the recording again.")
+        rows.append(row[0])
+    return np.array(rows)
+
+
+def _rows(path: Path, name: str, value: Any, width: int) -> Float[np.ndarray, "T n"]:
+    """Return a value with a row for each frame, whatever its other axes were; raises `ClipError`."""
+    try:
+        numbers = np.asarray(value)
+    except ValueError:  # Lists of several lengths.
+        numbers = np.zeros(0, dtype=object)
+    if numbers.dtype.kind not in "fiu" or numbers.size == 0 or numbers.size % width:
+        raise ClipError(
+            f"{path}: {name} has shape {numbers.shape} of {numbers.dtype}, expected {width} numbers for each frame. "
+            "Download the recording again."
+        )
+    return numbers.reshape(-1, width).astype(float)
+
+
+def _person(fields: Fields, frames: int, place: _Place, options: ReadOptions) -> tuple[Person, tuple[str, ...]]:
+    root = fields.array("global_orient", (frames, 3), "the pelvis's rotation")
+    body = fields.array("body_pose", (frames, 63), "the body's pose")
+    betas = fields.array("betas", ("T", 10), "the body's shape")
+    if len(betas) != 1:
+        betas = fields.array("betas", (frames, 10), "the body's shape")
+    parameters = BodyParameters(
+        family="smplx",
+        gender=place.gender,
+        betas=betas[0],
+        translation=fields.array("transl", (frames, 3), "the body's position"),
+        body=np.concatenate([root, body], axis=1),
+        left_hand=fields.array("left_hand_pose", (frames, 12), "the left hand's components"),
+        right_hand=fields.array("right_hand_pose", (frames, 12), "the right hand's components"),
+        flat_hands=False,
+    )
+    return person_of_rows(fields.path, "person", parameters, betas, options.body_models)
+
+
+def _track(fields: Fields, frames: int, place: _Place, file: SourceFile, options: ReadOptions) -> ObjectTrack:
+    quats = se3.exp(fields.array("ob_pose", (frames, 3), "the object's rotation vectors"))
+    positions = fields.array("ob_trans", (frames, 3), "the object's position")
+    saved = _saved_geometry(file, place, positions[0], quats[0])
+    return ObjectTrack(place.name, positions, quats, _geometry(file, place, options, saved))
+
+
+# The object's shape
+
+
+def _saved_geometry(
+    file: SourceFile, place: _Place, position: Float[np.ndarray, "3"], quat: Float[np.ndarray, "4"]
+) -> ObjectGeometry | None:
+    """Return the shape from the mesh that is saved as it lies in the first frame; None where there is none."""
+    path = file.beside(_MESHES, _FIRST_MESH)
+    if not path.is_file():
+        return None
+    lying = first_mesh(place.name, [path], centred=False)
+    return replace(lying, points=se3.rotate_inverse(quat, lying.points - position))
+
+
+def _geometry(file: SourceFile, place: _Place, options: ReadOptions, saved: ObjectGeometry | None) -> ObjectGeometry:
+    if options.objects is None:
+        if saved is None:
+            raise GeometryError(
+                f"{file.name}: the object's mesh is not beside it, looked for {_MESHES}/{_FIRST_MESH}. Add that folder "
+                f"of the recording, or pass --objects DIR with {place.object}.obj in it."
+            )
+        return saved
+    candidates = [options.objects / f"{place.object}{suffix}" for suffix in (".obj", ".ply")]
+    given = first_mesh(place.name, candidates, centred=False)
+    if saved is not None:
+        ends = [np.stack([item.points.min(axis=0), item.points.max(axis=0)]) for item in (given, saved)]
+        misfit = float(np.abs(ends[0] - ends[1]).max())
+        if misfit > LARGEST_MISFIT:
+            raise GeometryError(
+                f"--objects {options.objects}: the mesh of {place.name!r} is up to {misfit:.3f} m off the one in "
+                f"{_MESHES}/{_FIRST_MESH} beside {file.name}: it was moved or scaled. Leave the option out, or give "
+                "the makers' mesh."
+            )
+    return given
+
+
+# The world
+
+
+def _on_floor(person: Person, track: ObjectTrack) -> tuple[Person, ObjectTrack, str]:
+    """Return both in a world whose floor is the makers', where feet are on it; otherwise as they are, with the note."""
+    up = se3.rotate(TURN[UP], np.array(FLOOR_NORMAL))
+    point = se3.rotate(TURN[UP], np.array(FLOOR_POINT))
+    tilt = _turn_to_z(up)
+    height = float(se3.rotate(tilt, point)[2])
+    feet = se3.rotate(tilt, person.joint_positions[:, _FEET])[..., 2].min(axis=1) - height
+    degrees = float(np.rad2deg(np.arccos(up[2])))
+    on_floor = float(((feet >= LOWEST_FOOT) & (feet <= HIGHEST_FOOT)).mean())
+    if on_floor < LEAST_ON_FLOOR:
+        return (
+            person,
+            track,
+            f"The feet are on the makers' floor in {on_floor:.0%} of the frames only (median {np.median(feet):.2f} m "
+            "above it): y is down as in the first camera, whose tilt is not known here, so the floor may slope.",
+        )
+    down = np.array([0.0, 0.0, height])
+    person = replace(
+        person,
+        joint_positions=se3.rotate(tilt, person.joint_positions) - down,
+        joint_quats=se3.quat_multiply(tilt, person.joint_quats),
+    )
+    track = replace(
+        track, positions=se3.rotate(tilt, track.positions) - down, quats=se3.quat_multiply(tilt, track.quats)
+    )
+    return (
+        person,
+        track,
+        f"The world is levelled by the floor of the makers' scripts, {degrees:.1f} deg off the first camera's y axis; "
+        f"the feet are on it in {on_floor:.0%} of the frames.",
+    )
+
+
+def _turn_to_z(up: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4"]:
+    """Return the smallest rotation that turns a direction, not straight down, to z."""
+    return se3.quat_normalize(np.array([1.0 + up[2], up[1], -up[0], 0.0]))
+
+
+READER = Reader(
+    format=FORMAT,
+    suffixes=(".pkl",),
+    floor_at_zero=False,
+    holds=holds,
+    read=read_file,
+    outline=outline,
+)
