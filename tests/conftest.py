@@ -1,6 +1,12 @@
-"""One thread for linear algebra: the matrices are small, and pytest-xdist fills the cores."""
+"""One thread for linear algebra, as pytest-xdist fills the cores; and the same examples in every run."""
 
 import os
 
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
+
+from hypothesis import settings  # noqa: E402 - after the variables, which numpy reads when it is imported
+
+# A test that fails on one run of many is a fault that nobody can look into.
+settings.register_profile("repeatable", derandomize=True, database=None)
+settings.load_profile("repeatable")

@@ -206,12 +206,11 @@ class BodyShape:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "betas", frozen(self.betas))
-        self.model.rest_joints(self.betas)
+        _ = self.rest_joints  # Checks the betas.
 
     def vertices_of(self, joints: Iterable[str]) -> Int[np.ndarray, "n"]:
         """Return the indices of the vertices that one of these joints moves more than any other does."""
-        chosen = [JOINT_INDEX[joint] for joint in joints]
-        return np.flatnonzero(np.isin(self._weights.argmax(axis=1), chosen))
+        return np.flatnonzero(np.isin(self.owners, [JOINT_INDEX[joint] for joint in joints]))
 
     def skin(
         self,
@@ -221,12 +220,11 @@ class BodyShape:
     ) -> Float[np.ndarray, "T n 3"]:
         """Return where vertices are when joints are there [m]; all of them, unless some are named."""
         chosen = slice(None) if vertices is None else vertices
-        shaped, weights = self._shaped[chosen], self._weights[chosen]
+        shaped, weights = self.rest_vertices[chosen], self._weights[chosen]
         directions = self.model.pose_directions[chosen][..., self._bending].reshape(3 * len(shaped), -1)
         turns = se3.quat_to_matrix(quats)
         local = np.swapaxes(turns[:, _PARENTS[1:]], -1, -2) @ turns[:, 1:] - np.eye(3)
-        rest = self.model.rest_joints(self.betas)[self.model.skeleton_joints]
-        moves = positions - np.einsum("tjab,jb->tja", turns, rest)
+        moves = positions - np.einsum("tjab,jb->tja", turns, self.rest_joints)
         # A rotation and a translation for each vertex, as one row of twelve numbers for each joint.
         rigid = np.concatenate([turns, moves[..., None]], axis=-1).reshape(len(turns), -1, 12)
         skin = np.empty((len(turns), *shaped.shape))
@@ -238,8 +236,19 @@ class BodyShape:
         return skin
 
     @cached_property
-    def _shaped(self) -> Float[np.ndarray, "V 3"]:
+    def owners(self) -> Int[np.ndarray, "V"]:
+        """The index of the joint that moves each vertex more than any other does."""
+        return self._weights.argmax(axis=1)
+
+    @cached_property
+    def rest_vertices(self) -> Float[np.ndarray, "V 3"]:
+        """The skin in the T-pose [m]."""
         return self.model.template + self.model.shape_directions[..., : len(self.betas)] @ self.betas
+
+    @cached_property
+    def rest_joints(self) -> Float[np.ndarray, "52 3"]:
+        """The joints of `skeleton.JOINTS` in the T-pose [m]."""
+        return self.model.rest_joints(self.betas)[self.model.skeleton_joints]
 
     @cached_property
     def _weights(self) -> Float[np.ndarray, "V 52"]:

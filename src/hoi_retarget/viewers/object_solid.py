@@ -1,6 +1,7 @@
 """An object as a mesh that moves: its surface, with no more triangles than drawing needs."""
 
 import numpy as np
+import trimesh
 from jaxtyping import Float, Int
 
 from hoi_retarget import se3
@@ -61,9 +62,16 @@ def thinned(vertices: Vertices, faces: Faces, most: int = MOST_FACES) -> tuple[V
     cell = max(float(cell), 1e-4 * size)
     while True:
         fewer = _clustered(vertices, faces, cell)
+        if len(fewer[1]) == 0:
+            return _box_of(vertices)  # So thin that all corners of every triangle are in one cell.
         if len(fewer[1]) <= most:
             return fewer
         cell *= 1.1
+
+
+def _box_of(vertices: Vertices) -> tuple[Vertices, Faces]:
+    box = trimesh.creation.box(bounds=[vertices.min(axis=0), vertices.max(axis=0)])
+    return np.asarray(box.vertices), np.asarray(box.faces)
 
 
 def _clustered(vertices: Vertices, faces: Faces, cell: float) -> tuple[Vertices, Faces]:

@@ -20,6 +20,7 @@ from hoi_retarget.motion import Motion
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.drawing import Colour, Layer, Lines, Part, Scene, Shapes, Solid, Subject
 from hoi_retarget.viewers.human_shapes import human_shapes
+from hoi_retarget.viewers.human_skin import human_skin
 from hoi_retarget.viewers.marks import contact_marks, human_contact_marks, stance_marks
 from hoi_retarget.viewers.object_solid import AXIS_LENGTH, COLOURS, object_axes, object_solid
 from hoi_retarget.viewers.robot_shapes import NodePoses, robot_meshes, robot_shapes
@@ -193,7 +194,7 @@ def _human_side(clip: Clip, person: int) -> _Side:
         for index, track in enumerate(clip.objects)
     )
     layers = (
-        Layer("human", human_shapes(human)),
+        Layer("human", human_shapes(human) if human.shape is None else human_skin(human)),
         Layer("human's object", tuple(solids)),
         Layer("human's contacts", human_contact_marks(contacts, clip.objects)),
     )
