@@ -252,6 +252,12 @@ def test_names_do_not_lead_out_of_the_folder(sequence, name):
         read_clip(place, body_models=models)
 
 
+def test_a_name_may_be_in_a_row(sequence):
+    place, models = sequence
+    changed(place / THING, name=np.array(["suitcase"]))
+    assert_same_objects(read_clip(place, body_models=models), cut(DRAGGED, 12))
+
+
 def test_two_files_of_one_object_are_refused(sequence):
     place, models = sequence
     for part in ("a", "b"):

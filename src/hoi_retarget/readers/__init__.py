@@ -12,6 +12,8 @@ from hoi_retarget.readers import (
     core4d,
     grab,
     grasp_check,
+    hodome,
+    imhd,
     interact,
     intercap,
     intermimic,
@@ -25,7 +27,19 @@ from hoi_retarget.readers.source_file import FOLDER, SELECTION, SourceFile
 READERS: Mapping[str, Reader] = MappingProxyType(
     {
         module.READER.format: module.READER
-        for module in (intermimic, intermimic_objects, own_layout, core4d, cari4d, omomo, interact, intercap, grab)
+        for module in (
+            intermimic,
+            intermimic_objects,
+            own_layout,
+            core4d,
+            cari4d,
+            omomo,
+            interact,
+            intercap,
+            grab,
+            hodome,
+            imhd,
+        )
     }
 )
 """Format name -> its reader."""

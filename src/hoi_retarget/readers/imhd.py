@@ -1,0 +1,235 @@
+"""Reads IMHD2, the data set of I'M HOI: one person and one object, a pickle for each part of a sequence.
+
+`ground_truth/<date>/<segment>/<sequence>/gt_<part>_<start>_<end>.pkl` holds `smplPose`, of which the first 66 numbers
+are the body's rotation vectors, `smplHandPose`, 90 for the hands from the flat one, `smplShape`, 16 betas of neutral
+SMPL-H in each row, `smplTrans`, and the object's rotation vectors `objectRot` and positions `objectTrans`. Metres, 60
+frames a second. The third word of the segment names the object, `bat` the template `baseball`; its mesh, less the mean
+of its vertices as the file lists them, is `object_templates/<object>/<object>_simplified_transformed.obj`
+(AfterJourney00/IMHD-Dataset README.md, visualization.py, body_model/body_model.py).
+
+The world is that of the cameras' calibration, another one on each capture date. The makers advise to turn it into a
+camera's, whose tilt nobody states; so calibrations level nothing here. Which axis is up is measured instead: the one
+along which the person stands. Where none comes out clearly, the recording is refused.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget import se3
+from hoi_retarget.clip import Clip, ObjectGeometry, ObjectTrack, Person, Source
+from hoi_retarget.errors import ClipError, GeometryError
+from hoi_retarget.readers.body_parameters import BodyParameters
+from hoi_retarget.readers.companions import folder_above
+from hoi_retarget.readers.fields import Fields
+from hoi_retarget.readers.npz_fields import check_frames
+from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.source_file import SourceFile
+from hoi_retarget.readers.torch_file import read_bytes
+from hoi_retarget.readers.triangles import first_mesh
+from hoi_retarget.readers.upright import check_upright
+from hoi_retarget.readers.varying_shape import person_of_rows
+from hoi_retarget.readers.worlds import turned_object, turned_person
+from hoi_retarget.skeleton import JOINT_INDEX
+
+FORMAT = "imhd"
+LICENCE = "IMHD2: CC BY-NC-SA 4.0, on request"
+FPS = 60.0
+BETAS = 16
+STEEPEST = np.radians(30.0)
+"""Between an axis and the way from feet to head of somebody who stands along it."""
+LEAST_STANDING = 0.5
+"""Share of the frames in which somebody does, for that axis to be up."""
+TURNS: Mapping[str, tuple[str, ...]] = MappingProxyType({"z": ("z",), "y": ("y",), "-y": ("-y",), "-z": ("y", "y")})
+"""The axis that is up -> turns of `worlds` that make it z, one after the other: y up becomes z up, and z then -y."""
+
+_KEYS = {"objectRot", "objectTrans", "smplPose", "smplHandPose", "smplShape", "smplTrans"}
+_MARK = b"smplHandPose"
+_BODY, _HAND = 66, 45
+_SEGMENT = re.compile(r"\d{8}_[^_]+_(?P<object>[^_]+)(_.*)?")
+"""Capture date, who it is, the object."""
+_TEMPLATES = "object_templates"
+_OTHER_NAMES: Mapping[str, str] = MappingProxyType({"bat": "baseball"})
+"""What the object of a recording is called -> what its template is."""
+_RATE_NOTE = "60 frames a second, as the data set has it; the file does not state it."
+_SKELETON = f"SMPL-H neutral, {BETAS} betas"
+
+
+def holds(file: SourceFile) -> bool:
+    """Return whether a pickle is a dictionary with the arrays of IMHD2."""
+    return _MARK in file.content and isinstance(file.pickle, dict) and set(file.pickle) >= _KEYS
+
+
+def read_file(file: SourceFile, options: ReadOptions) -> Clip:
+    """Return the clip in a file.
+
+    Raises:
+        ReadError: the file is damaged, or holds anything that would be executed.
+        ClipError: arrays are missing or disagree, the object is not told, or it cannot be seen which axis is up.
+        GeometryError: the object's mesh cannot be had.
+        BodyModelError: the body model cannot be had.
+    """
+    fields = Fields(file.path, file.pickle)
+    recorded, told = _object_name(file, options)
+    name = _OTHER_NAMES.get(recorded, recorded)
+    track = _track(fields, name, _geometry(file, options, name))
+    check_frames(file.path, {"object": len(track.positions), "person": _frames(fields)})
+    person, shape_notes = _person(fields, options.body_models)
+    up, standing = up_axis(file.path, person)
+    for turn in TURNS[up]:
+        person, track = turned_person(person, turn), turned_object(track, turn)
+    check_upright(file.path, person, up)
+    notes = (
+        f"The object is {name}, as {told}.",
+        f"{up} is up: the person stands along it in {standing:.0%} of the frames. Calibrations are not used; the floor "
+        "may be tilted against it.",
+        _RATE_NOTE,
+        *shape_notes,
+    )
+    return Clip(
+        name="_".join(file.path.resolve().with_suffix("").parts[-3 if _SEGMENT.fullmatch(_segment(file)) else -1 :]),
+        fps=FPS,
+        people=(person,),
+        objects=(track,),
+        contacts=(),
+        source=Source(str(file.name), file.sha256, FORMAT, LICENCE, notes),
+    )
+
+
+def outline(file: SourceFile) -> Outline:
+    """Return what a file holds; raises `ReadError` or `ClipError`."""
+    name, _ = _object_name(file, ReadOptions(object_name=None))
+    return Outline(
+        description="IMHD2 recording of one person and one object",
+        frames=_frames(Fields(file.path, file.pickle)),
+        fps=FPS,
+        fps_stated=False,
+        skeleton=_SKELETON,
+        up_axis="another one on each capture date; measured from the person when it is read",
+        people=1,
+        objects=(_OTHER_NAMES.get(name, name),),
+        contacts="none stored",
+        licence=LICENCE,
+    )
+
+
+def up_axis(path: Path, person: Person) -> tuple[str, float]:
+    """Return the axis along which a person stands, and in which share of the frames.
+
+    Args:
+        path: the recording, for errors.
+        person: in the world as recorded.
+
+    Raises:
+        ClipError: along none in most frames, or along one that no recording of the data set is turned from.
+    """
+    feet = [JOINT_INDEX[f"{side}_ankle"] for side in ("left", "right")]
+    upward = person.position("head") - person.joint_positions[:, feet].mean(axis=1)
+    cosines = upward / np.maximum(np.linalg.norm(upward, axis=1, keepdims=True), 1e-9)
+    shares = {
+        f"{sign}{axis}": float((factor * cosines[:, index] > np.cos(STEEPEST)).mean())
+        for index, axis in enumerate("xyz")
+        for sign, factor in (("", 1.0), ("-", -1.0))
+    }
+    best = max(shares, key=lambda axis: shares[axis])
+    if shares[best] <= LEAST_STANDING or best not in TURNS:
+        listing = ", ".join(f"{axis}: {share:.0%}" for axis, share in shares.items())
+        raise ClipError(
+            f"{path}: which axis is up cannot be told: the person should stand along {', '.join(TURNS)} in more than "
+            f"{LEAST_STANDING:.0%} of the frames, but stands along {listing}. Turn the recording to z up."
+        )
+    return best, shares[best]
+
+
+# The object
+
+
+def _object_name(file: SourceFile, options: ReadOptions) -> tuple[str, str]:
+    """Return what the recording calls its object and who says so; raises `ClipError` where nobody does."""
+    if options.object_name is not None:
+        return options.object_name, "was asked for"
+    segment = _segment(file)
+    named = _SEGMENT.fullmatch(segment)
+    if named is None:
+        raise ClipError(
+            f"{file.name}: its object is not told: the folder two above the file is {segment!r}, expected a segment "
+            "such as 20230910_af_skateboard. Put it back into the data set's tree, or pass --object NAME."
+        )
+    return named["object"], f"the segment {segment!r} says"
+
+
+def _segment(file: SourceFile) -> str:
+    """Return the name of the folder two above a file, wherever that is."""
+    return "/".join(file.path.resolve().parts[-3:-2])
+
+
+def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeometry:
+    folder = options.objects or folder_above(file.path, _TEMPLATES)
+    if folder is None:
+        raise GeometryError(
+            f"object {name!r}: there is no folder {_TEMPLATES} above {file.path}. Download it beside ground_truth, or "
+            "pass --objects DIR."
+        )
+    path = folder / name / f"{name}_simplified_transformed.obj"
+    geometry = first_mesh(name, [path], centred=False)
+    return replace(geometry, points=geometry.points - _listed_mean(path))
+
+
+def _listed_mean(path: Path) -> Float[np.ndarray, "3"]:
+    """Return the mean of the vertices that a mesh lists; where a texture has seams, the mesh has more of them."""
+    rows = [line.split()[1:4] for line in read_bytes(path).splitlines() if line.startswith(b"v ")]
+    try:
+        return np.array(rows, dtype=float).reshape(-1, 3).mean(axis=0)
+    except ValueError as error:
+        raise GeometryError(f"{path}: its vertices are not three numbers each ({error}). Download it again.") from error
+
+
+def _track(fields: Fields, name: str, geometry: ObjectGeometry) -> ObjectTrack:
+    angles = fields.array("objectRot", ("T", 3), "the object's rotation")
+    positions = fields.array("objectTrans", (len(angles), 3), "the object's position")
+    return ObjectTrack(name, positions, se3.exp(angles), geometry)
+
+
+# The person
+
+
+def _frames(fields: Fields) -> int:
+    return len(fields.array("smplTrans", ("T", 3), "the body's position"))
+
+
+def _person(fields: Fields, body_models: Path | None) -> tuple[Person, tuple[str, ...]]:
+    frames = _frames(fields)
+    body = fields.array("smplPose", (frames, "D"), "the body's pose")
+    if body.shape[1] < _BODY:
+        raise ClipError(
+            f"{fields.path}: smplPose, the body's pose, has {body.shape[1]} numbers a frame, expected at least "
+            f"{_BODY}, three for each joint. Download the recording again."
+        )
+    hands = fields.array("smplHandPose", (frames, 2 * _HAND), "the pose of both hands")
+    betas = fields.array("smplShape", (frames, BETAS), "the body's shape")
+    parameters = BodyParameters(
+        family="smplh",
+        gender="neutral",
+        betas=betas[0],
+        translation=fields.array("smplTrans", (frames, 3), "the body's position"),
+        body=body[:, :_BODY],
+        left_hand=hands[:, :_HAND],
+        right_hand=hands[:, _HAND:],
+        flat_hands=True,
+    )
+    return person_of_rows(fields.path, "person", parameters, betas, body_models)
+
+
+READER = Reader(
+    format=FORMAT,
+    suffixes=(".pkl",),
+    floor_at_zero=False,
+    holds=holds,
+    read=read_file,
+    outline=outline,
+)
