@@ -8,6 +8,7 @@ from types import MappingProxyType
 from hoi_retarget.clip import Clip
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.readers import (
+    behave,
     cari4d,
     core4d,
     grab,
@@ -39,6 +40,7 @@ READERS: Mapping[str, Reader] = MappingProxyType(
             grab,
             hodome,
             imhd,
+            behave,
         )
     }
 )
