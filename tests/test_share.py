@@ -320,7 +320,7 @@ def test_share_writes_pages_of_results(tmp_path: Path, capsys: pytest.CaptureFix
     assert main(["share", str(result), "--out", str(tmp_path / "out"), "--title", "Two <boxes>"]) == 0
     assert "index.html" in capsys.readouterr().out
     page = (tmp_path / "out" / "carry_box.html").read_text()
-    assert "hoi-retarget run &#x27;jane&#x27;&quot;&#x27;&quot;&#x27;s.pt&#x27; --out results --objects objects" in page
+    assert "hoi-retarget run &#x27;jane&#x27;&quot;&#x27;&quot;&#x27;s.pt&#x27; --objects objects --out results" in page
     assert "human&#x27;s object" in page or "human's object" in page
     index = (tmp_path / "out" / "index.html").read_text()
     assert "<h1>Two &lt;boxes&gt;</h1>" in index
