@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hoi_retarget.pipeline import Config, retarget
-from hoi_retarget.robots import robot
+from hoi_retarget.pipeline import Config
+from hoi_retarget.results import retarget_people
+from hoi_retarget.robots import team
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers import film
@@ -21,24 +22,25 @@ IMAGES = Path(__file__).parent / "images"
 
 
 def main() -> None:
-    """Write `images/overview.png`, a person and one robot, and `images/contact_sheet.png`, two of each."""
+    """Write `images/overview.png`, a person and one robot, and `images/contact_sheet.png`, two and two robots."""
     IMAGES.mkdir(exist_ok=True)
-    for name, scene, columns, width in (("overview", "carry_box", 6, 290), ("contact_sheet", "carry_table", 4, 400)):
-        shown = results_of(scene)
+    for name, scene, robots, columns, width in (
+        ("overview", "carry_box", "unitree_g1", 6, 290),
+        ("contact_sheet", "carry_table", "unitree_h2,unitree_g1", 4, 400),
+    ):
+        shown = results_of(scene, robots)
         filmed = film.panels(shown)
         with film.opened(filmed, View(film.good_azimuth(shown)), width, 680) as draw:
             pictures = [draw(time) for time in film.sheet_times(filmed, columns)]
         (IMAGES / f"{name}.png").write_bytes(png(np.concatenate(pictures, axis=1)))
 
 
-def results_of(scene: str) -> list[Shown]:
+def results_of(scene: str, robots: str) -> list[Shown]:
     """Retarget a built-in clip, one robot for each of its people."""
-    clip, model = make(scene), load_model(robot("unitree_g1"))
-    shown = []
-    for person in range(len(clip.people)):
-        motion = retarget(clip, model, Config(), person=person)
-        shown.append(Shown(scene, motion, model, clip, person))
-    return shown
+    clip, models = make(scene), [load_model(spec) for spec in team(robots)]
+    motions = retarget_people(clip, models, Config(), {})
+    pairs = zip(motions, models, strict=True)
+    return [Shown(scene, motion, model, clip, person) for person, (motion, model) in enumerate(pairs)]
 
 
 if __name__ == "__main__":
