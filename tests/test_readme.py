@@ -50,6 +50,7 @@ def test_the_readmes_commands_run_in_its_order(tmp_path):
     commands = [shlex.split(line)[1] for line in uses[1:]]
     assert commands == [
         *("contacts", "run", "render", "share"),
+        "run",
         *("batch", "report", "export", "check-motion"),
         "examples/01_demo_in_python.py",
     ]
