@@ -21,6 +21,7 @@ from hoi_retarget.readers import (
     intermimic_objects,
     omomo,
     own_layout,
+    parahome,
 )
 from hoi_retarget.readers.reader import Reader, ReadOptions
 from hoi_retarget.readers.source_file import FOLDER, SELECTION, SourceFile
@@ -41,6 +42,7 @@ READERS: Mapping[str, Reader] = MappingProxyType(
             hodome,
             imhd,
             behave,
+            parahome,
         )
     }
 )

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.readers.fields import Fields
@@ -13,6 +14,11 @@ _FARTHEST = 5
 
 
 def json_table(file: SourceFile, path: Path) -> Fields:
+    """Return the object in a JSON file that belongs to a recording as fields; raises `ReadError`."""
+    return Fields(path, json_values(file, path))
+
+
+def json_values(file: SourceFile, path: Path) -> dict[str, Any]:
     """Return the object in a JSON file that belongs to a recording; raises `ReadError`."""
     try:
         values = json.loads(file.read(path))
@@ -20,7 +26,7 @@ def json_table(file: SourceFile, path: Path) -> Fields:
         raise ReadError(f"{path}: not readable as JSON ({error}). Download it again.") from error
     if not isinstance(values, dict):
         raise ReadError(f"{path}: it holds a {type(values).__name__}, expected an object. Download it again.")
-    return Fields(path, values)
+    return values
 
 
 def folder_above(path: Path, *steps: str) -> Path | None:
