@@ -14,6 +14,7 @@ from hoi_retarget.readers import (
     grab,
     grasp_check,
     hodome,
+    humoto,
     imhd,
     interact,
     intercap,
@@ -43,6 +44,7 @@ READERS: Mapping[str, Reader] = MappingProxyType(
             imhd,
             behave,
             parahome,
+            humoto,
         )
     }
 )
@@ -54,6 +56,7 @@ _EXPLAINING: Mapping[str, Reader] = {
     ".pt": intermimic.READER,
     ".pth": intermimic.READER,
     ".npz": own_layout.READER,
+    ".fbx": humoto.READER,
 }
 """Readers that say best what a file is not, where nobody reads it."""
 _SHOWN = 12  # Names of clips that an error lists.

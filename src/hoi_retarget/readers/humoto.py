@@ -1,0 +1,361 @@
+"""Reads HUMOTO, motion capture of a person and household objects, from its binary glTF files: `<sequence>.glb`.
+
+One scene, y up: a node `Armature`, scaled by 0.01 as all below it is in centimetres, with the 65 joints `mixamorig:*`
+of a Mixamo skeleton, and each object as a node of its own with its mesh in metres. All are animated. Poses that do not
+change are stored as two keys, so what is in between is sampled by time.
+
+The files say 24 frames a second, but each key is one frame of a capture of 30: played as they say, people would move
+a quarter too slowly. Files that say 30 are taken at their word.
+
+Rotations of Mixamo's bones are counted from its bind pose and from axes of its own. Here they become those of
+`skeleton`: the T-pose is where thighs and shins hang down and upper arms and forearms point sideways, whatever the bind
+pose is, as long as that is near. There are no labels of contacts.
+
+Cites: arXiv 2504.10414 (30 frames a second, one rig); adobe-research/humoto `README.md` and files; Jiaxin-Lu/humoto
+`scripts/blender_helper.py` (30 frames a second).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget import se3
+from hoi_retarget.clip import MINIMUM_FRAMES, Clip, ObjectGeometry, ObjectTrack, Person, Source
+from hoi_retarget.errors import ClipError, GeometryError, ReadError
+from hoi_retarget.readers.companions import refuse_object_name
+from hoi_retarget.readers.gltf import Gltf, NodePoses, text_of
+from hoi_retarget.readers.objects import LARGEST_OBJECT
+from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.rigid import quats_of
+from hoi_retarget.readers.source_file import SourceFile
+from hoi_retarget.readers.upright import check_upright
+from hoi_retarget.readers.worlds import turned_object, turned_person
+from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, LEFT_FINGERS, RIGHT_FINGERS
+
+FORMAT = "humoto"
+LICENCE = "Adobe Research License v1.1: research use; the full set on request"
+UP_AXIS = "y"
+FPS = 30.0
+STAMPED_FPS = (24.0, 30.0)
+"""Keys a second that files say; each key is one frame of the capture."""
+PREFIX = "mixamorig:"
+FBX = ".fbx"
+FARTHEST_FROM_T_POSE = 60.0
+"""[deg]; limbs of a bind pose that are farther from a T-pose's are of another pose."""
+
+_SIDES = {
+    "UpLeg": "hip",
+    "Leg": "knee",
+    "Foot": "ankle",
+    "ToeBase": "foot",
+    "Shoulder": "collar",
+    "Arm": "shoulder",
+    "ForeArm": "elbow",
+    "Hand": "wrist",
+    **{
+        f"Hand{finger.title()}{bone}": f"{finger}{bone}"
+        for finger in ("index", "middle", "pinky", "ring", "thumb")
+        for bone in (1, 2, 3)
+    },
+}
+BONES: Mapping[str, str] = MappingProxyType(
+    {
+        "pelvis": "Hips",
+        "spine1": "Spine",
+        "spine2": "Spine1",
+        "spine3": "Spine2",
+        "neck": "Neck",
+        "head": "Head",
+        **{f"{side}_{joint}": f"{side.title()}{bone}" for side in ("left", "right") for bone, joint in _SIDES.items()},
+    }
+)
+"""Joint of `skeleton.JOINTS` -> Mixamo's bone."""
+
+_LIMBS: Mapping[str, tuple[str, tuple[float, float, float]]] = MappingProxyType(
+    {
+        f"{side}_{joint}": (f"{side}_{end}", axis)
+        for side, outward in (("left", (1.0, 0.0, 0.0)), ("right", (-1.0, 0.0, 0.0)))
+        for joint, end, axis in (
+            ("hip", "knee", (0.0, -1.0, 0.0)),
+            ("knee", "ankle", (0.0, -1.0, 0.0)),
+            ("shoulder", "elbow", outward),
+            ("elbow", "wrist", outward),
+        )
+    }
+)
+"""Joint -> where its bone ends, and which way that lies in the T-pose."""
+_STEP_TOLERANCE = 0.05  # [frames]; of keys from the frames they are on.
+
+
+@dataclass(frozen=True, eq=False)
+class _Recording:
+    """A file's scene, and which of its nodes are what."""
+
+    path: Path
+    scene: Gltf
+
+    @cached_property
+    def joints(self) -> tuple[int, ...]:
+        """The nodes of `skeleton.JOINTS`; raises `ClipError` where some are missing."""
+        nodes = {name: index for index, name in enumerate(self.scene.names)}
+        missing = [f"{PREFIX}{BONES[joint]}" for joint in JOINTS if f"{PREFIX}{BONES[joint]}" not in nodes]
+        if missing:
+            raise ClipError(
+                f"{self.path}: the skeleton lacks {', '.join(missing[:4])}{', ...' if len(missing) > 4 else ''}, which "
+                "HUMOTO's has. Download the file again."
+            )
+        return tuple(nodes[f"{PREFIX}{BONES[joint]}"] for joint in JOINTS)
+
+    @cached_property
+    def armature(self) -> frozenset[int]:
+        """All nodes of the body: the skeleton's root, and whatever hangs from it."""
+        root = (self.joints[0], *self.scene.ancestors(self.joints[0]))[-1]
+        below = (node for node in self.scene.order if root in self.scene.ancestors(node))
+        return frozenset((root, *below))
+
+    @cached_property
+    def objects(self) -> tuple[int, ...]:
+        """The nodes with a mesh of their own that are not of the body; raises `ClipError` for two of one name."""
+        nodes = tuple(
+            node
+            for node in range(len(self.scene.names))
+            if node not in self.armature and self.scene.mesh_of(node) is not None
+        )
+        names = [self.scene.names[node] for node in nodes]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ClipError(f"{self.path}: two objects are called {twice[0]!r}. Rename one in the file.")
+        return nodes
+
+    @cached_property
+    def clock(self) -> tuple[Float[np.ndarray, "T"], float]:
+        """The frames that are captured, and how many a second the file says.
+
+        Raises `ClipError` where keys are not those of frames, or the body's and an object's are not of the same ones.
+        """
+        of_body = [channel.times for channel in self.scene.channels if channel.node in self.armature]
+        if not of_body:
+            raise ClipError(f"{self.path}: the body is not animated. Export the file with its animations.")
+        times = np.unique(np.concatenate(of_body))
+        rate = next((rate for rate in STAMPED_FPS if self._fits(times, rate)), None)
+        if rate is None:
+            apart = f"mostly {np.median(np.diff(times)):.4g} s apart" if len(times) > 1 else "all at one time"
+            raise ClipError(
+                f"{self.path}: the body's keys are {apart}, expected one for every frame, 24 or 30 a second, as "
+                "HUMOTO's are. Export the file with every frame sampled."
+            )
+        first, last = np.rint(times[[0, -1]] * rate)
+        frames = np.arange(first, last + 1)
+        if len(frames) < MINIMUM_FRAMES:
+            raise ClipError(f"{self.path}: {len(frames)} frame(s) of animation; at least {MINIMUM_FRAMES} are needed.")
+        for channel in self.scene.channels:
+            ends = channel.times[[0, -1]] * rate
+            if channel.node in self.objects and not channel.constant and np.abs(ends - frames[[0, -1]]).max() > 0.5:
+                raise ClipError(
+                    f"{self.path}: {self.scene.names[channel.node]!r} is animated from frame {ends[0]:.1f} to "
+                    f"{ends[1]:.1f}, the body from {first:.0f} to {last:.0f}. Export both over the same frames."
+                )
+        return frames, rate
+
+    @staticmethod
+    def _fits(times: Float[np.ndarray, "K"], rate: float) -> bool:
+        """Return whether keys are on frames of this rate, and on most of them."""
+        keys = times * rate
+        steps = np.diff(np.rint(keys))
+        return bool((np.abs(keys - np.rint(keys)) < _STEP_TOLERANCE).all() and steps.sum() < 2 * len(steps))
+
+
+def holds(file: SourceFile) -> bool:
+    """Return whether a `.glb` file has a skeleton of Mixamo."""
+    return f'"{PREFIX}{BONES["pelvis"]}"'.encode() in text_of(file.content)
+
+
+def read_file(file: SourceFile, options: ReadOptions) -> Clip:
+    """Return the clip of an opened file.
+
+    Raises:
+        ReadError: the file is damaged, of another kind, or pygltflib is not installed.
+        ClipError: bones are missing, or animations contradict each other or the format.
+        GeometryError: an object's size changes, or is not one of metres.
+        ArgumentError: an object's name is given.
+    """
+    recording = _recording(file)
+    names = tuple(recording.scene.names[node] for node in recording.objects)
+    refuse_object_name(file, options, ", ".join(names) or "none")
+    frames, rate = recording.clock
+    poses = recording.scene.poses(frames, rate)
+    person, notes = _person(recording, poses)
+    check_upright(file.path, person, UP_AXIS)
+    return Clip(
+        name=file.path.stem,
+        fps=FPS,
+        people=(person,),
+        objects=tuple(_object(recording, poses, node) for node in recording.objects),
+        contacts=(),
+        source=Source(
+            str(file.name), file.sha256, FORMAT, LICENCE, (_rate_note(rate), *notes, *_part_notes(recording))
+        ),
+    )
+
+
+def outline(file: SourceFile) -> Outline:
+    """Return what a file holds; raises `ReadError` or `ClipError`."""
+    recording = _recording(file)
+    frames, rate = recording.clock
+    return Outline(
+        description="HUMOTO capture of one person and household objects",
+        frames=len(frames),
+        fps=FPS,
+        fps_stated=rate == FPS,
+        skeleton=f"{len(JOINTS)} of Mixamo's 65 joints",
+        up_axis="y, by the format",
+        people=1,
+        objects=tuple(recording.scene.names[node] for node in recording.objects),
+        contacts="none stored",
+        licence=LICENCE,
+        notes=(_rate_note(rate), *_part_notes(recording)),
+    )
+
+
+def _recording(file: SourceFile) -> _Recording:
+    if file.suffix == FBX:
+        raise ReadError(
+            f"{file.name}: .fbx files are not read. HUMOTO has the same sequence as .glb; otherwise open it in Blender "
+            "and export it as binary glTF with animations."
+        )
+    return _Recording(file.path, Gltf(file.path, file.content))
+
+
+def _rate_note(rate: float) -> str:
+    if rate == FPS:
+        return f"The file says {FPS:g} frames a second, as the capture had."
+    return (
+        f"The file says {rate:g} frames a second, but has one key for each of the capture's {FPS:g}: times are changed."
+    )
+
+
+def _part_notes(recording: _Recording) -> tuple[str, ...]:
+    """Return which objects hang from others: their poses hold what a hinge or a drawer does."""
+    notes: tuple[str, ...] = ()
+    for node in recording.objects:
+        above = next((other for other in recording.scene.ancestors(node) if other in recording.objects), None)
+        if above is not None:
+            names = recording.scene.names
+            notes += (f"{names[node]} is a part of {names[above]}, with poses of its own.",)
+    return notes
+
+
+# The person
+
+
+def _person(recording: _Recording, poses: NodePoses) -> tuple[Person, tuple[str, ...]]:
+    joints = list(recording.joints)
+    turns, largest = _turns_from_t_pose(recording)
+    quats = se3.quat_multiply(poses.quats[:, joints], turns)
+    person = turned_person(Person("person", poses.positions[:, joints], quats), UP_AXIS)
+    return person, (
+        f"Limbs of the bind pose are up to {largest:.0f} deg from those of a T-pose, which is accounted for.",
+    )
+
+
+def _turns_from_t_pose(recording: _Recording) -> tuple[Float[np.ndarray, "52 4"], float]:
+    """Return what to turn each bone by, in its own frame, to get its joint's rotation from the T-pose, wxyz.
+
+    Beside it, how far the bind pose's limbs are from those of the T-pose [deg].
+    """
+    positions, quats = _bind_pose(recording)
+    body = _body_axes(recording.path, positions)
+    standing = se3.rotate_inverse(body, positions)
+    swings = np.tile(se3.IDENTITY_QUAT, (len(JOINTS), 1))
+    for joint, (end, axis) in _LIMBS.items():
+        bone = standing[JOINT_INDEX[end]] - standing[JOINT_INDEX[joint]]
+        swings[JOINT_INDEX[joint]] = _swing(np.array(axis), bone)
+    angles = np.rad2deg(se3.angle_between(swings, se3.IDENTITY_QUAT))
+    largest = float(angles.max())
+    if largest > FARTHEST_FROM_T_POSE:
+        raise ClipError(
+            f"{recording.path}: the skeleton's bind pose is no T-pose: its {JOINTS[int(angles.argmax())]} is "
+            f"{largest:.0f} deg away from one. Export the file with Mixamo's bind pose."
+        )
+    for side, fingers in (("left", LEFT_FINGERS), ("right", RIGHT_FINGERS)):
+        # In a bind pose hands are straight: they go with the forearms.
+        for joint in (f"{side}_wrist", *fingers):
+            swings[JOINT_INDEX[joint]] = swings[JOINT_INDEX[f"{side}_elbow"]]
+    return se3.quat_multiply(se3.quat_conjugate(quats), se3.quat_multiply(body, swings)), largest
+
+
+def _bind_pose(recording: _Recording) -> tuple[Float[np.ndarray, "52 3"], Float[np.ndarray, "52 4"]]:
+    """Return where the bones are while the mesh is bound to them, in the mesh's frame; raises `ClipError`."""
+    for joints, inverse in recording.scene.skins():
+        places = {node: index for index, node in enumerate(joints)}
+        if set(recording.joints) <= set(places):
+            order = [places[node] for node in recording.joints]
+            sizes = np.cbrt(np.abs(np.linalg.det(inverse[order, :3, :3])))
+            if not (sizes > 1e-9).all():
+                break
+            turns = inverse[order, :3, :3] / sizes[:, None, None]
+            quats = se3.quat_conjugate(quats_of(recording.path, "inverseBindMatrices", turns))
+            return -se3.rotate(quats, inverse[order, :3, 3] / sizes[:, None]), quats
+    raise ClipError(
+        f"{recording.path}: no skin binds a mesh to all bones, so their bind pose is not known. Export the file with "
+        "the body's mesh."
+    )
+
+
+def _body_axes(path: Path, positions: Float[np.ndarray, "52 3"]) -> Float[np.ndarray, "4"]:
+    """Return the rotation from a body that stands along +y and looks along +z to the bind pose, wxyz.
+
+    Frames of exporters differ by quarter turns, so it is the nearest of these.
+    """
+    place = {joint: positions[index] for joint, index in JOINT_INDEX.items()}
+    up = place["head"] - 0.5 * (place["left_hip"] + place["right_hip"])
+    left = place["left_hip"] - place["right_hip"] + place["left_shoulder"] - place["right_shoulder"]
+    axes = np.zeros((3, 3))
+    for column, direction in ((1, up), (0, left)):
+        largest = int(np.abs(direction).argmax())
+        axes[largest, column] = np.sign(direction[largest])
+    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
+    if np.abs(np.linalg.det(axes)) < 0.5:
+        raise ClipError(
+            f"{path}: in the skeleton's bind pose nobody stands upright with the left side beside the right."
+        )
+    return se3.matrix_to_quat(axes)
+
+
+def _swing(start: Float[np.ndarray, "3"], end: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4"]:
+    """Return the shortest rotation from one direction to another, wxyz; half a turn for opposite or none."""
+    end = end / max(float(np.linalg.norm(end)), 1e-9)
+    quat = np.concatenate([[1.0 + start @ end], np.cross(start, end)])
+    length = float(np.linalg.norm(quat))
+    return quat / length if length > 1e-6 else np.array([0.0, 0.0, 0.0, 1.0])
+
+
+# The objects
+
+
+def _object(recording: _Recording, poses: NodePoses, node: int) -> ObjectTrack:
+    name, scales = recording.scene.names[node], poses.scales[:, node]
+    scale = float(scales.mean())
+    if np.ptp(scales) > 0.01 * scale:
+        raise GeometryError(
+            f"{recording.path}: {name!r} changes its size by {np.ptp(scales) / scale:.0%}; rigid objects are read."
+        )
+    mesh = recording.scene.mesh_of(node)
+    assert mesh is not None  # Objects are nodes with a mesh.
+    vertices, faces = recording.scene.mesh(mesh)
+    vertices = vertices * scale
+    if np.abs(vertices).max() > LARGEST_OBJECT:
+        raise GeometryError(
+            f"{recording.path}: {name!r} reaches {np.abs(vertices).max():.4g} m from its origin, expected at most "
+            f"{LARGEST_OBJECT:g}: another unit, or damage."
+        )
+    geometry = ObjectGeometry(vertices, faces=faces)
+    return turned_object(ObjectTrack(name, poses.positions[:, node], poses.quats[:, node], geometry), UP_AXIS)
+
+
+READER = Reader(format=FORMAT, suffixes=(".glb",), floor_at_zero=False, holds=holds, read=read_file, outline=outline)

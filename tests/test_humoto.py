@@ -1,0 +1,395 @@
+"""HUMOTO's glTF files: what is written is read, at the capture's rate, with rotations from the T-pose."""
+
+import json
+import struct
+import sys
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from unittest import mock
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from glb_writer import Glb, bound_arms_down, humoto
+from hoi_retarget import se3
+from hoi_retarget.clip import Clip
+from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, HoiRetargetError, ReadError
+from hoi_retarget.readers import can_be_clip, gltf, read_clip, reader_of, rest_pose
+from hoi_retarget.readers import humoto as reader
+from hoi_retarget.readers.source_file import SourceFile
+from hoi_retarget.skeleton import JOINT_INDEX
+from hoi_retarget.synthetic import make
+from source_people import assert_same_objects, assert_same_people
+
+CLIP = make("move_chair", seconds=1.5)
+CLOSE = 2e-6
+"""[m]; files hold single precision, bones in centimetres."""
+
+
+def read(tmp_path, glb: Glb) -> Clip:
+    return read_clip(glb.write(tmp_path / "clip.glb"))
+
+
+# What is written is read
+
+
+@pytest.mark.parametrize("scene", ["carry_box", "drag_suitcase", "push_table"])
+def test_a_clip_is_read_as_it_was_written(tmp_path, scene):
+    clip = make(scene, seconds=3.0)
+    path = humoto(clip).write(tmp_path / f"{scene}-012.glb")
+    new = read_clip(path)
+    assert_same_people(new, clip, tolerance=CLOSE)
+    assert_same_objects(new, clip, tolerance=CLOSE)
+    assert (new.name, new.fps, new.frames, new.contacts) == (f"{scene}-012", 30.0, clip.frames, ())
+    assert (new.source.format, new.source.licence) == (reader.FORMAT, reader.LICENCE)
+    assert not reader.READER.floor_at_zero
+    assert rest_pose.agreement(new.people[0].joint_positions, new.people[0].joint_quats) > 0.999
+
+
+@pytest.mark.parametrize(("stamp", "first"), [(24.0, 1), (24.0, 0), (24.0, 977), (30.0, 1)])
+def test_every_key_is_one_frame_of_a_capture_of_30(tmp_path, stamp, first):
+    clip = read(tmp_path, humoto(CLIP, stamp=stamp, first=first))
+    assert (clip.fps, clip.frames) == (30.0, CLIP.frames)
+    assert_same_people(clip, CLIP, tolerance=CLOSE)
+    speed = np.abs(np.diff(clip.people[0].position("pelvis"), axis=0)).max() * clip.fps
+    assert speed == pytest.approx(np.abs(np.diff(CLIP.people[0].position("pelvis"), axis=0)).max() * 30.0, rel=1e-3)
+    assert any(f"says {stamp:g} frames a second" in note for note in clip.source.notes)
+
+
+@pytest.mark.parametrize("degrees", [10.0, 45.0])
+def test_a_bind_pose_near_the_t_pose_is_accounted_for(tmp_path, degrees):
+    clip = read(tmp_path, humoto(CLIP, bound=bound_arms_down(degrees)))
+    assert_same_people(clip, CLIP, tolerance=CLOSE)
+    assert any(f"up to {degrees:.0f} deg" in note for note in clip.source.notes)
+
+
+@pytest.mark.parametrize("axis", [(np.pi / 2, 0, 0), (0, np.pi / 2, 0), (0, 0, np.pi), (np.pi, 0, 0)])
+def test_the_armature_may_be_turned(tmp_path, axis):
+    clip = read(tmp_path, humoto(CLIP, turned=se3.exp(np.array(axis))))
+    assert_same_people(clip, CLIP, tolerance=CLOSE)
+
+
+def test_a_node_that_rests_is_where_it_stands(tmp_path):
+    glb = humoto(CLIP)
+    body, chair = glb.tables["animations"]
+    glb.tables["animations"] = [body]
+    turn = se3.exp(np.array([0.0, 0.7, 0.0]))
+    node = glb.tables["nodes"][chair["channels"][0]["target"]["node"]]
+    node |= {"translation": [1.0, 2.0, 3.0], "rotation": se3.quat_to_xyzw(turn).tolist(), "scale": [2.0] * 3}
+    track = read(tmp_path, glb).objects[0]
+    np.testing.assert_allclose(track.positions, np.tile([1.0, -3.0, 2.0], (CLIP.frames, 1)), atol=1e-6)
+    assert np.ptp(track.geometry.points, axis=0) == pytest.approx(
+        2.0 * np.ptp(CLIP.objects[0].geometry.points, axis=0), rel=1e-5
+    )
+
+
+def test_keys_between_frames_are_interpolated_and_ends_are_held(tmp_path):
+    glb = humoto(CLIP)
+    chair = glb.tables["animations"][1]
+    times = np.array([1.0, CLIP.frames]) / 24.0
+    turns = se3.exp(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
+    chair |= {"channels": [], "samplers": []}
+    node = next(i for i, item in enumerate(glb.tables["nodes"]) if item["name"] == "chair")
+    glb.animate(chair, node, "translation", times, np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]))
+    glb.animate(chair, node, "rotation", times, turns)
+    track = read(tmp_path, glb).objects[0]
+    share = np.linspace(0.0, 1.0, CLIP.frames)
+    np.testing.assert_allclose(track.positions[:, 0], 2.0 * share, atol=1e-6)
+    up = se3.exp(np.array([np.pi / 2, 0.0, 0.0]))
+    wanted = se3.quat_multiply(up, se3.exp(share[:, None] * [0.0, 0.0, 1.0]))
+    assert se3.angle_between(track.quats, wanted).max() < 1e-6
+    chair["samplers"][0]["interpolation"] = "STEP"
+    track = read(tmp_path, glb).objects[0]
+    assert set(track.positions[:-1, 0]) == {0.0}
+    assert track.positions[-1, 0] == 2.0
+
+
+def test_parts_of_an_object_are_objects_of_their_own(tmp_path):
+    glb = humoto(CLIP)
+    chair = next(i for i, node in enumerate(glb.tables["nodes"]) if node["name"] == "chair")
+    glb.node("lid", parent=chair, mesh=glb.tables["nodes"][chair]["mesh"], translation=[0.0, 0.5, 0.0])
+    glb.node("lamp")  # Carries nothing.
+    clip = read(tmp_path, glb)
+    assert [track.name for track in clip.objects] == ["chair", "lid"]
+    whole, lid = clip.objects
+    np.testing.assert_allclose(
+        lid.positions, whole.positions + se3.rotate(whole.quats, np.array([[0, 0.5, 0]])), atol=1e-6
+    )
+    assert "lid is a part of chair, with poses of its own." in clip.source.notes
+    facts = reader.outline(SourceFile(tmp_path / "clip.glb"))
+    assert (facts.objects, facts.frames, facts.fps, facts.fps_stated) == (("chair", "lid"), CLIP.frames, 30.0, False)
+
+
+def test_files_are_told_apart(tmp_path):
+    path = humoto(CLIP).write(tmp_path / "clip.glb")
+    assert reader_of(SourceFile(path)) is reader.READER
+    assert can_be_clip(path)
+    other = Glb()
+    other.node("Cube")
+    assert not can_be_clip(other.write(tmp_path / "cube.glb"))
+    with pytest.raises(ReadError, match="something else than clips of humoto"):
+        read_clip(tmp_path / "cube.glb")
+    (tmp_path / "clip.fbx").write_bytes(b"Kaydara FBX Binary  \0")
+    with pytest.raises(ReadError, match=r"same sequence as \.glb.*Blender"):
+        read_clip(tmp_path / "clip.fbx")
+    assert not can_be_clip(tmp_path / "clip.fbx")
+    with pytest.raises(ArgumentError, match="names chair"):
+        read_clip(path, object_name="chair")
+
+
+def test_without_the_library_one_error_says_how_to_get_it(tmp_path, monkeypatch):
+    path = humoto(CLIP).write(tmp_path / "clip.glb")
+    monkeypatch.setitem(sys.modules, "pygltflib", None)
+    assert can_be_clip(path)
+    with pytest.raises(ReadError, match=r"pip install .*humoto"):
+        read_clip(path)
+
+
+# What is wrong has one error
+
+
+def node_named(glb: Glb, name: str) -> dict:
+    return next(node for node in glb.tables["nodes"] if node["name"] == name)
+
+
+def rename_bone(glb: Glb) -> None:
+    node_named(glb, "mixamorig:LeftArm")["name"] = "mixamorig:LeftWing"
+
+
+def without_body_animation(glb: Glb) -> None:
+    glb.tables["animations"] = glb.tables["animations"][1:]
+
+
+def animated_twice(glb: Glb) -> None:
+    glb.tables["animations"].append(glb.tables["animations"][0])
+
+
+def other_frames(glb: Glb) -> None:
+    glb.tables["animations"][1] |= {"channels": [], "samplers": []}
+    node = glb.tables["nodes"].index(node_named(glb, "chair"))
+    times = np.arange(1, CLIP.frames + 20) / 24.0
+    glb.animate(glb.tables["animations"][1], node, "translation", times, np.outer(times, [1.0, 0.0, 0.0]))
+
+
+def growing(glb: Glb) -> None:
+    node = glb.tables["nodes"].index(node_named(glb, "chair"))
+    chair = glb.tables["animations"][1]
+    chair["channels"] = chair["channels"][:2]
+    times = np.arange(1, CLIP.frames + 1) / 24.0
+    glb.animate(chair, node, "scale", times, np.outer(times, [1.0, 1.0, 1.0]))
+
+
+def uneven_scale(glb: Glb) -> None:
+    chair = glb.tables["animations"][1]
+    chair["channels"] = chair["channels"][:2]
+    node_named(glb, "chair")["scale"] = [1.0, 2.0, 1.0]
+
+
+def in_centimetres(glb: Glb) -> None:
+    node_named(glb, "Armature")["scale"] = [1.0, 1.0, 1.0]
+
+
+def huge_object(glb: Glb) -> None:
+    uneven_scale(glb)
+    node_named(glb, "chair")["scale"] = [1000.0] * 3
+
+
+def without_skin(glb: Glb) -> None:
+    glb.tables["skins"] = []
+
+
+def unbound(glb: Glb) -> None:
+    del glb.tables["skins"][0]["inverseBindMatrices"]
+
+
+def two_of_a_name(glb: Glb) -> None:
+    glb.node("chair", mesh=node_named(glb, "chair")["mesh"])
+
+
+def spline(glb: Glb) -> None:
+    glb.tables["animations"][0]["samplers"][4]["interpolation"] = "CUBICSPLINE"
+
+
+def compressed(glb: Glb) -> None:
+    glb.tables["extensionsRequired"] = ["KHR_draco_mesh_compression"]
+
+
+def sparse(glb: Glb) -> None:
+    del glb.tables["accessors"][0]["bufferView"]
+
+
+def a_ring(glb: Glb) -> None:
+    glb.tables["nodes"][1].setdefault("children", []).append(0)
+
+
+def a_matrix(glb: Glb) -> None:
+    node_named(glb, "body").update(matrix=np.eye(4).ravel().tolist())
+
+
+def absent_child(glb: Glb) -> None:
+    glb.tables["nodes"][0]["children"] = [999]
+
+
+def beyond_the_bytes(glb: Glb) -> None:
+    glb.tables["accessors"][0]["count"] = 10**9
+
+
+def lines(glb: Glb) -> None:
+    glb.tables["meshes"][1]["primitives"][0]["mode"] = 1
+
+
+def absent_corners(glb: Glb) -> None:
+    accessor = glb.tables["meshes"][1]["primitives"][0]["indices"]
+    view = glb.tables["bufferViews"][glb.tables["accessors"][accessor]["bufferView"]]
+    glb.blob[view["byteOffset"] : view["byteOffset"] + 4] = struct.pack("<I", 10**6)
+
+
+def not_finite(glb: Glb) -> None:
+    glb.blob[:4] = struct.pack("<f", np.nan)
+
+
+def doubled_rotations(glb: Glb) -> None:
+    accessor = glb.tables["animations"][0]["samplers"][1]["output"]
+    view = glb.tables["bufferViews"][glb.tables["accessors"][accessor]["bufferView"]]
+    part = slice(view["byteOffset"], view["byteOffset"] + view["byteLength"])
+    glb.blob[part] = (2.0 * np.frombuffer(bytes(glb.blob[part]), "<f4")).astype("<f4").tobytes()
+
+
+MISTAKES = {
+    rename_bone: (ClipError, "lacks mixamorig:LeftArm"),
+    without_body_animation: (ClipError, "the body is not animated"),
+    animated_twice: (ReadError, "animated twice"),
+    other_frames: (ClipError, "'chair' is animated from frame 1.0 to 65.0, the body from 1 to 46"),
+    growing: (GeometryError, "changes its size"),
+    uneven_scale: (ReadError, "scaled unevenly"),
+    in_centimetres: (ClipError, "m tall"),
+    huge_object: (GeometryError, "another unit"),
+    without_skin: (ClipError, "no skin binds"),
+    unbound: (ReadError, "no inverse bind matrices"),
+    two_of_a_name: (ClipError, "two objects are called 'chair'"),
+    spline: (ReadError, "interpolated by CUBICSPLINE"),
+    compressed: (ReadError, "needs extensions"),
+    sparse: (ReadError, "sparsely or compressed"),
+    a_ring: (ReadError, "own ancestors"),
+    a_matrix: (ReadError, "has a matrix"),
+    absent_child: (ReadError, "refers to a node 999"),
+    beyond_the_bytes: (ReadError, "cut off"),
+    lines: (ReadError, "expected triangles"),
+    absent_corners: (ReadError, "vertices that are not there"),
+    not_finite: (ReadError, "not finite"),
+    doubled_rotations: (ReadError, "no unit quaternion"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.__name__)
+def test_every_mistake_has_one_error(tmp_path, mistake):
+    kind, words = MISTAKES[mistake]
+    glb = humoto(CLIP)
+    mistake(glb)
+    with pytest.raises(kind) as caught:
+        read(tmp_path, glb)
+    assert words in str(caught.value)
+    assert "clip.glb" in str(caught.value)
+
+
+def test_a_body_that_lies_along_another_axis_is_refused(tmp_path):
+    turn = se3.exp(np.array([0.0, np.pi / 2, 0.0]))
+    person, track = CLIP.people[0], CLIP.objects[0]
+    lying = replace(
+        CLIP,
+        people=(
+            replace(
+                person,
+                joint_positions=se3.rotate(turn, person.joint_positions),
+                joint_quats=se3.quat_multiply(turn, person.joint_quats),
+            ),
+        ),
+        objects=(track,),
+    )
+    with pytest.raises(ClipError, match="stands along x"):
+        read(tmp_path, humoto(lying))
+
+
+def test_another_pose_than_the_t_pose_is_refused(tmp_path):
+    with pytest.raises(ClipError, match=r"bind pose is no T-pose: its (left|right)_shoulder is 75 deg"):
+        read(tmp_path, humoto(CLIP, bound=bound_arms_down(75.0)))
+
+
+@pytest.mark.parametrize("stamp", [25.0, 60.0, 7.3])
+def test_other_rates_are_refused(tmp_path, stamp):
+    with pytest.raises(ClipError, match="expected one for every frame, 24 or 30 a second"):
+        read(tmp_path, humoto(CLIP, stamp=stamp))
+
+
+def test_rotations_are_not_those_of_the_bones_themselves(tmp_path):
+    """The bones' own axes are arbitrary: taken as they are, limbs would not lie as in the T-pose."""
+    glb = humoto(CLIP)
+    clip = read(tmp_path, glb)
+    inverse = glb.tables["accessors"][glb.tables["skins"][0]["inverseBindMatrices"]]
+    view = glb.tables["bufferViews"][inverse["bufferView"]]
+    columns = np.frombuffer(bytes(glb.blob[view["byteOffset"] :][: view["byteLength"]]), "<f4").reshape(-1, 4, 4)
+    bound = se3.matrix_to_quat(columns[JOINT_INDEX["left_elbow"], :3, :3].astype(float) * 0.01)
+    assert np.rad2deg(se3.angle_between(bound[None], se3.IDENTITY_QUAT)) > 20.0
+    assert se3.angle_between(clip.people[0].quat("left_elbow"), CLIP.people[0].quat("left_elbow")).max() < 1e-5
+
+
+# Whatever is in the file
+
+SHORT = humoto(make("move_chair", seconds=0.2))
+TABLES = json.dumps(SHORT.tables)
+
+
+@dataclass
+class Table:
+    """What pygltflib makes of a table, whatever is in it, a hundred times as fast."""
+
+    values: dict
+
+    def __getattr__(self, name):
+        value = self.__dict__.get("values", {}).get(name)
+        if isinstance(value, list):
+            return [Table(item) if isinstance(item, dict) else item for item in value]
+        return Table(value) if isinstance(value, dict) else value
+
+    def binary_blob(self):
+        return bytes(SHORT.blob)
+
+
+@settings(derandomize=True, deadline=None, max_examples=50, database=None)
+@given(st.data())
+def test_whatever_is_in_the_tables_only_our_errors_come(tmp_path_factory, data):
+    glb = Glb(json.loads(TABLES), bytearray(SHORT.blob))
+    for _ in range(data.draw(st.integers(1, 3))):
+        place = glb.tables
+        for _ in range(6):
+            keys = sorted(place) if isinstance(place, dict) else list(range(len(place)))
+            if not keys:
+                break
+            key = data.draw(st.sampled_from(keys))
+            if not isinstance(place[key], dict | list) or data.draw(st.integers(0, 4)) == 0:
+                if data.draw(st.booleans()) and isinstance(place, dict):
+                    del place[key]
+                else:
+                    place[key] = data.draw(
+                        st.sampled_from([None, -1, 0, 1, 3, 10**9, 2.5, "x", [], {}, [None], [1], True, "VEC3"])
+                    )
+                break
+            place = place[key]
+    path = SHORT.write(tmp_path_factory.getbasetemp() / "fuzz.glb")
+    with mock.patch.object(gltf, "_document", lambda *_: Table(glb.tables)), suppress(HoiRetargetError):
+        read_clip(path)
+
+
+@settings(derandomize=True, deadline=None, max_examples=12, database=None)
+@given(place=st.integers(0, 10**6), byte=st.integers(0, 255), cut=st.booleans())
+def test_damaged_bytes_give_our_errors(tmp_path_factory, place, byte, cut):
+    content = bytearray(SHORT.content())
+    content[place % len(content)] = byte
+    path = tmp_path_factory.getbasetemp() / "bytes.glb"
+    path.write_bytes(bytes(content[: place % len(content)] if cut else content))
+    with suppress(HoiRetargetError):
+        read_clip(path)
+    with suppress(HoiRetargetError):
+        reader.outline(SourceFile(path))
