@@ -120,11 +120,12 @@ class _Members(Mapping[str, Any]):
 
 
 def _frames_and_rate(fields: Fields) -> tuple[int, float]:
-    frames = fields.array("n_frames", (), "the number of frames")
-    rate = fields.array("framerate", (), "frames a second")
+    """Return how many frames there are, and how many a second; raises `ClipError`."""
+    positions = fields.table("body", "the person").table("params", "the person's pose")
+    frames = len(positions.array("transl", ("T", 3), "the body's position"))
     if frames < MINIMUM_FRAMES:
-        raise ClipError(f"{fields.path}: there are {int(frames)} frames; at least {MINIMUM_FRAMES} are needed.")
-    return int(frames), float(rate)
+        raise ClipError(f"{fields.path}: there are {frames} frames; at least {MINIMUM_FRAMES} are needed.")
+    return frames, float(fields.array("framerate", (), "frames a second"))
 
 
 # The person
