@@ -299,7 +299,15 @@ def _inspect_own(path: Path, content: bytes, objects: Path | None, object_name: 
 def _with_clip(facts: Inspection, clip: Clip) -> Inspection:
     """Return the facts with what a clip that could be read holds."""
     described = tuple(_describe_track(track) for track in clip.objects)
-    contacts = (_describe_contact(track.active, track.part, clip.objects[track.object].name) for track in clip.contacts)
+    contacts = (
+        # Parts of others than the first person are called as in contact edits.
+        _describe_contact(
+            track.active,
+            f"p{track.person}.{track.part}" if track.person else track.part,
+            clip.objects[track.object].name,
+        )
+        for track in clip.contacts
+    )
     doubts = (doubt for person in clip.people for doubt in _doubts(person.joint_positions, described))
     return replace(
         facts,
