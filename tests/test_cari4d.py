@@ -156,13 +156,14 @@ def test_every_other_frame_of_a_video_halves_the_rate(tmp_path, models, meshes):
     assert clip.fps == 15.0
 
 
-def test_a_shape_that_varies_becomes_one_body(tmp_path, models, meshes):
+def test_a_shape_that_varies_is_that_of_each_frame(tmp_path, models, meshes):
     values = writer.prediction(CLIP)
-    values["betas"] = values["betas"] + 0.01 * np.where(np.arange(CLIP.frames)[:, None] % 2, 1.0, -1.0)
-    values = {key: value[:134] if isinstance(value, np.ndarray | list) else value for key, value in values.items()}
+    values["betas"] = values["betas"] + np.where(np.arange(CLIP.frames)[:, None] % 2, 0.5, 0.0)
     clip = read_clip(writer.write(tmp_path / "a.pth", values), objects=meshes, body_models=models)
-    np.testing.assert_allclose(clip.people[0].joint_positions, CLIP.people[0].joint_positions[:134], atol=1e-6)
-    assert any("betas change by 0.02" in note for note in clip.source.notes)
+    off = np.abs(clip.people[0].joint_positions - CLIP.people[0].joint_positions).max(axis=(1, 2))
+    assert off[::2].max() < 1e-6
+    assert off[1::2].min() > 1e-3
+    assert any("betas change by up to 0.5" in note for note in clip.source.notes)
 
 
 def test_meshes_are_found_as_cari4d_names_them(tmp_path, models):

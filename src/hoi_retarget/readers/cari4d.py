@@ -30,7 +30,7 @@ from jaxtyping import Float
 
 from hoi_retarget.clip import MINIMUM_FRAMES, Clip, ContactTrack, ObjectGeometry, ObjectTrack, Person, Source
 from hoi_retarget.errors import ClipError, GeometryError
-from hoi_retarget.readers.body_parameters import LARGEST_CHANGE, BodyParameters, person_of
+from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.companions import refuse_object_name
 from hoi_retarget.readers.fields import Fields
 from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
@@ -38,6 +38,7 @@ from hoi_retarget.readers.rigid import poses_of
 from hoi_retarget.readers.source_file import SourceFile
 from hoi_retarget.readers.triangles import first_mesh
 from hoi_retarget.readers.upright import check_upright
+from hoi_retarget.readers.varying_shape import person_of_rows
 from hoi_retarget.readers.worlds import turned_object, turned_person
 from hoi_retarget.skeleton import HANDS, PARTS
 
@@ -108,13 +109,15 @@ def read_file(file: SourceFile, options: ReadOptions) -> Clip:
             f"{file.name}: the object's name is not in the name {sequence.name!r}, expected such as "
             "Date03_Sub01_table_wild. Pass --object NAME."
         )
-    parameters, body_notes = _body(file, fields, sequence)
+    betas = fields.array("betas", (sequence.frames, BETAS), "the body's shape")
+    parameters, body_notes = _body(file, fields, sequence, betas)
     matrices = fields.array("pose_abs", (sequence.frames, 4, 4), "the object's poses")
     positions, quats = poses_of(file.path, "pr/pose_abs", matrices)
     scores = _scores(fields, sequence)
     geometry, mesh_notes = _geometry(file, sequence, name, options.objects)
     track = turned_object(ObjectTrack(name, positions, quats, geometry), UP_AXIS)
-    person = turned_person(person_of(file.path, "person", parameters, options.body_models), UP_AXIS)
+    person, shape_notes = person_of_rows(file.path, "person", parameters, betas, options.body_models)
+    person = turned_person(person, UP_AXIS)
     check_upright(file.path, person, UP_AXIS)
     contacts, contact_notes = _contacts(scores, person, track)
     return Clip(
@@ -128,7 +131,7 @@ def read_file(file: SourceFile, options: ReadOptions) -> Clip:
             file.sha256,
             FORMAT,
             LICENCE,
-            (*sequence.notes, *body_notes, *mesh_notes, *contact_notes),
+            (*sequence.notes, *body_notes, *shape_notes, *mesh_notes, *contact_notes),
         ),
     )
 
@@ -250,7 +253,9 @@ def _gender(file: SourceFile, sequence: _Sequence) -> str:
 # The body
 
 
-def _body(file: SourceFile, fields: Fields, sequence: _Sequence) -> tuple[BodyParameters, tuple[str, ...]]:
+def _body(
+    file: SourceFile, fields: Fields, sequence: _Sequence, betas: Float[np.ndarray, "T b"]
+) -> tuple[BodyParameters, tuple[str, ...]]:
     frames = sequence.frames
     pose = fields.array("smpl_pose", (frames, "numbers"), "the body's pose")
     if pose.shape[1] not in (OPTIMIZED, REFINED):
@@ -258,24 +263,20 @@ def _body(file: SourceFile, fields: Fields, sequence: _Sequence) -> tuple[BodyPa
             f"{file.path}: pr/smpl_pose has {pose.shape[1]} numbers a frame, expected {OPTIMIZED} of the optimization "
             f"or {REFINED} of the network before it. Download the recording again."
         )
-    betas = fields.array("betas", (frames, BETAS), "the body's shape")
     gender = _gender(file, sequence)
     notes = (f"The body is {gender}, as names tell.",)
     if pose.shape[1] == OPTIMIZED:
         hands = np.zeros((frames, 2 * HAND_NUMBERS))
         notes += ("Hands are not stored; they rest in the body model's mean pose.",)
-        if np.abs(pose[:, BODY_NUMBERS:]).max() > LARGEST_CHANGE:
+        if pose[:, BODY_NUMBERS:].any():
             notes += ("The last six numbers of the pose, of fingers, are not used.",)
     else:
         hands = pose[:, BODY_NUMBERS:]
         notes += ("This is the network's result; the optimization after it improves contacts.",)
-    change = float(np.ptp(betas, axis=0).max())
-    if change > LARGEST_CHANGE:
-        notes += (f"The betas change by {change:.2g} over the video; the body is that of their mean.",)
     parameters = BodyParameters(
         family="smplh",
         gender=gender,
-        betas=betas.mean(axis=0),
+        betas=betas[0],
         translation=fields.array("smpl_t", (frames, 3), "the body's position"),
         body=pose[:, :BODY_NUMBERS],
         left_hand=hands[:, :HAND_NUMBERS],
