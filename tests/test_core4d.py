@@ -1,6 +1,7 @@
 """CORE4D: two people and an object, written as the makers store them and read back, with and without a body model."""
 
 import json
+import shutil
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -41,8 +42,10 @@ def world(tmp_path_factory) -> tuple[Path, Path, Clip]:
 
 
 @pytest.fixture
-def copy(tmp_path) -> tuple[Path, Path, Clip]:
-    return write_world(tmp_path, CARRIED)
+def copy(world, tmp_path) -> tuple[Path, Path, Clip]:
+    sequence, models, written = world
+    shutil.copytree(models.parent, tmp_path, dirs_exist_ok=True)
+    return tmp_path / sequence.relative_to(models.parent), tmp_path / models.name, written
 
 
 def test_with_a_body_model_everything_comes_back(world):
