@@ -102,7 +102,7 @@ def read_file(file: SourceFile, options: ReadOptions) -> Clip:
             file.sha256,
             FORMAT,
             LICENCE,
-            (_RATE_NOTE,) if options.body_models else (_RATE_NOTE, _FINGER_NOTE),
+            notes=(_RATE_NOTE,) if options.body_models else (_RATE_NOTE, _FINGER_NOTE),
         ),
     )
 

@@ -105,7 +105,7 @@ def read_file(file: SourceFile, options: ReadOptions) -> Clip:
             _recordings(file).sha256,
             FORMAT,
             LICENCE,
-            (_RATE_NOTE, *person_notes, *object_notes),
+            notes=(_RATE_NOTE, *person_notes, *object_notes),
         ),
     )
 

@@ -175,7 +175,7 @@ def read_file(file: SourceFile, options: ReadOptions) -> Clip:
             file.sha256,
             FORMAT,
             LICENCE,
-            (f"Described as {interval.text[:200]!r}.", _RATE_NOTE, *person_notes, *object_notes),
+            notes=(f"Described as {interval.text[:200]!r}.", _RATE_NOTE, *person_notes, *object_notes),
         ),
         first_source_frame=interval.first,
     )
