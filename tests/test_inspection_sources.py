@@ -1,5 +1,6 @@
 """What `inspect` says of data sets' own files: whole, lacking something, of several clips, or of somebody else."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -87,6 +88,33 @@ def test_clips_are_run_by_their_names_alone_or_all_by_a_batch(many_clips, tmp_pa
     assert motion.report["source"]["format"] == "omomo" and np.isfinite(motion.qpos).all()
     names = [job.name for job in jobs_of(of_folder(many_clips.parent))]
     assert names == ["unitree_g1/sub3_box_000", "unitree_g1/sub3_box_001"]
+
+
+def test_a_batch_makes_anew_what_any_file_of_a_recording_changed(tmp_path, capsys):
+    """And tries again what lacked a file, which is not known until it is there."""
+    clip = make("carry_box", seconds=2.0)
+    recordings, out = tmp_path / "recordings", tmp_path / "out"
+    folder = behave_writer.write_files(recordings, behave_writer.files_of(clip))
+    write_models(tmp_path / "models", clip.people, "smplh", ["male", "female"])
+    specification = tmp_path / "set.toml"
+    specification.write_text(f'clips = ["{folder}"]\nbody_models = "models"\n')
+    words = ["batch", str(specification), "--workers", "1", "--out", str(out)]
+
+    def entries() -> list[dict]:
+        main(words)
+        return [json.loads(line) for line in (out / "manifest.jsonl").read_text().splitlines()]
+
+    (lacking,) = entries()
+    assert lacking["status"] == "failed" and lacking["error"] == "GeometryError"
+    mesh = behave_writer.write_mesh(recordings, clip)
+    (done,) = entries()
+    assert done["status"] == "solved" and str(mesh) in done["source"]["files"]
+    assert any(name.endswith("object_fit_all.npz") for name in done["source"]["files"])
+    assert entries() == [done]
+    mesh.write_bytes(mesh.read_bytes().replace(b"end_header", b"comment changed\nend_header"))
+    (again,) = entries()
+    assert again["key"] != done["key"] and again["results"][0]["figures"] == done["results"][0]["figures"]
+    capsys.readouterr()
 
 
 def test_folders_that_are_clips_are_jobs_of_a_batch(two_people):

@@ -78,6 +78,8 @@ class ObjectGeometry:
     """The mesh file, for pictures and the surface; None where only points are known."""
     faces: Int[np.ndarray, "F 3"] | None = None
     """Triangles over `points`, where these are a whole mesh; None where they are not."""
+    file: Path | None = None
+    """The file that points and triangles are from, as the pose's frame has them; None where they came with the clip."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", frozen(self.points))
@@ -173,6 +175,8 @@ class Source:
     """Text of the contact edits that were applied to the contacts as recorded; empty where none were."""
     augmentation: Augmentation = Augmentation()
     """What was done after that."""
+    files: tuple[str, ...] = ()
+    """Other files that the clip was read from: companions and meshes; not the body models."""
 
 
 @dataclass(frozen=True, eq=False)

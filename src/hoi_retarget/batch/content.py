@@ -11,6 +11,7 @@ from hoi_retarget import __version__
 from hoi_retarget.batch.jobs import Job
 from hoi_retarget.readers.objects import geometry_files, known_objects
 from hoi_retarget.readers.own_layout import mesh_files
+from hoi_retarget.readers.source_file import SourceFile
 from hoi_retarget.recordings import builtin_scene
 from hoi_retarget.robots import robot, team
 
@@ -25,18 +26,22 @@ class Contents:
         self._of_object = cache(self._digest_of_object)
         self._known_objects = cache(known_objects)
 
-    def key(self, job: Job, objects: Sequence[str] | None) -> str:
+    def key(self, job: Job, objects: Sequence[str] | None, files: Sequence[str]) -> str:
         """Return the digest of a job's inputs, settings and program.
 
         Args:
             job: The job.
             objects: Names of the objects in its clip; None where the clip could not be read, and any object may matter.
+            files: Other files that its clip was read from.
         """
         folder = job.reading["objects"]
         names = self._objects(folder) if objects is None else objects
         parts = {
             "version": __version__,
-            "clip": job.clip if builtin_scene(job.clip) is not None else self._of_recording(Path(job.clip)),
+            "clip": job.clip
+            if builtin_scene(job.clip) is not None
+            else self._of_recording(SourceFile(Path(job.clip)).path),
+            "files": {name: self.of_file(Path(name)) for name in files},
             "objects": {name: self._of_object(folder, name) for name in names} if folder else {},
             "reading": {key: str(value) for key, value in job.reading.items() if key != "objects"},
             "edits": self.of_file(job.edits) if job.edits else "",

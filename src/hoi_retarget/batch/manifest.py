@@ -33,7 +33,8 @@ class Entry:
     """One of `STATUSES`."""
     robot: str
     source: Mapping[str, Any]
-    """The clip: `path` as it was named, `sha256`, `format`, `licence`, `objects` and `notes`; what is known of it."""
+    """The clip: `path` as it was named, `sha256`, `format`, `licence`, `objects`, other `files` that it was read from,
+    `notes`; what is known of it."""
     scales: Mapping[str, Any]
     """`root`, `object` and `size_multiplier`: as asked for, and as they came out where there are results."""
     lineage: Mapping[str, Any]
@@ -157,9 +158,14 @@ def _is_sound(values: Mapping[str, Any]) -> bool:
     return (
         all(isinstance(values[key], kinds) for key, kinds in _KINDS.items())
         and values["status"] in STATUSES
-        and (objects is None or (isinstance(objects, list) and all(isinstance(name, str) for name in objects)))
+        and (objects is None or _is_texts(objects))
+        and _is_texts(values["source"].get("files", []))
         and all(_is_inside(result["path"]) and isinstance(result["sha256"], str) for result in values["results"])
     )
+
+
+def _is_texts(values: Any) -> bool:
+    return isinstance(values, list) and all(isinstance(value, str) for value in values)
 
 
 def _is_inside(path: str) -> bool:

@@ -15,6 +15,7 @@ from hoi_retarget.batch.pool import Lost, Pool
 from hoi_retarget.batch.specification import Specification
 from hoi_retarget.batch.work import Task, blank
 from hoi_retarget.errors import ArgumentError
+from hoi_retarget.readers import has_companions
 
 _RESULT = re.compile(r"(\.p\d+)?\.npz$")
 """How a result's name goes on after that of its job."""
@@ -73,7 +74,7 @@ def run_batch(  # noqa: PLR0913 - all but three are to be told what happens
         with Manifest(out, [job.name for job in jobs]) as manifest:
             todo = [job for job in jobs if not _is_done(job, manifest.entries.get(job.name), out, contents, pool)]
             for job in todo:
-                contents.key(job, None)  # What changes while the batch runs must not pass for what was read.
+                contents.key(job, None, ())  # What changes while the batch runs must not pass for what was read.
             planned(len(jobs), len(todo))
             with closing(pool.run([Task(job, out) for job in todo], stopped)) as outcomes:
                 for index, outcome in outcomes:
@@ -104,12 +105,14 @@ def _is_done(job: Job, entry: Entry | None, out: Path, contents: Contents, pool:
     """Return whether doing a job again would give what is there."""
     if entry is None or not entry.is_final(pool.time_limit) or entry.key != _key(job, entry, contents):
         return False
+    if "sha256" not in entry.source and has_companions(Path(job.clip)):
+        return False  # What it could not be read for may be there by now.
     return all(digest_of_file(out / result["path"]) == result["sha256"] for result in entry.results)
 
 
 def _key(job: Job, entry: Entry, contents: Contents) -> str:
     objects: Sequence[str] | None = entry.source.get("objects")
-    return contents.key(job, objects)
+    return contents.key(job, objects, entry.source.get("files", ()))
 
 
 def _entry(job: Job, outcome: Entry | Lost, contents: Contents, time_limit: float | None) -> Entry:

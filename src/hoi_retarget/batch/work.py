@@ -134,6 +134,7 @@ def _source(job: Job, clip: Clip) -> dict[str, Any]:
         "format": source.format,
         "licence": source.licence,
         "objects": [track.name for track in clip.objects],
+        "files": list(source.files),
         "notes": list(source.notes),
     }
 

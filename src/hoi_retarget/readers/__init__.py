@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -36,15 +37,15 @@ READERS: Mapping[str, Reader] = MappingProxyType(
             own_layout,
             core4d,
             cari4d,
-            omomo,
-            interact,
+            behave,
             intercap,
             grab,
+            interact,
             hodome,
             imhd,
-            behave,
-            parahome,
+            omomo,
             humoto,
+            parahome,
         )
     }
 )
@@ -85,12 +86,15 @@ def read_clip(
     file = SourceFile(path)
     reader = reader_of(file)
     select(file, reader)
-    return grasp_check.checked(reader.read(file, ReadOptions(objects, object_name, body_models)))
+    clip = reader.read(file, ReadOptions(objects, object_name, body_models))
+    meshes = (track.geometry.file for track in clip.objects)
+    others = sorted({str(path) for path in (*file.files, *meshes) if path is not None and path != file.path})
+    return grasp_check.checked(replace(clip, source=replace(clip.source, files=tuple(others))))
 
 
 def reader_of(file: SourceFile) -> Reader:
     """Return the reader of a file; raises `ReadError` where nobody reads it."""
-    if not file.path.exists():
+    if not file.exists:
         raise ReadError(f"{file.name}: there is no such file. Check the path.")
     fitting = [reader for reader in READERS.values() if file.suffix in reader.suffixes]
     for reader in fitting:
@@ -120,6 +124,15 @@ def clips_in(path: Path) -> tuple[Path, ...]:
     reader = reader_of(file)
     names = reader.clips_in(file) if file.selection is None else ()
     return tuple(Path(f"{path}{SELECTION}{name}") for name in names) or (path,)
+
+
+def has_companions(path: Path) -> bool:
+    """Return whether a recording may need files that are not known until it is read."""
+    file = SourceFile(path)
+    try:
+        return reader_of(file).outline is not None
+    except ReadError:
+        return False
 
 
 def select(file: SourceFile, reader: Reader) -> None:

@@ -35,7 +35,10 @@ class Fields:
         Raises:
             ClipError: it is missing, of another kind or shape, or holds numbers that are not finite or absurdly large.
         """
-        values = np.asarray(self._value(name, meaning))
+        try:
+            values = np.asarray(self._value(name, meaning))
+        except ValueError as error:  # Lists of different lengths.
+            raise ClipError(f"{self._where(name, meaning)} is no array ({error}). Download it again.") from error
         if values.dtype.kind not in "fiub":
             raise ClipError(f"{self._where(name, meaning)} holds {values.dtype}, expected numbers. Download it again.")
         lengths: dict[str, int] = {}

@@ -48,7 +48,7 @@ _TABLE_NOTE = "Contact is labelled for the object only, not for the table."
 
 def holds(file: SourceFile) -> bool:
     """Return whether an `.npz` file has the arrays of one of GRAB's recordings."""
-    return all(name in file.members for name in _TOLD_BY)
+    return all(name in file.array_names for name in _TOLD_BY)
 
 
 def read_file(file: SourceFile, options: ReadOptions) -> Clip:

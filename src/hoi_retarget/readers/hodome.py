@@ -52,7 +52,7 @@ _RATE_NOTE = "60 frames a second, as the data set has it; this file does not sta
 
 def holds(file: SourceFile) -> bool:
     """Return whether an `.npz` file has the arrays of HODome's people."""
-    return set(file.members) >= _KEYS
+    return file.array_names >= _KEYS
 
 
 def read_file(file: SourceFile, options: ReadOptions) -> Clip:

@@ -119,7 +119,7 @@ def _load(path: Path, _modified: int, _size: int) -> ObjectGeometry:
             f"{path}: coordinates reach {np.abs(points).max():.4g}, expected metres up to {LARGEST_OBJECT:g}. "
             "Scale the mesh if it is in millimetres."
         )
-    return ObjectGeometry(points=extreme_points(points), mesh_path=path if is_mesh else None)
+    return ObjectGeometry(points=extreme_points(points), mesh_path=path if is_mesh else None, file=path)
 
 
 def extreme_points(points: Float[np.ndarray, "P 3"]) -> Float[np.ndarray, "E 3"]:

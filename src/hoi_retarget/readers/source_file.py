@@ -1,6 +1,8 @@
 """A recording as it is named: a file or a folder, perhaps one clip of several in it, read as far as somebody asks."""
 
 import hashlib
+import struct
+import zipfile
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
@@ -58,6 +60,15 @@ class SourceFile:
             return {}
 
     @cached_property
+    def array_names(self) -> frozenset[str]:
+        """What the arrays of an `.npz` file are called, without reading them; empty where it is no such file."""
+        try:
+            with zipfile.ZipFile(self.path) as archive:
+                return frozenset(name.removesuffix(".npy") for name in archive.namelist())
+        except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile, struct.error):
+            return frozenset()
+
+    @cached_property
     def torch(self) -> Any:
         """What a torch file holds; raises `ReadError`."""
         return parse_torch(self.content, self.path)
@@ -84,9 +95,14 @@ class SourceFile:
         return content
 
     @property
+    def files(self) -> tuple[Path, ...]:
+        """All files that were read, in order."""
+        return tuple(sorted(self._digests))
+
+    @property
     def sha256(self) -> str:
         """Of the file that was read; of the digests of all, in the order of their paths, where there were several."""
-        digests = [self._digests[path] for path in sorted(self._digests)]
+        digests = [self._digests[path] for path in self.files]
         return digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
 
 

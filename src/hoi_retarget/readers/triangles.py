@@ -45,4 +45,4 @@ def _load(path: Path, centred: bool, scale: float, *_changed: int) -> ObjectGeom
         raise GeometryError(
             f"{path}: its coordinates are not finite, or reach beyond {LARGEST_OBJECT:g} m: another unit, or damage."
         )
-    return ObjectGeometry(vertices - vertices.mean(axis=0) if centred else vertices, faces=faces)
+    return ObjectGeometry(vertices - vertices.mean(axis=0) if centred else vertices, faces=faces, file=path)
