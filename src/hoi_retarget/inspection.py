@@ -18,6 +18,7 @@ from hoi_retarget import motion, se3
 from hoi_retarget.clip import Clip, ObjectTrack, Person
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, ReadError
 from hoi_retarget.readers import READERS, SUFFIXES, intermimic, intermimic_objects, own_layout, reader_of, select
+from hoi_retarget.readers.body_parameters import TITLES
 from hoi_retarget.readers.grasp_check import grasp_faults, grasp_figures
 from hoi_retarget.readers.intermimic_objects import geometry_of
 from hoi_retarget.readers.objects import NUMPY_ERRORS
@@ -133,7 +134,10 @@ def inspect(path: Path, **reading: Any) -> Inspection:
     reader = reader_of(file) if file.suffix in SUFFIXES else None
     if reader is not None and reader.outline is not None:
         return _inspect_source(file, reader, reading)
-    facts = _described(path, reading.get("objects"), reading.get("object_name"))
+    if reader is own_layout.READER and own_layout.holds(file):
+        facts = _inspect_own(path, reading)
+    else:
+        facts = _described(path, reading.get("objects"), reading.get("object_name"))
     if facts.format not in READERS or facts.problems or facts.missing:
         return facts
     # All is there: what only the whole clip shows is asked too.
@@ -158,8 +162,7 @@ def _with_doubts(facts: Inspection, clip: Clip) -> Inspection:
 def _described(path: Path, objects: Path | None, object_name: str | None) -> Inspection:
     content = read_bytes(path)
     if path.suffix.lower() == ".npz":
-        own = own_layout.holds(SourceFile(path))
-        return _inspect_own(path, content, objects, object_name) if own else _inspect_archive(path, content)
+        return _inspect_archive(path, content)
     if content and not content.startswith((b"PK", b"\x80")):
         return _unknown(path, f"a file of {len(content)} bytes that is neither a torch file nor a result")
     value = parse_torch(content, path)
@@ -273,13 +276,13 @@ def _with_problems(facts: Inspection, path: Path, data: np.ndarray, names: tuple
 # Clips in the layout of our own
 
 
-def _inspect_own(path: Path, content: bytes, objects: Path | None, object_name: str | None) -> Inspection:
+def _inspect_own(path: Path, reading: Mapping[str, Any]) -> Inspection:
     facts = Inspection(str(path), own_layout.FORMAT, "a clip in the layout of this project")
     try:
-        clip = own_layout.clip_of(path, content, objects=objects, object_name=object_name)
-    except GeometryError as error:
-        return replace(facts, missing=(str(error),))
-    except ClipError as error:
+        clip = own_layout.read(path, **{name: reading.get(name) for name in ("objects", "object_name", "body_models")})
+    except (GeometryError, BodyModelError) as error:
+        return _lacking(facts, path, reading, error)
+    except (ClipError, ReadError) as error:
         return replace(facts, problems=(str(error),))
     people = "" if len(clip.people) == 1 else f" of {len(clip.people)} people"
     facts = replace(
@@ -287,13 +290,22 @@ def _inspect_own(path: Path, content: bytes, objects: Path | None, object_name: 
         frames=clip.frames,
         fps=clip.fps,
         fps_stated=True,
-        skeleton=f"{len(JOINTS)} joints{people}, positions and rotations",
+        skeleton=f"{len(JOINTS)} joints{people}, {_given_as(clip)}",
         up_axis="z, as the file says",
         contacts_from="the file" if clip.contacts else "none in the file; found from distances",
         notes=(f"Licence of the data: {clip.source.licence or 'not stated'}.",),
     )
-    facts = _with_clip(facts, clip)
-    return replace(facts, command=shlex.join(["hoi-retarget", "run", str(path), "--out", "out"]))
+    return replace(_with_clip(facts, clip), command=_run_command(path, reading))
+
+
+def _given_as(clip: Clip) -> str:
+    """Return what the joints of a clip in our own layout come from."""
+    shapes = [person.shape for person in clip.people if person.shape is not None]
+    if not shapes:
+        return "positions and rotations"
+    title = TITLES[shapes[0].model.family]
+    genders = " and ".join(dict.fromkeys(shape.model.gender for shape in shapes))
+    return f"from parameters of {title} {genders}, {len(shapes[0].betas)} betas"
 
 
 def _with_clip(facts: Inspection, clip: Clip) -> Inspection:
@@ -446,12 +458,19 @@ def _inspect_source(file: SourceFile, reader: Reader, reading: Mapping[str, Any]
     try:
         clip = open_clip(file.name, **reading)
     except (GeometryError, BodyModelError) as error:
-        needed = "body_models" if isinstance(error, BodyModelError) else "objects"
-        command = _run_command(file.name, {**reading, needed: reading.get(needed) or "DIR"})
-        return replace(facts, missing=(str(error),), command=command)
+        return _lacking(facts, file.name, reading, error)
     except (ClipError, ReadError, ArgumentError) as error:
         return replace(facts, problems=(str(error),))
     return _with_doubts(replace(_with_clip(facts, clip), command=_run_command(file.name, reading)), clip)
+
+
+def _lacking(
+    facts: Inspection, path: Path, reading: Mapping[str, Any], error: GeometryError | BodyModelError
+) -> Inspection:
+    """Return the facts with what a recording lacks, and the command with it."""
+    needed = "body_models" if isinstance(error, BodyModelError) else "objects"
+    command = _run_command(path, {**reading, needed: reading.get(needed) or "DIR"})
+    return replace(facts, missing=(str(error),), command=command)
 
 
 def _run_command(path: Path, reading: Mapping[str, Any]) -> str:

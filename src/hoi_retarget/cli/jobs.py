@@ -14,6 +14,7 @@ from hoi_retarget.metrics import Figures, Score
 from hoi_retarget.metrics.table import scales_text
 from hoi_retarget.motion import Motion, write_atomically
 from hoi_retarget.pipeline import Config
+from hoi_retarget.readers import own_layout
 from hoi_retarget.recordings import result_stem
 from hoi_retarget.results import complaints
 from hoi_retarget.targets import Scaling
@@ -40,7 +41,7 @@ def check_spared(clip: Path, out: Path) -> None:
     """Raise `ArgumentError` when a clip's result would be written over the clip."""
     result = out / f"{result_stem(clip)}.npz"
     try:
-        same = result.samefile(clip)
+        same = result.samefile(own_layout.file_of(clip))
     except (OSError, ValueError):
         return
     if same:

@@ -1,8 +1,10 @@
 """People from the parameters of a body model, as sources store them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Float
@@ -14,7 +16,7 @@ from hoi_retarget.readers.body_models import load_body_model
 
 LARGEST_CHANGE = 1e-3
 """Of betas between frames that are meant to be one body's."""
-_TITLES: dict[Family, str] = {"smplx": "SMPL-X", "smplh": "SMPL-H"}
+TITLES: Mapping[Family, str] = MappingProxyType({"smplx": "SMPL-X", "smplh": "SMPL-H"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +77,7 @@ def constant_betas(path: Path, rows: Float[np.ndarray, "T b"]) -> Float[np.ndarr
 
 
 def _model(path: Path, parameters: BodyParameters, folder: Path | None) -> BodyModel:
-    what = f"the {parameters.gender} {_TITLES[parameters.family]} body model"
+    what = f"the {parameters.gender} {TITLES[parameters.family]} body model"
     if folder is None:
         raise BodyModelError(
             f"{path}: the recording holds parameters of {what}, not joints. Download it from its makers, whose terms "

@@ -29,7 +29,7 @@ from hoi_retarget import se3
 from hoi_retarget.bodies import Family
 from hoi_retarget.clip import Clip, ObjectTrack, Person, Source
 from hoi_retarget.errors import ClipError, ReadError
-from hoi_retarget.readers.body_parameters import BodyParameters, person_of
+from hoi_retarget.readers.body_parameters import TITLES, BodyParameters, person_of
 from hoi_retarget.readers.companions import refuse_object_name
 from hoi_retarget.readers.fields import Fields
 from hoi_retarget.readers.npz_fields import check_frames, npz_fields
@@ -57,7 +57,6 @@ _BODY = 66
 """Numbers of the pose before those of the hands."""
 _FACE = 9
 _ANGLE_OF_PARTS = "arti"
-_TITLES: Mapping[Family, str] = {"smplx": "SMPL-X", "smplh": "SMPL-H"}
 
 _RATE_NOTE = "30 frames a second, as InterAct has all data sets; the files do not state it."
 _FLOOR_NOTE = "The floor is where InterAct put it, at the lowest vertex of the first 30 frames."
@@ -203,7 +202,7 @@ def outline(file: SourceFile) -> Outline:
         frames=len(_poses(human)),
         fps=FPS,
         fps_stated=False,
-        skeleton=f"{_TITLES[subset.family]} {_gender(human)}, {shape}",
+        skeleton=f"{TITLES[subset.family]} {_gender(human)}, {shape}",
         up_axis=f"{UP}, as the format has it",
         people=1,
         objects=tuple(_objects(file)),

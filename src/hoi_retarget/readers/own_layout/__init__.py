@@ -1,0 +1,159 @@
+"""Reads and writes clips in a layout of our own, for recordings that no other reader knows: one `.npz`, documented.
+
+z up, floor at z = 0, metres, seconds, quaternions wxyz, no pickled objects; `docs/sources.md` describes every
+array. People are given as joints or as parameters of a body model. What is missing is derived by a stated rule or
+refused: fingers are straight and hands flat where there are none, contact points are the parts' own points where none
+are given. Nothing else is made up.
+
+A folder is a clip, too, where it holds `clip.npz` in this layout, its meshes, and no other recording.
+"""
+
+import hashlib
+from pathlib import Path
+
+from hoi_retarget import npz
+from hoi_retarget.clip import Clip, Source
+from hoi_retarget.errors import ArgumentError, ClipError, ReadError
+from hoi_retarget.readers.own_layout.arrays import Arrays
+from hoi_retarget.readers.own_layout.contacts import contacts_of
+from hoi_retarget.readers.own_layout.joints import BODY_JOINTS
+from hoi_retarget.readers.own_layout.layout import CLIP_FILE, FORMAT, SCHEMA, SCHEMA_KEY
+from hoi_retarget.readers.own_layout.objects import mesh_files as meshes_of
+from hoi_retarget.readers.own_layout.objects import objects_of
+from hoi_retarget.readers.own_layout.people import people_of
+from hoi_retarget.readers.own_layout.writing import encode, write
+from hoi_retarget.readers.reader import Reader, ReadOptions
+from hoi_retarget.readers.source_file import FOLDER, SourceFile
+from hoi_retarget.readers.torch_file import read_bytes
+
+__all__ = [
+    "BODY_JOINTS",
+    "CLIP_FILE",
+    "FORMAT",
+    "READER",
+    "SCHEMA",
+    "SCHEMA_KEY",
+    "clip_of",
+    "encode",
+    "file_of",
+    "holds",
+    "mesh_files",
+    "read",
+    "read_file",
+    "write",
+]
+
+_OTHERS = (".pt", ".pth")
+"""Endings of other recordings that are files; those that end with `.npz` say themselves what they are."""
+
+
+def holds(file: SourceFile) -> bool:
+    """Return whether an `.npz` file says that it is of this layout, or a folder holds such a clip and no other."""
+    if file.suffix != FOLDER:
+        return SCHEMA_KEY in file.array_names
+    clip = file_of(file.path)
+    try:
+        return _says_so(clip) and not any(_is_recording(path) for path in file.path.rglob("*") if path != clip)
+    except OSError:
+        return False
+
+
+def _says_so(path: Path) -> bool:
+    return SCHEMA_KEY in SourceFile(path).array_names
+
+
+def _is_recording(path: Path) -> bool:
+    return path.suffix.lower() in _OTHERS or (path.suffix.lower() == ".npz" and _says_so(path))
+
+
+def file_of(path: Path) -> Path:
+    """Return the file of a clip that is named by it or by its folder."""
+    recording = SourceFile(path)
+    return recording.path / CLIP_FILE if recording.suffix == FOLDER else recording.path
+
+
+def read_file(file: SourceFile, options: ReadOptions) -> Clip:
+    """Return the clip of an opened file or folder; otherwise as `read`."""
+    path = file_of(file.path)
+    return clip_of(
+        path,
+        file.content if path == file.path else file.read(path),
+        objects=options.objects,
+        object_name=options.object_name,
+        body_models=options.body_models,
+    )
+
+
+def read(
+    path: Path, *, objects: Path | None = None, object_name: str | None = None, body_models: Path | None = None
+) -> Clip:
+    """Return the clip in `path`.
+
+    Args:
+        path: The `.npz` file, or the folder that has one called `clip.npz`.
+        objects: Folder with `<name>/<name>.obj`, for objects whose shape is neither in the clip nor beside it.
+        object_name: Must be None: the clip names its objects.
+        body_models: Folder with the body models that parameters are of.
+
+    Raises:
+        ReadError: the file is missing, damaged, or of another layout, or so is the body model.
+        ClipError: arrays are missing, disagree, or contradict what the layout says.
+        GeometryError: the shape of an object cannot be had.
+        BodyModelError: a body model is needed, and no folder of them is given.
+        ArgumentError: an object's name is given.
+    """
+    file = file_of(path)
+    return clip_of(file, read_bytes(file), objects=objects, object_name=object_name, body_models=body_models)
+
+
+def clip_of(
+    path: Path,
+    content: bytes,
+    *,
+    objects: Path | None = None,
+    object_name: str | None = None,
+    body_models: Path | None = None,
+) -> Clip:
+    """Return the clip that the bytes of a file are; otherwise as `read`."""
+    try:
+        arrays = Arrays(path, npz.members(content))
+    except ValueError as error:
+        raise ReadError(f"{path}: not a readable .npz file ({error}). Write it again.") from error
+    arrays.check_schema()
+    if object_name is not None:
+        raise ArgumentError(f"{path}: --object {object_name} is for clips that do not name their object. Leave it out.")
+    people, notes = people_of(arrays, body_models)
+    tracks = objects_of(arrays, len(people[0].joint_positions), objects)
+    contacts, contact_notes = contacts_of(arrays, people, tracks)
+    licence = arrays.text("licence", "the terms of the data, such as 'CC BY 4.0'")
+    arrays.check_all_used()
+    try:
+        return Clip(
+            name=arrays.text("name", "what the clip is called"),
+            fps=arrays.number("fps", "frames a second"),
+            people=people,
+            objects=tracks,
+            contacts=contacts,
+            source=Source(
+                str(path),
+                hashlib.sha256(content).hexdigest(),
+                FORMAT,
+                licence,
+                (*arrays.texts("notes"), *notes, *contact_notes),
+            ),
+            first_source_frame=arrays.count("first_source_frame"),
+        )
+    except ClipError as error:
+        raise ClipError(f"{path}: {error}") from error
+
+
+def mesh_files(path: Path) -> tuple[Path, ...]:
+    """Return the mesh files beside a clip that it may need, whether there or not; none where it cannot be read."""
+    file = file_of(path)
+    try:
+        return meshes_of(Arrays(file, npz.members(file.read_bytes())))
+    except (OSError, ValueError, ClipError):
+        return ()
+
+
+READER = Reader(format=FORMAT, suffixes=(".npz", FOLDER), floor_at_zero=True, holds=holds, read=read_file)

@@ -1,0 +1,63 @@
+"""The people of a clip: given as joints or as parameters of a body model, and upright by what they are."""
+
+from pathlib import Path
+
+import numpy as np
+
+from hoi_retarget.clip import Person
+from hoi_retarget.errors import ClipError
+from hoi_retarget.readers.own_layout import joints, parameters
+from hoi_retarget.readers.own_layout.arrays import Arrays
+from hoi_retarget.readers.own_layout.layout import DOCUMENT
+from hoi_retarget.readers.upright import SHORTEST, TALLEST, standing_axis
+
+FLOOR_RANGE = (-0.05, 0.3)
+"""[m]; heights of the lowest joint of a person on the floor, be it lying."""
+LEAST_ON_FLOOR = 0.8
+"""Of the frames in which a person who does not stand upright is on the floor."""
+
+
+def people_of(arrays: Arrays, body_models: Path | None) -> tuple[tuple[Person, ...], tuple[str, ...]]:
+    """Return the people, and notes of what was derived.
+
+    Raises:
+        ClipError: arrays are missing, disagree, or contradict what the layout says.
+        BodyModelError: they are parameters, and there is no folder of models.
+        ReadError: the model is not there, damaged, or of another family.
+    """
+    as_joints, as_parameters = ([name for name in way if name in arrays] for way in (joints.ARRAYS, parameters.ARRAYS))
+    if as_joints and as_parameters:
+        raise ClipError(
+            f"{arrays.path}: people are given twice, as joints ({', '.join(as_joints)}) and as parameters of a body "
+            f"model ({', '.join(as_parameters)}). Give them in one way. {DOCUMENT}"
+        )
+    if not as_joints and not as_parameters:
+        raise ClipError(
+            f"{arrays.path}: there is nobody in the clip: it has neither joints ({', '.join(joints.ARRAYS)}) nor "
+            f"parameters of a body model (body_family, body_pose and others). {DOCUMENT}"
+        )
+    made, notes = parameters.people_of(arrays, body_models) if as_parameters else joints.people_of(arrays)
+    for person in made:
+        _check(arrays.path, person)
+    return made, notes
+
+
+def _check(path: Path, person: Person) -> None:
+    """Raise `ClipError` when a person is in another unit, of another body, or has another up axis."""
+    height = person.height
+    if not SHORTEST <= height <= TALLEST:
+        advice = (
+            "Lengths are in metres: divide by 1000 if these are millimetres, by 100 if centimetres."
+            if person.shape is None
+            else "Check the betas, and that the body model is the one that they were fitted with."
+        )
+        raise ClipError(f"{path}: person {person.name!r} would be {height:.4g} m tall. {advice} {DOCUMENT}")
+    axis = standing_axis(person.joint_positions)
+    lowest = person.joint_positions[..., 2].min(axis=1)
+    on_floor = float(np.mean((lowest >= FLOOR_RANGE[0]) & (lowest <= FLOOR_RANGE[1])))
+    if axis != "z" and on_floor < LEAST_ON_FLOOR:
+        raise ClipError(
+            f"{path}: person {person.name!r} stands along {axis}, the lowest joint mostly at z = "
+            f"{np.median(lowest):.2f} m and near 0 in {on_floor:.0%} of the frames, but z is up and the floor at 0. "
+            f"Turn and shift the recording. {DOCUMENT}"
+        )
