@@ -62,6 +62,7 @@ def test_a_video_is_read_as_it_was_written(tmp_path, models):
     assert (clip.source.format, clip.source.licence) == (cari4d.FORMAT, cari4d.LICENCE)
     assert any("taken as 30 frames a second" in note for note in clip.source.notes)
     assert any("mean of its vertices" in note for note in clip.source.notes)
+    assert any("taken to be level" in note for note in clip.source.notes)
     assert not cari4d.READER.floor_at_zero
 
 

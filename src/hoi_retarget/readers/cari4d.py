@@ -65,6 +65,7 @@ _TIME, _INDEX = re.compile(r"t\d+\.\d{3}"), re.compile(r"\d{1,9}")
 _TIME_STEP_TOLERANCE = 2e-3  # [s]; times of frames are rounded to milliseconds.
 _MESH_FOLDER_END = re.compile(r"(?:[._](?:\d[\d.]*|t\d[\d.]*|k\d+|color|mp4))*_(?:rgba|align)")
 _PLAIN_NAME = re.compile(r"[\w+-][\w+. -]*")
+_LEVEL = "The world is the camera's, taken to be level: how far it was tilted is not stored."
 _PREDICTION = ("pose_abs", "smpl_pose", "smpl_t", "betas")
 
 
@@ -131,7 +132,7 @@ def read_file(file: SourceFile, options: ReadOptions) -> Clip:
             file.sha256,
             FORMAT,
             LICENCE,
-            (*sequence.notes, *body_notes, *shape_notes, *mesh_notes, *contact_notes),
+            (*sequence.notes, _LEVEL, *body_notes, *shape_notes, *mesh_notes, *contact_notes),
         ),
     )
 
@@ -152,7 +153,7 @@ def outline(file: SourceFile) -> Outline:
         objects=(sequence.object,) if sequence.object else (),
         contacts="scores of the hands" if scores is not None and scores.any() else "none stored",
         licence=LICENCE,
-        notes=sequence.notes,
+        notes=(*sequence.notes, _LEVEL),
     )
 
 
