@@ -14,9 +14,9 @@ from hoi_retarget import se3
 from hoi_retarget.cli import main
 from hoi_retarget.clip import Clip, ObjectGeometry
 from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, HoiRetargetError, ReadError, WriteError
+from hoi_retarget.inspection import inspect
 from hoi_retarget.motion import load
 from hoi_retarget.readers import can_be_clip, own_layout, read_clip
-from hoi_retarget.inspection import inspect
 from hoi_retarget.skeleton import JOINT_INDEX, JOINTS
 from hoi_retarget.synthetic import SCENES, make
 
@@ -210,6 +210,31 @@ def test_every_mistake_has_one_error(tmp_path, name):
     assert str(path) in str(caught.value)
     assert words in str(caught.value), str(caught.value)
     assert words in inspect(path).problems[0]
+
+
+def turned(clip, angle, lift=0.0):
+    """The arrays of a clip turned about x, and lifted [m]."""
+    arrays, turn = arrays_of(clip), se3.exp(np.array([angle, 0, 0]))
+    for name in ("joint", "object"):
+        arrays[f"{name}_pos"] = se3.rotate(turn, arrays[f"{name}_pos"]) + np.array([0, 0, lift])
+        arrays[f"{name}_quat"] = se3.quat_multiply(turn, arrays[f"{name}_quat"])
+    return arrays
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_another_axis_up_is_refused_wherever_the_person_is(tmp_path, scene):
+    clip = make(scene, seconds=4.0)
+    for angle, axis in ((-np.pi / 2, "y"), (np.pi / 2, "-y"), (np.pi, "-z")):
+        with pytest.raises(ClipError, match=f"stands along {axis}"):
+            read_clip(saved(tmp_path, turned(clip, angle)))
+
+
+def test_who_lies_on_the_floor_is_read(tmp_path):
+    lying = turned(BOX, np.pi / 2)
+    lying = turned(BOX, np.pi / 2, 0.05 - float(lying["joint_pos"][..., 2].min(axis=(1, 2)).mean()))
+    still = {name: np.repeat(lying[name][:1], BOX.frames, axis=0) for name in lying if name.endswith(("_pos", "_quat"))}
+    still = {name: values for name, values in (lying | still).items() if not name.startswith("contact_")}
+    assert read_clip(saved(tmp_path, still)).frames == BOX.frames
 
 
 def test_other_archives_are_told_apart(tmp_path):

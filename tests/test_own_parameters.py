@@ -1,7 +1,9 @@
 """The layout of our own with people as parameters of a body model: the same people as joints, or one clear error."""
 
+import re
 import shutil
 from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,12 +16,15 @@ from hoi_retarget.errors import BodyModelError, ClipError, HoiRetargetError, Rea
 from hoi_retarget.inspection import inspect
 from hoi_retarget.motion import load
 from hoi_retarget.readers import own_layout, read_clip
+from hoi_retarget.readers.body_models import load_body_model
 from hoi_retarget.skeleton import JOINT_INDEX, LEFT_FINGERS, PARENT, RIGHT_FINGERS
 from hoi_retarget.synthetic import make
+from mesh_writer import write_mesh
 from npz_changes import changed, damage
 from own_layout_writer import joint_arrays, parameter_arrays
-from source_people import assert_same_objects, assert_same_people
+from source_people import assert_same_objects, assert_same_people, in_world
 
+DOCUMENT = Path(__file__).parents[1] / "docs" / "sources.md"
 BOX = make("carry_box", seconds=1.0)
 TABLE = make("carry_table", seconds=1.0)
 
@@ -99,6 +104,26 @@ def test_other_conventions_would_be_seen(clip, change):
         changed(path, **change(dict(archive)))
     with pytest.raises((AssertionError, ClipError)):
         assert_same_people(read_clip(path, body_models=models), TABLE, tolerance=1e-3)
+
+
+def test_the_documents_example_turns_from_y_up(tmp_path, monkeypatch):
+    arrays = parameter_arrays(in_world(BOX, "y"), "smplx", tmp_path / "models", flat=False)
+    write_mesh(tmp_path / "box.obj", BOX.objects[0].geometry)
+    values = {
+        "pose": arrays["body_pose"][:, 0],
+        "translation": arrays["body_translation"][:, 0],
+        "betas": arrays["betas"][0],
+        "left_hand": arrays["left_hand_pose"][:, 0],
+        "right_hand": arrays["right_hand_pose"][:, 0],
+        "positions": BOX.objects[0].positions,
+        "quats": BOX.objects[0].quats,
+    }
+    monkeypatch.chdir(tmp_path)
+    (example,) = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)
+    exec(example, {"np": np, "se3": se3, "Path": Path, "load_body_model": load_body_model, **values})
+    clip = read_clip(Path("clip.npz"), body_models=Path("models"))
+    assert_same_people(clip, BOX)
+    assert_same_objects(clip, BOX)
 
 
 def test_what_was_read_is_written_as_joints(tmp_path, clip):

@@ -10,7 +10,7 @@ from pathlib import Path
 from hoi_retarget import __version__
 from hoi_retarget.batch.jobs import Job
 from hoi_retarget.readers.objects import geometry_files, known_objects
-from hoi_retarget.readers.own_layout import mesh_files
+from hoi_retarget.readers.own_layout import file_of, mesh_files
 from hoi_retarget.readers.source_file import SourceFile
 from hoi_retarget.recordings import builtin_scene
 from hoi_retarget.robots import robot, team
@@ -58,8 +58,9 @@ class Contents:
             return ()
 
     def _digests_of_recording(self, path: Path) -> list[str]:
-        meshes = mesh_files(path) if path.suffix.lower() == ".npz" else ()
-        return [self.of_file(file) for file in (path, *meshes)]
+        main = file_of(path)
+        meshes = mesh_files(path) if main.suffix.lower() == ".npz" else ()
+        return [self.of_file(file) for file in (main, *meshes)]
 
     def _digest_of_object(self, folder: Path, name: str) -> list[str]:
         return [self.of_file(path) for path in geometry_files(folder, name)]

@@ -20,6 +20,7 @@ from hoi_retarget.readers.own_layout.joints import BODY_JOINTS
 from hoi_retarget.readers.own_layout.layout import CLIP_FILE, FORMAT, SCHEMA, SCHEMA_KEY
 from hoi_retarget.readers.own_layout.objects import mesh_files as meshes_of
 from hoi_retarget.readers.own_layout.objects import objects_of
+from hoi_retarget.readers.own_layout.parameters import ARRAYS as PARAMETERS
 from hoi_retarget.readers.own_layout.people import people_of
 from hoi_retarget.readers.own_layout.writing import encode, write
 from hoi_retarget.readers.reader import Reader, ReadOptions
@@ -36,6 +37,7 @@ __all__ = [
     "clip_of",
     "encode",
     "file_of",
+    "has_parameters",
     "holds",
     "mesh_files",
     "read",
@@ -70,6 +72,11 @@ def file_of(path: Path) -> Path:
     """Return the file of a clip that is named by it or by its folder."""
     recording = SourceFile(path)
     return recording.path / CLIP_FILE if recording.suffix == FOLDER else recording.path
+
+
+def has_parameters(file: SourceFile) -> bool:
+    """Return whether the people of a clip are parameters, which body models are needed for."""
+    return PARAMETERS[0] in SourceFile(file_of(file.path)).array_names
 
 
 def read_file(file: SourceFile, options: ReadOptions) -> Clip:
