@@ -127,7 +127,7 @@ def test_damage_is_named(folder, column, value, words):
         read_clip(path, objects=folder / "objects")
     assert str(path) in str(caught.value)
     assert words in str(caught.value)
-    assert words in inspect(path, folder / "objects").problems[0]
+    assert words in inspect(path, objects=folder / "objects").problems[0]
 
 
 def test_rotations_that_fit_no_reading_are_refused(folder):
@@ -202,4 +202,4 @@ def test_real_clips_are_read(path):
     moving = [np.ptp(track.positions, axis=0).max() > 0.1 for track in clip.objects]
     assert moving == [True, False, False]
     assert {track.object for track in clip.contacts if track.active.any()} == {0}
-    assert inspect(path, SHARED / "parahome" / "objects").command
+    assert inspect(path, objects=SHARED / "parahome" / "objects").command
