@@ -148,7 +148,7 @@ def test_a_folder_is_inspected_and_run(folder, capsys):
     assert main(["inspect", str(folder)]) == 0
     assert main(["run", str(folder), "--out", str(folder)]) == 0
     out = capsys.readouterr().out
-    assert f"hoi-retarget run {folder} --out out" in out
+    assert f" run {folder} --out out" in out
     result = load(folder / "lifting.npz")
     assert open_clip(result.report["source"]["path"]).source.sha256 == result.report["source"]["sha256"]
     folder.rename(folder.parent / "clip")
