@@ -171,7 +171,10 @@ def test_whatever_the_numbers_only_our_errors_come(tmp_path_factory, data):
     content = value | {"data": matrix[: data.draw(st.integers(0, 6))]}
     content[data.draw(st.sampled_from(["objects", "joints", "metadata", "data", "other"]))] = data.draw(extras)
     path = written(folder, content)
-    for task in (lambda: read_clip(path, objects=folder / "objects"), lambda: inspect(path, folder / "objects")):
+    for task in (
+        lambda: read_clip(path, objects=folder / "objects"),
+        lambda: inspect(path, objects=folder / "objects"),
+    ):
         try:
             task()
         except HoiRetargetError as error:
