@@ -433,6 +433,7 @@ def test_velocity_is_relative_to_the_object_touched_longest():
 def test_undefined_figures_are_none():
     figures = edit_clip(make_world(), contacts=()).figures()
     assert figures.contact_gap_m is figures.contact_gap_p95_m is figures.contact_gap_max_m is None
+    assert figures.contact_slip_mps is None
     assert figures.relative_hand_rotation_deg is None
     assert figures.link_velocity_direction_deg is not None
     figures = make_world(objects=0).figures()
@@ -475,6 +476,25 @@ def test_palm_one_centimetre_off_is_a_gap_of_one_centimetre():
     one_hand = move_sites(world, left_palm=palms["left_palm"]).figures()
     assert one_hand.contact_gap_m == pytest.approx(0.005)
     assert one_hand.contact_gap_max_m == pytest.approx(0.01)
+
+
+def test_a_palm_that_slides_on_its_object_slips_as_fast_as_it_does():
+    """In the object's frame, however the object moves; frames that begin a contact do not count."""
+    world = make_world()
+    (track,) = (track for track in world.clip.contacts if track.part == "left_hand")
+    motion, index = world.motion, track.object
+    path = np.zeros((motion.frames, 3))
+    path[:, 0] = 0.1 * np.arange(motion.frames) / motion.fps
+    fixed = motion.object_pos[:, index] + se3.rotate(motion.object_quat[:, index], path)
+    alone = edit_clip(
+        world, contacts=(dataclasses.replace(track, active=np.ones(motion.frames, dtype=bool), points_object=path),)
+    )
+    still = np.broadcast_to(motion.object_pos[:, index], fixed.shape)
+    assert move_sites(alone, left_palm=fixed).figures().contact_slip_mps == pytest.approx(0.1)
+    assert move_sites(alone, left_palm=still).figures().contact_slip_mps == pytest.approx(0.0, abs=1e-9)
+    flicker = np.arange(motion.frames) % 2 == 0
+    alone = edit_clip(world, contacts=(dataclasses.replace(track, active=flicker, points_object=path),))
+    assert move_sites(alone, left_palm=fixed).figures().contact_slip_mps is None
 
 
 def test_gap_is_measured_on_the_scaled_object():

@@ -2,7 +2,7 @@
 
 `make_targets` scales the human to the robot, the object by one of two rules (paper Sec. III-A),
 carries the contact points along in the object's frame (Eq. 1), plants standing feet on the floor
-by the robot's own soles, and smooths the object's path.
+by the robot's own soles, and smooths the object's path and rotation.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from hoi_retarget.footing import Foot, plant, resting_height, resting_tilt
 from hoi_retarget.labelling import LARGEST_DIFFERENCE, stance
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
-from hoi_retarget.signals import fade, frames_in, nearest_active, smooth
+from hoi_retarget.signals import fade, frames_in, nearest_active, smooth, smooth_quats
 
 # Contact labels switch from frame to frame; hands come and go, and turn, over these times.
 AIM_RAMP_SECONDS, TURN_RAMP_SECONDS = 1 / 30, 2 / 30
@@ -133,7 +133,9 @@ def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int
         object_scale=frozen(np.full(len(clip.objects), geometry_scale)),
         object_pos=frozen(np.stack(tracks, axis=1) if tracks else np.zeros((clip.frames, 0, 3))),
         object_quat=frozen(
-            np.stack([track.quats for track in clip.objects], axis=1) if tracks else np.zeros((clip.frames, 0, 4))
+            np.stack([smooth_quats(track.quats, clip.fps) for track in clip.objects], axis=1)
+            if tracks
+            else np.zeros((clip.frames, 0, 4))
         ),
         contact_links=tuple(model.spec.part_sites.values()),
         stance_flags=frozen(stands, bool),

@@ -78,6 +78,12 @@ THRESHOLDS: tuple[Threshold, ...] = (
     Threshold(_KNOWN["contact_gap_p95_m"], 0.020, 0.050, "beyond 2 cm a contact counts as not reached"),
     Threshold(_KNOWN["contact_gap_max_m"], 0.050, 0.100, "a palm is 10 cm wide: half of it is off, then all of it"),
     Threshold(
+        _KNOWN["contact_slip_mps"],
+        0.20,
+        0.50,
+        "hands of real clips slide and roll by 16 cm/s at most; 20 is one that trembles on its object by a centimetre",
+    ),
+    Threshold(
         Column("unreached_share", "unreached contact", "%", 1e2, 1, "lower"),
         0.02,
         0.10,

@@ -18,6 +18,16 @@ def contact_gaps(view: Comparison) -> Float[np.ndarray, "K"]:
     return np.concatenate(gaps)
 
 
+def contact_slip_mps(view: Comparison) -> float | None:
+    """Return the mean speed [m/s] of palms on what they touch, over frames that touch as the frame before did."""
+    speeds = [np.zeros(0)]
+    for track in view.hand_contacts:
+        palm = view.robot_objects[track.object].points_inside(view.robot_point(HAND_SITES[track.part]))
+        held = track.active[1:] & track.active[:-1]
+        speeds.append(view.motion.fps * norms(np.diff(palm, axis=0)[held]))
+    return mean_or_none(np.concatenate(speeds))
+
+
 def gap_summary(gaps: Float[np.ndarray, "K"]) -> tuple[float | None, float | None, float | None]:
     """Return mean, 95th percentile and maximum [m]; None where there is no contact."""
     p95 = float(np.percentile(gaps, 95)) if gaps.size else None

@@ -18,6 +18,8 @@ class Figures:
     """95th percentile of that distance [m]."""
     contact_gap_max_m: float | None
     """Largest such distance [m]."""
+    contact_slip_mps: float | None
+    """Mean speed of the robot's palms on what they touch [m/s]."""
     body_pose_deviation_deg: float | None
     """Mean angle between 16 bone directions, in the pelvis' and the trunk's frame [deg]."""
     link_velocity_direction_deg: float | None
@@ -77,6 +79,7 @@ def evaluate_kinematics(
         contact_gap_m=gap,
         contact_gap_p95_m=gap_p95,
         contact_gap_max_m=gap_max,
+        contact_slip_mps=contact.contact_slip_mps(view),
         body_pose_deviation_deg=pose.body_pose_deviation_deg(view),
         link_velocity_direction_deg=movement.link_velocity_direction_deg(view),
         relative_hand_rotation_deg=contact.relative_hand_rotation_deg(view),

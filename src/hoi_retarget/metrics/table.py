@@ -44,6 +44,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("contact_gap_m", "contact gap", "mm", 1e3, 1, "lower", in_paper=True),
     Column("contact_gap_p95_m", "gap p95", "mm", 1e3, 1, "lower"),
     Column("contact_gap_max_m", "gap max", "mm", 1e3, 1, "lower"),
+    Column("contact_slip_mps", "contact slip", "cm/s", 1e2, 1, "lower"),
     Column("body_pose_deviation_deg", "pose", "deg", 1.0, 1, "lower", in_paper=True),
     Column("link_velocity_direction_deg", "velocity direction", "deg", 1.0, 1, "lower", in_paper=True),
     Column("relative_hand_rotation_deg", "hand rotation", "deg", 1.0, 1, "lower", in_paper=True),

@@ -19,6 +19,7 @@ from hoi_retarget.verdict import THRESHOLDS, Level, Threshold
 _IN_TABLE = (
     "contact_gap_m",
     "contact_gap_max_m",
+    "contact_slip_mps",
     "unreached_share",
     "relative_hand_rotation_deg",
     "floor_penetration_max_m",
