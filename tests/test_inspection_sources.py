@@ -122,3 +122,16 @@ def test_folders_that_are_clips_are_jobs_of_a_batch(two_people):
     (job,) = jobs_of(of_folder(two_people.parents[1]))
     assert Path(job.clip) == two_people.absolute()
     assert job.name == f"unitree_g1/{two_people.parent.name}/{two_people.name}"
+
+
+def test_a_folder_of_recordings_is_counted_with_the_command_that_makes_all(two_people, tmp_path, capsys):
+    top = two_people.parents[1]
+    facts = inspect(top)
+    assert facts.description == "1 recording: 1 core4d" and facts.command == f"hoi-retarget batch {top} --out out"
+    assert f"{two_people.parent.name}/{two_people.name}" in facts.notes[0]
+    (tmp_path / "broken.pt").write_bytes(b"PK")
+    (tmp_path / "text.txt").write_text("nothing")
+    assert inspect(tmp_path).description == "1 recording: 1 unreadable"
+    (tmp_path / "broken.pt").unlink()
+    assert main(["inspect", str(tmp_path)]) == 1
+    assert "There is no clip in this folder" in capsys.readouterr().err

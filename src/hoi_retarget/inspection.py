@@ -6,6 +6,7 @@ import struct
 import warnings
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,13 +18,23 @@ from jaxtyping import Bool, Float
 from hoi_retarget import motion, se3
 from hoi_retarget.clip import Clip, ObjectTrack, Person
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, ReadError
-from hoi_retarget.readers import READERS, SUFFIXES, intermimic, intermimic_objects, own_layout, reader_of, select
+from hoi_retarget.readers import (
+    READERS,
+    SUFFIXES,
+    can_be_clip,
+    intermimic,
+    intermimic_objects,
+    own_layout,
+    reader_of,
+    recordings_below,
+    select,
+)
 from hoi_retarget.readers.body_parameters import TITLES
 from hoi_retarget.readers.grasp_check import grasp_faults, grasp_figures
 from hoi_retarget.readers.intermimic_objects import geometry_of
 from hoi_retarget.readers.objects import NUMPY_ERRORS
 from hoi_retarget.readers.reader import Reader
-from hoi_retarget.readers.source_file import SELECTION, SourceFile
+from hoi_retarget.readers.source_file import FOLDER, SELECTION, SourceFile
 from hoi_retarget.readers.torch_file import parse_torch, read_bytes
 from hoi_retarget.recordings import open_clip
 from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, PARTS
@@ -131,6 +142,8 @@ def inspect(path: Path, **reading: Any) -> Inspection:
         ReadError: The file is missing or damaged.
     """
     file = SourceFile(path)
+    if file.suffix == FOLDER and not can_be_clip(path):
+        return _inspect_folder(path, reading)
     reader = reader_of(file) if file.suffix in SUFFIXES else None
     if reader is not None and reader.outline is not None:
         return _inspect_source(file, reader, reading)
@@ -427,6 +440,37 @@ def _with_command(facts: Inspection, path: Path, objects: Path | None, object_na
     words = ["hoi-retarget", "run", str(path), "--objects", str(objects or "DIR")]
     words += ["--object", object_name] if object_name else []
     return replace(facts, command=shlex.join([*words, "--out", "out"]))
+
+
+# Folders of recordings
+
+
+def _inspect_folder(path: Path, reading: Mapping[str, Any]) -> Inspection:
+    found = recordings_below(path)
+    if not found:
+        problem = "There is no clip in this folder or below. docs/sources.md tells what recordings look like."
+        return Inspection(str(path), UNKNOWN, "a folder", problems=(problem,))
+    kinds = Counter(map(_format_of, found))
+    counted = ", ".join(f"{count} {name}" for name, count in kinds.most_common())
+    names = [str(clip.relative_to(path)) for clip in found[:_SHOWN]]
+    shown = f"{', '.join(names)}{', ...' if len(found) > _SHOWN else ''}"
+    words = ["hoi-retarget", "batch", str(path)]
+    if reading.get("objects"):
+        words += ["--objects", str(reading["objects"])]
+    return Inspection(
+        str(path),
+        "folder",
+        f"{len(found)} recording{'s' if len(found) > 1 else ''}: {counted}",
+        notes=(f"Recordings in it: {shown}",),
+        command=shlex.join([*words, "--out", "out"]),
+    )
+
+
+def _format_of(path: Path) -> str:
+    try:
+        return reader_of(SourceFile(path)).format
+    except ReadError:
+        return "unreadable"
 
 
 # Recordings as their sources give them

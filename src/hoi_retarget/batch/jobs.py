@@ -12,7 +12,8 @@ from hoi_retarget.batch.specification import Specification
 from hoi_retarget.clip import Augmentation
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.pipeline import Config
-from hoi_retarget.readers import SUFFIXES, can_be_clip, clips_in
+from hoi_retarget.readers import SUFFIXES, can_be_clip, clips_in, recordings_below
+from hoi_retarget.readers.source_file import FOLDER
 from hoi_retarget.recordings import builtin_scene, result_stem
 from hoi_retarget.targets import Scaling
 from hoi_retarget.trajopt.windows import parse_horizon
@@ -153,13 +154,9 @@ def _named(specification: Specification, named: str) -> Iterator[_Named]:
 def _below(specification: Specification, folder: Path, pattern: str, named: str) -> Iterator[_Named]:
     """Yield the clips in a folder that fit a pattern, called by their way from there."""
     root = specification.folder / folder
-    found: list[Path] = []
-    for path in sorted(root.glob(pattern)):
-        # What lies in a clip's own folder is part of it.
-        if not any(path.is_relative_to(clip) for clip in found) and can_be_clip(path):
-            found.append(path)
+    found = recordings_below(root, pattern)
     if not found:
-        known = ", ".join(f"*{suffix}" for suffix in SUFFIXES)
+        known = ", ".join(f"*{suffix}" for suffix in SUFFIXES if suffix != FOLDER)
         raise ArgumentError(
             f"{specification.folder / named}: there are no clips ({known}). Name a folder or a pattern that has some."
         )

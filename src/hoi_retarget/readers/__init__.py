@@ -126,6 +126,16 @@ def clips_in(path: Path) -> tuple[Path, ...]:
     return tuple(Path(f"{path}{SELECTION}{name}") for name in names) or (path,)
 
 
+def recordings_below(folder: Path, pattern: str = "**/*") -> tuple[Path, ...]:
+    """Return all files and folders in a folder that fit a pattern and may be clips, in order."""
+    found: list[Path] = []
+    for path in sorted(folder.glob(pattern)):
+        # What lies in a clip's own folder, right behind it in this order, is part of it.
+        if not (found and path.is_relative_to(found[-1])) and can_be_clip(path):
+            found.append(path)
+    return tuple(found)
+
+
 def has_companions(path: Path) -> bool:
     """Return whether a recording may need files that are not known until it is read."""
     file = SourceFile(path)
