@@ -329,6 +329,6 @@ def test_an_array_inside_itself_is_refused(tmp_path):
 
 def test_a_huge_sparse_matrix_is_not_unfolded(tmp_path):
     values = tiny_model("smplh")
-    huge = csc_matrix((52, 1 << 26))
+    huge = csc_matrix((1 << 26, 52))
     with pytest.raises(ReadError, match="sparse matrix has no shape"):
         load_body_model(write_pickle(tmp_path / "model.pkl", values, regressor=huge), "male", "smplh")
