@@ -11,7 +11,7 @@ def add_components(values: dict[str, np.ndarray], hands: dict[str, np.ndarray], 
     weights = {}
     for side in ("left", "right"):
         pose = hands[f"{side}_hand"]
-        _, _, axes = np.linalg.svd(pose)
+        _, _, axes = np.linalg.svd(np.linalg.qr(pose, mode="r"))  # Quick for thousands of frames, too.
         # Not in the order of the singular values: weights in another order than the model's must be seen.
         axes[:count] = axes[:count][::-1]
         values[f"hands_components{side[0]}"] = axes

@@ -1,4 +1,4 @@
-"""Writes a clip of one person and one object in InterMimic's layout of 591 columns, for tests."""
+"""Writes clips of one person in InterMimic's layouts, 591 columns or a dictionary of several objects, for tests."""
 
 from pathlib import Path
 
@@ -46,6 +46,27 @@ def columns_of(clip: Clip, late_fingers: bool = False) -> np.ndarray:
     for name, value in values.items():
         matrix[:, FIELDS[name]] = np.asarray(value).reshape(clip.frames, -1)
     return matrix
+
+
+def dictionary_of(clip: Clip, turned: bool = True) -> dict:
+    """Return what a file of several objects holds, with the bodies' rotations turned or as SMPL-X has them."""
+    single = columns_of(clip)
+    data = np.zeros((clip.frames, 526 + 65 * len(clip.objects)), dtype=np.float32)
+    data[:, :318], data[:, 318:526] = single[:, :318], single[:, 383:591]
+    if not turned:
+        quats = clip.people[0].joint_quats[:, BODY_ORDER]
+        data[:, 318:526] = se3.quat_to_xyzw(quats).reshape(clip.frames, -1)
+        data[:, 3:7] = data[:, 318:322]
+    for index, track in enumerate(clip.objects):
+        block = data[:, 526 + 65 * index : 526 + 65 * (index + 1)]
+        block[:, :3], block[:, 3:7] = track.positions, se3.quat_to_xyzw(track.quats)
+        labels = np.zeros((clip.frames, 52))
+        for contact in clip.contacts:
+            if contact.object == index:
+                for joint in PARTS[contact.part].label_joints:
+                    labels[contact.active, JOINT_INDEX[joint]] = 1.0
+        block[:, 12], block[:, 13:65] = (labels == 1).any(axis=1), labels[:, BODY_ORDER]
+    return {"data": data, "objects": [track.name for track in clip.objects], "joints": {}}
 
 
 def write_clip(clip: Clip, path: Path, late_fingers: bool = False) -> None:

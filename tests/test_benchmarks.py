@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hoi_retarget.readers import READERS, read_clip
 from hoi_retarget.trajopt.problem import Problem, cost_by_term
 from trajectories import MODELS, one_term_per_file, random_qpos
 
@@ -130,6 +131,35 @@ def test_horizons_run(tmp_path):
     windowed, whole = json.loads(path.read_text())["results"]
     assert windowed["windows"] > whole["windows"] == 1
     assert windowed["jerk_at_seams"] > 0
+
+
+@pytest.fixture
+def sources(monkeypatch):
+    monkeypatch.syspath_prepend(str(FOLDER))
+    return importlib.import_module("sources").SOURCES
+
+
+def test_clips_of_every_format_are_there_to_be_measured(tmp_path, sources):
+    formats = {}
+    for name, write in sources.items():
+        folder = tmp_path / name
+        folder.mkdir()
+        recording = write(folder, 60)
+        clip = read_clip(recording.path, objects=recording.objects, body_models=recording.body_models)
+        assert clip.frames == 60, name
+        formats[name] = clip.source.format
+    assert set(formats.values()) == set(READERS)
+    assert all(name.startswith(kind) for name, kind in formats.items())
+
+
+@pytest.mark.slow
+def test_readers_run(tmp_path):
+    path = tmp_path / "readers.json"
+    run("readers.py", "--formats", "behave", "--frames", "60", "120", "--repeats", "1", "--json", str(path))
+    short, long = json.loads(path.read_text())["results"]
+    assert (short["format"], short["frames"], long["frames"]) == ("behave", 60, 120)
+    assert long["clip"] == 2 * short["clip"]
+    assert all(result["seconds"] > 0 and result["peak"] > result["clip"] for result in (short, long))
 
 
 @needs_casadi

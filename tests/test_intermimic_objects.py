@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from hoi_retarget import se3
 from hoi_retarget.clip import Clip, ContactTrack, ObjectTrack
 from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, HoiRetargetError, ReadError
-from hoi_retarget.readers import intermimic_objects, read_clip
 from hoi_retarget.inspection import inspect
-from hoi_retarget.skeleton import JOINT_INDEX, PARTS
-from intermimic_writer import BODY_ORDER, columns_of, random_clip, write_box
+from hoi_retarget.readers import intermimic_objects, read_clip
+from hoi_retarget.skeleton import PARTS
+from intermimic_writer import dictionary_of, random_clip, write_box
 from torch_writer import torch_bytes
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
@@ -34,27 +34,6 @@ def clip_of_two(seed: int = 0, frames: int = 12) -> Clip:
         for part in PARTS
     )
     return replace(clip, name="clip", objects=(first, second), contacts=contacts)
-
-
-def dictionary_of(clip: Clip, turned: bool = True) -> dict:
-    """Return what a file of this layout holds, with the bodies' rotations turned or as SMPL-X has them."""
-    single = columns_of(clip)
-    data = np.zeros((clip.frames, 526 + 65 * len(clip.objects)), dtype=np.float32)
-    data[:, :318], data[:, 318:526] = single[:, :318], single[:, 383:591]
-    if not turned:
-        quats = clip.people[0].joint_quats[:, BODY_ORDER]
-        data[:, 318:526] = se3.quat_to_xyzw(quats).reshape(clip.frames, -1)
-        data[:, 3:7] = data[:, 318:322]
-    for index, track in enumerate(clip.objects):
-        block = data[:, 526 + 65 * index : 526 + 65 * (index + 1)]
-        block[:, :3], block[:, 3:7] = track.positions, se3.quat_to_xyzw(track.quats)
-        labels = np.zeros((clip.frames, 52))
-        for contact in clip.contacts:
-            if contact.object == index:
-                for joint in PARTS[contact.part].label_joints:
-                    labels[contact.active, JOINT_INDEX[joint]] = 1.0
-        block[:, 12], block[:, 13:65] = (labels == 1).any(axis=1), labels[:, BODY_ORDER]
-    return {"data": data, "objects": [track.name for track in clip.objects], "joints": {}}
 
 
 @pytest.fixture
