@@ -1,6 +1,7 @@
 """Clips of our own beside their meshes: a folder is a clip, where it holds one and no other recording."""
 
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from hoi_retarget.inspection import inspect
 from hoi_retarget.motion import load
 from hoi_retarget.readers import can_be_clip, has_companions, own_layout, read_clip, reader_of
 from hoi_retarget.readers.source_file import SourceFile
-from hoi_retarget.recordings import open_clip
+from hoi_retarget.recordings import open_clip, result_stem
 from hoi_retarget.synthetic import make
 from intermimic_writer import write_box
 from mesh_writer import write_mesh
@@ -141,6 +142,14 @@ def test_batches_take_folders_and_see_what_changes_in_them(folder):
     keys.append(Contents().key(first, ["box"], ()))
     assert len(set(keys)) == 4
     assert not has_companions(folder)
+
+
+def test_the_current_folder_is_a_clip_with_a_name(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    (folder / "sub").mkdir()
+    assert read_clip(Path()).frames == BOX.frames
+    assert [result_stem(name) for name in (".", "sub/..", "../lifting")] == ["lifting"] * 3
+    assert [job.name for job in jobs_of(of_folder(Path()))] == ["unitree_g1/lifting"]
 
 
 def test_a_folder_is_inspected_and_run(folder, capsys):

@@ -75,7 +75,9 @@ def result_stem(name: Path | str) -> str:
     file = SourceFile(Path(name))
     if file.selection is not None:
         return file.selection.replace(" ", "_")
-    return file.path.name if file.suffix == FOLDER else file.path.stem
+    if file.suffix != FOLDER:
+        return file.path.stem
+    return (file.path.resolve() if file.path.name in ("", "..") else file.path).name
 
 
 def clip_of(motion: Motion, *, name: Path | None = None, objects: Path | None = None) -> Clip:
