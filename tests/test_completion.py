@@ -92,8 +92,13 @@ def test_inverse_rotations_of_what_is_carried_are_refused_without_labels():
 def test_what_moves_alone_is_doubted():
     track = CLIP.objects[0]
     alone = replace(track, positions=track.positions + np.array([0.0, 0.0, 2.0]))
-    notes = with_contacts(replace(CLIP, contacts=(), objects=(alone,))).source.notes
-    assert any("box moves in" in note and "no hand or foot within 10 cm" in note for note in notes)
+    labelled = tuple(replace(contact, object=1) for contact in CLIP.contacts)
+    for clip in (
+        replace(CLIP, contacts=(), objects=(alone,)),
+        replace(CLIP, contacts=labelled, objects=(alone, replace(track, name="other"))),
+    ):
+        notes = with_contacts(clip, "proximity").source.notes
+        assert any("box moves in" in note and "no hand or foot within 10 cm" in note for note in notes)
 
 
 def test_results_open_their_clip_as_it_was_read(tmp_path, capsys):

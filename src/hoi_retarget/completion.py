@@ -109,7 +109,7 @@ def _unheld(clip: Clip, near: tuple[Nearness, ...]) -> tuple[str, ...]:
         held = _held(near, index, moving)
         if moving.sum() < LEAST_MOVING or held >= LEAST_HELD:
             continue
-        inverted = replace(clip, objects=(replace(track, quats=se3.quat_conjugate(track.quats)),))
+        inverted = replace(clip, objects=(replace(track, quats=se3.quat_conjugate(track.quats)),), contacts=())
         other = _held(nearness(inverted), 0, moving)
         if other > held + CLEARLY_HELD:
             raise ClipError(
