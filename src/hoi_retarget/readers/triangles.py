@@ -1,5 +1,6 @@
 """Objects' meshes as sources give them: any kind of file that trimesh reads, with the centring that poses are of."""
 
+import io
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -35,7 +36,8 @@ def first_mesh(name: str, candidates: Sequence[Path], *, centred: bool, scale: f
 @lru_cache(maxsize=64)
 def _load(path: Path, centred: bool, scale: float, *_changed: int) -> ObjectGeometry:
     try:
-        mesh = trimesh.load_mesh(path, process=False)
+        # From bytes: a path would be followed to materials and pictures that the file names, which no shape needs.
+        mesh = trimesh.load_mesh(io.BytesIO(path.read_bytes()), file_type=path.suffix[1:], process=False)
         vertices, faces = np.array(mesh.vertices, dtype=float) * scale, np.array(mesh.faces)
     except Exception as error:  # trimesh and what it calls raise anything on damaged files
         raise GeometryError(f"{path}: not a readable mesh ({error}). Export it again.") from error
