@@ -155,6 +155,7 @@ OTHER = np.concatenate([np.zeros((FRAMES - 5, 10)), np.full((5, 10), 3.0)])
         (RESULTS | {"ob_trans": [np.zeros(3)] * 60 + [np.zeros(2)]}, r"ob_trans has shape \(0,\) of object"),
         (RESULTS | {"ob_trans": [None] * FRAMES}, "ob_trans has shape"),
         (RESULTS | {"ob_trans": "nowhere"}, "ob_trans has shape"),
+        (RESULTS | {"ob_trans": np.array(RESULTS["ob_trans"]).T}, r"ob_trans has shape \(3, 61\)"),
         (RESULTS | {"betas": np.zeros((FRAMES, 16))}, r"betas has shape \(61, 16\).*expected 10"),
         (RESULTS | {"betas": np.zeros((5, 10))}, r"betas.* has shape \(5, 10\), expected \(61, 10\)"),
         (RESULTS | {"betas": OTHER}, "Are these frames of several people"),

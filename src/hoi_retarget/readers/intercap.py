@@ -188,12 +188,17 @@ def _rows_of_frames(path: Path, name: str, frames: Sequence[Any], width: int) ->
 
 
 def _rows(path: Path, name: str, value: Any, width: int) -> Float[np.ndarray, "T n"]:
-    """Return a value with a row for each frame, whatever its other axes were; raises `ClipError`."""
+    """Return a value as a row for each frame: of one frame, with frames first, or all in one row; raises `ClipError`.
+
+    One row is how the makers' script saves the body's pose.
+    """
     try:
         numbers = np.asarray(value)
     except ValueError:  # Lists of several lengths.
         numbers = np.zeros(0, dtype=object)
-    if numbers.dtype.kind not in "fiu" or numbers.size == 0 or numbers.size % width:
+    frames = numbers.size / width
+    in_order = numbers.shape[:1] in ((1,), (frames,)) or frames == 1
+    if numbers.dtype.kind not in "fiu" or not in_order or not frames or frames % 1:
         raise ClipError(
             f"{path}: {name} has shape {numbers.shape} of {numbers.dtype}, expected {width} numbers for each frame. "
             "Download the recording again."
