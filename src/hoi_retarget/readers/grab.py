@@ -64,6 +64,7 @@ def read_file(file: SourceFile, options: ReadOptions) -> Clip:
     members = _Members(file)
     fields = Fields(file.path, members)
     name = fields.text("obj_name", "the object's name")
+    file.beside(name)  # A plain name, or an error.
     refuse_object_name(file, options, f"{name}, {TABLE}")
     frames, fps = _frames_and_rate(fields)
     person = _person(file, fields, frames, options)
