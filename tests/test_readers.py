@@ -4,6 +4,7 @@ import pickle
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ import intercap_writer
 import omomo_writer
 import parahome_writer
 from glb_writer import humoto
+from hoi_retarget import npz
 from hoi_retarget.errors import HoiRetargetError, ReadError
 from hoi_retarget.readers import READERS, can_be_clip, own_layout, read_clip, reader_of, recordings_below
 from hoi_retarget.readers.source_file import SourceFile
@@ -153,17 +155,23 @@ def at(root: Path, path: Path) -> Recording:
 
 
 @pytest.fixture(scope="module")
-def recordings(tmp_path_factory) -> dict[str, tuple[Path, Recording]]:
-    roots = {kind: tmp_path_factory.mktemp("source") for kind in WRITERS}
-    return {kind: (root, at(root, WRITERS[kind](root))) for kind, root in roots.items()}
+def written(tmp_path_factory) -> Callable[[str], tuple[Path, Recording]]:
+    """The folder of a recording and what belongs to it, each written once; and the recording."""
+
+    @lru_cache
+    def of(kind: str) -> tuple[Path, Recording]:
+        root = tmp_path_factory.mktemp("source")
+        return root, at(root, WRITERS[kind](root))
+
+    return of
 
 
 @pytest.fixture
-def copy(recordings, tmp_path):
+def copy(written, tmp_path):
     """Copies of recordings, to be changed."""
 
     def of(kind: str) -> Recording:
-        root, recording = recordings[kind]
+        root, recording = written(kind)
         shutil.copytree(root, tmp_path, dirs_exist_ok=True)
         return at(tmp_path, tmp_path / recording.path.relative_to(root))
 
@@ -181,16 +189,16 @@ def test_there_is_a_recording_of_every_format():
 
 
 @pytest.mark.parametrize("kind", WRITERS)
-def test_a_recording_is_held_by_its_reader_alone_and_read(recordings, kind):
-    recording = recordings[kind][1]
+def test_a_recording_is_held_by_its_reader_alone_and_read(written, kind):
+    _, recording = written(kind)
     assert holding(recording.path) == [format_of(kind)] == [reader_of(SourceFile(recording.path)).format]
     assert recording.read().source.format == format_of(kind)
     assert can_be_clip(recording.path)
 
 
 @pytest.mark.parametrize("kind", WRITERS)
-def test_a_recording_is_found_in_its_tree_without_its_other_files(recordings, kind):
-    root, recording = recordings[kind]
+def test_a_recording_is_found_in_its_tree_without_its_other_files(written, kind):
+    root, recording = written(kind)
     found = recordings_below(root)
     assert recording.path in found
     assert not any(path.is_relative_to(root / MODELS) or path.parent == recording.path for path in found)
@@ -330,3 +338,10 @@ def test_tables_that_are_none_are_our_errors(copy, kind, name):
         (recording.path / name).write_text(text)
         with pytest.raises(HoiRetargetError, match=name):
             recording.read()
+
+
+def test_a_file_that_unpacks_to_more_than_memory_is_refused(copy, monkeypatch):
+    recording = copy("behave")
+    monkeypatch.setattr(npz, "MAXIMUM_SIZE", 10_000)
+    with pytest.raises(ReadError, match=r"would unpack to .* GB, expected at most 1e-05"):
+        recording.read()

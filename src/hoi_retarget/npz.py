@@ -28,11 +28,17 @@ _ARCHIVE_ERRORS = (
     ValueError,
 )
 
+MAXIMUM_SIZE = 1 << 32
+"""Bytes that all arrays of a file may unpack to: a few megabytes of it can claim any memory."""
+
 
 def members(content: bytes) -> dict[str, bytes]:
     """Return the .npy files of an .npz by array name, their checksums compared; raises `ValueError`."""
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+            if size > MAXIMUM_SIZE:
+                raise ValueError(f"it would unpack to {size / 1e9:.3g} GB, expected at most {MAXIMUM_SIZE / 1e9:.3g}")
             return {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
     except _ARCHIVE_ERRORS as error:
         raise ValueError(str(error)) from error
