@@ -287,3 +287,12 @@ def test_parts_name_joints_that_exist():
         assert {*part.point_joints, part.rotation_joint, *part.label_joints} <= set(JOINTS)
         assert all(joint.startswith(name.split("_")[0]) for joint in part.label_joints)
     assert all(len(PARTS[hand].label_joints) == 15 for hand in HANDS)
+
+
+def test_the_lowest_point_is_the_lowest_of_all_however_many_frames_are_looked_at_at_once(monkeypatch):
+    track = make("carry_box", seconds=2.0).objects[0]
+    turned = replace(track, quats=se3.exp(np.linspace([0.0, 0.0, 0.1], [1.0, -2.0, 0.5], len(track.quats))))
+    points = se3.rotate(turned.quats[:, None], track.geometry.points[None]) + track.positions[:, None]
+    for block in (1, 100, 1_000_000):
+        monkeypatch.setattr("hoi_retarget.clip._BLOCK", block)
+        np.testing.assert_allclose(turned.lowest, points[..., 2].min(axis=1), atol=1e-12)

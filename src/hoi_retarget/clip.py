@@ -17,6 +17,8 @@ from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.skeleton import HEIGHT_OVER_CHAIN, JOINT_INDEX, JOINTS, PARTS
 
 MINIMUM_FRAMES = 4  # The jerk penalty is a third difference.
+# Frames times points held at once: 4 MB of doubles, which stays in the cache.
+_BLOCK = 500_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +95,16 @@ class ObjectGeometry:
             if ((self.faces < 0) | (self.faces >= len(self.points))).any():
                 raise ClipError(f"object geometry: faces name points beyond the {len(self.points)} that there are.")
 
+    def lowest_along(self, directions: Float[np.ndarray, "F 3"]) -> Float[np.ndarray, "F"]:
+        """Return the smallest scalar product of each direction, in the object's frame, with any point [m]."""
+        step = max(1, _BLOCK // len(self.points))
+        return np.concatenate(
+            [
+                (directions[first : first + step] @ self.points.T).min(axis=1)
+                for first in range(0, len(directions), step)
+            ]
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class ObjectTrack:
@@ -112,6 +124,11 @@ class ObjectTrack:
         check_shape(f"object {self.name!r}", "quats", np.asarray(self.quats), (frames, 4))
         check_finite(f"object {self.name!r}", {"positions": self.positions})
         object.__setattr__(self, "quats", _unit_quats(f"object {self.name!r}", "quats", self.quats))
+
+    @property
+    def lowest(self) -> Float[np.ndarray, "T"]:
+        """Height of the object's lowest point in each frame [m]."""
+        return self.positions[:, 2] + self.geometry.lowest_along(se3.quat_to_matrix(self.quats)[:, 2])
 
     def to_object(self, points_world: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, "T 3"]:
         """Return world points, one a frame, in the object's frame [m] (paper Eq. 1)."""

@@ -313,8 +313,7 @@ def _touched(
     fps: float, track: ObjectTrack, body: Float[np.ndarray, "T"], lowest: float, rule: InterAct
 ) -> Bool[np.ndarray, "T"]:
     """Return when InterAct's rules say that somebody touches the object."""
-    down = se3.rotate_inverse(track.quats, np.array([0.0, 0.0, 1.0]))
-    bottom = track.positions[:, 2] + (down @ track.geometry.points.T).min(axis=1)
+    bottom = track.lowest
     grounded = bottom - min(float(bottom.min()), lowest) < rule.raised
     acceleration = np.zeros_like(track.positions)
     acceleration[1:-1] = np.diff(track.positions, n=2, axis=0) * fps**2

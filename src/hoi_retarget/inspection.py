@@ -347,10 +347,9 @@ def _with_clip(facts: Inspection, clip: Clip) -> Inspection:
 
 def _describe_track(track: ObjectTrack) -> ObjectFacts:
     geometry = track.geometry
-    heights = se3.quat_to_matrix(track.quats)[:, 2] @ geometry.points.T + track.positions[:, 2:]
     of = f", {len(geometry.faces)} triangles" if geometry.faces is not None else ""
     found = f"found: {geometry.mesh_path or f'in the file, {len(geometry.points)} points{of}'}"
-    return ObjectFacts(track.name, _moved(track.positions), float(heights.min()), found, True)
+    return ObjectFacts(track.name, _moved(track.positions), float(track.lowest.min()), found, True)
 
 
 # Facts of a scene
@@ -421,10 +420,8 @@ def _describe_object(item: _Item, objects: Path | None) -> ObjectFacts:
     lowest = None
     lengths = np.linalg.norm(item.quats, axis=1)
     if (lengths > 0.99).all():
-        quats = item.quats / lengths[:, None]
-        # The third row of each rotation matrix gives heights.
-        heights = se3.quat_to_matrix(quats)[:, 2] @ geometry.points.T + item.positions[:, 2:]
-        lowest = float(heights.min())
+        track = ObjectTrack(item.name, item.positions, item.quats / lengths[:, None], geometry)
+        lowest = float(track.lowest.min())
     found = f"found: {geometry.mesh_path}" if geometry.mesh_path else f"found: {len(geometry.points)} surface points"
     return ObjectFacts(item.name, moved, lowest, found, True)
 

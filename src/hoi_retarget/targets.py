@@ -248,8 +248,7 @@ def _scale_track(track: ObjectTrack, root_scale: float, geometry_scale: float, f
     With geometry scaled by the root scale this is the paper's rule; with captured size it is
     `z' = s z + (1 - s) d`, where `d` is the origin's height over the object's lowest point.
     """
-    down = se3.quat_to_matrix(track.quats)[:, 2]
-    drop = -np.min(down @ track.geometry.points.T, axis=1)
+    drop = -track.geometry.lowest_along(se3.quat_to_matrix(track.quats)[:, 2])
     lowest = root_scale * (track.positions[:, 2] - drop)
     height = np.maximum(lowest, 0.0) + geometry_scale * drop
     path = np.column_stack([root_scale * track.positions[:, :2], height])

@@ -7,9 +7,6 @@ from hoi_retarget.metrics.statistics import mean_or_none, norms
 from hoi_retarget.metrics.view import Comparison, KinematicsLike
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 
-# Frames times points held at once: 4 MB of doubles, which stays in the cache.
-_BLOCK = 500_000
-
 
 def stance_slide_mps(view: Comparison) -> float | None:
     """Return the mean horizontal ankle speed [m/s] over pairs of neighbouring stance frames of each foot."""
@@ -50,14 +47,6 @@ def object_below_floor_m(view: Comparison) -> float | None:
         return None
     lowest = np.inf
     for track, pose, scale in zip(view.clip.objects, view.robot_objects, view.motion.object_scale, strict=True):
-        offsets = _lowest_along(pose.rotations[:, 2], track.geometry.points)
+        offsets = track.geometry.lowest_along(pose.rotations[:, 2])
         lowest = min(lowest, float((pose.positions[:, 2] + scale * offsets).min()))
     return max(0.0, -lowest)
-
-
-def _lowest_along(directions: Float[np.ndarray, "F 3"], points: Float[np.ndarray, "P 3"]) -> Float[np.ndarray, "F"]:
-    """Return the smallest scalar product of each direction with any point [m]."""
-    step = max(1, _BLOCK // len(points))
-    return np.concatenate(
-        [(directions[begin : begin + step] @ points.T).min(axis=1) for begin in range(0, len(directions), step)]
-    )
