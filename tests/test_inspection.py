@@ -241,7 +241,7 @@ def test_any_numbers_are_described(tmp_path_factory, data):
     [
         (lambda points: points, None),
         (lambda points: points[..., [1, 2, 0]], "along y"),
-        (lambda points: points * [1.0, -1.0, -1.0], "below the feet"),
+        (lambda points: points * [1.0, -1.0, -1.0], "along -z"),
         (lambda points: points + np.array([0.0, 0.0, 1.0]), "mostly at 1."),
     ],
 )

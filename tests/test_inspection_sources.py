@@ -17,6 +17,7 @@ from hoi_retarget.inspection import inspect
 from hoi_retarget.motion import load
 from hoi_retarget.recordings import result_stem
 from hoi_retarget.synthetic import make
+from npz_changes import changed
 from source_people import write_models
 
 
@@ -65,6 +66,14 @@ def test_a_recording_that_lacks_its_body_model_or_mesh_says_so_and_what_it_is(tm
     facts = inspect(folder, body_models=models)
     assert len(facts.missing) == 1 and "mesh" in facts.missing[0] and "--objects DIR" in facts.command
     assert not facts.objects[0].has_geometry and facts.objects[0].moved is None
+
+
+def test_a_recording_that_cannot_be_used_is_still_told_from_others(tmp_path):
+    folder = behave_writer.write_files(tmp_path, behave_writer.files_of(make("carry_box", seconds=2.0)))
+    changed(folder / "object_fit_all.npz", frame_times=np.zeros(3))
+    facts = inspect(folder)
+    assert facts.format == "behave" and not facts.command
+    assert len(facts.problems) == 1 and "frame_times" in facts.problems[0]
 
 
 def test_a_file_of_several_clips_names_them_and_each_can_be_chosen(many_clips, capsys):

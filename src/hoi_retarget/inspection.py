@@ -36,8 +36,9 @@ from hoi_retarget.readers.objects import NUMPY_ERRORS
 from hoi_retarget.readers.reader import Reader
 from hoi_retarget.readers.source_file import FOLDER, SELECTION, SourceFile
 from hoi_retarget.readers.torch_file import parse_torch, read_bytes
+from hoi_retarget.readers.upright import standing_axis
 from hoi_retarget.recordings import open_clip
-from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, PARTS
+from hoi_retarget.skeleton import JOINTS, PARTS
 
 MOTION = "hoi-retarget-motion"
 _SHOWN = 12  # Names of clips that are listed.
@@ -390,17 +391,12 @@ def _doubts(positions: Float[np.ndarray, "T 52 3"], objects: Iterable[ObjectFact
     A person who bends has the head beside the pelvis, but hardly ever beside the feet.
     """
     doubts: tuple[str, ...] = ()
-    feet = [JOINT_INDEX[f"{side}_ankle"] for side in ("left", "right")]
-    upward = positions[:, JOINT_INDEX["head"]] - positions[:, feet].mean(axis=1)
-    shares = np.bincount(np.abs(upward).argmax(axis=1), minlength=3) / len(upward)
-    axis = int(shares.argmax())
-    if axis != 2 and shares[axis] > 0.5:
+    axis = standing_axis(positions)
+    if axis != "z":
         doubts += (
-            f"z is up by the format, but from feet to head it is farthest along {'xyz'[axis]} in "
-            f"{shares[axis]:.0%} of the frames: turn the recording if the person does not lie.",
+            f"z is up by the format, but from feet to head it is farthest along {axis} in most frames: turn the "
+            "recording if the person does not lie.",
         )
-    elif (upward[:, 2] < 0).mean() > 0.5:
-        doubts += ("z is up by the format, but the head is below the feet in most frames: turn the recording.",)
     lowest = float(np.median(positions[..., 2].min(axis=1)))
     if abs(lowest) > FLOOR_TOLERANCE:
         doubts += (f"The floor should be at 0, but the lowest joint is mostly at {lowest:.2f} m: shift the recording.",)
@@ -482,7 +478,10 @@ def _inspect_source(file: SourceFile, reader: Reader, reading: Mapping[str, Any]
         notes = (f"Clips in it: {shown}", f"One of them: {first}")
         return Inspection(str(file.name), reader.format, f"{len(names)} clips in one recording", notes=notes)
     select(file, reader)
-    outline = reader.outline(file)
+    try:
+        outline = reader.outline(file)
+    except ClipError as error:
+        return Inspection(str(file.name), reader.format, "a recording that cannot be used", problems=(str(error),))
     facts = Inspection(
         str(file.name),
         reader.format,
