@@ -26,7 +26,7 @@ from hoi_retarget import se3
 from hoi_retarget.clip import MINIMUM_FRAMES, Clip, ObjectGeometry, ObjectTrack, Person, Source
 from hoi_retarget.errors import ClipError
 from hoi_retarget.readers.body_parameters import BodyParameters
-from hoi_retarget.readers.companions import folder_above, json_table, refuse_object_name
+from hoi_retarget.readers.companions import folder_of_tree, json_table, refuse_object_name
 from hoi_retarget.readers.fields import Fields
 from hoi_retarget.readers.npz_fields import npz_values
 from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
@@ -278,7 +278,7 @@ def _geometry(file: SourceFile, options: ReadOptions, category: str) -> ObjectGe
     if options.objects is not None:
         candidates = [options.objects / category / mesh, options.objects / mesh]
     else:
-        folder = folder_above(file.path, "objects", category) or file.path.resolve().parent / "objects" / category
+        folder = folder_of_tree(file.path, "objects", category)
         candidates = [folder / mesh]
     return first_mesh(category, candidates, centred=True)
 

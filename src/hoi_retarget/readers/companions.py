@@ -37,6 +37,11 @@ def folder_above(path: Path, *steps: str) -> Path | None:
     return None
 
 
+def folder_of_tree(path: Path, *steps: str) -> Path:
+    """Return the same, and without one where it should be: beside the recording."""
+    return folder_above(path, *steps) or path.resolve().parent.joinpath(*steps)
+
+
 def refuse_object_name(file: SourceFile, options: ReadOptions, names: str) -> None:
     """Raise `ArgumentError` where an object's name is given, although the recording tells the names of its objects."""
     if options.object_name is not None:

@@ -23,12 +23,13 @@ from jaxtyping import Float
 from hoi_retarget import npz
 from hoi_retarget.arrays import describe_frames
 from hoi_retarget.bodies import JOINT_COUNT
-from hoi_retarget.clip import MINIMUM_FRAMES, Clip, ObjectGeometry, ObjectTrack, Person, Source
+from hoi_retarget.clip import Clip, ObjectGeometry, ObjectTrack, Person, Source
 from hoi_retarget.errors import ClipError, ReadError
 from hoi_retarget.readers import kinematics
 from hoi_retarget.readers.body_parameters import BodyParameters, constant_betas, person_of
-from hoi_retarget.readers.companions import folder_above, json_table, refuse_object_name
+from hoi_retarget.readers.companions import folder_of_tree, json_table, refuse_object_name
 from hoi_retarget.readers.fields import Fields
+from hoi_retarget.readers.npz_fields import check_frames
 from hoi_retarget.readers.object_arrays import object_or_array
 from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
 from hoi_retarget.readers.rigid import poses_of
@@ -84,7 +85,7 @@ def read_file(file: SourceFile, options: ReadOptions) -> Clip:
     refuse_object_name(file, options, name)
     fields = {person: _fields(file, person) for person in PEOPLE}
     poses = _object_poses(file)
-    _check_frames(file, {_POSES: len(poses)} | {person: len(_joints(values)) for person, values in fields.items()})
+    check_frames(file.name, {_POSES: len(poses)} | {person: len(_joints(values)) for person, values in fields.items()})
     path = file.beside(_POSES)
     positions, quats = poses_of(path, "the object's pose", poses)
     track = ObjectTrack(name, positions, quats, _geometry(file, options, name))
@@ -173,7 +174,7 @@ def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeomet
     if options.objects is not None:
         candidates = [options.objects.joinpath(*within), options.objects / mesh]
     else:
-        folder = folder_above(file.path, _MESHES) or file.path.resolve().parent / _MESHES
+        folder = folder_of_tree(file.path, _MESHES)
         candidates = [folder.joinpath(*within)]
     return first_mesh(name, candidates, centred=False)
 
@@ -199,14 +200,6 @@ def _fields(file: SourceFile, person: str) -> Fields:
 
 def _joints(fields: Fields) -> Float[np.ndarray, "T 127 3"]:
     return fields.array("joints", ("T", _STORED_JOINTS, 3), "the joints")
-
-
-def _check_frames(file: SourceFile, frames: Mapping[str, int]) -> None:
-    listing = ", ".join(f"{owner}: {count}" for owner, count in frames.items())
-    if len(set(frames.values())) > 1:
-        raise ClipError(f"{file.name}: people and object differ in their frames ({listing}). Download it again.")
-    if min(frames.values()) < MINIMUM_FRAMES:
-        raise ClipError(f"{file.name}: there are too few frames ({listing}); at least {MINIMUM_FRAMES} are needed.")
 
 
 def _person(fields: Fields, name: str, body_models: Path | None) -> Person:

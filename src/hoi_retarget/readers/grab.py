@@ -24,7 +24,7 @@ from hoi_retarget.bodies import Gender
 from hoi_retarget.clip import MINIMUM_FRAMES, Clip, ContactTrack, ObjectGeometry, ObjectTrack, Person, Source
 from hoi_retarget.errors import ClipError, ReadError
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of
-from hoi_retarget.readers.companions import folder_above, refuse_object_name
+from hoi_retarget.readers.companions import folder_of_tree, refuse_object_name
 from hoi_retarget.readers.fields import Fields
 from hoi_retarget.readers.object_arrays import object_or_array
 from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
@@ -157,7 +157,7 @@ def _template(file: SourceFile, named: str, gender: str) -> Float[np.ndarray, "V
     if gender not in get_args(Gender):
         raise ClipError(f"{file.name}: gender is {gender[:40]!a}, expected {' or '.join(get_args(Gender))}.")
     plain = file.beside(PurePosixPath(named).name).name  # A plain name, or an error.
-    folder = folder_above(file.path, _TOOLS, _SUBJECTS) or file.path.resolve().parent / _TOOLS / _SUBJECTS
+    folder = folder_of_tree(file.path, _TOOLS, _SUBJECTS)
     candidates = (folder / gender / plain, folder / plain)
     for path in candidates:
         if path.is_file():
@@ -191,7 +191,7 @@ def _geometry(file: SourceFile, name: str, named: str, objects: Path | None) -> 
     if objects is not None:
         folders = [objects, objects / _MESHES[-1]]
     else:
-        tools = folder_above(file.path, _TOOLS, _MESHES[0]) or file.path.resolve().parent / _TOOLS / _MESHES[0]
+        tools = folder_of_tree(file.path, _TOOLS, _MESHES[0])
         folders = [tools / _MESHES[1], tools]
     return first_mesh(name, [folder / plain for folder in folders], centred=False)
 

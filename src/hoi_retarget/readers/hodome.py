@@ -22,7 +22,7 @@ import numpy as np
 from hoi_retarget.clip import MINIMUM_FRAMES, Clip, ObjectGeometry, ObjectTrack, Person, Source
 from hoi_retarget.errors import ClipError, ReadError
 from hoi_retarget.readers.body_parameters import BodyParameters
-from hoi_retarget.readers.companions import folder_above
+from hoi_retarget.readers.companions import folder_above, folder_of_tree
 from hoi_retarget.readers.fields import Fields
 from hoi_retarget.readers.npz_fields import npz_values
 from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
@@ -241,7 +241,7 @@ def _track(pair: _Pair, name: str, geometry: ObjectGeometry) -> ObjectTrack:
 
 
 def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeometry:
-    folder = options.objects or folder_above(file.path, _MESHES) or file.path.resolve().parents[1] / _MESHES
+    folder = options.objects or folder_of_tree(file.path, _MESHES)
     # The full scan has another mean of its vertices.
     return first_mesh(name, [folder / name / f"{name}_face1000.obj"], centred=True)
 

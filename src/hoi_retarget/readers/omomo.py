@@ -26,7 +26,7 @@ from hoi_retarget.clip import MINIMUM_FRAMES, Clip, ObjectGeometry, ObjectTrack,
 from hoi_retarget.errors import ClipError, GeometryError, ReadError
 from hoi_retarget.readers import fingers, kinematics, rest_pose
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of
-from hoi_retarget.readers.companions import folder_above, refuse_object_name
+from hoi_retarget.readers.companions import folder_of_tree, refuse_object_name
 from hoi_retarget.readers.fields import Fields
 from hoi_retarget.readers.large_pickle import read_large_pickle, starts_with
 from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
@@ -257,7 +257,7 @@ def _object(  # noqa: PLR0913, PLR0917 - what is the same for both parts, and wh
 
 
 def _geometry(file: SourceFile, options: ReadOptions, thing: str, scan: str, size: float) -> ObjectGeometry:
-    folder = options.objects or folder_above(file.path, _SCANS) or file.path.resolve().parent / _SCANS
+    folder = options.objects or folder_of_tree(file.path, _SCANS)
     path = folder / f"{thing}_cleaned_simplified{scan}.obj"
     centred = folder / thing / f"{thing}.obj"
     if centred.is_file() and not path.is_file():

@@ -33,7 +33,7 @@ from hoi_retarget.clip import MINIMUM_FRAMES, Clip, ObjectGeometry, ObjectTrack,
 from hoi_retarget.errors import BodyModelError, ClipError, GeometryError, ReadError
 from hoi_retarget.readers import kinematics, rest_pose
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of
-from hoi_retarget.readers.companions import folder_above, json_values, refuse_object_name
+from hoi_retarget.readers.companions import folder_above, folder_of_tree, json_values, refuse_object_name
 from hoi_retarget.readers.fields import Fields
 from hoi_retarget.readers.objects import load_mesh
 from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
@@ -308,7 +308,7 @@ def _is_still(track: ObjectTrack) -> bool:
 def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeometry:
     thing, _, part = name.rpartition("_")
     file.beside(thing, part)  # Plain names, or an error.
-    folder = options.objects or folder_above(file.path, "scan") or file.path.resolve().parent.parent / "scan"
+    folder = options.objects or folder_of_tree(file.path, "scan")
     path = folder / thing / "simplified" / f"{part}.obj"
     if not path.is_file():
         raise GeometryError(
