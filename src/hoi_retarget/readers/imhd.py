@@ -19,7 +19,6 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from jaxtyping import Float
 
 from hoi_retarget import se3
 from hoi_retarget.clip import Clip, ObjectGeometry, ObjectTrack, Person, Source
@@ -28,9 +27,9 @@ from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.companions import folder_above
 from hoi_retarget.readers.fields import Fields
 from hoi_retarget.readers.npz_fields import check_frames
+from hoi_retarget.readers.objects import mesh_vertices
 from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
 from hoi_retarget.readers.source_file import SourceFile
-from hoi_retarget.readers.torch_file import read_bytes
 from hoi_retarget.readers.triangles import first_mesh
 from hoi_retarget.readers.upright import check_upright
 from hoi_retarget.readers.varying_shape import person_of_rows
@@ -177,16 +176,8 @@ def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeomet
         )
     path = folder / name / f"{name}_simplified_transformed.obj"
     geometry = first_mesh(name, [path], centred=False)
-    return replace(geometry, points=geometry.points - _listed_mean(path))
-
-
-def _listed_mean(path: Path) -> Float[np.ndarray, "3"]:
-    """Return the mean of the vertices that a mesh lists; where a texture has seams, the mesh has more of them."""
-    rows = [line.split()[1:4] for line in read_bytes(path).splitlines() if line.startswith(b"v ")]
-    try:
-        return np.array(rows, dtype=float).reshape(-1, 3).mean(axis=0)
-    except ValueError as error:
-        raise GeometryError(f"{path}: its vertices are not three numbers each ({error}). Download it again.") from error
+    # Of the vertices as listed: where a texture has seams, the geometry has more of them.
+    return replace(geometry, points=geometry.points - mesh_vertices(path).mean(axis=0))
 
 
 def _track(fields: Fields, name: str, geometry: ObjectGeometry) -> ObjectTrack:

@@ -111,7 +111,7 @@ def _describe_absence(folder: Path, name: str, known: tuple[str, ...]) -> str:
 def _load(path: Path, _modified: int, _size: int) -> ObjectGeometry:
     """Read and reduce one file; the time and the size only tell a changed file from a known one."""
     is_mesh = path.suffix.lower() == ".obj"
-    points = _read_mesh(path) if is_mesh else _read_points(path)
+    points = mesh_vertices(path) if is_mesh else _read_points(path)
     if not np.isfinite(points).all():
         raise GeometryError(f"{path}: {(~np.isfinite(points).all(axis=1)).sum()} of its points are not finite numbers.")
     if np.abs(points).max() > LARGEST_OBJECT:
@@ -154,8 +154,8 @@ def _read_points(path: Path) -> Float[np.ndarray, "P 3"]:
     return values.astype(float)
 
 
-def _read_mesh(path: Path) -> Float[np.ndarray, "V 3"]:
-    """Read the vertices of a Wavefront OBJ mesh; its faces are only counted."""
+def mesh_vertices(path: Path) -> Float[np.ndarray, "V 3"]:
+    """Return the vertices that a Wavefront OBJ mesh lists; raises `GeometryError`, also where it has no faces."""
     try:
         content = path.read_bytes()
     except OSError as error:
