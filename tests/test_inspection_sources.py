@@ -101,7 +101,7 @@ def test_clips_are_run_by_their_names_alone_or_all_by_a_batch(many_clips, tmp_pa
 
 def test_a_batch_makes_anew_what_any_file_of_a_recording_changed(tmp_path, capsys):
     """And tries again what lacked a file, which is not known until it is there."""
-    clip = make("carry_box", seconds=2.0)
+    clip = make("carry_box", seconds=1.0)
     recordings, out = tmp_path / "recordings", tmp_path / "out"
     folder = behave_writer.write_files(recordings, behave_writer.files_of(clip))
     write_models(tmp_path / "models", clip.people, "smplh", ["male", "female"])
