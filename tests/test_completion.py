@@ -8,11 +8,13 @@ import pytest
 from hoi_retarget import se3
 from hoi_retarget.cli import main
 from hoi_retarget.completion import floor_height, on_floor, with_contacts
-from hoi_retarget.contact_labels import InterAct, label_contacts
+from hoi_retarget.contact_labels import GUESSED_FINGERS, InterAct, Proximity, label_contacts
 from hoi_retarget.errors import ClipError
+from hoi_retarget.labelling import stance
 from hoi_retarget.motion import load
 from hoi_retarget.readers import own_layout
 from hoi_retarget.recordings import clip_of, open_clip
+from hoi_retarget.skeleton import HANDS
 from hoi_retarget.synthetic import SCENES, make
 
 CLIP = make("carry_box")
@@ -83,7 +85,7 @@ def test_inverse_rotations_of_what_is_carried_are_refused_without_labels():
     geometry = replace(track.geometry, points=track.geometry.points - corner, mesh_path=None, faces=None)
     away = replace(track, positions=track.positions + se3.rotate(track.quats, corner), geometry=geometry)
     right = replace(CLIP, contacts=(), objects=(away,))
-    assert not any("no hand or foot" in note for note in with_contacts(right).source.notes)
+    assert not with_contacts(right).source.doubts
     wrong = replace(right, objects=(replace(away, quats=se3.quat_conjugate(away.quats)),))
     with pytest.raises(ClipError, match="rotations of 'box' are read wrongly"):
         with_contacts(wrong)
@@ -97,8 +99,8 @@ def test_what_moves_alone_is_doubted():
         replace(CLIP, contacts=(), objects=(alone,)),
         replace(CLIP, contacts=labelled, objects=(alone, replace(track, name="other"))),
     ):
-        notes = with_contacts(clip, "proximity").source.notes
-        assert any("box moves in" in note and "no hand or foot within 10 cm" in note for note in notes)
+        doubts = with_contacts(clip, "proximity").source.doubts
+        assert any("box moves in" in doubt and "no hand or foot within 10 cm" in doubt for doubt in doubts)
 
 
 def test_results_open_their_clip_as_it_was_read(tmp_path, capsys):
@@ -113,3 +115,37 @@ def test_results_open_their_clip_as_it_was_read(tmp_path, capsys):
     capsys.readouterr()
     assert main(["inspect", str(path)]) == 0
     assert "none in the file; found from distances" in capsys.readouterr().out
+
+
+def test_what_moves_untouched_and_feet_off_the_floor_are_doubts_that_run_tells(tmp_path, capsys):
+    none = tuple(replace(track, active=np.zeros(CLIP.frames, dtype=bool)) for track in CLIP.contacts)
+    (doubt,) = with_contacts(replace(CLIP, contacts=none)).source.doubts
+    assert "Nobody touches anything, although box moves in" in doubt
+    assert not with_contacts(CLIP).source.doubts
+    (doubt,) = on_floor(shifted(CLIP, 1.0), at_zero=True).source.doubts
+    assert "Feet stand at z = 0.97 m" in doubt and "--floor 0.97" in doubt
+    (doubt,) = on_floor(shifted(CLIP, 1.0), at_zero=False, floor=0.5).source.doubts
+    assert "--floor 0.97" in doubt
+    assert not on_floor(shifted(CLIP, 1.0), at_zero=False, floor=1.0).source.doubts
+    path = tmp_path / "high.npz"
+    own_layout.write(shifted(CLIP, 1.0), path)
+    assert main(["run", str(path), "--out", str(tmp_path)[:-1] + "x"]) == 0
+    assert "warning: high.npz: Feet stand at z = 0.97 m" in capsys.readouterr().err
+
+
+def test_feet_that_stand_beside_an_object_do_not_touch_it():
+    person, track = CLIP.people[0], CLIP.objects[0]
+    beside = replace(track, positions=person.position("left_foot"))  # The foot is in it all the time.
+    flags = {contact.part: contact.active for contact in label_contacts(replace(CLIP, objects=(beside,), contacts=()))}
+    stands = stance(person, CLIP.fps)[:, 0]
+    assert not (flags["left_foot"] & stands).any() and flags["left_foot"].any(), "it does when it swings"
+
+
+def test_hands_without_recorded_fingers_touch_from_farther():
+    person = CLIP.people[0]
+    bare = replace(CLIP, contacts=())
+    guessed = replace(bare, people=(replace(person, fingers_recorded=False),))
+    wider = label_contacts(bare, rule=Proximity(touch=0.010 + GUESSED_FINGERS, release=0.015 + GUESSED_FINGERS))
+    for ours, theirs in zip(label_contacts(guessed), wider, strict=True):
+        if ours.part in HANDS:
+            np.testing.assert_array_equal(ours.active, theirs.active)

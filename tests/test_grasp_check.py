@@ -111,8 +111,8 @@ def test_inverse_poses_are_found(scene):
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("frames", [-30, 30])
 def test_contacts_of_other_frames_are_noted(scene, frames):
-    notes = checked(shifted(make(scene), frames)).source.notes
-    assert any(words in note for note in notes for words in ("fit better", "slips")), notes
+    doubts = checked(shifted(make(scene), frames)).source.doubts
+    assert any(words in doubt for doubt in doubts for words in ("fit better", "slips")), doubts
 
 
 @pytest.mark.parametrize("frames", [4, 12, 31])

@@ -30,6 +30,8 @@ class Person:
     """World positions [m]."""
     joint_quats: Float[np.ndarray, "T 52 4"]
     """World rotations, wxyz, identity in the T-pose that stands along +y and looks along +z."""
+    fingers_recorded: bool = True
+    """Whether the finger joints are the person's own; otherwise they are straight and made up."""
     shape: BodyShape | None = None
     """The person's skin, where the source tells it and its body model is at hand."""
 
@@ -192,6 +194,8 @@ class Source:
     """Text of the contact edits that were applied to the contacts as recorded; empty where none were."""
     augmentation: Augmentation = Augmentation()
     """What was done after that."""
+    doubts: tuple[str, ...] = ()
+    """What looks wrong but does not stop anybody, one sentence each."""
     files: tuple[str, ...] = ()
     """Other files that the clip was read from: companions and meshes; not the body models."""
 

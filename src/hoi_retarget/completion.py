@@ -24,6 +24,8 @@ FLOOR_PERCENTILE = 10.0
 """Of the heights of standing soles: low enough for people who also stand on things, above what noise reaches."""
 LEAST_STANDING = 5
 """Frames of standing that a floor's height is believed from."""
+FLOOR_TOLERANCE = 0.15
+"""[m]; soles that stand farther from the floor than this stand on something, or the floor is elsewhere."""
 MOVING_SPEED = 0.15
 """[m/s]; an object that is faster is moved by somebody, or falls."""
 LEAST_MOVING = 10
@@ -42,9 +44,10 @@ def on_floor(clip: Clip, *, at_zero: bool, floor: float | None = None) -> Clip:
         floor: height of the floor in the clip [m], where somebody knows it; otherwise it is estimated.
     """
     if floor is not None:
-        return _lowered(clip, floor, f"The floor is at z = {floor:.3f} m in the recording, as was asked for.")
+        lowered = _lowered(clip, floor, f"The floor is at z = {floor:.3f} m in the recording, as was asked for.")
+        return _doubted(lowered, _floor_doubts(lowered, floor))
     if at_zero:
-        return clip
+        return _doubted(clip, _floor_doubts(clip, 0.0))
     height, frames = floor_height(clip)
     how = (
         f"{frames} frames of standing feet" if frames else "the lowest point of anybody's feet, which never stand still"
@@ -79,16 +82,46 @@ def with_contacts(clip: Clip, labels: Labels = "auto") -> Clip:
         ClipError: objects move with nobody near, but not when their rotations are inverted.
         GeometryError: an object's mesh cannot be read.
     """
-    if not clip.objects or (clip.contacts and labels == "auto"):
+    if not clip.objects:
         return clip
+    if clip.contacts and labels == "auto":
+        return _doubted(clip, _untouched(clip))
     rule = InterAct() if labels == "interact" else PROXIMITY
     near = nearness(clip)
     doubts = _unheld(clip, near)
     contacts = label_contacts(clip, rule=rule, near=near)
     why = "as was asked for" if clip.contacts else "as the source labels none"
     note = f"Contacts are found from distances between body and object ({type(rule).__name__}'s rule), {why}."
-    source = replace(clip.source, notes=(*clip.source.notes, note, *doubts))
-    return replace(clip, contacts=contacts, source=source)
+    source = replace(clip.source, notes=(*clip.source.notes, note))
+    found = replace(clip, contacts=contacts, source=source)
+    return _doubted(found, doubts or _untouched(found))
+
+
+def _doubted(clip: Clip, doubts: tuple[str, ...]) -> Clip:
+    return replace(clip, source=replace(clip.source, doubts=(*clip.source.doubts, *doubts))) if doubts else clip
+
+
+def _floor_doubts(clip: Clip, floor: float) -> tuple[str, ...]:
+    """Return a doubt where feet stand elsewhere than on the floor, which was put at zero from the height `floor`."""
+    height, frames = floor_height(clip)
+    if not frames or abs(height) <= FLOOR_TOLERANCE:
+        return ()
+    return (
+        f"Feet stand at z = {height:.2f} m, not on the floor at 0: pass --floor {floor + height:.2f} unless they stand "
+        "on something.",
+    )
+
+
+def _untouched(clip: Clip) -> tuple[str, ...]:
+    """Return a doubt where objects move and nothing is ever touched."""
+    moving = {track.name: int(_moving(track, clip.fps).sum()) for track in clip.objects}
+    moved = [f"{name} moves in {frames} frames" for name, frames in moving.items() if frames >= LEAST_MOVING]
+    if not moved or any(track.active.any() for track in clip.contacts):
+        return ()
+    return (
+        f"Nobody touches anything, although {' and '.join(moved)}: see --labels, or add contacts with "
+        "`hoi-retarget contacts --add` or in the editor.",
+    )
 
 
 def _lowered(clip: Clip, height: float, note: str) -> Clip:

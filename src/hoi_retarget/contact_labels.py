@@ -19,13 +19,16 @@ from hoi_retarget.arrays import runs
 from hoi_retarget.capsules import BODY_CAPSULES, PART_CAPSULES, Capsule, Spheres, spheres
 from hoi_retarget.clip import Clip, ContactTrack, ObjectTrack, Person
 from hoi_retarget.errors import ArgumentError
+from hoi_retarget.labelling import stance
 from hoi_retarget.signals import nearest_active
-from hoi_retarget.skeleton import PARTS
+from hoi_retarget.skeleton import FEET, PARTS
 from hoi_retarget.surface import Surface, surface_of
 
 FAR = 0.10
 """[m]; what is farther from an object than this is only known to be."""
 _FINENESS = 0.01  # [m] of the coarse search's triangles, for objects up to a metre in size.
+GUESSED_FINGERS = 0.015
+"""[m]; how much farther a hand may be whose fingers are not recorded: most hold with bent ones."""
 _CROSSING = 1e-6  # [m]; a middle that is nearer to the surface lies on it, and has no direction from it.
 _GRAVITY = 9.8  # [m/s^2]
 _SKIN_FRAMES = 500  # Whose skin is made at once: bounds the memory.
@@ -259,11 +262,15 @@ def _lower_bounds(
 def touching(clip: Clip, near: Iterable[Nearness], rule: Proximity = PROXIMITY) -> list[Bool[np.ndarray, "T"]]:
     """Return when each part touches by the paper's criterion, in the order of `near`."""
     gap, shortest = (int(np.floor(seconds * clip.fps + 1e-6)) for seconds in (rule.gap, rule.shortest))
+    stands = [stance(person, clip.fps) for person in clip.people]
     found = []
     for item in near:
         speed = np.linalg.norm(np.gradient(_part_points(clip, item), axis=0), axis=1) * clip.fps
-        made = (item.distances < rule.touch) & (speed < rule.speed)
-        lasting = item.distances < rule.release
+        slack = 0.0 if clip.people[item.person].fingers_recorded or item.part in FEET else GUESSED_FINGERS
+        made = (item.distances < rule.touch + slack) & (speed < rule.speed)
+        lasting = item.distances < rule.release + slack
+        if item.part in FEET:
+            lasting &= ~stands[item.person][:, FEET.index(item.part)]  # It stands on the floor beside the object.
         flags = np.zeros(clip.frames, dtype=bool)
         for first, stop in runs(lasting):
             flags[first:stop] = made[first:stop].any()

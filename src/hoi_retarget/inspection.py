@@ -30,7 +30,6 @@ from hoi_retarget.readers import (
     select,
 )
 from hoi_retarget.readers.body_parameters import TITLES
-from hoi_retarget.readers.grasp_check import grasp_faults, grasp_figures
 from hoi_retarget.readers.intermimic_objects import geometry_of
 from hoi_retarget.readers.objects import NUMPY_ERRORS
 from hoi_retarget.readers.reader import Reader
@@ -159,18 +158,14 @@ def inspect(path: Path, **reading: Any) -> Inspection:
         clip = open_clip(path, **reading)
     except (ClipError, ReadError, GeometryError, ArgumentError) as error:
         return replace(facts, problems=(str(error),), command="")
+    if reader is own_layout.READER:  # What was found is told, too.
+        facts = _with_clip(facts, clip)
     return _with_doubts(facts, clip)
 
 
 def _with_doubts(facts: Inspection, clip: Clip) -> Inspection:
-    """Return the facts with what a clip's grasps say against it, as warnings."""
-    figures = grasp_figures(clip)
-    doubts = grasp_faults(figures)
-    return replace(
-        facts,
-        warnings=(*facts.warnings, *doubts),
-        notes=tuple(note for note in facts.notes if note not in doubts),
-    )
+    """Return the facts with what speaks against a clip, as warnings."""
+    return replace(facts, warnings=(*facts.warnings, *clip.source.doubts))
 
 
 def _described(path: Path, objects: Path | None, object_name: str | None) -> Inspection:
@@ -192,7 +187,10 @@ def _described(path: Path, objects: Path | None, object_name: str | None) -> Ins
 
 
 def _unknown(path: Path, description: str) -> Inspection:
-    problem = f"No reader fits. Supported: {', '.join(READERS)}. {intermimic.ADVICE}"
+    problem = (
+        f"No reader fits. Supported: {', '.join(READERS)}. docs/sources.md tells what each reads, and how to "
+        "write a clip of your own."
+    )
     return Inspection(str(path), UNKNOWN, description, problems=(problem,))
 
 
@@ -448,8 +446,9 @@ def _inspect_folder(path: Path, reading: Mapping[str, Any]) -> Inspection:
     names = [str(clip.relative_to(path)) for clip in found[:_SHOWN]]
     shown = f"{', '.join(names)}{', ...' if len(found) > _SHOWN else ''}"
     words = ["hoi-retarget", "batch", str(path)]
-    if reading.get("objects"):
-        words += ["--objects", str(reading["objects"])]
+    for name in ("objects", "body_models"):
+        if reading.get(name):
+            words += [f"--{name.replace('_', '-')}", str(reading[name])]
     return Inspection(
         str(path),
         "folder",

@@ -68,13 +68,27 @@ def builtin_scene(name: Path | str) -> str | None:
 
 
 def result_stem(name: Path | str) -> str:
-    """Return what results made of a clip are called, without `.npz`."""
+    """Return what results made of a clip are called, without `.npz`.
+
+    Names that say little alone, such as `res.pkl` and `004`, are those of many clips: their folders' stand before them.
+    """
+    stem = clip_stem(name)
+    parents = Path(name).absolute().parts[:-1]
+    if stem == "res":
+        return "_".join(parents[-3:])
+    return f"{parents[-1]}_{stem}" if stem.isdecimal() or stem.startswith("gt_") else stem
+
+
+def clip_stem(name: Path | str) -> str:
+    """Return what a clip is called among those in its folder."""
     scene = builtin_scene(name)
     if scene is not None:
         return scene
     file = SourceFile(Path(name))
     if file.selection is not None:
-        return file.selection.replace(" ", "_")
+        own = file.selection.replace(" ", "_")
+        # A clip's name may be no more than its frames.
+        return own if own[:1].isalpha() else f"{file.path.resolve().stem}_{own}"
     if file.suffix != FOLDER:
         return file.path.stem
     return (file.path.resolve() if file.path.name in ("", "..") else file.path).name

@@ -152,6 +152,12 @@ THRESHOLDS: tuple[Threshold, ...] = (
         "time in which a link points away from the human's; for a moment it is a wrist near its stop",
     ),
     Threshold(
+        Column("doubts", "doubts of the recording", "", 1.0, 0, "lower"),
+        0.0,
+        5.0,
+        "what speaks against the recording: grasps that slip, feet off the floor, objects that move untouched",
+    ),
+    Threshold(
         Column("base_turn_max_radps", "base turn", "rad/s", 1.0, 1, "lower"),
         15.0,
         25.0,
@@ -271,6 +277,7 @@ def judged_figures(motion: Motion, model: RobotModel | None = None) -> dict[str,
         **_of_kinematics(motion, model),
         "unreached_share": _unreached_share(motion),
         "turned_over_s": _turned_over_s(motion),
+        "doubts": _doubts(motion),
         "unsolved_share": _unsolved_share(motion),
     }
 
@@ -299,6 +306,12 @@ def _unreached_share(motion: Motion) -> float | None:
 def _turned_over_s(motion: Motion) -> float | None:
     frames = _frames(motion.report.get("turned_over"), "first_frame", "last_frame")
     return frames / motion.fps if frames is not None else None
+
+
+def _doubts(motion: Motion) -> float | None:
+    source = motion.report.get("source")
+    doubts = source.get("doubts") if isinstance(source, Mapping) else None
+    return float(len(doubts)) if isinstance(doubts, Sequence) else None
 
 
 def _unsolved_share(motion: Motion) -> float | None:

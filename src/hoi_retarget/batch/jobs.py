@@ -14,7 +14,7 @@ from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.pipeline import Config
 from hoi_retarget.readers import SUFFIXES, can_be_clip, clips_in, recordings_below
 from hoi_retarget.readers.source_file import FOLDER
-from hoi_retarget.recordings import builtin_scene, result_stem
+from hoi_retarget.recordings import builtin_scene, clip_stem, result_stem
 from hoi_retarget.targets import Scaling
 from hoi_retarget.trajopt.windows import parse_horizon
 
@@ -163,7 +163,7 @@ def _below(specification: Specification, folder: Path, pattern: str, named: str)
     for path in found:
         for clip in _selected(path):
             way = clip.relative_to(root)
-            yield _Named((way.parent / result_stem(clip)).as_posix(), str(clip.absolute()), (folder / way).as_posix())
+            yield _Named((way.parent / clip_stem(clip)).as_posix(), str(clip.absolute()), (folder / way).as_posix())
 
 
 def _selected(path: Path) -> tuple[Path, ...]:

@@ -135,7 +135,7 @@ def _source(job: Job, clip: Clip) -> dict[str, Any]:
         "licence": source.licence,
         "objects": [track.name for track in clip.objects],
         "files": list(source.files),
-        "notes": list(source.notes),
+        "notes": [*source.notes, *source.doubts],
     }
 
 

@@ -8,6 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from types import FrameType
 
 from hoi_retarget.batch.manifest import MANIFEST, STATUSES, Entry
@@ -49,11 +50,13 @@ def execute(command: Batch) -> int:
 
 def _specification(command: Batch) -> Specification:
     if command.source.is_dir():
-        return of_folder(command.source, command.objects)
-    if command.objects is not None:
-        raise ArgumentError(
-            f'--objects {command.objects} is for a folder of clips. In {command.source} write objects = "...".'
-        )
+        specification = of_folder(command.source, command.objects)
+        return replace(specification, body_models=command.body_models, labels=command.labels)
+    for name in ("objects", "body_models", "labels"):
+        value = getattr(command, name)
+        if value not in (None, "auto"):
+            option = f"--{name.replace('_', '-')}"
+            raise ArgumentError(f'{option} {value} is for a folder of clips. In {command.source} write {name} = "...".')
     return read_specification(command.source)
 
 

@@ -85,6 +85,10 @@ class Batch:
     """Folder for the results and their manifest; made when it does not exist."""
     objects: OptionalFolder = None
     """Folder with the objects' geometry of a folder of clips, by default DIR/objects."""
+    body_models: OptionalFolder = None
+    """Folder with SMPL-X or SMPL-H models, for a folder of clips."""
+    labels: Literal["auto", "proximity", "interact"] = "auto"
+    """Where contacts of a folder of clips come from, as for run."""
     workers: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: the number of cores)")] = None
     """How many clips are worked on at a time."""
     engine: Literal["local", "ray"] = "local"

@@ -17,7 +17,6 @@ from hoi_retarget.metrics import HandToHand, Score
 from hoi_retarget.motion import Motion
 from hoi_retarget.pipeline import Config
 from hoi_retarget.readers import can_be_clip
-from hoi_retarget.readers.grasp_check import grasp_faults, grasp_figures
 from hoi_retarget.readers.objects import known_objects
 from hoi_retarget.recordings import open_clip, result_stem
 from hoi_retarget.results import converged, result_paths, retarget_people, write
@@ -68,13 +67,12 @@ def _run_clip(
     """Retarget all people of one clip, then write their results; return what is where."""
     start = time.process_time()
     clip = open_clip(path, **reading_of(command))
-    doubts = grasp_faults(grasp_figures(clip))
     if command.edits is not None:
         clip = apply(clip, load(command.edits))
     read_seconds = time.process_time() - start
     with working.aside():
         _describe_clip(path, clip)
-        for doubt in doubts:
+        for doubt in clip.source.doubts:
             warn(f"{path.name}: {doubt}")
     motions = retarget_people(clip, models, config, {"command": settings_of(replace(command, clips=(path,)))})
     paths = result_paths(clip, result_stem(path), command.out)
@@ -139,8 +137,9 @@ def _check_objects(folder: Path | None, name: str | None) -> None:
 def _describe_clip(path: Path, clip: Clip) -> None:
     objects = ", ".join(track.name for track in clip.objects) or "none"
     people = f", {len(clip.people)} people" if len(clip.people) > 1 else ""
-    dropped = f", {clip.first_source_frame} empty leading frames dropped" if clip.first_source_frame else ""
-    say(f"{path.name}: {clip.frames} frames at {clip.fps:g} frames/s{people}, object: {objects}{dropped}")
+    begins = f", from frame {clip.first_source_frame} of the recording" if clip.first_source_frame else ""
+    noun = "objects" if len(clip.objects) > 1 else "object"
+    say(f"{path.name}: {clip.frames} frames at {clip.fps:g} frames/s{people}, {noun}: {objects}{begins}")
 
 
 def _naming(path: Path, error: HoiRetargetError) -> str:

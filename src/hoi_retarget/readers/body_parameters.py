@@ -62,7 +62,7 @@ def person_of(path: Path, name: str, parameters: BodyParameters, body_models: Pa
     except ArgumentError as error:
         raise ClipError(f"{path}: person {name!r}: {error}") from error
     shape = BodyShape(model, parameters.betas)
-    return Person(name, positions[:, model.skeleton_joints], quats[:, model.skeleton_joints], shape)
+    return Person(name, positions[:, model.skeleton_joints], quats[:, model.skeleton_joints], shape=shape)
 
 
 def constant_betas(path: Path, rows: Float[np.ndarray, "T b"]) -> Float[np.ndarray, "b"]:

@@ -127,7 +127,7 @@ def fatal_fault(figures: GraspFigures) -> str:
 
 
 def checked(clip: Clip) -> Clip:
-    """Return a clip whose notes tell what its grasps say against it.
+    """Return a clip whose doubts tell what its grasps say against it.
 
     Raises `ClipError` where rotations or units are wrong beyond doubt.
     """
@@ -135,8 +135,8 @@ def checked(clip: Clip) -> Clip:
     fatal = fatal_fault(figures)
     if fatal:
         raise ClipError(f"{clip.source.path or clip.name}: {fatal}")
-    faults = tuple(fault for fault in grasp_faults(figures) if fault not in clip.source.notes)
-    return replace(clip, source=replace(clip.source, notes=(*clip.source.notes, *faults))) if faults else clip
+    faults = tuple(fault for fault in grasp_faults(figures) if fault not in clip.source.doubts)
+    return replace(clip, source=replace(clip.source, doubts=(*clip.source.doubts, *faults))) if faults else clip
 
 
 def _clearly_better(other: float, spread: float) -> bool:
@@ -160,8 +160,9 @@ def _shifted_spread(clip: Clip, held: list[ContactTrack], shift: int, least: int
         within = (before >= 0) & (before < len(points))
         moved = within & track.active[np.where(within, before, 0)]
         parts += [_deviations(points[a:b]) for a, b in runs(moved) if b - a >= least]
-    # Without any contact left, nothing speaks for the shift.
-    return _root_mean(parts) if parts else float("inf")
+    # Where few frames of contact are left, nothing speaks for the shift.
+    held_before = sum(b - a for track in held for a, b in track.segments if b - a >= least)
+    return _root_mean(parts) if 2 * sum(map(len, parts)) > held_before else float("inf")
 
 
 def _reach(clip: Clip, held: list[ContactTrack]) -> float:

@@ -209,7 +209,7 @@ def _own_person(fields: Fields, pose: Float[np.ndarray, "T 22 3"]) -> Person:
             "SMPL-X's T-pose has them. Download it again."
         )
     fingers.add_straight_fingers(positions[:, None], quats[:, None])
-    return Person("person", positions, quats)
+    return Person("person", positions, quats, fingers_recorded=False)
 
 
 def _gap_notes(path: Path, own: Person, modelled: Person) -> tuple[str, ...]:

@@ -43,7 +43,7 @@ class Arrays:
         """Return an array; letters in its shape stand for any length. Raises `ClipError`."""
         self._used.add(name)
         if name not in self._members:
-            close = difflib.get_close_matches(name, self._members, n=1)
+            close = difflib.get_close_matches(name, self._members, n=1, cutoff=0.75)
             known = f"Did you mean {close[0]!r}?" if close else f"It has {', '.join(sorted(self._members)[:20])}."
             raise ClipError(f"{self.path}: the clip lacks {name!r}, {meaning}. {known} {DOCUMENT}")
         try:

@@ -30,10 +30,13 @@ def people_of(arrays: Arrays) -> tuple[tuple[Person, ...], tuple[str, ...]]:
     all_positions, all_quats = np.zeros((frames, people, len(JOINTS), 3)), np.zeros((frames, people, len(JOINTS), 4))
     all_positions[:, :, present], all_quats[:, :, present] = positions, quats
     notes = ()
-    if len(names) < len(JOINTS):
+    recorded = len(names) == len(JOINTS)
+    if not recorded:
         fingers.add_straight_fingers(all_positions, all_quats)
         notes = (fingers.NOTE,)
-    made = tuple(Person(name, all_positions[:, i], all_quats[:, i]) for i, name in enumerate(called))
+    made = tuple(
+        Person(name, all_positions[:, i], all_quats[:, i], fingers_recorded=recorded) for i, name in enumerate(called)
+    )
     for person in made:
         _check_rotations(arrays.path, person)
     return made, notes
