@@ -213,7 +213,7 @@ def test_what_is_missing_is_named(root, models):
     with pytest.raises(ReadError, match=r"object_fit_all\.npz: not a readable \.npz"):
         read_clip(folder, body_models=models)
     (folder / "object_fit_all.npz").unlink()
-    with pytest.raises(ReadError, match="this is a folder, and not the recording"):
+    with pytest.raises(ReadError, match="looks like a recording of behave, but lacks object_fit_all"):
         read_clip(folder, body_models=models)
 
 

@@ -143,4 +143,4 @@ def test_a_folder_of_recordings_is_counted_with_the_command_that_makes_all(two_p
     assert inspect(tmp_path).description == "1 recording: 1 unreadable"
     (tmp_path / "broken.pt").unlink()
     assert main(["inspect", str(tmp_path)]) == 1
-    assert "There is no clip in this folder" in capsys.readouterr().err
+    assert "There is no clip in it or below" in capsys.readouterr().err

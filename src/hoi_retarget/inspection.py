@@ -28,6 +28,7 @@ from hoi_retarget.readers import (
     reader_of,
     recordings_below,
     select,
+    why_no_clip,
 )
 from hoi_retarget.readers.body_parameters import TITLES
 from hoi_retarget.readers.intermimic_objects import geometry_of
@@ -439,7 +440,7 @@ def _with_command(facts: Inspection, path: Path, objects: Path | None, object_na
 def _inspect_folder(path: Path, reading: Mapping[str, Any]) -> Inspection:
     found = recordings_below(path)
     if not found:
-        problem = "There is no clip in this folder or below. docs/sources.md tells what recordings look like."
+        problem = f"There is no clip in it or below. {why_no_clip(path)}"
         return Inspection(str(path), UNKNOWN, "a folder", problems=(problem,))
     kinds = Counter(map(_format_of, found))
     counted = ", ".join(f"{count} {name}" for name, count in kinds.most_common())

@@ -16,7 +16,7 @@ from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.metrics import HandToHand, Score
 from hoi_retarget.motion import Motion
 from hoi_retarget.pipeline import Config
-from hoi_retarget.readers import can_be_clip
+from hoi_retarget.readers import can_be_clip, recordings_below, why_no_clip
 from hoi_retarget.readers.objects import known_objects
 from hoi_retarget.recordings import open_clip, result_stem
 from hoi_retarget.results import converged, result_paths, retarget_people, write
@@ -102,7 +102,9 @@ def _check_clips(clips: Sequence[Path]) -> None:
     seen: dict[str, Path] = {}
     for path in clips:
         if _is_folder(path) and not can_be_clip(path):
-            raise ArgumentError(f"{path} is a folder. Name the clips in it, such as {path}/*.pt.")
+            below = recordings_below(path)
+            hint = f"Name clips in it, such as {below[0]}, or use batch." if below else why_no_clip(path)
+            raise ArgumentError(f"{path} is a folder. {hint}")
         stem = result_stem(path)
         other = seen.setdefault(stem, path)
         if other is not path:

@@ -103,8 +103,7 @@ def reader_of(file: SourceFile) -> Reader:
     if file.suffix in _EXPLAINING:
         return _EXPLAINING[file.suffix]
     if file.suffix == FOLDER:
-        kinds = f" ({', '.join(reader.format for reader in fitting)})" if fitting else ""
-        raise ReadError(f"{file.name}: this is a folder, and not the recording of one clip{kinds}. Name a clip in it.")
+        raise ReadError(f"{file.name}: {why_no_clip(file.path)}")
     if fitting:
         names = ", ".join(reader.format for reader in fitting)
         raise ReadError(
@@ -134,6 +133,17 @@ def recordings_below(folder: Path, pattern: str = "**/*") -> tuple[Path, ...]:
         if not (found and path.is_relative_to(found[-1])) and can_be_clip(path):
             found.append(path)
     return tuple(found)
+
+
+def why_no_clip(folder: Path) -> str:
+    """Return why a folder is not one clip: what it lacks, where some of its files tell what it should be."""
+    fitting = [reader for reader in READERS.values() if FOLDER in reader.suffixes]
+    for reader in fitting:
+        missing = [name for name in reader.parts if not (folder / name).is_file()]
+        if 0 < len(missing) < len(reader.parts):
+            return f"It looks like a recording of {reader.format}, but lacks {', '.join(missing)}. Download it again."
+    kinds = ", ".join(reader.format for reader in fitting)
+    return f"This folder is not the recording of one clip ({kinds}). Name a clip in it."
 
 
 def has_companions(path: Path) -> bool:

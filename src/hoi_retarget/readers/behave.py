@@ -278,7 +278,7 @@ def _geometry(file: SourceFile, options: ReadOptions, category: str) -> ObjectGe
     if options.objects is not None:
         candidates = [options.objects / category / mesh, options.objects / mesh]
     else:
-        folder = folder_of_tree(file.path, "objects", category)
+        folder = folder_of_tree(file.path, "objects", category, beside="sequences")
         candidates = [folder / mesh]
     return first_mesh(category, candidates, centred=True)
 
@@ -286,6 +286,7 @@ def _geometry(file: SourceFile, options: ReadOptions, category: str) -> ObjectGe
 READER = Reader(
     format=FORMAT,
     suffixes=(FOLDER,),
+    parts=(_PERSON, _OBJECT),
     floor_at_zero=False,
     holds=holds,
     read=read_file,

@@ -37,9 +37,11 @@ def folder_above(path: Path, *steps: str) -> Path | None:
     return None
 
 
-def folder_of_tree(path: Path, *steps: str) -> Path:
-    """Return the same, and without one where it should be: beside the recording."""
-    return folder_above(path, *steps) or path.resolve().parent.joinpath(*steps)
+def folder_of_tree(path: Path, *steps: str, beside: str = "") -> Path:
+    """Return the same, and without one where it should be: beside a folder of that name that the recording is in."""
+    above = path.resolve().parents
+    place = next((folder.parent for folder in above if folder.name == beside), above[0])
+    return folder_above(path, *steps) or place.joinpath(*steps)
 
 
 def refuse_object_name(file: SourceFile, options: ReadOptions, names: str) -> None:

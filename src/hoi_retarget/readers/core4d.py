@@ -174,7 +174,7 @@ def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeomet
     if options.objects is not None:
         candidates = [options.objects.joinpath(*within), options.objects / mesh]
     else:
-        folder = folder_of_tree(file.path, _MESHES)
+        folder = folder_of_tree(file.path, _MESHES, beside="human_object_motions")
         candidates = [folder.joinpath(*within)]
     return first_mesh(name, candidates, centred=False)
 

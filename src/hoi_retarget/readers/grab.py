@@ -157,7 +157,7 @@ def _template(file: SourceFile, named: str, gender: str) -> Float[np.ndarray, "V
     if gender not in get_args(Gender):
         raise ClipError(f"{file.name}: gender is {gender[:40]!a}, expected {' or '.join(get_args(Gender))}.")
     plain = file.beside(PurePosixPath(named).name).name  # A plain name, or an error.
-    folder = folder_of_tree(file.path, _TOOLS, _SUBJECTS)
+    folder = folder_of_tree(file.path, _TOOLS, _SUBJECTS, beside="grab")
     candidates = (folder / gender / plain, folder / plain)
     for path in candidates:
         if path.is_file():
@@ -191,7 +191,7 @@ def _geometry(file: SourceFile, name: str, named: str, objects: Path | None) -> 
     if objects is not None:
         folders = [objects, objects / _MESHES[-1]]
     else:
-        tools = folder_of_tree(file.path, _TOOLS, _MESHES[0])
+        tools = folder_of_tree(file.path, _TOOLS, _MESHES[0], beside="grab")
         folders = [tools / _MESHES[1], tools]
     return first_mesh(name, [folder / plain for folder in folders], centred=False)
 

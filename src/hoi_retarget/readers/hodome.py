@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from hoi_retarget.clip import MINIMUM_FRAMES, Clip, ObjectGeometry, ObjectTrack, Person, Source
-from hoi_retarget.errors import ClipError, ReadError
+from hoi_retarget.errors import ClipError, GeometryError, ReadError
 from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.companions import folder_above, folder_of_tree
 from hoi_retarget.readers.fields import Fields
@@ -241,9 +241,14 @@ def _track(pair: _Pair, name: str, geometry: ObjectGeometry) -> ObjectTrack:
 
 
 def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeometry:
-    folder = options.objects or folder_of_tree(file.path, _MESHES)
+    folder = options.objects or folder_of_tree(file.path, _MESHES, beside="smplx")
     # The full scan has another mean of its vertices.
-    return first_mesh(name, [folder / name / f"{name}_face1000.obj"], centred=True)
+    try:
+        return first_mesh(name, [folder / name / f"{name}_face1000.obj"], centred=True)
+    except GeometryError as error:
+        if options.object_name is not None:
+            raise
+        raise GeometryError(f"{error} Where the sequence's last word is not the object, pass --object NAME.") from error
 
 
 READER = Reader(

@@ -345,6 +345,7 @@ def _mesh_notes(tracks: Sequence[ObjectTrack]) -> tuple[str, ...]:
 READER = Reader(
     format=FORMAT,
     suffixes=(FOLDER,),
+    parts=(_HUMAN, "object.npz"),
     floor_at_zero=True,
     holds=holds,
     read=read_file,

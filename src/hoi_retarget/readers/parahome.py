@@ -308,7 +308,7 @@ def _is_still(track: ObjectTrack) -> bool:
 def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeometry:
     thing, _, part = name.rpartition("_")
     file.beside(thing, part)  # Plain names, or an error.
-    folder = options.objects or folder_of_tree(file.path, "scan")
+    folder = options.objects or folder_of_tree(file.path, "scan", beside="seq")
     path = folder / thing / "simplified" / f"{part}.obj"
     if not path.is_file():
         raise GeometryError(
@@ -465,6 +465,7 @@ def _palm_quats(path: Path, hand: Float[np.ndarray, "T 25 3"], sign: float) -> F
 READER = Reader(
     format=FORMAT,
     suffixes=(FOLDER,),
+    parts=(_POSES, _JOINTS),
     floor_at_zero=False,
     holds=holds,
     read=read_file,

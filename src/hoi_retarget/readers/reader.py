@@ -67,6 +67,8 @@ class Reader:
     """Returns the clip; raises `ReadError`, `ClipError`, `GeometryError`, `BodyModelError` or `ArgumentError`."""
     clips_in: Callable[[SourceFile], tuple[str, ...]] = _is_one_clip
     """Returns the names of the clips to select from; none where the recording is one clip."""
+    parts: tuple[str, ...] = ()
+    """Files that a folder of this format has, where some alone tell that the others are missing."""
     outline: Callable[[SourceFile], Outline] | None = None
     """Returns what the recording is and holds, cheaply; raises `ReadError` or `ClipError`. None for the formats that
     `inspect` looks into more closely."""
