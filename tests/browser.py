@@ -10,6 +10,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+PATIENCE_MS = 120_000  # Two browsers that draw without a graphics card can stall each other.
 WINDOW = {"width": 1100, "height": 700}
 CONTROLS_PX, CURVES_PX = 330, 320  # What panels cover of the window, at the right and at the bottom.
 
@@ -51,8 +52,9 @@ def chromium() -> Iterator:
 def open_page(browser, address: str):
     """Open a page of a Viser server in a tab of its own, and wait for its controls."""
     page = browser.new_page(viewport=WINDOW)
+    page.set_default_timeout(PATIENCE_MS)
     page.goto(address)
-    page.get_by_text("Playback", exact=True).wait_for(timeout=60_000)
+    page.get_by_text("Playback", exact=True).wait_for()
     # A warning that there is no graphics card would lie over the scene.
     page.add_style_tag(content=".mantine-Notification-root { display: none; }")
     return page
@@ -67,7 +69,7 @@ def scene_pixels(page) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), dtype=int)
 
 
-def wait_until(holds: Callable[[], bool], what: str, seconds: float = 30.0) -> None:
+def wait_until(holds: Callable[[], bool], what: str, seconds: float = PATIENCE_MS / 1000) -> None:
     """Wait for something to happen; fail, saying what, when it does not."""
     end = time.monotonic() + seconds
     while not holds():

@@ -22,7 +22,7 @@ from hoi_retarget.viewers.editor import Editor, Places
 from hoi_retarget.viewers.server import address, open_server
 from hoi_retarget.viewers.visitors import serve_visitors
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 MODEL = MODELS["unitree_g1"]
 HANDLE = 0.17  # Where along an axis the handle's arrow is taken [m].

@@ -389,6 +389,7 @@ def pixels(picture: bytes) -> np.ndarray:
 
 
 @pytest.mark.browser
+@pytest.mark.slow
 def test_a_gallery_plays_from_its_folder_without_a_network(browser, tmp_path: Path) -> None:
     motion = carried()
     with gallery_in(tmp_path / "out", NASTY) as gallery:

@@ -19,7 +19,7 @@ from hoi_retarget.viewers.exhibit import load_exhibit
 from hoi_retarget.viewers.server import address, open_server
 from hoi_retarget.viewers.view_page import serve_exhibit
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
