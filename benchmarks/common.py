@@ -18,8 +18,8 @@ from rich.table import Table
 from rich.text import Text
 
 from hoi_retarget import synthetic
-from hoi_retarget.clip import Clip
-from hoi_retarget.recordings import open_clip
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.readers.open import open_clip
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import RobotModel, load_model
 

@@ -14,10 +14,10 @@ import tyro
 from common import Source, clip_files, model_of, peak_memory, pin_threads, run_fresh, show, write_json
 
 from hoi_retarget import synthetic
-from hoi_retarget.motion import Motion
-from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.trajopt.windows import Horizon, parse_horizon
 from hoi_retarget.robots.model import RobotModel
-from hoi_retarget.trajopt.windows import Horizon, parse_horizon
 
 FIGURES = (
     ("contact_gap_m", "gap [mm]", 1e3, 2),

@@ -13,10 +13,10 @@ import numpy as np
 import tyro
 from common import clip_files, pin_threads, show, write_json
 
-from hoi_retarget.clip import Clip, ContactTrack
-from hoi_retarget.contact_labels import PROXIMITY, InterAct, Proximity, label_contacts, nearness, touching
+from hoi_retarget.clip.clip import Clip, ContactTrack
+from hoi_retarget.clip.label_contacts import PROXIMITY, InterAct, Proximity, label_contacts, nearness, touching
+from hoi_retarget.human.skeleton import HANDS
 from hoi_retarget.readers import read_clip
-from hoi_retarget.skeleton import HANDS
 
 REACH = 15  # Frames around a recorded edge in which ours is looked for.
 TOUCHES = (0.002, 0.004, 0.006, 0.008, 0.010, 0.012, 0.015, 0.020, 0.030)  # [m]

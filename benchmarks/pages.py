@@ -19,18 +19,18 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from browser import chromium, open_page, scene_pixels, wait_until
-from hoi_retarget.contact_edits import ContactEdits, Move
-from hoi_retarget.pipeline import Config
-from hoi_retarget.recordings import open_clip
+from hoi_retarget.clip.edits import ContactEdits, Move
+from hoi_retarget.readers.open import open_clip
+from hoi_retarget.retarget.pipeline import Config
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
-from hoi_retarget.viewers.editing import Editing, solved
-from hoi_retarget.viewers.editor import Editor, Places
-from hoi_retarget.viewers.exhibit import exhibit_of
-from hoi_retarget.viewers.player import Player
-from hoi_retarget.viewers.scene import Shown
-from hoi_retarget.viewers.server import address, open_server
-from hoi_retarget.viewers.visitors import serve_visitors
+from hoi_retarget.viewers.browser.client_sessions import serve_visitors
+from hoi_retarget.viewers.browser.editing import Editing, solved
+from hoi_retarget.viewers.browser.editor import Editor, Places
+from hoi_retarget.viewers.browser.page_content import exhibit_of
+from hoi_retarget.viewers.browser.player import Player
+from hoi_retarget.viewers.browser.server import address, open_server
+from hoi_retarget.viewers.scene.scene import Shown
 
 CHANGES = 25
 SAMPLED_SECONDS = 5.0

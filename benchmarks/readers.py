@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import tyro
 
-from hoi_retarget.clip import Clip
+from hoi_retarget.clip.clip import Clip
 from hoi_retarget.readers import read_clip
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))  # What writes recordings belongs to the tests.

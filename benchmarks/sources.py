@@ -21,7 +21,7 @@ import omomo_writer
 import own_layout_writer
 import parahome_writer
 from hoi_retarget import synthetic
-from hoi_retarget.clip import Clip
+from hoi_retarget.clip.clip import Clip
 from hoi_retarget.readers import (
     behave,
     cari4d,

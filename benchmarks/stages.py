@@ -14,10 +14,11 @@ import numpy as np
 import tyro
 from common import clip_files, model_of, pin_threads, show, taken, write_json
 
-from hoi_retarget import motion, synthetic
-from hoi_retarget.clip import Clip
-from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget import synthetic
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.motion.result_file import save
 from hoi_retarget.readers import read_clip
+from hoi_retarget.retarget.pipeline import Config, retarget
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.model import RobotModel
 
@@ -54,7 +55,7 @@ def measure(read: Callable[[], Clip], model: RobotModel, out: Path, frames: int 
     result = retarget(clip, model, Config())
     seconds |= result.report["cpu_seconds"]
     start = time.process_time()
-    motion.save(result, out / f"{clip.name}.npz")
+    save(result, out / f"{clip.name}.npz")
     seconds["write"] = time.process_time() - start
     return {"clip": clip.name, "frames": clip.frames, "seconds": seconds}
 

@@ -12,13 +12,13 @@ import numpy as np
 import tyro
 from common import model_of, pin_threads, show, write_json
 
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip
-from hoi_retarget.contact_edits import ContactEdits, Edit, FixAll, SnapAll, apply, segments_of
-from hoi_retarget.contact_labels import label_contacts
-from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.edits import ContactEdits, Edit, FixAll, SnapAll, apply, segments_of
+from hoi_retarget.clip.label_contacts import label_contacts
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.retarget.pipeline import Config, retarget
 from hoi_retarget.robots.model import RobotModel
-from hoi_retarget.surface import surface_of
 from hoi_retarget.synthetic import make
 from hoi_retarget.synthetic.reconstruction import Noise, reconstructed
 

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from hoi_retarget.pipeline import Config
-from hoi_retarget.results import retarget_people
+from hoi_retarget.retarget.multi_person import retarget_people
+from hoi_retarget.retarget.pipeline import Config
 from hoi_retarget.robots import team
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import make
-from hoi_retarget.viewers import film
-from hoi_retarget.viewers.camera import View
-from hoi_retarget.viewers.robot_picture import png
-from hoi_retarget.viewers.scene import Shown
+from hoi_retarget.viewers.offscreen import film
+from hoi_retarget.viewers.offscreen.robot_picture import png
+from hoi_retarget.viewers.scene.camera import View
+from hoi_retarget.viewers.scene.scene import Shown
 
 IMAGES = Path(__file__).parent / "images"
 

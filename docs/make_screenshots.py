@@ -12,18 +12,18 @@ from PIL import Image
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from browser import chromium
-from hoi_retarget.contact_edits import ContactEdits
-from hoi_retarget.pipeline import Config
-from hoi_retarget.recordings import open_clip
+from hoi_retarget.clip.edits import ContactEdits
+from hoi_retarget.readers.open import open_clip
+from hoi_retarget.retarget.pipeline import Config
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
-from hoi_retarget.viewers.edit_page import serve_editor
-from hoi_retarget.viewers.editing import solved
-from hoi_retarget.viewers.editor import Places
-from hoi_retarget.viewers.exhibit import exhibit_of
-from hoi_retarget.viewers.scene import Shown
-from hoi_retarget.viewers.server import address, open_server
-from hoi_retarget.viewers.view_page import serve_exhibit
+from hoi_retarget.viewers.browser.edit_page import serve_editor
+from hoi_retarget.viewers.browser.editing import solved
+from hoi_retarget.viewers.browser.editor import Places
+from hoi_retarget.viewers.browser.page_content import exhibit_of
+from hoi_retarget.viewers.browser.server import address, open_server
+from hoi_retarget.viewers.browser.view_page import serve_exhibit
+from hoi_retarget.viewers.scene.scene import Shown
 
 IMAGES = Path(__file__).parent / "images"
 WINDOW = {"width": 1440, "height": 900}

@@ -13,9 +13,9 @@ from hashlib import sha256
 
 import numpy as np
 
-from hoi_retarget.exporters import Result, export, format_named
-from hoi_retarget.motion import encode
-from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.motion.exporters import Result, export, format_named
+from hoi_retarget.motion.result_file import encode
+from hoi_retarget.retarget.pipeline import Config, retarget
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import make

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from hoi_retarget.cli import main as hoi_retarget
-from hoi_retarget.skeleton import JOINTS
+from hoi_retarget.human.skeleton import JOINTS
 from hoi_retarget.synthetic import make
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.numerics import se3
 from source_people import in_world, parameters_of
 
 SEQUENCE = "Date03_Sub04_chairwood_sit"

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from hoi_retarget.bodies import JOINT_COUNT, Family
-from hoi_retarget.skeleton import JOINTS, PARENT
+from hoi_retarget.human.body_model import JOINT_COUNT, Family
+from hoi_retarget.human.skeleton import JOINTS, PARENT
 
 FACE = ("jaw", "left_eye", "right_eye")
 CORNERS = 4  # Vertices around each joint.

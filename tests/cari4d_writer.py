@@ -9,8 +9,8 @@ from unittest import mock
 
 import numpy as np
 
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.numerics import se3
 from source_people import betas_of, in_world, parameters_of
 from torch_writer import torch_bytes
 

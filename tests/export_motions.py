@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from hoi_retarget import se3
-from hoi_retarget.exporters import Result
-from hoi_retarget.motion import Motion
+from hoi_retarget.motion.exporters import Result
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 
 LINKS = ("left_palm", "right_palm", "left_foot", "right_foot")

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.human.skeleton import JOINTS, PARENT
+from hoi_retarget.numerics import se3
 from hoi_retarget.readers.humoto import BONES, PREFIX
-from hoi_retarget.skeleton import JOINTS, PARENT
 from source_people import in_world, rest_joints
 
 CENTIMETRE = 0.01

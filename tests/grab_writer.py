@@ -9,9 +9,10 @@ import trimesh
 
 from body_writer import write_npz
 from hand_components import add_components
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip, ObjectTrack
-from hoi_retarget.skeleton import JOINTS
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.human.skeleton import JOINTS
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.synthetic import make
 from source_people import body_values, parameters_of
 

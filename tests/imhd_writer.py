@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from body_writer import write_npz
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.numerics import se3
 from source_people import betas_of, body_values, parameters_of
 
 NAME = Path("20230910", "20230910_af_suitcase", "freestyle1", "gt_0_338_2309.pkl")

@@ -7,8 +7,8 @@ import numpy as np
 import trimesh
 
 from body_writer import write_npz
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.numerics import se3
 from hoi_retarget.readers.interact import SUBSETS, Subset
 from source_people import betas_of, body_values, in_world, parameters_of
 

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from body_writer import write_npz
 from hand_components import add_components
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.numerics import se3
 from source_people import body_values, parameters_of
 
 SUBJECT, OBJECT, NAME = "03", "07", "chair"

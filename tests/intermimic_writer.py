@@ -4,10 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip, ContactTrack, ObjectGeometry, ObjectTrack, Person
+from hoi_retarget.clip.clip import Clip, ContactTrack
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT, PARTS
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.intermimic import BODIES, FIELDS, UPRIGHT_QUAT
-from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, PARENT, PARTS
 from torch_writer import torch_bytes
 
 BODY_ORDER = [JOINT_INDEX[name] for name in BODIES]

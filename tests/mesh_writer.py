@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from hoi_retarget.clip import ObjectGeometry
+from hoi_retarget.objects.track import ObjectGeometry
 
 
 def write_mesh(path: Path, geometry: ObjectGeometry) -> Path:

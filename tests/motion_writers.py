@@ -11,9 +11,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from hoi_retarget import se3, synthetic
-from hoi_retarget.motion import Motion, encode
-from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget import synthetic
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.result_file import encode
+from hoi_retarget.numerics import se3
+from hoi_retarget.retarget.pipeline import Config, retarget
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.model import RobotModel, load_model
 

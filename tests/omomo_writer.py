@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip, ObjectTrack
-from hoi_retarget.readers.kinematics import BODY_PARENTS
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.human.kinematics import BODY_PARENTS
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectTrack
 from joblib_writer import write_joblib
 from mesh_writer import write_mesh
 from source_people import PELVIS, betas_of, parameters_of, rest_joints

@@ -8,8 +8,9 @@ import numpy as np
 
 from body_writer import write_npz
 from hand_components import add_components
-from hoi_retarget.bodies import Family
-from hoi_retarget.clip import Clip, Person
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.human.body_model import Family
+from hoi_retarget.human.person import Person
 from hoi_retarget.readers import own_layout
 from source_people import betas_of, body_values, parameters_of
 

@@ -11,8 +11,10 @@ from unittest import mock
 
 import numpy as np
 
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip, ObjectTrack, Person
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.human.person import Person
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectTrack
 from mesh_writer import write_mesh
 from source_people import betas_of, parameters_of, write_models
 from torch_writer import REBUILD, Storage, legacy_bytes

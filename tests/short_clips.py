@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from hoi_retarget.clip import Clip
+from hoi_retarget.clip.clip import Clip
 
 
 def cut(clip: Clip, stop: int, first: int = 0) -> Clip:

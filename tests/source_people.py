@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from body_writer import CORNERS, names_of, tiny_model, write_npz
-from hoi_retarget import se3
-from hoi_retarget.bodies import Family
-from hoi_retarget.clip import Clip, Person
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.human.body_model import Family
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
+from hoi_retarget.numerics import se3
 from hoi_retarget.readers.worlds import TURN
-from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, PARENT
 
 PELVIS = np.array([0.01, -0.35, 0.02])  # Where the model's pelvis is at rest: away from its origin, as in real ones.
 

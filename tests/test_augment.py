@@ -8,15 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget import se3
-from hoi_retarget.augment import at_speed, augment, describe, mirrored
-from hoi_retarget.clip import Augmentation, Clip, ContactTrack, ObjectGeometry
+from hoi_retarget.clip.augment import at_speed, augment, describe, mirrored
+from hoi_retarget.clip.clip import Augmentation, Clip, ContactTrack
 from hoi_retarget.errors import ArgumentError, ClipError, GeometryError
-from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.human.skeleton import PARENT
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.objects.track import ObjectGeometry
+from hoi_retarget.retarget.pipeline import Config, retarget
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.model import load_model
-from hoi_retarget.skeleton import PARENT
-from hoi_retarget.surface import surface_of
 from hoi_retarget.synthetic import make
 from intermimic_writer import random_clip, write_box
 

@@ -23,15 +23,17 @@ from hoi_retarget.batch.run import run_batch
 from hoi_retarget.batch.specification import Specification, of_folder, read_specification
 from hoi_retarget.batch.work import do
 from hoi_retarget.cli import main
-from hoi_retarget.clip import Augmentation, ObjectGeometry, ObjectTrack
-from hoi_retarget.contact_edits import ContactEdits, FixAll, save
+from hoi_retarget.clip.clip import Augmentation
+from hoi_retarget.clip.edits import ContactEdits, FixAll, save
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, WriteError
-from hoi_retarget.metrics import Figures
-from hoi_retarget.motion import Motion, load
-from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.evaluate import Figures
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.result_file import load
+from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers import own_layout
-from hoi_retarget.recordings import clip_of, open_clip
-from hoi_retarget.results import with_report
+from hoi_retarget.readers.open import clip_of, open_clip
+from hoi_retarget.retarget.multi_person import with_report
+from hoi_retarget.retarget.pipeline import Config, retarget
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import make

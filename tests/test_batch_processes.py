@@ -20,7 +20,8 @@ from hoi_retarget.batch.manifest import MANIFEST, read_manifest
 from hoi_retarget.batch.pool import LocalPool, Lost
 from hoi_retarget.batch.ray_pool import RayPool
 from hoi_retarget.errors import HoiRetargetError
-from hoi_retarget.motion import Motion, load
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.result_file import load
 
 PATIENCE_S = 60.0  # On a busy machine.
 

@@ -9,18 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from behave_writer import CATEGORY, FIRST_FRAME, GENDER, SEQUENCE, files_of, renamed, times_of, write_files, write_mesh
-from hoi_retarget.errors import (
-    ArgumentError,
-    BodyModelError,
-    ClipError,
-    GeometryError,
-    HoiRetargetError,
-    ReadError,
-)
+from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, HoiRetargetError, ReadError
+from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.readers import READERS, can_be_clip, clips_in, read_clip
 from hoi_retarget.readers.behave import GENDERS, MESHES
-from hoi_retarget.readers.body_models import load_body_model
-from hoi_retarget.readers.source_file import SourceFile
+from hoi_retarget.readers.body_model_files import load_body_model
 from hoi_retarget.synthetic import make
 from short_clips import cut
 from source_people import assert_same_objects, assert_same_people, write_models

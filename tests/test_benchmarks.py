@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from hoi_retarget.readers import READERS, read_clip
-from hoi_retarget.trajopt.problem import Problem, cost_by_term
+from hoi_retarget.retarget.trajopt.problem import Problem, cost_by_term
 from trajectories import MODELS, one_term_per_file, random_qpos
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"

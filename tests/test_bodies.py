@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from scipy.sparse import csc_matrix
 
 from body_writer import CORNERS, names_of, tiny_model, write_npz, write_pickle
-from hoi_retarget import se3
-from hoi_retarget.bodies import JOINT_COUNT, BodyModel, BodyShape
 from hoi_retarget.errors import ArgumentError, ReadError
-from hoi_retarget.readers.array_pickle import parse_pickle
-from hoi_retarget.readers.body_models import load_body_model
-from hoi_retarget.skeleton import JOINTS
+from hoi_retarget.files.array_pickle import parse_pickle
+from hoi_retarget.human.body_model import JOINT_COUNT, BodyModel, BodyShape
+from hoi_retarget.human.skeleton import JOINTS
+from hoi_retarget.numerics import se3
+from hoi_retarget.readers.body_model_files import load_body_model
 
 FAST = settings(max_examples=10, deadline=None, derandomize=True, database=None)
 FAMILIES = ("smplx", "smplh")

@@ -11,14 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cari4d_writer as writer
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip, ObjectGeometry
+from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, HoiRetargetError, ReadError
+from hoi_retarget.files.pickle_machine import Unread
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.files.torch_file import parse_torch
+from hoi_retarget.human.skeleton import FEET, HANDS
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.readers import can_be_clip, cari4d, read_clip, reader_of
-from hoi_retarget.readers.pickle_machine import Unread
-from hoi_retarget.readers.source_file import SourceFile
-from hoi_retarget.readers.torch_file import parse_torch
-from hoi_retarget.skeleton import FEET, HANDS
 from hoi_retarget.synthetic import make
 from source_people import assert_same_objects, assert_same_people, body_values, write_models
 from torch_writer import archive, torch_entries

@@ -10,13 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import motion_writers as writers
-from hoi_retarget import exporters, se3
-from hoi_retarget.checking import Verdict, as_qpos, check
 from hoi_retarget.cli import main
 from hoi_retarget.cli.checkmotion import facts
 from hoi_retarget.errors import ClipError
-from hoi_retarget.exporters import Result
-from hoi_retarget.motion_files import read
+from hoi_retarget.motion import exporters
+from hoi_retarget.motion.check import Verdict, as_qpos, check
+from hoi_retarget.motion.exporters import Result
+from hoi_retarget.motion.formats import read
+from hoi_retarget.numerics import se3
 from motion_writers import Content
 
 EXPORTS = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "exports"

@@ -15,8 +15,8 @@ import pytest
 from hoi_retarget import __version__, cli
 from hoi_retarget.cli import main, program, terminal
 from hoi_retarget.cli.commands import Run
-from hoi_retarget.clip import Clip
-from hoi_retarget.motion import load
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.motion.result_file import load
 from hoi_retarget.readers import intermimic
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.synthetic import make
@@ -109,6 +109,15 @@ def test_drawing_without_a_screen_does_not_override_the_user(monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "glfw")
     program._draw_without_a_screen()
     assert os.environ["MUJOCO_GL"] == "glfw"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have one way to draw")
+def test_an_empty_choice_of_drawing_is_none(monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setattr(program.ctypes, "CDLL", lambda library: None)
+    program._draw_without_a_screen()
+    assert os.environ["MUJOCO_GL"] == "egl"
 
 
 # run

@@ -12,8 +12,7 @@ import pytest
 from hoi_retarget.cli import contacts as module
 from hoi_retarget.cli import main
 from hoi_retarget.cli.commands import Contacts
-from hoi_retarget.clip import ObjectGeometry
-from hoi_retarget.contact_edits import (
+from hoi_retarget.clip.edits import (
     OPERATIONS,
     Add,
     ContactEdits,
@@ -31,9 +30,10 @@ from hoi_retarget.contact_edits import (
     load,
     save,
 )
-from hoi_retarget.motion import load as load_motion
-from hoi_retarget.pipeline import Config, retarget
-from hoi_retarget.recordings import clip_of, open_clip
+from hoi_retarget.motion.result_file import load as load_motion
+from hoi_retarget.objects.track import ObjectGeometry
+from hoi_retarget.readers.open import clip_of, open_clip
+from hoi_retarget.retarget.pipeline import Config, retarget
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import make

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 import pytest
 
 from hoi_retarget.cli import main, serving
-from hoi_retarget.contact_edits import ContactEdits, FixAll, save
+from hoi_retarget.clip.edits import ContactEdits, FixAll, save
 from hoi_retarget.synthetic import make
 
 pytest.importorskip("viser", reason="viser is not installed")

@@ -9,10 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip, ContactTrack, ObjectGeometry, ObjectTrack, Person
+from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.errors import ClipError
-from hoi_retarget.skeleton import HANDS, HEIGHT_OVER_CHAIN, JOINT_INDEX, JOINTS, PARENT, PARTS
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import HANDS, HEIGHT_OVER_CHAIN, JOINT_INDEX, JOINTS, PARENT, PARTS
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.synthetic import make
 
 LAWS = settings(max_examples=50, deadline=None, derandomize=True, database=None)
@@ -294,5 +296,5 @@ def test_the_lowest_point_is_the_lowest_of_all_however_many_frames_are_looked_at
     turned = replace(track, quats=se3.exp(np.linspace([0.0, 0.0, 0.1], [1.0, -2.0, 0.5], len(track.quats))))
     points = se3.rotate(turned.quats[:, None], track.geometry.points[None]) + track.positions[:, None]
     for block in (1, 100, 1_000_000):
-        monkeypatch.setattr("hoi_retarget.clip._BLOCK", block)
+        monkeypatch.setattr("hoi_retarget.objects.track._BLOCK", block)
         np.testing.assert_allclose(turned.lowest, points[..., 2].min(axis=1), atol=1e-12)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hoi_retarget.viewers.clock import Clock
+from hoi_retarget.viewers.browser.clock import Clock
 
 TIMES = st.floats(0.0, 1e4)
 SPEEDS = st.sampled_from((0.1, 0.25, 0.5, 1.0, 2.0, 4.0))

@@ -5,16 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hoi_retarget import se3
 from hoi_retarget.cli import main
-from hoi_retarget.completion import floor_height, on_floor, with_contacts
-from hoi_retarget.contact_labels import GUESSED_FINGERS, InterAct, Proximity, label_contacts
+from hoi_retarget.clip.floor import floor_height, on_floor
+from hoi_retarget.clip.infer_contacts import with_contacts
+from hoi_retarget.clip.label_contacts import GUESSED_FINGERS, InterAct, Proximity, label_contacts
 from hoi_retarget.errors import ClipError
-from hoi_retarget.labelling import stance
-from hoi_retarget.motion import load
+from hoi_retarget.human.skeleton import HANDS
+from hoi_retarget.human.stance import stance
+from hoi_retarget.motion.result_file import load
+from hoi_retarget.numerics import se3
 from hoi_retarget.readers import own_layout
-from hoi_retarget.recordings import clip_of, open_clip
-from hoi_retarget.skeleton import HANDS
+from hoi_retarget.readers.open import clip_of, open_clip
 from hoi_retarget.synthetic import SCENES, make
 
 CLIP = make("carry_box")

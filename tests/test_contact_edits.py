@@ -8,8 +8,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget.clip import Clip, ContactTrack
-from hoi_retarget.contact_edits import (
+from hoi_retarget.clip.clip import Clip, ContactTrack
+from hoi_retarget.clip.edits import (
     Add,
     ContactEdits,
     Delete,
@@ -28,8 +28,8 @@ from hoi_retarget.contact_edits import (
     segments_of,
 )
 from hoi_retarget.errors import ArgumentError, ClipError
-from hoi_retarget.skeleton import PARTS
-from hoi_retarget.surface import surface_of
+from hoi_retarget.human.skeleton import PARTS
+from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.synthetic import make
 
 FAST = settings(max_examples=12, deadline=None, derandomize=True, database=None)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget.contact_edits import (
+from hoi_retarget.clip.edits import (
     Add,
     ContactEdits,
     Delete,
@@ -28,7 +28,7 @@ from hoi_retarget.contact_edits import (
     to_text,
 )
 from hoi_retarget.errors import ReadError, WriteError
-from hoi_retarget.skeleton import PARTS
+from hoi_retarget.human.skeleton import PARTS
 from hoi_retarget.synthetic import make
 
 FAST = settings(max_examples=60, deadline=None, derandomize=True, database=None)

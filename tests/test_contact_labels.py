@@ -11,16 +11,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from hoi_retarget import contact_labels, se3
-from hoi_retarget.arrays import runs
-from hoi_retarget.capsules import PART_CAPSULES, spheres
-from hoi_retarget.clip import Clip, ContactTrack, ObjectGeometry, ObjectTrack
-from hoi_retarget.contact_labels import FAR, PROXIMITY, InterAct, Proximity, label_contacts, nearness, touching
+from hoi_retarget.clip import label_contacts as contact_labels
+from hoi_retarget.clip.clip import Clip, ContactTrack
+from hoi_retarget.clip.label_contacts import FAR, PROXIMITY, InterAct, Proximity, label_contacts, nearness, touching
 from hoi_retarget.errors import ArgumentError
+from hoi_retarget.human.capsules import PART_CAPSULES, spheres
+from hoi_retarget.human.skeleton import FEET, HANDS, PARTS
+from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.arrays import runs
+from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers import read_clip
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of
-from hoi_retarget.skeleton import FEET, HANDS, PARTS
-from hoi_retarget.surface import surface_of
 from hoi_retarget.synthetic import make
 from source_people import parameters_of, write_models
 

@@ -13,12 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core4d_writer import load_person, save_person, write_world
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip
+from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, HoiRetargetError, ReadError
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.human.skeleton import JOINTS
+from hoi_retarget.numerics import se3
 from hoi_retarget.readers import can_be_clip, clips_in, core4d, read_clip, reader_of
-from hoi_retarget.readers.source_file import SourceFile
-from hoi_retarget.skeleton import JOINTS
 from hoi_retarget.synthetic import make
 from source_people import assert_same_objects, assert_same_people, write_models
 

@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.errors import RobotError
-from hoi_retarget.metrics import unreached_contacts
-from hoi_retarget.motion import Motion
-from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.evaluate import unreached_contacts
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.retarget.pipeline import Config, retarget
 from hoi_retarget.synthetic import make
-from hoi_retarget.viewers.curve_chart import LARGEST_POINTS, chart_html
-from hoi_retarget.viewers.curves import Curve, curves_of
+from hoi_retarget.viewers.scene.curve_chart import LARGEST_POINTS, chart_html
+from hoi_retarget.viewers.scene.curves import Curve, curves_of
 from trajectories import MODELS, random_qpos
 
 G1 = MODELS["unitree_g1"]

@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from browser import chromium, open_page, wait_until
-from hoi_retarget import se3
 from hoi_retarget.cli import main
-from hoi_retarget.contact_edits import ContactEdits, load
-from hoi_retarget.motion import load as load_motion
-from hoi_retarget.motion import save
-from hoi_retarget.pipeline import Config
-from hoi_retarget.recordings import open_clip
+from hoi_retarget.clip.edits import ContactEdits, load
+from hoi_retarget.motion.result_file import load as load_motion
+from hoi_retarget.motion.result_file import save
+from hoi_retarget.numerics import se3
+from hoi_retarget.readers.open import open_clip
+from hoi_retarget.retarget.pipeline import Config
 from trajectories import MODELS
 
 pytest.importorskip("viser", reason="viser is not installed")
 
-from hoi_retarget.viewers.editing import Editing, solved
-from hoi_retarget.viewers.editor import Editor, Places
-from hoi_retarget.viewers.server import address, open_server
-from hoi_retarget.viewers.visitors import serve_visitors
+from hoi_retarget.viewers.browser.client_sessions import serve_visitors
+from hoi_retarget.viewers.browser.editing import Editing, solved
+from hoi_retarget.viewers.browser.editor import Editor, Places
+from hoi_retarget.viewers.browser.server import address, open_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from hoi_retarget.contact_edits import ContactEdits, Delete, Fix, FixAll, Move, Retime, apply, load
+from hoi_retarget.clip.edits import ContactEdits, Delete, Fix, FixAll, Move, Retime, apply, load
 from hoi_retarget.errors import ArgumentError, ClipError
-from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.pipeline import Config, retarget
 from hoi_retarget.synthetic import make
-from hoi_retarget.viewers.editing import Edited, Editing, solved
-from hoi_retarget.viewers.segment_strip import ROW_HEIGHT_PX, strip_height_px, strip_html
+from hoi_retarget.viewers.browser.editing import Edited, Editing, solved
+from hoi_retarget.viewers.browser.segment_strip import ROW_HEIGHT_PX, strip_height_px, strip_html
 from trajectories import MODELS
 
 MODEL, CONFIG = MODELS["unitree_g1"], Config()

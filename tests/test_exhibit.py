@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from hoi_retarget.clip import ObjectGeometry
-from hoi_retarget.motion import save
-from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.motion.result_file import save
+from hoi_retarget.objects.track import ObjectGeometry
+from hoi_retarget.retarget.pipeline import Config, retarget
 from hoi_retarget.synthetic import make
-from hoi_retarget.viewers.exhibit import load_exhibit
+from hoi_retarget.viewers.browser.page_content import load_exhibit
 from trajectories import MODELS
 
 CLIP = make("carry_box", fps=15.0, seconds=3.0)

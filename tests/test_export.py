@@ -15,15 +15,16 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
 from export_motions import LINKS, SOURCE, as_result
-from hoi_retarget import __version__, se3
+from hoi_retarget import __version__
 from hoi_retarget.errors import ArgumentError, ClipError
-from hoi_retarget.exporters import FORMATS, NAMES, Exported, Result, export, format_named
-from hoi_retarget.exporters.encoding import to_pickle
-from hoi_retarget.exporters.normals import outward_normals
-from hoi_retarget.motion_files import read as read_motion
-from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.motion.exporters import FORMATS, NAMES, Exported, Result, export, format_named
+from hoi_retarget.motion.exporters.encoding import to_pickle
+from hoi_retarget.motion.exporters.normals import outward_normals
+from hoi_retarget.motion.formats import read as read_motion
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.mesh import Surface
+from hoi_retarget.retarget.pipeline import Config, retarget
 from hoi_retarget.robots.model import RobotModel
-from hoi_retarget.surface import Surface
 from hoi_retarget.synthetic import make
 from trajectories import MODELS
 

@@ -9,8 +9,8 @@ import pytest
 
 from export_motions import smooth_motion
 from hoi_retarget.cli import main
-from hoi_retarget.exporters import FORMATS, NAMES
-from hoi_retarget.motion import save
+from hoi_retarget.motion.exporters import FORMATS, NAMES
+from hoi_retarget.motion.result_file import save
 from hoi_retarget.synthetic import LICENCE
 from trajectories import MODELS
 

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
 from export_motions import smooth_motion
-from hoi_retarget import se3
 from hoi_retarget.errors import ArgumentError, ClipError
-from hoi_retarget.exporters.links import breadth_first, link_states
-from hoi_retarget.exporters.resample import resample
-from hoi_retarget.exporters.trajectory import Trajectory
-from hoi_retarget.motion import Motion
+from hoi_retarget.motion.exporters.links import breadth_first, link_states
+from hoi_retarget.motion.exporters.resample import resample
+from hoi_retarget.motion.exporters.trajectory import Trajectory
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 from trajectories import MODELS
 

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget import se3
-from hoi_retarget.footing import (
+from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.filters import frames_in, smooth, smooth_quats
+from hoi_retarget.retarget.foot_planting import (
     LARGEST_TILT,
     RAMP_SECONDS,
     Foot,
@@ -18,7 +19,6 @@ from hoi_retarget.footing import (
     without_flicker,
 )
 from hoi_retarget.robots.spec import SIDES
-from hoi_retarget.signals import frames_in, smooth, smooth_quats
 from trajectories import MODELS
 
 LAWS = settings(max_examples=40, deadline=None, derandomize=True, database=None)

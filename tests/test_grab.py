@@ -22,11 +22,11 @@ from grab_writer import (
     write_model,
     write_tools,
 )
-from hoi_retarget import se3
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, HoiRetargetError, ReadError
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.human.skeleton import PARTS
+from hoi_retarget.numerics import se3
 from hoi_retarget.readers import READERS, can_be_clip, grab, read_clip
-from hoi_retarget.readers.source_file import SourceFile
-from hoi_retarget.skeleton import PARTS
 from source_people import assert_same_objects, assert_same_people, in_world
 
 CLIP = clip_on_table()

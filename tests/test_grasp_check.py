@@ -9,13 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget import se3
 from hoi_retarget.cli import main
-from hoi_retarget.clip import Clip, ObjectTrack
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.grasp_check import checked, fatal_fault, grasp_faults, grasp_figures
 from hoi_retarget.errors import ClipError
-from hoi_retarget.inspection import inspect
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.readers import own_layout, read_clip
-from hoi_retarget.readers.grasp_check import checked, fatal_fault, grasp_faults, grasp_figures
+from hoi_retarget.readers.describe import inspect
 from hoi_retarget.synthetic import SCENES, make
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"

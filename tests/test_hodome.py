@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hodome_writer import write_sequence
-from hoi_retarget import se3
 from hoi_retarget.errors import BodyModelError, ClipError, GeometryError, HoiRetargetError, ReadError
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.numerics import se3
 from hoi_retarget.readers import read_clip, reader_of
 from hoi_retarget.readers.hodome import FORMAT, READER
-from hoi_retarget.readers.source_file import SourceFile
 from hoi_retarget.synthetic import make
 from npz_changes import changed, damage
 from short_clips import cut

@@ -13,13 +13,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glb_writer import Glb, bound_arms_down, humoto
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip
+from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, HoiRetargetError, ReadError
-from hoi_retarget.readers import can_be_clip, gltf, read_clip, reader_of, rest_pose
+from hoi_retarget.files import gltf
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.human import rest_pose
+from hoi_retarget.human.skeleton import JOINT_INDEX
+from hoi_retarget.numerics import se3
+from hoi_retarget.readers import can_be_clip, read_clip, reader_of
 from hoi_retarget.readers import humoto as reader
-from hoi_retarget.readers.source_file import SourceFile
-from hoi_retarget.skeleton import JOINT_INDEX
 from hoi_retarget.synthetic import make
 from source_people import assert_same_objects, assert_same_people
 

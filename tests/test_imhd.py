@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget import se3
 from hoi_retarget.errors import BodyModelError, ClipError, GeometryError, HoiRetargetError, ReadError
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.numerics import se3
 from hoi_retarget.readers import read_clip, reader_of
 from hoi_retarget.readers.imhd import FORMAT, READER
-from hoi_retarget.readers.source_file import SourceFile
 from hoi_retarget.synthetic import make
 from imhd_writer import NAME, write_recording
 from short_clips import cut

@@ -8,11 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget import motion
 from hoi_retarget.errors import ReadError
-from hoi_retarget.inspection import Inspection, inspect
+from hoi_retarget.human.skeleton import PARTS
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.result_file import save
 from hoi_retarget.readers import read_clip
-from hoi_retarget.skeleton import PARTS
+from hoi_retarget.readers.describe import Inspection, inspect
 from hoi_retarget.synthetic import make
 from intermimic_writer import columns_of, random_clip, write_box, write_clip
 from torch_writer import legacy_bytes, torch_bytes
@@ -41,8 +42,8 @@ def multi(frames: int = 6, names: tuple[str, ...] = ("cup_base", "desk_base")) -
     return {"objects": list(names), "data": data, "joints": {"lid": states}, "metadata": {"expression": "Pour"}}
 
 
-def result() -> motion.Motion:
-    return motion.Motion(
+def result() -> Motion:
+    return Motion(
         robot="test_robot",
         fps=50.0,
         joint_names=("a", "b"),
@@ -148,7 +149,7 @@ def test_several_objects_are_described(folder, writer):
 
 
 def test_results_are_described(folder):
-    motion.save(result(), folder / "clip.npz")
+    save(result(), folder / "clip.npz")
     facts = inspect(folder / "clip.npz")
     assert (facts.format, facts.frames, facts.fps, facts.fps_stated) == ("hoi-retarget-motion", 6, 50.0, True)
     assert "test_robot" in facts.description
@@ -205,7 +206,7 @@ def _seeds() -> dict[str, bytes]:
 def test_damaged_bytes_are_described_or_refused(tmp_path_factory, data):
     folder = tmp_path_factory.getbasetemp() / "inspected"
     write_box(folder / "objects", "box")
-    motion.save(result(), folder / "seed.npz")
+    save(result(), folder / "seed.npz")
     seeds = {**_seeds(), ".npz": (folder / "seed.npz").read_bytes()}
     suffix = data.draw(st.sampled_from(sorted(seeds)))
     content = bytearray(seeds[suffix])

@@ -13,9 +13,9 @@ from hoi_retarget.batch.jobs import jobs_of
 from hoi_retarget.batch.specification import of_folder
 from hoi_retarget.cli import main
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.inspection import inspect
-from hoi_retarget.motion import load
-from hoi_retarget.recordings import result_stem
+from hoi_retarget.motion.result_file import load
+from hoi_retarget.readers.describe import inspect
+from hoi_retarget.readers.open import result_stem
 from hoi_retarget.synthetic import make
 from npz_changes import changed
 from source_people import write_models

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from behave_writer import renamed
-from hoi_retarget.clip import Clip
+from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, HoiRetargetError, ReadError
+from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.readers import READERS, can_be_clip, read_clip
 from hoi_retarget.readers.intercap import MALE, OBJECTS
-from hoi_retarget.readers.source_file import SourceFile
 from hoi_retarget.synthetic import make
 from intercap_writer import (
     NAME,

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget import se3
 from hoi_retarget.errors import ClipError, GeometryError, HoiRetargetError, ReadError
+from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT, PARTS
+from hoi_retarget.numerics import se3
 from hoi_retarget.readers import READERS, read_clip
 from hoi_retarget.readers.intermimic import FIELDS, read
-from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, PARENT, PARTS
 from intermimic_writer import columns_of, random_clip, write_box, write_clip
 from torch_writer import torch_bytes
 

@@ -9,12 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip, ContactTrack, ObjectTrack
+from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, HoiRetargetError, ReadError
-from hoi_retarget.inspection import inspect
+from hoi_retarget.human.skeleton import PARTS
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.readers import intermimic_objects, read_clip
-from hoi_retarget.skeleton import PARTS
+from hoi_retarget.readers.describe import inspect
 from intermimic_writer import dictionary_of, random_clip, write_box
 from torch_writer import torch_bytes
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from hoi_retarget.labelling import stance
-from hoi_retarget.skeleton import JOINT_INDEX
+from hoi_retarget.human.skeleton import JOINT_INDEX
+from hoi_retarget.human.stance import stance
 from hoi_retarget.synthetic import make
 
 CLIP = make("carry_box")

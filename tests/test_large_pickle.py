@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.readers.large_pickle import read_large_pickle, starts_with
+from hoi_retarget.files.large_pickle import read_large_pickle, starts_with
 from joblib_writer import joblib_bytes, write_joblib
 
 VALUES = {

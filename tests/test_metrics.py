@@ -10,10 +10,9 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import pytest
 
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip, ContactTrack, ObjectGeometry, ObjectTrack, Person
+from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.errors import ArgumentError, ClipError, RobotError
-from hoi_retarget.metrics import (
+from hoi_retarget.evaluate import (
     COLUMNS,
     Figures,
     Score,
@@ -26,12 +25,15 @@ from hoi_retarget.metrics import (
     unreached_contacts,
     worst_values,
 )
-from hoi_retarget.metrics.pose import HUMAN_TO_ROBOT_AXES
-from hoi_retarget.motion import Motion
+from hoi_retarget.evaluate.pose import HUMAN_TO_ROBOT_AXES
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import HANDS, JOINTS
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.robots.spec import SIDES, SITES, SOLE_CORNERS
-from hoi_retarget.skeleton import HANDS, JOINTS
 
 FPS = 30.0
 FRAMES = 40

@@ -15,9 +15,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget import motion, se3
 from hoi_retarget.errors import ClipError, ReadError, WriteError
-from hoi_retarget.motion import Motion, encode, load, save, write_atomically
+from hoi_retarget.files import atomic
+from hoi_retarget.files.atomic import write_atomically
+from hoi_retarget.motion import result_file
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.result_file import encode, load, save
+from hoi_retarget.numerics import se3
 
 LAWS = settings(max_examples=40, deadline=None, derandomize=True, database=None)
 FUZZ = settings(max_examples=150, deadline=None, derandomize=True, database=None)
@@ -122,7 +126,7 @@ def test_the_file_is_a_plain_npz_of_the_documented_entries(tmp_path):
     save(result(), tmp_path / "clip.npz")
     with np.load(tmp_path / "clip.npz", allow_pickle=False) as archive:
         assert set(archive.files) == {"schema", *(field.name for field in fields(Motion))}
-        assert int(archive["schema"]) == motion.SCHEMA
+        assert int(archive["schema"]) == result_file.SCHEMA
         assert json.loads(str(archive["report"])) == result().report
         assert archive["joint_names"].tolist() == ["joint_0", "joint_1", "joint_2"]
 
@@ -176,12 +180,12 @@ class FullDisk:
 
 
 def fill_disk(monkeypatch) -> None:
-    original = motion.tempfile.NamedTemporaryFile
+    original = atomic.tempfile.NamedTemporaryFile
 
     def opener(*args, **kwargs):
         return FullDisk(original(*args, **kwargs), 100)
 
-    monkeypatch.setattr(motion.tempfile, "NamedTemporaryFile", opener)
+    monkeypatch.setattr(atomic.tempfile, "NamedTemporaryFile", opener)
 
 
 def refuse(*_args, **_kwargs):
@@ -197,9 +201,9 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch,
     if step == "write":
         fill_disk(monkeypatch)
     elif step == "fsync":
-        monkeypatch.setattr(motion.os, "fsync", refuse)
+        monkeypatch.setattr(atomic.os, "fsync", refuse)
     else:
-        monkeypatch.setattr(motion.Path, "replace", refuse)
+        monkeypatch.setattr(atomic.Path, "replace", refuse)
     with pytest.raises(WriteError, match=r"clip\.npz.*No space left.*--out"):
         save(result(seed=1), path)
     monkeypatch.undo()
@@ -328,7 +332,7 @@ def test_a_foreign_archive_is_told_by_what_it_holds(tmp_path):
 @pytest.mark.parametrize("schema", [0, 2, -1, 10**6])
 def test_other_schemas_are_refused_with_both_numbers(tmp_path, schema):
     message = refusal(tmp_path / "clip.npz", with_array("schema", schema))
-    assert f"schema {schema}" in message and f"reads {motion.SCHEMA}" in message
+    assert f"schema {schema}" in message and f"reads {result_file.SCHEMA}" in message
 
 
 @pytest.mark.parametrize("name", [field.name for field in fields(Motion)])

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 import motion_writers as writers
 from hoi_retarget.errors import ReadError
-from hoi_retarget.motion_files import MotionFile, read
-from hoi_retarget.motion_files.arrays_by_name import read_npz
-from hoi_retarget.readers.array_pickle import parse_pickle
+from hoi_retarget.files.array_pickle import parse_pickle
+from hoi_retarget.motion.formats import MotionFile, read
+from hoi_retarget.motion.formats.arrays_by_name import read_npz
 
 BOUNDED = settings(derandomize=True, deadline=None, max_examples=30, database=None)
 FORMATS = ("hoi-retarget", *writers.MAKERS)

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.errors import GeometryError
-from hoi_retarget.readers import objects
-from hoi_retarget.readers.objects import extreme_points, known_objects, load_geometry
+from hoi_retarget.readers import object_files as objects
+from hoi_retarget.readers.object_files import extreme_points, known_objects, load_geometry
 from intermimic_writer import write_box
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip
+from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, HoiRetargetError, ReadError
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.numerics import se3
 from hoi_retarget.readers import can_be_clip, clips_in, omomo, read_clip, reader_of
-from hoi_retarget.readers.body_models import load_body_model
-from hoi_retarget.readers.source_file import SourceFile
+from hoi_retarget.readers.body_model_files import load_body_model
 from hoi_retarget.synthetic import make
 from mesh_writer import write_mesh
 from omomo_writer import FILE, clip_values, write_clips, write_scan

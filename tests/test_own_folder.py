@@ -11,11 +11,11 @@ from hoi_retarget.batch.jobs import jobs_of
 from hoi_retarget.batch.specification import Specification, of_folder
 from hoi_retarget.cli import main
 from hoi_retarget.errors import ClipError, GeometryError, ReadError
-from hoi_retarget.inspection import inspect
-from hoi_retarget.motion import load
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.motion.result_file import load
 from hoi_retarget.readers import can_be_clip, has_companions, own_layout, read_clip, reader_of
-from hoi_retarget.readers.source_file import SourceFile
-from hoi_retarget.recordings import open_clip, result_stem
+from hoi_retarget.readers.describe import inspect
+from hoi_retarget.readers.open import open_clip, result_stem
 from hoi_retarget.synthetic import make
 from intermimic_writer import write_box
 from mesh_writer import write_mesh

@@ -10,14 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget import se3
 from hoi_retarget.cli import main
-from hoi_retarget.clip import Clip, ObjectGeometry
+from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, HoiRetargetError, ReadError, WriteError
-from hoi_retarget.inspection import inspect
-from hoi_retarget.motion import load
+from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS
+from hoi_retarget.motion.result_file import load
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.readers import can_be_clip, own_layout, read_clip
-from hoi_retarget.skeleton import JOINT_INDEX, JOINTS
+from hoi_retarget.readers.describe import inspect
 from hoi_retarget.synthetic import SCENES, make
 
 BOX = make("carry_box", seconds=1.5)

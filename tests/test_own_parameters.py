@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget import se3
 from hoi_retarget.cli import main
 from hoi_retarget.errors import BodyModelError, ClipError, HoiRetargetError, ReadError
-from hoi_retarget.inspection import inspect
-from hoi_retarget.motion import load
+from hoi_retarget.human.skeleton import JOINT_INDEX, LEFT_FINGERS, PARENT, RIGHT_FINGERS
+from hoi_retarget.motion.result_file import load
+from hoi_retarget.numerics import se3
 from hoi_retarget.readers import own_layout, read_clip
-from hoi_retarget.readers.body_models import load_body_model
-from hoi_retarget.skeleton import JOINT_INDEX, LEFT_FINGERS, PARENT, RIGHT_FINGERS
+from hoi_retarget.readers.body_model_files import load_body_model
+from hoi_retarget.readers.describe import inspect
 from hoi_retarget.synthetic import make
 from mesh_writer import write_mesh
 from npz_changes import changed, damage

@@ -13,12 +13,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip
+from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, HoiRetargetError, ReadError
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.human.skeleton import JOINT_INDEX, LEFT_FINGERS, RIGHT_FINGERS
+from hoi_retarget.numerics import se3
 from hoi_retarget.readers import can_be_clip, clips_in, parahome, read_clip, reader_of
-from hoi_retarget.readers.source_file import SourceFile
-from hoi_retarget.skeleton import JOINT_INDEX, LEFT_FINGERS, RIGHT_FINGERS
 from hoi_retarget.synthetic import make
 from parahome_writer import T_POSE, poses_of, skeleton_of, tensor_pickle, write_model, write_pickle, write_recording
 from source_people import assert_same_objects, assert_same_people

@@ -6,18 +6,19 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip
-from hoi_retarget.metrics import evaluate
-from hoi_retarget.motion import Motion, encode
-from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.evaluate import evaluate
+from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.result_file import encode
+from hoi_retarget.numerics import se3
+from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.targets import Scaling
+from hoi_retarget.retarget.trajopt.windows import Horizon
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
-from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, PARENT
 from hoi_retarget.synthetic import make
 from hoi_retarget.synthetic.human import rest_offsets
-from hoi_retarget.targets import Scaling
-from hoi_retarget.trajopt.windows import Horizon
 from test_targets import moved
 from trajectories import MODELS
 

@@ -21,10 +21,10 @@ import intercap_writer
 import omomo_writer
 import parahome_writer
 from glb_writer import humoto
-from hoi_retarget import npz
 from hoi_retarget.errors import HoiRetargetError, ReadError
+from hoi_retarget.files import npz
+from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.readers import READERS, can_be_clip, own_layout, read_clip, reader_of, recordings_below
-from hoi_retarget.readers.source_file import SourceFile
 from hoi_retarget.synthetic import make
 from intermimic_writer import dictionary_of, write_clip
 from joblib_writer import write_joblib

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from hoi_retarget.retarget.trajopt.table import Weights
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.spec import SITES
-from hoi_retarget.trajopt.table import Weights
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -80,7 +80,7 @@ def test_the_method_lists_every_weight_as_it_is():
     text = (ROOT / "docs" / "method.md").read_text()
     rows = re.findall(r"^\|[^|]*\|[^|]*\| `(\w+)` \| ([\d.e-]+) \| `(\w+)` \|$", text, flags=re.MULTILINE)
     assert {name: float(value) for name, value, _ in rows} == dataclasses.asdict(Weights())
-    terms = {path.stem for path in (ROOT / "src/hoi_retarget/trajopt/terms").glob("[a-z]*.py")}
+    terms = {path.stem for path in (ROOT / "src/hoi_retarget/retarget/trajopt/terms").glob("[a-z]*.py")}
     assert {term for _, _, term in rows} <= terms
 
 

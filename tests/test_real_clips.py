@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from hoi_retarget.clip import Clip
-from hoi_retarget.motion import Motion
-from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers import read_clip
-from hoi_retarget.targets import Scaling
+from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.targets import Scaling
 from test_pipeline import SETTLING, assert_agree, assert_sane, cut
 from trajectories import MODELS
 

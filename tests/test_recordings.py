@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoi_retarget.augment import augment
-from hoi_retarget.clip import Augmentation, Clip
-from hoi_retarget.contact_edits import ContactEdits, FixAll, Move, apply, from_text
+from hoi_retarget.clip.augment import augment
+from hoi_retarget.clip.clip import Augmentation, Clip
+from hoi_retarget.clip.edits import ContactEdits, FixAll, Move, apply, from_text
 from hoi_retarget.errors import ArgumentError, ReadError
-from hoi_retarget.motion import Motion, load, save
-from hoi_retarget.pipeline import Config, retarget
-from hoi_retarget.recordings import clip_of, open_clip, recording_of, result_stem
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.result_file import load, save
+from hoi_retarget.readers.open import clip_of, open_clip, recording_of, result_stem
+from hoi_retarget.retarget.pipeline import Config, retarget
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import SCENES, make

@@ -16,18 +16,19 @@ from hypothesis import strategies as st
 
 from browser import chromium
 from hoi_retarget.batch.manifest import Entry
-from hoi_retarget.checking import ObjectPath
 from hoi_retarget.cli import main
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.motion import Motion, save
-from hoi_retarget.report.finding import find
+from hoi_retarget.evaluate.thresholds import THRESHOLDS, Level, judged_figures, verdict_of_figures
+from hoi_retarget.motion.check import ObjectPath
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.result_file import save
+from hoi_retarget.report.discover import find
 from hoi_retarget.report.histogram import histogram
 from hoi_retarget.report.index import index_columns, to_csv, to_json, to_parquet
-from hoi_retarget.report.lone import lone_motion
+from hoi_retarget.report.motion_from_qpos import lone_motion
 from hoi_retarget.report.page import report_page
 from hoi_retarget.report.pictures import worst_frame
 from hoi_retarget.report.rows import Row, read_row, worst_first
-from hoi_retarget.verdict import THRESHOLDS, Level, judged_figures, verdict_of_figures
 from test_curves import G1, carried
 
 NASTY = """<script>alert("1")</script>&'$title'<img src=x onerror=alert(2)>"""

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hoi_retarget.clip import Clip
-from hoi_retarget.contact_edits import Add, ContactEdits, apply
-from hoi_retarget.pipeline import Config, retarget
-from hoi_retarget.revision import Draft, changed_frames, draft, revise
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.edits import Add, ContactEdits, apply
+from hoi_retarget.retarget.local_resolve import Draft, changed_frames, draft, revise
+from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.targets import make_targets
+from hoi_retarget.retarget.trajopt.windows import Horizon
 from hoi_retarget.synthetic import make
-from hoi_retarget.targets import make_targets
-from hoi_retarget.trajopt.windows import Horizon
 from trajectories import MODELS
 
 MODEL = MODELS["unitree_g1"]

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from hoi_retarget import se3
 from hoi_retarget.errors import ArgumentError
+from hoi_retarget.human.skeleton import JOINTS, PARTS
+from hoi_retarget.numerics import se3
 from hoi_retarget.robots import ROBOTS, robot
 from hoi_retarget.robots.spec import SIDES, SITES, SOLE_CORNERS
-from hoi_retarget.skeleton import JOINTS, PARTS
 
 NAMES = tuple(ROBOTS)
 TABLE = json.loads((Path(__file__).parent / "data" / "robot_fk.json").read_text())

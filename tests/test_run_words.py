@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.cli.commands import Command, Run
-from hoi_retarget.cli.run_words import settings_of, words_of
+from hoi_retarget.cli.run_arguments import settings_of, words_of
 
 PATHS = st.sampled_from(["a.pt", "it's one.pt", "builtin:carry_box", "folder/ü b.pt"]).map(Path)
 SCALES = st.sampled_from(["auto", 0.75, 1.0])

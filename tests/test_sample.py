@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from hoi_retarget import sample
 from hoi_retarget.cli import main
 from hoi_retarget.errors import ReadError
+from hoi_retarget.readers import sample
 
 CONTENTS = {f"data/{Path(place).name}": place.encode() for place in sample.MEMBERS}
 MEMBERS = {

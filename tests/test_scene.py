@@ -9,20 +9,20 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget import se3
-from hoi_retarget.bodies import BodyShape
-from hoi_retarget.clip import Clip
+from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.motion import Motion
-from hoi_retarget.readers.body_models import load_body_model
+from hoi_retarget.human.body_model import BodyShape
+from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.mesh import Surface
+from hoi_retarget.readers.body_model_files import load_body_model
 from hoi_retarget.robots import ROBOTS
-from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, PARENT
-from hoi_retarget.surface import Surface
 from hoi_retarget.synthetic import make
-from hoi_retarget.viewers.drawing import Kind, Lines, Solid
-from hoi_retarget.viewers.marks import gap_colour
-from hoi_retarget.viewers.object_solid import AXIS_LENGTH, thinned
-from hoi_retarget.viewers.scene import Shown, make_scene, together
+from hoi_retarget.viewers.scene.drawing import Kind, Lines, Solid
+from hoi_retarget.viewers.scene.marks import gap_colour
+from hoi_retarget.viewers.scene.object_solid import AXIS_LENGTH, thinned
+from hoi_retarget.viewers.scene.scene import Shown, make_scene, together
 from source_people import write_models
 from trajectories import MODELS, random_qpos
 

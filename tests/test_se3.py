@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from hoi_retarget import se3
+from hoi_retarget.numerics import se3
 
 LAWS = settings(max_examples=60, deadline=None, derandomize=True, database=None)
 TIGHT = 1e-12

@@ -19,20 +19,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from browser import chromium, wait_until
-from hoi_retarget import se3
 from hoi_retarget.cli import main
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
-from hoi_retarget.metrics import Figures, Score
-from hoi_retarget.motion import Motion, save
+from hoi_retarget.evaluate import Figures, Score
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.result_file import save
+from hoi_retarget.numerics import se3
 from hoi_retarget.synthetic import make
-from hoi_retarget.viewers import thumbnail as thumbnail_module
-from hoi_retarget.viewers.drawing import Kind, Layer, Lines, Scene, Shapes, Solid, Subject
-from hoi_retarget.viewers.gallery import Entry, clip_page, file_name, index_page
-from hoi_retarget.viewers.packed_scene import LARGEST_FRAMES, POSITION_STEP, pack
-from hoi_retarget.viewers.scene import Shown, make_scene
-from hoi_retarget.viewers.share import LISTING, gallery_in
-from hoi_retarget.viewers.standpoint import standpoint
-from hoi_retarget.viewers.thumbnail import telling_frame, thumbnail
+from hoi_retarget.viewers.offscreen import thumbnail as thumbnail_module
+from hoi_retarget.viewers.offscreen.thumbnail import telling_frame, thumbnail
+from hoi_retarget.viewers.scene.auto_camera import standpoint
+from hoi_retarget.viewers.scene.drawing import Kind, Layer, Lines, Scene, Shapes, Solid, Subject
+from hoi_retarget.viewers.scene.scene import Shown, make_scene
+from hoi_retarget.viewers.share.gallery import Entry, clip_page, file_name, index_page
+from hoi_retarget.viewers.share.packed_scene import LARGEST_FRAMES, POSITION_STEP, pack
+from hoi_retarget.viewers.share.share import LISTING, gallery_in
 from test_curves import G1, carried, random_motion
 
 AHEAD = np.array([1.0, 0.0])

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget import se3
-from hoi_retarget.signals import fade, frames_in, nearest_active, smooth, smooth_quats
+from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.filters import fade, frames_in, nearest_active, smooth, smooth_quats
 
 FPS, WINDOW = 30.0, 11  # At 30 frames a second the filter sees 11 frames.
 

@@ -9,15 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.trajopt.bounds import Bounds
-from hoi_retarget.trajopt.problem import Problem
-from hoi_retarget.trajopt.solvers.banded import BandedInteriorPoint
-from hoi_retarget.trajopt.solvers.base import Status, optimality
-from hoi_retarget.trajopt.terms.differences import Differences
-from hoi_retarget.trajopt.terms.posture import Posture
-from hoi_retarget.trajopt.terms.site_position import SitePosition
-from hoi_retarget.trajopt.terms.site_rotation import SiteRotation
-from hoi_retarget.trajopt.windows import Horizon, parse_horizon, solve_windows
+from hoi_retarget.retarget.trajopt.bounds import Bounds
+from hoi_retarget.retarget.trajopt.problem import Problem
+from hoi_retarget.retarget.trajopt.solvers.banded import BandedInteriorPoint
+from hoi_retarget.retarget.trajopt.solvers.base import Status, optimality
+from hoi_retarget.retarget.trajopt.terms.differences import Differences
+from hoi_retarget.retarget.trajopt.terms.posture import Posture
+from hoi_retarget.retarget.trajopt.terms.site_position import SitePosition
+from hoi_retarget.retarget.trajopt.terms.site_rotation import SiteRotation
+from hoi_retarget.retarget.trajopt.windows import Horizon, parse_horizon, solve_windows
 from trajectories import MODELS, random_qpos
 
 MODEL = MODELS["unitree_g1"]

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from trimesh.triangles import closest_point
 
-from hoi_retarget import se3
-from hoi_retarget.clip import ObjectGeometry
 from hoi_retarget.errors import ClipError, GeometryError
-from hoi_retarget.readers.objects import load_geometry
-from hoi_retarget.surface import Surface, surface_of
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.mesh import Surface, surface_of
+from hoi_retarget.objects.track import ObjectGeometry
+from hoi_retarget.readers.object_files import load_geometry
 from hoi_retarget.synthetic import OBJECTS, make, object_mesh
 from intermimic_writer import write_box
 

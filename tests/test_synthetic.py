@@ -8,10 +8,11 @@ import trimesh
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip, Person
+from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, WriteError
-from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, PARENT
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
+from hoi_retarget.numerics import se3
 from hoi_retarget.synthetic import OBJECTS, SCENES, make, object_mesh, write_objects
 from hoi_retarget.synthetic.human import rest_offsets
 

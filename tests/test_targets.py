@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip, ContactTrack
+from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.labelling import stance
+from hoi_retarget.human.stance import stance
+from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.filters import smooth, smooth_quats
+from hoi_retarget.retarget.targets import MAXIMUM_SINK, Scaling, Targets, make_targets
 from hoi_retarget.robots.spec import SIDES
-from hoi_retarget.signals import smooth, smooth_quats
 from hoi_retarget.synthetic import SCENES, make
-from hoi_retarget.targets import MAXIMUM_SINK, Scaling, Targets, make_targets
 from trajectories import MODELS
 
 LAWS = settings(max_examples=8, deadline=None, derandomize=True, database=None)

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import hoi_retarget.trajopt.terms as terms_package
+import hoi_retarget.retarget.trajopt.terms as terms_package
 from hoi_retarget.errors import ArgumentError
+from hoi_retarget.retarget.trajopt.normal import assemble
+from hoi_retarget.retarget.trajopt.problem import Term, cost_by_term
+from hoi_retarget.retarget.trajopt.rows import Rows, SiteRows, StencilRows, cost
+from hoi_retarget.retarget.trajopt.table import Weights
 from hoi_retarget.robots.model import Kinematics
-from hoi_retarget.trajopt.normal import assemble
-from hoi_retarget.trajopt.problem import Term, cost_by_term
-from hoi_retarget.trajopt.rows import Rows, SiteRows, StencilRows, cost
-from hoi_retarget.trajopt.table import Weights
 from trajectories import MODELS, one_term_per_file, random_qpos
 
 FRAMES = 7

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hoi_retarget.contact_edits import ContactEdits, FixAll, apply
-from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.clip.edits import ContactEdits, FixAll, apply
+from hoi_retarget.retarget.pipeline import Config, retarget
 from hoi_retarget.synthetic import make
-from hoi_retarget.viewers.titles import titles_of
+from hoi_retarget.viewers.scene.titles import titles_of
 from trajectories import MODELS
 
 CLIP = make("carry_box", seconds=0.5)

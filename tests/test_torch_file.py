@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.readers.pickle_machine import MAXIMUM_DEPTH
-from hoi_retarget.readers.torch_file import parse_torch, read_torch
+from hoi_retarget.files.pickle_machine import MAXIMUM_DEPTH
+from hoi_retarget.files.torch_file import parse_torch, read_torch
 from torch_writer import STORAGE_OF, Call, Storage, Tensor, archive, legacy_bytes, torch_bytes, torch_entries
 
 BOUNDED = settings(derandomize=True, deadline=None, max_examples=80, database=None)

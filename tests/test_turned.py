@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from hoi_retarget import se3
-from hoi_retarget.metrics import TurnedSegment, turned_over
+from hoi_retarget.numerics import se3
+from hoi_retarget.retarget.orientation_flips import TurnedSegment, turned_over
+from hoi_retarget.retarget.targets import Scaling, Targets, make_targets
 from hoi_retarget.synthetic import make
-from hoi_retarget.targets import Scaling, Targets, make_targets
 from trajectories import MODELS, random_qpos
 
 MODEL = MODELS["unitree_g1"]

@@ -10,12 +10,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget import se3
-from hoi_retarget.augment import mirrored
-from hoi_retarget.metrics import Figures, Soundness, soundness
-from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.clip.augment import mirrored
+from hoi_retarget.evaluate import Figures, Soundness, soundness
+from hoi_retarget.evaluate.thresholds import (
+    THRESHOLDS,
+    Level,
+    Threshold,
+    judged_figures,
+    verdict_of,
+    verdict_of_figures,
+)
+from hoi_retarget.numerics import se3
+from hoi_retarget.retarget.pipeline import Config, retarget
 from hoi_retarget.synthetic import make
-from hoi_retarget.verdict import THRESHOLDS, Level, Threshold, judged_figures, verdict_of, verdict_of_figures
 from test_curves import G1, carried
 from trajectories import MODELS, random_qpos
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import cari4d_writer as writer
-from hoi_retarget import se3
 from hoi_retarget.cli import main
-from hoi_retarget.clip import Clip
-from hoi_retarget.contact_edits import ContactEdits, FixAll, Move, SnapAll, apply, load, segments_of
-from hoi_retarget.motion import load as load_motion
-from hoi_retarget.pipeline import Config, retarget
-from hoi_retarget.recordings import open_clip
-from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, PARENT
-from hoi_retarget.surface import surface_of
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.edits import ContactEdits, FixAll, Move, SnapAll, apply, load, segments_of
+from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
+from hoi_retarget.motion.result_file import load as load_motion
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.readers.open import open_clip
+from hoi_retarget.retarget.pipeline import Config, retarget
 from hoi_retarget.synthetic import make
 from hoi_retarget.synthetic.reconstruction import Noise, reconstructed
 from source_people import write_models

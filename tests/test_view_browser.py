@@ -8,16 +8,16 @@ import pytest
 
 from browser import chromium, frame_box, open_page, scene_pixels, shown_frame, wait_until
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.motion import save
-from hoi_retarget.pipeline import Config, retarget
+from hoi_retarget.motion.result_file import save
+from hoi_retarget.retarget.pipeline import Config, retarget
 from hoi_retarget.synthetic import make
 from trajectories import MODELS
 
 pytest.importorskip("viser", reason="viser is not installed")
 
-from hoi_retarget.viewers.exhibit import load_exhibit
-from hoi_retarget.viewers.server import address, open_server
-from hoi_retarget.viewers.view_page import serve_exhibit
+from hoi_retarget.viewers.browser.page_content import load_exhibit
+from hoi_retarget.viewers.browser.server import address, open_server
+from hoi_retarget.viewers.browser.view_page import serve_exhibit
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 

@@ -2,18 +2,18 @@
 
 import numpy as np
 
-from hoi_retarget import se3
+from hoi_retarget.numerics import se3
+from hoi_retarget.retarget.trajopt.problem import Term
+from hoi_retarget.retarget.trajopt.terms.differences import Differences
+from hoi_retarget.retarget.trajopt.terms.floor_clearance import FloorClearance
+from hoi_retarget.retarget.trajopt.terms.object_contact import ObjectContact
+from hoi_retarget.retarget.trajopt.terms.posture import Posture
+from hoi_retarget.retarget.trajopt.terms.relative_rotation import RelativeRotation
+from hoi_retarget.retarget.trajopt.terms.site_height import SiteHeight
+from hoi_retarget.retarget.trajopt.terms.site_position import SitePosition
+from hoi_retarget.retarget.trajopt.terms.site_rotation import SiteRotation
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.model import RobotModel, load_model
-from hoi_retarget.trajopt.problem import Term
-from hoi_retarget.trajopt.terms.differences import Differences
-from hoi_retarget.trajopt.terms.floor_clearance import FloorClearance
-from hoi_retarget.trajopt.terms.object_contact import ObjectContact
-from hoi_retarget.trajopt.terms.posture import Posture
-from hoi_retarget.trajopt.terms.relative_rotation import RelativeRotation
-from hoi_retarget.trajopt.terms.site_height import SiteHeight
-from hoi_retarget.trajopt.terms.site_position import SitePosition
-from hoi_retarget.trajopt.terms.site_rotation import SiteRotation
 
 MODELS: dict[str, RobotModel] = {name: load_model(spec) for name, spec in ROBOTS.items()}
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from hoi_retarget import __version__
 from hoi_retarget.batch.jobs import Job
-from hoi_retarget.readers.objects import geometry_files, known_objects
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.readers.object_files import geometry_files, known_objects
+from hoi_retarget.readers.open import builtin_scene
 from hoi_retarget.readers.own_layout import file_of, mesh_files
-from hoi_retarget.readers.source_file import SourceFile
-from hoi_retarget.recordings import builtin_scene
 from hoi_retarget.robots import robot, team
 
 

@@ -7,16 +7,16 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from hoi_retarget.augment import describe
 from hoi_retarget.batch.specification import Specification
-from hoi_retarget.clip import Augmentation
+from hoi_retarget.clip.augment import describe
+from hoi_retarget.clip.clip import Augmentation
 from hoi_retarget.errors import ArgumentError, ReadError
-from hoi_retarget.pipeline import Config
+from hoi_retarget.files.source_file import FOLDER
 from hoi_retarget.readers import SUFFIXES, can_be_clip, clips_in, recordings_below
-from hoi_retarget.readers.source_file import FOLDER
-from hoi_retarget.recordings import builtin_scene, clip_stem, result_stem
-from hoi_retarget.targets import Scaling
-from hoi_retarget.trajopt.windows import parse_horizon
+from hoi_retarget.readers.open import builtin_scene, clip_stem, result_stem
+from hoi_retarget.retarget.pipeline import Config
+from hoi_retarget.retarget.targets import Scaling
+from hoi_retarget.retarget.trajopt.windows import parse_horizon
 
 _WILD = frozenset("*?[")
 

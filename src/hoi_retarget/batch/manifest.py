@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import Any
 
 from hoi_retarget.errors import ReadError, WriteError
-from hoi_retarget.motion import write_atomically
+from hoi_retarget.files.atomic import write_atomically
 
 MANIFEST = "manifest.jsonl"
 STATUSES = ("solved", "loose", "failed", "timeout", "killed")

@@ -7,12 +7,12 @@ from itertools import product
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from hoi_retarget.clip import Augmentation
-from hoi_retarget.completion import Labels
+from hoi_retarget.clip.clip import Augmentation
+from hoi_retarget.clip.infer_contacts import Labels
 from hoi_retarget.errors import ArgumentError, ReadError
+from hoi_retarget.retarget.targets import Scaling
+from hoi_retarget.retarget.trajopt.windows import parse_horizon
 from hoi_retarget.robots import team
-from hoi_retarget.targets import Scaling
-from hoi_retarget.trajopt.windows import parse_horizon
 
 Scale = float | Literal["auto"]
 _OBJECTS = "objects"  # A folder's own objects, where none are named.

@@ -8,19 +8,19 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from hoi_retarget.augment import augment
 from hoi_retarget.batch.jobs import Job
 from hoi_retarget.batch.manifest import Entry
-from hoi_retarget.clip import Clip
-from hoi_retarget.contact_edits import apply, load
+from hoi_retarget.clip.augment import augment
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.edits import apply, load
 from hoi_retarget.errors import GeometryError, HoiRetargetError, ReadError
-from hoi_retarget.motion import Motion
-from hoi_retarget.recordings import open_clip
-from hoi_retarget.results import STAGES, complaints, converged, result_paths, retarget_people, write
+from hoi_retarget.evaluate.thresholds import verdict_of
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.readers.open import open_clip
+from hoi_retarget.retarget.multi_person import STAGES, complaints, converged, result_paths, retarget_people, write
+from hoi_retarget.retarget.trajopt.solvers.base import Status
 from hoi_retarget.robots import robot, team
 from hoi_retarget.robots.model import RobotModel, load_model
-from hoi_retarget.trajopt.solvers.base import Status
-from hoi_retarget.verdict import verdict_of
 
 _OF_THE_INPUT = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)
 _FRAME = re.compile(r"\bframes? \(?(\d+)")  # As messages name them.

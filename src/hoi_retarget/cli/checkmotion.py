@@ -3,11 +3,11 @@
 import json
 from dataclasses import asdict
 
-from hoi_retarget.checking import Finding, Verdict, check
 from hoi_retarget.cli.commands import CheckMotion
 from hoi_retarget.cli.jobs import check_inputs_kept, check_writable, write_file
 from hoi_retarget.cli.terminal import say
-from hoi_retarget.motion_files import MotionFile, read
+from hoi_retarget.motion.check import Finding, Verdict, check
+from hoi_retarget.motion.formats import MotionFile, read
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from hoi_retarget.cli.commands import Contacts, Run
 from hoi_retarget.cli.jobs import check_writable, reading_of, write_file
-from hoi_retarget.cli.run_words import settings_of, words_of
+from hoi_retarget.cli.run_arguments import settings_of, words_of
 from hoi_retarget.cli.terminal import program, say, show_table, warn
-from hoi_retarget.clip import Clip
-from hoi_retarget.contact_edits import (
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.edits import (
     Add,
     ContactEdits,
     Delete,
@@ -33,8 +33,8 @@ from hoi_retarget.contact_edits import (
     to_text,
 )
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.recordings import open_clip
-from hoi_retarget.surface import surface_of
+from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.readers.open import open_clip
 
 ALL = "all"
 

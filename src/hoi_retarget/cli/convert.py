@@ -7,11 +7,12 @@ from pathlib import Path
 from hoi_retarget.cli.commands import Convert
 from hoi_retarget.cli.jobs import check_writable, reading_of
 from hoi_retarget.cli.terminal import program, say
-from hoi_retarget.clip import Clip, ObjectGeometry
+from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError
+from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.readers import own_layout
-from hoi_retarget.recordings import open_clip
-from hoi_retarget.surface import surface_of
+from hoi_retarget.readers.open import open_clip
 
 
 def execute(command: Convert) -> int:

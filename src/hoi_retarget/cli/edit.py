@@ -8,25 +8,25 @@ from typing import TYPE_CHECKING
 
 from hoi_retarget.cli.commands import Edit, Run, Solving
 from hoi_retarget.cli.jobs import check_spared, check_writable, config_of, reading_of
-from hoi_retarget.cli.run_words import settings_of, words_of
+from hoi_retarget.cli.run_arguments import settings_of, words_of
 from hoi_retarget.cli.serving import check_viser, serve_until_interrupted
 from hoi_retarget.cli.terminal import Working, program, say
-from hoi_retarget.contact_edits import ContactEdits, load
-from hoi_retarget.recordings import open_clip, result_stem
-from hoi_retarget.results import result_paths, with_report, write
+from hoi_retarget.clip.edits import ContactEdits, load
+from hoi_retarget.readers.open import open_clip, result_stem
+from hoi_retarget.retarget.multi_person import result_paths, with_report, write
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
 
 if TYPE_CHECKING:
-    from hoi_retarget.viewers.editing import Edited
+    from hoi_retarget.viewers.browser.editing import Edited
 
 
 def execute(command: Edit) -> int:
     """Serve the editor until Ctrl-C."""
     check_viser()
-    from hoi_retarget.viewers.edit_page import serve_editor  # noqa: PLC0415 - need an extra
-    from hoi_retarget.viewers.editing import solved  # noqa: PLC0415
-    from hoi_retarget.viewers.editor import Places  # noqa: PLC0415
+    from hoi_retarget.viewers.browser.edit_page import serve_editor  # noqa: PLC0415 - need an extra
+    from hoi_retarget.viewers.browser.editing import solved  # noqa: PLC0415
+    from hoi_retarget.viewers.browser.editor import Places  # noqa: PLC0415
 
     config, model = config_of(command), load_model(robot(command.robot))
     stem = result_stem(command.clip)

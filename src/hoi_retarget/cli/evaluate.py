@@ -10,9 +10,9 @@ from hoi_retarget.cli.jobs import FOREIGN_REPORT, check_writable, write_file
 from hoi_retarget.cli.jobs import score as score_of
 from hoi_retarget.cli.terminal import fail, program, say, warn
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
-from hoi_retarget.metrics import Score, to_csv, to_json
-from hoi_retarget.motion import load
-from hoi_retarget.results import complaints
+from hoi_retarget.evaluate import Score, to_csv, to_json
+from hoi_retarget.motion.result_file import load
+from hoi_retarget.retarget.multi_person import complaints
 
 
 def execute(command: Evaluate) -> int:

@@ -10,10 +10,11 @@ from hoi_retarget.cli.commands import Export
 from hoi_retarget.cli.jobs import check_inputs_kept, check_writable
 from hoi_retarget.cli.terminal import Working, fail, say, warn
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
-from hoi_retarget.exporters import DATASET, FORMATS, Exported, Format, Result, export, format_named
-from hoi_retarget.exporters.dataset import CARD, FOLDER, write_dataset
-from hoi_retarget.motion import load, write_together
-from hoi_retarget.recordings import clip_of
+from hoi_retarget.files.atomic import write_together
+from hoi_retarget.motion.exporters import DATASET, FORMATS, Exported, Format, Result, export, format_named
+from hoi_retarget.motion.exporters.dataset import CARD, FOLDER, write_dataset
+from hoi_retarget.motion.result_file import load
+from hoi_retarget.readers.open import clip_of
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import RobotModel, load_model
 

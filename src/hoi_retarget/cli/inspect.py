@@ -7,10 +7,10 @@ from collections.abc import Iterable, Iterator
 from hoi_retarget.cli.commands import Inspect
 from hoi_retarget.cli.jobs import FOREIGN_REPORT, reading_of
 from hoi_retarget.cli.terminal import NAME, fail, program, say, show_table, warn
-from hoi_retarget.inspection import MOTION, Inspection, inspect
-from hoi_retarget.metrics.table import scales_text
-from hoi_retarget.motion import Motion
-from hoi_retarget.results import STAGES, complaints
+from hoi_retarget.evaluate.table import scales_text
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.readers.describe import MOTION, Inspection, inspect
+from hoi_retarget.retarget.multi_person import STAGES, complaints
 
 
 def execute(command: Inspect) -> int:

@@ -10,15 +10,16 @@ from typing import Any
 from hoi_retarget.cli.commands import Reading, Solving
 from hoi_retarget.cli.terminal import say, warn
 from hoi_retarget.errors import ArgumentError, WriteError
-from hoi_retarget.metrics import Figures, Score
-from hoi_retarget.metrics.table import scales_text
-from hoi_retarget.motion import Motion, write_atomically
-from hoi_retarget.pipeline import Config
+from hoi_retarget.evaluate import Figures, Score
+from hoi_retarget.evaluate.table import scales_text
+from hoi_retarget.files.atomic import write_atomically
+from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers import own_layout
-from hoi_retarget.recordings import result_stem
-from hoi_retarget.results import complaints
-from hoi_retarget.targets import Scaling
-from hoi_retarget.trajopt.windows import parse_horizon
+from hoi_retarget.readers.open import result_stem
+from hoi_retarget.retarget.multi_person import complaints
+from hoi_retarget.retarget.pipeline import Config
+from hoi_retarget.retarget.targets import Scaling
+from hoi_retarget.retarget.trajopt.windows import parse_horizon
 
 FOREIGN_REPORT = (KeyError, TypeError, AttributeError, ValueError)
 """What a report raises that another version wrote."""

@@ -64,7 +64,7 @@ def _module(name: str) -> ModuleType:
     try:
         return import_module(f"hoi_retarget.cli.{name}")
     except (ImportError, AttributeError, RuntimeError, OSError) as error:
-        if "MUJOCO_GL" not in os.environ or "mujoco" in sys.modules:
+        if not os.environ.get("MUJOCO_GL") or "mujoco" in sys.modules:
             raise
         raise HoiRetargetError(
             f"MUJOCO_GL={os.environ['MUJOCO_GL']}: MuJoCo cannot be loaded with this way to draw ({error}). Unset "
@@ -83,7 +83,7 @@ def _use_one_thread() -> None:
 
 def _draw_without_a_screen() -> None:
     """Choose how MuJoCo draws on a Linux machine without a display; MuJoCo reads it when imported."""
-    if sys.platform != "linux" or "MUJOCO_GL" in os.environ or os.environ.get("DISPLAY"):
+    if sys.platform != "linux" or os.environ.get("MUJOCO_GL") or os.environ.get("DISPLAY"):
         return
     for library, backend in (("libEGL.so.1", "egl"), ("libOSMesa.so.8", "osmesa")):
         try:

@@ -14,19 +14,20 @@ from hoi_retarget.cli.commands import Render
 from hoi_retarget.cli.jobs import check_writable, write_file
 from hoi_retarget.cli.robots import MENAGERIE
 from hoi_retarget.cli.terminal import Working, program, say, warn
-from hoi_retarget.clip import Clip
+from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
-from hoi_retarget.motion import Motion, load
-from hoi_retarget.recordings import clip_of
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.result_file import load
+from hoi_retarget.readers.open import clip_of
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
-from hoi_retarget.viewers import film
-from hoi_retarget.viewers.camera import View
-from hoi_retarget.viewers.drawing import Scene
-from hoi_retarget.viewers.makers_meshes import menagerie_meshes
-from hoi_retarget.viewers.robot_picture import png
-from hoi_retarget.viewers.scene import Shown
-from hoi_retarget.viewers.titles import titles_of
+from hoi_retarget.viewers.offscreen import film
+from hoi_retarget.viewers.offscreen.robot_picture import png
+from hoi_retarget.viewers.scene.camera import View
+from hoi_retarget.viewers.scene.drawing import Scene
+from hoi_retarget.viewers.scene.scene import Shown
+from hoi_retarget.viewers.scene.titles import titles_of
+from hoi_retarget.viewers.scene.vendor_meshes import menagerie_meshes
 
 _SHEET_FRAMES = 6  # Of a contact sheet, where nothing else is asked for.
 _PANEL = {".mp4": (640, 720), ".gif": (320, 360), ".png": (640, 720)}  # By kind of file: width, height [px].

@@ -8,16 +8,16 @@ from hoi_retarget.cli.commands import Report
 from hoi_retarget.cli.jobs import check_inputs_kept, check_writable
 from hoi_retarget.cli.terminal import Working, say, show_table, warn
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.motion import write_together
+from hoi_retarget.evaluate.thresholds import Level
+from hoi_retarget.files.atomic import write_together
 from hoi_retarget.report.batches import told_by
-from hoi_retarget.report.finding import find
+from hoi_retarget.report.discover import find
 from hoi_retarget.report.index import to_csv, to_json, to_parquet
 from hoi_retarget.report.page import Picture, report_page
 from hoi_retarget.report.pictures import picture_of
 from hoi_retarget.report.rows import Row, read_row, worst_first
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import RobotModel, load_model
-from hoi_retarget.verdict import Level
 
 PICTURES, _PASSING_PICTURES = 6, 3
 _SHOWN = 10  # Files that are named in the terminal.

@@ -74,8 +74,8 @@ def _check_picture(path: Path, meshes: Path | None) -> None:
 
 def _draw(spec: RobotSpec, path: Path, meshes: Path | None) -> None:
     # What draws is imported only where something is drawn.
-    from hoi_retarget.viewers.makers_meshes import menagerie_meshes  # noqa: PLC0415
-    from hoi_retarget.viewers.robot_picture import picture, png  # noqa: PLC0415
+    from hoi_retarget.viewers.offscreen.robot_picture import picture, png  # noqa: PLC0415
+    from hoi_retarget.viewers.scene.vendor_meshes import menagerie_meshes  # noqa: PLC0415
 
     folder = menagerie_meshes(spec) if meshes == MENAGERIE else meshes
     write_file("--picture", path, png(picture(spec, meshes=folder)))

@@ -8,18 +8,18 @@ from pathlib import Path
 from hoi_retarget.cli.commands import Run
 from hoi_retarget.cli.figures import show_figures
 from hoi_retarget.cli.jobs import check_spared, check_writable, config_of, describe_result, reading_of, score
-from hoi_retarget.cli.run_words import settings_of
+from hoi_retarget.cli.run_arguments import settings_of
 from hoi_retarget.cli.terminal import Working, fail, say, warn
-from hoi_retarget.clip import Clip
-from hoi_retarget.contact_edits import apply, load
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.edits import apply, load
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
-from hoi_retarget.metrics import HandToHand, Score
-from hoi_retarget.motion import Motion
-from hoi_retarget.pipeline import Config
+from hoi_retarget.evaluate import HandToHand, Score
+from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers import can_be_clip, recordings_below, why_no_clip
-from hoi_retarget.readers.objects import known_objects
-from hoi_retarget.recordings import open_clip, result_stem
-from hoi_retarget.results import converged, result_paths, retarget_people, write
+from hoi_retarget.readers.object_files import known_objects
+from hoi_retarget.readers.open import open_clip, result_stem
+from hoi_retarget.retarget.multi_person import converged, result_paths, retarget_people, write
+from hoi_retarget.retarget.pipeline import Config
 from hoi_retarget.robots import team
 from hoi_retarget.robots.model import RobotModel, load_model
 

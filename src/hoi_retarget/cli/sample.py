@@ -5,7 +5,7 @@ import shlex
 from hoi_retarget.cli.commands import Sample
 from hoi_retarget.cli.jobs import check_writable
 from hoi_retarget.cli.terminal import Working, program, say
-from hoi_retarget.sample import CLIPS, LICENCE, OBJECTS, PACKAGE, VERSION, fetch_sample, is_complete
+from hoi_retarget.readers.sample import CLIPS, LICENCE, OBJECTS, PACKAGE, VERSION, fetch_sample, is_complete
 
 
 def execute(command: Sample) -> int:

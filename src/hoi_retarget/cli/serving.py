@@ -9,7 +9,7 @@ from hoi_retarget.cli.terminal import say
 from hoi_retarget.errors import HoiRetargetError
 
 if TYPE_CHECKING:
-    from hoi_retarget.viewers.server import PageServer
+    from hoi_retarget.viewers.browser.server import PageServer
 
 
 def check_viser() -> None:
@@ -23,7 +23,7 @@ def check_viser() -> None:
 
 def serve_until_interrupted(title: str, host: str, port: int | None, prepare: "Callable[[PageServer], None]") -> None:
     """Start a server, let `prepare` fill it, say where it is, and stop it at Ctrl-C."""
-    from hoi_retarget.viewers.server import address, open_server  # noqa: PLC0415 - an extra
+    from hoi_retarget.viewers.browser.server import address, open_server  # noqa: PLC0415 - an extra
 
     server = open_server(title, host=host, port=port)
     try:

@@ -7,18 +7,19 @@ from typing import Any
 
 from hoi_retarget.cli.commands import Share
 from hoi_retarget.cli.jobs import FOREIGN_REPORT, check_writable, score
-from hoi_retarget.cli.run_words import words_of
+from hoi_retarget.cli.run_arguments import words_of
 from hoi_retarget.cli.terminal import Working, say, warn
-from hoi_retarget.clip import Clip
+from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
-from hoi_retarget.motion import Motion, load
-from hoi_retarget.recordings import clip_of
-from hoi_retarget.results import complaints
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.result_file import load
+from hoi_retarget.readers.open import clip_of
+from hoi_retarget.retarget.multi_person import complaints
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import RobotModel, load_model
-from hoi_retarget.viewers.gallery import Entry
-from hoi_retarget.viewers.scene import Shown
-from hoi_retarget.viewers.share import check_replaceable, gallery_in
+from hoi_retarget.viewers.scene.scene import Shown
+from hoi_retarget.viewers.share.gallery import Entry
+from hoi_retarget.viewers.share.share import check_replaceable, gallery_in
 
 
 def execute(command: Share) -> int:

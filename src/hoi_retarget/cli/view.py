@@ -6,7 +6,7 @@ from hoi_retarget.cli.commands import View
 from hoi_retarget.cli.serving import check_viser, serve_until_interrupted
 from hoi_retarget.cli.terminal import fail, warn
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.recordings import clip_of
+from hoi_retarget.readers.open import clip_of
 
 
 def execute(command: View) -> int:
@@ -14,8 +14,8 @@ def execute(command: View) -> int:
     if not command.results:
         raise ArgumentError("no result is named. Usage: hoi-retarget view RESULT...")
     check_viser()
-    from hoi_retarget.viewers.exhibit import Exhibit, load_exhibit  # noqa: PLC0415 - need an extra
-    from hoi_retarget.viewers.view_page import serve_exhibit  # noqa: PLC0415
+    from hoi_retarget.viewers.browser.page_content import Exhibit, load_exhibit  # noqa: PLC0415 - need an extra
+    from hoi_retarget.viewers.browser.view_page import serve_exhibit  # noqa: PLC0415
 
     told: set[str] = set()
 

@@ -6,14 +6,15 @@ from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
-from hoi_retarget.clip import Clip
+from hoi_retarget.clip import grasp_check
+from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, ReadError
+from hoi_retarget.files.source_file import FOLDER, SELECTION, SourceFile
 from hoi_retarget.readers import (
     behave,
     cari4d,
     core4d,
     grab,
-    grasp_check,
     hodome,
     humoto,
     imhd,
@@ -26,7 +27,6 @@ from hoi_retarget.readers import (
     parahome,
 )
 from hoi_retarget.readers.reader import Reader, ReadOptions
-from hoi_retarget.readers.source_file import FOLDER, SELECTION, SourceFile
 
 READERS: Mapping[str, Reader] = MappingProxyType(
     {

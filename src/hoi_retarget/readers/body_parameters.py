@@ -9,10 +9,10 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.bodies import BodyModel, BodyShape, Family
-from hoi_retarget.clip import Person
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError
-from hoi_retarget.readers.body_models import load_body_model
+from hoi_retarget.human.body_model import BodyModel, BodyShape, Family
+from hoi_retarget.human.person import Person
+from hoi_retarget.readers.body_model_files import load_body_model
 
 LARGEST_CHANGE = 1e-3
 """Of betas between frames that are meant to be one body's."""

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from hoi_retarget.errors import ArgumentError, ReadError
+from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.readers.fields import Fields
 from hoi_retarget.readers.reader import ReadOptions
-from hoi_retarget.readers.source_file import SourceFile
 
 _FARTHEST = 5
 """Folders above the recording that are searched for a folder of the source's tree."""

@@ -20,12 +20,16 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget import npz
-from hoi_retarget.arrays import describe_frames
-from hoi_retarget.bodies import JOINT_COUNT
-from hoi_retarget.clip import Clip, ObjectGeometry, ObjectTrack, Person, Source
+from hoi_retarget.clip.clip import Clip, Source
 from hoi_retarget.errors import ClipError, ReadError
-from hoi_retarget.readers import kinematics
+from hoi_retarget.files import npz
+from hoi_retarget.files.source_file import FOLDER, SourceFile
+from hoi_retarget.human import kinematics
+from hoi_retarget.human.body_model import JOINT_COUNT
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import JOINTS
+from hoi_retarget.numerics.arrays import describe_frames
+from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters, constant_betas, person_of
 from hoi_retarget.readers.companions import folder_of_tree, json_table, refuse_object_name
 from hoi_retarget.readers.fields import Fields
@@ -33,11 +37,9 @@ from hoi_retarget.readers.npz_fields import check_frames
 from hoi_retarget.readers.object_arrays import object_or_array
 from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
 from hoi_retarget.readers.rigid import poses_of
-from hoi_retarget.readers.source_file import FOLDER, SourceFile
 from hoi_retarget.readers.triangles import first_mesh
 from hoi_retarget.readers.upright import check_upright
 from hoi_retarget.readers.worlds import turned_object, turned_person
-from hoi_retarget.skeleton import JOINTS
 
 FORMAT = "core4d"
 LICENCE = "CC BY 4.0, as the data set's README says"

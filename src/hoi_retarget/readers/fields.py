@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from hoi_retarget.arrays import describe_frames
 from hoi_retarget.errors import ClipError
+from hoi_retarget.numerics.arrays import describe_frames
 
 LARGEST_VALUE = 1e4
 """Of any number; metres, radians and parameters of bodies stay below."""

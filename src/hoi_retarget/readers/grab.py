@@ -19,19 +19,21 @@ from typing import Any, get_args
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hoi_retarget import se3
-from hoi_retarget.bodies import Gender
-from hoi_retarget.clip import MINIMUM_FRAMES, Clip, ContactTrack, ObjectGeometry, ObjectTrack, Person, Source
+from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, ContactTrack, Source
 from hoi_retarget.errors import ClipError, ReadError
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.human.body_model import Gender
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import HANDS, JOINTS, PARTS
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of
 from hoi_retarget.readers.companions import folder_of_tree, refuse_object_name
 from hoi_retarget.readers.fields import Fields
 from hoi_retarget.readers.object_arrays import object_or_array
 from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
-from hoi_retarget.readers.source_file import SourceFile
 from hoi_retarget.readers.triangles import first_mesh
 from hoi_retarget.readers.upright import check_upright
-from hoi_retarget.skeleton import HANDS, JOINTS, PARTS
 
 FORMAT = "grab"
 LICENCE = "GRAB's licence: non-commercial scientific research only"

@@ -19,15 +19,17 @@ from typing import Any
 
 import numpy as np
 
-from hoi_retarget.clip import MINIMUM_FRAMES, Clip, ObjectGeometry, ObjectTrack, Person, Source
+from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, Source
 from hoi_retarget.errors import ClipError, GeometryError, ReadError
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.human.person import Person
+from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.companions import folder_above, folder_of_tree
 from hoi_retarget.readers.fields import Fields
 from hoi_retarget.readers.npz_fields import npz_values
 from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
 from hoi_retarget.readers.rigid import quats_of
-from hoi_retarget.readers.source_file import SourceFile
 from hoi_retarget.readers.triangles import first_mesh
 from hoi_retarget.readers.upright import check_upright
 from hoi_retarget.readers.varying_shape import person_of_rows

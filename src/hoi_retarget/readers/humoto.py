@@ -24,18 +24,20 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget import se3
-from hoi_retarget.clip import MINIMUM_FRAMES, Clip, ObjectGeometry, ObjectTrack, Person, Source
+from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, Source
 from hoi_retarget.errors import ClipError, GeometryError, ReadError
+from hoi_retarget.files.gltf import Gltf, NodePoses, text_of
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, LEFT_FINGERS, RIGHT_FINGERS
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.companions import refuse_object_name
-from hoi_retarget.readers.gltf import Gltf, NodePoses, text_of
-from hoi_retarget.readers.objects import LARGEST_OBJECT
+from hoi_retarget.readers.object_files import LARGEST_OBJECT
 from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
 from hoi_retarget.readers.rigid import quats_of
-from hoi_retarget.readers.source_file import SourceFile
 from hoi_retarget.readers.upright import check_upright
 from hoi_retarget.readers.worlds import turned_object, turned_person
-from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, LEFT_FINGERS, RIGHT_FINGERS
 
 FORMAT = "humoto"
 LICENCE = "Adobe Research License v1.1: research use; the full set on request"

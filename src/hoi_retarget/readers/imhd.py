@@ -20,21 +20,23 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip, ObjectGeometry, ObjectTrack, Person, Source
+from hoi_retarget.clip.clip import Clip, Source
 from hoi_retarget.errors import ClipError, GeometryError
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import JOINT_INDEX
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.companions import folder_above
 from hoi_retarget.readers.fields import Fields
 from hoi_retarget.readers.npz_fields import check_frames
-from hoi_retarget.readers.objects import mesh_vertices
+from hoi_retarget.readers.object_files import mesh_vertices
 from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
-from hoi_retarget.readers.source_file import SourceFile
 from hoi_retarget.readers.triangles import first_mesh
 from hoi_retarget.readers.upright import check_upright
 from hoi_retarget.readers.varying_shape import person_of_rows
 from hoi_retarget.readers.worlds import turned_object, turned_person
-from hoi_retarget.skeleton import JOINT_INDEX
 
 FORMAT = "imhd"
 LICENCE = "IMHD2: CC BY-NC-SA 4.0, on request"

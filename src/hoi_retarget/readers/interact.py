@@ -25,16 +25,18 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget import se3
-from hoi_retarget.bodies import Family
-from hoi_retarget.clip import Clip, ObjectTrack, Person, Source
+from hoi_retarget.clip.clip import Clip, Source
 from hoi_retarget.errors import ClipError, ReadError
+from hoi_retarget.files.source_file import FOLDER, SourceFile
+from hoi_retarget.human.body_model import Family
+from hoi_retarget.human.person import Person
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.readers.body_parameters import TITLES, BodyParameters, person_of
 from hoi_retarget.readers.companions import refuse_object_name
 from hoi_retarget.readers.fields import Fields
 from hoi_retarget.readers.npz_fields import check_frames, npz_fields
 from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
-from hoi_retarget.readers.source_file import FOLDER, SourceFile
 from hoi_retarget.readers.triangles import first_mesh
 from hoi_retarget.readers.upright import check_upright
 from hoi_retarget.readers.worlds import turned_object, turned_person

@@ -20,19 +20,21 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget import se3
-from hoi_retarget.clip import MINIMUM_FRAMES, Clip, ObjectGeometry, ObjectTrack, Person, Source
+from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, Source
 from hoi_retarget.errors import ClipError, GeometryError
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import JOINT_INDEX
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.companions import refuse_object_name
 from hoi_retarget.readers.fields import Fields
 from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
-from hoi_retarget.readers.source_file import SourceFile
 from hoi_retarget.readers.triangles import first_mesh
 from hoi_retarget.readers.upright import check_upright
 from hoi_retarget.readers.varying_shape import person_of_rows
 from hoi_retarget.readers.worlds import TURN, turned_object, turned_person
-from hoi_retarget.skeleton import JOINT_INDEX
 
 FORMAT = "intercap"
 LICENCE = "InterCap's licence: non-commercial scientific research only"

@@ -20,15 +20,17 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hoi_retarget import se3
-from hoi_retarget.arrays import describe_frames
-from hoi_retarget.clip import MINIMUM_FRAMES, Clip, ContactTrack, ObjectTrack, Person, Source
+from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, ContactTrack, Source
 from hoi_retarget.errors import ClipError, GeometryError, ReadError
-from hoi_retarget.readers.objects import load_geometry
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.files.torch_file import parse_torch, read_bytes
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, LEFT_FINGERS, PARENT, PARTS, RIGHT_FINGERS
+from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.arrays import describe_frames
+from hoi_retarget.objects.track import ObjectTrack
+from hoi_retarget.readers.object_files import load_geometry
 from hoi_retarget.readers.reader import Reader, ReadOptions
-from hoi_retarget.readers.source_file import SourceFile
-from hoi_retarget.readers.torch_file import parse_torch, read_bytes
-from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, LEFT_FINGERS, PARENT, PARTS, RIGHT_FINGERS
 
 FORMAT = "intermimic-591"
 FPS = 30.0

@@ -23,10 +23,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip, ContactTrack, ObjectGeometry, ObjectTrack, Person, Source
+from hoi_retarget.clip.clip import Clip, ContactTrack, Source
 from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, ReadError
-from hoi_retarget.readers import rest_pose
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.files.torch_file import parse_torch, read_bytes
+from hoi_retarget.human import rest_pose
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import JOINTS, PARTS
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.intermimic import (
     FPS,
     JOINT_ORDER,
@@ -41,11 +46,8 @@ from hoi_retarget.readers.intermimic import (
     object_count,
     part_active,
 )
-from hoi_retarget.readers.objects import load_geometry
+from hoi_retarget.readers.object_files import load_geometry
 from hoi_retarget.readers.reader import Reader, ReadOptions
-from hoi_retarget.readers.source_file import SourceFile
-from hoi_retarget.readers.torch_file import parse_torch, read_bytes
-from hoi_retarget.skeleton import JOINTS, PARTS
 
 FORMAT = "intermimic-multi-object"
 PARAHOME_LICENCE = "ParaHome: CC BY-NC-SA 4.0; repackaged by a fork of InterMimic, whose terms are not stated"

@@ -8,10 +8,10 @@ import re
 from pathlib import Path
 from typing import Any
 
-from hoi_retarget import npz
 from hoi_retarget.errors import ReadError
-from hoi_retarget.readers.array_pickle import ARRAYS, StandIn, parse_raw, plain
-from hoi_retarget.readers.pickle_machine import Dialect, Machine, RefusedError
+from hoi_retarget.files import npz
+from hoi_retarget.files.array_pickle import ARRAYS, StandIn, parse_raw, plain
+from hoi_retarget.files.pickle_machine import Dialect, Machine, RefusedError
 
 _HEADER = re.compile(
     rb"\x93NUMPY\x01\x00..\{'descr': '\|O(?:8)?', 'fortran_order': False, 'shape': \((?P<shape>[\d, ]*)\), \} *\n",

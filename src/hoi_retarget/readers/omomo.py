@@ -22,19 +22,21 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.clip import MINIMUM_FRAMES, Clip, ObjectGeometry, ObjectTrack, Person, Source
+from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, Source
 from hoi_retarget.errors import ClipError, GeometryError, ReadError
-from hoi_retarget.readers import fingers, kinematics, rest_pose
+from hoi_retarget.files.large_pickle import read_large_pickle, starts_with
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.human import fingers, kinematics, rest_pose
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import JOINTS
+from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of
 from hoi_retarget.readers.companions import folder_of_tree, refuse_object_name
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.large_pickle import read_large_pickle, starts_with
 from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
 from hoi_retarget.readers.rigid import quats_of
-from hoi_retarget.readers.source_file import SourceFile
 from hoi_retarget.readers.triangles import first_mesh
 from hoi_retarget.readers.upright import check_upright
-from hoi_retarget.skeleton import JOINTS
 
 FORMAT = "omomo"
 LICENCE = "MIT, as others state it; the makers' repository has no licence"

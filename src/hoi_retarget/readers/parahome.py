@@ -28,20 +28,22 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from hoi_retarget import se3
-from hoi_retarget.clip import MINIMUM_FRAMES, Clip, ObjectGeometry, ObjectTrack, Person, Source
+from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, Source
 from hoi_retarget.errors import BodyModelError, ClipError, GeometryError, ReadError
-from hoi_retarget.readers import kinematics, rest_pose
+from hoi_retarget.files.source_file import FOLDER, SourceFile
+from hoi_retarget.files.tensor_pickle import parse_tensors
+from hoi_retarget.human import kinematics, rest_pose
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of
 from hoi_retarget.readers.companions import folder_above, folder_of_tree, json_values, refuse_object_name
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.objects import load_mesh
+from hoi_retarget.readers.object_files import load_mesh
 from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
 from hoi_retarget.readers.rigid import poses_of
-from hoi_retarget.readers.source_file import FOLDER, SourceFile
-from hoi_retarget.readers.tensor_pickle import parse_tensors
 from hoi_retarget.readers.upright import check_upright
-from hoi_retarget.skeleton import JOINT_INDEX, JOINTS
 
 FORMAT = "parahome"
 LICENCE = "CC BY-NC-SA 4.0, academic use"

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from hoi_retarget.clip import Clip
-from hoi_retarget.readers.source_file import SourceFile
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.files.source_file import SourceFile
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget import se3
-from hoi_retarget.arrays import describe_frames
 from hoi_retarget.errors import ClipError
+from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.arrays import describe_frames
 
 LARGEST_DEVIATION = 0.01
 """Of a rotation times its transpose from the identity: rounding and smoothing stay below, sizes and shears do not."""

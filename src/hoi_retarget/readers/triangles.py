@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from hoi_retarget.clip import ObjectGeometry
 from hoi_retarget.errors import GeometryError
-from hoi_retarget.readers.objects import LARGEST_OBJECT
+from hoi_retarget.objects.track import ObjectGeometry
+from hoi_retarget.readers.object_files import LARGEST_OBJECT
 
 
 def first_mesh(name: str, candidates: Sequence[Path], *, centred: bool, scale: float = 1.0) -> ObjectGeometry:

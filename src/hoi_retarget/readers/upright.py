@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.clip import Person
 from hoi_retarget.errors import ClipError
-from hoi_retarget.skeleton import JOINT_INDEX
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import JOINT_INDEX
 
 SHORTEST, TALLEST = 0.5, 3.0
 """[m]; people whose skeleton is smaller or larger are given in another unit."""

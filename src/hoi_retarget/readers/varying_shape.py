@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.clip import Person
 from hoi_retarget.errors import ClipError
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import JOINT_INDEX, PARENT
 from hoi_retarget.readers.body_parameters import LARGEST_CHANGE, BodyParameters, person_of
-from hoi_retarget.skeleton import JOINT_INDEX, PARENT
 
 LARGEST_GROWTH = 0.05
 """Part of their mean length by which all bones together may be longer or shorter in a frame of one person."""

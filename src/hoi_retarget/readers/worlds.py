@@ -6,8 +6,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hoi_retarget import se3
-from hoi_retarget.clip import ObjectTrack, Person
+from hoi_retarget.human.person import Person
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectTrack
 
 _HALF = float(np.sqrt(0.5))
 TURN: Mapping[str, np.ndarray] = MappingProxyType(

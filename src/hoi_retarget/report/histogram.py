@@ -5,7 +5,7 @@ from html import escape
 
 import numpy as np
 
-from hoi_retarget.verdict import Level, Threshold
+from hoi_retarget.evaluate.thresholds import Level, Threshold
 
 WIDTH, HEIGHT = 264, 124  # [px]
 _LEFT, _RIGHT, _TOP, _BOTTOM = 6, 6, 18, 18  # Around the bars [px].

@@ -7,8 +7,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from hoi_retarget.evaluate.thresholds import THRESHOLDS, Level
 from hoi_retarget.report.rows import Row
-from hoi_retarget.verdict import THRESHOLDS, Level
 
 _WORDS = (
     "file",

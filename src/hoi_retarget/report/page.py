@@ -11,10 +11,10 @@ from string import Template
 import numpy as np
 
 from hoi_retarget import __version__
-from hoi_retarget.metrics import Column
+from hoi_retarget.evaluate import Column
+from hoi_retarget.evaluate.thresholds import THRESHOLDS, Level, Threshold
 from hoi_retarget.report.histogram import histogram
 from hoi_retarget.report.rows import Row, worst_first
-from hoi_retarget.verdict import THRESHOLDS, Level, Threshold
 
 _IN_TABLE = (
     "contact_gap_m",
@@ -68,7 +68,7 @@ def report_page(title: str, rows: Sequence[Row], pictures: Mapping[str, Picture]
     return Template(_asset("report", "report.html")).substitute(
         title=escape(title),
         subtitle=escape(_subtitle(judged, unread)),
-        style=_asset("viewers", "page.css") + _asset("report", "report.css"),
+        style=_asset("viewers.share", "page.css") + _asset("report", "report.css"),
         script=script,
         script_hash=f"sha256-{digest}",  # Nothing else may run in the page, whatever the files' names are.
         sections="\n".join(section for section in sections if section),

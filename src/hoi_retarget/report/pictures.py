@@ -4,17 +4,17 @@ from pathlib import Path
 
 import numpy as np
 
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip
+from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import HoiRetargetError
-from hoi_retarget.motion import Motion
-from hoi_retarget.recordings import clip_of
-from hoi_retarget.report.opening import open_motion
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.numerics import se3
+from hoi_retarget.readers.open import clip_of
+from hoi_retarget.report.load_any_motion import open_motion
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import RobotModel, load_model
-from hoi_retarget.viewers.scene import Shown, make_scene
-from hoi_retarget.viewers.standpoint import standpoint
-from hoi_retarget.viewers.thumbnail import telling_frame, thumbnail
+from hoi_retarget.viewers.offscreen.thumbnail import telling_frame, thumbnail
+from hoi_retarget.viewers.scene.auto_camera import standpoint
+from hoi_retarget.viewers.scene.scene import Shown, make_scene
 
 
 def picture_of(path: Path, foreign_robot: RobotModel, *, objects: Path | None = None) -> tuple[str, bytes] | None:

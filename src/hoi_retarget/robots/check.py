@@ -8,8 +8,8 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from hoi_retarget import se3
 from hoi_retarget.errors import RobotError
+from hoi_retarget.numerics import se3
 from hoi_retarget.robots.spec import SIDES, SITES, SOLE_CORNERS, RobotSpec
 
 Level = Literal["ok", "warn", "error"]

@@ -17,9 +17,9 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 
-from hoi_retarget import se3
-from hoi_retarget.arrays import frozen
 from hoi_retarget.errors import RobotError
+from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.robots.spec import SITES, RobotSpec
 
 

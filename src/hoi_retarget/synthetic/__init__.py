@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hoi_retarget.clip import MINIMUM_FRAMES, Clip, Source
+from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, Source
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.synthetic.acting import act, contacts_of
 from hoi_retarget.synthetic.objects import OBJECTS, object_mesh, write_objects

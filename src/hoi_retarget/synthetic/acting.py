@@ -10,9 +10,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget import se3
-from hoi_retarget.clip import ContactTrack, ObjectTrack, Person
-from hoi_retarget.skeleton import HANDS
+from hoi_retarget.clip.clip import ContactTrack
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import HANDS
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.synthetic.human import (
     MAXIMUM_REACH,
     SIDES,

@@ -10,10 +10,10 @@ from functools import cache
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget import se3
-from hoi_retarget.arrays import frozen
-from hoi_retarget.clip import Person
-from hoi_retarget.skeleton import HEIGHT_OVER_CHAIN, JOINT_INDEX, JOINTS, LEFT_FINGERS, PARENT, RIGHT_FINGERS
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import HEIGHT_OVER_CHAIN, JOINT_INDEX, JOINTS, LEFT_FINGERS, PARENT, RIGHT_FINGERS
+from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.arrays import frozen
 
 SIDES = ("left", "right")
 Vectors = Float[np.ndarray, "T 3"]

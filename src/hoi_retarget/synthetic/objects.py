@@ -13,8 +13,8 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Float, Int
 
-from hoi_retarget.clip import ObjectGeometry
 from hoi_retarget.errors import ArgumentError, WriteError
+from hoi_retarget.objects.track import ObjectGeometry
 
 Vertices = Float[np.ndarray, "V 3"]
 Faces = Int[np.ndarray, "F 3"]

@@ -10,9 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget import se3
-from hoi_retarget.clip import Clip, ContactTrack, ObjectTrack, Person
-from hoi_retarget.skeleton import HANDS, JOINT_INDEX, JOINTS, LEFT_FINGERS, PARENT, RIGHT_FINGERS
+from hoi_retarget.clip.clip import Clip, ContactTrack
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import HANDS, JOINT_INDEX, JOINTS, LEFT_FINGERS, PARENT, RIGHT_FINGERS
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectTrack
 
 ARM_LEVER, OBJECT_LEVER = 1.3, 0.3
 """[m]; how far a hand moves for a radian of jitter in each joint it hangs from, and a grasp for one of its object."""

@@ -8,22 +8,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hoi_retarget import se3
-from hoi_retarget.clip import ObjectTrack
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.synthetic.acting import Actor, Grip
 from hoi_retarget.synthetic.objects import Shape, shape
-from hoi_retarget.synthetic.staging import (
-    Carry,
-    Scene,
-    Span,
-    arc,
-    before,
-    dips,
-    holds,
-    moved,
-    rounded,
-    upright,
-)
+from hoi_retarget.synthetic.staging import Carry, Scene, Span, arc, before, dips, holds, moved, rounded, upright
 from hoi_retarget.synthetic.timing import Times, keyed
 from hoi_retarget.synthetic.walking import Place, Walk
 

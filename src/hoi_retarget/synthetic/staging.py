@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hoi_retarget import se3
-from hoi_retarget.clip import ObjectTrack
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.synthetic.acting import Actor, Keys
 from hoi_retarget.synthetic.human import Quats, Scalars
 from hoi_retarget.synthetic.objects import Shape

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hoi_retarget import se3
-from hoi_retarget.skeleton import JOINT_INDEX
+from hoi_retarget.human.skeleton import JOINT_INDEX
+from hoi_retarget.numerics import se3
 from hoi_retarget.synthetic.human import ANKLE_HEIGHT, SIDES, FootGoal, Scalars, Vectors, heading_quat, rest_offsets
 from hoi_retarget.synthetic.timing import Times, bump, minimum_jerk
 

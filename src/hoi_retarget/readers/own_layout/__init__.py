@@ -11,9 +11,11 @@ A folder is a clip, too, where it holds `clip.npz` in this layout, its meshes, a
 import hashlib
 from pathlib import Path
 
-from hoi_retarget import npz
-from hoi_retarget.clip import Clip, Source
+from hoi_retarget.clip.clip import Clip, Source
 from hoi_retarget.errors import ArgumentError, ClipError, ReadError
+from hoi_retarget.files import npz
+from hoi_retarget.files.source_file import FOLDER, SourceFile
+from hoi_retarget.files.torch_file import read_bytes
 from hoi_retarget.readers.own_layout.arrays import Arrays
 from hoi_retarget.readers.own_layout.contacts import contacts_of
 from hoi_retarget.readers.own_layout.joints import BODY_JOINTS
@@ -24,8 +26,6 @@ from hoi_retarget.readers.own_layout.parameters import ARRAYS as PARAMETERS
 from hoi_retarget.readers.own_layout.people import people_of
 from hoi_retarget.readers.own_layout.writing import encode, write
 from hoi_retarget.readers.reader import Reader, ReadOptions
-from hoi_retarget.readers.source_file import FOLDER, SourceFile
-from hoi_retarget.readers.torch_file import read_bytes
 
 __all__ = [
     "BODY_JOINTS",

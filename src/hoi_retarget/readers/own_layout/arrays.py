@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hoi_retarget import npz
-from hoi_retarget.clip import MINIMUM_FRAMES
+from hoi_retarget.clip.clip import MINIMUM_FRAMES
 from hoi_retarget.errors import ClipError, ReadError
+from hoi_retarget.files import npz
 from hoi_retarget.readers.own_layout.layout import (
     DOCUMENT,
     FORMAT,

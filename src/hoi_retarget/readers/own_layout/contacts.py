@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hoi_retarget.clip import ContactTrack, ObjectTrack, Person
+from hoi_retarget.clip.clip import ContactTrack
 from hoi_retarget.errors import ClipError
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import PARTS
+from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.readers.own_layout.arrays import Arrays
 from hoi_retarget.readers.own_layout.layout import FLAGS, INTEGERS, NUMBERS, TEXT
-from hoi_retarget.skeleton import PARTS
 
 _POINTS_NOTE = "Contact points are where the parts are, as the clip names none."
 

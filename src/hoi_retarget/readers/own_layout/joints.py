@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from hoi_retarget.clip import Person
 from hoi_retarget.errors import ClipError
-from hoi_retarget.readers import fingers, rest_pose
+from hoi_retarget.human import fingers, rest_pose
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, LEFT_FINGERS, RIGHT_FINGERS
 from hoi_retarget.readers.own_layout.arrays import Arrays, check_unit
 from hoi_retarget.readers.own_layout.layout import DOCUMENT, NUMBERS, TEXT
-from hoi_retarget.skeleton import JOINT_INDEX, JOINTS, LEFT_FINGERS, RIGHT_FINGERS
 
 ARRAYS = ("joint_names", "joint_pos", "joint_quat")
 BODY_JOINTS = tuple(joint for joint in JOINTS if joint not in (*LEFT_FINGERS, *RIGHT_FINGERS))

@@ -4,9 +4,9 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from hoi_retarget.clip import ObjectGeometry, ObjectTrack
 from hoi_retarget.errors import ClipError, GeometryError
-from hoi_retarget.readers.objects import LARGEST_OBJECT, load_geometry, load_mesh
+from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
+from hoi_retarget.readers.object_files import LARGEST_OBJECT, load_geometry, load_mesh
 from hoi_retarget.readers.own_layout.arrays import Arrays, check_unit
 from hoi_retarget.readers.own_layout.layout import INTEGERS, NUMBERS, TEXT
 

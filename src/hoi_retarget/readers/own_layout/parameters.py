@@ -6,9 +6,9 @@ from typing import cast, get_args
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.bodies import Family, Gender
-from hoi_retarget.clip import Person
 from hoi_retarget.errors import ClipError
+from hoi_retarget.human.body_model import Family, Gender
+from hoi_retarget.human.person import Person
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of
 from hoi_retarget.readers.own_layout.arrays import Arrays
 from hoi_retarget.readers.own_layout.layout import DOCUMENT, FLAGS, NUMBERS, TEXT

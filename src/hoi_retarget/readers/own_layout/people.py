@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hoi_retarget.clip import Person
 from hoi_retarget.errors import ClipError
+from hoi_retarget.human.person import Person
 from hoi_retarget.readers.own_layout import joints, parameters
 from hoi_retarget.readers.own_layout.arrays import Arrays
 from hoi_retarget.readers.own_layout.layout import DOCUMENT

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from hoi_retarget.clip import Clip, ObjectTrack
+from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import WriteError
-from hoi_retarget.motion import write_atomically
+from hoi_retarget.files.atomic import write_atomically
+from hoi_retarget.human.skeleton import JOINTS
+from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.readers.own_layout.layout import SCHEMA, SCHEMA_KEY, UNIT, UP
-from hoi_retarget.skeleton import JOINTS
 
 
 def write(clip: Clip, path: Path) -> None:

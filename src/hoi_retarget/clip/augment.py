@@ -1,0 +1,177 @@
+"""More clips of one recording: its mirror image, and the same at another speed.
+
+Contacts stay what they are: the same points of the object, touched by the same part, or by the other
+side's in a mirror. What was done stands in the clip's source, so that results tell their parent and
+`recordings.clip_of` finds their clip again. Other sizes of the object need no other clip:
+`targets.Scaling.size_multiplier` makes them.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import make_interp_spline
+
+from hoi_retarget.clip.clip import MINIMUM_FRAMES, Augmentation, Clip, ContactTrack, Source
+from hoi_retarget.errors import ClipError
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
+
+_MIRROR = np.array([1.0, -1.0, 1.0])  # The plane y = 0, of the world and of an object's frame.
+# A joint's left is its x axis: its frame is mirrored at x = 0 where the world is at y = 0, which leaves half a turn.
+_HALF_TURN = np.array([0.0, 0.0, 0.0, 1.0])
+_SIDES = {"left": "right", "right": "left"}
+
+
+def augment(clip: Clip, augmentation: Augmentation) -> Clip:
+    """Return the clip at another speed, mirrored, or both.
+
+    Raises:
+        ClipError: so fast that fewer than four frames are left.
+        GeometryError: an object's mesh is needed for its mirror image and cannot be had.
+    """
+    clip = at_speed(clip, augmentation.speed)
+    return mirrored(clip) if augmentation.mirrored else clip
+
+
+def mirrored(clip: Clip) -> Clip:
+    """Return the clip as seen in a mirror at the world's plane y = 0: left parts do what right ones did.
+
+    Objects are mirrored at the plane y = 0 of their own frames, too, so that their poses are rotations. Where an
+    object's mesh is known, its mirror image is in `points` and `faces`, with no file; else its points are mirrored.
+
+    Raises:
+        GeometryError: an object's mesh file is missing or damaged.
+    """
+    source = _noted(
+        replace(clip.source, augmentation=_toggled(clip.source.augmentation)),
+        "Mirrored at the plane y = 0, left for right; objects are mirror images of those recorded.",
+    )
+    return replace(
+        clip,
+        people=tuple(map(_mirrored_person, clip.people)),
+        objects=tuple(map(_mirrored_object, clip.objects)),
+        contacts=tuple(map(_mirrored_contact, clip.contacts)),
+        source=source,
+    )
+
+
+def at_speed(clip: Clip, speed: float) -> Clip:
+    """Return the clip at a multiple of its speed and the same rate; a speed of 1 is the clip itself.
+
+    The first and the last frame stay, so the speed is met up to half a frame in the whole clip. Positions and
+    rotations follow splines of third degree; a contact holds in the frames nearest to those in which it did.
+
+    Raises:
+        ArgumentError: the speed is not a positive number.
+        ClipError: so fast that fewer than four frames are left.
+    """
+    done = Augmentation(clip.source.augmentation.mirrored, clip.source.augmentation.speed * speed)
+    if speed == 1.0:
+        return clip
+    frames = round((clip.frames - 1) / speed) + 1
+    if frames < MINIMUM_FRAMES:
+        raise ClipError(
+            f"clip {clip.name!r}: at {speed:g} times its speed, {frames} of {clip.frames} frames are left; at least "
+            f"{MINIMUM_FRAMES} are needed. Use a lower speed."
+        )
+    times = np.linspace(0.0, clip.frames - 1, frames)
+    source = _noted(replace(clip.source, augmentation=done), f"Played at {speed:g} times the speed.")
+    return replace(
+        clip,
+        people=tuple(_resampled_person(person, times) for person in clip.people),
+        objects=tuple(_resampled_object(track, times) for track in clip.objects),
+        contacts=tuple(_resampled_contact(track, times) for track in clip.contacts),
+        source=source,
+    )
+
+
+def describe(augmentation: Augmentation) -> tuple[str, ...]:
+    """Return what was done to a recording, a few words for each."""
+    speed = () if augmentation.speed == 1.0 else (f"speed {augmentation.speed:g}",)
+    return (*speed, "mirrored") if augmentation.mirrored else speed
+
+
+def _toggled(augmentation: Augmentation) -> Augmentation:
+    return replace(augmentation, mirrored=not augmentation.mirrored)
+
+
+def _noted(source: Source, note: str) -> Source:
+    return replace(source, notes=(*source.notes, note))
+
+
+def _other_side(name: str) -> str:
+    side, _, rest = name.partition("_")
+    return f"{_SIDES[side]}_{rest}" if side in _SIDES else name
+
+
+_OTHER_SIDE = [JOINT_INDEX[_other_side(joint)] for joint in JOINTS]
+
+
+def _mirrored_person(person: Person) -> Person:
+    quats = se3.quat_multiply(se3.quat_mirrored(person.joint_quats), _HALF_TURN)
+    return replace(
+        person,
+        joint_positions=person.joint_positions[:, _OTHER_SIDE] * _MIRROR,
+        joint_quats=quats[:, _OTHER_SIDE],
+        shape=None,  # No body model has the mirror image of its betas.
+    )
+
+
+def _mirrored_object(track: ObjectTrack) -> ObjectTrack:
+    return replace(
+        track,
+        positions=track.positions * _MIRROR,
+        quats=se3.quat_mirrored(track.quats),
+        geometry=_mirrored_geometry(track.geometry),
+    )
+
+
+def _mirrored_geometry(geometry: ObjectGeometry) -> ObjectGeometry:
+    if geometry.faces is None and geometry.mesh_path is None:
+        return ObjectGeometry(geometry.points * _MIRROR)
+    surface = surface_of(geometry)
+    # Corners the other way round, so that triangles still face outwards.
+    return ObjectGeometry(surface.vertices * _MIRROR, faces=surface.faces[:, ::-1])
+
+
+def _mirrored_contact(track: ContactTrack) -> ContactTrack:
+    return replace(track, part=_other_side(track.part), points_object=track.points_object * _MIRROR)
+
+
+def _resampled_person(person: Person, times: Float[np.ndarray, "T"]) -> Person:
+    return replace(
+        person,
+        joint_positions=_resampled(person.joint_positions, times),
+        joint_quats=_resampled_quats(person.joint_quats, times),
+    )
+
+
+def _resampled_object(track: ObjectTrack, times: Float[np.ndarray, "T"]) -> ObjectTrack:
+    return replace(track, positions=_resampled(track.positions, times), quats=_resampled_quats(track.quats, times))
+
+
+def _resampled_contact(track: ContactTrack, times: Float[np.ndarray, "T"]) -> ContactTrack:
+    active, points = np.zeros(len(times), dtype=bool), np.full((len(times), 3), np.nan)
+    for first, stop in track.segments:
+        frames = np.flatnonzero((times >= first - 0.5) & (times < stop - 0.5))
+        if not len(frames):  # No contact is lost, however short it gets.
+            frames = np.array([np.argmin(np.abs(times - 0.5 * (first + stop - 1)))])
+        inside = np.clip(times[frames], first, stop - 1) - first
+        active[frames], points[frames] = True, _resampled(track.points_object[first:stop], inside)
+    return replace(track, active=active, points_object=points)
+
+
+def _resampled(values: Float[np.ndarray, "F *rest"], times: Float[np.ndarray, "T"]) -> Float[np.ndarray, "T *rest"]:
+    """Return values at fractional frames: on a spline of third degree, or less where they are few."""
+    return np.asarray(make_interp_spline(np.arange(len(values)), values, k=min(3, len(values) - 1))(times))
+
+
+def _resampled_quats(
+    quats: Float[np.ndarray, "F *rest 4"], times: Float[np.ndarray, "T"]
+) -> Float[np.ndarray, "T *rest 4"]:
+    # From frame to frame rotations are small: their components' spline stays near the sphere.
+    return se3.quat_normalize(_resampled(se3.quat_continuous(quats), times))

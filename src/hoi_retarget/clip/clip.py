@@ -1,0 +1,124 @@
+"""The human side of a clip: people, objects, contacts; no robot anywhere.
+
+World frame: z up, floor at z = 0, metres, seconds. All arrays are read-only copies.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from hoi_retarget.errors import ArgumentError, ClipError
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import PARTS
+from hoi_retarget.numerics.arrays import check_shape, describe_frames, frozen, runs
+from hoi_retarget.objects.track import ObjectTrack
+
+MINIMUM_FRAMES = 4  # The jerk penalty is a third difference.
+
+
+@dataclass(frozen=True, eq=False)
+class ContactTrack:
+    """When and where one part of one person touches one object."""
+
+    person: int
+    object: int
+    part: str
+    active: Bool[np.ndarray, "T"]
+    points_object: Float[np.ndarray, "T 3"]
+    """Contact point in the object's frame at captured size [m]; NaN where inactive."""
+
+    def __post_init__(self) -> None:
+        owner = f"contact of {self.part!r}"
+        if self.part not in PARTS:
+            raise ClipError(f"{owner}: no such part. Parts: {', '.join(PARTS)}.")
+        object.__setattr__(self, "active", frozen(self.active, bool))
+        points = np.where(self.active[:, None], np.asarray(self.points_object, dtype=float), np.nan)
+        object.__setattr__(self, "points_object", frozen(points))
+        check_shape(owner, "points_object", self.points_object, (len(self.active), 3))
+        missing = self.active & ~np.isfinite(self.points_object).all(axis=1)
+        if missing.any():
+            raise ClipError(f"{owner}: active without a point in {describe_frames(np.flatnonzero(missing))}.")
+
+    @property
+    def segments(self) -> tuple[tuple[int, int], ...]:
+        """Contiguous runs of active frames as (first, one past the last)."""
+        return runs(self.active)
+
+
+@dataclass(frozen=True)
+class Augmentation:
+    """What was done to a whole recording to get another clip of it; nothing by default."""
+
+    mirrored: bool = False
+    """Left for right."""
+    speed: float = 1.0
+    """How many times as fast as recorded."""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.speed) and self.speed > 0):
+            raise ArgumentError(f"The speed is {self.speed}; it must be a positive number.")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a clip comes from."""
+
+    path: str = ""
+    sha256: str = ""
+    format: str = ""
+    licence: str = ""
+    notes: tuple[str, ...] = field(default=())
+    """What the reader found and decided, one sentence each."""
+    contact_edits: str = ""
+    """Text of the contact edits that were applied to the contacts as recorded; empty where none were."""
+    augmentation: Augmentation = Augmentation()
+    """What was done after that."""
+    doubts: tuple[str, ...] = ()
+    """What looks wrong but does not stop anybody, one sentence each."""
+    files: tuple[str, ...] = ()
+    """Other files that the clip was read from: companions and meshes; not the body models."""
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """A recorded human-object interaction.
+
+    Raises `ClipError` when arrays disagree in length, numbers are not finite, rotations are zero,
+    or there are fewer than four frames.
+    """
+
+    name: str
+    fps: float
+    people: tuple[Person, ...]
+    objects: tuple[ObjectTrack, ...]
+    contacts: tuple[ContactTrack, ...]
+    source: Source = Source()
+    first_source_frame: int = 0
+    """How many leading frames of the source were dropped."""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.fps) and self.fps > 0):
+            raise ClipError(f"clip {self.name!r}: the rate is {self.fps} frames a second; it must be positive.")
+        if not self.people:
+            raise ClipError(f"clip {self.name!r}: there is no person in it.")
+        lengths = {f"person {person.name!r}": len(person.joint_positions) for person in self.people}
+        lengths |= {f"object {track.name!r}": len(track.positions) for track in self.objects}
+        lengths |= {f"contact of {track.part!r}": len(track.active) for track in self.contacts}
+        if len(set(lengths.values())) > 1:
+            listing = ", ".join(f"{owner}: {length}" for owner, length in lengths.items())
+            raise ClipError(f"clip {self.name!r}: tracks differ in their number of frames ({listing}).")
+        if self.frames < MINIMUM_FRAMES:
+            raise ClipError(f"clip {self.name!r}: {self.frames} usable frame(s); at least {MINIMUM_FRAMES} are needed.")
+        for track in self.contacts:
+            if not (0 <= track.person < len(self.people) and 0 <= track.object < len(self.objects)):
+                raise ClipError(f"clip {self.name!r}: a contact of {track.part!r} names an absent person or object.")
+
+    @property
+    def frames(self) -> int:
+        """Number of frames T."""
+        return len(self.people[0].joint_positions)
+
+    def with_doubts(self, doubts: tuple[str, ...]) -> "Clip":
+        """Return the clip with more of its source's doubts."""
+        return replace(self, source=replace(self.source, doubts=(*self.source.doubts, *doubts))) if doubts else self

@@ -1,0 +1,144 @@
+"""The text file of contact edits: TOML, read by Python's own parser, never executed.
+
+Numbers are written with as many digits as they have, so that what is read is what was written.
+"""
+
+import json
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, Field, fields
+from pathlib import Path
+from typing import Any
+
+from hoi_retarget.clip.edits.edits import ContactEdits, MadeFor
+from hoi_retarget.clip.edits.operations import OPERATIONS, Edit, edit_of, operation_name
+from hoi_retarget.errors import ArgumentError, ReadError
+from hoi_retarget.files.atomic import write_atomically
+
+SCHEMA = 1
+HEADER = """\
+# Contact edits for hoi-retarget: what is changed about who touches what, where and when.
+# To use them: hoi-retarget run CLIP --edits FILE --out DIR. To see them: hoi-retarget contacts CLIP --edits FILE.
+# They are done from top to bottom. frame is any frame of the contact that is meant, start the first frame, stop one
+# past the last; points and offsets are in the object's frame at captured size [m].
+"""
+
+
+def save(edits: ContactEdits, path: Path) -> None:
+    """Write edits to a file; raises `WriteError`, and a previous file at `path` is then intact."""
+    write_atomically(path, to_text(edits).encode())
+
+
+def load(path: Path) -> ContactEdits:
+    """Return the edits in a file.
+
+    Raises:
+        ReadError: the file is missing, no TOML, of another schema, or holds a key, an operation or a
+            value that means nothing.
+    """
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError as error:
+        raise ReadError(f"{path}: there is no such file of contact edits.") from error
+    except OSError as error:
+        raise ReadError(f"{path}: cannot be read ({error.strerror or error}).") from error
+    try:
+        text = content.decode()
+    except UnicodeDecodeError as error:
+        raise ReadError(f"{path}: not a text file of contact edits ({error}).") from error
+    return from_text(text, str(path))
+
+
+def to_text(edits: ContactEdits) -> str:
+    """Return the text of a file with these edits: the same text for the same edits."""
+    lines = [HEADER + f"schema = {SCHEMA}", "", "[clip]"]
+    lines += [f"{field.name} = {_written(getattr(edits.made_for, field.name))}" for field in fields(MadeFor)]
+    for edit in edits.edits:
+        lines += ["", "[[edit]]", f'operation = "{operation_name(edit)}"']
+        values = ((field, getattr(edit, field.name)) for field in fields(edit))
+        lines += [f"{field.name} = {_written(value)}" for field, value in values if value != field.default]
+    return "\n".join(lines) + "\n"
+
+
+def from_text(text: str, owner: str) -> ContactEdits:
+    """Return the edits that a text describes.
+
+    Args:
+        text: What `to_text` returns, or the like written by hand.
+        owner: Where the text is from, for messages.
+
+    Raises:
+        ReadError: as `load`.
+    """
+    try:
+        table = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
+        raise ReadError(f"{owner}: not a file of contact edits, which is TOML ({error}).") from error
+    if "schema" not in table:
+        raise ReadError(f"{owner}: no 'schema' entry: not a file of contact edits. It begins with: schema = {SCHEMA}.")
+    if table["schema"] != SCHEMA or isinstance(table["schema"], bool):
+        raise ReadError(f"{owner}: schema {table['schema']!r}; this version reads {SCHEMA}. Make the edits again.")
+    _check_keys(owner, table, ("schema", "clip", "edit"), ("schema", "clip"))
+    made_for = _made_for(f"{owner}: [clip]", table["clip"])
+    entries = table.get("edit", [])
+    if not isinstance(entries, list):
+        raise ReadError(f"{owner}: 'edit' is no list of tables. Write [[edit]] above each edit.")
+    return ContactEdits(made_for, tuple(_edits(owner, entries)))
+
+
+def _made_for(owner: str, table: Any) -> MadeFor:
+    if not isinstance(table, dict):
+        raise ReadError(f"{owner} is no table.")
+    names = tuple(field.name for field in fields(MadeFor))
+    _check_keys(owner, table, names, names)
+    kinds = {"name": str, "frames": int, "fps": (int, float), "people": int, "objects": list, "contacts": str}
+    for name, kind in kinds.items():
+        if not isinstance(table[name], kind) or isinstance(table[name], bool):
+            raise ReadError(f"{owner} {name} is {table[name]!r}, which is of the wrong type.")
+    if not all(isinstance(name, str) for name in table["objects"]):
+        raise ReadError(f"{owner} objects is {table['objects']!r}; expected names.")
+    if not 0 < table["fps"] < 1e6:
+        raise ReadError(f"{owner} fps is {table['fps']}; expected frames a second.")
+    return MadeFor(**(table | {"fps": float(table["fps"]), "objects": tuple(table["objects"])}))
+
+
+def _edits(owner: str, entries: list[Any]) -> Iterator[Edit]:
+    for number, entry in enumerate(entries, start=1):
+        here = f"{owner}: edit {number}"
+        if not isinstance(entry, dict):
+            raise ReadError(f"{here} is no table. Write [[edit]] above each edit.")
+        name = entry.get("operation")
+        kind = OPERATIONS.get(name) if isinstance(name, str) else None
+        if kind is None:
+            problem = "says no operation" if "operation" not in entry else f"there is no operation {name!r}"
+            raise ReadError(f"{here}: {problem}. Operations: {', '.join(OPERATIONS)}.")
+        known = fields(kind)
+        names = tuple(field.name for field in known)
+        values = {key: value for key, value in entry.items() if key != "operation"}
+        _check_keys(f"{here} ({name})", values, names, tuple(field.name for field in known if _is_required(field)))
+        try:
+            yield edit_of(kind, values)
+        except ArgumentError as error:
+            raise ReadError(f"{here} ({name}): {error}") from error
+
+
+def _is_required(field: "Field[Any]") -> bool:
+    return field.default is MISSING
+
+
+def _check_keys(owner: str, table: Mapping[str, Any], known: tuple[str, ...], required: tuple[str, ...]) -> None:
+    unknown, missing = [key for key in table if key not in known], [key for key in required if key not in table]
+    keys = f"Keys there can be: {', '.join(known) or 'none'}."
+    if unknown:
+        raise ReadError(f"{owner}: unknown key {', '.join(map(repr, unknown))}. {keys}")
+    if missing:
+        raise ReadError(f"{owner}: {', '.join(map(repr, missing))} is missing. {keys}")
+
+
+def _written(value: Any) -> str:
+    if isinstance(value, str):
+        # JSON's escapes are TOML's, which also wants one for the delete character.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_written, value))}]"
+    return repr(value)

@@ -1,0 +1,348 @@
+"""The operations on segments: what each of them says, and what it does.
+
+An operation names a segment by its part, its person, and any frame in it: one part touches one
+thing at a time, so no more is needed. Points and offsets are in the object's frame at captured size.
+"""
+
+import operator
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.edits.segments import (
+    Segment,
+    Segments,
+    check_frames,
+    check_person,
+    exchanged,
+    of_part,
+    part_text,
+    segment_at,
+    span_text,
+)
+from hoi_retarget.errors import ArgumentError, ClipError
+from hoi_retarget.human.skeleton import PARTS
+from hoi_retarget.objects.mesh import surface_of
+
+Point = tuple[float | int, float | int, float | int]
+
+LARGEST_COORDINATE = 100.0
+"""[m]; points farther from an object's origin are another unit or a slip."""
+
+
+class _Settled:
+    """An operation whose fields are checked when it is made."""
+
+    def __post_init__(self) -> None:
+        _settle(self)  # pyright: ignore[reportArgumentType]  # every operation is one of `Edit`
+
+
+@dataclass(frozen=True)
+class Move(_Settled):
+    """Shift all points of a segment alike."""
+
+    part: str
+    frame: int
+    """Any frame of the segment."""
+    offset: Point
+    """[m]"""
+    person: int = 0
+
+    def on(self, clip: Clip, segments: Segments) -> Segments:
+        """Return the segments after it; raises `ClipError` when its segment is not there."""
+        segment = segment_at(clip, segments, self.person, self.part, self.frame)
+        return exchanged(clip, segments, [segment], [segment.changed(points=segment.points + self.offset)])
+
+
+@dataclass(frozen=True)
+class Retime(_Settled):
+    """Let a segment begin and end elsewhere: it is cut, or held with the nearest of its points."""
+
+    part: str
+    frame: int
+    """Any frame of the segment as it is now."""
+    start: int
+    """Its new first frame."""
+    stop: int
+    """One past its new last frame."""
+    person: int = 0
+
+    def on(self, clip: Clip, segments: Segments) -> Segments:
+        """Return the segments after it; raises `ClipError` when it overlaps another or leaves the clip."""
+        segment = segment_at(clip, segments, self.person, self.part, self.frame)
+        check_frames(clip, self.start, self.stop)
+        nearest = np.clip(np.arange(self.start, self.stop), segment.start, segment.stop - 1)
+        points = segment.points[nearest - segment.start]
+        retimed = segment.changed(start=self.start, stop=self.stop, points=points)
+        return exchanged(clip, segments, [segment], [retimed])
+
+
+@dataclass(frozen=True)
+class Split(_Settled):
+    """Make two segments of one."""
+
+    part: str
+    frame: int
+    """Any frame of the segment."""
+    at: int
+    """First frame of the second of the two."""
+    person: int = 0
+
+    def on(self, clip: Clip, segments: Segments) -> Segments:
+        """Return the segments after it; raises `ClipError` when there would be nothing on one side."""
+        segment = segment_at(clip, segments, self.person, self.part, self.frame)
+        if not segment.start < self.at < segment.stop:
+            choice = f"Choose one of frames {segment.start + 1} to {segment.stop - 1}." if segment.frames > 1 else ""
+            raise ClipError(
+                f"the segment is {segment}: splitting it at {self.at} leaves nothing on one side. {choice}".rstrip()
+            )
+        length = self.at - segment.start
+        halves = (
+            segment.changed(stop=self.at, points=segment.points[:length]),
+            segment.changed(start=self.at, points=segment.points[length:]),
+        )
+        return exchanged(clip, segments, [segment], halves)
+
+
+@dataclass(frozen=True)
+class Merge(_Settled):
+    """Make one segment of this and the part's next one on the same object; points between are interpolated."""
+
+    part: str
+    frame: int
+    """Any frame of the first of the two."""
+    person: int = 0
+
+    def on(self, clip: Clip, segments: Segments) -> Segments:
+        """Return the segments after it; raises `ClipError` when there is no next one, or another thing between."""
+        segment = segment_at(clip, segments, self.person, self.part, self.frame)
+        own = of_part(clip, segments, self.person, self.part)
+        later = [item for item in own if item.start >= segment.stop and item.object == segment.object]
+        if not later:
+            name = clip.objects[segment.object].name
+            raise ClipError(f"after {segment}, {part_text(self.person, self.part)} does not touch {name!r} again.")
+        following = later[0]
+        gap = following.start - segment.stop
+        fraction = np.arange(1, gap + 1)[:, None] / (gap + 1)
+        between = segment.points[-1] + fraction * (following.points[0] - segment.points[-1])
+        points = np.concatenate([segment.points, between, following.points])
+        merged = segment.changed(stop=following.stop, points=points)
+        return exchanged(clip, segments, [segment, following], [merged])
+
+
+@dataclass(frozen=True)
+class Delete(_Settled):
+    """Remove a segment: the part no longer touches the object there."""
+
+    part: str
+    frame: int
+    """Any frame of the segment."""
+    person: int = 0
+
+    def on(self, clip: Clip, segments: Segments) -> Segments:
+        """Return the segments after it; raises `ClipError` when its segment is not there."""
+        return exchanged(clip, segments, [segment_at(clip, segments, self.person, self.part, self.frame)], [])
+
+
+@dataclass(frozen=True)
+class Add(_Settled):
+    """Make a new segment with one fixed point."""
+
+    part: str
+    start: int
+    """Its first frame."""
+    stop: int
+    """One past its last frame."""
+    point: Point
+    """[m]"""
+    object: str | None = None
+    """The object's name; may be left out where the clip has one object."""
+    person: int = 0
+
+    def on(self, clip: Clip, segments: Segments) -> Segments:
+        """Return the segments after it; raises `ClipError` when it overlaps another or leaves the clip."""
+        check_person(clip, self.person)
+        check_frames(clip, self.start, self.stop)
+        points = np.tile(self.point, (self.stop - self.start, 1))
+        added = Segment(self.person, self.part, self._object_index(clip), self.start, self.stop, points)
+        return exchanged(clip, segments, [], [added])
+
+    def _object_index(self, clip: Clip) -> int:
+        names = [track.name for track in clip.objects]
+        if self.object is None and len(names) == 1:
+            return 0
+        if self.object in names:
+            return names.index(self.object)
+        listing = f"Objects of the clip: {', '.join(names)}." if names else "The clip has no objects."
+        what = "which object is touched must be said" if self.object is None else f"there is no object {self.object!r}"
+        raise ClipError(f"{what}. {listing}")
+
+
+@dataclass(frozen=True)
+class Fix(_Settled):
+    """Give a segment one point for all of its frames, so that the hand does not slip (paper Sec. III-C)."""
+
+    part: str
+    frame: int
+    """Any frame of the segment."""
+    point: Point | None = None
+    """[m]; the mean of the segment's points where none is given."""
+    person: int = 0
+
+    def on(self, clip: Clip, segments: Segments) -> Segments:
+        """Return the segments after it; raises `ClipError` when its segment is not there."""
+        segment = segment_at(clip, segments, self.person, self.part, self.frame)
+        return exchanged(clip, segments, [segment], [_fixed(segment, self.point)])
+
+
+@dataclass(frozen=True)
+class FixAll:
+    """Give every segment of the clip one point, the mean of its own."""
+
+    def on(self, clip: Clip, segments: Segments) -> Segments:
+        """Return the segments after it."""
+        return tuple(_fixed(segment, None) for segment in segments)
+
+
+@dataclass(frozen=True)
+class Snap(_Settled):
+    """Move every point of a segment to the nearest point of the object's surface."""
+
+    part: str
+    frame: int
+    """Any frame of the segment."""
+    person: int = 0
+
+    def on(self, clip: Clip, segments: Segments) -> Segments:
+        """Return the segments after it; raises `ClipError`, and `GeometryError` when the surface cannot be had."""
+        segment = segment_at(clip, segments, self.person, self.part, self.frame)
+        return exchanged(clip, segments, [segment], [_snapped(clip, segment)])
+
+
+@dataclass(frozen=True)
+class SnapAll:
+    """Move every point of every segment of the clip to the nearest point of the object's surface."""
+
+    def on(self, clip: Clip, segments: Segments) -> Segments:
+        """Return the segments after it; raises `GeometryError` when a surface cannot be had."""
+        return tuple(_snapped(clip, segment) for segment in segments)
+
+
+Edit = Move | Retime | Split | Merge | Delete | Add | Fix | FixAll | Snap | SnapAll
+
+OPERATIONS: Mapping[str, type[Edit]] = MappingProxyType(
+    {
+        "move": Move,
+        "retime": Retime,
+        "split": Split,
+        "merge": Merge,
+        "delete": Delete,
+        "add": Add,
+        "fix": Fix,
+        "fix_all": FixAll,
+        "snap": Snap,
+        "snap_all": SnapAll,
+    }
+)
+"""The operations by their names in files."""
+_NAMES = {kind: name for name, kind in OPERATIONS.items()}
+
+
+def edit_of(kind: type[Edit], values: Mapping[str, Any]) -> Edit:
+    """Return the edit with values from a file, of whatever type they are; raises `ArgumentError`."""
+    return kind(**{name: _CHECKS[name](name, value) for name, value in values.items()})
+
+
+def operation_name(edit: Edit) -> str:
+    """Return an edit's name in `OPERATIONS`."""
+    return _NAMES[type(edit)]
+
+
+def describe(edit: Edit) -> str:
+    """Return an edit in a few words, such as `split, left_hand, frame 50, at 60`."""
+    if isinstance(edit, FixAll | SnapAll):
+        return operation_name(edit)
+    words = [operation_name(edit), part_text(edit.person, edit.part)]
+    if not isinstance(edit, Add):
+        words.append(f"frame {edit.frame}")
+    if isinstance(edit, Add | Retime):
+        words.append(f"{'to ' if isinstance(edit, Retime) else ''}{span_text(edit.start, edit.stop)}")
+    if isinstance(edit, Split):
+        words.append(f"at {edit.at}")
+    return ", ".join(words)
+
+
+def _fixed(segment: Segment, point: Point | None) -> Segment:
+    points = segment.points
+    # The mean of equal points differs from them by rounding: fixing again must change nothing.
+    mean = points[0] if (points == points[0]).all() else points.mean(axis=0)
+    return segment.changed(points=np.tile(mean if point is None else np.array(point), (segment.frames, 1)))
+
+
+def _snapped(clip: Clip, segment: Segment) -> Segment:
+    surface = surface_of(clip.objects[segment.object].geometry)
+    return segment.changed(points=surface.closest_points(segment.points))
+
+
+def _settle(edit: Edit) -> None:
+    """Check an edit's fields, and make numbers plain ones; raises `ArgumentError`."""
+    for field in fields(edit):
+        value = getattr(edit, field.name)
+        if value is not None or field.default is not None:
+            object.__setattr__(edit, field.name, _CHECKS[field.name](field.name, value))
+    if isinstance(edit, Add | Retime) and edit.start >= edit.stop:
+        raise ArgumentError(
+            f"start is {edit.start} and stop {edit.stop}: no frame is left. Stop is one past the last frame."
+        )
+
+
+def _part(name: str, value: Any) -> str:
+    if not isinstance(value, str) or value not in PARTS:
+        raise ArgumentError(f"{name} is {value!r}; parts that can touch: {', '.join(PARTS)}.")
+    return value
+
+
+def _text(name: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise ArgumentError(f"{name} is {value!r}; expected a name.")
+    return value
+
+
+def _count(name: str, value: Any) -> int:
+    try:
+        number = -1 if isinstance(value, bool) else operator.index(value)
+    except TypeError:
+        number = -1
+    if number < 0:
+        raise ArgumentError(f"{name} is {value!r}; expected a whole number from 0 on.")
+    return number
+
+
+def _vector(name: str, value: Any) -> Point:
+    numbers = list(value) if isinstance(value, Iterable) and not isinstance(value, str | bytes) else []
+    sound = len(numbers) == 3 and all(_is_coordinate(number) for number in numbers)
+    if not sound:
+        raise ArgumentError(
+            f"{name} is {value!r}; expected three numbers in metres, none beyond {LARGEST_COORDINATE:g}."
+        )
+    x, y, z = (float(number) for number in numbers)
+    return (x, y, z)
+
+
+def _is_coordinate(number: Any) -> bool:
+    is_number = isinstance(number, int | float | np.integer | np.floating) and not isinstance(number, bool)
+    return is_number and bool(abs(number) <= LARGEST_COORDINATE)  # Not so for NaN.
+
+
+_CHECKS: Mapping[str, Callable[[str, Any], Any]] = MappingProxyType(
+    {
+        "part": _part,
+        "object": _text,
+        **dict.fromkeys(("person", "frame", "start", "stop", "at"), _count),
+        **dict.fromkeys(("offset", "point"), _vector),
+    }
+)

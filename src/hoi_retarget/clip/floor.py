@@ -1,0 +1,77 @@
+"""The floor of a recording, from its format, from the user, or from standing soles.
+
+Every decision becomes a note of the clip.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.human.capsules import PART_CAPSULES, spheres
+from hoi_retarget.human.skeleton import FEET
+
+STANDING_SPEED = 0.15
+"""[m/s]; a sole that is slower stands on something."""
+FLOOR_PERCENTILE = 10.0
+"""Of the heights of standing soles: low enough for people who also stand on things, above what noise reaches."""
+LEAST_STANDING = 5
+"""Frames of standing that a floor's height is believed from."""
+FLOOR_TOLERANCE = 0.15
+"""[m]; soles that stand farther from the floor than this stand on something, or the floor is elsewhere."""
+
+
+def on_floor(clip: Clip, *, at_zero: bool, floor: float | None = None) -> Clip:
+    """Return a clip shifted so that the floor is at z = 0.
+
+    Args:
+        clip: z is up.
+        at_zero: whether its format promises that the floor is there already.
+        floor: height of the floor in the clip [m], where somebody knows it; otherwise it is estimated.
+    """
+    if floor is not None:
+        lowered = _lowered(clip, floor, f"The floor is at z = {floor:.3f} m in the recording, as was asked for.")
+        return lowered.with_doubts(_floor_doubts(lowered, floor))
+    if at_zero:
+        return clip.with_doubts(_floor_doubts(clip, 0.0))
+    height, frames = floor_height(clip)
+    how = (
+        f"{frames} frames of standing feet" if frames else "the lowest point of anybody's feet, which never stand still"
+    )
+    return _lowered(clip, height, f"The floor is at z = {height:.3f} m in the recording, estimated from {how}.")
+
+
+def floor_height(clip: Clip) -> tuple[float, int]:
+    """Return the height of the floor [m] that soles stand on, and in how many frames of a foot they do."""
+    heights, slow = [], []
+    for person in clip.people:
+        for foot in FEET:
+            balls = spheres(person, PART_CAPSULES[foot])
+            heights.append((balls.middles[..., 2] - balls.radii).min(axis=1))
+            speed = np.linalg.norm(np.gradient(balls.middles, axis=0), axis=-1).max(axis=1) * clip.fps
+            slow.append(speed < STANDING_SPEED)
+    soles, stands = np.concatenate(heights), np.concatenate(slow)
+    if stands.sum() < LEAST_STANDING:
+        return float(soles.min()), 0
+    return float(np.percentile(soles[stands], FLOOR_PERCENTILE)), int(stands.sum())
+
+
+def _floor_doubts(clip: Clip, floor: float) -> tuple[str, ...]:
+    """Return a doubt where feet stand elsewhere than on the floor, which was put at zero from the height `floor`."""
+    height, frames = floor_height(clip)
+    if not frames or abs(height) <= FLOOR_TOLERANCE:
+        return ()
+    return (
+        f"Feet stand at z = {height:.2f} m, not on the floor at 0: pass --floor {floor + height:.2f} unless they stand "
+        "on something.",
+    )
+
+
+def _lowered(clip: Clip, height: float, note: str) -> Clip:
+    down = np.array([0.0, 0.0, height])
+    return replace(
+        clip,
+        people=tuple(replace(person, joint_positions=person.joint_positions - down) for person in clip.people),
+        objects=tuple(replace(track, positions=track.positions - down) for track in clip.objects),
+        source=replace(clip.source, notes=(*clip.source.notes, note)),
+    )

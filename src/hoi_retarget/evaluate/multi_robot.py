@@ -1,0 +1,87 @@
+"""Whether people's robots hold an object as the people did, relative to each other."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from hoi_retarget.evaluate.statistics import norms
+from hoi_retarget.evaluate.view import HAND_SITES, ModelLike
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.numerics import se3
+
+
+@dataclass(frozen=True)
+class HandToHand:
+    """How far two robots' hands on one object are from where they should be, seen from each other."""
+
+    people: tuple[int, int]
+    links: tuple[str, str]
+    object: str
+    frames: int
+    """In which both touch it."""
+    mean_m: float
+    """Mean length of the difference between the hands' offset on the object and that of their targets [m]."""
+    max_m: float
+
+    def __str__(self) -> str:
+        first, second = (f"{link} of person {person}" for link, person in zip(self.links, self.people, strict=True))
+        return (
+            f"{first} and {second} on {self.object!r}, {self.frames} frames: {100 * self.mean_m:.1f} cm from their "
+            f"place relative to each other on average, {100 * self.max_m:.1f} cm at most"
+        )
+
+
+def hand_to_hand(motions: Sequence[Motion], models: Sequence[ModelLike]) -> tuple[HandToHand, ...]:
+    """Return how each pair of hands of different robots is placed on each object that both touch at once.
+
+    Args:
+        motions: One for each person of a clip, frame by frame in step.
+        models: The robots of the motions.
+    """
+    hands = [tuple(_hands(motion, model)) for motion, model in zip(motions, models, strict=True)]
+    found = []
+    for (one, ones), (other, others) in combinations(enumerate(hands), 2):
+        for ours in ones:
+            for theirs in others:
+                both = ours.touching & theirs.touching
+                if ours.object != theirs.object or not both.any():
+                    continue
+                off = norms(ours.misplaced[both] - theirs.misplaced[both])
+                found.append(
+                    HandToHand(
+                        (one, other),
+                        (ours.link, theirs.link),
+                        ours.object,
+                        int(both.sum()),
+                        float(off.mean()),
+                        float(off.max()),
+                    )
+                )
+    return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class _Hand:
+    """One hand and one object."""
+
+    link: str
+    object: str
+    touching: Bool[np.ndarray, "T"]
+    misplaced: Float[np.ndarray, "T 3"]
+    """From the target to the hand, in the object's frame [m]."""
+
+
+def _hands(motion: Motion, model: ModelLike) -> Iterator[_Hand]:
+    kinematics = model.forward(motion.qpos)
+    sites = set(HAND_SITES.values())
+    for column, link in enumerate(motion.contact_links):
+        if link not in sites:
+            continue
+        for index, name in enumerate(motion.object_names):
+            away = kinematics.site_position(link) - motion.object_pos[:, index]
+            inside = se3.rotate_inverse(motion.object_quat[:, index], away)
+            touching = motion.contact_flags[:, column] & (motion.contact_object[:, column] == index)
+            yield _Hand(link, name, touching, inside - motion.contact_targets[:, column])

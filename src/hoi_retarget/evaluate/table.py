@@ -1,0 +1,174 @@
+"""The figures of several clips as a table, JSON and CSV: per clip, their mean, and the worst of them.
+
+Nothing is printed here; the command line does.
+"""
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from hoi_retarget.evaluate.figures import Figures
+
+
+@dataclass(frozen=True)
+class Column:
+    """One figure as it is shown."""
+
+    name: str
+    """Name of the field of `Figures`, which ends in the unit of the stored number."""
+    title: str
+    unit: str
+    """Unit in which it is shown."""
+    scale: float
+    """Shown number over stored number."""
+    digits: int
+    """Digits after the point."""
+    better: Literal["lower", "higher"]
+    in_paper: bool = False
+    """Whether the paper's table of metrics defines it."""
+
+    @property
+    def header(self) -> str:
+        """Title and unit."""
+        return f"{self.title} [{self.unit}]"
+
+    def text(self, value: float | None) -> str:
+        """Return a stored number as it is shown; a dash where there is none."""
+        return "-" if value is None else f"{value * self.scale:.{self.digits}f}"
+
+
+COLUMNS: tuple[Column, ...] = (
+    Column("contact_gap_m", "contact gap", "mm", 1e3, 1, "lower", in_paper=True),
+    Column("contact_gap_p95_m", "gap p95", "mm", 1e3, 1, "lower"),
+    Column("contact_gap_max_m", "gap max", "mm", 1e3, 1, "lower"),
+    Column("contact_slip_mps", "contact slip", "cm/s", 1e2, 1, "lower"),
+    Column("body_pose_deviation_deg", "pose", "deg", 1.0, 1, "lower", in_paper=True),
+    Column("link_velocity_direction_deg", "velocity direction", "deg", 1.0, 1, "lower", in_paper=True),
+    Column("relative_hand_rotation_deg", "hand rotation", "deg", 1.0, 1, "lower", in_paper=True),
+    Column("body_jerk_mps3", "jerk", "m/s^3", 1.0, 1, "lower", in_paper=True),
+    Column("body_jerk_max_mps3", "jerk max", "m/s^3", 1.0, 0, "lower"),
+    Column("stance_slide_mps", "foot slide", "cm/s", 1e2, 1, "lower"),
+    Column("stance_sole_height_abs_m", "sole height", "mm", 1e3, 1, "lower"),
+    Column("stance_float_m", "foot float", "mm", 1e3, 1, "lower"),
+    Column("floor_penetration_max_m", "floor penetration", "mm", 1e3, 1, "lower"),
+    Column("object_below_floor_m", "object below floor", "mm", 1e3, 1, "lower"),
+    Column("object_path_error_m", "object path", "cm", 1e2, 1, "lower", in_paper=True),
+    Column("joint_range_margin_rad", "range margin", "rad", 1.0, 3, "higher"),
+    Column("joint_speed_margin_radps", "speed margin", "rad/s", 1.0, 2, "higher"),
+    Column("compute_s", "time", "s", 1.0, 2, "lower", in_paper=True),
+)
+
+
+@dataclass(frozen=True)
+class Score:
+    """The figures of one result, with what a table needs besides."""
+
+    name: str
+    """Name of the result: the clip's, with the person where there are several."""
+    figures: Figures
+    frames: int
+    compute_s: float | None = None
+    """Time of the complete run [s], from the motion's report."""
+    file: str = ""
+    """The result's file; tells results of one name apart."""
+    robot: str = ""
+    root_scale: float | None = None
+    object_scale: tuple[float, ...] = ()
+    """One for each object."""
+
+    def facts(self) -> dict[str, Any]:
+        """Return what tells this result from others, by name."""
+        return {
+            **{"name": self.name, "file": self.file, "robot": self.robot, "root_scale": self.root_scale},
+            **{"object_scale": list(self.object_scale), "frames": self.frames},
+        }
+
+    def values(self) -> dict[str, float | None]:
+        """Return all numbers by column name."""
+        return {**asdict(self.figures), "compute_s": self.compute_s}
+
+
+def mean_values(scores: Sequence[Score]) -> dict[str, float | None]:
+    """Return the mean of every column over the results that define it."""
+    present = _present(scores)
+    return {name: sum(values) / len(values) if values else None for name, values in present.items()}
+
+
+def worst_values(scores: Sequence[Score]) -> dict[str, float | None]:
+    """Return the worst of every column: the largest, or the smallest where higher is better."""
+    present = _present(scores)
+    worst = {column.name: max if column.better == "lower" else min for column in COLUMNS}
+    return {name: worst[name](values) if values else None for name, values in present.items()}
+
+
+def table_rows(scores: Sequence[Score], columns: Sequence[Column] = COLUMNS) -> tuple[tuple[str, ...], ...]:
+    """Return the table as text: a header row, a row per result, and with two and more their mean and worst.
+
+    Results are named by their files where several bear the same name.
+    """
+    header = ("clip", "robot", "object scale", "frames", *(column.header for column in columns))
+    several = len({score.name for score in scores}) < len(scores)
+    rows = [
+        (
+            *(
+                score.file if several and score.file else score.name,
+                score.robot or "-",
+                scales_text(score.object_scale),
+            ),
+            *(str(score.frames), *_texts(score.values(), columns)),
+        )
+        for score in scores
+    ]
+    if len(scores) > 1:
+        rows += [(name, "", "", "", *_texts(values, columns)) for name, values in _summaries(scores)]
+    return (header, *rows)
+
+
+def scales_text(scales: Iterable[float]) -> str:
+    """Return the scales of objects as they are shown."""
+    return " ".join(f"{scale:.3f}" for scale in scales) or "-"
+
+
+def to_json(scores: Sequence[Score]) -> str:
+    """Return the results as JSON text: how many, mean, worst, and each one; null where a figure is undefined."""
+    document = {
+        "clips": len(scores),
+        **dict(_summaries(scores)),
+        "per_clip": [{**score.facts(), **score.values()} for score in scores],
+    }
+    return json.dumps(document, indent=1, allow_nan=False) + "\n"
+
+
+def to_csv(scores: Sequence[Score]) -> str:
+    """Return the results as CSV text, full precision in stored units; empty where a figure is undefined.
+
+    Several objects' scales stand in one cell. The last two rows, named `mean` and `worst`, are not clips:
+    their file and their number of frames are empty.
+    """
+    names = [column.name for column in COLUMNS]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    facts = ["name", "file", "robot", "root_scale", "object_scale", "frames"]
+    writer.writerow([*facts, *names])
+    for score in scores:
+        values = {**score.facts(), **score.values(), "object_scale": " ".join(map(str, score.object_scale))}
+        writer.writerow([values[name] for name in (*facts, *names)])
+    for label, values in _summaries(scores):
+        writer.writerow([label, *[""] * (len(facts) - 1), *(values[name] for name in names)])
+    return text.getvalue()
+
+
+def _summaries(scores: Sequence[Score]) -> tuple[tuple[str, dict[str, float | None]], ...]:
+    return ("mean", mean_values(scores)), ("worst", worst_values(scores))
+
+
+def _present(scores: Sequence[Score]) -> dict[str, list[float]]:
+    tables = [score.values() for score in scores]
+    return {column.name: [value for table in tables if (value := table[column.name]) is not None] for column in COLUMNS}
+
+
+def _texts(values: dict[str, float | None], columns: Sequence[Column]) -> tuple[str, ...]:
+    return tuple(column.text(values[column.name]) for column in columns)

@@ -1,0 +1,1 @@
+"""Bytes in and files out: archives, pickles, tensors, glTF, atomic writes."""

@@ -1,0 +1,120 @@
+"""A recording as it is named: a file or a folder, perhaps one clip of several in it, read as far as somebody asks."""
+
+import hashlib
+import struct
+import zipfile
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from hoi_retarget.errors import ReadError
+from hoi_retarget.files import npz
+from hoi_retarget.files.array_pickle import parse_pickle
+from hoi_retarget.files.torch_file import parse_torch, read_bytes
+
+SELECTION = "#"
+"""Stands between the path and the name of one clip in it."""
+FOLDER = "/"
+"""What stands for a file name's ending where a recording is a folder."""
+
+
+class SourceFile:
+    """A recording's path, and what its files hold, each read and parsed at most once.
+
+    What is not of the kind that is asked for raises `ReadError` or is empty.
+    """
+
+    def __init__(self, name: Path) -> None:
+        path, _, selection = str(name).rpartition(SELECTION)
+        chosen = bool(path) and not _there(name)
+        self.name = name
+        """As the user wrote it."""
+        self.path = Path(path) if chosen else name
+        """Without the selection."""
+        self.selection = selection if chosen else None
+        """Which of the clips in it is meant; None where the name does not say."""
+        self._digests: dict[Path, str] = {}
+
+    @property
+    def suffix(self) -> str:
+        """The ending of the file's name in small letters, or `FOLDER`."""
+        return FOLDER if _is_folder(self.path) else self.path.suffix.lower()
+
+    @property
+    def exists(self) -> bool:
+        """Whether it is there; what cannot be looked at may be."""
+        return _there(self.path)
+
+    @cached_property
+    def content(self) -> bytes:
+        """The file's bytes; raises `ReadError`."""
+        return self.read(self.path)
+
+    @cached_property
+    def members(self) -> Mapping[str, bytes]:
+        """The arrays of an `.npz` file, each as the bytes of an `.npy` file; empty where it is no such file."""
+        try:
+            return npz.members(self.content)
+        except ValueError:
+            return {}
+
+    @cached_property
+    def array_names(self) -> frozenset[str]:
+        """What the arrays of an `.npz` file are called, without reading them; empty where it is no such file."""
+        try:
+            with zipfile.ZipFile(self.path) as archive:
+                return frozenset(name.removesuffix(".npy") for name in archive.namelist())
+        except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile, struct.error):
+            return frozenset()
+
+    @cached_property
+    def torch(self) -> Any:
+        """What a torch file holds; raises `ReadError`."""
+        return parse_torch(self.content, self.path)
+
+    @cached_property
+    def pickle(self) -> Any:
+        """What a pickle of plain values and arrays holds; raises `ReadError`."""
+        return parse_pickle(self.content, self.path)
+
+    def beside(self, *steps: str) -> Path:
+        """Return a path from the folder that the recording is, or that its file is in.
+
+        Raises `ReadError` for steps that are not plain names: these may come from files.
+        """
+        for step in steps:
+            if step in ("", ".", "..") or any(character in step for character in "/\\:\0"):
+                raise ReadError(f"{self.name}: it names {step[:80]!a}, which is no plain name of a file or folder.")
+        return (self.path if _is_folder(self.path) else self.path.parent).joinpath(*steps)
+
+    def read(self, path: Path) -> bytes:
+        """Return the bytes of a file that the clip is made of; raises `ReadError`."""
+        content = read_bytes(path)
+        self._digests[path] = hashlib.sha256(content).hexdigest()
+        return content
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files that were read, in order."""
+        return tuple(sorted(self._digests))
+
+    @property
+    def sha256(self) -> str:
+        """Of the file that was read; of the digests of all, in the order of their paths, where there were several."""
+        digests = [self._digests[path] for path in self.files]
+        return digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
+
+
+def _there(path: Path) -> bool:
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return True
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False

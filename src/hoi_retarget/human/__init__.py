@@ -1,0 +1,1 @@
+"""The human: skeleton, poses, body model, stance."""

@@ -1,0 +1,65 @@
+"""One person over time: world poses of the skeleton's joints.
+
+World frame: z up, floor at z = 0, metres, seconds. All arrays are read-only copies.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.human.body_model import BodyShape
+from hoi_retarget.human.skeleton import HEIGHT_OVER_CHAIN, JOINT_INDEX, JOINTS, PARTS
+from hoi_retarget.numerics.arrays import check_finite, check_shape, frozen, unit_quats
+
+
+@dataclass(frozen=True, eq=False)
+class Person:
+    """One human: world poses of the 52 joints of `skeleton.JOINTS`."""
+
+    name: str
+    joint_positions: Float[np.ndarray, "T 52 3"]
+    """World positions [m]."""
+    joint_quats: Float[np.ndarray, "T 52 4"]
+    """World rotations, wxyz, identity in the T-pose that stands along +y and looks along +z."""
+    fingers_recorded: bool = True
+    """Whether the finger joints are the person's own; otherwise they are straight and made up."""
+    shape: BodyShape | None = None
+    """The person's skin, where the source tells it and its body model is at hand."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joint_positions", frozen(self.joint_positions))
+        frames = len(self.joint_positions)
+        check_shape(f"person {self.name!r}", "joint_positions", self.joint_positions, (frames, len(JOINTS), 3))
+        check_shape(f"person {self.name!r}", "joint_quats", np.asarray(self.joint_quats), (frames, len(JOINTS), 4))
+        check_finite(f"person {self.name!r}", {"joint_positions": self.joint_positions})
+        object.__setattr__(self, "joint_quats", unit_quats(f"person {self.name!r}", "joint_quats", self.joint_quats))
+
+    def position(self, joint: str) -> Float[np.ndarray, "T 3"]:
+        """Return the world position of a joint [m]."""
+        return self.joint_positions[:, JOINT_INDEX[joint]]
+
+    def quat(self, joint: str) -> Float[np.ndarray, "T 4"]:
+        """Return the world rotation of a joint."""
+        return self.joint_quats[:, JOINT_INDEX[joint]]
+
+    def part_position(self, part: str) -> Float[np.ndarray, "T 3"]:
+        """Return the world position of a part's contact point [m]."""
+        return np.mean([self.position(joint) for joint in PARTS[part].point_joints], axis=0)
+
+    def part_quat(self, part: str) -> Float[np.ndarray, "T 4"]:
+        """Return the world rotation of a part."""
+        return self.quat(PARTS[part].rotation_joint)
+
+    @property
+    def height(self) -> float:
+        """Standing height [m], estimated from the skeleton's legs, their mean, and its trunk."""
+        legs = [self._length(f"{side}_hip", f"{side}_knee", f"{side}_ankle") for side in ("left", "right")]
+        trunk = self._length("pelvis", "spine1", "spine2", "spine3", "neck", "head")
+        return HEIGHT_OVER_CHAIN * (float(np.mean(legs)) + trunk)
+
+    def _length(self, *chain: str) -> float:
+        """Return the length of a chain of joints [m], its mean over time."""
+        bones = [np.linalg.norm(self.position(b) - self.position(a), axis=-1) for a, b in pairwise(chain)]
+        return float(np.mean(np.sum(bones, axis=0)))

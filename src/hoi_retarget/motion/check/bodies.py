@@ -1,0 +1,202 @@
+"""Findings about bodies: in which order and convention they are, and whether joints and root agree with them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.motion.check.body_poses import BodyReading, body_readings, claimed_places, fit_tree, implied_angles
+from hoi_retarget.motion.check.conventions import breadth_first_joints
+from hoi_retarget.motion.check.finding import Finding
+from hoi_retarget.motion.check.interpretation import Interpretation, joint_deviations, rotation_deviations
+from hoi_retarget.motion.check.layout import UNIT_TOLERANCE, Layout, off_unit
+from hoi_retarget.motion.formats import Bodies, MotionFile
+from hoi_retarget.motion.formats.tracking import BREADTH_FIRST, DEPTH_FIRST
+from hoi_retarget.numerics import se3
+from hoi_retarget.robots.model import RobotModel
+
+_ENOUGH = 0.3  # Penalty of a fit that leaves no question: 3 degrees or 3 cm.
+_PART = 0.7
+_SAME_ANGLE = 0.02  # [rad]
+_SAME_PLACE, _SAME_TURN = 0.02, np.radians(2.0)
+
+
+@dataclass(frozen=True, eq=False)
+class FoundBodies:
+    """How bodies and joints are to be read."""
+
+    there: BodyReading
+    reading: Interpretation
+    """Of the joints, and of the bodies' poses as the root's."""
+    pos: Float[np.ndarray, "T 3"]
+    quat: Float[np.ndarray, "T 4"]
+    """The root body's, as in the file."""
+    format: str
+
+
+def read_bodies(
+    file: MotionFile, bodies: Bodies, model: RobotModel, layout: Layout, claim: Interpretation
+) -> tuple[FoundBodies | None, list[Finding]]:
+    """Return how bodies and joints are to be read, None where the bodies do not tell, with what was found."""
+    places = claimed_places(model, file.body_names, bodies.pos.shape[1])
+    if model.body_names[0] not in places or len(places) < 3:
+        says = f"{bodies.pos.shape[1]} bodies without names" if file.body_names is None else "other names"
+        expected = f"{len(model.body_names)} bodies of {model.spec.name}"
+        return None, [Finding("unknown", "body order", expected, f"the file has {says}: not compared")]
+    off = off_unit(bodies.quat[:, list(places.values())])
+    if off > UNIT_TOLERANCE:
+        says = f"their lengths differ from 1 by up to {off:.2g}"
+        advice = "Normalize the quaternions, or write them at all."
+        return None, [Finding("contradiction", "quaternion order", "unit quaternions", says, advice, "poses")]
+    there, findings = _fitting(model, bodies, list(body_readings(model, places, claim, bodies.pos)), file)
+    if there.reading.metres != 1.0:
+        findings.append(_unit(there.reading.metres))
+    implied = implied_angles(model, there, bodies.pos, bodies.quat)
+    reading, format_name, more = _joints(file, model, layout, there, implied)
+    findings += more
+    root = there.places[model.body_names[0]]
+    found = FoundBodies(there, reading, bodies.pos[:, root], bodies.quat[:, root], format_name)
+    if layout.pos is not None and layout.quat is not None:
+        findings += _root(found, layout.pos, layout.quat)
+    return found, findings
+
+
+def _unit(metres: float) -> Finding:
+    says = f"neighbouring bodies are {1 / metres:g} times as far apart as the robot's"
+    return Finding("contradiction", "length unit", "metres", says, f"Multiply positions by {metres:g}.", "poses")
+
+
+def _fitting(
+    model: RobotModel, bodies: Bodies, readings: list[BodyReading], file: MotionFile
+) -> tuple[BodyReading, list[Finding]]:
+    fits = [fit_tree(model, there, bodies.pos, bodies.quat) for there in readings]
+    claimed = fits[0]
+    # Where both orders are in use, neither contradicts the claim.
+    legal = [0] + [
+        i for i, there in enumerate(readings) if file.convention.order is None and _is_legal(there, readings[0])
+    ]
+    best = min(legal, key=lambda index: fits[index].penalty)
+    if fits[best].penalty > _ENOUGH:
+        other = min(range(len(fits)), key=lambda index: fits[index].penalty)
+        if fits[other].penalty < _PART * fits[best].penalty:
+            return readings[other], _contradictions(readings, fits, other, best)
+        says = f"{fits[best]} in the best of {len(fits)} readings"
+        advice = "Are these bodies of this robot? Name another --robot."
+        return readings[best], [
+            Finding("contradiction", "bodies", f"bodies of {model.spec.name}", says, advice, "poses")
+        ]
+    there = readings[best]
+    order = there.order or ("as the file names them" if file.body_names else "in MuJoCo's depth-first order")
+    claim = f"quaternions {there.reading.quat_order}, bodies {order}"
+    alternative = min((fit.penalty, str(fit)) for index, fit in enumerate(fits) if index != best)[1]
+    says = f"{fits[best]}; in the next best reading {alternative}" if claimed else ""
+    return there, [Finding("ok", "bodies", claim, says)]
+
+
+def _is_legal(there: BodyReading, claimed: BodyReading) -> bool:
+    return there.order.startswith("in ") and replace(there.reading, metres=1.0) == replace(claimed.reading, metres=1.0)
+
+
+def _contradictions(readings: list[BodyReading], fits: list, best: int, claimed: int) -> list[Finding]:
+    found, claim = readings[best], readings[claimed]
+    says = f"{fits[best]}; as claimed {fits[claimed]}"
+    findings = []
+    for deviation in rotation_deviations(claim.reading):
+        changed = deviation.reading
+        if (deviation.subject == "quaternion order") and found.reading.quat_order == changed.quat_order:
+            findings.append((deviation.subject, f"the bodies' quaternions are {deviation.is_}", deviation.advice))
+        if (deviation.subject == "quaternion inverse") and found.reading.inverted == changed.inverted:
+            findings.append((deviation.subject, f"the bodies' quaternions are {deviation.is_}", deviation.advice))
+    if found.order != claim.order and found.order:
+        findings.append(("body order", f"the bodies are {found.order}", "Reorder the bodies."))
+    return [
+        Finding("contradiction", subject, "read as the format demands", f"{what}: {says}", advice, "poses")
+        for subject, what, advice in findings
+    ]
+
+
+def _joints(
+    file: MotionFile, model: RobotModel, layout: Layout, there: BodyReading, implied: np.ndarray
+) -> tuple[Interpretation, str, list[Finding]]:
+    """Return how the joints are to be read, what the format is, and how they compare with the bodies."""
+    known = np.isfinite(implied).all(axis=0) & (np.array(there.reading.columns) >= 0)
+    reading = there.reading
+
+    def errors(candidate: Interpretation) -> np.ndarray:
+        difference = implied[:, known] - candidate.angles(layout.joint_pos)[:, known]
+        with np.errstate(over="ignore"):
+            wrapped = np.abs(np.angle(np.exp(1j * np.clip(difference, -1e6, 1e6))))
+        # Angles that are far beyond a turn would look near by chance.
+        wrapped = np.where(np.abs(difference) > 7.0, np.pi, wrapped)
+        return np.sqrt(np.mean(wrapped**2, axis=0))
+
+    breadth = replace(reading, columns=tuple(int(i) for i in np.argsort(breadth_first_joints(model))))
+    name, claimed = file.format, reading
+    if file.convention.order is None:
+        bodies_are = BREADTH_FIRST if "breadth" in there.order else DEPTH_FIRST
+        name, claimed = bodies_are, breadth if bodies_are == BREADTH_FIRST else reading
+    base = errors(claimed)
+    words = "as the bodies' poses imply"
+    if base.max(initial=0.0) < _SAME_ANGLE:
+        return claimed, name, [Finding("ok", "joints", words, f"within {np.degrees(base.max(initial=0.0)):.2g} deg")]
+    base = float(base.mean())
+    candidates = [(float(errors(item.reading).mean()), item) for item in joint_deviations(claimed, model)]
+    best, deviation = min(candidates, key=lambda pair: pair[0])
+    if best < 0.2 * base:
+        says = (
+            f"the joint angles are {deviation.is_}: {np.degrees(best):.2g} deg from what the bodies imply, "
+            f"{np.degrees(base):.2g} deg as claimed"
+        )
+        subject, advice = deviation.subject, deviation.advice
+        if file.convention.order is None and subject == "joint order":
+            order = "breadth" if name == BREADTH_FIRST else "depth"
+            words, subject = "joints and bodies in one order", "joint and body order"
+            says = f"the bodies are in {order}-first order; {says}"
+            advice = f"{DEPTH_FIRST} wants both in MuJoCo's depth-first order, {BREADTH_FIRST} both in Isaac Lab's."
+        return deviation.reading, name, [Finding("contradiction", subject, words, says, advice, "poses")]
+    reading, findings = _single_joints(model, layout, claimed, np.where(known, implied, np.nan))
+    return reading, name, findings
+
+
+def _single_joints(
+    model: RobotModel, layout: Layout, claimed: Interpretation, implied: Float[np.ndarray, "T n"]
+) -> tuple[Interpretation, list[Finding]]:
+    """Return which joints turn the other way round, and which are something else."""
+    angles = claimed.angles(layout.joint_pos)
+    signs, negated, wrong = list(claimed.signs), [], []
+    for joint in np.flatnonzero(np.isfinite(implied).all(axis=0)):
+        straight = np.sqrt(np.mean((implied[:, joint] - angles[:, joint]) ** 2))
+        turned = np.sqrt(np.mean((implied[:, joint] + angles[:, joint]) ** 2))
+        if straight > _SAME_ANGLE:
+            if turned < 0.2 * straight:
+                signs[joint] = -signs[joint]
+                negated.append(model.joint_names[joint])
+            else:
+                wrong.append(f"{model.joint_names[joint]} by {np.degrees(straight):.1f} deg")
+    words, findings = "as the bodies' poses imply", []
+    if negated:
+        says = f"negated for {', '.join(negated)}"
+        advice = f"Negate {', '.join(negated)}."
+        findings.append(Finding("contradiction", "joint sign", words, says, advice, "poses"))
+    if wrong:
+        advice = "Joints and bodies are of different motions or robots: write both from one configuration."
+        findings.append(Finding("contradiction", "joints", words, f"they differ: {', '.join(wrong)}", advice, "poses"))
+    return replace(claimed, signs=tuple(signs)), findings
+
+
+def _root(found: FoundBodies, pos: np.ndarray, quat: np.ndarray) -> list[Finding]:
+    """Compare the root's own columns with the pose of the root's body."""
+    base = replace(found.reading, quat_order="wxyz", inverted=False)
+    body_pos, body_quat = found.reading.position(found.pos), found.reading.rotation(found.quat)
+    moved = float(np.median(np.linalg.norm(base.position(pos) - body_pos, axis=1)))
+    turned = float(np.median(se3.angle_between(base.rotation(quat), body_quat)))
+    claim = "the root's pose is that of its body"
+    says = f"{1000 * moved:.2g} mm and {np.degrees(turned):.2g} deg apart"
+    if moved < _SAME_PLACE and turned < _SAME_TURN:
+        return [Finding("ok", "root", claim, says)]
+    for deviation in rotation_deviations(base):
+        if float(np.median(se3.angle_between(deviation.reading.rotation(quat), body_quat))) < 0.2 * turned:
+            says = f"the root's quaternions are {deviation.is_}: {np.degrees(turned):.2g} deg apart as claimed"
+            return [Finding("contradiction", deviation.subject, claim, says, deviation.advice, "poses")]
+    advice = "Write the root and the bodies from one configuration."
+    return [Finding("contradiction", "root", claim, says, advice, "poses")]

@@ -1,0 +1,93 @@
+"""Findings about time: frames that are repeated, and jumps between neighbours."""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from hoi_retarget.motion.check.finding import Finding
+from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.arrays import describe_frames, runs
+from hoi_retarget.robots.model import RobotModel
+
+_SAME = 1e-7
+_NEAR = 4  # Steps before and after, to compare with.
+_MOVING = 5.0
+"""A frozen stretch interrupts a movement when the steps around it are this much beyond what rounding makes."""
+_JUMP = 8.0  # Times the steps around it.
+_LEAST_JOINT, _LEAST_ROOT, _LEAST_TURN = 0.15, 0.06, 0.15
+"""Smaller steps are no jumps [rad, m, rad]."""
+
+
+def check_continuity(model: RobotModel, qpos: Float[np.ndarray, "T nq"], fps: float | None) -> list[Finding]:
+    """Return what is wrong with the steps from frame to frame."""
+    root = np.linalg.norm(np.diff(qpos[:, :3], axis=0), axis=1)
+    turn = se3.angle_between(qpos[:-1, 3:7], qpos[1:, 3:7])
+    joints = np.abs(np.diff(qpos[:, 7:], axis=0))
+    whole = root + turn + joints.max(axis=1, initial=0.0)
+    findings = [*_frozen(whole), *_jumps(model, root, turn, joints)]
+    if fps is not None:
+        findings += _speeds(model, joints * fps)
+    return findings or [Finding("ok", "continuity", "one movement", "no repeated frames, no jumps")]
+
+
+def _frozen(step: Float[np.ndarray, "steps"]) -> list[Finding]:
+    still = step < _SAME
+    found = []
+    for first, stop in runs(still):
+        before, after = step[max(0, first - _NEAR) : first], step[stop : stop + _NEAR]
+        if len(before) == 0 or len(after) == 0:
+            continue  # Held at the beginning or the end.
+        # A movement that comes to rest slows down first: the step before a true rest is tiny.
+        around = min(before[-1], after[0])
+        usual = np.median(np.concatenate([before, after])[np.concatenate([before, after]) >= _SAME])
+        if around > 0.3 * usual and around > 1e-3:
+            found.append((first, stop))
+    if not found:
+        return []
+    frames = np.concatenate([np.arange(first + 1, stop + 1) for first, stop in found])
+    says = f"{describe_frames(frames)} repeat the one before, in the middle of a movement"
+    advice = "Remove or interpolate them; was the motion resampled by repeating frames?"
+    return [Finding("contradiction", "repeated frames", "one movement", says, advice, "rate")]
+
+
+def _jumps(
+    model: RobotModel,
+    root: Float[np.ndarray, "steps"],
+    turn: Float[np.ndarray, "steps"],
+    joints: Float[np.ndarray, "steps n"],
+) -> list[Finding]:
+    found = []
+    for name, step, least in (("the root", root, _LEAST_ROOT), ("the root's rotation", turn, _LEAST_TURN)):
+        found += [(frame, name) for frame in np.flatnonzero(_outliers(step, least))]
+    for index, name in enumerate(model.joint_names):
+        found += [(frame, name) for frame in np.flatnonzero(_outliers(joints[:, index], _LEAST_JOINT))]
+    if not found:
+        return []
+    frames = np.unique([frame + 1 for frame, _ in found])
+    names = list(dict.fromkeys(name for _, name in sorted(found)))
+    shown = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
+    says = f"jumps into {describe_frames(frames)}: {shown}; {_JUMP:g} times the steps around"
+    advice = "Cut the clip there, or make it anew: a consumer would see enormous velocities."
+    return [Finding("contradiction", "jump", "one movement", says, advice, "poses")]
+
+
+def _outliers(step: Float[np.ndarray, "steps"], least: float) -> Bool[np.ndarray, "steps"]:
+    """Return which steps are far longer than all but the longest of those around them."""
+    if len(step) < 2 * _NEAR + 1:
+        return np.zeros(len(step), dtype=bool)
+    padded = np.pad(step, _NEAR, mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * _NEAR + 1).copy()
+    windows[:, _NEAR] = 0.0
+    # The second longest: a single wrong frame makes two long steps.
+    around = np.partition(windows, -2, axis=1)[:, -2]
+    return (step > least) & (step > _JUMP * around)
+
+
+def _speeds(model: RobotModel, speeds: Float[np.ndarray, "steps n"]) -> list[Finding]:
+    ratio = speeds / model.speed_limits
+    worst = np.unravel_index(int(ratio.argmax()), ratio.shape) if ratio.size else (0, 0)
+    if not ratio.size or ratio[worst] <= 1.0:
+        return []
+    name = model.joint_names[int(worst[1])]
+    says = f"{name} at {speeds[worst]:.1f} rad/s into frame {worst[0] + 1}"
+    claim = f"its limit is {model.speed_limits[worst[1]]:.1f} rad/s"
+    return [Finding("note", "joint speed", claim, says, "Is the rate right? A robot cannot follow.")]

@@ -1,0 +1,143 @@
+"""How a file's numbers may be read: the claimed way, and the ways in which files are known to differ from it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.motion.check.conventions import ARMS, LEGS, breadth_first_joints, is_sideways, mirrored
+from hoi_retarget.numerics import se3
+from hoi_retarget.robots.model import RobotModel
+
+Subject = Literal[
+    "quaternion order",
+    "quaternion inverse",
+    "up axis",
+    "length unit",
+    "angle unit",
+    "joint order",
+    "left and right",
+    "shifted columns",
+    "joint sign",
+]
+
+# The world of a file whose y axis points up, turned so that its z axis does.
+_Y_UP = se3.exp(np.array([0.5 * np.pi, 0.0, 0.0]))
+_SHIFTS = (-3, -2, -1, 1, 2, 3)
+
+
+@dataclass(frozen=True)
+class Interpretation:
+    """How to get a robot's configuration from a root's pose and columns of angles."""
+
+    columns: tuple[int, ...]
+    """The column of each joint of the robot; -1 where there is none."""
+    signs: tuple[float, ...]
+    quat_order: Literal["wxyz", "xyzw"] = "wxyz"
+    inverted: bool = False
+    y_up: bool = False
+    metres: float = 1.0
+    """One unit of length [m]."""
+    radians: float = 1.0
+    """One unit of angle [rad]."""
+
+    def rotation(self, quat: Float[np.ndarray, "*batch 4"]) -> Float[np.ndarray, "*batch 4"]:
+        """Return unit quaternions, wxyz, in the z-up world."""
+        turned = se3.quat_normalize(quat if self.quat_order == "wxyz" else se3.quat_from_xyzw(quat))
+        turned = se3.quat_conjugate(turned) if self.inverted else turned
+        return se3.quat_multiply(_Y_UP, turned) if self.y_up else turned
+
+    def vector(self, vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+        """Return a vector in the axes of the z-up world."""
+        return se3.rotate(_Y_UP, vector) if self.y_up else vector
+
+    def position(self, pos: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+        """Return positions [m] in the z-up world."""
+        return self.metres * self.vector(pos)
+
+    def angles(self, joint_pos: Float[np.ndarray, "T c"]) -> Float[np.ndarray, "T n"]:
+        """Return joint angles [rad] in the robot's order; zero for joints without a column."""
+        columns = np.array(self.columns)
+        angles = joint_pos[:, columns] * (self.radians * np.array(self.signs))
+        angles[:, columns < 0] = 0.0
+        return angles
+
+    def qpos(
+        self, pos: Float[np.ndarray, "T 3"], quat: Float[np.ndarray, "T 4"], joint_pos: Float[np.ndarray, "T c"]
+    ) -> Float[np.ndarray, "T nq"]:
+        """Return configurations as this package has them."""
+        return np.concatenate([self.position(pos), self.rotation(quat), self.angles(joint_pos)], axis=1)
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """One way in which a file differs from what it claims."""
+
+    subject: Subject
+    is_: str
+    """What the numbers are, in words that follow 'are'."""
+    advice: str
+    reading: Interpretation
+
+
+def world_deviations(claim: Interpretation) -> Iterator[Deviation]:
+    """Yield what may be wrong with the world: its up axis and its unit."""
+    if not claim.y_up:
+        advice = "Turn the world by 90 degrees about x before it is used: (x, y, z) to (x, -z, y)."
+        yield Deviation("up axis", "y up", advice, replace(claim, y_up=True))
+    if claim.metres == 1.0:
+        for name, metres in (("centimetres", 0.01), ("millimetres", 0.001)):
+            advice = f"Multiply positions by {metres:g}."
+            yield Deviation("length unit", name, advice, replace(claim, metres=metres))
+
+
+def rotation_deviations(claim: Interpretation) -> Iterator[Deviation]:
+    """Yield what may be wrong with quaternions."""
+    other: Literal["wxyz", "xyzw"] = "xyzw" if claim.quat_order == "wxyz" else "wxyz"
+    yield Deviation(
+        "quaternion order", other, f"Reorder the quaternions to {claim.quat_order}.", replace(claim, quat_order=other)
+    )
+    if not claim.inverted:
+        advice = "Negate the three imaginary components: the rotations are those from the world to the body."
+        yield Deviation("quaternion inverse", "inverted", advice, replace(claim, inverted=True))
+
+
+def joint_deviations(claim: Interpretation, model: RobotModel) -> Iterator[Deviation]:
+    """Yield what may be wrong with columns of angles as a whole."""
+    yield Deviation(
+        "angle unit", "degrees", "Multiply the angles by pi / 180.", replace(claim, radians=claim.radians * np.pi / 180)
+    )
+    columns, signs = np.array(claim.columns), np.array(claim.signs)
+    if (columns >= 0).all():
+        breadth = breadth_first_joints(model)
+        place = np.argsort(breadth)
+        yield _reordered(claim, "joint order", "in Isaac Lab's breadth-first order", columns[place])
+        if not np.array_equal(columns, np.arange(len(columns))):
+            yield _reordered(claim, "joint order", "in MuJoCo's depth-first order", columns[breadth])
+        for shift in _SHIFTS:
+            side = "right" if shift > 0 else "left"
+            words = f"shifted by {abs(shift)} column{'s' if abs(shift) > 1 else ''} to the {side}"
+            yield _reordered(claim, "shifted columns", words, np.roll(columns, -shift))
+    for words, parts in (("legs", LEGS), ("arms", ARMS), ("sides", ("",))):
+        swapped = mirrored(model.joint_names, parts)
+        yield _reordered(claim, "left and right", f"with left and right {words} exchanged", columns[swapped])
+        sideways = np.array([is_sideways(name) and any(part in name for part in parts) for name in model.joint_names])
+        flipped = tuple(np.where(sideways, -signs, signs))
+        mirror = _reordered(claim, "left and right", f"with left and right {words} mirrored", columns[swapped])
+        yield replace(mirror, reading=replace(mirror.reading, signs=flipped))
+
+
+def sign_deviations(claim: Interpretation, model: RobotModel) -> Iterator[Deviation]:
+    """Yield joints that may turn the other way round."""
+    for index, name in enumerate(model.joint_names):
+        if claim.columns[index] >= 0:
+            signs = list(claim.signs)
+            signs[index] = -signs[index]
+            yield Deviation("joint sign", f"negated for {name}", f"Negate {name}.", replace(claim, signs=tuple(signs)))
+
+
+def _reordered(claim: Interpretation, subject: Subject, words: str, columns: np.ndarray) -> Deviation:
+    reading = replace(claim, columns=tuple(int(column) for column in columns))
+    return Deviation(subject, words, "Put the columns into the order that the format demands.", reading)

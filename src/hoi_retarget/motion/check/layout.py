@@ -1,0 +1,109 @@
+"""Which column is what: the root's pose and the robot's joints in a file's columns."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.motion.check.finding import Finding
+from hoi_retarget.motion.formats import MotionFile
+from hoi_retarget.robots.model import RobotModel
+
+UNIT_TOLERANCE = 0.01
+_REDUCED = ("wrist",)
+"""Joints that ASAP's files of 23 joints leave out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """A file's columns by what they are, as it orders and scales them."""
+
+    joint_pos: Float[np.ndarray, "T c"]
+    columns: tuple[int, ...] | None
+    """The column of each joint of the robot, -1 where there is none; None where that cannot be known."""
+    pos: Float[np.ndarray, "T 3"] | None = None
+    """Of the root; None where it is a body's, or where no rotation could be found."""
+    quat: Float[np.ndarray, "T 4"] | None = None
+
+
+def lay_out(file: MotionFile, model: RobotModel) -> tuple[Layout, list[Finding]]:
+    """Return where the root and the joints are, and what contradicts the claim."""
+    layout, findings = _root(file)
+    columns, more = _columns(file, model, layout.joint_pos.shape[1])
+    return replace(layout, columns=columns), findings + more
+
+
+def off_unit(quat: np.ndarray) -> float:
+    """Return how far the longest or shortest quaternion is from length 1."""
+    with np.errstate(over="ignore"):
+        return float(np.abs(np.linalg.norm(quat, axis=-1) - 1.0).max())
+
+
+def _root(file: MotionFile) -> tuple[Layout, list[Finding]]:
+    if file.root is None:
+        return Layout(file.joint_pos, None), []
+    start = 0 if file.convention.root_order == "quat_pos" else 3
+    flat = np.concatenate([file.root, file.joint_pos], axis=1)
+    claim = f"{file.format} has the rotation in columns {start} to {start + 3} of the root"
+    off = off_unit(flat[:, start : start + 4])
+    if off < UNIT_TOLERANCE:
+        says = f"these are unit quaternions within {off:.1g} in every frame"
+        return _split(flat, start, start), [Finding("ok", "root layout", claim, says)]
+    unit = [column for column in range(flat.shape[1] - 3) if off_unit(flat[:, column : column + 4]) < UNIT_TOLERANCE]
+    says = f"their lengths differ from 1 by up to {off:.2g}"
+    if not unit:
+        says += ", and no other four neighbouring columns are unit quaternions"
+        advice = "Write the root's rotation as a unit quaternion."
+        return Layout(file.joint_pos, None), [Finding("contradiction", "root layout", claim, says, advice, "poses")]
+    found = unit[0]
+    says += f"; columns {found} to {found + 3} are unit quaternions"
+    if found in (0, 3):
+        order = "rotation before position" if found == 0 else "position before rotation"
+        advice = f"The root is {order}: exchange the two."
+        return _split(flat, found, found), [Finding("contradiction", "root order", claim, says, advice, "poses")]
+    shift = found - start
+    advice = f"All columns are shifted by {shift:+d}: remove or add what stands before them."
+    finding = Finding("contradiction", "shifted columns", claim, says, advice, "poses")
+    if shift < 0 or start == 0:
+        return Layout(file.joint_pos, None), [finding]
+    return _split(flat[:, shift:], start, start), [finding]
+
+
+def _split(flat: np.ndarray, quat: int, start: int) -> Layout:
+    pos = flat[:, 4:7] if start == 0 else flat[:, :3]
+    return Layout(flat[:, 7:], None, pos, flat[:, quat : quat + 4])
+
+
+def _columns(file: MotionFile, model: RobotModel, count: int) -> tuple[tuple[int, ...] | None, list[Finding]]:
+    robot = f"{model.spec.name} has {model.n} joints"
+    if file.joint_names is not None:
+        columns = tuple(file.joint_names.index(name) if name in file.joint_names else -1 for name in model.joint_names)
+        missing = [name for name, column in zip(model.joint_names, columns, strict=True) if column < 0]
+        foreign = [name for name in file.joint_names if name not in model.joint_names]
+        if len(missing) == model.n:
+            says = f"none of the file's joint names is one of them: {', '.join(foreign[:4])}, ..."
+            return None, [Finding("contradiction", "joint count", robot, says, "Name another --robot.", "poses")]
+        return columns, _missing(robot, missing, foreign)
+    if count == model.n:
+        says = f"the file has {count} columns of angles"
+        return tuple(range(count)), [Finding("ok", "joint count", robot, says)]
+    reduced = [name for name in model.joint_names if not any(part in name for part in _REDUCED)]
+    if file.format == "asap" and count == len(reduced):
+        columns = tuple(reduced.index(name) if name in reduced else -1 for name in model.joint_names)
+        says = f"the file has {count}, which are all but the wrists"
+        return columns, [Finding("note", "joint count", robot, says, "Wrists are taken to be at zero.")]
+    says = f"the file has {count} columns of angles, and no names that tell which"
+    advice = "Name another --robot, or write all joints: a consumer would drive the wrong ones."
+    return None, [Finding("contradiction", "joint count", robot, says, advice, "poses")]
+
+
+def _missing(robot: str, missing: list[str], foreign: list[str]) -> list[Finding]:
+    findings = []
+    if missing:
+        says = f"the file names {len(missing)} of them not: {', '.join(missing)}"
+        advice = "Write all joints; here the missing ones are taken to be at zero."
+        findings.append(Finding("contradiction", "joint count", robot, says, advice, "poses"))
+    if foreign:
+        says = f"the file has others, too: {', '.join(foreign)}"
+        findings.append(Finding("note", "joint count", robot, says, "They are left out."))
+    return findings or [Finding("ok", "joint count", robot, "the file names all of them")]

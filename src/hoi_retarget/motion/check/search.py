@@ -1,0 +1,128 @@
+"""The reading of a root's path and joint angles that looks most like the robot, and what that contradicts."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.motion.check.finding import Finding
+from hoi_retarget.motion.check.interpretation import (
+    Deviation,
+    Interpretation,
+    joint_deviations,
+    rotation_deviations,
+    sign_deviations,
+    world_deviations,
+)
+from hoi_retarget.motion.check.plausibility import Plausibility, plausibility, sampled
+from hoi_retarget.robots.model import RobotModel
+
+# A reading is preferred to the claimed one when it takes away this much of the penalty, and this part of it:
+# correct files never gained more than 0.06 by a wrong reading.
+_GAIN, _SIGN_GAIN, _PART = 0.25, 0.35, 0.75
+_UNDECIDED = 0.1
+_ROUNDS = 3  # Of faults found one after the other.
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """What is read: a root's path and columns of angles."""
+
+    model: RobotModel
+    pos: Float[np.ndarray, "T 3"]
+    quat: Float[np.ndarray, "T 4"]
+    joint_pos: Float[np.ndarray, "T c"]
+    fps: float
+
+    def judged(self, reading: Interpretation) -> Plausibility:
+        """Return what speaks against one reading."""
+        frames = sampled(len(self.pos))
+        qpos = reading.qpos(self.pos[frames], self.quat[frames], self.joint_pos[frames])
+        return plausibility(self.model, qpos, self.fps)
+
+
+def find_reading(poses: Poses, claim: Interpretation) -> tuple[Interpretation, list[Finding]]:
+    """Return the most plausible reading, and a finding for each way in which it differs from the claimed one."""
+    reading, findings = claim, []
+    judged = poses.judged(claim)
+    for _ in range(_ROUNDS):
+        best = _best(poses, reading, judged)
+        if best is None:
+            break
+        deviation, better = best
+        findings.append(_contradiction(deviation, judged, better))
+        reading, judged = deviation.reading, better
+    if not findings:
+        findings.append(Finding("ok", "poses", "read as the format demands", f"the robot stands: {describe(judged)}"))
+    return reading, findings
+
+
+def undecided(poses: Poses, reading: Interpretation) -> list[Finding]:
+    """Return what else the numbers would allow."""
+    base = poses.judged(reading).penalty
+    same = [item for item in _all(poses.model, reading) if poses.judged(item.reading).penalty - base < _UNDECIDED]
+    whole = [item.is_ for item in same if item.subject != "joint sign"]
+    signs = [item.is_.removeprefix("negated for ") for item in same if item.subject == "joint sign"]
+    findings = []
+    if whole:
+        says = f"as plausible if they were {', or '.join(whole)}"
+        findings.append(Finding("unknown", "poses", "cannot be told from this motion", says))
+    if signs:
+        says = f"as plausible with the opposite sign of {', '.join(signs)}"
+        findings.append(Finding("unknown", "joint sign", "cannot be told from this motion", says))
+    return findings
+
+
+def find_up_axis(poses: Poses, claim: Interpretation) -> tuple[Interpretation, list[Finding]]:
+    """Return the more plausible of z up and y up, where the poses themselves are known."""
+    judged = poses.judged(claim)
+    for deviation in world_deviations(claim):
+        if deviation.subject == "up axis":
+            other = poses.judged(deviation.reading)
+            if _is_better(deviation, judged, other):
+                return deviation.reading, [_contradiction(deviation, judged, other)]
+    return claim, [Finding("ok", "up axis", "z up", f"the robot stands: {describe(judged)}")]
+
+
+def _best(poses: Poses, reading: Interpretation, judged: Plausibility) -> tuple[Deviation, Plausibility] | None:
+    candidates = [(item, poses.judged(item.reading)) for item in _all(poses.model, reading)]
+    better = [(item, other) for item, other in candidates if _is_better(item, judged, other)]
+    return min(better, key=lambda pair: pair[1].penalty, default=None)
+
+
+def _all(model: RobotModel, reading: Interpretation) -> Iterator[Deviation]:
+    sources: tuple[Iterable[Deviation], ...] = (
+        world_deviations(reading),
+        rotation_deviations(reading),
+        joint_deviations(reading, model),
+        sign_deviations(reading, model),
+    )
+    for source in sources:
+        yield from source
+
+
+def _is_better(deviation: Deviation, judged: Plausibility, other: Plausibility) -> bool:
+    gain = _SIGN_GAIN if deviation.subject == "joint sign" else _GAIN
+    return judged.penalty - other.penalty > gain and other.penalty < _PART * judged.penalty
+
+
+def _contradiction(deviation: Deviation, judged: Plausibility, other: Plausibility) -> Finding:
+    says = f"the numbers are {deviation.is_}: {describe(other)}; as claimed {describe(judged)}"
+    return Finding("contradiction", deviation.subject, "read as the format demands", says, deviation.advice, "poses")
+
+
+def describe(judged: Plausibility) -> str:
+    """Return the figures that tell most, in words."""
+    parts = [
+        f"standing foot tilted {judged.tilt:.1f} deg",
+        f"sliding at {judged.slide:.2f} of the pelvis' speed",
+        f"soles at {1000 * judged.height:.0f} mm (spread {1000 * judged.unevenness:.0f})",
+    ]
+    if judged.outside:
+        parts.append(f"{100 * judged.outside:.0f} % of joint angles out of range")
+    if judged.elbows_inside:
+        parts.append(f"elbows inside the trunk in {100 * judged.elbows_inside:.0f} %")
+    if judged.upside_down:
+        parts.append(f"pelvis on its side or head in {100 * judged.upside_down:.0f} % of frames")
+    return ", ".join(parts)

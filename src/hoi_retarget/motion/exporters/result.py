@@ -1,0 +1,108 @@
+"""A result to be exported, and what is known of it beside its numbers."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from hashlib import sha256
+from pathlib import Path, PureWindowsPath
+from typing import Any
+
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.errors import ClipError
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.objects.mesh import Surface, surface_of
+from hoi_retarget.objects.track import ObjectGeometry
+from hoi_retarget.robots.model import RobotModel
+
+UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a result was made from, by its report; `unknown` or empty where it does not say."""
+
+    name: str
+    """The recording's file name without its folders, or what a built-in clip is called."""
+    format: str
+    sha256: str
+    licence: str
+    augmentation: Mapping[str, Any]
+    """Whether it was mirrored, and at which speed; empty where it is as recorded."""
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """One result file: its name without folder and suffix, its bytes' hash, and what it holds.
+
+    Raises `ClipError` when its joints or its contact links are not the robot's.
+    """
+
+    stem: str
+    sha256: str
+    motion: Motion
+    model: RobotModel
+    clip: Clip | None = None
+    """What it was made from, where that is to be had: it knows the objects' shapes."""
+
+    def __post_init__(self) -> None:
+        motion, model = self.motion, self.model
+        if motion.joint_names != model.joint_names:
+            raise ClipError(
+                f"its {len(motion.joint_names)} joints are not the {model.n} of {model.spec.name} in their order. "
+                "Run the retarget again."
+            )
+        absent = [link for link in motion.contact_links if link not in model.sites.index]
+        if absent:
+            raise ClipError(f"its contact links {', '.join(absent)} are no sites of {model.spec.name}. Run it again.")
+
+    @cached_property
+    def source(self) -> Source:
+        """What it was made from."""
+        told = _table(self.motion.report.get("source"))
+        # Folders of whoever ran it are nobody else's business.
+        name = PureWindowsPath(_text(told.get("path"))).name
+        licence = _text(told.get("licence")) or UNKNOWN
+        return Source(
+            name=name or UNKNOWN,
+            format=_text(told.get("format")),
+            sha256=_text(told.get("sha256")),
+            licence=licence,
+            augmentation=_table(told.get("augmentation")),
+        )
+
+    @cached_property
+    def geometries(self) -> Mapping[str, ObjectGeometry]:
+        """Shapes of the objects by name, where the clip is known."""
+        return {} if self.clip is None else {track.name: track.geometry for track in self.clip.objects}
+
+    @cached_property
+    def surfaces(self) -> Mapping[str, Surface]:
+        """Surfaces of the objects by name; raises `GeometryError` when a mesh cannot be read."""
+        return {
+            name: surface_of(geometry) for name, geometry in self.geometries.items() if name in self.motion.object_names
+        }
+
+    def object_facts(self, index: int) -> dict[str, Any]:
+        """Return an object's name, scale and shape as plain values; raises `GeometryError`."""
+        name = self.motion.object_names[index]
+        facts = {"name": name, "scale": float(self.motion.object_scale[index])}
+        geometry = self.geometries.get(name)
+        if geometry is None:
+            return {**facts, "mesh": None, "mesh_sha256": None, "shape": UNKNOWN}
+        path: Path | None = geometry.mesh_path
+        return {
+            **facts,
+            "mesh": None if path is None else path.name,
+            "mesh_sha256": None if path is None else sha256(path.read_bytes()).hexdigest(),
+            "shape": "triangles" if self.surfaces[name].exact else "convex hull of points",
+        }
+
+
+def _text(value: Any) -> str:
+    """Return an entry of a report as text; question marks stand for what no text can hold."""
+    return "" if value is None else str(value).encode("utf-8", "replace").decode()
+
+
+def _table(value: Any) -> Mapping[str, Any]:
+    """Return an entry of a report; one of another version may have anything there."""
+    return value if isinstance(value, Mapping) else {}

@@ -1,0 +1,44 @@
+"""Smoothing over time: captures jitter and labels switch from frame to frame, robots should not."""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.signal import savgol_filter
+
+from hoi_retarget.numerics import se3
+
+SMOOTHING_SECONDS, SMOOTHING_ORDER = 11 / 30, 3
+
+
+def smooth(path: Float[np.ndarray, "T k"], fps: float) -> Float[np.ndarray, "T k"]:
+    """Return a path after a Savitzky-Golay filter; one too short for the filter's order as it is."""
+    longest = len(path) - 1 + len(path) % 2
+    window = min(2 * round(0.5 * (SMOOTHING_SECONDS * fps - 1)) + 1, longest)
+    return np.asarray(savgol_filter(path, window, SMOOTHING_ORDER, axis=0)) if window > SMOOTHING_ORDER else path.copy()
+
+
+def smooth_quats(quats: Float[np.ndarray, "T 4"], fps: float) -> Float[np.ndarray, "T 4"]:
+    """Return rotations after the same filter."""
+    return se3.quat_normalize(smooth(se3.quat_continuous(quats), fps))
+
+
+def nearest_active(active: Bool[np.ndarray, "T"]) -> Int[np.ndarray, "T"]:
+    """Return, for every frame, the nearest active one, the earlier of two; some frame must be active."""
+    frames = np.flatnonzero(active)
+    time = np.arange(len(active))
+    after = np.minimum(np.searchsorted(frames, time), len(frames) - 1)
+    before = np.maximum(after - 1, 0)
+    closer = np.abs(frames[before] - time) <= np.abs(frames[after] - time)
+    return np.where(closer, frames[before], frames[after])
+
+
+def fade(active: Bool[np.ndarray, "T"], ramp: int) -> Float[np.ndarray, "T"]:
+    """Return 1 in active frames and a cosine ramp to 0 over `ramp` frames on either side of them."""
+    if not active.any():
+        return np.zeros(len(active))
+    away = np.abs(np.arange(len(active)) - nearest_active(active))
+    return 0.5 + 0.5 * np.cos(np.pi * np.minimum(away / (ramp + 1), 1.0))
+
+
+def frames_in(seconds: float, fps: float) -> int:
+    """Return how many frames a duration takes, at least one."""
+    return max(1, round(seconds * fps))

@@ -1,0 +1,1 @@
+"""Objects: their pose over time, their geometry and their surface."""

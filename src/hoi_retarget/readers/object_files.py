@@ -1,0 +1,190 @@
+"""Object geometry from a folder of meshes: `DIR/<name>/<name>.obj` and surface points beside it.
+
+The layout is that of InterMimic's and InterAct's object folders. Wavefront OBJ is read here by
+hand, vertices only: trimesh takes 170 to 200 ms of CPU for the 2.5 to 4 MB meshes of OMOMO, mostly
+for faces and normals that no computation uses; one pass over the bytes and the hull together
+take 8 to 16 ms. Viewers load the whole mesh from `ObjectGeometry.mesh_path`.
+"""
+
+import difflib
+import functools
+import tokenize
+import warnings
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import ConvexHull, QhullError
+
+from hoi_retarget.errors import GeometryError
+from hoi_retarget.numerics.arrays import runs
+from hoi_retarget.objects.track import ObjectGeometry
+
+SAMPLE_POINTS = "sample_points.npy"
+LARGEST_OBJECT = 100.0
+"""[m]; coordinates beyond it are another unit or damage."""
+
+NUMPY_ERRORS = (OSError, ValueError, EOFError, TypeError, SyntaxError, OverflowError, MemoryError, tokenize.TokenError)
+"""What numpy raises on damaged headers of `.npy` files; warnings about them are silenced."""
+
+
+def load_geometry(folder: Path, name: str) -> ObjectGeometry:
+    """Return the geometry of the object `name` in `folder`.
+
+    The first that exists of `<name>/<name>.obj`, `<name>/<name>_hull.obj` and
+    `<name>/sample_points.npy` is taken: a mesh is exact, the others are up to some centimetres small.
+    The file's origin is trusted to be that of the poses.
+
+    Raises:
+        GeometryError: there is no such object, or its files hold no usable geometry.
+    """
+    _check_name(folder, name)
+    try:
+        for path in geometry_files(folder, name):
+            if path.is_file():
+                status = path.stat()
+                return _load(path, status.st_mtime_ns, status.st_size)
+        known = known_objects(folder)
+    except OSError as error:
+        raise GeometryError(f"{folder}: cannot be read ({error}). Check --objects and its permissions.") from error
+    raise GeometryError(_describe_absence(folder, name, known))
+
+
+def load_mesh(path: Path) -> ObjectGeometry:
+    """Return the geometry in a Wavefront OBJ file; raises `GeometryError`."""
+    if path.suffix.lower() != ".obj":
+        raise GeometryError(f"{path}: meshes are read from .obj files only. Export it as Wavefront OBJ.")
+    try:
+        status = path.stat()
+    except OSError as error:
+        raise GeometryError(f"{path}: the mesh cannot be read ({error.strerror or error}). Check the path.") from error
+    return _load(path, status.st_mtime_ns, status.st_size)
+
+
+def known_objects(folder: Path) -> tuple[str, ...]:
+    """Return the names of the objects in `folder` that have a file to load, sorted.
+
+    Raises:
+        OSError: the folder cannot be read; one in it that cannot be read is left out.
+    """
+    if not folder.is_dir():
+        return ()
+    names = sorted(entry.name for entry in folder.iterdir() if entry.is_dir())
+    return tuple(name for name in names if any(map(_is_readable_file, geometry_files(folder, name))))
+
+
+def _is_readable_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
+def geometry_files(folder: Path, name: str) -> tuple[Path, ...]:
+    """Return the files that an object's geometry can be in; the first that exists is read."""
+    directory = folder / name
+    return directory / f"{name}.obj", directory / f"{name}_hull.obj", directory / SAMPLE_POINTS
+
+
+def _check_name(folder: Path, name: str) -> None:
+    # Names come from files: none may lead out of the folder that the user named.
+    if not name or name in (".", "..") or any(character in name for character in "/\\\0"):
+        raise GeometryError(
+            f"{folder}: {name[:80]!r} is not the name of an object: it must be a plain folder name without "
+            "path separators. Pass --object NAME."
+        )
+
+
+def _describe_absence(folder: Path, name: str, known: tuple[str, ...]) -> str:
+    looked_for = " or ".join(str(path.relative_to(folder)) for path in geometry_files(folder, name))
+    if not folder.is_dir():
+        return f"{folder}: there is no such folder of objects. Pass --objects DIR with {looked_for} in it."
+    if (folder / name).is_dir():
+        return f"{folder / name}: the folder has no geometry; expected {looked_for}. Add one of them."
+    close = difflib.get_close_matches(name, known, n=1)
+    suggestion = f" Did you mean {close[0]!r}?" if close else ""
+    exist = f"Objects there: {', '.join(known)}." if known else "There are no objects in it."
+    return f"{folder}: no object {name!r} (looked for {looked_for}).{suggestion} {exist}"
+
+
+@functools.lru_cache(maxsize=128)
+def _load(path: Path, _modified: int, _size: int) -> ObjectGeometry:
+    """Read and reduce one file; the time and the size only tell a changed file from a known one."""
+    is_mesh = path.suffix.lower() == ".obj"
+    points = mesh_vertices(path) if is_mesh else _read_points(path)
+    if not np.isfinite(points).all():
+        raise GeometryError(f"{path}: {(~np.isfinite(points).all(axis=1)).sum()} of its points are not finite numbers.")
+    if np.abs(points).max() > LARGEST_OBJECT:
+        raise GeometryError(
+            f"{path}: coordinates reach {np.abs(points).max():.4g}, expected metres up to {LARGEST_OBJECT:g}. "
+            "Scale the mesh if it is in millimetres."
+        )
+    return ObjectGeometry(points=extreme_points(points), mesh_path=path if is_mesh else None, file=path)
+
+
+def extreme_points(points: Float[np.ndarray, "P 3"]) -> Float[np.ndarray, "E 3"]:
+    """Return the points that include an extreme one in every direction: their convex hull's vertices [m]."""
+    if len(points) < 3:
+        return np.unique(points, axis=0)
+    try:
+        return points[ConvexHull(points).vertices]
+    except QhullError:
+        pass  # A flat or straight shape has no hull in space, but has one in its own plane or line.
+    _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    along = points @ axes.T
+    try:
+        return points[ConvexHull(along[:, :2]).vertices]
+    except QhullError:
+        return np.unique(points[[along[:, 0].argmin(), along[:, 0].argmax()]], axis=0)
+
+
+def _read_points(path: Path) -> Float[np.ndarray, "P 3"]:
+    """Read surface points; a pickled array is refused, not executed."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            # Mapped, the array cannot claim more bytes than the file has.
+            values = np.array(np.load(path, mmap_mode="r", allow_pickle=False))
+    except NUMPY_ERRORS as error:
+        raise GeometryError(f"{path}: not a readable .npy array of points ({error}). Write it again.") from error
+    if values.ndim != 2 or values.shape[1] != 3 or len(values) == 0 or values.dtype.kind not in "fiu":
+        raise GeometryError(
+            f"{path}: an array of {values.dtype} with shape {values.shape}, expected points (P, 3) in metres."
+        )
+    return values.astype(float)
+
+
+def mesh_vertices(path: Path) -> Float[np.ndarray, "V 3"]:
+    """Return the vertices that a Wavefront OBJ mesh lists; raises `GeometryError`, also where it has no faces."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise GeometryError(f"{path}: cannot be read ({error}).") from error
+    characters = np.frombuffer(b"\n" + content + b"\n\n\n", dtype=np.uint8)
+    starts = np.flatnonzero(characters[:-3] == ord("\n")) + 1
+    first, second = characters[starts], characters[starts + 1]
+    separated = (second == ord(" ")) | (second == ord("\t"))
+    is_vertex = separated & (first == ord("v"))
+    if not is_vertex.any():
+        raise GeometryError(f"{path}: the mesh has no vertices (lines `v x y z`). Export it again as Wavefront OBJ.")
+    if not (separated & (first == ord("f"))).any():
+        raise GeometryError(f"{path}: the mesh has no faces (lines `f ...`). Export it again as Wavefront OBJ.")
+    # Vertices nearly always stand in one block: cut runs of lines, not lines.
+    bounds = np.append(starts, len(characters) - 2) - 1
+    text = b" ".join(content[bounds[a] : bounds[b]] for a, b in runs(is_vertex))
+    return _parse_vertices(path, text, int(is_vertex.sum()))
+
+
+def _parse_vertices(path: Path, text: bytes, count: int) -> Float[np.ndarray, "V 3"]:
+    words = text.split()
+    width = len(words) // count
+    # `v x y z`, perhaps with a weight or a colour behind; all lines alike.
+    if width < 4 or len(words) != count * width or set(words[::width]) != {b"v"}:
+        raise GeometryError(
+            f"{path}: its {count} vertex lines hold {len(words)} words, expected `v x y z` in each. "
+            "Export the mesh again."
+        )
+    try:
+        return np.array([words[axis::width] for axis in (1, 2, 3)], dtype=float).T
+    except ValueError as error:
+        raise GeometryError(f"{path}: a vertex is not three numbers ({error}). Export the mesh again.") from error

@@ -1,0 +1,175 @@
+"""Clips by what they are called: a built-in one, a recording's file, or the one a result was made from."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, get_args
+
+from hoi_retarget.clip import grasp_check
+from hoi_retarget.clip.augment import augment
+from hoi_retarget.clip.clip import Augmentation, Clip
+from hoi_retarget.clip.edits import ContactEdits, apply, from_text
+from hoi_retarget.clip.floor import on_floor
+from hoi_retarget.clip.infer_contacts import Labels, with_contacts
+from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
+from hoi_retarget.files.source_file import FOLDER, SourceFile
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.readers import READERS, read_clip
+from hoi_retarget.synthetic import BUILTIN, SCENES, make
+
+_ADVICE = "Pass --clip to name it."
+
+
+def open_clip(  # noqa: PLR0913 - all that a source may leave open
+    name: Path | str,
+    *,
+    objects: Path | None = None,
+    object_name: str | None = None,
+    body_models: Path | None = None,
+    floor: float | None = None,
+    labels: Labels = "auto",
+) -> Clip:
+    """Return a clip by its name, `builtin:<scene>` or the path of a recording, with floor and contacts.
+
+    What the source leaves open is found from the motion, and said in the clip's notes.
+
+    Args:
+        name: What the clip is called; `FILE#NAME` is one clip of a file that holds several.
+        objects: Folder with `<name>/<name>.obj` of each object, or as the source gives them; built-in clips need none.
+        object_name: The object's name, where the file does not tell it.
+        body_models: Folder with the body models that some sources' parameters need.
+        floor: Height of the floor in the recording [m], where it is known better than by the source or an estimate.
+        labels: Where contacts come from, as in `clip.infer_contacts.with_contacts`.
+
+    Raises:
+        ArgumentError: There is no such built-in clip.
+        ReadError: The file is missing, damaged, or of no supported format.
+        ClipError: What it holds cannot be used.
+        GeometryError: The object's geometry cannot be had.
+        BodyModelError: The body model that it needs cannot be had.
+    """
+    clip = _as_recorded(name, objects, object_name, body_models)
+    reader = READERS.get(clip.source.format)
+    clip = on_floor(clip, at_zero=reader is None or reader.floor_at_zero, floor=floor)
+    return grasp_check.checked(with_contacts(clip, labels))
+
+
+def _as_recorded(name: Path | str, objects: Path | None, object_name: str | None, body_models: Path | None) -> Clip:
+    scene = builtin_scene(name)
+    if scene is None:
+        return read_clip(Path(name), objects=objects, object_name=object_name, body_models=body_models)
+    if scene not in SCENES:
+        listing = ", ".join(f"{BUILTIN}{known}" for known in SCENES)
+        raise ArgumentError(f"{name}: there is no such built-in clip. Built-in clips: {listing}.")
+    return make(scene)
+
+
+def builtin_scene(name: Path | str) -> str | None:
+    """Return the scene that `builtin:<scene>` names, whether there is such a one or not; None for a file."""
+    text = str(name)
+    return text.removeprefix(BUILTIN) if text.startswith(BUILTIN) else None
+
+
+def result_stem(name: Path | str) -> str:
+    """Return what results made of a clip are called, without `.npz`.
+
+    Names that say little alone, such as `res.pkl` and `004`, are those of many clips: their folders' stand before them.
+    """
+    stem = clip_stem(name)
+    parents = Path(name).absolute().parts[:-1]
+    if stem == "res":
+        return "_".join(parents[-3:])
+    return f"{parents[-1]}_{stem}" if stem.isdecimal() or stem.startswith("gt_") else stem
+
+
+def clip_stem(name: Path | str) -> str:
+    """Return what a clip is called among those in its folder."""
+    scene = builtin_scene(name)
+    if scene is not None:
+        return scene
+    file = SourceFile(Path(name))
+    if file.selection is not None:
+        own = file.selection.replace(" ", "_")
+        # A clip's name may be no more than its frames.
+        return own if own[:1].isalpha() else f"{file.path.resolve().stem}_{own}"
+    if file.suffix != FOLDER:
+        return file.path.stem
+    return (file.path.resolve() if file.path.name in ("", "..") else file.path).name
+
+
+def clip_of(motion: Motion, *, name: Path | None = None, objects: Path | None = None) -> Clip:
+    """Return the clip that a result was made from, edited and augmented as it was, by what the result's report says.
+
+    Args:
+        motion: The result.
+        name: The clip's name, where it is not the one that the report says; what it holds is then not compared.
+        objects: The objects' folder, where it is not the one that the report says.
+
+    Raises:
+        ReadError: The report does not say it, the recording is gone or has changed since, or it cannot
+            be read any more.
+    """
+    clip, edits = recording_of(motion, name=name, objects=objects)
+    try:
+        clip = apply(clip, edits)
+    except HoiRetargetError as error:
+        raise ReadError(f"the result's contact edits no longer fit its clip: {error} {_ADVICE}") from error
+    try:
+        return augment(clip, _augmentation(motion))
+    except HoiRetargetError as error:
+        raise ReadError(f"the result's clip cannot be augmented again as it was: {error} {_ADVICE}") from error
+
+
+def recording_of(motion: Motion, *, name: Path | None = None, objects: Path | None = None) -> tuple[Clip, ContactEdits]:
+    """Return the clip that a result was made from, as recorded, and the contact edits it was made with.
+
+    Arguments are those of `clip_of`. Paths in the report are taken as they are, relative ones from the current folder.
+
+    Raises:
+        ReadError: As `clip_of`.
+    """
+    source = _table(motion.report, "source")
+    path = source.get("path") if name is None else str(name)
+    if not isinstance(path, str) or not path:
+        raise ReadError(f"the result does not say which clip it was made from. {_ADVICE}")
+    settings = _table(motion.report, "command")
+    try:
+        clip = open_clip(path, **_read_with(settings, objects))
+    except HoiRetargetError as error:
+        raise ReadError(f"the clip that the result was made from cannot be read again: {error} {_ADVICE}") from error
+    if name is None and clip.source.sha256 != source.get("sha256"):
+        raise ReadError(f"{path}: the file has changed since the result was made from it. {_ADVICE}")
+    text = source.get("contact_edits")
+    if not text:
+        return clip, ContactEdits.of(clip)
+    return clip, from_text(str(text), "the result's contact edits")
+
+
+def _read_with(settings: Mapping[str, Any], objects: Path | None) -> dict[str, Any]:
+    """Return what a result's clip was read with; settings of another version may lack any of it."""
+    folders = {key: Path(settings[key]) for key in ("objects", "body_models") if isinstance(settings.get(key), str)}
+    if objects is not None:
+        folders["objects"] = objects
+    name, floor, labels = (settings.get(key) for key in ("object_name", "floor", "labels"))
+    return {
+        **folders,
+        "object_name": name if isinstance(name, str) else None,
+        "floor": float(floor) if isinstance(floor, int | float) else None,
+        "labels": labels if labels in get_args(Labels) else "auto",
+    }
+
+
+def _augmentation(motion: Motion) -> Augmentation:
+    """Return what was done to a result's clip; raises `ReadError` when the report cannot be understood."""
+    done = _table(motion.report, "source").get("augmentation", {})
+    try:
+        return Augmentation(mirrored=bool(done["mirrored"]), speed=float(done["speed"])) if done else Augmentation()
+    except (KeyError, TypeError, ValueError, ArgumentError) as error:
+        raise ReadError(
+            f"the result does not say what was done to its clip: its report has {done!r} there. Run the retarget again."
+        ) from error
+
+
+def _table(report: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """Return an entry of a report; one of another version may have anything there."""
+    value = report.get(key)
+    return value if isinstance(value, Mapping) else {}

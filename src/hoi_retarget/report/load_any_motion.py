@@ -1,0 +1,58 @@
+"""From any file with a robot's motion to a motion that can be judged: a result as it is, others as lone motions."""
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from hoi_retarget.motion.check import as_qpos
+from hoi_retarget.motion.formats import read
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.result_file import load
+from hoi_retarget.report.motion_from_qpos import lone_motion
+from hoi_retarget.robots.model import RobotModel
+
+OWN_FORMAT = "hoi-retarget"
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A motion, and what else a report tells of its file."""
+
+    motion: Motion
+    format: str
+    notes: tuple[str, ...] = ()
+    """What was assumed, a clause each."""
+
+
+def open_motion(path: Path, robot: RobotModel) -> Opened:
+    """Return the motion in a file.
+
+    Args:
+        path: A result, or a motion in another program's format.
+        robot: The robot of the latter, which do not say.
+
+    Raises:
+        ReadError: The file is missing, damaged, or of no known format.
+        ClipError: Its numbers contradict what it claims.
+    """
+    if _is_result(path):
+        return Opened(load(path), OWN_FORMAT)
+    file = read(path)
+    found = as_qpos(file, robot)
+    notes = []
+    if found.fps_assumed:
+        notes.append(f"{found.fps:g} frames a second are assumed")
+    if found.missing_joints:
+        notes.append(f"{len(found.missing_joints)} joints that the file does not have are taken to be at zero")
+    return Opened(lone_motion(found.qpos, found.fps, robot, found.objects), file.format, tuple(notes))
+
+
+def _is_result(path: Path) -> bool:
+    """Return whether a file is a result; a damaged archive counts as one, because reading it tells what is wrong."""
+    if path.suffix.lower() != ".npz":
+        return False
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return {"schema.npy", "ik_qpos.npy"} <= set(archive.namelist())
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return True

@@ -1,0 +1,1 @@
+"""From a clip to a robot motion: targets, inverse kinematics, trajectory optimization."""

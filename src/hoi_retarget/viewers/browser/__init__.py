@@ -1,0 +1,1 @@
+"""The viewer and the contact editor in a browser."""

@@ -1,0 +1,106 @@
+"""The contacts of one clip while they are edited: every change is solved at once, and can be taken back."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.edits import ContactEdits, Edit, Segment, apply, save, segments_of
+from hoi_retarget.errors import ArgumentError
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.retarget.local_resolve import Draft, draft, revise
+from hoi_retarget.retarget.pipeline import Config
+from hoi_retarget.robots.model import RobotModel
+
+
+@dataclass(frozen=True, eq=False)
+class Edited:
+    """A clip with edited contacts and the motion of each person's robot."""
+
+    edits: ContactEdits
+    clip: Clip
+    drafts: tuple[Draft, ...]
+    """One for each person."""
+    complete: bool
+    """Whether the whole clip was solved: the motions are then those of the command line, to the bit."""
+
+    @property
+    def motions(self) -> tuple[Motion, ...]:
+        """The motion of each person's robot."""
+        return tuple(item.motion for item in self.drafts)
+
+    @cached_property
+    def segments(self) -> tuple[Segment, ...]:
+        """The contacts one by one."""
+        return segments_of(self.clip)
+
+
+class Editing:
+    """One person's work: where it stands, what was before, and what was taken back."""
+
+    def __init__(self, recorded: Clip, model: RobotModel, config: Config, start: Edited) -> None:
+        self._recorded, self._model, self._config = recorded, model, config
+        self._past: list[Edited] = []
+        self._taken_back: list[Edited] = []
+        self._now = start
+
+    @property
+    def now(self) -> Edited:
+        """Where the work stands."""
+        return self._now
+
+    @property
+    def before(self) -> Edited | None:
+        """What it was before the last change; None where nothing was changed."""
+        return self._past[-1] if self._past else None
+
+    def tried(self, edit: Edit) -> Edited:
+        """Return what an edit would make of it, solved around the frames that it changes.
+
+        Raises:
+            ClipError: The edit cannot be done.
+            SolveError: The frames around it end without a usable trajectory.
+        """
+        return self._revised(self._now.edits.adding(edit))
+
+    def take(self, edited: Edited) -> None:
+        """Go on from what was tried."""
+        self._past.append(self._now)
+        self._taken_back.clear()
+        self._now = edited
+
+    def undo(self) -> None:
+        """Take the last edit back; raises `ArgumentError` when there is none."""
+        if not self._now.edits.edits:
+            raise ArgumentError("there is no contact edit to take back.")
+        # Edits that were made before, and read from a file, were never solved one by one.
+        before = self._past.pop() if self._past else self._revised(self._now.edits.without_last())
+        self._taken_back.append(self._now)
+        self._now = before
+
+    def redo(self) -> None:
+        """Do again what was taken back; raises `ArgumentError` when there is nothing."""
+        if not self._taken_back:
+            raise ArgumentError("there is nothing to do again.")
+        self._past.append(self._now)
+        self._now = self._taken_back.pop()
+
+    def solve_all(self) -> None:
+        """Solve the whole clip, as the command line does with the same edits."""
+        self._now = solved(self._recorded, self._model, self._config, self._now.edits)
+
+    def save(self, path: Path) -> None:
+        """Write the edits; raises `WriteError`, and a previous file at `path` is then intact."""
+        save(self._now.edits, path)
+
+    def _revised(self, edits: ContactEdits) -> Edited:
+        clip = apply(self._recorded, edits)
+        drafts = tuple(revise(item, clip, self._model, self._config) for item in self._now.drafts)
+        return Edited(edits, clip, drafts, complete=False)
+
+
+def solved(recorded: Clip, model: RobotModel, config: Config, edits: ContactEdits) -> Edited:
+    """Return a clip with edits, solved whole; raises what `apply` and `retarget` raise."""
+    clip = apply(recorded, edits)
+    drafts = tuple(draft(clip, model, config, person=person) for person in range(len(clip.people)))
+    return Edited(edits, clip, drafts, complete=True)

@@ -1,0 +1,264 @@
+"""The contact editor for one browser: a row and a point for each contact, and the motion that follows them.
+
+All work is done by one thread per browser, in the order in which it was asked for; of a point that is
+being dragged only the latest place counts.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import viser
+from jaxtyping import Float
+
+from hoi_retarget.clip.edits import Add, Edit, Move, Retime, Segment, describe
+from hoi_retarget.errors import HoiRetargetError
+from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.filters import frames_in
+from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.viewers.browser.editing import Edited, Editing
+from hoi_retarget.viewers.browser.editor_panel import PANEL_WIDTH_PX, EditorPanel
+from hoi_retarget.viewers.browser.editor_points import EditorPoints
+from hoi_retarget.viewers.browser.page_content import Exhibit, exhibit_of
+from hoi_retarget.viewers.browser.player import Player
+from hoi_retarget.viewers.browser.segment_strip import strip_height_px, strip_html
+from hoi_retarget.viewers.browser.worker import Worker
+from hoi_retarget.viewers.scene.scene import Shown
+
+_TYPING_SECONDS = 0.6  # Of quiet, after which a number counts as typed.
+_NEW_SECONDS = 0.5  # Length of a contact that is added.
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where the editor's work goes; a browser chooses none of it."""
+
+    edits: Path
+    """The edits' file."""
+    save_result: Callable[[Edited], tuple[Path, ...]]
+    """Writes the motions and says where; raises `WriteError`."""
+
+
+class Editor:
+    """Shows a clip's contacts to one browser, and changes them as it asks, until `stop`."""
+
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        editing: Editing,
+        model: RobotModel,
+        places: Places,
+        saved: Callable[[Edited], None],
+    ) -> None:
+        """Begin; `saved` is told what was written to the edits' file."""
+        self._editing, self._model, self._places, self._saved = editing, model, places, saved
+        self._first = editing.now
+        self._chosen: tuple[int, str, int] | None = None
+        self._worker = Worker("editor")
+        self._player = Player(client, self._exhibit(editing.now), left_px=PANEL_WIDTH_PX)
+        self._points = EditorPoints(client.scene, editing.now.motions[0], choose=self.choose, drag=self.drag)
+        self._panel = EditorPanel(client.gui, editing.now, model, self)
+        self._player.attach(self._points.show_frame)
+        self._worker.do(lambda: self._show(f"{len(editing.now.segments)} contacts. Choose a row or a point."))
+
+    def stop(self) -> None:
+        """End the editor's work."""
+        self._worker.stop()
+        self._player.stop()
+
+    @property
+    def edited(self) -> Edited:
+        """Where the work stands."""
+        return self._editing.now
+
+    @property
+    def frame(self) -> int:
+        """The frame that is shown now."""
+        return self._player.frame
+
+    @property
+    def chosen(self) -> Segment | None:
+        """The segment that is being changed."""
+        return self._chosen_of(self._editing.now.segments)
+
+    # What the browser asks for.
+
+    def choose(self, index: int) -> None:
+        """Choose a segment, and show a frame in which it is touched."""
+
+        def task() -> None:
+            segments = self._editing.now.segments
+            if index < len(segments):
+                segment = segments[index]
+                self._chosen = (segment.person, segment.part, segment.start)
+                if not segment.holds(self.frame):
+                    self._player.seek((segment.start + segment.stop) // 2)
+                self._show()
+
+        self._do(task)
+
+    def change(self, edit_of: Callable[[Segment], Edit]) -> None:
+        """Change the chosen segment."""
+        self._do(lambda: self._change(edit_of))
+
+    def typed(self, edit_of: Callable[[Segment], Edit]) -> None:
+        """Change the chosen segment once nothing has been typed for a moment."""
+        self._worker.do_later(lambda: self._guarded(lambda: self._change(edit_of)), _TYPING_SECONDS)
+
+    def commit(self, edit: Edit) -> None:
+        """Make an edit that names its contacts itself."""
+        self._do(lambda: self._commit(edit))
+
+    def add(self, person: int, part: str, item: int) -> None:
+        """Add a contact with an object from this frame on, where the robot's part is nearest to its surface."""
+
+        def task() -> None:
+            clip, frame = self._editing.now.clip, self.frame
+            free = [seg for seg in self._editing.now.segments if (seg.person, seg.part) == (person, part)]
+            stop = min([frame + frames_in(_NEW_SECONDS, clip.fps), clip.frames, *_starts_after(free, frame)])
+            point = tuple(self._nearest_point(person, part, item, frame).tolist())
+            self._commit(Add(part, frame, stop, point, person=person, object=clip.objects[item].name))
+            self._chosen = (person, part, frame)
+            self._show()
+
+        self._do(task)
+
+    def drag(self, point: Float[np.ndarray, "3"], *, released: bool) -> None:
+        """Move the chosen segment's point, in its object's frame at captured size [m]."""
+        if released:
+            self._do(lambda: self._drag(point, released=True))
+        else:
+            self._worker.do_latest(lambda: self._guarded(lambda: self._drag(point, released=False)))
+
+    def undo(self) -> None:
+        """Take the last edit back."""
+        self._do(lambda: self._go(self._editing.undo, "Taken back."))
+
+    def redo(self) -> None:
+        """Do again what was taken back."""
+        self._do(lambda: self._go(self._editing.redo, "Done again."))
+
+    def solve_all(self) -> None:
+        """Solve the whole clip."""
+        self._do(lambda: self._go(self._editing.solve_all, "The whole clip is solved."))
+
+    def save_edits(self) -> None:
+        """Write the edits' file."""
+
+        def task() -> None:
+            self._editing.save(self._places.edits)
+            self._saved(self._editing.now)
+            self._panel.say(f"Saved {len(self._editing.now.edits.edits)} edits to {self._places.edits}.")
+
+        self._do(task)
+
+    def save_result(self) -> None:
+        """Solve the whole clip and write its motions."""
+
+        def task() -> None:
+            if not self._editing.now.complete:
+                self._editing.solve_all()
+            paths = self._places.save_result(self._editing.now)
+            self._show(f"Saved {', '.join(map(str, paths))}.")
+
+        self._do(task)
+
+    # What is done about it, in the worker's thread.
+
+    def _do(self, task: Callable[[], None]) -> None:
+        self._worker.do(lambda: self._guarded(task))
+
+    def _change(self, edit_of: Callable[[Segment], Edit]) -> None:
+        segment = self.chosen
+        if segment is None:
+            self._panel.say("No contact is chosen. Choose a row or a point first.", wrong=True)
+        else:
+            self._commit(edit_of(segment))
+
+    def _commit(self, edit: Edit) -> None:
+        start = time.perf_counter()
+        tried = self._editing.tried(edit)
+        solved = time.perf_counter()
+        self._editing.take(tried)
+        if isinstance(edit, Retime) and self._chosen is not None:
+            person, part, frame = self._chosen
+            # A frame that it still has: otherwise it would not be the chosen one any more.
+            self._chosen = (person, part, min(max(frame, edit.start), edit.stop - 1))
+        self._show()
+        drawn = time.perf_counter() - solved
+        self._panel.say(f"{describe(edit)}: solved in {1e3 * (solved - start):.0f} ms, drawn in {1e3 * drawn:.0f} ms.")
+
+    def _chosen_of(self, segments: Sequence[Segment]) -> Segment | None:
+        if self._chosen is None:
+            return None
+        person, part, frame = self._chosen
+        own = (item for item in segments if (item.person, item.part) == (person, part))
+        return next((item for item in own if item.holds(frame)), None)
+
+    def _nearest_point(self, person: int, part: str, item: int, frame: int) -> np.ndarray:
+        """Return the point of an object's surface next to a robot's part, at captured size [m]."""
+        motion = self._editing.now.motions[person]
+        kinematics = self._model.forward(motion.qpos[frame : frame + 1])
+        place = kinematics.site_position(self._model.spec.part_sites[part])[0] - motion.object_pos[frame, item]
+        inside = se3.rotate_inverse(motion.object_quat[frame, item], place) / motion.object_scale[item]
+        return surface_of(self._editing.now.clip.objects[item].geometry).closest_points(inside[None])[0]
+
+    def _drag(self, point: np.ndarray, *, released: bool) -> None:
+        segment = self.chosen
+        if segment is None:
+            return
+        if self._panel.holds_on_surface:
+            geometry = self._editing.now.clip.objects[segment.object].geometry
+            point = surface_of(geometry).closest_points(point[None])[0]
+        offset = point - segment.points.mean(axis=0)
+        edit = Move(segment.part, segment.start, tuple(offset.tolist()), segment.person)
+        if released:
+            self._commit(edit)
+        else:
+            self._draw(self._editing.tried(edit))
+
+    def _go(self, step: Callable[[], None], told: str) -> None:
+        start = time.perf_counter()
+        step()
+        self._show(f"{told} ({1e3 * (time.perf_counter() - start):.0f} ms)")
+
+    def _guarded(self, task: Callable[[], None]) -> None:
+        try:
+            task()
+        except HoiRetargetError as error:
+            self._show()
+            self._panel.say(str(error), wrong=True)
+
+    # What is shown then.
+
+    def _show(self, told: str | None = None) -> None:
+        now, chosen = self._editing.now, self.chosen
+        self._draw(now)
+        self._player.do(lambda: self._points.show(now.segments, chosen))
+        self._panel.show(now, chosen, recorded=self._first, before=self._editing.before)
+        if told is not None:
+            self._panel.say(told)
+
+    def _draw(self, edited: Edited) -> None:
+        self._player.redraw(self._exhibit(edited))
+
+    def _exhibit(self, edited: Edited) -> Exhibit:
+        people, segments = edited.clip.people, edited.segments
+        titles = [person.name if len(people) > 1 else edited.clip.name for person in people]
+        plain = exhibit_of(
+            [
+                Shown(title, motion, self._model, edited.clip, person)
+                for person, (title, motion) in enumerate(zip(titles, edited.motions, strict=True))
+            ]
+        )
+        strip = strip_html(segments, edited.clip.frames, self._chosen_of(segments))
+        height = plain.extra_height_px + strip_height_px(segments)
+        # The editor's own panel has the figures.
+        return replace(plain, chart=strip + plain.chart, extra_height_px=height, figures="")
+
+
+def _starts_after(segments: Sequence[Segment], frame: int) -> list[int]:
+    return [segment.start for segment in segments if segment.start > frame]

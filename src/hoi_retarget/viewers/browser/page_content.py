@@ -1,0 +1,108 @@
+"""Result files to what a page shows of them: each on its own, so that one that is damaged hides no other."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from html import escape
+from pathlib import Path
+
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.errors import HoiRetargetError
+from hoi_retarget.evaluate import COLUMNS
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.result_file import load
+from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.readers.open import clip_of
+from hoi_retarget.robots import robot
+from hoi_retarget.robots.model import load_model
+from hoi_retarget.viewers.scene.curve_chart import TITLES_HEIGHT_PX, chart_html
+from hoi_retarget.viewers.scene.curves import curves_of
+from hoi_retarget.viewers.scene.drawing import Scene
+from hoi_retarget.viewers.scene.scene import Shown, make_scene
+from hoi_retarget.viewers.scene.titles import titles_of
+
+_TABLE_STYLE = """<style>
+.figures { width: 100%; }
+.figures td, .figures th { padding: 1px 6px 1px 0; font-size: 12px; text-align: right; overflow-wrap: anywhere; }
+.figures td { white-space: nowrap; }
+.figures td:first-child { text-align: left; }
+</style>"""
+
+
+@dataclass(frozen=True, eq=False)
+class Exhibit:
+    """What a browser is shown."""
+
+    scene: Scene | None
+    """None where nothing could be read."""
+    chart: str = ""
+    """HTML of the curves (`curve_chart`)."""
+    extra_height_px: int = 0
+    """How much higher than one result's curves it is."""
+    figures: str = ""
+    """HTML of the figures' table."""
+    notices: tuple[str, ...] = ()
+    """What is wrong or missing, a sentence each."""
+
+
+def load_exhibit(results: Sequence[Path], find_clip: Callable[..., Clip] = clip_of) -> Exhibit:
+    """Return what there is to see of result files; what cannot be read becomes a notice.
+
+    Args:
+        results: Result files.
+        find_clip: Returns the clip that a motion was made from; raises `HoiRetargetError` where it is not to be had,
+            and the robot is then shown alone.
+    """
+    shown: dict[Path, Shown] = {}
+    notices: list[str] = []
+    for path in results:
+        try:
+            shown[path] = _shown(path, find_clip, notices)
+        except HoiRetargetError as error:
+            notices.append(str(error))
+    if not shown:
+        return Exhibit(None, notices=tuple(notices))
+    titles = titles_of([(path, item.motion) for path, item in shown.items() if item.motion is not None])
+    titled = [replace(item, title=title) for item, title in zip(shown.values(), titles, strict=True)]
+    return exhibit_of(titled, tuple(notices))
+
+
+def exhibit_of(shown: Sequence[Shown], notices: tuple[str, ...] = ()) -> Exhibit:
+    """Return what there is to see of results and clips; raises what `make_scene` raises."""
+    scene = make_scene(shown)
+    curves = [(item.title, curves_of(item.motion, item.model)) for item in shown if item.motion and item.model]
+    extra = TITLES_HEIGHT_PX if len(shown) > 1 else 0
+    return Exhibit(scene, chart_html(curves, scene.fps), extra, figures_html(shown), notices)
+
+
+def _shown(path: Path, find_clip: Callable[..., Clip], notices: list[str]) -> Shown:
+    motion = load(path)
+    spec = robot(motion.robot)
+    try:
+        clip = find_clip(motion)
+        for track in clip.objects:
+            surface_of(track.geometry)  # Drawn later, with the other results.
+    except HoiRetargetError as error:
+        clip = None
+        notices.append(f"{path.name}: shown without the human. {error}")
+    return Shown(path.stem, motion, load_model(spec), clip, motion.person)
+
+
+def figures_html(shown: Sequence[Shown]) -> str:
+    """Return the figures that results carry as a table, one column a result."""
+    reports = [_figures(item.motion) for item in shown if item.motion is not None]
+    columns = [column for column in COLUMNS if any(column.name in report for report in reports)]
+    head = "".join(f"<th>{escape(item.title)}</th>" for item in shown) if len(shown) > 1 else ""
+    rows = [
+        f"<tr><td>{escape(column.header)}</td>"
+        + "".join(f"<td>{column.text(report.get(column.name))}</td>" for report in reports)
+        + "</tr>"
+        for column in columns
+    ]
+    return f'{_TABLE_STYLE}<table class="figures"><tr><td></td>{head}</tr>{"".join(rows)}</table>'
+
+
+def _figures(motion: Motion) -> dict[str, float]:
+    """Return the figures of a report; one of another version may have anything there."""
+    figures = motion.report.get("figures")
+    known = figures.items() if isinstance(figures, dict) else ()
+    return {name: value for name, value in known if isinstance(value, int | float)}

@@ -1,0 +1,314 @@
+"""One browser's player: its own scene, its own controls and its own clock.
+
+Every browser gets its own, so that two do not disturb each other. Callbacks only set the clock and what
+is to be shown; one thread per browser does all drawing, and ends when the browser goes.
+"""
+
+import time
+from collections.abc import Callable
+from html import escape
+from threading import Condition, Thread
+from typing import Literal
+
+import numpy as np
+import viser
+from jaxtyping import Bool, Float
+
+from hoi_retarget.viewers.browser.clock import Clock
+from hoi_retarget.viewers.browser.page_content import Exhibit
+from hoi_retarget.viewers.browser.viser_scene import ViserScene
+from hoi_retarget.viewers.scene.curve_chart import LEFT_INSET_PX, RIGHT_INSET_PX
+from hoi_retarget.viewers.scene.drawing import Scene, Shapes
+
+WORLD = "/world"
+SPEEDS = {"0.1x": 0.1, "0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0}
+CURVES_HEIGHT_PX = 245
+_CONTROLS_WIDTH_PX, _PANEL_MARGIN_PX = 320, 15
+_PANEL_HEAD_PX = 60  # Of the curves' panel, with its margin.
+_VIEW = np.array([0.55, -0.8, 0.24]) / np.linalg.norm([0.55, -0.8, 0.24])  # Towards the camera.
+_ROOM = 0.15  # Around what is looked at [m].
+_SAMPLES = 12  # Frames that the camera is placed by.
+_GREY = (205, 210, 216)
+_Key = Literal["arrowright", "arrowleft", "home", "end"]
+
+
+class Player:
+    """Draws a scene for one browser and follows its controls until `stop`."""
+
+    def __init__(self, client: viser.ClientHandle, exhibit: Exhibit, *, left_px: int = 0) -> None:
+        """Draw an exhibit that has a scene; `left_px` is how wide a panel at the left of the window is."""
+        scene = exhibit.scene
+        assert scene is not None, "there is something to play"
+        self._client, self._scene = client, scene
+        self._changed = Condition()
+        self._clock = Clock(scene.frames, scene.fps)
+        self._stopped = False
+        self._tasks: list[Callable[[], None]] = []
+        self._attached: list[Callable[[int], None]] = []
+        self._world = client.scene.add_frame(WORLD, show_axes=False)
+        _add_floor(client.scene)
+        self._drawn = ViserScene(client.scene, scene, root=WORLD)
+        self._add_titles()
+        self._add_controls(exhibit)
+        if exhibit.chart:
+            self._chart, self._cursor = self._add_curves(exhibit, left_px)
+        _place_camera(client, scene, exhibit, left_px)
+        self._thread = Thread(target=self._run, name="player", daemon=True)
+        self._thread.start()
+
+    @property
+    def frame(self) -> int:
+        """The frame that is shown now."""
+        return self._clock.frame(time.monotonic())
+
+    def stop(self) -> None:
+        """End the player's work; nothing is drawn any more."""
+        with self._changed:
+            self._stopped = True
+            self._changed.notify()
+        self._thread.join()
+
+    def seek(self, frame: int) -> None:
+        """Show another frame."""
+        self._set(lambda clock, now: clock.sought(frame, now))
+
+    def redraw(self, exhibit: Exhibit) -> None:
+        """Draw another scene of the same subjects and layers, and its curves, at the same frame."""
+        scene = exhibit.scene
+        assert scene is not None, "there is something to play"
+
+        def draw() -> None:
+            self._scene = scene
+            self._drawn.redraw(scene)
+            if self._chart is not None:
+                self._chart.content = _chart_html(exhibit)
+
+        self.do(draw)
+
+    def attach(self, show: Callable[[int], None]) -> None:
+        """Call this too with every frame that is shown."""
+        self.do(lambda: self._attached.append(show))
+
+    def do(self, task: Callable[[], None]) -> None:
+        """Do something between two frames, in the thread that draws them."""
+        with self._changed:
+            self._tasks.append(task)
+            self._changed.notify()
+
+    def _run(self) -> None:
+        shown = -1
+        while True:
+            with self._changed:
+                now = time.monotonic()
+                if not self._tasks and not self._stopped and self._clock.frame(now) == shown:
+                    self._changed.wait(self._clock.seconds_to_next(now))
+                if self._stopped:
+                    return
+                tasks, self._tasks = self._tasks, []
+                frame = self._clock.frame(time.monotonic())
+            with self._client.atomic():
+                for task in tasks:
+                    task()
+                if frame != shown:
+                    self._show(frame)
+            shown = frame
+
+    def _show(self, frame: int) -> None:
+        self._drawn.show(frame)
+        self._slider.value = frame
+        if self._chart is not None:
+            self._cursor.value = frame
+        self._follow_centre(frame)
+        for show in self._attached:
+            show(frame)
+
+    def _follow_centre(self, frame: int) -> None:
+        """Move the world under the camera, which stays the user's."""
+        way = _way(self._scene, frame) if self._follow.value else np.zeros(3)
+        self._world.position = -way
+
+    def _set(self, change: Callable[[Clock, float], Clock]) -> None:
+        with self._changed:
+            self._clock = change(self._clock, time.monotonic())
+            self._changed.notify()
+
+    def _add_titles(self) -> None:
+        if len(self._scene.subjects) > 1:
+            for index, subject in enumerate(self._scene.subjects):
+                place = (*subject.centre[0, :2], 0.02)
+                self._client.scene.add_label(f"{WORLD}/{index}/title", subject.title, position=place)
+
+    def _add_controls(self, exhibit: Exhibit) -> None:
+        gui = self._client.gui
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(_CONTROLS_WIDTH_PX)
+        for notice in exhibit.notices:
+            gui.add_html(_notice_html(notice))
+        with gui.add_folder("Playback"):
+            self._button = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="Space")
+            self._slider = gui.add_slider("Frame", 0, max(1, self._scene.frames - 1), 1, 0, hint="Arrows, Home, End")
+            speed = gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="1x")
+            self._follow = gui.add_checkbox("Follow", True, hint="F: the camera stays with the robot")
+        with gui.add_folder("Show"):
+            self._add_layer_boxes()
+        if exhibit.figures:
+            with gui.add_folder("Figures"):
+                gui.add_html(exhibit.figures)
+        self._chart: viser.GuiHtmlHandle | None = None
+        self._button.on_click(lambda _: self._toggle())
+        speed.on_update(lambda event: self._set(lambda clock, now: clock.at_speed(SPEEDS[event.target.value], now)))
+        self._slider.on_update(self._on_slider)
+        self._follow.on_update(lambda _: self.do(lambda: self._follow_centre(self.frame)))
+        self._add_keys()
+
+    def _add_layer_boxes(self) -> None:
+        gui, subjects = self._client.gui, self._scene.subjects
+        for name, shown in {layer.name: layer.shown for subject in subjects for layer in subject.layers}.items():
+            box = gui.add_checkbox(name, shown)
+
+            def show_layer(event: viser.GuiEvent[viser.GuiCheckboxHandle], name: str = name) -> None:
+                for index in range(len(subjects)):
+                    self._drawn.show_layer(index, name, event.target.value)
+
+            box.on_update(show_layer)
+        if len(subjects) > 1:
+            for index, subject in enumerate(subjects):
+                box = gui.add_checkbox(subject.title, True)
+
+                def show_subject(event: viser.GuiEvent[viser.GuiCheckboxHandle], index: int = index) -> None:
+                    self._drawn.show_subject(index, event.target.value)
+
+                box.on_update(show_subject)
+
+    def _add_keys(self) -> None:
+        gui, last = self._client.gui, self._scene.frames - 1
+        steps: dict[str, tuple[_Key, Callable[[int], int]]] = {
+            "Next frame": ("arrowright", lambda frame: frame + 1),
+            "Previous frame": ("arrowleft", lambda frame: frame - 1),
+            "First frame": ("home", lambda _: 0),
+            "Last frame": ("end", lambda _: last),
+        }
+        for label, (key, step) in steps.items():
+            command = gui.add_command(label, hotkey=key)
+            command.on_trigger(
+                lambda _, step=step: self._set(lambda clock, now: clock.sought(step(clock.frame(now)), now))
+            )
+        gui.add_command("Play or pause", hotkey="space").on_trigger(lambda _: self._toggle())
+        gui.add_command("Follow", hotkey="F").on_trigger(lambda _: self._toggle_follow())
+
+    def _toggle(self) -> None:
+        self._set(lambda clock, now: clock.paused(now) if clock.playing else clock.played(now))
+        playing = self._clock.playing
+        self._button.label = "Pause" if playing else "Play"
+        self._button.icon = viser.Icon.PLAYER_PAUSE if playing else viser.Icon.PLAYER_PLAY
+
+    def _toggle_follow(self) -> None:
+        self._follow.value = not self._follow.value
+
+    def _on_slider(self, event: viser.GuiEvent[viser.GuiSliderHandle[int]]) -> None:
+        if event.client is not None:  # Else it is the player itself that moved it.
+            self.seek(event.target.value)
+
+    def _add_curves(self, exhibit: Exhibit, left_px: int) -> tuple[viser.GuiHtmlHandle, viser.GuiSliderHandle[int]]:
+        """Add the curves below the scene, and over them a slider that looks like a cursor."""
+        gui = self._client.gui
+        panel = gui.add_panel()
+        with panel.add_tab("Curves", viser.Icon.CHART_LINE):
+            html = gui.add_html(_chart_html(exhibit))
+            cursor = gui.add_slider("Cursor", 0, max(1, self._scene.frames - 1), 1, 0)
+        cursor.on_update(self._on_slider)
+        width = max(500, self._client.camera.image_width - left_px - _CONTROLS_WIDTH_PX - 2 * _PANEL_MARGIN_PX)
+        panel.float(x=_PANEL_MARGIN_PX, y=-_PANEL_MARGIN_PX, width=width)
+        return html, cursor
+
+
+def show_notices(client: viser.ClientHandle, exhibit: Exhibit) -> None:
+    """Show a page without a scene: what is wrong."""
+    for notice in exhibit.notices:
+        client.gui.add_html(_notice_html(notice))
+
+
+def _notice_html(notice: str) -> str:
+    style = "margin:0.5em;padding:0.5em 0.7em;border-left:4px solid #c0392b;background:#fdecea;color:#611a15"
+    return f'<div class="notice" style="{style}">{escape(notice)}</div>'
+
+
+def _chart_html(exhibit: Exhibit) -> str:
+    """Return the curves' HTML, with the style that lays the slider that follows it over them."""
+    pixels = CURVES_HEIGHT_PX + exhibit.extra_height_px
+    after, height = "div:has(> .hoi-curves) + div", f"height: {pixels}px !important"
+    others = ("label", ".mantine-NumberInput-root", ".mantine-Slider-markWrapper")
+    hidden = ", ".join(f"{after} {part}" for part in others)
+    # Viser sets sizes on the elements themselves.
+    style = f"""
+{after} {{ position: relative; height: 0; padding: 0; overflow: visible; }}
+{after} * {{ position: static; }}
+{hidden} {{ display: none; }}
+{after} .mantine-Slider-root {{ position: absolute; left: {LEFT_INSET_PX}px; right: {RIGHT_INSET_PX}px;
+  top: -{pixels}px; {height}; padding: 0 !important; z-index: 5; cursor: ew-resize; }}
+{after} .mantine-Slider-trackContainer {{ position: relative !important; {height}; }}
+{after} .mantine-Slider-track {{ position: relative; {height}; margin: 0; }}
+{after} .mantine-Slider-track::before, {after} .mantine-Slider-bar {{ background: transparent !important; }}
+{after} .mantine-Slider-thumb {{ position: absolute; width: 3px !important; {height}; min-width: 0; border: none;
+  border-radius: 0; background: rgba(200, 40, 40, 0.75) !important; }}
+"""
+    return f'<style>{style}</style><div class="hoi-curves" style="height:{pixels}px">{exhibit.chart}</div>'
+
+
+def _add_floor(api: viser.SceneApi) -> None:
+    api.add_grid(
+        f"{WORLD}/floor",
+        width=60.0,
+        height=60.0,
+        cell_color=_GREY,
+        section_color=_GREY,
+        cell_size=0.5,
+        section_size=2.5,
+        fade_distance=30.0,
+        plane_color=(246, 247, 249),
+        plane_opacity=1.0,
+        shadow_opacity=0.25,
+    )
+
+
+def _place_camera(client: viser.ClientHandle, scene: Scene, exhibit: Exhibit, left_px: int) -> None:
+    """Look at everything that will be there, so that it fills what the panels leave free."""
+    everything = _everything(scene)
+    right = np.cross(-_VIEW, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(right, -_VIEW)])
+    low, high = (everything @ axes.T).min(axis=0) - _ROOM, (everything @ axes.T).max(axis=0) + _ROOM
+    covered = CURVES_HEIGHT_PX + exhibit.extra_height_px + _PANEL_HEAD_PX if exhibit.chart else 0
+    height = client.camera.image_height
+    free = np.array([client.camera.image_width - left_px - _CONTROLS_WIDTH_PX, height - covered])
+    metres_a_pixel = float(np.max((high - low) / np.maximum(free, 100)))
+    middle = 0.5 * (low + high) @ axes + 0.5 * (np.min(everything @ _VIEW) + np.max(everything @ _VIEW)) * _VIEW
+    look_at = middle - 0.5 * covered * metres_a_pixel * axes[1]
+    # What is nearer than the middle looks larger.
+    distance = 0.5 * height * metres_a_pixel / np.tan(0.5 * client.camera.fov) + 0.5 * np.ptp(everything @ _VIEW)
+    client.camera.position = look_at + distance * _VIEW
+    client.camera.look_at = look_at
+
+
+def _everything(scene: Scene) -> Float[np.ndarray, "P 3"]:
+    """Return where all that is shown is in some frames [m], as a camera sees it that follows."""
+    found = []
+    for frame in np.linspace(0, scene.frames - 1, _SAMPLES).astype(int).tolist():
+        for subject in scene.subjects:
+            own = scene.frame_of(subject, frame)
+            shapes = [
+                part for layer in subject.layers if layer.shown for part in layer.parts if isinstance(part, Shapes)
+            ]
+            places = [part.positions[own][_there(part, own)] for part in shapes]
+            found.append(np.concatenate([subject.centre[own : own + 1], *places]) - _way(scene, frame))
+    return np.concatenate(found)
+
+
+def _there(shapes: Shapes, frame: int) -> Bool[np.ndarray, "N"]:
+    return np.ones(len(shapes.sizes), dtype=bool) if shapes.visible is None else shapes.visible[frame]
+
+
+def _way(scene: Scene, frame: int) -> Float[np.ndarray, "3"]:
+    """Return how far the subjects have come since the first frame, on average [m]: over the floor."""
+    ways = [subject.centre[scene.frame_of(subject, frame)] - subject.centre[0] for subject in scene.subjects]
+    return np.mean(ways, axis=0) * [1.0, 1.0, 0.0]

@@ -1,0 +1,228 @@
+"""Pictures and films of results: humans and robots in panels of their own, seen from the same side.
+
+Files are returned as bytes; where they go, the caller decides.
+"""
+
+import io
+import itertools
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from PIL import Image, ImageDraw, ImageFont
+
+from hoi_retarget.errors import ArgumentError, HoiRetargetError
+from hoi_retarget.numerics import se3
+from hoi_retarget.viewers.offscreen.renderer import easel
+from hoi_retarget.viewers.scene.camera import View, cameras
+from hoi_retarget.viewers.scene.drawing import Scene
+from hoi_retarget.viewers.scene.scene import Shown, make_scene, together
+
+Picture = UInt8[np.ndarray, "H W 3"]
+Side = Literal["robot", "human", "both"]
+
+VIDEO_MISSING = (
+    'Writing MP4 needs imageio-ffmpeg, which is not installed. In a clone: pip install ".[video]"; '
+    'else: pip install "hoi-retarget[video]". A .gif needs nothing.'
+)
+_ROBOT_LAYERS = ("robot", "object", "contacts")
+_HUMAN_LAYERS = ("human", "human's object", "human's contacts")
+_BESIDE = 120.0  # From where people look to where the camera looks: it faces them, from their right [deg].
+_BEST_ASPECT = 0.85  # Of a panel: whoever stands in it is taller than wide.
+_EMPTY = 255  # Grey of what no panel covers.
+_INK = (60, 64, 72)  # Of captions.
+_GIF_COLOURS = 200
+_GIF_TICK = 10  # A GIF counts time in hundredths of a second [ms].
+
+
+def panels(shown: Sequence[Shown], side: Side = "both") -> tuple[Scene, ...]:
+    """Return what each panel shows: the human of each clip, then each robot, or robots that share objects.
+
+    Raises:
+        ArgumentError: There is nothing to see on that side.
+        GeometryError: An object's mesh file cannot be read.
+    """
+    hosts = together(shown)
+    groups = [[item for item, host in zip(shown, hosts, strict=True) if host == index] for index in sorted(set(hosts))]
+    humans = {_recorded(group): _people(group) for group in groups if group[0].clip is not None}
+    robots = [group for group in groups if group[0].motion is not None]
+    filmed = [_only(make_scene(people), _HUMAN_LAYERS) for people in humans.values() if side != "robot"]
+    filmed += [_only(make_scene(group), _ROBOT_LAYERS) for group in robots if side != "human"]
+    if not filmed:
+        raise ArgumentError(f"there is no {side} to draw. Name a {'clip' if side == 'human' else 'result'}.")
+    return tuple(filmed)
+
+
+def _recorded(group: Sequence[Shown]) -> tuple[object, ...]:
+    """Return what tells recorded people from others: results of one clip are shown with its human once."""
+    clips = [item.clip for item in group if item.clip is not None]
+    source = clips[0].source
+    people = tuple(sorted(item.person for item in group))
+    return clips[0].name, source.sha256, source.augmentation, clips[0].frames, people
+
+
+def _people(group: Sequence[Shown]) -> list[Shown]:
+    return [Shown(item.title, clip=group[0].clip, person=item.person) for item in group]
+
+
+def _only(scene: Scene, names: Sequence[str]) -> Scene:
+    """Return a scene of which only some layers are shown."""
+    subjects = [
+        replace(subject, layers=tuple(replace(layer, shown=layer.name in names) for layer in subject.layers))
+        for subject in scene.subjects
+    ]
+    return Scene(tuple(subjects))
+
+
+def good_azimuth(shown: Sequence[Shown]) -> float:
+    """Return where a camera looks to that faces people and robots from their right, by how they stand mostly [deg]."""
+    ahead = np.mean([_ahead(item).mean(axis=0) for item in shown], axis=0)
+    return float(np.round(np.degrees(np.arctan2(ahead[1], ahead[0])) + _BESIDE)) % 360.0
+
+
+def _ahead(item: Shown) -> Float[np.ndarray, "T 3"]:
+    if item.motion is not None:
+        return se3.rotate(item.motion.qpos[:, 3:7], np.array([1.0, 0.0, 0.0]))
+    assert item.clip is not None  # One of the two is there.
+    return se3.rotate(item.clip.people[item.person].quat("pelvis"), np.array([0.0, 0.0, 1.0]))
+
+
+def duration(filmed: Sequence[Scene]) -> float:
+    """Return how long it takes until the last panel stands still [s]."""
+    return max((scene.frames - 1) / scene.fps for scene in filmed)
+
+
+@contextmanager
+def opened(filmed: Sequence[Scene], view: View, width: int, height: int) -> Iterator[Callable[[float], Picture]]:
+    """Open what draws all panels at a time [s], in a picture of a size [px].
+
+    Where there are several results, each panel says whose it is.
+
+    Raises:
+        HoiRetargetError: This machine has no way to draw without a screen.
+    """
+    columns = _columns(len(filmed), width / height)
+    rows = -(-len(filmed) // columns)
+    across, down = _edges(width, columns), _edges(height, rows)
+    cells = [(down[index // columns], across[index % columns]) for index in range(len(filmed))]
+    aspect = (width / columns) / (height / rows)
+    with ExitStack() as stack:
+        easels = [
+            stack.enter_context(easel(scene, right - left, bottom - top))
+            for scene, ((top, bottom), (left, right)) in zip(filmed, cells, strict=True)
+        ]
+        placed = cameras(filmed, view, aspect)
+        captions = _captions(filmed)
+
+        def draw(time: float) -> Picture:
+            picture = np.full((height, width, 3), _EMPTY, dtype=np.uint8)
+            drawn = zip(filmed, easels, placed, captions, cells, strict=True)
+            for scene, ready, camera, caption, ((top, bottom), (left, right)) in drawn:
+                frame = min(round(time * scene.fps), scene.frames - 1)
+                picture[top:bottom, left:right] = _titled(ready.draw(frame, camera(frame)), caption)
+            return picture
+
+        yield draw
+
+
+def _captions(filmed: Sequence[Scene]) -> list[str]:
+    humans = [any(layer.name == "human" and layer.shown for layer in scene.subjects[0].layers) for scene in filmed]
+    if len(filmed) - sum(humans) < 2:
+        return [""] * len(filmed)
+    titles = [" + ".join(subject.title for subject in scene.subjects) for scene in filmed]
+    return ["human" if human else title for human, title in zip(humans, titles, strict=True)]
+
+
+def _titled(picture: Picture, caption: str) -> Picture:
+    if not caption:
+        return picture
+    image = Image.fromarray(picture)
+    size = max(10, len(picture) // 28)
+    ImageDraw.Draw(image).text((size, len(picture) - 2 * size), caption, _INK, ImageFont.load_default(size))
+    return np.asarray(image)
+
+
+def _columns(count: int, aspect: float) -> int:
+    """Return how many panels stand side by side, so that they are neither too wide nor too high."""
+
+    def waste(columns: int) -> float:
+        rows = -(-count // columns)
+        return abs(np.log(aspect * rows / columns / _BEST_ASPECT)) + (rows * columns - count) / count
+
+    return min(range(1, count + 1), key=waste)
+
+
+def _edges(length: int, count: int) -> list[tuple[int, int]]:
+    edges = np.linspace(0, length, count + 1).round().astype(int).tolist()
+    return list(itertools.pairwise(edges))
+
+
+def film_times(filmed: Sequence[Scene], fps: float) -> Float[np.ndarray, "N"]:
+    """Return when the pictures of a film are taken [s]."""
+    return np.arange(int(duration(filmed) * fps + 1e-6) + 1) / fps
+
+
+def sheet_times(filmed: Sequence[Scene], count: int) -> Float[np.ndarray, "N"]:
+    """Return when the pictures of a contact sheet are taken: in the middles of equal parts of the motion [s]."""
+    return duration(filmed) * (np.arange(count) + 0.5) / count
+
+
+def gif(pictures: Iterable[Picture], samples: Sequence[Picture], fps: float) -> bytes:
+    """Return pictures as a GIF file that plays again and again, in the colours that samples of them have."""
+    palette = Image.fromarray(np.concatenate(samples)).quantize(_GIF_COLOURS, method=Image.Quantize.MAXCOVERAGE)
+    # Without dithering: it would crawl, and cost half as much again.
+    frames = [Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+    ends = np.round(1000.0 * np.arange(len(frames) + 1) / fps / _GIF_TICK).astype(int) * _GIF_TICK
+    buffer = io.BytesIO()
+    frames[0].save(
+        buffer, format="GIF", save_all=True, append_images=frames[1:], duration=np.diff(ends).tolist(), loop=0
+    )
+    return buffer.getvalue()
+
+
+def mp4(pictures: Iterable[Picture], fps: float) -> bytes:
+    """Return pictures, of even width and height, as an MP4 file with H.264 video that every player knows.
+
+    Raises:
+        HoiRetargetError: What encodes it is not installed, or fails.
+    """
+    try:
+        from imageio_ffmpeg import get_ffmpeg_exe  # noqa: PLC0415 # pyright: ignore[reportMissingImports] - optional
+
+        program = get_ffmpeg_exe()
+    except (ImportError, RuntimeError) as error:
+        raise HoiRetargetError(VIDEO_MISSING) from error
+    pictures = iter(pictures)
+    first = next(pictures)
+    with tempfile.TemporaryDirectory() as folder:
+        path, complaints = Path(folder) / "film.mp4", Path(folder) / "complaints"
+        raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{first.shape[1]}x{first.shape[0]}", "-r", f"{fps:.6f}"]
+        coded = ["-c:v", "libx264", "-crf", "20", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
+        with complaints.open("wb") as output:
+            words = [program, "-loglevel", "error", *raw, "-i", "-", "-an", *coded, str(path)]
+            with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=output, stderr=output) as encoder:
+                try:
+                    _feed(encoder, itertools.chain([first], pictures))
+                except BaseException:
+                    encoder.kill()
+                    raise
+        if encoder.returncode:
+            said = " ".join(complaints.read_text(errors="replace").split())
+            raise HoiRetargetError(f"the video could not be encoded: {said or f'exit code {encoder.returncode}'}")
+        return path.read_bytes()
+
+
+def _feed(encoder: subprocess.Popen, pictures: Iterable[Picture]) -> None:
+    assert encoder.stdin is not None  # It is a pipe.
+    # An encoder that gives up closes its end; its own words tell why.
+    with suppress(BrokenPipeError):
+        for picture in pictures:
+            encoder.stdin.write(np.ascontiguousarray(picture).data)
+    with suppress(BrokenPipeError):
+        encoder.stdin.close()

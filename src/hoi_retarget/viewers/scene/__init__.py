@@ -1,0 +1,1 @@
+"""What is drawn in every frame, whoever draws it: shapes, meshes, lines, cameras, curves."""

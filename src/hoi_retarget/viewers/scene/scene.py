@@ -1,0 +1,264 @@
+"""From clips and results to a `Scene`: each in its own place on one floor, beside the others.
+
+A result stands where it was computed, the human it follows one place further, the next result one
+more. Robots that move the same objects of one clip share a place and the objects.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import gaussian_filter1d
+
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.errors import ArgumentError
+from hoi_retarget.evaluate.view import check_joints
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.viewers.scene.drawing import Colour, Layer, Lines, Part, Scene, Shapes, Solid, Subject
+from hoi_retarget.viewers.scene.human_shapes import human_shapes
+from hoi_retarget.viewers.scene.human_skin import human_skin
+from hoi_retarget.viewers.scene.marks import contact_marks, human_contact_marks, stance_marks
+from hoi_retarget.viewers.scene.object_solid import AXIS_LENGTH, COLOURS, object_axes, object_solid
+from hoi_retarget.viewers.scene.robot_shapes import NodePoses, robot_meshes, robot_shapes
+
+FREE_SPACE = 0.3  # Between what neighbours reach [m].
+_ARM_REACH = 0.8  # Of a body, around its pelvis [m].
+_OBJECT_LAYERS = ("object", "human's object")
+_IK_TINT: Colour = (60, 120, 225)
+_IK_OPACITY = 0.35
+_CALM_SECONDS = 0.5  # What is shorter hardly moves a camera that follows.
+_NEAR = 1.0  # An object farther from the pelvis draws the camera no more than one that is so near [m].
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What is to be seen: a motion with its robot, the clip it was made from, or both.
+
+    Raises `ArgumentError` when there is neither, a motion without its robot, a person whom the clip
+    does not have, or a clip that the motion was not made from; `RobotError` for another robot's motion.
+    """
+
+    title: str
+    motion: Motion | None = None
+    model: RobotModel | None = None
+    clip: Clip | None = None
+    person: int = 0
+    """Which of the clip's people."""
+    meshes: Path | None = None
+    """Folder with the files of the robot maker's meshes; None draws the primitives."""
+
+    def __post_init__(self) -> None:
+        motion, clip = self.motion, self.clip
+        if motion is None and clip is None:
+            raise ArgumentError(f"{self.title}: neither a result nor a clip is given; one is needed.")
+        if motion is not None and self.model is None:
+            raise ArgumentError(f"{self.title}: a result is drawn with its robot, which is not given.")
+        if motion is not None and self.model is not None:
+            check_joints(motion, self.model)
+        if clip is not None and not 0 <= self.person < len(clip.people):
+            raise ArgumentError(f"{self.title}: no person {self.person}; there are 0 to {len(clip.people) - 1}.")
+        if motion is not None and clip is not None:
+            result, recorded = (motion.frames, len(motion.object_names)), (clip.frames, len(clip.objects))
+            if result != recorded:
+                raise ArgumentError(
+                    f"{self.title}: the result has {result[0]} frames and {result[1]} objects, the clip {clip.name!r} "
+                    f"{recorded[0]} and {recorded[1]}. Name the clip that the result was made from."
+                )
+
+
+def make_scene(shown: Sequence[Shown], *, apart: float | Literal["auto"] = "auto") -> Scene:
+    """Return what is drawn of results and clips, one subject for each.
+
+    Args:
+        shown: What to draw, in the order of the places.
+        apart: From the middle of one place to that of the next [m]; auto leaves free space between them.
+
+    Raises:
+        ArgumentError: There is nothing to show, or `apart` is no distance.
+        GeometryError: An object's mesh file cannot be read.
+        RobotError: A robot's specification names no meshes of its maker.
+        ReadError: A mesh file of a robot is missing, or cannot be read.
+    """
+    if not shown:
+        raise ArgumentError("there is nothing to show. Name a result or a clip.")
+    if apart != "auto" and not (np.isfinite(apart) and apart >= 0):
+        raise ArgumentError(f"apart is {apart}; it must be auto or a distance in metres.")
+    hosts, sides = together(shown), [_sides(item) for item in shown]
+    places: dict[tuple[int, str], list[_Side]] = {}
+    for host, own in zip(hosts, sides, strict=True):
+        for side in own:
+            places.setdefault((host, side.name), []).append(side)
+    shifts = dict(zip(places, _shifts([_reach(members) for members in places.values()], apart), strict=True))
+    subjects = []
+    for index, (item, host, own) in enumerate(zip(shown, hosts, sides, strict=True)):
+        layers = [_moved(layer, shifts[host, side.name]) for side in own for layer in side.layers]
+        if index != host:
+            layers = [layer for layer in layers if layer.name not in _OBJECT_LAYERS]
+        centre = _centre(own[0]) + shifts[host, own[0].name]
+        subjects.append(Subject(item.title, own[0].fps, tuple(layers), centre))
+    return Scene(tuple(subjects))
+
+
+def together(shown: Sequence[Shown]) -> tuple[int, ...]:
+    """Return, for each, the index of the first one whose place and objects it shares: its own where it is alone."""
+    hosts: list[int] = []
+    for index, item in enumerate(shown):
+        # Whoever shares a place must be somebody else: a second result for one person stands apart.
+        fitting = (
+            host
+            for host in dict.fromkeys(hosts)
+            if all(_share(item, shown[member]) for member in range(index) if hosts[member] == host)
+        )
+        hosts.append(next(fitting, index))
+    return tuple(hosts)
+
+
+def _share(a: Shown, b: Shown) -> bool:
+    """Return whether these are two people, or two people's robots, with the same objects of one clip."""
+    if a.motion is None or b.motion is None:
+        return a.motion is b.motion and a.clip is b.clip and a.person != b.person
+    one, two = a.motion, b.motion
+    return (
+        len(one.object_names) > 0
+        and (a.clip is None) == (b.clip is None)
+        and _origin(one) == _origin(two)
+        and one.person != two.person
+        and np.array_equal(one.object_pos, two.object_pos)
+        and np.array_equal(one.object_quat, two.object_quat)
+        and np.array_equal(one.object_scale, two.object_scale)
+    )
+
+
+def _origin(motion: Motion) -> tuple[object, object]:
+    source = motion.report.get("source")
+    return motion.report.get("clip"), source.get("sha256") if isinstance(source, dict) else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """What stands in one place: a robot or a human, with the objects."""
+
+    name: str
+    fps: float
+    pelvis: Float[np.ndarray, "T 3"]
+    objects: Float[np.ndarray, "T O 3"]
+    layers: tuple[Layer, ...]
+
+
+def _sides(item: Shown) -> tuple[_Side, ...]:
+    sides = []
+    if item.motion is not None and item.model is not None:
+        sides.append(_robot_side(item, item.motion, item.model))
+    if item.clip is not None:
+        sides.append(_human_side(item.clip, item.person))
+    return tuple(sides)
+
+
+def _robot_side(item: Shown, motion: Motion, model: RobotModel) -> _Side:
+    kinematics = model.forward(motion.qpos)
+    poses = NodePoses.of(kinematics)
+    robot = robot_shapes(model, poses) if item.meshes is None else robot_meshes(model, poses, item.meshes)
+    earlier = robot_shapes(model, NodePoses.of(model.forward(motion.ik_qpos)))
+    layers = (
+        Layer("robot", robot),
+        Layer("inverse kinematics", tuple(map(_tinted, earlier)), opacity=_IK_OPACITY, shown=False),
+        Layer("object", _robot_objects(motion, item.clip)),
+        Layer("contacts", contact_marks(motion, kinematics)),
+        Layer("stance", (stance_marks(motion, kinematics),)),
+    )
+    return _Side("robot", motion.fps, motion.qpos[:, :3], motion.object_pos, layers)
+
+
+def _robot_objects(motion: Motion, clip: Clip | None) -> tuple[Part, ...]:
+    """Return the objects that the robot moves: as axes where their shape is not known."""
+    parts: list[Part] = []
+    for index, scale in enumerate(motion.object_scale):
+        positions, quats = motion.object_pos[:, index], motion.object_quat[:, index]
+        if clip is None:
+            parts.append(object_axes(positions, quats))
+        else:
+            geometry, colour = clip.objects[index].geometry, COLOURS[index % len(COLOURS)]
+            parts.append(object_solid(geometry, float(scale), positions, quats, colour))
+    return tuple(parts)
+
+
+def _human_side(clip: Clip, person: int) -> _Side:
+    human = clip.people[person]
+    contacts = tuple(track for track in clip.contacts if track.person == person)
+    solids = (
+        object_solid(track.geometry, 1.0, track.positions, track.quats, COLOURS[index % len(COLOURS)])
+        for index, track in enumerate(clip.objects)
+    )
+    layers = (
+        Layer("human", human_shapes(human) if human.shape is None else human_skin(human)),
+        Layer("human's object", tuple(solids)),
+        Layer("human's contacts", human_contact_marks(contacts, clip.objects)),
+    )
+    objects = [track.positions for track in clip.objects]
+    places = np.stack(objects, axis=1) if objects else np.zeros((clip.frames, 0, 3))
+    return _Side("human", clip.fps, human.position("pelvis"), places, layers)
+
+
+def _tinted(shapes: Shapes) -> Shapes:
+    return replace(shapes, colours=(0.3 * shapes.colours + 0.7 * np.array(_IK_TINT)).astype(np.uint8))
+
+
+def _reach(sides: Sequence[_Side]) -> Float[np.ndarray, "2 2"]:
+    """Return the lowest and highest x and y that bodies and objects of one place reach [m]."""
+    paths = [(side.pelvis, _ARM_REACH) for side in sides]
+    for side in sides:
+        parts = [part for layer in side.layers if layer.name in _OBJECT_LAYERS for part in layer.parts]
+        paths += [(side.objects[:, index], _radius(part)) for index, part in enumerate(parts)]
+    low = np.min([path[:, :2].min(axis=0) - reach for path, reach in paths], axis=0)
+    high = np.max([path[:, :2].max(axis=0) + reach for path, reach in paths], axis=0)
+    return np.stack([low, high])
+
+
+def _radius(part: Part) -> float:
+    return float(np.linalg.norm(part.vertices, axis=1).max()) if isinstance(part, Solid) else AXIS_LENGTH
+
+
+def _shifts(
+    reaches: Sequence[Float[np.ndarray, "2 2"]], apart: float | Literal["auto"]
+) -> list[Float[np.ndarray, "3"]]:
+    """Return how far each place is moved [m]: beside the others along the axis in which the paths extend least."""
+    lateral = int(np.argmin(np.max([high - low for low, high in reaches], axis=0)))
+    middles = np.mean(reaches, axis=1)
+    shifts, edge = [], float(reaches[0][0, lateral]) - FREE_SPACE
+    for number, (low, high) in enumerate(reaches):
+        shift = np.zeros(3)
+        shift[:2] = middles[0] - middles[number]
+        shift[lateral] += number * apart if apart != "auto" else 0.0
+        if apart == "auto":
+            shift[lateral] = edge + FREE_SPACE - low[lateral]
+            edge = float(high[lateral] + shift[lateral])
+        shifts.append(shift)
+    return shifts
+
+
+def _moved(layer: Layer, shift: Float[np.ndarray, "3"]) -> Layer:
+    return replace(layer, parts=tuple(_moved_part(part, shift.astype(np.float32)) for part in layer.parts))
+
+
+def _moved_part(part: Part, shift: Float[np.ndarray, "3"]) -> Part:
+    if not shift.any():
+        return part
+    if isinstance(part, Lines):
+        return replace(part, starts=part.starts + shift, ends=part.ends + shift)
+    return replace(part, positions=part.positions + shift)
+
+
+def _centre(side: _Side) -> Float[np.ndarray, "T 3"]:
+    """Return a calm path between the pelvis and the object that is nearest most of the time [m]."""
+    centre = side.pelvis
+    if side.objects.shape[1]:
+        away = side.objects[..., :2] - side.pelvis[:, None, :2]
+        distance = np.linalg.norm(away, axis=-1)
+        nearest = int(distance.mean(axis=0).argmin())
+        share = 0.5 * np.minimum(1.0, _NEAR / np.maximum(distance[:, nearest], _NEAR))
+        centre = centre + np.column_stack([share[:, None] * away[:, nearest], np.zeros(len(centre))])
+    return gaussian_filter1d(centre, _CALM_SECONDS * side.fps, axis=0, mode="nearest")

@@ -1,0 +1,1 @@
+"""Pages that play results without a server."""

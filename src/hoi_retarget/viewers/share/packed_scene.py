@@ -1,0 +1,152 @@
+"""A `Scene` as text that a web page carries and `page/player.js` plays, small enough to be sent by mail.
+
+Numbers over time become steps of 0.2 mm or so, and these their second differences, which are small
+where something moves smoothly. Low and high bytes apart and compressed, 200 frames take some 200 kB.
+"""
+
+import base64
+import gzip
+import json
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from hoi_retarget.viewers.scene.auto_camera import Standpoint
+from hoi_retarget.viewers.scene.drawing import Kind, Layer, Lines, Part, Scene, Shapes, Solid, Subject
+
+LARGEST_FRAMES = 2000
+"""Frames of one subject that a page holds; of a longer one every second, third, ... frame is kept."""
+POSITION_STEP = 2e-4  # [m]
+_TURN_STEP = 2.5e-4  # Of a quaternion's numbers: 0.03 degrees.
+_VERTEX_STEP = 1e-4  # Of a mesh's size.
+_LARGEST_LEVEL = 65535
+
+
+def stride_of(frames: int) -> int:
+    """Return which frames of so many a page holds: every one, every second, and so on."""
+    return -(-frames // LARGEST_FRAMES)
+
+
+def pack(scene: Scene, place: Standpoint) -> str:
+    """Return a scene as JSON text: its description, and all its numbers in base64 of gzip."""
+    numbers = _Numbers()
+    subjects = [_subject(numbers, subject) for subject in scene.subjects]
+    content = base64.b64encode(gzip.compress(bytes(numbers.content), compresslevel=6, mtime=0)).decode("ascii")
+    description = {
+        "fps": scene.fps,
+        "seconds": max(scene.frames - 1, 1) / scene.fps,
+        "camera": {
+            **{"azimuth": place.azimuth, "elevation": place.elevation},
+            **{"shift": place.shift.tolist(), "reaches": place.reaches.tolist()},
+        },
+        "subjects": subjects,
+        "numbers": content,
+    }
+    # Inside a <script>, only this character could end it.
+    return json.dumps(description, allow_nan=False).replace("<", "\\u003c")
+
+
+class _Numbers:
+    """All arrays one after the other, each once; a page finds it by where it begins."""
+
+    def __init__(self) -> None:
+        self.content = bytearray()
+        self._begins: dict[bytes, int] = {}
+
+    def add(self, values: np.ndarray, step: float) -> dict[str, Any]:
+        """Add numbers over time, frames first, in steps as small as `step` if their range allows it."""
+        frames = values.reshape(len(values), -1).astype(float)
+        if (frames == frames[:1]).all():
+            frames = frames[:1]
+        low = float(frames.min())
+        step = max(step, (float(frames.max()) - low) / _LARGEST_LEVEL)
+        levels = np.round((frames - low) / step).astype(np.uint16)
+        # Unsigned differences wrap around, and back when they are added up.
+        changes = np.diff(levels, n=2, axis=0, prepend=np.zeros((2, frames.shape[1]), dtype=np.uint16))
+        pairs = changes.T.ravel().astype("<u2").view(np.uint8)
+        content = pairs[::2].tobytes() + pairs[1::2].tobytes()
+        at = self._begins.setdefault(content, len(self.content))
+        if at == len(self.content):
+            self.content += content
+        return {"at": at, "frames": len(frames), "width": frames.shape[1], "low": low, "step": step}
+
+    def add_turns(self, quats: Float[np.ndarray, "T N 4"]) -> dict[str, Any]:
+        """Add rotations, without the jumps of sign that mean nothing."""
+        same = np.einsum("tni,tni->tn", quats[1:], quats[:-1]) >= 0
+        signs = np.cumprod(np.where(same, 1.0, -1.0), axis=0)
+        return self.add(np.concatenate([quats[:1], signs[:, :, None] * quats[1:]]), _TURN_STEP)
+
+
+def _subject(numbers: _Numbers, subject: Subject) -> dict[str, Any]:
+    stride = stride_of(subject.frames)
+    return {
+        "fps": subject.fps / stride,
+        "centre": numbers.add(subject.centre[::stride], POSITION_STEP),
+        "layers": [_layer(numbers, layer, stride) for layer in subject.layers],
+    }
+
+
+def _layer(numbers: _Numbers, layer: Layer, stride: int) -> dict[str, Any]:
+    parts = [_part(numbers, part, stride) for part in layer.parts if _count(part)]
+    return {"name": layer.name, "opacity": layer.opacity, "shown": layer.shown, "parts": parts}
+
+
+def _count(part: Part) -> int:
+    match part:
+        case Shapes():
+            return len(part.sizes)
+        case Solid():
+            return 1
+        case Lines():
+            return part.starts.shape[1]
+
+
+def _part(numbers: _Numbers, part: Part, stride: int) -> dict[str, Any]:
+    match part:
+        case Shapes():
+            visible = part.visible
+            kind: dict[str, Any] = {
+                "kind": part.kind.value,
+                "sizes": numbers.add(part.sizes[None], 1e-5),
+                "colours": numbers.add(part.colours[None], 1.0),
+                "positions": numbers.add(part.positions[::stride], POSITION_STEP),
+                "quats": numbers.add_turns(_seen_turns(part)[::stride]),
+            }
+        case Solid():
+            visible = None
+            # Robot and human move one object in two sizes: as unit meshes they are the same.
+            size = float(np.abs(part.vertices).max())
+            kind = {
+                "kind": "solid",
+                "vertices": numbers.add(part.vertices[None] / size, _VERTEX_STEP),
+                "faces": numbers.add(_ordered(part.faces), 1.0),
+                "sizes": numbers.add(np.full((1, 3), size), 1e-5),
+                "colours": numbers.add(np.array([part.colour]), 1.0),
+                "positions": numbers.add(part.positions[::stride], POSITION_STEP),
+                "quats": numbers.add_turns(part.quats[::stride, None]),
+            }
+        case Lines():
+            visible = part.visible
+            kind = {
+                "kind": "lines",
+                "starts": numbers.add(part.starts[::stride], POSITION_STEP),
+                "ends": numbers.add(part.ends[::stride], POSITION_STEP),
+                "colours": numbers.add(part.colours[::stride], 1.0),
+            }
+    if visible is not None and not visible.all():
+        kind["visible"] = numbers.add(visible[::stride], 1.0)
+    return {"count": _count(part), **kind}
+
+
+def _ordered(faces: Int[np.ndarray, "F 3"]) -> Int[np.ndarray, "F 3"]:
+    """Return the triangles in order of their first corner, each beginning with its lowest: neighbours are alike."""
+    lowest = faces.argmin(axis=1)[:, None]
+    turned = np.take_along_axis(faces, (lowest + np.arange(3)) % 3, axis=1)
+    return turned[np.lexsort(turned.T[::-1])]
+
+
+def _seen_turns(shapes: Shapes) -> Float[np.ndarray, "T N 4"]:
+    """Return the rotations, those of balls left out: nobody sees them turn."""
+    balls = (shapes.kind is Kind.SPHERE) & (np.ptp(shapes.sizes, axis=1) == 0)
+    return np.where(balls[:, None], np.array([1.0, 0.0, 0.0, 0.0]), shapes.quats)

@@ -1,0 +1,151 @@
+"""A gallery of results in a folder: pages that play them in any browser, without a server or the internet.
+
+A page carries its scene, its player and its curves in itself, so it can also be sent or embedded alone.
+"""
+
+import json
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from hoi_retarget.errors import ArgumentError, WriteError
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.numerics import se3
+from hoi_retarget.viewers.offscreen.thumbnail import telling_frame, thumbnail
+from hoi_retarget.viewers.scene.auto_camera import standpoint
+from hoi_retarget.viewers.scene.curve_chart import chart_html
+from hoi_retarget.viewers.scene.curves import curves_of
+from hoi_retarget.viewers.scene.scene import Shown, make_scene
+from hoi_retarget.viewers.share.gallery import Entry, clip_page, file_name, index_page
+from hoi_retarget.viewers.share.packed_scene import pack
+
+LISTING = "gallery.json"
+"""The file that tells a gallery from other folders, and which files are its own."""
+
+
+class Gallery:
+    """Pages in the making; made by `gallery_in`."""
+
+    def __init__(self, folder: Path, title: str) -> None:
+        self._folder, self._title = folder, title
+        self._entries: list[tuple[Entry, str, str]] = []
+
+    def add(self, entry: Entry, shown: Shown) -> None:
+        """Write the page and the picture of a result.
+
+        Raises:
+            GeometryError: An object's mesh file cannot be read.
+            WriteError: There is no room, or no permission.
+        """
+        assert shown.model is not None
+        scene = make_scene([shown])
+        place = standpoint(scene, _ahead(entry.motion))
+        curves = chart_html([(entry.title, curves_of(entry.motion, shown.model))], scene.fps, chart_height_px=44)
+        ending, picture = thumbnail(scene, telling_frame(entry.motion), place)
+        taken = ("index", *(Path(page).stem for _, page, _ in self._entries))
+        name = file_name(entry.title, taken)
+        page = clip_page(entry, scene=pack(scene, place), curves=curves, gallery=self._title)
+        self._write_page(f"{name}.html", page)
+        self._write(f"{name}{ending}", picture)
+        self._entries.append((entry, f"{name}.html", f"{name}{ending}"))
+
+    def finish(self) -> None:
+        """Write what leads to the pages; raises `WriteError`."""
+        self._write_page("index.html", index_page(self._title, self._entries))
+        own = sorted([path.name for path in self._folder.iterdir()] + [LISTING])
+        self._write(LISTING, json.dumps({"made by": "hoi-retarget share", "files": own}, indent=1).encode())
+
+    def _write_page(self, name: str, text: str) -> None:
+        # Names of results may contain bytes that are no characters.
+        self._write(name, text.encode(errors="backslashreplace"))
+
+    def _write(self, name: str, content: bytes) -> None:
+        try:
+            (self._folder / name).write_bytes(content)
+        except OSError as error:
+            raise WriteError(f"{name}: cannot be written ({error.strerror or error}). Choose another --out.") from error
+
+
+@contextmanager
+def gallery_in(out: Path, title: str) -> Iterator[Gallery]:
+    """Open a gallery that is in a folder when the block ends without an error; until then nothing changes there.
+
+    An earlier gallery in that folder is replaced.
+
+    Raises:
+        ArgumentError: The folder holds other files than an earlier gallery's.
+        WriteError: It cannot be written; what was there before still is.
+    """
+    check_replaceable(out)
+    out = out.resolve()  # A name is needed, which `.` has not; and a link stays one.
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        work = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
+    except OSError as error:
+        raise _cannot(out, error) from error
+    try:
+        making = work / "new"
+        making.mkdir()
+        gallery = Gallery(making, title)
+        yield gallery
+        gallery.finish()
+        _replace(making, out, work / "old")
+    except OSError as error:
+        raise _cannot(out, error) from error
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
+def check_replaceable(out: Path) -> None:
+    """Raise `ArgumentError` unless a folder is absent, empty, or an earlier gallery and nothing else."""
+    try:
+        if not out.exists():
+            return
+        if not out.is_dir():
+            raise ArgumentError(f"--out {out}: this is a file. Name a folder.")
+        found = {path.name for path in out.iterdir()}
+        own = set(_listed(out / LISTING)) if LISTING in found else set()
+    except OSError as error:
+        raise ArgumentError(f"--out {out}: cannot be read ({error.strerror or error}). Choose another.") from error
+    strange = sorted(found - own)
+    if strange:
+        raise ArgumentError(
+            f"--out {out}: there are other files in it than an earlier gallery's ({', '.join(strange[:3])}"
+            f"{', ...' if len(strange) > 3 else ''}). Name a folder that does not exist yet."
+        )
+
+
+def _listed(path: Path) -> list[str]:
+    """Return the files that a gallery says are its own; none where it says nothing."""
+    try:
+        names = json.loads(path.read_text(encoding="utf-8"))["files"]
+    except (ValueError, TypeError, KeyError):
+        return []
+    return [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
+
+
+def _replace(new: Path, out: Path, old: Path) -> None:
+    """Put a folder in the place of another one, or leave that one where it is."""
+    check_replaceable(out)
+    there = out.exists()
+    if there:
+        out.rename(old)
+    try:
+        new.rename(out)
+    except OSError:
+        if there:
+            old.rename(out)
+        raise
+
+
+def _cannot(out: Path, error: OSError) -> WriteError:
+    return WriteError(f"--out {out}: cannot be written ({error.strerror or error}). Choose another folder.")
+
+
+def _ahead(motion: Motion) -> np.ndarray:
+    """Return where the robot faces on the whole, seen from above."""
+    return se3.rotate(motion.qpos[:, 3:7], np.array([1.0, 0.0, 0.0])).mean(axis=0)[:2]

@@ -1,0 +1,28 @@
+"""Whether MuJoCo can draw without a screen here; tests that need it skip, saying so, where it cannot."""
+
+import os
+import subprocess
+import sys
+from functools import cache
+
+import pytest
+
+_PROBE = "import mujoco; mujoco.Renderer(mujoco.MjSpec().compile(), 16, 16).close()"
+
+
+def need_drawing(backend: str) -> None:
+    """Skip the test unless MuJoCo draws with a backend; this asks MuJoCo alone, nothing of the project."""
+    if trouble := _trouble(backend):
+        pytest.skip(f"MuJoCo cannot draw with MUJOCO_GL={backend} here: {trouble}")
+
+
+@cache
+def _trouble(backend: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-c", _PROBE],
+        env={**os.environ, "MUJOCO_GL": backend},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.stderr.strip().splitlines()[-1] if done.returncode else ""
