@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from hoi_retarget.errors import RobotError
 from hoi_retarget.evaluate import unreached_contacts
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.config import Config
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.scene.curve_chart import LARGEST_POINTS, chart_html
 from hoi_retarget.viewers.scene.curves import Curve, curves_of

@@ -16,10 +16,8 @@ from hoi_retarget.files.atomic import write_atomically
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers import own_layout
 from hoi_retarget.readers.open import result_stem
+from hoi_retarget.retarget.config import Config, Scaling, parse_horizon
 from hoi_retarget.retarget.multi_person import complaints
-from hoi_retarget.retarget.pipeline import Config
-from hoi_retarget.retarget.targets import Scaling
-from hoi_retarget.retarget.trajopt.windows import parse_horizon
 
 FOREIGN_REPORT = (KeyError, TypeError, AttributeError, ValueError)
 """What a report raises that another version wrote."""
