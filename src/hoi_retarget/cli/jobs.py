@@ -73,8 +73,8 @@ def reading_of(command: Reading) -> dict[str, Any]:
 
 def config_of(command: Solving) -> Config:
     """Return the configuration that a command asks for; raises `ArgumentError`."""
-    scaling = Scaling(command.root_scale, command.object_scale, command.size_multiplier)
-    return Config(scaling=scaling, horizon=parse_horizon(command.horizon))
+    scaling = Scaling(command.root_scale, command.object_scale, command.size_multiplier, command.body_scale)
+    return Config(scaling, command.weights, command.ik, command.solver, parse_horizon(command.horizon))
 
 
 def describe_result(motion: Motion, path: Path) -> None:

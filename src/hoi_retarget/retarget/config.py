@@ -101,18 +101,31 @@ class Horizon:
                 "they must satisfy 0 <= pinned <= overlap < length."
             )
 
+    @property
+    def text(self) -> str:
+        """The shortest text that `parse_horizon` reads as this horizon."""
+        for name, preset in _PRESETS.items():
+            if self == preset:
+                return name
+        numbers = (self.length, self.overlap) if self.pinned == PINNED else (self.length, self.overlap, self.pinned)
+        return ":".join(map(str, ("windowed", *numbers)))
+
+
+# One new frame cannot pay for a third difference: with three pinned frames it would extrapolate. A window
+# of two has no such row, and each frame follows its predecessor through the speed limits alone.
+_PRESETS = {"auto": Horizon(), "whole": Horizon(length=10**9), "per-frame": Horizon(2, 1, 1)}
+
 
 def parse_horizon(text: str) -> Horizon:
-    """Return the horizon for `auto`, `whole`, `per-frame` or `windowed:LENGTH[:OVERLAP]`.
+    """Return the horizon for `auto`, `whole`, `per-frame` or `windowed:LENGTH[:OVERLAP[:PINNED]]`.
 
     Raises `ArgumentError` for anything else.
     """
     kind, *numbers = text.split(":")
-    # One new frame cannot pay for a third difference: with three pinned frames it would extrapolate. A window
-    # of two has no such row, and each frame follows its predecessor through the speed limits alone.
-    presets = {"auto": Horizon(), "whole": Horizon(length=10**9), "per-frame": Horizon(2, 1, 1)}
-    if not numbers and kind in presets:
-        return presets[kind]
+    if not numbers and kind in _PRESETS:
+        return _PRESETS[kind]
+    if kind == "windowed" and len(numbers) == 3 and all(n.isascii() and n.isdecimal() for n in numbers):
+        return Horizon(*map(int, numbers))
     if kind == "windowed" and 1 <= len(numbers) <= 2 and all(n.isascii() and n.isdecimal() for n in numbers):
         length, overlap = int(numbers[0]), int(numbers[1]) if len(numbers) == 2 else LOOK_AHEAD
         if length >= SHORTEST_WINDOW and PINNED <= overlap < length:
