@@ -41,7 +41,7 @@ from hoi_retarget.synthetic import make
 
 BOX = "builtin:carry_box"
 PAGE = (Path(__file__).parents[1] / "docs" / "contacts.md").read_text()
-ARRAYS = ("qpos", "ik_qpos", "object_pos", "contact_flags", "contact_targets", "stance_flags")
+ARRAYS = ("qpos", "ik_qpos", "object_pos", "contact_flags", "contact_points", "stance_flags")
 
 
 @pytest.fixture
@@ -150,7 +150,7 @@ def test_run_gives_to_the_bit_what_python_gives(scene, call, tmp_path):
         again = clip_of(ours)
         assert again.source == edited.source
         for a, b in zip(again.contacts, edited.contacts, strict=True):
-            np.testing.assert_array_equal(a.points_object, b.points_object)
+            np.testing.assert_array_equal(a.contact_points, b.contact_points)
 
 
 def test_results_of_built_in_clips_have_their_names(call, tmp_path):

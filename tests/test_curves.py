@@ -50,7 +50,7 @@ def random_motion(frames: int, seed: int, *, robot: str = "unitree_g1", objects:
         contact_links=LINKS,
         contact_flags=touched >= 0,
         contact_object=touched,
-        contact_targets=targets,
+        contact_points=targets,
         stance_flags=rng.random(size=(frames, 2)) < 0.5,
         first_source_frame=1,
         human_height=1.7,

@@ -395,7 +395,7 @@ def test_contacts_are_in_the_file_or_beside_it(name):
     motion = result.motion
     np.testing.assert_array_equal(arrays["contact_flags"], motion.contact_flags)
     np.testing.assert_array_equal(arrays["contact_object"], motion.contact_object)
-    np.testing.assert_array_equal(arrays["contact_points"], motion.contact_targets)
+    np.testing.assert_array_equal(arrays["contact_points"], motion.contact_points)
     np.testing.assert_array_equal(arrays["contact_object_pos_w"], motion.object_pos)
     np.testing.assert_array_equal(arrays["contact_stance"], motion.stance_flags)
     assert arrays["contact_links"].tolist() == list(LINKS)
@@ -528,7 +528,7 @@ def test_scaling_an_object_turns_no_normal(carried):
     bigger = replace(
         carried.motion,
         object_scale=2.0 * carried.motion.object_scale,
-        contact_targets=2.0 * carried.motion.contact_targets,
+        contact_points=2.0 * carried.motion.contact_points,
     )
     a, b = (
         arrays_in(export(result, FORMATS["mjlab"], name="take").files["take.npz"])["contact_normals"]

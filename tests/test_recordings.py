@@ -32,7 +32,7 @@ def same(a: Clip, b: Clip) -> bool:
         and all(np.array_equal(x.joint_positions, y.joint_positions) for x, y in zip(a.people, b.people, strict=True))
         and all(np.array_equal(x.positions, y.positions) for x, y in zip(a.objects, b.objects, strict=True))
         and all(
-            np.array_equal(x.points_object, y.points_object, equal_nan=True)
+            np.array_equal(x.contact_points, y.contact_points, equal_nan=True)
             for x, y in zip(a.contacts, b.contacts, strict=True)
         )
     )

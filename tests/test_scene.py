@@ -59,7 +59,7 @@ def motion_of(clip: Clip, seed: int, *, person: int = 0, model=G1, shift=(0.0, 0
         contact_links=links,
         contact_flags=flags,
         contact_object=np.where(flags, 0, -1),
-        contact_targets=np.where(flags[..., None], rng.normal(size=(frames, len(links), 3)), np.nan),
+        contact_points=np.where(flags[..., None], rng.normal(size=(frames, len(links), 3)), np.nan),
         stance_flags=rng.random((frames, 2)) < 0.5,
         first_source_frame=0,
         human_height=1.75,
@@ -185,7 +185,7 @@ def test_contact_balls_are_at_targets_and_at_the_robots_links(seed):
     for frame in range(motion.frames):
         links = np.flatnonzero(motion.contact_flags[frame])
         turn = se3.quat_to_matrix(motion.object_quat[frame, 0])
-        targets = [motion.object_pos[frame, 0] + turn @ motion.contact_targets[frame, link] for link in links]
+        targets = [motion.object_pos[frame, 0] + turn @ motion.contact_points[frame, link] for link in links]
         sites = [kinematics.site_position(motion.contact_links[link])[frame] for link in links]
         drawn = balls.positions[frame][balls.visible[frame]]
         np.testing.assert_allclose(drawn, np.reshape(targets + sites, (-1, 3)), atol=1e-5)

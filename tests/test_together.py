@@ -78,8 +78,8 @@ def test_misplaced_hands_are_seen_from_each_other(mixed):
     one = replace(mixed[1], object_pos=mixed[1].object_pos + shift)
     for pair, was in zip(hand_to_hand([mixed[0], one], [G1, H2]), before, strict=True):
         assert abs(pair.mean_m - 0.03) <= was.max_m + 1e-9
-    targets = [motion.contact_targets + shift for motion in mixed]
-    both = [replace(motion, contact_targets=target) for motion, target in zip(mixed, targets, strict=True)]
+    targets = [motion.contact_points + shift for motion in mixed]
+    both = [replace(motion, contact_points=target) for motion, target in zip(mixed, targets, strict=True)]
     for pair, was in zip(hand_to_hand(both, [G1, H2]), before, strict=True):
         assert pair.mean_m == pytest.approx(was.mean_m, abs=1e-12)
     assert hand_to_hand(mixed[:1], [G1]) == ()

@@ -49,7 +49,7 @@ def lone_motion(
         contact_links=(),
         contact_flags=np.zeros((frames, 0), dtype=bool),
         contact_object=np.zeros((frames, 0), dtype=int),
-        contact_targets=np.zeros((frames, 0, 3)),
+        contact_points=np.zeros((frames, 0, 3)),
         stance_flags=estimated_stance(kinematics, fps),
         first_source_frame=0,
         human_height=0.0,

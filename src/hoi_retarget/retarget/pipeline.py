@@ -96,7 +96,7 @@ def _motion(clip: Clip, model: RobotModel, targets: Targets, ik_qpos: np.ndarray
         contact_links=targets.contact_links,
         contact_flags=targets.contact_flags,
         contact_object=targets.contact_object,
-        contact_targets=targets.contact_targets,
+        contact_points=targets.contact_points,
         stance_flags=targets.stance_flags,
         first_source_frame=clip.first_source_frame,
         human_height=targets.human_height,

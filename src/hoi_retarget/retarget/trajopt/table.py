@@ -58,20 +58,20 @@ def _contact(weights: Weights, targets: Targets) -> tuple[Term, ...]:
     for link, site in enumerate(targets.contact_links):
         if not targets.contact_flags[:, link].any():
             continue
-        aimed = targets.aim_object[:, link]
+        aimed = targets.carried_contact_object[:, link]
         terms.append(
             ObjectContact(
                 f"{site}_contact",
                 site,
-                targets.aim_points[:, link].T,
+                targets.carried_contact_points[:, link].T,
                 targets.object_pos[frames, aimed].T,
                 se3.quat_to_matrix(targets.object_quat[frames, aimed]).transpose(1, 2, 0),
-                weights.object_contact * targets.aim_weights[:, link],
+                weights.object_contact * targets.contact_weights[:, link],
             )
         )
         if site in PALMS:
             rotation = se3.quat_to_matrix(targets.palm_quats[:, PALMS.index(site)]).transpose(1, 2, 0)
-            weight = weights.hand_orientation * targets.turn_weights[:, link]
+            weight = weights.hand_orientation * targets.contact_rotation_weights[:, link]
             terms.append(SiteRotation(f"{site}_orientation", site, rotation, weight))
     return tuple(terms)
 
