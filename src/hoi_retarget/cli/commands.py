@@ -154,7 +154,7 @@ class ShowRobot:
     picture: OptionalFile = None
     """Write a picture of the robot to this file (.png)."""
     meshes: Meshes = None
-    """Draw the maker's meshes: from a folder, or those of the package mujoco-menagerie."""
+    """Draw the vendor meshes: from a folder, or those of the package mujoco-menagerie."""
 
 
 @dataclass(frozen=True)
@@ -330,7 +330,7 @@ class Render:
     only: Literal["robot", "human", "both"] = "both"
     """Whom to draw."""
     meshes: Meshes = None
-    """Draw the maker's meshes of the robot: from a folder, or those of the package mujoco-menagerie."""
+    """Draw the vendor meshes of the robot: from a folder, or those of the package mujoco-menagerie."""
     frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: 6)")] = None
     """How many frames of the motion a picture shows beside each other."""
     frame: Annotated[int | None, arg(metavar="FRAME", help_behavior_hint="")] = None
