@@ -92,11 +92,12 @@ def quick(folder, motion, monkeypatch):
         field.name for field in fields(Motion) if np.ndim(getattr(motion, field.name)) > 1 or "flags" in field.name
     ]
 
-    def canned(clip, _model, _config, extra):
+    def canned(clip, _model, _config, *, command):
         frames = {
             name: np.resize(getattr(motion, name), (clip.frames, *getattr(motion, name).shape[1:])) for name in timed
         }
-        return with_report([replace(motion, **frames)] * len(clip.people), extra)
+        stages = tuple(replace(stage, qpos=np.resize(stage.qpos, (clip.frames, 36))) for stage in motion.stages)
+        return (with_report(replace(motion, stages=stages, **frames), command=command),) * len(clip.people)
 
     monkeypatch.setattr(work, "retarget_people", canned)
     return folder
@@ -563,8 +564,8 @@ def test_a_result_is_the_one_that_run_makes(folder):
     assert main(["run", "clips/sub1_box_000.pt", "--objects", "clips/objects", "--out", "single"]) == 0
     ours, single = load(OUT / "unitree_g1" / "sub1_box_000.npz"), load(Path("single/sub1_box_000.npz"))
     np.testing.assert_array_equal(ours.qpos, single.qpos)
-    same = set(single.report["command"]) - {"clips", "objects", "out"}
-    assert {key: ours.report["command"][key] for key in same} == {key: single.report["command"][key] for key in same}
+    same = set(single.report.command) - {"clips", "objects", "out"}
+    assert {key: ours.report.command[key] for key in same} == {key: single.report.command[key] for key in same}
 
 
 # the documentation

@@ -49,7 +49,7 @@ def result(name: str) -> Motion:
 def test_recorded_clips_are_solved_within_the_gates(name):
     motion = result(name)
     assert_sane(motion, G1)
-    figures = motion.report["figures"]
+    figures = motion.report.figures
     # The table is lifted higher than the robot reaches.
     assert figures["contact_gap_m"] < (0.020 if name == "sub2_largetable_007" else 0.004)
     for figure, gate in GATES.items():

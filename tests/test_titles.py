@@ -1,6 +1,5 @@
 """Results that are shown together have different names, and short ones where they can."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -41,8 +40,3 @@ def test_no_two_results_have_one_name(paths, data):
     motions = [data.draw(st.sampled_from([G1, H2, EDITED])) for _ in paths]
     titles = titles_of(list(zip(paths, motions, strict=True)))
     assert len(set(titles)) == len(paths)
-
-
-def test_a_report_of_another_version_is_no_obstacle():
-    strange = replace(G1, report={"source": "anything"})
-    assert len(set(titles_of([(Path("a/one.npz"), strange), (Path("b/one.npz"), EDITED)]))) == 2

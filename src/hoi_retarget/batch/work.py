@@ -16,9 +16,9 @@ from hoi_retarget.clip.edits import apply, load
 from hoi_retarget.errors import GeometryError, HoiRetargetError, ReadError
 from hoi_retarget.evaluate.thresholds import verdict_of
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.report import Status
 from hoi_retarget.readers.open import open_clip
-from hoi_retarget.retarget.multi_person import STAGES, complaints, converged, result_paths, retarget_people, write
-from hoi_retarget.retarget.trajopt.solvers.base import Status
+from hoi_retarget.retarget.multi_person import result_paths, retarget_people, write
 from hoi_retarget.robots import robot, team
 from hoi_retarget.robots.model import RobotModel, load_model
 
@@ -69,7 +69,7 @@ def _done(task: Task) -> Entry:
         entry = replace(entry, lineage=lineage, frames=clip.frames)
         models = [_model(spec.name) for spec in team(job.robot)]
         seconds = time.process_time() - start
-        motions = retarget_people(clip, models, job.config, {"command": _command(job)})
+        motions = retarget_people(clip, models, job.config, command=_command(job))
         paths = result_paths(clip, Path(job.name).name, (task.out / job.name).parent)
         motions = write(motions, paths, read_seconds=seconds)
         return _finished(entry, task, motions, paths)
@@ -87,14 +87,14 @@ def _finished(entry: Entry, task: Task, motions: tuple[Motion, ...], paths: tupl
         {
             "path": path.relative_to(task.out).as_posix(),
             "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
-            "figures": motion.report["figures"],
+            "figures": dict(motion.report.figures),
             "verdict": verdict.as_json(),
         }
         for path, motion, verdict in zip(paths, motions, verdicts, strict=True)
     )
-    scales = {"root": motions[0].report["root_scale"], "object": motions[0].object_scale.tolist()}
-    good = all(map(converged, motions))
-    told = () if good else [text for motion in motions for text in complaints(motion)]
+    scales = {"root": motions[0].report.root_scale, "object": motions[0].object_scale.tolist()}
+    good = all(motion.converged for motion in motions)
+    told = () if good else [str(warning) for motion in motions for warning in motion.warnings]
     return replace(
         entry,
         status="solved" if good else "loose",
@@ -107,8 +107,8 @@ def _finished(entry: Entry, task: Task, motions: tuple[Motion, ...], paths: tupl
 
 
 def _first_loose_frame(motions: tuple[Motion, ...]) -> int:
-    windows = (window for motion in motions for stage in STAGES.values() for window in motion.report[stage])
-    return min(window["start"] for window in windows if window["status"] != Status.SOLVED.name)
+    windows = (window for motion in motions for stage in motion.stages for window in stage.windows)
+    return min(window.start for window in windows if window.status is not Status.SOLVED)
 
 
 def _failed(entry: Entry, error: Exception, text: str) -> Entry:
@@ -135,7 +135,7 @@ def _source(job: Job, clip: Clip) -> dict[str, Any]:
         "licence": source.licence,
         "objects": [track.name for track in clip.objects],
         "files": list(source.files),
-        "notes": [*source.notes, *source.doubts],
+        "notes": [*source.notes, *map(str, source.warnings)],
     }
 
 
@@ -147,8 +147,6 @@ def _command(job: Job) -> dict[str, Any]:
     clips = {} if job.augmentation != type(job.augmentation)() else {"clips": [job.clip]}
     return clips | {
         "robot": job.robot,
-        **asdict(job.scaling),
-        "horizon": job.horizon,
         **{key: str(value) if isinstance(value, Path) else value for key, value in job.reading.items()},
         "edits": None if job.edits is None else str(job.edits),
     }

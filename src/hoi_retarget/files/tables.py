@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
@@ -23,13 +23,14 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ReadError(f"{path}: not a TOML file ({error}).") from error
 
 
-def decode(kind: type[T], values: Any, owner: str) -> T:
+def decode(kind: type[T], values: Any, owner: str, *, default: T | None = None) -> T:
     """Return plain values as a frozen dataclass, checked against the types of its fields.
 
     Args:
         kind: The dataclass; fields of it may be dataclasses, tuples and mappings of them.
         values: What TOML or JSON holds.
         owner: What an error begins with: the file, and the key there.
+        default: Holds what the values leave out; by default the fields' own defaults do.
 
     Raises:
         ReadError: A key does not exist, or a value is not of its field's type.
@@ -37,23 +38,35 @@ def decode(kind: type[T], values: Any, owner: str) -> T:
     """
     import msgspec  # noqa: PLC0415  # help needs none of it
 
-    check_keys(kind, values, owner)
+    _check_all_keys(kind, values, owner)
+    whole = values if default is None else _overlaid(asdict(default), values)  # pyright: ignore[reportArgumentType]
     try:
-        return msgspec.convert(values, kind)
+        return msgspec.convert(whole, kind)
     except msgspec.ValidationError as error:
         reason, _, place = str(error).partition(" - at `$")
         raise ReadError(f"{owner}{place.rstrip('`')}: {reason[:1].lower()}{reason[1:]}.") from error
 
 
 def check_keys(kind: type, values: Any, owner: str) -> None:
-    """Raise `ReadError` for a key of a table, or of a table in it, that is no field."""
+    """Raise `ReadError` unless values are a table whose keys are fields of a dataclass."""
     if not isinstance(values, Mapping):
         raise ReadError(f"{owner} is {values!r}; expected a table of settings.")
     known = [item.name for item in fields(kind)]
     unknown = [str(key) for key in values if key not in known]
     if unknown:
         raise ReadError(f"{owner}: there is no {', '.join(map(repr, unknown))}. Keys there: {', '.join(known)}.")
+
+
+def _check_all_keys(kind: type, values: Any, owner: str) -> None:
+    """Do the same for the tables in a table, too."""
+    check_keys(kind, values, owner)
     types = get_type_hints(kind)
     for key, value in values.items():
-        if is_dataclass(types[key]) and isinstance(types[key], type) and isinstance(value, Mapping):
-            check_keys(types[key], value, f"{owner}.{key}")
+        if isinstance(types[key], type) and is_dataclass(types[key]):
+            _check_all_keys(types[key], value, f"{owner}.{key}")
+
+
+def _overlaid(table: dict[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a table in which values replace others, those of inner tables one by one."""
+    inner = {key: _overlaid(table[key], value) for key, value in values.items() if isinstance(table.get(key), dict)}
+    return {**table, **values, **inner}

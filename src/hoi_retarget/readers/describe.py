@@ -170,7 +170,7 @@ def inspect(path: Path, **reading: Any) -> Inspection:
 
 def _with_doubts(facts: Inspection, clip: Clip) -> Inspection:
     """Return the facts with what speaks against a clip, as warnings."""
-    return replace(facts, warnings=(*facts.warnings, *clip.source.doubts))
+    return replace(facts, warnings=(*facts.warnings, *map(str, clip.source.warnings)))
 
 
 def _described(path: Path, objects: Path | None, object_name: str | None) -> Inspection:
