@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files.pickle_machine import MAXIMUM_DEPTH
+from hoi_retarget.files.safe_pickle import MAXIMUM_DEPTH
 from hoi_retarget.files.torch_file import parse_torch, read_torch
 from torch_writer import STORAGE_OF, Call, Storage, Tensor, archive, legacy_bytes, torch_bytes, torch_entries
 
@@ -152,7 +152,7 @@ def test_code_is_refused_by_name_and_not_executed(tmp_path):
         (b"cos\nsystem\n.", "os.system"),
         (b"\x8c\x02os\x8c\x06system\x93.", "os.system"),
         (b"c\xff\xfe\nx\n.", "import"),
-        (b"N\x8c\x06system\x93.", "something"),
+        (b"N\x8c\x06system\x93.", "damaged"),
         (b"ctorch\nFloatStorage\n.", "name"),
         (b"](ctorch\nFloatStorage\n\x85e.", "name of a function"),
         (b"ctorch._utils\n_rebuild_tensor_v2\n(t}b.", "not an open container"),
@@ -177,6 +177,17 @@ def test_code_is_refused_by_name_and_not_executed(tmp_path):
         (b"\x8a\xff" + b"\x01" * 255 + b".", "at most 16"),
         (b"cos", "cut off"),
         (b"\x82\x01.", "EXT1"),
+        (b"Px\n.", "PERSID"),
+        (b"(cos\nsystem\nN\x6f.", "os.system"),
+        (b"(ctorch\nFloatStorage\no.", "OBJ"),
+        (b"ctorch\nFloatStorage\n)}\x92.", "NEWOBJ_EX"),
+        (b"ctorch\nFloatStorage\n}\x8c\x04nameK\x01sb.", "not an open container"),
+        (b"ctorch\nFloatStorage\nNa.", "not an open container"),
+        (b"X\x01\x00\x00\x00aN(K\x01e.", "not an open container"),
+        (b"\x96\xff\xff\xff\xff\xff\xff\xff\x7f.", "cut off"),
+        (b"\x8e\xff\xff\xff\xff\xff\xff\x00\x00.", "cut off"),
+        (b"\x95\xff\xff\xff\xff\xff\xff\xff\xff", "cut off"),
+        (b"X\x03\x00\x00\x00\xed\xa0\x80.", "UTF-8"),
         (b"\xfe.", "no operation"),
         (b"]q\x00h\x00a.", "contains itself"),
         (b"}q\x00K\x01h\x00s.", "contains itself"),
@@ -185,6 +196,7 @@ def test_code_is_refused_by_name_and_not_executed(tmp_path):
         (b"})\x85K\x02s.", "key is a tuple"),
         (b"})K\x01s.", "key is a tuple"),
         (b"}]K\x01s.", "key is a list"),
+        (b"}\x8a\x09" + b"\x01" * 9 + b"Ns.", "more than 63 bits"),
         (b"N" + b"\x85" * 100_000 + b".", "nested"),
         (b"]" * 3 + b"aa" + b"]" * 70 + b"a" * 70 + b".", "nested"),
         (b"", "cut off"),

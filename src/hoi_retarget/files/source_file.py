@@ -10,8 +10,9 @@ from typing import Any
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.files import npz
-from hoi_retarget.files.array_pickle import parse_pickle
-from hoi_retarget.files.torch_file import parse_torch, read_bytes
+from hoi_retarget.files.numpy_pickle import parse_pickle
+from hoi_retarget.files.reading import read_bytes
+from hoi_retarget.files.torch_file import parse_torch
 
 SELECTION = "#"
 """Stands between the path and the name of one clip in it."""

@@ -15,6 +15,7 @@ import numpy as np
 from hoi_retarget.errors import ClipError, ReadError
 from hoi_retarget.files import npz
 from hoi_retarget.files.atomic import write_atomically
+from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.motion.motion import ARRAYS, Motion
 
 SCHEMA = 1
@@ -52,14 +53,7 @@ def load(path: Path) -> Motion:
 
     Raises `ReadError` when the file is missing, damaged, of another schema, or not a motion file.
     """
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError as error:
-        raise ReadError(f"{path}: there is no such file. Check the path.") from error
-    except IsADirectoryError as error:
-        raise ReadError(f"{path}: this is a folder. Name the results in it, such as {path}/*.npz.") from error
-    except OSError as error:
-        raise ReadError(f"{path}: cannot be read ({error.strerror or error}).") from error
+    content = read_bytes(path)
     try:
         return _motion(path, _members(path, content))
     except (ClipError, ValueError, RecursionError) as error:

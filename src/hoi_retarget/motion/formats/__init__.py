@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files.array_pickle import read_pickle
+from hoi_retarget.files.numpy_pickle import read_pickle
 from hoi_retarget.motion.formats import asap, gmr, hdmi, holosoma_wbt, qpos_table, result, sbto, tracking, unitree_csv
 from hoi_retarget.motion.formats.arrays_by_name import read_npz
 from hoi_retarget.motion.formats.motion_file import Bodies, ContactFlags, Convention, MotionFile, ObjectPoses

@@ -14,8 +14,8 @@ from pathlib import Path
 from hoi_retarget.clip.clip import Clip, Source
 from hoi_retarget.errors import ArgumentError, ClipError, ReadError
 from hoi_retarget.files import npz
+from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.files.source_file import FOLDER, SourceFile
-from hoi_retarget.files.torch_file import read_bytes
 from hoi_retarget.readers.own_layout.arrays import Arrays
 from hoi_retarget.readers.own_layout.contacts import contacts_of
 from hoi_retarget.readers.own_layout.joints import BODY_JOINTS
