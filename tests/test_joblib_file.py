@@ -74,3 +74,9 @@ def test_damaged_files_have_one_error(tmp_path):
         path.write_bytes(damaged)
         with pytest.raises(ReadError, match=words):
             read_joblib(path)
+
+
+def test_arrays_are_not_read_until_they_are_looked_at(tmp_path, monkeypatch):
+    path = write_joblib(tmp_path / "a.p", {"large": np.ones(1_000_000)})
+    monkeypatch.setattr(type(path), "read_bytes", lambda _: pytest.fail("the whole file is read"))
+    assert read_joblib(path)[0]["large"].sum() == 1_000_000

@@ -14,8 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.errors import ReadError
+from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.files.safe_pickle import MAXIMUM_DEPTH
-from hoi_retarget.files.torch_file import parse_torch, read_torch
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.files.torch_file import parse_torch
 from torch_writer import STORAGE_OF, Call, Storage, Tensor, archive, legacy_bytes, torch_bytes, torch_entries
 
 BOUNDED = settings(derandomize=True, deadline=None, max_examples=80, database=None)
@@ -302,11 +304,11 @@ def test_overlapping_entries_are_refused():
 
 def test_missing_empty_foreign_and_cut_files(tmp_path):
     with pytest.raises(ReadError, match="no such file"):
-        read_torch(tmp_path / "absent.pt")
+        read_bytes(tmp_path / "absent.pt")
     with pytest.raises(ReadError, match="folder"):
-        read_torch(tmp_path)
+        read_bytes(tmp_path)
     with pytest.raises(ReadError, match=r"cannot be read|no such file"):
-        read_torch(Path("nul\0.pt"))
+        read_bytes(Path("nul\0.pt"))
     refused(b"", "empty")
     refused(b"hello world", "not a torch file", "hello")
     refused(pickle.dumps({"a": 1}), "not a torch file")
@@ -395,8 +397,8 @@ def test_real_files_hold_their_tensors():
     clips = sorted((SHARED / "data" / "omomo").glob("*.pt"))
     assert len(clips) == 33
     for path in clips:
-        assert read_torch(path).shape[1] == 591
+        assert SourceFile(path).torch.shape[1] == 591
     for path in (SHARED / "data" / "parahome").glob("*.pt"):
-        content = read_torch(path)
+        content = SourceFile(path).torch
         assert content["data"].shape[1] == 721
         assert len(content["objects"]) == 3

@@ -50,6 +50,15 @@ def members(content: bytes) -> dict[str, bytes]:
         raise ValueError(str(error)) from error
 
 
+def names(path: Path) -> frozenset[str]:
+    """Return what the arrays of an .npz file are called, without reading them; empty where it is no such file."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return frozenset(name.removesuffix(".npy") for name in archive.namelist())
+    except _ARCHIVE_ERRORS:
+        return frozenset()
+
+
 def array(name: str, content: bytes, kinds: str) -> np.ndarray:
     """Return the array of an .npy file whose numbers are of one of `kinds`, or raise `ValueError`."""
     header = _NPY.match(content)

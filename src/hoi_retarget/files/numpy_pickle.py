@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from hoi_retarget.errors import ReadError
-from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.files.safe_pickle import Class, Function, Names, RefusedError, StandIn, Unpickler, plain, refusals
 
 MAXIMUM_SIZE = 1 << 32
@@ -29,22 +27,14 @@ _ADVICE = (
 )
 
 
-def read_pickle(path: Path) -> Any:
-    """Return what a pickle holds: read-only numpy arrays, numbers, strings, None, in plain containers.
+def parse_pickle(content: bytes, path: Path) -> Any:
+    """Return what the bytes of a pickle hold: read-only arrays, numbers, text, None, in plain containers.
+
+    `path` is only named in errors.
 
     Raises:
-        ReadError: the file is missing, damaged, or holds anything else, such as something that would be executed.
+        ReadError: the file is damaged, or holds anything else, such as something that would be executed.
     """
-    return parse_pickle(read_bytes(path), path)
-
-
-def parse_pickle(content: bytes, path: Path) -> Any:
-    """Return what the bytes of a pickle hold; `path` is only named in errors.
-
-    Raises `ReadError` as `read_pickle` does.
-    """
-    if not content:
-        raise ReadError(f"{path}: the file is empty, expected a pickle. Download it again.")
     with refusals(path, _ADVICE):
         return plain(unpickle(content, ARRAYS))
 
@@ -54,6 +44,8 @@ def unpickle(content: bytes | mmap.mmap, names: Names, *, encoding: str = "utf-8
 
     The arrays of joblib in a mapped file are views of it.
     """
+    if not content:
+        raise RefusedError("the file is empty, expected a pickle")
     if content[:1] == COMPRESSED:
         content = _decompressed(content)
     if content[:1] != b"\x80":

@@ -109,7 +109,7 @@ class _Source:
         self.position = 0
 
     def read(self, count: int) -> bytes:
-        return self.content[self._advance(count) : self.position]
+        return self.content[self._next(count)]
 
     def readline(self) -> bytes:
         end = self.content.find(b"\n", self.position)
@@ -119,13 +119,13 @@ class _Source:
         """Return the next bytes, those of a mapped file without reading them."""
         if isinstance(self.content, bytes):
             return self.read(count)
-        return memoryview(self.content)[self._advance(count) : self.position]
+        return memoryview(self.content)[self._next(count)]
 
-    def _advance(self, count: int) -> int:
+    def _next(self, count: int) -> slice:
         start, self.position = self.position, self.position + count
         if self.position > len(self.content):
             raise RefusedError("the pickle is cut off")
-        return start
+        return slice(start, self.position)
 
 
 class _Memo(dict[int, Any]):

@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files.numpy_pickle import ARRAYS
-from hoi_retarget.files.reading import read_bytes
+from hoi_retarget.files.numpy_pickle import ARRAYS, unpickle
 from hoi_retarget.files.safe_pickle import Function, Names, RefusedError, Unpickler, plain, refusals
 from hoi_retarget.files.torch_pickle import TENSORS, Storage, Storages
 
@@ -25,22 +24,14 @@ _PICKLE = b"\x80"
 _RESAVE = "Save plain tensors again with torch.save(tensor, path) where it was made, or download it again."
 
 
-def read_torch(path: Path) -> Any:
-    """Return what a torch file holds: tensors as read-only numpy arrays, in plain containers.
+def parse_torch(content: bytes, path: Path) -> Any:
+    """Return what the bytes of a torch file hold: tensors as read-only arrays, in plain containers.
 
-    bfloat16 becomes float32; every other type keeps its own.
+    bfloat16 becomes float32; every other type keeps its own. `path` is only named in errors.
 
     Raises:
-        ReadError: the file is missing, damaged, or holds anything but tensors, numbers, strings,
-            dictionaries, lists, tuples and None.
-    """
-    return parse_torch(read_bytes(path), path)
-
-
-def parse_torch(content: bytes, path: Path) -> Any:
-    """Return what the bytes of a torch file hold; `path` is only named in errors.
-
-    Raises `ReadError` as `read_torch` does.
+        ReadError: the file is damaged, or holds anything but tensors, numbers, text, dictionaries, lists, tuples and
+            None.
     """
     if not content:
         raise ReadError(f"{path}: the file is empty, expected a torch file. Download it again.")
@@ -66,10 +57,8 @@ def parse_tensors(content: bytes, path: Path) -> Any:
     Raises:
         ReadError: it is damaged, or holds anything else, such as something that would be executed.
     """
-    if not content.startswith(_PICKLE):
-        raise ReadError(f"{path}: it starts with {content[:4]!r}, expected a pickle. Download it again.")
     with refusals(path, "Download it again."):
-        return plain(Unpickler(content, _ARRAYS_AND_TENSORS).next())
+        return plain(unpickle(content, _ARRAYS_AND_TENSORS))
 
 
 def _load_from_bytes(unpickler: Unpickler, arguments: tuple) -> Storage:
