@@ -45,7 +45,7 @@ class _Instance(StandIn):
         """Take the attributes."""
         if not isinstance(state, dict):
             raise RefusedError(f"a {self.kind} has no attributes")
-        self.attributes.update(state)
+        self.attributes = state
 
 
 def _array(value: Any, wrappings: int = _WRAPPINGS) -> np.ndarray | None:

@@ -136,7 +136,7 @@ _NDARRAY = Class()
 
 
 def _count(shape: Any) -> int:
-    sizes = shape if isinstance(shape, tuple) and len(shape) <= _MAXIMUM_DIMENSIONS else (None,)
+    sizes: tuple[Any, ...] = shape if isinstance(shape, tuple) and len(shape) <= _MAXIMUM_DIMENSIONS else (None,)
     if not all(type(size) is int and 0 <= size < 1 << 40 for size in sizes):
         raise RefusedError("an array's shape is no tuple of sizes")
     return math.prod(sizes)

@@ -19,6 +19,7 @@ from hoi_retarget.files.safe_pickle import (
 )
 
 _MAXIMUM_DIMENSIONS = 32
+_VIEWS = [], [None]  # Part of which storage one is, in older files: none.
 # Storage classes of torch and how their bytes are read; bfloat16 is the upper half of a float32.
 _STORAGE_DTYPES = {
     "FloatStorage": "f4",
@@ -84,9 +85,7 @@ class Storages(dict[str, Storage]):
     def refer(self, wanted: Any) -> Storage:
         """Return the storage for `("storage", type, key, location, count[, view])`; raises `RefusedError`."""
         match wanted:
-            case ("storage", StorageType() as kind, str(key), _, count) if _is_count(count):
-                pass
-            case ("storage", StorageType() as kind, str(key), _, count, None) if _is_count(count):
+            case ("storage", StorageType() as kind, str(key), _, count, *view) if _is_count(count) and view in _VIEWS:
                 pass
             case _:
                 raise RefusedError("a reference outside the pickle is not a tensor's storage")

@@ -158,8 +158,8 @@ def mesh_files(path: Path) -> tuple[Path, ...]:
     """Return the mesh files beside a clip that it may need, whether there or not; none where it cannot be read."""
     file = file_of(path)
     try:
-        return meshes_of(Arrays(file, npz.members(file.read_bytes())))
-    except (OSError, ValueError, ClipError):
+        return meshes_of(Arrays(file, npz.members(read_bytes(file))))
+    except (ReadError, ValueError, ClipError):
         return ()
 
 
