@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args
 from hoi_retarget.clip.clip import Augmentation
 from hoi_retarget.clip.infer_contacts import Labels
 from hoi_retarget.errors import ArgumentError, ReadError
+from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.retarget.config import Scaling, parse_horizon
 from hoi_retarget.robots import team
 
@@ -83,13 +84,7 @@ def read_specification(path: Path) -> Specification:
         ArgumentError: as `Specification`.
     """
     try:
-        table = tomllib.loads(path.read_bytes().decode())
-    except FileNotFoundError as error:
-        raise ReadError(
-            f"{path}: there is no such file. Name a file like that in docs/dataset.md, or a folder."
-        ) from error
-    except OSError as error:
-        raise ReadError(f"{path}: cannot be read ({error.strerror or error}).") from error
+        table = tomllib.loads(read_bytes(path).decode())
     except (ValueError, RecursionError) as error:
         raise ReadError(f"{path}: not a TOML file ({error}). Write one like that in docs/dataset.md.") from error
     known = [field.name for field in fields(Specification) if field.name != "folder"]

@@ -16,6 +16,7 @@ import numpy as np
 from hoi_retarget.errors import ClipError, ReadError
 from hoi_retarget.files import npz
 from hoi_retarget.files.atomic import write_atomically
+from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.motion.motion import ARRAYS, Motion, Stage
 from hoi_retarget.motion.report import Report, Window, windows_from_json
 
@@ -66,15 +67,7 @@ def load(path: Path) -> Motion:
 
     Raises `ReadError` when the file is missing, damaged, of another schema, or not a motion file.
     """
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError as error:
-        raise ReadError(f"{path}: there is no such file. Check the path.") from error
-    except IsADirectoryError as error:
-        raise ReadError(f"{path}: this is a folder. Name the results in it, such as {path}/*.npz.") from error
-    except OSError as error:
-        raise ReadError(f"{path}: cannot be read ({error.strerror or error}).") from error
-    members = _members(path, content)
+    members = _members(path, read_bytes(path))
     _check_entries(path, members)
     try:
         return _motion(members)
