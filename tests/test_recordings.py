@@ -1,6 +1,7 @@
 """Clips by what they are called: built-in ones, files, and the one a result was made from."""
 
 from dataclasses import asdict, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -39,11 +40,13 @@ def same(a: Clip, b: Clip) -> bool:
 
 def result_of(clip: Clip, **report) -> Motion:
     """Return a motion whose report tells of the clip, as a run's does."""
-    source = asdict(clip.source)
-    return replace(MOTION, report={**MOTION.report, "source": {**source, "notes": list(clip.source.notes)}, **report})
+    motion, source = any_motion(), asdict(clip.source)
+    return replace(motion, report={**motion.report, "source": {**source, "notes": list(clip.source.notes)}, **report})
 
 
-MOTION = retarget(make("carry_box", seconds=0.5), load_model(robot("unitree_g1")), Config())
+@cache
+def any_motion() -> Motion:
+    return retarget(make("carry_box", seconds=0.5), load_model(robot("unitree_g1")), Config())
 
 
 @pytest.fixture
