@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from hoi_retarget.errors import RobotError
 from hoi_retarget.evaluate import unreached_contacts
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.config import Config
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.scene.curve_chart import LARGEST_POINTS, chart_html
 from hoi_retarget.viewers.scene.curves import Curve, curves_of
@@ -48,7 +49,7 @@ def random_motion(frames: int, seed: int, *, robot: str = "unitree_g1", objects:
         contact_links=LINKS,
         contact_flags=touched >= 0,
         contact_object=touched,
-        contact_targets=targets,
+        contact_points=targets,
         stance_flags=rng.random(size=(frames, 2)) < 0.5,
         first_source_frame=1,
         human_height=1.7,
