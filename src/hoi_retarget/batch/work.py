@@ -1,4 +1,4 @@
-"""One job from its clip to its results, in whatever process: it always ends with an entry, never with an exception."""
+"""One job from its clip to its results, in any process: it ends with a manifest entry, never with an exception."""
 
 import hashlib
 import re
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hoi_retarget.batch.jobs import Job
-from hoi_retarget.batch.manifest import Entry
+from hoi_retarget.batch.manifest import ManifestEntry, ManifestResult, ManifestSource, Status
 from hoi_retarget.clip.augment import augment
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import apply, load
@@ -18,7 +18,7 @@ from hoi_retarget.evaluate.thresholds import verdict_of
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retarget.multi_person import STAGES, complaints, converged, result_paths, retarget_people, write
-from hoi_retarget.retarget.trajopt.solvers.base import Status
+from hoi_retarget.retarget.trajopt.solvers import base
 from hoi_retarget.robots import robot, team
 from hoi_retarget.robots.model import RobotModel, load_model
 
@@ -34,29 +34,29 @@ class Task:
     out: Path
 
 
-def do(task: Task) -> Entry:
-    """Do one job and return what became of it; its results are there, all of them, or none is."""
+def run_job(task: Task) -> ManifestEntry:
+    """Run one job and return its manifest entry; all of its result files are written, or none."""
     start = time.monotonic()
-    return replace(_done(task), seconds=round(time.monotonic() - start, 3))
+    return replace(_run(task), seconds=round(time.monotonic() - start, 3))
 
 
-def blank(job: Job, status: str, reason: str) -> Entry:
-    """Return the entry of a job of which only the reason of its end is known."""
+def entry_without_results(job: Job, status: Status, reason: str) -> ManifestEntry:
+    """Return the manifest entry of a job whose clip was not read."""
     asked = job.scaling
-    return Entry(
+    return ManifestEntry(
         name=job.name,
         status=status,
         robot=job.robot,
-        source={"path": job.shown},
+        source=ManifestSource(job.shown),
         scales={"root": asked.root_scale, "object": asked.object_scale, "size_multiplier": asked.size_multiplier},
         lineage={**asdict(job.augmentation), "contact_edits": ""},
         reason=reason,
     )
 
 
-def _done(task: Task) -> Entry:
+def _run(task: Task) -> ManifestEntry:
     job = task.job
-    entry = blank(job, "failed", "")
+    entry = entry_without_results(job, "failed", "")
     try:
         start = time.process_time()
         clip = open_clip(job.clip, **job.reading)
@@ -81,15 +81,15 @@ def _done(task: Task) -> Entry:
         return _failed(entry, error, f"unexpected {type(error).__name__}: {error}")
 
 
-def _finished(entry: Entry, task: Task, motions: tuple[Motion, ...], paths: tuple[Path, ...]) -> Entry:
+def _finished(entry: ManifestEntry, task: Task, motions: tuple[Motion, ...], paths: tuple[Path, ...]) -> ManifestEntry:
     verdicts = [verdict_of(motion, _model(motion.robot)) for motion in motions]
     results = tuple(
-        {
-            "path": path.relative_to(task.out).as_posix(),
-            "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
-            "figures": motion.report["figures"],
-            "verdict": verdict.as_json(),
-        }
+        ManifestResult(
+            path=path.relative_to(task.out).as_posix(),
+            sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
+            figures=motion.report["figures"],
+            verdict=verdict.as_json(),
+        )
         for path, motion, verdict in zip(paths, motions, verdicts, strict=True)
     )
     scales = {"root": motions[0].report["root_scale"], "object": motions[0].object_scale.tolist()}
@@ -108,10 +108,10 @@ def _finished(entry: Entry, task: Task, motions: tuple[Motion, ...], paths: tupl
 
 def _first_loose_frame(motions: tuple[Motion, ...]) -> int:
     windows = (window for motion in motions for stage in STAGES.values() for window in motion.report[stage])
-    return min(window["start"] for window in windows if window["status"] != Status.SOLVED.name)
+    return min(window["start"] for window in windows if window["status"] != base.Status.SOLVED.name)
 
 
-def _failed(entry: Entry, error: Exception, text: str) -> Entry:
+def _failed(entry: ManifestEntry, error: Exception, text: str) -> ManifestEntry:
     reason = " ".join(text.split())
     found = _FRAME.search(reason)
     by_machine = isinstance(error, OSError) or (isinstance(error, ReadError | GeometryError) and _is_fault(error))
@@ -126,17 +126,17 @@ def _is_fault(error: Exception) -> bool:
     return isinstance(cause, OSError) and cause.errno is not None and not isinstance(cause, _OF_THE_INPUT)
 
 
-def _source(job: Job, clip: Clip) -> dict[str, Any]:
+def _source(job: Job, clip: Clip) -> ManifestSource:
     source = clip.source
-    return {
-        "path": job.shown,
-        "sha256": source.sha256,
-        "format": source.format,
-        "licence": source.licence,
-        "objects": [track.name for track in clip.objects],
-        "files": list(source.files),
-        "notes": [*source.notes, *source.doubts],
-    }
+    return ManifestSource(
+        path=job.shown,
+        sha256=source.sha256,
+        format=source.format,
+        licence=source.licence,
+        objects=tuple(track.name for track in clip.objects),
+        files=tuple(source.files),
+        notes=(*source.notes, *source.doubts),
+    )
 
 
 def _command(job: Job) -> dict[str, Any]:
