@@ -18,21 +18,21 @@ from hoi_retarget.errors import ArgumentError
 from hoi_retarget.readers import has_companions
 
 _RESULT = re.compile(r"(\.p\d+)?\.npz$")
-"""How a result's name goes on after that of its job."""
+"""The end of a result's name, after the name of its job."""
 
 
 @dataclass(frozen=True)
 class Summary:
-    """How a batch ended."""
+    """The end of a batch."""
 
     jobs: int
-    """How many were asked for."""
+    """Number of jobs in the specification."""
     entries: tuple[ManifestEntry, ...]
-    """Of those that were asked for and have ended, in order; those that were done before are among them."""
+    """Of all jobs that have ended, in order, earlier runs included."""
     done_now: tuple[ManifestEntry, ...]
-    """Of those that this run did, as they ended."""
+    """Of the jobs of this run, in the order of their ends."""
     seconds: float
-    """What it took [s]."""
+    """Duration of the run [s]."""
 
     @property
     def is_complete(self) -> bool:
@@ -40,7 +40,7 @@ class Summary:
         return len(self.entries) == self.jobs
 
 
-def run_batch(  # noqa: PLR0913 - all but three are to be told what happens
+def run_batch(  # noqa: PLR0913 - all but three are callbacks
     specification: Specification,
     out: Path,
     pool: Pool,
@@ -49,15 +49,15 @@ def run_batch(  # noqa: PLR0913 - all but three are to be told what happens
     ended: Callable[[ManifestEntry], None] = lambda _entry: None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Summary:
-    """Do all jobs of a specification that are not done yet, and keep the manifest in `out`.
+    """Run all jobs of a specification that have no valid result yet, and keep the manifest in `out`.
 
     Args:
-        specification: What is asked for.
+        specification: Clips, robots and variants.
         out: Folder for results, `<robot>/<clip>...npz`, and the manifest; made when it does not exist.
-        pool: Where jobs are done; its function is `work.run_job`.
-        planned: Told how many jobs there are, and how many are to do.
-        ended: Told of each job that ends.
-        stopped: Asked whether to end early; what is finished by then is complete.
+        pool: The workers; its function is `work.run_job`.
+        planned: Called with the number of jobs, and the number of those to run.
+        ended: Called with the entry of each job that ends.
+        stopped: Returns whether to end early; finished jobs stay complete.
 
     Raises:
         ArgumentError: the specification asks for clips that are not there, or whose results would be written over one.
@@ -74,7 +74,7 @@ def run_batch(  # noqa: PLR0913 - all but three are to be told what happens
         with Manifest(out, [job.name for job in jobs]) as manifest:
             todo = [job for job in jobs if not _is_done(job, manifest.entries.get(job.name), out, contents, pool)]
             for job in todo:
-                contents.key(job, None, ())  # What changes while the batch runs must not pass for what was read.
+                contents.key(job, None, ())  # Digests of the files now: they may change while the batch runs.
             planned(len(jobs), len(todo))
             with closing(pool.run([Task(job, out) for job in todo], stopped)) as outcomes:
                 for index, outcome in outcomes:
@@ -102,7 +102,7 @@ def _check_spared(jobs: Sequence[Job], out: Path) -> None:
 
 
 def _is_done(job: Job, entry: ManifestEntry | None, out: Path, contents: Contents, pool: Pool) -> bool:
-    """Return whether doing a job again would give what is there."""
+    """Return whether running a job again would give the results that are there."""
     if entry is None or not entry.is_final(pool.time_limit) or entry.key != _key(job, entry, contents):
         return False
     if not entry.source.sha256 and has_companions(Path(job.clip)):

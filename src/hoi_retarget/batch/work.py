@@ -22,13 +22,13 @@ from hoi_retarget.retarget.trajopt.solvers import base
 from hoi_retarget.robots import robot, team
 from hoi_retarget.robots.model import RobotModel, load_model
 
-_OF_THE_INPUT = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)
-_FRAME = re.compile(r"\bframes? \(?(\d+)")  # As messages name them.
+_INPUT_ERRORS = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)
+_FRAME = re.compile(r"\bframes? \(?(\d+)")  # In messages.
 
 
 @dataclass(frozen=True)
 class Task:
-    """A job and where its results belong."""
+    """A job and the folder of its results."""
 
     job: Job
     out: Path
@@ -77,7 +77,7 @@ def _run(task: Task) -> ManifestEntry:
         return _failed(entry, error, str(error))
     except MemoryError as error:
         return _failed(entry, error, "the memory that a worker may use did not suffice")
-    except Exception as error:  # noqa: BLE001 - whatever a clip does costs that clip alone
+    except Exception as error:  # noqa: BLE001 - any fault of a clip costs that clip alone
         return _failed(entry, error, f"unexpected {type(error).__name__}: {error}")
 
 
@@ -94,12 +94,12 @@ def _finished(entry: ManifestEntry, task: Task, motions: tuple[Motion, ...], pat
     )
     scales = {"root": motions[0].report["root_scale"], "object": motions[0].object_scale.tolist()}
     good = all(map(converged, motions))
-    told = () if good else [text for motion in motions for text in complaints(motion)]
+    reasons = [] if good else [text for motion in motions for text in complaints(motion)]
     return replace(
         entry,
         status="solved" if good else "loose",
         verdict=str(max(verdict.level for verdict in verdicts)),
-        reason=told[0] if told else "",
+        reason=reasons[0] if reasons else "",
         frame=None if good else _first_loose_frame(motions),
         scales={**entry.scales, **scales},
         results=results,
@@ -114,16 +114,16 @@ def _first_loose_frame(motions: tuple[Motion, ...]) -> int:
 def _failed(entry: ManifestEntry, error: Exception, text: str) -> ManifestEntry:
     reason = " ".join(text.split())
     found = _FRAME.search(reason)
-    by_machine = isinstance(error, OSError) or (isinstance(error, ReadError | GeometryError) and _is_fault(error))
+    by_machine = isinstance(error, OSError) or (isinstance(error, ReadError | GeometryError) and _is_disk_error(error))
     kind = "OSError" if by_machine else type(error).__name__
     return replace(entry, reason=reason, error=kind, frame=int(found[1]) if found else None)
 
 
-def _is_fault(error: Exception) -> bool:
-    """Return whether a file could not be read although it is there, whole, and may be read."""
+def _is_disk_error(error: Exception) -> bool:
+    """Return whether the machine failed to read a file, not the file itself: it exists and may be read."""
     cause = error.__cause__
     # An error without a number is numpy's of damaged files.
-    return isinstance(cause, OSError) and cause.errno is not None and not isinstance(cause, _OF_THE_INPUT)
+    return isinstance(cause, OSError) and cause.errno is not None and not isinstance(cause, _INPUT_ERRORS)
 
 
 def _source(job: Job, clip: Clip) -> ManifestSource:
@@ -140,7 +140,7 @@ def _source(job: Job, clip: Clip) -> ManifestSource:
 
 
 def _command(job: Job) -> dict[str, Any]:
-    """Return what the report tells of the settings, as that of `run` does.
+    """Return the settings for the report, as `run` keeps them.
 
     No single `run` makes an augmented clip, so there it names no clips.
     """

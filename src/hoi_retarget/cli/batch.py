@@ -1,4 +1,4 @@
-"""`hoi-retarget batch`: a set of results in one command, which can be ended and gone on with at any time."""
+"""`hoi-retarget batch`: a set of results in one command, which can be stopped and resumed at any time."""
 
 import math
 import os
@@ -27,7 +27,7 @@ _TENTHS = 10  # Lines of progress where no bar can be drawn.
 
 
 def execute(command: Batch) -> int:
-    """Do what is not done yet; return 0 when every job has a result."""
+    """Run the jobs that have no valid result yet; return 0 when every job has one."""
     specification, pool = _specification(command), _pool(command)
     check_writable("--out", command.out)
     with _stopped_by_signals() as received, ExitStack() as shown:
@@ -174,4 +174,4 @@ def _show(summary: Summary, command: Batch) -> None:
         say(f"{len(summary.done_now)} jobs done in {duration_text(summary.seconds)}: {pace}.")
     else:
         say("0 jobs done: nothing was left to do.")
-    say(f"What became of each: {command.out / MANIFEST}")
+    say(f"The outcome of each: {command.out / MANIFEST}")
