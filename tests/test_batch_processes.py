@@ -166,7 +166,7 @@ def finish(folder: Path, *words: str) -> str:
     entries = read_manifest(folder / "out")
     assert len(entries) == JOBS
     for entry in entries.values():
-        assert all(load(folder / "out" / result["path"]).frames == entry.frames for result in entry.results)
+        assert all(load(folder / "out" / result.path).frames == entry.frames for result in entry.results)
     assert not list((folder / "out").rglob(".*.npz.*"))
     return said
 

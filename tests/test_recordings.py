@@ -1,6 +1,7 @@
 """Clips by what they are called: built-in ones, files, and the one a result was made from."""
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -40,10 +41,13 @@ def same(a: Clip, b: Clip) -> bool:
 
 def result_of(clip: Clip, **report) -> Motion:
     """Return a motion whose report tells of the clip, as a run's does."""
-    return replace(MOTION, report=replace(MOTION.report, **{"source": clip.source, **report}))
+    motion = any_motion()
+    return replace(motion, report=replace(motion.report, **{"source": clip.source, **report}))
 
 
-MOTION = retarget(make("carry_box", seconds=0.5), load_model(robot("unitree_g1")), Config())
+@cache
+def any_motion() -> Motion:
+    return retarget(make("carry_box", seconds=0.5), load_model(robot("unitree_g1")), Config())
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from browser import chromium
-from hoi_retarget.batch.manifest import Entry
+from hoi_retarget.batch.manifest import ManifestEntry, ManifestSource
 from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import Source
 from hoi_retarget.errors import ArgumentError
@@ -34,7 +34,7 @@ from hoi_retarget.report.rows import Row, read_row, worst_first
 from test_curves import G1, carried
 
 NASTY = """<script>alert("1")</script>&'$title'<img src=x onerror=alert(2)>"""
-BLANK = asdict(Entry(name="", status="solved", robot="unitree_g1", source={}, scales={}, lineage={}))
+BLANK = asdict(ManifestEntry("", "solved", "unitree_g1", ManifestSource(), scales={}, lineage={}))
 PIXEL = (".png", b"\x89PNG")
 
 
