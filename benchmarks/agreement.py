@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import tyro
-from common import Source, clip_files, model_of, pin_threads, show, write_json
+from common import Source, clip_files, pin_threads, show, write_json
 from ipopt import AGREEMENT, HORIZONS, POLISH, Ipopt
 
 from hoi_retarget import synthetic
@@ -21,6 +21,7 @@ from hoi_retarget.retarget.targets import make_targets
 from hoi_retarget.retarget.trajopt.problem import Problem
 from hoi_retarget.retarget.trajopt.solvers.banded import BandedInteriorPoint
 from hoi_retarget.retarget.trajopt.solvers.base import Solution
+from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 
 
@@ -85,7 +86,7 @@ def row_of(clip: str, stage: str, result: dict[str, Any]) -> tuple[str, ...]:
 
 
 def main(arguments: Arguments) -> None:
-    model, frames = model_of(arguments.robot), arguments.frames
+    model, frames = load_robot(arguments.robot), arguments.frames
     if arguments.data is None:
         sources = {name: Source(synthetic=name, frames=frames) for name in arguments.synthetic}
     else:

@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 import tyro
 from casadi_problem import Statement, parameters_of, start_of, structure_of, trajectory_of
-from common import Source, model_of, pin_threads, show, write_json
+from common import Source, pin_threads, show, write_json
 
 from hoi_retarget.retarget.ik import solve_ik
 from hoi_retarget.retarget.pipeline import Config, solve_trajectory
@@ -29,6 +29,7 @@ from hoi_retarget.retarget.trajopt.problem import Problem, cost_by_term
 from hoi_retarget.retarget.trajopt.solvers.banded import BandedInteriorPoint
 from hoi_retarget.retarget.trajopt.solvers.base import Optimality, Solution, Status
 from hoi_retarget.retarget.trajopt.windows import Horizon
+from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 
 Way = Literal["map", "expand", "blocks"]
@@ -149,7 +150,7 @@ class Case:
     @classmethod
     def of(cls, source: Source, robot: str) -> "Case":
         """Return the case of a clip and a robot."""
-        clip, model, config = source.read(), model_of(robot), Config()
+        clip, model, config = source.read(), load_robot(robot), Config()
         targets = make_targets(clip, model, config.scaling)
         return cls(model, targets, solve_ik(model, targets, config.ik, config.horizon)[0], config)
 

@@ -9,7 +9,7 @@ import hoi_retarget.retarget.trajopt.terms as terms_package
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.retarget.trajopt.normal import assemble
 from hoi_retarget.retarget.trajopt.problem import Term, cost_by_term
-from hoi_retarget.retarget.trajopt.rows import Rows, SiteRows, StencilRows, cost
+from hoi_retarget.retarget.trajopt.rows import FrameRows, Rows, StencilRows, cost
 from hoi_retarget.retarget.trajopt.table import Weights
 from hoi_retarget.robots.model import Kinematics
 from trajectories import MODELS, one_term_per_file, random_qpos
@@ -33,8 +33,8 @@ def dense_jacobian(part: Rows, kinematics: Kinematics) -> np.ndarray:
     nv, frames = kinematics.model.nv, len(kinematics.qpos)
     count, rows = part.residual.shape
     dense = np.zeros((count, rows, frames, nv))
-    if isinstance(part, SiteRows):
-        site = kinematics.jacobian(part.site)
+    if isinstance(part, FrameRows):
+        site = kinematics.jacobian(part.frame)
         for t in range(frames):
             if part.by_linear is not None:
                 dense[:, t, t] += part.by_linear[:, :, t] @ site[t, :3]

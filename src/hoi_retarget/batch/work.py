@@ -4,7 +4,6 @@ import hashlib
 import re
 import time
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +18,7 @@ from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retarget.multi_person import STAGES, complaints, converged, result_paths, retarget_people, write
 from hoi_retarget.retarget.trajopt.solvers.base import Status
-from hoi_retarget.robots import robot, team
-from hoi_retarget.robots.model import RobotModel, load_model
+from hoi_retarget.robots import load_robot, team
 
 _OF_THE_INPUT = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)
 _FRAME = re.compile(r"\bframes? \(?(\d+)")  # As messages name them.
@@ -67,7 +65,7 @@ def _done(task: Task) -> Entry:
         edits = clip.source.contact_edits
         lineage = {**entry.lineage, "contact_edits": edits and hashlib.sha256(edits.encode()).hexdigest()}
         entry = replace(entry, lineage=lineage, frames=clip.frames)
-        models = [_model(spec.name) for spec in team(job.robot)]
+        models = [load_robot(spec.name) for spec in team(job.robot)]
         seconds = time.process_time() - start
         motions = retarget_people(clip, models, job.config, {"command": _command(job)})
         paths = result_paths(clip, Path(job.name).name, (task.out / job.name).parent)
@@ -82,7 +80,7 @@ def _done(task: Task) -> Entry:
 
 
 def _finished(entry: Entry, task: Task, motions: tuple[Motion, ...], paths: tuple[Path, ...]) -> Entry:
-    verdicts = [verdict_of(motion, _model(motion.robot)) for motion in motions]
+    verdicts = [verdict_of(motion, load_robot(motion.robot)) for motion in motions]
     results = tuple(
         {
             "path": path.relative_to(task.out).as_posix(),
@@ -152,8 +150,3 @@ def _command(job: Job) -> dict[str, Any]:
         **{key: str(value) if isinstance(value, Path) else value for key, value in job.reading.items()},
         "edits": None if job.edits is None else str(job.edits),
     }
-
-
-@lru_cache(maxsize=8)
-def _model(name: str) -> RobotModel:
-    return load_model(robot(name))

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hoi_retarget.retarget.trajopt.rows import SiteRows
+from hoi_retarget.retarget.trajopt.rows import FrameRows
 from hoi_retarget.robots.model import Kinematics
 
 
@@ -18,8 +18,9 @@ class FloorClearance:
     """[m]"""
     weight: float
 
-    def rows(self, kinematics: Kinematics) -> tuple[SiteRows, ...]:
+    def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
         """Return one row per site, all written for the twist of the first."""
+        first = kinematics.frame(self.sites[0])
         points = np.stack([kinematics.point(site) for site in self.sites])
         depth = points[:, 2] - self.margin
         below = depth < 0.0
@@ -30,4 +31,4 @@ class FloorClearance:
         by_angular = np.zeros_like(by_linear)
         by_angular[:, 0] = below * lever[:, 1]
         by_angular[:, 1] = below * -lever[:, 0]
-        return (SiteRows(self.sites[0], np.where(below, depth, 0.0), by_linear, by_angular, self.weight),)
+        return (FrameRows(first, np.where(below, depth, 0.0), by_linear, by_angular, self.weight),)

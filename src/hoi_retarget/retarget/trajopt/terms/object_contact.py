@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.retarget.trajopt.rows import SiteRows
+from hoi_retarget.retarget.trajopt.rows import FrameRows
 from hoi_retarget.robots.model import Kinematics
 
 
@@ -22,8 +22,13 @@ class ObjectContact:
     weight: Float[np.ndarray, "T"]
     """Zero where there is no contact."""
 
-    def rows(self, kinematics: Kinematics) -> tuple[SiteRows, ...]:
+    def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
         """Return the rows at a trajectory."""
-        offset = kinematics.point(self.site) - self.object_position
+        frame = kinematics.frame(self.site)
+        offset = kinematics.point(frame) - self.object_position
         residual = np.einsum("jit,jt->it", self.object_rotation, offset) - self.target_object
-        return (SiteRows(self.site, residual, self.object_rotation.transpose(1, 0, 2), None, self.weight),)
+        return (
+            FrameRows(
+                kinematics.frame(self.site), residual, self.object_rotation.transpose(1, 0, 2), None, self.weight
+            ),
+        )

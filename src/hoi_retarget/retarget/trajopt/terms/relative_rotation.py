@@ -20,10 +20,11 @@ class RelativeRotation:
     weight: float
 
     def rows(self, kinematics: Kinematics) -> tuple[TangentRows, ...]:
-        """Return the rows at a trajectory, by the hinges between base and site."""
+        """Return the rows at a trajectory, by the hinges between base and site; none where there is no hinge."""
         model = kinematics.model
-        node = model.sites.nodes[model.sites.index[self.site]]
-        hinges = np.flatnonzero(model.supports[1:, node])
+        hinges = np.flatnonzero(model.supports[1:, kinematics.frame(self.site).node])
+        if not hinges.size:
+            return ()
         base = kinematics.node_rotation[:, :, 0]
         relative = np.einsum("jit,jkt->ikt", base, kinematics.orientation(self.site))
         frames = relative.shape[-1]
