@@ -11,6 +11,7 @@ from hoi_retarget.numerics.filters import fade, frames_in
 from hoi_retarget.retarget.targets import Targets
 from hoi_retarget.retarget.trajopt.problem import Problem
 from hoi_retarget.retarget.trajopt.solvers.banded import BandedInteriorPoint
+from hoi_retarget.retarget.trajopt.solvers.base import Solver
 from hoi_retarget.retarget.trajopt.table import IkWeights, ik_terms
 from hoi_retarget.retarget.trajopt.windows import Horizon, WindowReport, solve_windows
 from hoi_retarget.robots.model import RobotModel
@@ -25,8 +26,8 @@ class IkConfig:
 
     weights: IkWeights = IkWeights()
     stride: int = 10
-    """The first solve sees every so-manieth frame; the second starts from its interpolation."""
-    solver: BandedInteriorPoint = BandedInteriorPoint(tolerance=1e-3, step_tolerance=2e-2)
+    """The first solve sees every n-th frame; the second starts from its interpolation."""
+    solver: Solver = BandedInteriorPoint(tolerance=1e-3, step_tolerance=2e-2)
 
     def __post_init__(self) -> None:
         if self.stride < 1:
@@ -54,7 +55,7 @@ def _straighten(model: RobotModel, targets: Targets, qpos: np.ndarray) -> np.nda
     supports, sites = model.supports[1:].astype(bool), model.sites
     trunk = supports[:, sites.nodes[sites.index["torso"]]]
     straight = qpos.copy()
-    for column, row in enumerate(model.spec.ik):
+    for column, row in enumerate(model.spec.ik_rows):
         wanted = se3.quat_to_matrix(targets.site_quats[:, column])
         angles = se3.matrix_angle_between(kinematics.site_rotation(row.site), wanted)
         if row.rotation_weight == 0 or angles.max() < TWISTED:

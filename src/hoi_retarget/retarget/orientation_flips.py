@@ -33,7 +33,7 @@ class TurnedSegment:
 def turned_over(kinematics: Kinematics, targets: Targets) -> tuple[TurnedSegment, ...]:
     """Return where a site of the IK table is further than `TURNED_DEG` from the rotation it should follow."""
     found = []
-    for column, row in enumerate(kinematics.model.spec.ik):
+    for column, row in enumerate(kinematics.model.spec.ik_rows):
         if row.rotation_weight == 0:
             continue
         wanted = se3.quat_to_matrix(targets.site_quats[:, column])

@@ -19,6 +19,7 @@ from hoi_retarget.retarget.orientation_flips import turned_over
 from hoi_retarget.retarget.targets import Scaling, Targets, make_targets
 from hoi_retarget.retarget.trajopt.problem import Problem
 from hoi_retarget.retarget.trajopt.solvers.banded import BandedInteriorPoint
+from hoi_retarget.retarget.trajopt.solvers.base import Solver
 from hoi_retarget.retarget.trajopt.table import Weights, trajectory_terms
 from hoi_retarget.retarget.trajopt.windows import Horizon, WindowReport, solve_windows
 from hoi_retarget.robots.model import RobotModel
@@ -34,7 +35,7 @@ class Config:
     ik: IkConfig = field(default_factory=IkConfig)
     weights: Weights = field(default_factory=Weights)
     horizon: Horizon = field(default_factory=Horizon)
-    solver: BandedInteriorPoint = BandedInteriorPoint()
+    solver: Solver = BandedInteriorPoint()
 
 
 def retarget(clip: Clip, model: RobotModel, config: Config, *, person: int = 0) -> Motion:

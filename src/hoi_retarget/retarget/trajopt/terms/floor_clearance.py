@@ -1,11 +1,14 @@
 """Sole corners above the floor; the paper has no such term, and its soles sink by up to 2 cm."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
+from hoi_retarget.retarget.targets import Targets
 from hoi_retarget.retarget.trajopt.rows import FrameRows
 from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,3 +35,18 @@ class FloorClearance:
         by_angular[:, 0] = below * lever[:, 1]
         by_angular[:, 1] = below * -lever[:, 0]
         return (FrameRows(first, np.where(below, depth, 0.0), by_linear, by_angular, self.weight),)
+
+
+@dataclass(frozen=True)
+class FloorWeights:
+    """Weight of the soles under the floor."""
+
+    floor_clearance: float = 2000.0
+    """Sole corners under the floor [1/m^2]; not in the paper."""
+
+
+def floor_terms(weights: FloorWeights, targets: Targets, reference: Kinematics) -> Iterator[FloorClearance]:
+    """Yield the sole corners of each foot above the floor."""
+    for side in SIDES:
+        corners = tuple(f"{side}_sole_{corner}" for corner in SOLE_CORNERS)
+        yield FloorClearance(f"{side}_floor", corners, 0.0, weights.floor_clearance)

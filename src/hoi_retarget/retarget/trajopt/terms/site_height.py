@@ -1,12 +1,17 @@
 """Height of a supporting foot: the paper's E^fz."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.numerics import se3
+from hoi_retarget.retarget.targets import Targets
 from hoi_retarget.retarget.trajopt.rows import FrameRows
+from hoi_retarget.retarget.trajopt.terms.site_rotation import SiteRotation
 from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.robots.spec import SIDES
 
 UP = np.eye(3)[2:, :, None]
 
@@ -25,3 +30,28 @@ class SiteHeight:
         residual = kinematics.point(self.site)[2:3] - self.target
         by_linear = np.broadcast_to(UP, (1, 3, residual.shape[1]))
         return (FrameRows(kinematics.frame(self.site), residual, by_linear, None, self.weight),)
+
+
+@dataclass(frozen=True)
+class StanceWeights:
+    """Weights of the feet that stand."""
+
+    stance_height: float = 2000.0
+    """E^fz [1/m^2]"""
+    stance_orientation: float = 10.0
+    """E^fo"""
+
+
+def stance_terms(
+    weights: StanceWeights, targets: Targets, reference: Kinematics
+) -> Iterator[SiteHeight | SiteRotation]:
+    """Yield height and rotation of every foot that stands."""
+    for k, side in enumerate(SIDES):
+        flags, site = targets.stance_flags[:, k], f"{side}_foot"
+        if not flags.any():
+            continue
+        height = targets.foot_positions[:, k, 2]
+        yield SiteHeight(f"{side}_stance_height", site, height, weights.stance_height * flags)
+        if site not in reference.model.spec.dropped_rotations:
+            rotation = se3.quat_to_matrix(targets.foot_quats[:, k]).transpose(1, 2, 0)
+            yield SiteRotation(f"{side}_stance_orientation", site, rotation, weights.stance_orientation * flags)
