@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import tyro
+from casadi_problem import show_left_out, stated
 from common import Source, clip_files, pin_threads, show, write_json
 from ipopt import AGREEMENT, HORIZONS, POLISH, Ipopt
 
@@ -44,13 +45,15 @@ class Arguments:
 
 @dataclass
 class Recorder:
-    """The package's solver, with the last problem, start and solution kept."""
+    """The package's solver on the terms that are stated in CasADi, with the last problem, start and solution kept."""
 
     solver: BandedInteriorPoint
     last: list[tuple[Problem, np.ndarray, Solution]] = field(default_factory=list)
 
     def solve(self, problem: Problem, qpos: np.ndarray) -> Solution:
         """Return the solver's solution."""
+        show_left_out(problem.terms)
+        problem = replace(problem, terms=stated(problem.terms))
         solution = self.solver.solve(problem, qpos)
         self.last = [(problem, qpos.copy(), solution)]
         return solution
