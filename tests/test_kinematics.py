@@ -1,6 +1,6 @@
 """Forward kinematics and Jacobians against MuJoCo, and the manifold's laws."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from xml.etree import ElementTree
 
 import mujoco
@@ -142,9 +142,14 @@ def test_inertias_and_torque_limits_are_those_of_mujoco(model):
     np.testing.assert_array_equal(model.torque_limits, limits)
 
 
+def arrays_of(owner):
+    values = {field.name: getattr(owner, field.name) for field in fields(owner)}
+    return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+
+
 def test_arrays_of_a_model_are_read_only(model):
     owners = (model, model.bodies, model.sites, model.body_frames, model.inertias, model.geometries)
-    arrays = [value for owner in owners for value in vars(owner).values() if isinstance(value, np.ndarray)]
+    arrays = [array for owner in owners for array in arrays_of(owner).values()]
     arrays += [*model.levels, *(frame.position for frame in model.sites.frames.values())]
     assert len(arrays) > 30 and not any(array.flags.writeable for array in arrays)
 
@@ -168,9 +173,8 @@ def test_sites_of_a_specification_are_as_good_as_those_of_the_file(tmp_path):
     other = load_model(replace(model.spec, mjcf=mjcf, sites=sites))
     assert other.site_names == model.site_names and other.site_bodies == model.site_bodies
     for ours, theirs in ((other, model), (other.sites, model.sites), (other.bodies, model.bodies)):
-        for name, value in vars(theirs).items():
-            if isinstance(value, np.ndarray):
-                np.testing.assert_array_equal(vars(ours)[name], value)
+        for name, array in arrays_of(theirs).items():
+            np.testing.assert_array_equal(arrays_of(ours)[name], array)
 
 
 def test_a_site_on_an_unknown_body_is_refused():

@@ -12,13 +12,11 @@ from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import encode
 from hoi_retarget.numerics import se3
-from hoi_retarget.retarget.ik import IkConfig
-from hoi_retarget.retarget.pipeline import Config, retarget
-from hoi_retarget.retarget.targets import Scaling, make_targets
-from hoi_retarget.retarget.trajopt.solvers.keep_start import KeepStart
-from hoi_retarget.retarget.trajopt.table import IkWeights, Weights, ik_terms, trajectory_terms
+from hoi_retarget.retarget.config import Config, Horizon, IkWeights, KeepStart, Scaling, Weights
+from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retarget.targets import make_targets
+from hoi_retarget.retarget.trajopt.table import ik_terms, trajectory_terms
 from hoi_retarget.retarget.trajopt.terms.site_rotation import SiteRotation
-from hoi_retarget.retarget.trajopt.windows import Horizon
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 from hoi_retarget.synthetic import make
@@ -55,7 +53,7 @@ def cut(clip: Clip, first: int, stop: int | None = None) -> Clip:
             replace(track, positions=track.positions[part], quats=track.quats[part]) for track in clip.objects
         ),
         contacts=tuple(
-            replace(track, active=track.active[part], points_object=track.points_object[part])
+            replace(track, active=track.active[part], contact_points=track.contact_points[part])
             for track in clip.contacts
         ),
     )
@@ -102,7 +100,7 @@ def gaps(motion: Motion, model: RobotModel) -> np.ndarray:
         frames = np.flatnonzero(motion.contact_flags[:, column])
         touched = motion.contact_object[frames, column]
         target = motion.object_pos[frames, touched] + se3.rotate(
-            motion.object_quat[frames, touched], motion.contact_targets[frames, column]
+            motion.object_quat[frames, touched], motion.contact_points[frames, column]
         )
         found.append(np.linalg.norm(kinematics.site_position(link)[frames] - target, axis=1))
     return np.concatenate(found)
@@ -201,7 +199,7 @@ def test_a_start_in_the_pose_of_calibration(robot):
         replace(track, positions=track.positions[before], quats=track.quats[before]) for track in clip.objects
     )
     contacts = tuple(
-        replace(track, active=track.active[before], points_object=track.points_object[before])
+        replace(track, active=track.active[before], contact_points=track.contact_points[before])
         for track in clip.contacts
     )
     motion = retarget(replace(clip, people=(person,), objects=objects, contacts=contacts), model, Config())
@@ -345,9 +343,9 @@ def test_palm_weight_and_dropped_rotations_are_the_robots_own(tmp_path):
 
 @every_robot
 def test_any_solver_can_be_put_in(robot):
-    """One that keeps its start makes a whole result in milliseconds, of the home pose carried along."""
-    config = Config(ik=IkConfig(solver=KeepStart()), solver=KeepStart())
-    motion = retarget(scene(), MODELS[robot], config)
+    """One that keeps its start ends where inverse kinematics did."""
+    motion = retarget(scene(), MODELS[robot], Config(solver=KeepStart()))
     np.testing.assert_array_equal(motion.qpos, motion.ik_qpos)
-    np.testing.assert_allclose(motion.qpos[0, 7:], MODELS[robot].home_qpos[7:])
+    np.testing.assert_array_equal(motion.ik_qpos, result(robot).ik_qpos)
     assert [window["iterations"] for window in motion.report["windows"]] == [0]
+    assert motion.report["config"]["solver"] == {"name": "KeepStart"}

@@ -1,7 +1,5 @@
 """The solver against the optimality conditions of the problem, and windows against the whole."""
 
-import importlib
-import pkgutil
 from dataclasses import FrozenInstanceError, replace
 from itertools import pairwise
 
@@ -10,17 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import hoi_retarget.retarget.trajopt.solvers as solvers_package
 from hoi_retarget.errors import ArgumentError
+from hoi_retarget.retarget.config import SOLVERS, BandedInteriorPoint, Horizon, Solver, parse_horizon
 from hoi_retarget.retarget.trajopt.bounds import Bounds
 from hoi_retarget.retarget.trajopt.problem import Problem, cost_by_term
-from hoi_retarget.retarget.trajopt.solvers.banded import BandedInteriorPoint
-from hoi_retarget.retarget.trajopt.solvers.base import Solver, Status, optimality
+from hoi_retarget.retarget.trajopt.solvers.base import Status, optimality
 from hoi_retarget.retarget.trajopt.terms.differences import Differences
 from hoi_retarget.retarget.trajopt.terms.posture import Posture
 from hoi_retarget.retarget.trajopt.terms.site_position import SitePosition
 from hoi_retarget.retarget.trajopt.terms.site_rotation import SiteRotation
-from hoi_retarget.retarget.trajopt.windows import Horizon, parse_horizon, solve_windows
+from hoi_retarget.retarget.trajopt.windows import solve_windows, windows_of
 from trajectories import MODELS, random_qpos
 
 MODEL = MODELS["unitree_g1"]
@@ -68,34 +65,20 @@ PROBLEMS = {
 """Problems with a start of each."""
 
 
-def solvers() -> dict[str, Solver]:
-    """Return a solver of every class in the files of `solvers/`."""
-    found = {}
-    for info in pkgutil.iter_modules(solvers_package.__path__):
-        module = importlib.import_module(f"{solvers_package.__name__}.{info.name}")
-        for name, kind in vars(module).items():
-            own = isinstance(kind, type) and kind.__module__ == module.__name__
-            if own and hasattr(kind, "solve") and kind is not Solver:
-                found[name] = kind()
-    return found
-
-
-SOLVERS = solvers()
 NOT_FOR = {("KeepStart", "start outside the bounds")}
 
 
-def test_every_solver_is_found():
-    assert {"BandedInteriorPoint", "KeepStart"} <= SOLVERS.keys()
-    assert all(isinstance(solver, Solver) for solver in SOLVERS.values())
+def test_solvers_are_frozen_values():
+    assert all(isinstance(solver(), Solver) and solver() == solver() for solver in SOLVERS.values())
     with pytest.raises(FrozenInstanceError):
-        SOLVERS["BandedInteriorPoint"].tolerance = 1.0
+        BandedInteriorPoint().tolerance = 1.0
 
 
 @pytest.mark.parametrize(("name", "case"), [(a, b) for a in SOLVERS for b in PROBLEMS if (a, b) not in NOT_FOR])
 def test_contract_of_a_solver(name, case):
     problem, start = PROBLEMS[case]
     given = start.copy()
-    solution = SOLVERS[name].solve(problem, start)
+    solution = SOLVERS[name]().solve(problem, start)
     assert solution.status in {Status.SOLVED, Status.STALLED, Status.MAX_ITERATIONS} and solution.iterations >= 0
     np.testing.assert_array_equal(start, given)
     assert solution.qpos.shape == start.shape and solution.qpos is not start
@@ -117,7 +100,7 @@ def test_failure_is_a_status(name):
     problem, start = PROBLEMS["tracking"]
     endless = SitePosition("endless", "head", np.full((3, len(start)), np.inf), 1.0)
     with np.errstate(invalid="ignore", over="ignore"):
-        solution = SOLVERS[name].solve(replace(problem, terms=(*problem.terms, endless)), start)
+        solution = SOLVERS[name]().solve(replace(problem, terms=(*problem.terms, endless)), start)
     assert solution.status is Status.FAILED
 
 
@@ -226,7 +209,7 @@ def test_windows_with_look_ahead_approach_the_whole():
 def test_windows_cover_every_frame_once_in_order(frames, length, overlap, pinned):
     overlap = min(overlap, length - 1)
     horizon = Horizon(length, overlap, min(pinned, overlap))
-    windows = horizon.windows(frames)
+    windows = windows_of(horizon, frames)
     assert windows[0][0] == 0 and windows[-1][1] == frames
     for (_, before, _), (start, stop, pins) in pairwise(windows):
         assert before < stop <= start + length
@@ -240,5 +223,5 @@ def test_bad_horizons_are_refused(text):
 
 
 def test_per_frame_is_a_window_of_one_new_frame():
-    windows = parse_horizon("per-frame").windows(10)
+    windows = windows_of(parse_horizon("per-frame"), 10)
     assert windows[1:] == tuple((t - 1, t + 1, 1) for t in range(2, 10))

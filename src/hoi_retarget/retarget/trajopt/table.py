@@ -1,43 +1,28 @@
 """The cost tables of trajectory optimization and of inverse kinematics.
 
-Every file of `terms/` declares a cost of the trajectory: its weights, with their symbols in the
-paper's Table II, and a function that builds its terms. A weight multiplies the square of a residual
-in metres, radians, or the Frobenius norm of a difference of rotations. `docs/design.md` says why
-there are costs that are not in the paper.
+A file of `terms/` declares a kind of residual, and a function that builds its terms of the trajectory
+with the weights of the paper's Table II. `docs/design.md` says why there are costs that are not in
+the paper.
 """
 
-import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.errors import ArgumentError
 from hoi_retarget.numerics import se3
+from hoi_retarget.retarget.config import IkWeights, Weights
 from hoi_retarget.retarget.targets import Targets
 from hoi_retarget.retarget.trajopt.problem import Term
-from hoi_retarget.retarget.trajopt.terms.differences import PAPER_RATE, Differences, JerkWeights, jerk_terms
-from hoi_retarget.retarget.trajopt.terms.floor_clearance import FloorWeights, floor_terms
-from hoi_retarget.retarget.trajopt.terms.object_contact import ContactWeights, contact_terms
-from hoi_retarget.retarget.trajopt.terms.posture import Posture, PostureWeights, posture_terms
-from hoi_retarget.retarget.trajopt.terms.relative_rotation import TorsoWeights, torso_terms
-from hoi_retarget.retarget.trajopt.terms.site_height import StanceWeights, stance_terms
-from hoi_retarget.retarget.trajopt.terms.site_position import PositionWeights, SitePosition, position_terms
+from hoi_retarget.retarget.trajopt.terms.differences import PAPER_RATE, Differences, jerk_terms
+from hoi_retarget.retarget.trajopt.terms.floor_clearance import floor_terms
+from hoi_retarget.retarget.trajopt.terms.object_contact import contact_terms
+from hoi_retarget.retarget.trajopt.terms.posture import Posture, posture_terms
+from hoi_retarget.retarget.trajopt.terms.relative_rotation import torso_terms
+from hoi_retarget.retarget.trajopt.terms.site_height import stance_terms
+from hoi_retarget.retarget.trajopt.terms.site_position import SitePosition, position_terms
 from hoi_retarget.retarget.trajopt.terms.site_rotation import SiteRotation
 from hoi_retarget.robots.model import Kinematics, RobotModel
-
-
-# A dataclass has the fields of its last base first.
-@dataclass(frozen=True)
-class Weights(FloorWeights, JerkWeights, StanceWeights, ContactWeights, TorsoWeights, PositionWeights, PostureWeights):
-    """Weights of all costs of the trajectory."""
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (math.isfinite(value) and value >= 0):
-                raise ArgumentError(f"weight {name} is {value}; it must be a number of at least 0.")
-
 
 COSTS: tuple[Callable[[Weights, Targets, Kinematics], Iterable[Term]], ...] = (
     posture_terms,
@@ -53,14 +38,6 @@ COSTS: tuple[Callable[[Weights, Targets, Kinematics], Iterable[Term]], ...] = (
 def trajectory_terms(weights: Weights, targets: Targets, reference: Kinematics) -> tuple[Term, ...]:
     """Return the terms of all costs against an IK reference; those that would be empty are left out."""
     return tuple(term for cost in COSTS for term in cost(weights, targets, reference))
-
-
-@dataclass(frozen=True)
-class IkWeights:
-    """Weights of the IK stage on top of the robot's own table."""
-
-    smoothness: float = 5.0
-    """First differences of q [1/frame^2]."""
 
 
 def ik_terms(weights: IkWeights, targets: Targets, model: RobotModel) -> tuple[Term, ...]:

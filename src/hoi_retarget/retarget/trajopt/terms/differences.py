@@ -7,6 +7,7 @@ from math import comb
 import numpy as np
 
 from hoi_retarget.numerics import se3
+from hoi_retarget.retarget.config import Weights
 from hoi_retarget.retarget.targets import Targets
 from hoi_retarget.retarget.trajopt.rows import StencilRows, TangentRows
 from hoi_retarget.robots.model import Kinematics
@@ -53,17 +54,6 @@ def _difference(values: np.ndarray, order: int) -> np.ndarray:
     return np.ascontiguousarray(np.diff(values, order, axis=0).T)
 
 
-@dataclass(frozen=True)
-class JerkWeights:
-    """Weight of the smoothness over time."""
-
-    jerk: float = 1e-3
-    """E^j [s^4]: multiplies the squared third difference of q divided by dt^2, at 30 frames a second.
-
-    At other rates it is scaled so that its share of the cost stays what it is at 30.
-    """
-
-
-def jerk_terms(weights: JerkWeights, targets: Targets, reference: Kinematics) -> Iterator[Differences]:
+def jerk_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[Differences]:
     """Yield the third differences over time."""
     yield Differences("joint_jerk", 3, weights.jerk * targets.fps**4 * (targets.fps / PAPER_RATE) ** 2)

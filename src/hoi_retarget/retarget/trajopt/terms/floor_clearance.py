@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hoi_retarget.retarget.config import Weights
 from hoi_retarget.retarget.targets import Targets
 from hoi_retarget.retarget.trajopt.rows import FrameRows
 from hoi_retarget.robots.model import Kinematics
@@ -37,15 +38,7 @@ class FloorClearance:
         return (FrameRows(first, np.where(below, depth, 0.0), by_linear, by_angular, self.weight),)
 
 
-@dataclass(frozen=True)
-class FloorWeights:
-    """Weight of the soles under the floor."""
-
-    floor_clearance: float = 2000.0
-    """Sole corners under the floor [1/m^2]; not in the paper."""
-
-
-def floor_terms(weights: FloorWeights, targets: Targets, reference: Kinematics) -> Iterator[FloorClearance]:
+def floor_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[FloorClearance]:
     """Yield the sole corners of each foot above the floor."""
     for side in SIDES:
         corners = tuple(f"{side}_sole_{corner}" for corner in SOLE_CORNERS)

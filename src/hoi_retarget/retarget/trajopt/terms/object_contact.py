@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.numerics import se3
+from hoi_retarget.retarget.config import Weights
 from hoi_retarget.retarget.targets import Targets
 from hoi_retarget.retarget.trajopt.rows import FrameRows
 from hoi_retarget.retarget.trajopt.terms.site_rotation import SiteRotation
@@ -41,34 +42,22 @@ class ObjectContact:
         )
 
 
-@dataclass(frozen=True)
-class ContactWeights:
-    """Weights of the links that touch an object."""
-
-    object_contact: float = 1000.0
-    """E^c [1/m^2]"""
-    hand_orientation: float = 5.0
-    """E^ho"""
-
-
-def contact_terms(
-    weights: ContactWeights, targets: Targets, reference: Kinematics
-) -> Iterator[ObjectContact | SiteRotation]:
+def contact_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[ObjectContact | SiteRotation]:
     """Yield the contact of every link that touches an object, and the rotation of a palm that does."""
     spec, frames = reference.model.spec, np.arange(targets.frames)
     for link, site in enumerate(targets.contact_links):
         if not targets.contact_flags[:, link].any():
             continue
-        aimed = targets.aim_object[:, link]
+        aimed = targets.carried_contact_object[:, link]
         yield ObjectContact(
             f"{site}_contact",
             site,
-            targets.aim_points[:, link].T,
+            targets.carried_contact_points[:, link].T,
             targets.object_pos[frames, aimed].T,
             se3.quat_to_matrix(targets.object_quat[frames, aimed]).transpose(1, 2, 0),
-            weights.object_contact * targets.aim_weights[:, link],
+            weights.object_contact * targets.contact_weights[:, link],
         )
         if site in PALMS and site not in spec.dropped_rotations:
             rotation = se3.quat_to_matrix(targets.palm_quats[:, PALMS.index(site)]).transpose(1, 2, 0)
-            weight = weights.hand_orientation * spec.palm_weight * targets.turn_weights[:, link]
+            weight = weights.hand_orientation * spec.palm_weight * targets.contact_rotation_weights[:, link]
             yield SiteRotation(f"{site}_orientation", site, rotation, weight)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.retarget.config import Weights
 from hoi_retarget.retarget.targets import Targets
 from hoi_retarget.retarget.trajopt.rows import StencilRows
 from hoi_retarget.robots.model import Kinematics
@@ -25,14 +26,6 @@ class Posture:
         return (StencilRows(slice(6, None), (1.0,), residual, self.weight),)
 
 
-@dataclass(frozen=True)
-class PostureWeights:
-    """Weight of the joint angles."""
-
-    joint_position: float = 1.0
-    """E^theta [1/rad^2]"""
-
-
-def posture_terms(weights: PostureWeights, targets: Targets, reference: Kinematics) -> Iterator[Posture]:
+def posture_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[Posture]:
     """Yield the joint angles near those of inverse kinematics."""
     yield Posture("joint_position", np.ascontiguousarray(reference.qpos[:, 7:].T), weights.joint_position)

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.numerics import se3
+from hoi_retarget.retarget.config import Weights
 from hoi_retarget.retarget.targets import Targets
 from hoi_retarget.retarget.trajopt.rows import TangentRows
 from hoi_retarget.robots.model import Kinematics
@@ -43,15 +44,7 @@ def _crosses(rotation: np.ndarray) -> np.ndarray:
     return -se3.skew(rotation.transpose(1, 2, 0)).transpose(0, 2, 3, 1)
 
 
-@dataclass(frozen=True)
-class TorsoWeights:
-    """Weight of the torso's rotation."""
-
-    torso_orientation: float = 1.0
-    """E^r"""
-
-
-def torso_terms(weights: TorsoWeights, targets: Targets, reference: Kinematics) -> Iterator[RelativeRotation]:
+def torso_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[RelativeRotation]:
     """Yield the torso's rotation in the base frame near that of inverse kinematics."""
     base = reference.node_rotation[:, :, 0]
     torso = np.einsum("jit,jkt->ikt", base, reference.orientation("torso"))

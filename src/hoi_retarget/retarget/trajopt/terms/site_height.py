@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.numerics import se3
+from hoi_retarget.retarget.config import Weights
 from hoi_retarget.retarget.targets import Targets
 from hoi_retarget.retarget.trajopt.rows import FrameRows
 from hoi_retarget.retarget.trajopt.terms.site_rotation import SiteRotation
@@ -32,19 +33,7 @@ class SiteHeight:
         return (FrameRows(kinematics.frame(self.site), residual, by_linear, None, self.weight),)
 
 
-@dataclass(frozen=True)
-class StanceWeights:
-    """Weights of the feet that stand."""
-
-    stance_height: float = 2000.0
-    """E^fz [1/m^2]"""
-    stance_orientation: float = 10.0
-    """E^fo"""
-
-
-def stance_terms(
-    weights: StanceWeights, targets: Targets, reference: Kinematics
-) -> Iterator[SiteHeight | SiteRotation]:
+def stance_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[SiteHeight | SiteRotation]:
     """Yield height and rotation of every foot that stands."""
     for k, side in enumerate(SIDES):
         flags, site = targets.stance_flags[:, k], f"{side}_foot"

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.retarget.config import Weights
 from hoi_retarget.retarget.targets import Targets
 from hoi_retarget.retarget.trajopt.rows import FrameRows
 from hoi_retarget.robots.model import Kinematics
@@ -30,19 +31,7 @@ class SitePosition:
         return (FrameRows(kinematics.frame(self.site), residual, by_linear, None, self.weight),)
 
 
-@dataclass(frozen=True)
-class PositionWeights:
-    """Weights of the positions that are followed all the time."""
-
-    base_position: float = 1.0
-    """E^b [1/m^2]"""
-    head_position: float = 1.0
-    """E^h [1/m^2]"""
-    feet_position: float = 100.0
-    """E^f [1/m^2]"""
-
-
-def position_terms(weights: PositionWeights, targets: Targets, reference: Kinematics) -> Iterator[SitePosition]:
+def position_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[SitePosition]:
     """Yield base and head near those of inverse kinematics, and the feet near their targets."""
     yield SitePosition("base_position", "pelvis", reference.point("pelvis"), weights.base_position)
     yield SitePosition("head_position", "head", reference.point("head"), weights.head_position)
