@@ -8,9 +8,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget.evaluate.statistics import norms
-from hoi_retarget.evaluate.view import HAND_SITES, ModelLike
+from hoi_retarget.evaluate.view import HAND_SITES
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
+from hoi_retarget.robots.model import RobotModel
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class HandToHand:
         )
 
 
-def hand_to_hand(motions: Sequence[Motion], models: Sequence[ModelLike]) -> tuple[HandToHand, ...]:
+def hand_to_hand(motions: Sequence[Motion], models: Sequence[RobotModel]) -> tuple[HandToHand, ...]:
     """Return how each pair of hands of different robots is placed on each object that both touch at once.
 
     Args:
@@ -74,7 +75,7 @@ class _Hand:
     """From the target to the hand, in the object's frame [m]."""
 
 
-def _hands(motion: Motion, model: ModelLike) -> Iterator[_Hand]:
+def _hands(motion: Motion, model: RobotModel) -> Iterator[_Hand]:
     kinematics = model.forward(motion.qpos)
     sites = set(HAND_SITES.values())
     for column, link in enumerate(motion.contact_links):
