@@ -23,7 +23,13 @@ from hoi_retarget.readers.open import open_clip
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import RobotModel, load_model
 
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "IGL_NUM_THREADS",
+)
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ def run(recording, monkeypatch, capsys):
 def test_help_is_quick_and_names_every_command():
     code = "import time; t = time.process_time(); from hoi_retarget.cli import main\ntry: main(['--help'])\n"
     code += "except SystemExit as e: print(e.code, time.process_time() - t)\n"
-    code += "import sys; print(*(m for m in ('numpy', 'scipy', 'mujoco', 'trimesh') if m in sys.modules))"
+    code += "import sys; print(*(m for m in ('numpy', 'scipy', 'mujoco', 'trimesh', 'igl') if m in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     *text, result, heavy = done.stdout.split("\n")[:-1]
     exit_code, seconds = result.split()
