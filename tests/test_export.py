@@ -23,7 +23,8 @@ from hoi_retarget.motion.exporters.normals import outward_normals
 from hoi_retarget.motion.formats import read as read_motion
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import Surface
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.config import Config
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.synthetic import make
 from trajectories import MODELS

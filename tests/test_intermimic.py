@@ -2,7 +2,6 @@
 
 import pickle
 import re
-import time
 from pathlib import Path
 
 import numpy as np
@@ -319,14 +318,8 @@ def test_a_real_clip_follows_the_conventions(path):
 
 
 @NEEDS_SHARED
-def test_all_real_clips_are_there_and_read_fast():
+def test_all_real_clips_are_there():
     assert len(REAL) == 33
-    read_clip(REAL[0], objects=SHARED / "objects")  # Loads the geometry.
-    start = time.process_time()
-    for _ in range(5):
-        read_clip(REAL[0], objects=SHARED / "objects")
-    # 3 ms uninstrumented; the type checks of the test run and a busy machine take their share.
-    assert (time.process_time() - start) / 5 < 0.1
 
 
 def test_joint_orders_cover_each_other():

@@ -12,9 +12,8 @@ from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import encode
 from hoi_retarget.numerics import se3
-from hoi_retarget.retarget.pipeline import Config, retarget
-from hoi_retarget.retarget.targets import Scaling
-from hoi_retarget.retarget.trajopt.windows import Horizon
+from hoi_retarget.retarget.config import Config, Horizon, Scaling
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 from hoi_retarget.synthetic import make

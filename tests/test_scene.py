@@ -22,7 +22,7 @@ from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.scene.drawing import Kind, Lines, Solid
 from hoi_retarget.viewers.scene.marks import gap_colour
 from hoi_retarget.viewers.scene.object_solid import AXIS_LENGTH, thinned
-from hoi_retarget.viewers.scene.scene import Shown, make_scene, together
+from hoi_retarget.viewers.scene.scene import Shown, group_by_shared_objects, make_scene
 from source_people import write_models
 from trajectories import MODELS, random_qpos
 
@@ -147,7 +147,7 @@ def write_tetrahedron(path, corners):
     path.write_bytes(bytes(80) + np.uint32(4).tobytes() + records.tobytes())
 
 
-def test_the_makers_meshes_are_where_their_bodies_are(tmp_path):
+def test_the_vendor_meshes_are_where_their_bodies_are(tmp_path):
     rng = np.random.default_rng(0)
     corners = {}
     for name in (name for files in G1.spec.meshes.values() for name in files):
@@ -417,7 +417,7 @@ def test_the_first_result_stands_where_it_was_computed():
 
 def test_two_peoples_robots_share_a_place_and_the_object():
     items = [shown(1, "carry_table", person=0), shown(2, "carry_table", person=1)]
-    assert together(items) == (0, 0)
+    assert group_by_shared_objects(items) == (0, 0)
     first, second = make_scene(items).subjects
     names = {layer.name for layer in first.layers}
     assert {layer.name for layer in second.layers} == names - {"object", "human's object"}
@@ -432,10 +432,19 @@ def test_only_different_people_with_the_same_objects_share_a_place():
     first, second = shown(1, "carry_table", person=0), shown(2, "carry_table", person=1)
     elsewhere = replace(second, motion=replace(second.motion, object_pos=second.motion.object_pos + 0.1))
     other_clip = replace(second, motion=replace(second.motion, report=dict(second.motion.report) | {"clip": "other"}))
-    assert together([first, elsewhere]) == together([first, other_clip]) == together([first, first]) == (0, 1)
-    assert together([first, first, second, second]) == (0, 1, 0, 1)
+    assert (
+        group_by_shared_objects([first, elsewhere])
+        == group_by_shared_objects([first, other_clip])
+        == group_by_shared_objects([first, first])
+        == (0, 1)
+    )
+    assert group_by_shared_objects([first, first, second, second]) == (0, 1, 0, 1)
     clip = CLIPS["carry_table"]
-    assert together([Shown("a", clip=clip), Shown("b", clip=clip, person=1), Shown("c", clip=clip)]) == (0, 0, 2)
+    assert group_by_shared_objects([Shown("a", clip=clip), Shown("b", clip=clip, person=1), Shown("c", clip=clip)]) == (
+        0,
+        0,
+        2,
+    )
 
 
 # what a camera follows

@@ -9,9 +9,9 @@ from hoi_retarget.cli import main
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.evaluate import hand_to_hand
 from hoi_retarget.motion.result_file import load
+from hoi_retarget.retarget.config import Config, Scaling
 from hoi_retarget.retarget.multi_person import retarget_people
-from hoi_retarget.retarget.pipeline import Config
-from hoi_retarget.retarget.targets import Scaling, make_targets, shared_scalings
+from hoi_retarget.retarget.targets import make_targets, shared_scalings
 from hoi_retarget.robots import team
 from hoi_retarget.synthetic import make
 from trajectories import MODELS

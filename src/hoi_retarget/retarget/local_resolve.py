@@ -15,11 +15,12 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.numerics.filters import frames_in
-from hoi_retarget.retarget.pipeline import Config, one_thread, retarget, scored, solve_trajectory
+from hoi_retarget.retarget.config import PINNED, Config
+from hoi_retarget.retarget.pipeline import one_thread, retarget, scored, solve_trajectory
 from hoi_retarget.retarget.targets import Targets, make_targets, with_contacts_of
 from hoi_retarget.retarget.trajopt.problem import Problem
 from hoi_retarget.retarget.trajopt.table import trajectory_terms
-from hoi_retarget.retarget.trajopt.windows import PINNED, report_window
+from hoi_retarget.retarget.trajopt.windows import report_window
 from hoi_retarget.robots.model import RobotModel
 
 MARGIN_SECONDS = 1.0  # On either side of a change: what an arm needs to get from one place to another.

@@ -7,19 +7,18 @@ by the robot's own soles, and smooths the object's path and rotation.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.errors import ArgumentError
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.stance import LARGEST_DIFFERENCE, stance
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.numerics.filters import fade, frames_in, nearest_active, smooth, smooth_quats
 from hoi_retarget.objects.track import ObjectTrack
+from hoi_retarget.retarget.config import Scaling
 from hoi_retarget.retarget.foot_planting import Foot, plant, resting_height, resting_tilt
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
@@ -27,27 +26,6 @@ from hoi_retarget.robots.spec import SIDES
 # Contact labels switch from frame to frame; hands come and go, and turn, over these times.
 CONTACT_RAMP_SECONDS, ROTATION_RAMP_SECONDS = 1 / 30, 2 / 30
 MAXIMUM_SINK = 0.005  # [m] of a smoothed object under its own unsmoothed height
-
-
-@dataclass(frozen=True)
-class Scaling:
-    """How the human and the objects are made to fit the robot."""
-
-    root_scale: float | Literal["auto"] = "auto"
-    """Human to robot: where the person goes, and how far; auto divides the robot's stature by the mean height of the
-    clip's people."""
-    object_scale: float | Literal["auto"] = "auto"
-    """Object geometry; auto shrinks with the root scale or keeps the size, as the robot prefers."""
-    size_multiplier: float = 1.0
-    """On top of the object scale, for augmentation."""
-    body_scale: float | Literal["root"] = "root"
-    """Human to robot: the size of the body; it differs from the root scale where different robots share one world."""
-
-    def __post_init__(self) -> None:
-        for name in ("root_scale", "object_scale", "size_multiplier", "body_scale"):
-            value = getattr(self, name)
-            if not isinstance(value, str) and not (np.isfinite(value) and value > 0):
-                raise ArgumentError(f"{name.replace('_', '-')} is {value}; it must be a positive number.")
 
 
 @dataclass(frozen=True, eq=False)
