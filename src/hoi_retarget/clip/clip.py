@@ -120,5 +120,6 @@ class Clip:
         return len(self.people[0].joint_positions)
 
     def with_doubts(self, doubts: tuple[str, ...]) -> "Clip":
-        """Return the clip with more of its source's doubts."""
-        return replace(self, source=replace(self.source, doubts=(*self.source.doubts, *doubts))) if doubts else self
+        """Return the clip with more doubts of its source; one that it has already is not repeated."""
+        together = tuple(dict.fromkeys((*self.source.doubts, *doubts)))
+        return replace(self, source=replace(self.source, doubts=together)) if doubts else self

@@ -19,7 +19,7 @@ from hoi_retarget.human.skeleton import FEET, PARTS
 from hoi_retarget.human.stance import stance
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
-from hoi_retarget.numerics.filters import nearest_active
+from hoi_retarget.numerics.filters import nearest_active, speeds, steadied
 from hoi_retarget.objects.mesh import Surface, surface_of
 from hoi_retarget.objects.track import ObjectTrack
 
@@ -210,7 +210,7 @@ def touching(clip: Clip, near: Iterable[Nearness], rule: Proximity = PROXIMITY) 
     stands = [stance(person, clip.fps) for person in clip.people]
     found = []
     for item in near:
-        speed = np.linalg.norm(np.gradient(_part_points(clip, item), axis=0), axis=1) * clip.fps
+        speed = speeds(_part_points(clip, item), clip.fps)
         slack = 0.0 if clip.people[item.person].fingers_recorded or item.part in FEET else GUESSED_FINGERS
         made = (item.distances < rule.touch + slack) & (speed < rule.speed)
         lasting = item.distances < rule.release + slack
@@ -219,28 +219,15 @@ def touching(clip: Clip, near: Iterable[Nearness], rule: Proximity = PROXIMITY) 
         flags = np.zeros(clip.frames, dtype=bool)
         for first, stop in runs(lasting):
             flags[first:stop] = made[first:stop].any()
-        found.append(_steadied(flags, gap, shortest))
+        found.append(steadied(flags, gap=gap, shortest=shortest))
     return found
-
-
-def _steadied(flags: Bool[np.ndarray, "T"], gap: int, shortest: int) -> Bool[np.ndarray, "T"]:
-    """Return flags without interruptions up to `gap` frames, and then without runs of fewer than `shortest`."""
-    steady = flags.copy()
-    for first, stop in runs(~flags):
-        if first > 0 and stop < len(flags) and stop - first <= gap:
-            steady[first:stop] = True
-    for first, stop in runs(steady):
-        # What the clip's ends cut off may have been longer.
-        if first > 0 and stop < len(steady) and stop - first < shortest:
-            steady[first:stop] = False
-    return steady
 
 
 def _by_interact(clip: Clip, rule: InterAct) -> list[Bool[np.ndarray, "T"]]:
     found = []
     for human in clip.people:
         balls = spheres(human, BODY_CAPSULES)
-        lowest = float((balls.middles[..., 2] - balls.radii).min())
+        lowest = float(balls.lowest.min())
         for track in clip.objects:
             surface = surface_of(track.geometry)
             by_joints = {
