@@ -31,7 +31,7 @@ def with_contacts(clip: Clip, labels: Labels = "auto") -> Clip:
     Args:
         clip: its floor is at z = 0.
         labels: `auto` keeps the source's contacts where it has any; `proximity` and `interact` find them anew by the
-            rule of that name (`contact_labels.Proximity`, `contact_labels.InterAct`).
+            rule of that name (`label_contacts.Proximity`, `label_contacts.InterAct`).
 
     Raises:
         ClipError: objects move with nobody near, but not when their rotations are inverted.
