@@ -21,7 +21,13 @@ from hoi_retarget import synthetic
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.readers.open import open_clip
 
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "IGL_NUM_THREADS",
+)
 
 
 @dataclass(frozen=True)
