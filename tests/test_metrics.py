@@ -380,8 +380,7 @@ def test_time_may_run_backwards():
             ),
         ),
         dataclasses.replace(
-            motion,
-            qpos=motion.qpos[::-1],
+            motion.with_qpos(motion.qpos[::-1]),
             object_pos=motion.object_pos[::-1],
             object_quat=motion.object_quat[::-1],
             stance_flags=motion.stance_flags[::-1],
@@ -426,7 +425,7 @@ def test_limits_count_in_every_frame():
     world = make_world(first_source_frame=0)
     qpos = world.motion.qpos.copy()
     qpos[0, 7] = 1.25
-    figures = edit_motion(world, qpos=qpos).figures()
+    figures = edit_motion(world, stages=(Stage("trajectory", qpos),)).figures()
     assert figures.joint_range_margin_rad == pytest.approx(-0.25)
     assert figures.joint_speed_margin_radps == pytest.approx(5.0 - FPS * abs(qpos[1, 7] - 1.25))
 

@@ -10,6 +10,7 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.evaluate import evaluate
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.report import Status
 from hoi_retarget.motion.result_file import encode
 from hoi_retarget.numerics import se3
 from hoi_retarget.retarget.config import Config, Horizon, IkWeights, KeepStart, Scaling, Weights
@@ -319,14 +320,14 @@ def test_a_robot_whose_torso_is_its_root(tmp_path):
     model = tiny_robot(tmp_path)
     motion = retarget(make("carry_box", seconds=2.0), model, Config())
     assert np.isfinite(motion.qpos).all()
-    assert [window["status"] for window in motion.report["windows"]] == ["SOLVED"]
-    assert motion.report["windows"][0]["cost_by_term"]["torso_orientation"] == 0.0
+    (window,) = motion.stages[-1].windows
+    assert window.status is Status.SOLVED and window.cost_by_term["torso_orientation"] == 0.0
 
 
 def test_palm_weight_and_dropped_rotations_are_the_robots_own(tmp_path):
     def terms(**changes):
         model = load_model(replace(G1.spec, **changes))
-        targets, reference = make_targets(scene(), model, Scaling()), model.forward(motion.ik_qpos)
+        targets, reference = make_targets(scene(), model, Scaling()), model.forward(motion.stages[0].qpos)
         tables = trajectory_terms(Weights(), targets, reference), ik_terms(IkWeights(), targets, model)
         return {term.name: term for table in tables for term in table}
 
@@ -345,7 +346,7 @@ def test_palm_weight_and_dropped_rotations_are_the_robots_own(tmp_path):
 def test_any_solver_can_be_put_in(robot):
     """One that keeps its start ends where inverse kinematics did."""
     motion = retarget(scene(), MODELS[robot], Config(solver=KeepStart()))
-    np.testing.assert_array_equal(motion.qpos, motion.ik_qpos)
-    np.testing.assert_array_equal(motion.ik_qpos, result(robot).ik_qpos)
-    assert [window["iterations"] for window in motion.report["windows"]] == [0]
-    assert motion.report["config"]["solver"] == {"name": "KeepStart"}
+    np.testing.assert_array_equal(motion.qpos, motion.stages[0].qpos)
+    np.testing.assert_array_equal(motion.stages[0].qpos, result(robot).stages[0].qpos)
+    assert [window.iterations for window in motion.stages[-1].windows] == [0]
+    assert motion.report.config["solver"] == {"name": "KeepStart"}
