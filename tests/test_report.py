@@ -33,7 +33,7 @@ from test_curves import G1, carried
 
 NASTY = """<script>alert("1")</script>&'$title'<img src=x onerror=alert(2)>"""
 BLANK = asdict(Entry(name="", status="solved", robot="unitree_g1", source={}, scales={}, lineage={}))
-PIXEL = (".png", b"\x89PNG")
+PIXEL = b"\x89PNG"
 
 
 def with_figures(motion: Motion, **figures: float | None) -> Motion:

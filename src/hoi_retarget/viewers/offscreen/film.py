@@ -107,7 +107,7 @@ def opened(
     Where there are several results, each panel says whose it is.
 
     Raises:
-        HoiRetargetError: This machine has no way to draw without a screen.
+        DrawingError: This machine has no way to draw without a screen.
     """
     columns = _columns(len(filmed), width / height)
     rows = -(-len(filmed) // columns)

@@ -33,7 +33,7 @@ def offscreen_renderer(scene: Scene, width: int, height: int) -> Iterator["Offsc
     """Open what draws the shown layers of a scene in pictures of a size [px], and close it again.
 
     Raises:
-        HoiRetargetError: This machine has no way to draw without a screen.
+        DrawingError: This machine has no way to draw without a screen.
     """
     items = [
         _Item(number, part, layer.opacity)

@@ -115,3 +115,7 @@ class Scene:
     def frame_of(self, subject: Subject, frame: int) -> int:
         """Return the subject's frame at a frame of the scene."""
         return min(round(frame * subject.fps / self.fps), subject.frames - 1)
+
+    def centre(self, frame: int) -> Float[np.ndarray, "3"]:
+        """Return the middle of the subjects' centres in a frame [m]."""
+        return np.mean([subject.centre[self.frame_of(subject, frame)] for subject in self.subjects], axis=0)

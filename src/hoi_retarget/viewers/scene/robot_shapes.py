@@ -4,19 +4,19 @@ Every geometry is fixed to a node of the kinematic tree. Where it lies there is 
 MuJoCo's own kinematics in the home pose; the frames then follow from ours.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
 import mujoco
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import Kinematics, RobotModel
-from hoi_retarget.viewers.scene.drawing import Colour, Kind, Shapes, Solid
+from hoi_retarget.viewers.scene.drawing import Colour, Kind, Part, Shapes, Solid
 from hoi_retarget.viewers.scene.vendor_meshes import attach_visual_meshes
 
 _NO_COLOUR = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)  # What MuJoCo takes for none: the material's holds.
@@ -24,54 +24,37 @@ _DRAWN_GROUPS = 3  # As in MuJoCo's own viewer; robots keep what only collides i
 
 
 @dataclass(frozen=True, eq=False)
-class _Piece:
-    """One unit shape, fixed to a node of the tree."""
+class _Attached:
+    """A geometry of a compiled model, fixed to a node of the tree."""
 
-    kind: Kind
-    size: Float[np.ndarray, "3"]
+    geom: int
     colour: Colour
     node: int
     position: Float[np.ndarray, "3"]
     quat: Float[np.ndarray, "4"]
 
 
-@dataclass(frozen=True, eq=False)
-class NodePoses:
-    """World poses of the tree's nodes, as shapes need them."""
+def robot_parts(model: RobotModel, kinematics: Kinematics, meshes: Path | None) -> tuple[Part, ...]:
+    """Return a robot over time: its vendor meshes from a folder, or its primitives where none is given.
 
-    positions: Float[np.ndarray, "T N 3"]
-    """[m]"""
-    quats: Float[np.ndarray, "T N 4"]
-
-    @staticmethod
-    def of(kinematics: Kinematics) -> "NodePoses":
-        """Return the poses of a trajectory's nodes, in single precision."""
-        rotations = kinematics.node_rotation.transpose(3, 2, 0, 1)
-        return NodePoses(
-            kinematics.node_position.transpose(2, 1, 0).astype(np.float32),
-            se3.matrix_to_quat(rotations).astype(np.float32),
-        )
-
-    def place(
-        self,
-        nodes: Int[np.ndarray, "K"],
-        positions: Float[np.ndarray, "K 3"],
-        quats: Float[np.ndarray, "K 4"],
-    ) -> tuple[Float[np.ndarray, "T K 3"], Float[np.ndarray, "T K 4"]]:
-        """Return world positions [m] and rotations of what is fixed to nodes."""
-        turns = self.quats[:, nodes]
-        world = self.positions[:, nodes] + se3.rotate(turns, positions.astype(np.float32))
-        return world, se3.quat_multiply(turns, quats.astype(np.float32))
+    Raises:
+        RobotError: The robot's specification names no meshes.
+        ReadError: A mesh file is missing, or MuJoCo cannot read it.
+    """
+    return robot_shapes(model, kinematics) if meshes is None else robot_meshes(model, kinematics, meshes)
 
 
-def robot_shapes(model: RobotModel, poses: NodePoses) -> tuple[Shapes, ...]:
+def robot_shapes(model: RobotModel, kinematics: Kinematics) -> tuple[Shapes, ...]:
     """Return a robot's primitives over time, one `Shapes` for each kind of them."""
-    pieces = _pieces(model)
-    kinds = [kind for kind in Kind if any(piece.kind is kind for piece in pieces)]
-    return tuple(_moved([piece for piece in pieces if piece.kind is kind], poses) for kind in kinds)
+    shapes = []
+    for kind, pieces in _primitives(model).items():
+        sizes, attached = zip(*pieces, strict=True)
+        colours = np.array([item.colour for item in attached], dtype=np.uint8)
+        shapes.append(Shapes(kind, np.stack(sizes).astype(np.float32), colours, *_world_poses(kinematics, attached)))
+    return tuple(shapes)
 
 
-def robot_meshes(model: RobotModel, poses: NodePoses, folder: Path) -> tuple[Solid, ...]:
+def robot_meshes(model: RobotModel, kinematics: Kinematics, folder: Path) -> tuple[Solid, ...]:
     """Return the vendor meshes of a robot over time, from a folder with their files.
 
     Raises:
@@ -84,63 +67,42 @@ def robot_meshes(model: RobotModel, poses: NodePoses, folder: Path) -> tuple[Sol
         compiled = description.compile()
     except ValueError as error:
         raise ReadError(f"{folder}: MuJoCo cannot read the meshes of {model.spec.title}: {error}") from error
+    attached = [item for item in _attached(model, compiled) if compiled.geom_dataid[item.geom] >= 0]
+    positions, quats = _world_poses(kinematics, attached)
     solids = []
-    for place in _placed_geometries(model, compiled):
-        mesh = int(compiled.geom_dataid[place.geom])
-        if mesh < 0:
-            continue
-        vertices, faces = int(compiled.mesh_vertadr[mesh]), int(compiled.mesh_faceadr[mesh])
-        positions, quats = poses.place(np.array([place.node]), place.position[None], place.quat[None])
-        solids.append(
-            Solid(
-                vertices=compiled.mesh_vert[vertices : vertices + compiled.mesh_vertnum[mesh]].astype(float),
-                faces=compiled.mesh_face[faces : faces + compiled.mesh_facenum[mesh]].astype(int),
-                colour=place.colour,
-                positions=positions[:, 0],
-                quats=quats[:, 0],
-            )
-        )
+    for index, item in enumerate(attached):
+        mesh = compiled.mesh(compiled.geom_dataid[item.geom])
+        vertices = compiled.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]].astype(float)
+        faces = compiled.mesh_face[mesh.faceadr[0] :][: mesh.facenum[0]].astype(int)
+        solids.append(Solid(vertices, faces, item.colour, positions[:, index], quats[:, index]))
     return tuple(solids)
 
 
-def _moved(pieces: list[_Piece], poses: NodePoses) -> Shapes:
-    positions, quats = poses.place(
-        np.array([piece.node for piece in pieces]),
-        np.stack([piece.position for piece in pieces]),
-        np.stack([piece.quat for piece in pieces]),
-    )
-    return Shapes(
-        kind=pieces[0].kind,
-        sizes=np.stack([piece.size for piece in pieces]).astype(np.float32),
-        colours=np.array([piece.colour for piece in pieces], dtype=np.uint8),
-        positions=positions,
-        quats=quats,
-    )
+def _world_poses(
+    kinematics: Kinematics, attached: Sequence[_Attached]
+) -> tuple[Float[np.ndarray, "T K 3"], Float[np.ndarray, "T K 4"]]:
+    """Return world positions [m] and rotations of geometries, in single precision."""
+    nodes = [item.node for item in attached]
+    turns = se3.matrix_to_quat(kinematics.node_rotation.transpose(3, 2, 0, 1)).astype(np.float32)[:, nodes]
+    places = kinematics.node_position.transpose(2, 1, 0).astype(np.float32)[:, nodes]
+    within = np.stack([item.position for item in attached]).astype(np.float32)
+    quats = np.stack([item.quat for item in attached]).astype(np.float32)
+    return places + se3.rotate(turns, within), se3.quat_multiply(turns, quats)
 
 
 @lru_cache(maxsize=8)
-def _pieces(model: RobotModel) -> tuple[_Piece, ...]:
+def _primitives(model: RobotModel) -> Mapping[Kind, Sequence[tuple[np.ndarray, _Attached]]]:
+    """Return the unit shapes of each kind that the robot is made of: half extents [m] and place."""
     compiled = mujoco.MjModel.from_xml_path(str(model.spec.mjcf))
-    found: list[_Piece] = []
-    for place in _placed_geometries(model, compiled):
-        for kind, size, along in _unit_shapes(int(compiled.geom_type[place.geom]), compiled.geom_size[place.geom]):
-            position = place.position + se3.rotate(place.quat, np.array([0.0, 0.0, along]))
-            found.append(_Piece(kind, size, place.colour, place.node, position, place.quat))
-    return tuple(found)
+    found: dict[Kind, list[tuple[np.ndarray, _Attached]]] = {kind: [] for kind in Kind}
+    for item in _attached(model, compiled):
+        for kind, size, along in _unit_shapes(int(compiled.geom_type[item.geom]), compiled.geom_size[item.geom]):
+            position = item.position + se3.rotate(item.quat, np.array([0.0, 0.0, along]))
+            found[kind].append((size, replace(item, position=position)))
+    return {kind: pieces for kind, pieces in found.items() if pieces}
 
 
-@dataclass(frozen=True, eq=False)
-class _Placed:
-    """A geometry of a compiled model, fixed to a node of the tree."""
-
-    geom: int
-    colour: Colour
-    node: int
-    position: Float[np.ndarray, "3"]
-    quat: Float[np.ndarray, "4"]
-
-
-def _placed_geometries(model: RobotModel, compiled: mujoco.MjModel) -> Iterator[_Placed]:
+def _attached(model: RobotModel, compiled: mujoco.MjModel) -> Iterator[_Attached]:
     """Yield the geometries that are to be seen."""
     data = mujoco.MjData(compiled)
     data.qpos[:] = model.home_qpos
@@ -153,7 +115,7 @@ def _placed_geometries(model: RobotModel, compiled: mujoco.MjModel) -> Iterator[
             turned = home.node_rotation[:, :, node, 0].T
             position = turned @ (data.geom_xpos[geom] - home.node_position[:, node, 0])
             quat = se3.matrix_to_quat(turned @ data.geom_xmat[geom].reshape(3, 3))
-            yield _Placed(geom, colour, node, position, quat)
+            yield _Attached(geom, colour, node, position, quat)
 
 
 def _colour(compiled: mujoco.MjModel, geom: int) -> tuple[Colour, bool]:

@@ -23,7 +23,7 @@ from hoi_retarget.viewers.scene.human_shapes import human_shapes
 from hoi_retarget.viewers.scene.human_skin import human_skin
 from hoi_retarget.viewers.scene.marks import contact_marks, human_contact_marks, stance_marks
 from hoi_retarget.viewers.scene.object_solid import AXIS_LENGTH, COLOURS, object_axes, object_solid
-from hoi_retarget.viewers.scene.robot_shapes import NodePoses, robot_meshes, robot_shapes
+from hoi_retarget.viewers.scene.robot_shapes import robot_parts, robot_shapes
 
 FREE_SPACE = 0.3  # Between what neighbours reach [m].
 _ARM_REACH = 0.8  # Of a body, around its pelvis [m].
@@ -160,11 +160,9 @@ def _sides(item: Shown) -> tuple[_Side, ...]:
 
 def _robot_side(item: Shown, motion: Motion, model: RobotModel) -> _Side:
     kinematics = model.forward(motion.qpos)
-    poses = NodePoses.of(kinematics)
-    robot = robot_shapes(model, poses) if item.meshes is None else robot_meshes(model, poses, item.meshes)
-    earlier = robot_shapes(model, NodePoses.of(model.forward(motion.ik_qpos)))
+    earlier = robot_shapes(model, model.forward(motion.ik_qpos))
     layers = (
-        Layer("robot", robot),
+        Layer("robot", robot_parts(model, kinematics, item.meshes)),
         Layer("inverse kinematics", tuple(map(_tinted, earlier)), opacity=_IK_OPACITY, shown=False),
         Layer("object", _robot_objects(motion, item.clip)),
         Layer("contacts", contact_marks(motion, kinematics)),
