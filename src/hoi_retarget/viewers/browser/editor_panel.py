@@ -1,7 +1,6 @@
 """The editor's panel: a row for each contact, what can be done to the chosen one and to all, and the figures."""
 
 from collections.abc import Callable
-from html import escape
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -25,6 +24,8 @@ from hoi_retarget.clip.edits import (
 from hoi_retarget.evaluate import COLUMNS, contact_residuals
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.browser.editing import Edited
+from hoi_retarget.viewers.browser.player import MESSAGE
+from hoi_retarget.viewers.html import render
 
 PANEL_WIDTH_PX = 340
 _FIGURES = (
@@ -36,7 +37,6 @@ _FIGURES = (
     "stance_slide_mps",
 )
 _DIGITS = 4  # Of a point's coordinates [m], as they are shown.
-_TABLE_STYLE = "font-size:12px;width:100%;text-align:right;border-spacing:0 1px"
 
 
 @runtime_checkable
@@ -108,9 +108,7 @@ class EditorPanel:
 
     def say(self, text: str, *, wrong: bool = False) -> None:
         """Show what was done, or why it could not be."""
-        colours = "#fdecea;color:#611a15" if wrong else "#eef5fb;color:#1d3c55"
-        style = f"margin:0.5em;padding:0.4em 0.6em;font-size:12px;border-radius:4px;background:{colours}"
-        self._told.content = f'<div class="told" style="{style}">{escape(text)}</div>'
+        self._told.content = render(MESSAGE, kind="wrong" if wrong else "done", text=text)
 
     def show(self, edited: Edited, chosen: Segment | None, *, recorded: Edited, before: Edited | None) -> None:
         """Show the contacts and figures as they are now."""
@@ -225,13 +223,12 @@ def _moved_to(segment: Segment, point: Float[np.ndarray, "3"]) -> Edit:
 
 def _figures_html(recorded: Edited, before: Edited, now: Edited) -> str:
     """Return the figures as recorded, before the last change, and now, for each person."""
-    rows = []
+    rows: list[tuple[str, list[str]]] = []
     for person, name in enumerate(track.name for track in now.clip.people):
         sides = [edited.motions[person].report["figures"] for edited in (recorded, before, now)]
         if len(now.clip.people) > 1:
-            rows.append(f'<tr><th colspan="4" style="text-align:left">{escape(name)}</th></tr>')
+            rows.append((name, []))
         for column in (column for column in COLUMNS if column.name in _FIGURES):
-            cells = "".join(f"<td>{column.text(side[column.name])}</td>" for side in sides)
-            rows.append(f'<tr><td style="text-align:left">{escape(column.header)}</td>{cells}</tr>')
-    head = "<tr><th></th><th>start</th><th>before</th><th>now</th></tr>"
-    return f'<table class="before-after" style="{_TABLE_STYLE}">{head}{"".join(rows)}</table>'
+            rows.append((column.header, [column.text(side[column.name]) for side in sides]))
+    heads = ("start", "before", "now")
+    return render("viewers/browser/page/figures.html.j2", kind="before-after", heads=heads, rows=rows)

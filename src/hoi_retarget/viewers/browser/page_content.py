@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from html import escape
 from pathlib import Path
 
 from hoi_retarget.clip.clip import Clip
@@ -14,18 +13,12 @@ from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers.open import clip_of
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
+from hoi_retarget.viewers.html import render
 from hoi_retarget.viewers.scene.curve_chart import TITLES_HEIGHT_PX, chart_html
 from hoi_retarget.viewers.scene.curves import curves_of
 from hoi_retarget.viewers.scene.drawing import Scene
 from hoi_retarget.viewers.scene.scene import Shown, make_scene
 from hoi_retarget.viewers.scene.titles import titles_of
-
-_TABLE_STYLE = """<style>
-.figures { width: 100%; }
-.figures td, .figures th { padding: 1px 6px 1px 0; font-size: 12px; text-align: right; overflow-wrap: anywhere; }
-.figures td { white-space: nowrap; }
-.figures td:first-child { text-align: left; }
-</style>"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,14 +84,12 @@ def figures_html(shown: Sequence[Shown]) -> str:
     """Return the figures that results carry as a table, one column a result."""
     reports = [_figures(item.motion) for item in shown if item.motion is not None]
     columns = [column for column in COLUMNS if any(column.name in report for report in reports)]
-    head = "".join(f"<th>{escape(item.title)}</th>" for item in shown) if len(shown) > 1 else ""
-    rows = [
-        f"<tr><td>{escape(column.header)}</td>"
-        + "".join(f"<td>{column.text(report.get(column.name))}</td>" for report in reports)
-        + "</tr>"
-        for column in columns
-    ]
-    return f'{_TABLE_STYLE}<table class="figures"><tr><td></td>{head}</tr>{"".join(rows)}</table>'
+    return render(
+        "viewers/browser/page/figures.html.j2",
+        kind="of-results",
+        heads=[item.title for item in shown] if len(shown) > 1 else [],
+        rows=[(column.header, [column.text(report.get(column.name)) for report in reports]) for column in columns],
+    )
 
 
 def _figures(motion: Motion) -> dict[str, float]:

@@ -6,7 +6,6 @@ is to be shown; one thread per browser does all drawing, and ends when the brows
 
 import time
 from collections.abc import Callable
-from html import escape
 from threading import Condition, Thread
 from typing import Literal
 
@@ -17,12 +16,14 @@ from jaxtyping import Float
 from hoi_retarget.viewers.browser.clock import Clock
 from hoi_retarget.viewers.browser.page_content import PageContent
 from hoi_retarget.viewers.browser.viser_scene import ViserScene
+from hoi_retarget.viewers.html import render
 from hoi_retarget.viewers.scene.auto_camera import fit_window
 from hoi_retarget.viewers.scene.curve_chart import LEFT_INSET_PX, RIGHT_INSET_PX
 from hoi_retarget.viewers.scene.drawing import Scene
 from hoi_retarget.viewers.scene.extent import camera_axes, distance_to_see, extents
 
 WORLD = "/world"
+MESSAGE = "viewers/browser/page/message.html.j2"
 SPEEDS = {"0.1x": 0.1, "0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0}
 CURVES_HEIGHT_PX = 245
 _CONTROLS_WIDTH_PX, _PANEL_MARGIN_PX = 320, 15
@@ -144,8 +145,7 @@ class Player:
         gui = self._client.gui
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_CONTROLS_WIDTH_PX)
-        for notice in content.notices:
-            gui.add_html(_notice_html(notice))
+        show_notices(self._client, content)
         with gui.add_folder("Playback"):
             self._button = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="Space")
             self._slider = gui.add_slider("Frame", 0, max(1, self._scene.frames - 1), 1, 0, hint="Arrows, Home, End")
@@ -225,36 +225,19 @@ class Player:
 
 
 def show_notices(client: viser.ClientHandle, content: PageContent) -> None:
-    """Show a page without a scene: what is wrong."""
+    """Show what is wrong or missing."""
     for notice in content.notices:
-        client.gui.add_html(_notice_html(notice))
-
-
-def _notice_html(notice: str) -> str:
-    style = "margin:0.5em;padding:0.5em 0.7em;border-left:4px solid #c0392b;background:#fdecea;color:#611a15"
-    return f'<div class="notice" style="{style}">{escape(notice)}</div>'
+        client.gui.add_html(render(MESSAGE, kind="notice", text=notice))
 
 
 def _chart_html(content: PageContent) -> str:
-    """Return the curves' HTML, with the style that lays the slider that follows it over them."""
-    pixels = CURVES_HEIGHT_PX + content.extra_height_px
-    after, height = "div:has(> .hoi-curves) + div", f"height: {pixels}px !important"
-    others = ("label", ".mantine-NumberInput-root", ".mantine-Slider-markWrapper")
-    hidden = ", ".join(f"{after} {part}" for part in others)
-    # Viser sets sizes on the elements themselves.
-    style = f"""
-{after} {{ position: relative; height: 0; padding: 0; overflow: visible; }}
-{after} * {{ position: static; }}
-{hidden} {{ display: none; }}
-{after} .mantine-Slider-root {{ position: absolute; left: {LEFT_INSET_PX}px; right: {RIGHT_INSET_PX}px;
-  top: -{pixels}px; {height}; padding: 0 !important; z-index: 5; cursor: ew-resize; }}
-{after} .mantine-Slider-trackContainer {{ position: relative !important; {height}; }}
-{after} .mantine-Slider-track {{ position: relative; {height}; margin: 0; }}
-{after} .mantine-Slider-track::before, {after} .mantine-Slider-bar {{ background: transparent !important; }}
-{after} .mantine-Slider-thumb {{ position: absolute; width: 3px !important; {height}; min-width: 0; border: none;
-  border-radius: 0; background: rgba(200, 40, 40, 0.75) !important; }}
-"""
-    return f'<style>{style}</style><div class="hoi-curves" style="height:{pixels}px">{content.chart}</div>'
+    """Return the curves, over which the slider that comes next lies as their cursor."""
+    return render(
+        "viewers/browser/page/curves.html.j2",
+        **{"left_px": LEFT_INSET_PX, "right_px": RIGHT_INSET_PX},
+        height_px=CURVES_HEIGHT_PX + content.extra_height_px,
+        chart=content.chart,
+    )
 
 
 def _add_floor(api: viser.SceneApi) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from hoi_retarget.numerics import se3
 from hoi_retarget.viewers.scene.auto_camera import FittedCamera
 from hoi_retarget.viewers.scene.drawing import Kind, Layer, Lines, Part, Scene, Shapes, Solid, Subject
 
@@ -73,9 +74,7 @@ class _Numbers:
 
     def add_turns(self, quats: Float[np.ndarray, "T N 4"]) -> dict[str, Any]:
         """Add rotations, without the jumps of sign that mean nothing."""
-        same = np.einsum("tni,tni->tn", quats[1:], quats[:-1]) >= 0
-        signs = np.cumprod(np.where(same, 1.0, -1.0), axis=0)
-        return self.add(np.concatenate([quats[:1], signs[:, :, None] * quats[1:]]), _TURN_STEP)
+        return self.add(se3.quat_continuous(quats), _TURN_STEP)
 
 
 def _subject(numbers: _Numbers, subject: Subject) -> dict[str, Any]:
