@@ -2,12 +2,9 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.numerics import se3
 from hoi_retarget.readers.open import clip_of
 from hoi_retarget.report.load_any_motion import open_motion
 from hoi_retarget.robots import robot
@@ -34,11 +31,11 @@ def picture_of(path: Path, foreign_robot: RobotModel, *, objects: Path | None = 
         motion = open_motion(path, foreign_robot).motion
         model = load_model(robot(motion.robot))
         clip = _clip(motion, objects)
-        scene = make_scene([Shown(path.stem, motion, model, clip, motion.person)])
-        ahead = se3.rotate(motion.qpos[:, 3:7], np.array([1.0, 0.0, 0.0])).mean(axis=0)[:2]
+        shown = Shown(path.stem, motion, model, clip, motion.person)
+        scene = make_scene([shown])
     except HoiRetargetError:
         return None
-    return thumbnail(scene, worst_frame(motion), fit_camera(scene, ahead))
+    return thumbnail(scene, worst_frame(motion), fit_camera(scene, shown.ahead))
 
 
 def worst_frame(motion: Motion) -> int:

@@ -39,6 +39,11 @@ class Shapes:
     visible: Bool[np.ndarray, "T N"] | None = None
     """Which copies are there in which frame; None for all of them always."""
 
+    @property
+    def count(self) -> int:
+        """Number of copies N."""
+        return len(self.sizes)
+
 
 @dataclass(frozen=True, eq=False)
 class Solid:
@@ -52,6 +57,7 @@ class Solid:
     """[m]"""
     quats: Float[np.ndarray, "T 4"]
     """wxyz"""
+    count = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +69,11 @@ class Lines:
     ends: Float[np.ndarray, "T N 3"]
     colours: UInt8[np.ndarray, "T N 3"]
     visible: Bool[np.ndarray, "T N"]
+
+    @property
+    def count(self) -> int:
+        """Number of lines N."""
+        return self.starts.shape[1]
 
 
 Part = Shapes | Solid | Lines

@@ -17,6 +17,7 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.evaluate.view import check_joints
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.scene.drawing import Colour, Layer, Lines, Part, Scene, Shapes, Solid, Subject
 from hoi_retarget.viewers.scene.human_shapes import human_shapes
@@ -68,6 +69,14 @@ class Shown:
                     f"{self.title}: the result has {result[0]} frames and {result[1]} objects, the clip {clip.name!r} "
                     f"{recorded[0]} and {recorded[1]}. Name the clip that the result was made from."
                 )
+
+    @property
+    def ahead(self) -> Float[np.ndarray, "2"]:
+        """Where the robot faces on the whole, or the person without one, seen from above; of any length."""
+        if self.motion is not None:
+            return se3.rotate(self.motion.qpos[:, 3:7], np.array([1.0, 0.0, 0.0])).mean(axis=0)[:2]
+        assert self.clip is not None, "one of the two is there"
+        return se3.rotate(self.clip.people[self.person].quat("pelvis"), np.array([0.0, 0.0, 1.0])).mean(axis=0)[:2]
 
 
 def make_scene(shown: Sequence[Shown], *, apart: float | Literal["auto"] = "auto") -> Scene:

@@ -87,18 +87,8 @@ def _subject(numbers: _Numbers, subject: Subject) -> dict[str, Any]:
 
 
 def _layer(numbers: _Numbers, layer: Layer, stride: int) -> dict[str, Any]:
-    parts = [_part(numbers, part, stride) for part in layer.parts if _count(part)]
+    parts = [_part(numbers, part, stride) for part in layer.parts if part.count]
     return {"name": layer.name, "opacity": layer.opacity, "shown": layer.shown, "parts": parts}
-
-
-def _count(part: Part) -> int:
-    match part:
-        case Shapes():
-            return len(part.sizes)
-        case Solid():
-            return 1
-        case Lines():
-            return part.starts.shape[1]
 
 
 def _part(numbers: _Numbers, part: Part, stride: int) -> dict[str, Any]:
@@ -135,7 +125,7 @@ def _part(numbers: _Numbers, part: Part, stride: int) -> dict[str, Any]:
             }
     if visible is not None and not visible.all():
         kind["visible"] = numbers.add(visible[::stride], 1.0)
-    return {"count": _count(part), **kind}
+    return {"count": part.count, **kind}
 
 
 def _ordered(faces: Int[np.ndarray, "F 3"]) -> Int[np.ndarray, "F 3"]:

@@ -10,11 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
-
 from hoi_retarget.errors import ArgumentError, DrawingError, WriteError
-from hoi_retarget.motion.motion import Motion
-from hoi_retarget.numerics import se3
 from hoi_retarget.viewers.offscreen.thumbnail import representative_frame, thumbnail
 from hoi_retarget.viewers.scene.auto_camera import fit_camera
 from hoi_retarget.viewers.scene.curve_chart import chart_html
@@ -45,7 +41,7 @@ class Gallery:
         """
         assert shown.model is not None
         scene = make_scene([shown])
-        fitted = fit_camera(scene, _ahead(entry.motion))
+        fitted = fit_camera(scene, shown.ahead)
         curves = chart_html([(entry.title, curves_of(entry.motion, shown.model))], scene.fps, chart_height_px=44)
         taken = ("index", *(Path(page).stem for _, page, _ in self._entries))
         name = file_name(entry.title, taken)
@@ -150,8 +146,3 @@ def _replace(new: Path, out: Path, old: Path) -> None:
 
 def _cannot(out: Path, error: OSError) -> WriteError:
     return WriteError(f"--out {out}: cannot be written ({error.strerror or error}). Choose another folder.")
-
-
-def _ahead(motion: Motion) -> np.ndarray:
-    """Return where the robot faces on the whole, seen from above."""
-    return se3.rotate(motion.qpos[:, 3:7], np.array([1.0, 0.0, 0.0])).mean(axis=0)[:2]
