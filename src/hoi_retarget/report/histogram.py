@@ -1,4 +1,4 @@
-"""How one figure is distributed over all motions: a small picture with its thresholds drawn."""
+"""Histogram of one figure over all motions, as a small picture with its thresholds."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -44,7 +44,7 @@ def histogram(threshold: Threshold, values: Sequence[float]) -> str:
 
 
 class _Axis:
-    """From values to places; where higher is better, it is the lower end that is cut."""
+    """Axis of a histogram, good values at the left; its bad end may be cut."""
 
     def __init__(self, threshold: Threshold, values: Sequence[float]) -> None:
         self._column = threshold.column

@@ -42,7 +42,7 @@ class Table:
     heads: Mapping[str, str]
     """Name of each column, and what its cells are: `number`, `soft` or nothing of these."""
     rows: Sequence[Sequence[Any]]
-    """What its cells show."""
+    """Contents of the cells."""
 
 
 def report_page(title: str, rows: Sequence[Row], pictures: Mapping[str, bytes]) -> str:

@@ -34,7 +34,7 @@ _NEW_SECONDS = 0.5  # Length of a contact that is added.
 
 @dataclass(frozen=True)
 class Places:
-    """Where the editor's work goes; a browser chooses none of it."""
+    """Destinations of the editor's work; a browser chooses none of them."""
 
     edits: Path
     """The edits' file."""
@@ -71,17 +71,17 @@ class Editor:
 
     @property
     def edited(self) -> Edited:
-        """Where the work stands."""
+        """The current state of the work."""
         return self._editing.now
 
     @property
     def frame(self) -> int:
-        """The frame that is shown now."""
+        """The current frame."""
         return self._player.frame
 
     @property
     def chosen(self) -> Segment | None:
-        """The segment that is being changed."""
+        """The chosen segment; None where there is none."""
         return self._chosen_of(self._editing.now.segments)
 
     # What the browser asks for.

@@ -41,11 +41,11 @@ _DIGITS = 4  # Of a point's coordinates [m], as they are shown.
 
 @runtime_checkable
 class Asked(Protocol):
-    """Who does what the panel asks for: `editor.Editor`."""
+    """The editor as its panel sees it (`editor.Editor`)."""
 
     @property
     def frame(self) -> int:
-        """The frame that is shown now."""
+        """The current frame."""
         ...
 
     def choose(self, index: int) -> None:

@@ -1,4 +1,4 @@
-"""Result files to what a page shows of them: each on its own, so that one that is damaged hides no other."""
+"""Content of a viewer's page, read from result files one by one: a damaged one hides no other."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -23,22 +23,22 @@ from hoi_retarget.viewers.scene.titles import titles_of
 
 @dataclass(frozen=True, eq=False)
 class PageContent:
-    """What a browser is shown."""
+    """Scene, curves, figures and notices of a page."""
 
     scene: Scene | None
     """None where nothing could be read."""
     chart: str = ""
     """HTML of the curves (`curve_chart`)."""
     extra_height_px: int = 0
-    """How much higher than one result's curves it is."""
+    """Height of the chart beyond that of one result's curves."""
     figures: str = ""
     """HTML of the figures' table."""
     notices: tuple[str, ...] = ()
-    """What is wrong or missing, a sentence each."""
+    """Problems with the files, a sentence each."""
 
 
 def load_page_content(results: Sequence[Path], find_clip: Callable[..., Clip] = clip_of) -> PageContent:
-    """Return what there is to see of result files; what cannot be read becomes a notice.
+    """Return the content for result files; one that cannot be read becomes a notice.
 
     Args:
         results: Result files.
@@ -60,7 +60,7 @@ def load_page_content(results: Sequence[Path], find_clip: Callable[..., Clip] = 
 
 
 def page_content(shown: Sequence[Shown], notices: tuple[str, ...] = ()) -> PageContent:
-    """Return what there is to see of results and clips; raises what `make_scene` raises."""
+    """Return the content for results and clips; raises what `make_scene` raises."""
     scene = make_scene(shown)
     curves = [(item.title, curves_of(item.motion, item.model)) for item in shown if item.motion and item.model]
     extra = TITLES_HEIGHT_PX if len(shown) > 1 else 0

@@ -61,7 +61,7 @@ class Player:
 
     @property
     def frame(self) -> int:
-        """The frame that is shown now."""
+        """The current frame."""
         return self._clock.frame(time.monotonic())
 
     def stop(self) -> None:
@@ -225,7 +225,7 @@ class Player:
 
 
 def show_notices(client: viser.ClientHandle, content: PageContent) -> None:
-    """Show what is wrong or missing."""
+    """Show the notices of a page."""
     for notice in content.notices:
         client.gui.add_html(render(MESSAGE, kind="notice", text=notice))
 

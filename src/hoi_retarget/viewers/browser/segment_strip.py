@@ -1,4 +1,4 @@
-"""Who touches what when: a row of bars for each part, on the time axis of the curves."""
+"""Bars of the contacts over time: a row for each part, on the time axis of the curves."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""A camera that is placed by what it sees: all of it in the picture, and people side by side."""
+"""Automatic cameras: the whole scene in the picture, and people side by side."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from hoi_retarget.viewers.scene.drawing import Scene
 from hoi_retarget.viewers.scene.extent import Extent, camera_axes, distance_to_see, extents
 
 ELEVATION = 0.2
-"""How far above the horizon the camera stands [rad]."""
+"""Of the camera above the horizon [rad]."""
 _LEFT_OUT = 2.5  # Share of the frames that may leave the picture, to each side [%].
 
 
@@ -20,13 +20,13 @@ class FittedCamera:
     """A direction from which to look, and the window in which the scene is seen from there."""
 
     azimuth: float
-    """Of the camera about what it looks at, from the x axis towards the y axis [rad]."""
+    """Of the camera about its target, from the x axis towards the y axis [rad]."""
     elevation: float
     """[rad]"""
     shift: Float[np.ndarray, "3"]
-    """From the centre that it follows to the middle of what is seen [m]."""
+    """From the followed centre to the middle of the scene, as seen from there [m]."""
     reaches: Float[np.ndarray, "K 3"]
-    """Of each thing: how far it reaches to a side, up or down, and towards the camera from that middle [m]."""
+    """Of each part: its reach to a side, up or down, and towards the camera from that middle [m]."""
 
     def distance(self, aspect: float, field_of_view: float) -> float:
         """Return from how far [m] a picture of some width over height and a vertical field of view [rad] sees it."""
@@ -64,7 +64,7 @@ def fit_camera(scene: Scene, ahead: Float[np.ndarray, "2"]) -> FittedCamera:
 def fit_window(
     seen: Sequence[Extent], axes: Float[np.ndarray, "3 3"], left_out: float = 0.0
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "K 3"]]:
-    """Return the middle of what is seen, from the point that is followed, and each thing's reaches from there [m].
+    """Return the middle of all extents, from the followed point, and the reaches of each from there [m].
 
     Args:
         seen: The things.

@@ -18,21 +18,21 @@ _AT_HAND = 1.3  # What is farther to the side of whom the camera follows may be 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """Where one picture is taken from."""
+    """Camera of one picture."""
 
     point: Float[np.ndarray, "3"]
-    """What it looks at [m]."""
+    """Target [m]."""
     distance: float
     """[m]"""
     azimuth: float
-    """Which way it looks, from the x axis towards the y axis [deg]."""
+    """Viewing direction, from the x axis towards the y axis [deg]."""
     elevation: float
     """[deg]; negative looks down."""
 
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """How a camera looks at a scene over time."""
+    """Direction, distance and motion of a camera over a film."""
 
     azimuth: float
     """[deg]"""

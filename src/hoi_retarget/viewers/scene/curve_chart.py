@@ -107,7 +107,7 @@ def _colour(number: int) -> str:
 
 
 def _passes(curve: Curve) -> Iterator[tuple[Float[np.ndarray, "T"], float]]:
-    """Yield what is drawn of a curve, and how wide [px]: what counts is drawn over it once more."""
+    """Yield the strokes of a curve and their widths [px]: counted frames are drawn over it once more."""
     if curve.counted is None:
         yield curve.values, 1.4
     else:

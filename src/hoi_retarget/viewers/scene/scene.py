@@ -1,4 +1,4 @@
-"""From clips and results to a `Scene`: each in its own place on one floor, beside the others.
+"""Builds a `Scene` of clips and results: each in its own place on one floor, beside the others.
 
 A result stands where it was computed, the human it follows one place further, the next result one
 more. Robots that move the same objects of one clip share a place and the objects.
@@ -37,7 +37,7 @@ _NEAR = 1.0  # An object farther from the pelvis draws the camera no more than o
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What is to be seen: a motion with its robot, the clip it was made from, or both.
+    """An item to show: a motion with its robot, the clip it was made from, or both.
 
     Raises `ArgumentError` when there is neither, a motion without its robot, a person whom the clip
     does not have, or a clip that the motion was not made from; `RobotError` for another robot's motion.
@@ -48,7 +48,7 @@ class Shown:
     model: RobotModel | None = None
     clip: Clip | None = None
     person: int = 0
-    """Which of the clip's people."""
+    """Index among the clip's people."""
     meshes: Path | None = None
     """Folder with the files of the robot's vendor meshes; None draws the primitives."""
 
@@ -72,7 +72,7 @@ class Shown:
 
     @property
     def ahead(self) -> Float[np.ndarray, "2"]:
-        """Where the robot faces on the whole, or the person without one, seen from above; of any length."""
+        """Mean horizontal direction that the robot faces, or the person without one; of any length."""
         if self.motion is not None:
             return se3.rotate(self.motion.qpos[:, 3:7], np.array([1.0, 0.0, 0.0])).mean(axis=0)[:2]
         assert self.clip is not None, "one of the two is there"
@@ -80,7 +80,7 @@ class Shown:
 
 
 def make_scene(shown: Sequence[Shown], *, apart: float | Literal["auto"] = "auto") -> Scene:
-    """Return what is drawn of results and clips, one subject for each.
+    """Return the scene of results and clips, one subject for each.
 
     Args:
         shown: What to draw, in the order of the places.
@@ -149,7 +149,7 @@ def _origin(motion: Motion) -> tuple[object, object]:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """What stands in one place: a robot or a human, with the objects."""
+    """A robot or a human with its objects, in one place of the scene."""
 
     name: str
     fps: float
@@ -260,7 +260,7 @@ def _moved_part(part: Part, shift: Float[np.ndarray, "3"]) -> Part:
 
 
 def _centre(side: _Side) -> Float[np.ndarray, "T 3"]:
-    """Return a calm path between the pelvis and the object that is nearest most of the time [m]."""
+    """Return a smooth path between the pelvis and the object nearest on average [m]."""
     centre = side.pelvis
     if side.objects.shape[1]:
         away = side.objects[..., :2] - side.pelvis[:, None, :2]

@@ -34,9 +34,9 @@ class GalleryEntry:
     spec: RobotSpec
     score: Score
     complaints: tuple[str, ...] = ()
-    """What is not right with it, a sentence each."""
+    """Warnings about it, a sentence each."""
     command: str = ""
-    """How to make it again; empty where nobody knows."""
+    """The command that makes it again; empty where it is not known."""
 
 
 def file_name(title: str, taken: Iterable[str]) -> str:
