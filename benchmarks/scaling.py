@@ -14,8 +14,8 @@ import numpy as np
 import tyro
 from common import Source, model_of, peak_memory, pin_threads, run_fresh, show, tiled, write_json
 
-from hoi_retarget.retarget.pipeline import Config, retarget
-from hoi_retarget.retarget.trajopt.windows import parse_horizon
+from hoi_retarget.retarget.config import Config, parse_horizon
+from hoi_retarget.retarget.pipeline import retarget
 
 
 @dataclass(frozen=True)
@@ -37,12 +37,12 @@ def measure(arguments: Arguments, frames: int, horizon: str) -> dict[str, Any]:
     start = time.process_time()
     result = retarget(clip, model, Config(horizon=parse_horizon(horizon)))
     total = time.process_time() - start
-    windows = result.report["windows"]
+    windows = result.stages[-1].windows
     return {
         "horizon": horizon,
         "frames": frames,
-        "seconds": result.report["cpu_seconds"] | {"all": total},
-        "iterations": sum(window["iterations"] for window in windows),
+        "seconds": {**result.report.cpu_seconds, "all": total},
+        "iterations": sum(window.iterations for window in windows),
         "windows": len(windows),
         "megabytes": peak_memory(),
         "megabytes_of_imports": loaded,

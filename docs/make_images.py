@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from hoi_retarget.retarget.config import Config
 from hoi_retarget.retarget.multi_person import retarget_people
-from hoi_retarget.retarget.pipeline import Config
 from hoi_retarget.robots import team
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import make

@@ -9,7 +9,8 @@ import pytest
 from browser import chromium, frame_box, open_page, scene_pixels, shown_frame, wait_until
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.motion.result_file import save
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.config import Config
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.synthetic import make
 from trajectories import MODELS
 
@@ -26,9 +27,9 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 def result(tmp_path_factory):
     clip = make("carry_box", seconds=4.0)
     motion = retarget(clip, MODELS["unitree_g1"], Config())
-    source = {**motion.report["source"], "path": ""}
+    source = replace(motion.report.source, path="")
     path = tmp_path_factory.mktemp("results") / "carry_box.npz"
-    save(replace(motion, report={**motion.report, "source": source}), path)
+    save(replace(motion, report=replace(motion.report, source=source)), path)
     return path, clip
 
 

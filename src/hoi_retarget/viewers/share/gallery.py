@@ -4,7 +4,6 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PureWindowsPath
-from typing import Any
 
 from hoi_retarget.evaluate import COLUMNS, Score, mean_values
 from hoi_retarget.evaluate.table import scales_text
@@ -33,7 +32,7 @@ class GalleryEntry:
     motion: Motion
     spec: RobotSpec
     score: Score
-    complaints: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     """Warnings about it, a sentence each."""
     command: str = ""
     """The command that makes it again; empty where it is not known."""
@@ -69,7 +68,7 @@ def clip_page(entry: GalleryEntry, *, scene: str, curves: str, gallery: str) -> 
         curves=curves,
         left_px=LEFT_INSET_PX,
         right_px=RIGHT_INSET_PX,
-        warnings=entry.complaints,
+        warnings=entry.warnings,
         figures=[(column.title, column.text(values[column.name]), column.unit) for column in COLUMNS],
         facts=_facts(entry),
         command=entry.command,
@@ -90,7 +89,7 @@ def index_page(title: str, entries: Sequence[tuple[GalleryEntry, str, str | None
                 "summary": _summary(entry),
                 # A card is narrow.
                 "figures": [(name.removeprefix("floor "), value) for name, value in _on_card(entry.score.values())],
-                "licence": _source(entry.motion, "licence"),
+                "licence": entry.motion.report.source.licence,
             }
             for entry, page, picture in entries
         ],
@@ -124,10 +123,10 @@ def _facts(entry: GalleryEntry) -> dict[str, str]:
     stride = stride_of(motion.frames)
     return {
         "robot": entry.spec.title,
-        "recording": _last_name(_source(motion, "path")),
-        "format": _source(motion, "format"),
-        "licence": _source(motion, "licence"),
-        "contacts": "edited" if _source(motion, "contact_edits") else "",
+        "recording": _last_name(motion.report.source.path),
+        "format": motion.report.source.format,
+        "licence": motion.report.source.licence,
+        "contacts": "edited" if motion.report.source.contact_edits else "",
         "objects": ", ".join(motion.object_names),
         "object scale": scales_text(motion.object_scale) if motion.object_names else "",
         "root scale": f"{score.root_scale:.3f}" if score.root_scale is not None else "",
@@ -135,12 +134,6 @@ def _facts(entry: GalleryEntry) -> dict[str, str]:
         "frames": f"{motion.frames} at {motion.fps:g} a second",
         "played": f"one frame in {stride}; what lies between is interpolated" if stride > 1 else "",
     }
-
-
-def _source(motion: Motion, key: str) -> str:
-    """Return what the report says of the source; that of another version may have anything there."""
-    source: Any = motion.report.get("source")
-    return str(source.get(key) or "") if isinstance(source, dict) else ""
 
 
 def _last_name(path: str) -> str:
