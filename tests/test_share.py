@@ -172,7 +172,7 @@ def carried_scene() -> Scene:
 
 
 def entry(motion: Motion, *, title: str = "carry", **more) -> GalleryEntry:
-    nothing = Figures(*[None] * len(Figures.__dataclass_fields__))
+    nothing = dict.fromkeys(Figures.__dataclass_fields__)
     return GalleryEntry(title, motion, G1.spec, Score(title, nothing, motion.frames, root_scale=0.75), **more)
 
 
