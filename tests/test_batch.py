@@ -263,7 +263,7 @@ def test_the_manifest_tells_where_each_result_is_from(folder):
     assert again.frames == motion.frames == first.frames
 
 
-def test_people_of_one_clip_are_one_job(folder):
+def test_people_of_one_clip_are_one_job(quick):
     summary = batch(clips=("builtin:carry_table",))
     (entry,) = summary.entries
     assert [result.path for result in entry.results] == [f"unitree_g1/carry_table.p{person}.npz" for person in (0, 1)]

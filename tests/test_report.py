@@ -35,7 +35,7 @@ from test_curves import G1, carried
 
 NASTY = """<script>alert("1")</script>&'$title'<img src=x onerror=alert(2)>"""
 BLANK = asdict(ManifestEntry("", "solved", "unitree_g1", ManifestSource(), scales={}, lineage={}))
-PIXEL = (".png", b"\x89PNG")
+PIXEL = b"\x89PNG"
 
 
 def with_figures(motion: Motion, **figures: float | None) -> Motion:

@@ -3,15 +3,14 @@
 import base64
 import functools
 import gzip
+import html
 import json
 import os
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -21,24 +20,26 @@ from hypothesis import strategies as st
 from browser import chromium, wait_until
 from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import Source
-from hoi_retarget.errors import ArgumentError, HoiRetargetError
+from hoi_retarget.errors import ArgumentError, DrawingError, HoiRetargetError
 from hoi_retarget.evaluate import Figures, Score
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.report import Report
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.numerics import se3
 from hoi_retarget.synthetic import make
-from hoi_retarget.viewers.offscreen import thumbnail as thumbnail_module
-from hoi_retarget.viewers.offscreen.thumbnail import representative_frame, thumbnail
+from hoi_retarget.viewers.offscreen.robot_picture import png
+from hoi_retarget.viewers.offscreen.thumbnail import representative_frame
 from hoi_retarget.viewers.scene.auto_camera import fit_camera
 from hoi_retarget.viewers.scene.drawing import Kind, Layer, Lines, Scene, Shapes, Solid, Subject
 from hoi_retarget.viewers.scene.scene import Shown, make_scene
+from hoi_retarget.viewers.share import share
 from hoi_retarget.viewers.share.gallery import GalleryEntry, clip_page, file_name, index_page
 from hoi_retarget.viewers.share.packed_scene import LARGEST_FRAMES, POSITION_STEP, pack
 from hoi_retarget.viewers.share.share import LISTING, gallery_in
 from test_curves import G1, carried, random_motion
 
 AHEAD = np.array([1.0, 0.0])
+PIXELS = png(np.full((405, 720, 3), 200, np.uint8))
 NASTY = """<script>alert("1")</script> & '$title' </script><img src=x onerror=alert(2)>"""
 
 
@@ -171,7 +172,7 @@ def carried_scene() -> Scene:
 
 
 def entry(motion: Motion, *, title: str = "carry", **more) -> GalleryEntry:
-    nothing = Figures(*[None] * len(Figures.__dataclass_fields__))
+    nothing = dict.fromkeys(Figures.__dataclass_fields__)
     return GalleryEntry(title, motion, G1.spec, Score(title, nothing, motion.frames, root_scale=0.75), **more)
 
 
@@ -225,20 +226,28 @@ def test_pages_load_nothing() -> None:
 # Pictures.
 
 
-def test_a_sketch_takes_the_place_of_what_cannot_be_rendered(monkeypatch: pytest.MonkeyPatch) -> None:
-    @contextmanager
-    def blind(*_: object) -> Iterator[None]:
-        raise HoiRetargetError("no way to draw")
-        yield
+def test_a_machine_that_cannot_draw_makes_the_same_pages_without_pictures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def blind(*_: object) -> bytes:
+        raise DrawingError("This machine cannot draw. Install a way to draw.")
 
-    monkeypatch.setattr(thumbnail_module, "offscreen_renderer", blind)
-    scene = carried_scene()
-    ending, drawn = thumbnail(scene, 150, fit_camera(scene, AHEAD))
-    assert ending == ".svg" and len(drawn) < 200_000
-    tags = [element.tag.rpartition("}")[2] for element in ElementTree.fromstring(drawn).iter()]
-    shapes = [part for layer in scene.subjects[0].layers if layer.shown for part in layer.parts]
-    balls = sum(len(part.sizes) for part in shapes if isinstance(part, Shapes) and part.kind is Kind.SPHERE)
-    assert 0.9 * balls <= tags.count("ellipse") <= balls, "but for balls that are not there in this frame"
+    results = [written(tmp_path, name) for name in ("one.npz", "two.npz")]
+    words = [*map(str, results), "--out", str(tmp_path / "out")]
+    monkeypatch.setattr(share, "thumbnail", lambda *_: PIXELS)
+    assert main(["share", *words]) == 0
+    seen = {path.name: path.read_bytes() for path in (tmp_path / "out").glob("*.html")}
+    assert seen.pop("index.html").count(b"<img") == 2
+    assert (tmp_path / "out" / "one.png").read_bytes() == PIXELS
+    monkeypatch.setattr(share, "thumbnail", blind)
+    capsys.readouterr()
+    assert main(["share", *words]) == 0
+    assert capsys.readouterr().err.count("Install a way to draw") == 1, "it is said once"
+    pages = {path.name: path.read_bytes() for path in (tmp_path / "out").glob("*.html")}
+    index = pages.pop("index.html")
+    assert pages == seen
+    assert b"<img" not in index and index.count(b'class="card"') == 2
+    assert not list((tmp_path / "out").glob("*.png"))
 
 
 def test_the_representative_frame_lies_in_the_longest_contact() -> None:
@@ -318,7 +327,8 @@ def test_share_writes_pages_of_results(tmp_path: Path, capsys: pytest.CaptureFix
     assert main(["share", str(result), "--out", str(tmp_path / "out"), "--title", "Two <boxes>"]) == 0
     assert "index.html" in capsys.readouterr().out
     page = (tmp_path / "out" / "carry_box.html").read_text()
-    assert "hoi-retarget run &#x27;jane&#x27;&quot;&#x27;&quot;&#x27;s.pt&#x27; --objects objects --out results" in page
+    assert "jane's" not in page
+    assert """hoi-retarget run 'jane'"'"'s.pt' --objects objects --out results""" in html.unescape(page)
     assert "human&#x27;s object" in page or "human's object" in page
     index = (tmp_path / "out" / "index.html").read_text()
     assert "<h1>Two &lt;boxes&gt;</h1>" in index
@@ -390,7 +400,10 @@ def pixels(picture: bytes) -> np.ndarray:
 
 @pytest.mark.browser
 @pytest.mark.slow
-def test_a_gallery_plays_from_its_folder_without_a_network(browser, tmp_path: Path) -> None:
+def test_a_gallery_plays_from_its_folder_without_a_network(
+    browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(share, "thumbnail", lambda *_: PIXELS)
     motion = carried()
     with gallery_in(tmp_path / "out", NASTY) as gallery:
         gallery.add(entry(motion, title=NASTY, warnings=(NASTY,)), Shown(NASTY, motion, G1, make("carry_box")))

@@ -10,6 +10,7 @@ Each message says what is wrong, where, what exists or was expected, and what to
     ├── BodyModelError     a recording needs a body model that was not given
     ├── RobotError         a robot's model lacks a frame, a limit or a joint that its roles need
     ├── SolveError         a solve ended without a usable trajectory
+    ├── DrawingError       a picture was asked for on a machine that cannot draw without a screen
     └── WriteError         a result could not be written; nothing half-written is left behind
 
 The command line exits with 2 for an `ArgumentError` and with 1 for the others.
@@ -46,6 +47,10 @@ class RobotError(HoiRetargetError):
 
 class SolveError(HoiRetargetError):
     """A solve ended without a usable trajectory."""
+
+
+class DrawingError(HoiRetargetError):
+    """This machine has no way to draw without a screen."""
 
 
 class WriteError(HoiRetargetError):

@@ -7,13 +7,13 @@ from pathlib import Path
 from hoi_retarget.cli.commands import Report
 from hoi_retarget.cli.jobs import check_inputs_kept, check_writable
 from hoi_retarget.cli.terminal import Working, say, show_table, warn
-from hoi_retarget.errors import ArgumentError
+from hoi_retarget.errors import ArgumentError, DrawingError
 from hoi_retarget.evaluate.thresholds import Level
 from hoi_retarget.files.atomic import write_together
 from hoi_retarget.report.batches import summarize_manifests
 from hoi_retarget.report.discover import find
 from hoi_retarget.report.index import to_csv, to_json, to_parquet
-from hoi_retarget.report.page import Picture, report_page
+from hoi_retarget.report.page import report_page
 from hoi_retarget.report.pictures import picture_of
 from hoi_retarget.report.rows import Row, read_row, worst_first
 from hoi_retarget.robots import load_robot
@@ -40,7 +40,12 @@ def execute(command: Report) -> int:
             rows.append(read_row(file, model, summary.lineages.get(file.path.resolve())))
             working.advance()
         working.describe("drawing")
-        pictures = _pictures(rows, model, command.objects)
+        try:
+            pictures = _pictures(rows, model, command.objects)
+        except DrawingError as error:
+            pictures = {}
+            with working.aside():
+                warn(f"The page has no pictures. {error}")
     rows.sort(key=lambda row: row.file)
     _write(command.out, command.title, rows, pictures)
     _summarize(rows)
@@ -49,8 +54,8 @@ def execute(command: Report) -> int:
     return 1 if command.strict and bad else 0
 
 
-def _pictures(rows: Sequence[Row], model: RobotModel, objects: Path | None) -> dict[str, Picture]:
-    drawn: dict[str, Picture] = {}
+def _pictures(rows: Sequence[Row], model: RobotModel, objects: Path | None) -> dict[str, bytes]:
+    drawn: dict[str, bytes] = {}
     for row in _to_draw(rows):
         picture = picture_of(row.path, model, objects=objects) if row.path is not None else None
         if picture is not None:
@@ -64,7 +69,7 @@ def _to_draw(rows: Sequence[Row]) -> Sequence[Row]:
     return [row for row in ordered if row.level is not Level.PASS][:PICTURES] or ordered[:_PASSING_PICTURES]
 
 
-def _write(out: Path, title: str, rows: Sequence[Row], pictures: dict[str, Picture]) -> None:
+def _write(out: Path, title: str, rows: Sequence[Row], pictures: dict[str, bytes]) -> None:
     contents = {
         out / _PAGE: report_page(title, rows, pictures).encode("utf-8", "replace"),
         out / _TABLE: to_csv(rows),

@@ -35,6 +35,8 @@ def execute(command: Share) -> int:
             shown = Shown(path.stem, motion, model, clip, motion.person)
             gallery.add(_entry(path, motion, model), shown)
             working.advance()
+    if gallery.without_pictures:
+        warn(f"The cards have no pictures. {gallery.without_pictures}")
     count = len(command.results)
     say(f"{count} motion{'s' if count > 1 else ''} in {command.out}: open {command.out / 'index.html'} in a browser.")
     return 0

@@ -1,4 +1,4 @@
-"""What a batch's manifest adds to its results: what was done to their recordings, and the jobs that have none."""
+"""Batches' manifests: changes to the recordings of their results, and jobs without results."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Which files a report is about: those that are named, and those in folders, each one once."""
+"""Discovery of a report's files: named ones and ones in folders, each once."""
 
 import os
 from collections.abc import Iterator, Sequence
@@ -8,10 +8,10 @@ from pathlib import Path
 from hoi_retarget.errors import ArgumentError
 
 MANIFEST = "manifest.jsonl"
-"""What a batch tells of its jobs, in the folder of its results."""
+"""A batch's manifest, in the folder of its results."""
 _SUFFIXES = (".npz", ".pkl", ".csv")
 _CONTACTS = ".contacts.npz"
-"""What an export has beside a motion whose format has no room for contacts."""
+"""Ending of the contacts beside an exported motion whose format has no room for them."""
 _OWN = ("index.csv", "verdicts.json")
 """Beside each other they tell a folder that a report was written into."""
 
@@ -27,7 +27,7 @@ class Found:
 
 @dataclass(frozen=True)
 class Files:
-    """What was found."""
+    """Motions and manifests of a report."""
 
     motions: tuple[Found, ...]
     """In order of their names."""

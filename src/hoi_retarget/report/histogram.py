@@ -1,11 +1,12 @@
-"""How one figure is distributed over all motions: a small picture with its thresholds drawn."""
+"""Histogram of one figure over all motions, as a small picture with its thresholds."""
 
-from collections.abc import Sequence
-from html import escape
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from hoi_retarget.evaluate.thresholds import Level, Threshold
+from hoi_retarget.viewers.html import render
 
 WIDTH, HEIGHT = 264, 124  # [px]
 _LEFT, _RIGHT, _TOP, _BOTTOM = 6, 6, 18, 18  # Around the bars [px].
@@ -26,22 +27,24 @@ def histogram(threshold: Threshold, values: Sequence[float]) -> str:
     bins = [axis.bin_of(value) for value in values]
     counts = np.zeros((_BINS, len(Level)), dtype=int)
     np.add.at(counts, (bins, levels), 1)
-    marks = [_mark(axis, Level.WARN, threshold.warn)]
-    if threshold.fail is not None:
-        marks.append(_mark(axis, Level.FAIL, threshold.fail))
+    limits = {Level.WARN: threshold.warn, Level.FAIL: threshold.fail}
     low, high = axis.labels()
-    base = HEIGHT - _BOTTOM
-    return (
-        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(threshold.column.header)}">'
-        f"{_bars(counts)}{''.join(marks)}"
-        f'<path class="axis" d="M{_LEFT} {base}.5H{WIDTH - _RIGHT}"/>'
-        f'<text x="{_LEFT}" y="{HEIGHT - 5}">{escape(low)}</text>'
-        f'<text class="end" x="{WIDTH - _RIGHT}" y="{HEIGHT - 5}">{escape(high)}</text></svg>'
+    return render(
+        "report/page/histogram.svg.j2",
+        header=threshold.column.header,
+        **{"width": WIDTH, "height": HEIGHT, "top": _TOP, "base": HEIGHT - _BOTTOM},
+        **{"left": _LEFT, "right": WIDTH - _RIGHT, "low": low, "high": high},
+        bars=_bars(counts),
+        marks=[
+            _mark(level, axis.share(limit))
+            for level, limit in limits.items()
+            if limit is not None and axis.share(limit) < 1.0
+        ],
     )
 
 
 class _Axis:
-    """From values to places; where higher is better, it is the lower end that is cut."""
+    """Axis of a histogram, good values at the left; its bad end may be cut."""
 
     def __init__(self, threshold: Threshold, values: Sequence[float]) -> None:
         self._column = threshold.column
@@ -75,30 +78,17 @@ def _x(share: float) -> float:
     return _LEFT + share * (WIDTH - _LEFT - _RIGHT)
 
 
-def _bars(counts: np.ndarray) -> str:
+def _bars(counts: np.ndarray) -> Iterator[dict[str, Any]]:
     step = (_x(1.0) - _x(0.0)) / _BINS
     room, tallest = HEIGHT - _TOP - _BOTTOM, counts.sum(axis=1).max()
-    bars = []
     for number, of_levels in enumerate(counts):
-        below = 0.0
+        base = float(HEIGHT - _BOTTOM)
         for level in Level:
-            height = max(2.0, room * of_levels[level] / tallest) if of_levels[level] else 0.0
-            if height:
-                top = HEIGHT - _BOTTOM - below - height
-                bars.append(
-                    f'<rect class="{level}" x="{_x(0.0) + number * step:.2f}" y="{top:.2f}" width="{step - 1:.2f}" '
-                    f'height="{height:.2f}"/>'
-                )
-            below += height
-    return "".join(bars)
+            if of_levels[level]:
+                height = max(2.0, room * of_levels[level] / tallest)
+                base -= height
+                yield {"level": level, "x": _x(0.0) + number * step, "y": base, "width": step - 1, "height": height}
 
 
-def _mark(axis: _Axis, level: Level, limit: float) -> str:
-    share = axis.share(limit)
-    if share >= 1.0:
-        return ""  # All motions are far from it.
-    x, side = _x(share), "end" if share > 0.5 else ""
-    return (
-        f'<path class="limit {level}" d="M{x:.2f} {_TOP - 6}V{HEIGHT - _BOTTOM}"/>'
-        f'<text class="{side}" x="{x + (-3 if side else 3):.2f}" y="{_TOP - 8}">{level}</text>'
-    )
+def _mark(level: Level, share: float) -> dict[str, Any]:
+    return {"level": level, "x": _x(share), "side": "end" if share > 0.5 else ""}

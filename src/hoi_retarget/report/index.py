@@ -4,27 +4,31 @@ import csv
 import io
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from hoi_retarget.evaluate.thresholds import THRESHOLDS, Level
 from hoi_retarget.report.rows import Row
 
-_WORDS = (
-    "file",
-    "format",
-    "robot",
-    "objects",
-    "clip",
-    "licence",
-    "lineage",
-    "level",
-    "reasons",
-    "not_judged",
-    "notes",
-    "error",
-)
-_NUMBERS = ("frames", "fps", "root_scale", "object_scale")
+_COLUMNS: Mapping[str, tuple[type, Callable[[Row], Any]]] = {
+    "file": (str, lambda row: row.file),
+    "format": (str, lambda row: row.format),
+    "robot": (str, lambda row: row.robot),
+    "objects": (str, lambda row: "; ".join(row.objects)),
+    "clip": (str, lambda row: row.clip),
+    "licence": (str, lambda row: row.licence),
+    "lineage": (str, lambda row: row.lineage),
+    "level": (str, lambda row: str(row.level) if row.level is not None else ""),
+    "reasons": (str, lambda row: "; ".join(map(str, row.verdict.reasons)) if row.verdict else ""),
+    "not_judged": (str, lambda row: "; ".join(row.verdict.not_judged) if row.verdict else ""),
+    "notes": (str, lambda row: "; ".join(row.notes)),
+    "error": (str, lambda row: row.error),
+    "frames": (int, lambda row: row.frames),
+    "fps": (float, lambda row: row.fps),
+    "root_scale": (float, lambda row: row.root_scale),
+    "object_scale": (str, lambda row: "; ".join(map(repr, row.object_scale))),
+}
+"""The columns before the figures: type and content."""
 
 
 def index_columns(rows: Sequence[Row]) -> dict[str, list[Any]]:
@@ -34,29 +38,9 @@ def index_columns(rows: Sequence[Row]) -> dict[str, list[Any]]:
     """
     extra = sorted({name for row in rows for name in row.figures} - {threshold.name for threshold in THRESHOLDS})
     figures = [*(threshold.name for threshold in THRESHOLDS), *extra]
-    records = [_record(row) | {name: row.figures.get(name) for name in figures} for row in rows]
-    return {name: [record[name] for record in records] for name in (*_WORDS, *_NUMBERS, *figures)}
-
-
-def _record(row: Row) -> dict[str, Any]:
-    verdict = row.verdict
     return {
-        "file": row.file,
-        "format": row.format,
-        "robot": row.robot,
-        "objects": "; ".join(row.objects),
-        "clip": row.clip,
-        "licence": row.licence,
-        "lineage": row.lineage,
-        "level": str(row.level) if row.level is not None else "",
-        "reasons": "; ".join(map(str, verdict.reasons)) if verdict else "",
-        "not_judged": "; ".join(verdict.not_judged) if verdict else "",
-        "notes": "; ".join(row.notes),
-        "error": row.error,
-        "frames": row.frames,
-        "fps": row.fps,
-        "root_scale": row.root_scale,
-        "object_scale": "; ".join(map(repr, row.object_scale)),
+        **{name: [content(row) for row in rows] for name, (_, content) in _COLUMNS.items()},
+        **{name: [row.figures.get(name) for row in rows] for name in figures},
     }
 
 
@@ -77,11 +61,10 @@ def to_parquet(rows: Sequence[Row]) -> bytes | None:
         from pyarrow import parquet  # noqa: PLC0415
     except ImportError:
         return None
-    words = {*_WORDS, "object_scale"}
-    types = {name: pyarrow.string() if name in words else pyarrow.float64() for name in index_columns(rows)}
+    types = {str: pyarrow.string(), int: pyarrow.int64(), float: pyarrow.float64()}
     table = pyarrow.table(
         {
-            name: pyarrow.array(values, pyarrow.int64() if name == "frames" else types[name])
+            name: pyarrow.array(values, types[_COLUMNS[name][0] if name in _COLUMNS else float])
             for name, values in index_columns(rows).items()
         }
     )

@@ -1,4 +1,4 @@
-"""From any file with a robot's motion to a motion that can be judged, whichever program wrote it."""
+"""Loads a motion to be judged from any program's file."""
 
 import zipfile
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ class Opened:
     motion: Motion
     format: str
     notes: tuple[str, ...] = ()
-    """What was assumed, a clause each."""
+    """Assumptions, a clause each."""
 
 
 def open_motion(path: Path, robot: RobotModel) -> Opened:

@@ -2,12 +2,9 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.numerics import se3
 from hoi_retarget.readers.open import clip_of
 from hoi_retarget.report.load_any_motion import open_motion
 from hoi_retarget.robots import load_robot
@@ -17,25 +14,28 @@ from hoi_retarget.viewers.scene.auto_camera import fit_camera
 from hoi_retarget.viewers.scene.scene import Shown, make_scene
 
 
-def picture_of(path: Path, foreign_robot: RobotModel, *, objects: Path | None = None) -> tuple[str, bytes] | None:
-    """Return a picture of a motion, beside its human where the recording is at hand: the ending of its name, content.
+def picture_of(path: Path, foreign_robot: RobotModel, *, objects: Path | None = None) -> bytes | None:
+    """Return a motion, beside its human where the recording is at hand, as a PNG file.
 
-    None where it cannot be drawn: a robot that is not known, or a file that is gone.
+    None where there is nothing to draw: a robot that is not known, or a file that is gone.
 
     Args:
         path: The motion's file.
         foreign_robot: The robot of files that do not say which.
         objects: The objects' folder, where it is not the one that the result says.
+
+    Raises:
+        DrawingError: This machine has no way to draw without a screen.
     """
     try:
         motion = open_motion(path, foreign_robot).motion
         model = load_robot(motion.robot)
         clip = _clip(motion, objects)
-        scene = make_scene([Shown(path.stem, motion, model, clip, motion.person)])
-        ahead = se3.rotate(motion.qpos[:, 3:7], np.array([1.0, 0.0, 0.0])).mean(axis=0)[:2]
-        return thumbnail(scene, worst_frame(motion), fit_camera(scene, ahead))
+        shown = Shown(path.stem, motion, model, clip, motion.person)
+        scene = make_scene([shown])
     except HoiRetargetError:
         return None
+    return thumbnail(scene, worst_frame(motion), fit_camera(scene, shown.ahead))
 
 
 def worst_frame(motion: Motion) -> int:

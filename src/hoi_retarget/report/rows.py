@@ -1,4 +1,4 @@
-"""What a report knows of one file: where it comes from, its figures, and the verdict on them."""
+"""One file of a report: its origin, its figures, and the verdict on them."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ class Row:
     file: str
     """Its name in the report."""
     path: Path | None = None
-    """Where it is; None when it was never written."""
+    """Its place; None when it was never written."""
     error: str = ""
     """Why there is no verdict."""
     format: str = ""
@@ -34,9 +34,9 @@ class Row:
     licence: str = ""
     """Terms of the recording that it was made from; empty where the file does not say."""
     lineage: str = ""
-    """What it is a variant of, as JSON; empty where the file does not say."""
+    """Changes to its recording, as JSON; empty where the file does not say."""
     notes: tuple[str, ...] = ()
-    """What was assumed to read it, a clause each."""
+    """Assumptions made to read it, a clause each."""
     figures: Mapping[str, float | None] = field(default_factory=dict)
     verdict: Verdict | None = None
 
@@ -57,7 +57,7 @@ class Row:
 
     @property
     def level(self) -> Level | None:
-        """How good it is; None without a verdict."""
+        """Level of the verdict; None without one."""
         return self.verdict.level if self.verdict is not None else None
 
     @property

@@ -1,1 +1,1 @@
-"""What people look at: pictures, video, the viewer and the contact editor in a browser, pages to share."""
+"""Pictures, films, the viewer and the contact editor in a browser, and pages to share."""

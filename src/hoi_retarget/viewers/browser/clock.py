@@ -1,4 +1,4 @@
-"""Which frame is shown when: playing, paused, at any speed, round and round."""
+"""The clock of a player: playing, paused, at any speed, round and round."""
 
 from dataclasses import dataclass, replace
 

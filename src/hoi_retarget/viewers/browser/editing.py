@@ -46,12 +46,12 @@ class Editing:
 
     @property
     def now(self) -> Edited:
-        """Where the work stands."""
+        """The current state of the work."""
         return self._now
 
     @property
     def before(self) -> Edited | None:
-        """What it was before the last change; None where nothing was changed."""
+        """The state before the last change; None where nothing was changed."""
         return self._past[-1] if self._past else None
 
     def tried(self, edit: Edit) -> Edited:

@@ -13,7 +13,7 @@ import numpy as np
 import viser
 from jaxtyping import Float
 
-from hoi_retarget.clip.edits import Add, Edit, Move, Retime, Segment, describe
+from hoi_retarget.clip.edits import Add, Edit, FixAll, Move, Retime, Segment, SnapAll, describe
 from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import frames_in
@@ -34,7 +34,7 @@ _NEW_SECONDS = 0.5  # Length of a contact that is added.
 
 @dataclass(frozen=True)
 class Places:
-    """Where the editor's work goes; a browser chooses none of it."""
+    """Destinations of the editor's work; a browser chooses none of them."""
 
     edits: Path
     """The edits' file."""
@@ -60,7 +60,22 @@ class Editor:
         self._worker = Worker("editor")
         self._player = Player(client, self._content(editing.now), left_px=PANEL_WIDTH_PX)
         self._points = EditorPoints(client.scene, editing.now.motions[0], choose=self.choose, drag=self.drag)
-        self._panel = EditorPanel(client.gui, editing.now, model, self)
+        self._panel = EditorPanel(
+            client.gui,
+            editing.now,
+            model,
+            frame=lambda: self.frame,
+            choose=self.choose,
+            change=self.change,
+            typed=self.typed,
+            add=self.add,
+            commands=(
+                {"One point each": lambda: self.commit(FixAll()), "All to surface": lambda: self.commit(SnapAll())},
+                {"Undo": self.undo, "Redo": self.redo},
+                {"Solve whole clip": self.solve_all},
+                {"Save edits": self.save_edits, "Save result": self.save_result},
+            ),
+        )
         self._player.attach(self._points.show_frame)
         self._worker.do(lambda: self._show(f"{len(editing.now.segments)} contacts. Choose a row or a point."))
 
@@ -71,17 +86,17 @@ class Editor:
 
     @property
     def edited(self) -> Edited:
-        """Where the work stands."""
+        """The current state of the work."""
         return self._editing.now
 
     @property
     def frame(self) -> int:
-        """The frame that is shown now."""
+        """The current frame."""
         return self._player.frame
 
     @property
     def chosen(self) -> Segment | None:
-        """The segment that is being changed."""
+        """The chosen segment; None where there is none."""
         return self._chosen_of(self._editing.now.segments)
 
     # What the browser asks for.

@@ -1,8 +1,7 @@
 """The editor's panel: a row for each contact, what can be done to the chosen one and to all, and the figures."""
 
-from collections.abc import Callable
-from html import escape
-from typing import Any, Protocol, runtime_checkable
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal
 
 import numpy as np
 import viser
@@ -12,19 +11,19 @@ from hoi_retarget.clip.edits import (
     Delete,
     Edit,
     Fix,
-    FixAll,
     Merge,
     Move,
     Retime,
     Segment,
     Snap,
-    SnapAll,
     Split,
     part_text,
 )
 from hoi_retarget.evaluate import COLUMNS, contact_residuals
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.browser.editing import Edited
+from hoi_retarget.viewers.browser.player import MESSAGE
+from hoi_retarget.viewers.html import render
 
 PANEL_WIDTH_PX = 340
 _FIGURES = (
@@ -35,55 +34,44 @@ _FIGURES = (
     "body_jerk_max_mps3",
     "stance_slide_mps",
 )
+_HOTKEYS: Mapping[str, Literal["Z", "Y", "S"]] = {"Undo": "Z", "Redo": "Y", "Save edits": "S"}
 _DIGITS = 4  # Of a point's coordinates [m], as they are shown.
-_TABLE_STYLE = "font-size:12px;width:100%;text-align:right;border-spacing:0 1px"
 
-
-@runtime_checkable
-class Asked(Protocol):
-    """Who does what the panel asks for: `editor.Editor`."""
-
-    @property
-    def frame(self) -> int:
-        """The frame that is shown now."""
-        ...
-
-    def choose(self, index: int) -> None:
-        """Choose a segment."""
-
-    def change(self, edit_of: Callable[[Segment], Edit]) -> None:
-        """Change the chosen segment."""
-
-    def typed(self, edit_of: Callable[[Segment], Edit]) -> None:
-        """Change it once nothing has been typed for a moment."""
-
-    def commit(self, edit: Edit) -> None:
-        """Make an edit that names its contacts itself."""
-
-    def add(self, person: int, part: str, item: int) -> None:
-        """Add a contact of a part with an object."""
-
-    def undo(self) -> None:
-        """Take the last edit back."""
-
-    def redo(self) -> None:
-        """Do again what was taken back."""
-
-    def solve_all(self) -> None:
-        """Solve the whole clip."""
-
-    def save_edits(self) -> None:
-        """Write the edits' file."""
-
-    def save_result(self) -> None:
-        """Write the motions."""
+Change = Callable[[Callable[[Segment], Edit]], None]
+"""Changes a contact by what it returns for the contact as it is then."""
 
 
 class EditorPanel:
     """The widgets of one browser."""
 
-    def __init__(self, gui: viser.GuiApi, edited: Edited, model: RobotModel, asked: Asked) -> None:
-        self._gui, self._model, self._asked = gui, model, asked
+    def __init__(  # noqa: PLR0913
+        self,
+        gui: viser.GuiApi,
+        edited: Edited,
+        model: RobotModel,
+        *,
+        frame: Callable[[], int],
+        choose: Callable[[int], None],
+        change: Change,
+        typed: Change,
+        add: Callable[[int, str, int], None],
+        commands: Sequence[Mapping[str, Callable[[], None]]],
+    ) -> None:
+        """Add the widgets.
+
+        Args:
+            gui: Of the browser.
+            edited: The work as it begins.
+            model: The robot.
+            frame: Returns the current frame.
+            choose: Chooses the contact of a row.
+            change: Changes the chosen contact.
+            typed: Changes it once nothing has been typed for a moment.
+            add: Adds a contact of a person's part with an object.
+            commands: Buttons that concern all contacts, row by row.
+        """
+        self._gui, self._model, self._frame = gui, model, frame
+        self._choose, self._change, self._typed, self._add = choose, change, typed, add
         self._rows: list[viser.GuiButtonHandle] = []
         panel = gui.add_panel()
         with panel.add_tab("Contacts", viser.Icon.HAND_GRAB):
@@ -95,7 +83,7 @@ class EditorPanel:
                 with gui.add_folder("New contact", expand_by_default=False):
                     self._add_new(edited)
             with gui.add_folder("All"):
-                self._add_all()
+                self._add_commands(commands)
             with gui.add_folder("Figures"):
                 self._figures = gui.add_html("")
         panel.dock_left()
@@ -108,9 +96,7 @@ class EditorPanel:
 
     def say(self, text: str, *, wrong: bool = False) -> None:
         """Show what was done, or why it could not be."""
-        colours = "#fdecea;color:#611a15" if wrong else "#eef5fb;color:#1d3c55"
-        style = f"margin:0.5em;padding:0.4em 0.6em;font-size:12px;border-radius:4px;background:{colours}"
-        self._told.content = f'<div class="told" style="{style}">{escape(text)}</div>'
+        self._told.content = render(MESSAGE, kind="wrong" if wrong else "done", text=text)
 
     def show(self, edited: Edited, chosen: Segment | None, *, recorded: Edited, before: Edited | None) -> None:
         """Show the contacts and figures as they are now."""
@@ -144,11 +130,11 @@ class EditorPanel:
 
     def _add_row(self, index: int) -> viser.GuiButtonHandle:
         row = self._gui.add_button("", color="gray")
-        row.on_click(lambda _: self._asked.choose(index))
+        row.on_click(lambda _: self._choose(index))
         return row
 
     def _add_chosen(self, frames: int) -> None:
-        gui, change = self._gui, self._asked.change
+        gui = self._gui
         self._frames = gui.add_multi_slider("Frames", 0, frames - 1, 1, (0, frames - 1), hint="First and last frame")
         self._frames.on_update(self._on_frames)
         self._point = gui.add_vector3("Point [m]", (0.0, 0.0, 0.0), step=0.001, hint="In the object's frame")
@@ -156,17 +142,17 @@ class EditorPanel:
         self._surface = gui.add_checkbox("On surface", False, hint="A dragged point stays on the object's surface")
         self._add_choices(
             {
-                "Start here": lambda s: Retime(s.part, s.start, self._asked.frame, s.stop, s.person),
-                "End here": lambda s: Retime(s.part, s.start, s.start, self._asked.frame + 1, s.person),
+                "Start here": lambda s: Retime(s.part, s.start, self._frame(), s.stop, s.person),
+                "End here": lambda s: Retime(s.part, s.start, s.start, self._frame() + 1, s.person),
             },
-            change,
+            self._change,
         )
         self._add_choices(
             {
-                "Split here": lambda s: Split(s.part, s.start, self._asked.frame, s.person),
+                "Split here": lambda s: Split(s.part, s.start, self._frame(), s.person),
                 "Merge with next": lambda s: Merge(s.part, s.start, s.person),
             },
-            change,
+            self._change,
         )
         self._add_choices(
             {
@@ -174,7 +160,7 @@ class EditorPanel:
                 "To surface": lambda s: Snap(s.part, s.start, s.person),
                 "Delete": lambda s: Delete(s.part, s.start, s.person),
             },
-            change,
+            self._change,
         )
 
     def _add_new(self, edited: Edited) -> None:
@@ -189,31 +175,29 @@ class EditorPanel:
         names = tuple(track.name for track in clip.objects)
         target = gui.add_dropdown("Object", names, initial_value=names[0])
         button = gui.add_button("Add at this frame", hint="Where the part is nearest to the object's surface")
-        button.on_click(lambda _: self._asked.add(*parts[part.value], names.index(target.value)))
+        button.on_click(lambda _: self._add(*parts[part.value], names.index(target.value)))
 
-    def _add_all(self) -> None:
-        asked = self._asked
-        self._add_choices({"One point each": FixAll(), "All to surface": SnapAll()}, asked.commit)
-        self._add_choices({"Undo": asked.undo, "Redo": asked.redo}, lambda ask: ask())
-        self._add_choices({"Solve whole clip": asked.solve_all}, lambda ask: ask())
-        self._add_choices({"Save edits": asked.save_edits, "Save result": asked.save_result}, lambda ask: ask())
-        self._gui.add_command("Undo", hotkey="Z", modifier="cmd/ctrl").on_trigger(lambda _: asked.undo())
-        self._gui.add_command("Redo", hotkey="Y", modifier="cmd/ctrl").on_trigger(lambda _: asked.redo())
-        self._gui.add_command("Save edits", hotkey="S", modifier="cmd/ctrl").on_trigger(lambda _: asked.save_edits())
+    def _add_commands(self, commands: Sequence[Mapping[str, Callable[[], None]]]) -> None:
+        for row in commands:
+            self._add_choices(row, lambda command: command())
+        by_name = {name: command for row in commands for name, command in row.items()}
+        for name, key in _HOTKEYS.items():
+            handle = self._gui.add_command(name, hotkey=key, modifier="cmd/ctrl")
+            handle.on_trigger(lambda _, name=name: by_name[name]())
 
-    def _add_choices(self, choices: dict[str, Any], ask: Callable[[Any], None]) -> None:
+    def _add_choices(self, choices: Mapping[str, Any], ask: Callable[[Any], None]) -> None:
         group = self._gui.add_button_group("", tuple(choices))
         group.on_click(lambda event: ask(choices[event.target.value]))
 
     def _on_frames(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
             first, last = event.target.value
-            self._asked.typed(lambda s: Retime(s.part, s.start, int(first), int(last) + 1, s.person))
+            self._typed(lambda s: Retime(s.part, s.start, int(first), int(last) + 1, s.person))
 
     def _on_point(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
             point = np.array(event.target.value)
-            self._asked.typed(lambda s: _moved_to(s, point))
+            self._typed(lambda s: _moved_to(s, point))
 
 
 def _moved_to(segment: Segment, point: Float[np.ndarray, "3"]) -> Edit:
@@ -225,13 +209,12 @@ def _moved_to(segment: Segment, point: Float[np.ndarray, "3"]) -> Edit:
 
 def _figures_html(recorded: Edited, before: Edited, now: Edited) -> str:
     """Return the figures as recorded, before the last change, and now, for each person."""
-    rows = []
+    rows: list[tuple[str, list[str]]] = []
     for person, name in enumerate(track.name for track in now.clip.people):
         sides = [edited.motions[person].report.figures for edited in (recorded, before, now)]
         if len(now.clip.people) > 1:
-            rows.append(f'<tr><th colspan="4" style="text-align:left">{escape(name)}</th></tr>')
+            rows.append((name, []))
         for column in (column for column in COLUMNS if column.name in _FIGURES):
-            cells = "".join(f"<td>{column.text(side[column.name])}</td>" for side in sides)
-            rows.append(f'<tr><td style="text-align:left">{escape(column.header)}</td>{cells}</tr>')
-    head = "<tr><th></th><th>start</th><th>before</th><th>now</th></tr>"
-    return f'<table class="before-after" style="{_TABLE_STYLE}">{head}{"".join(rows)}</table>'
+            rows.append((column.header, [column.text(side[column.name]) for side in sides]))
+    heads = ("start", "before", "now")
+    return render("viewers/browser/page/figures.html.j2", kind="before-after", heads=heads, rows=rows)

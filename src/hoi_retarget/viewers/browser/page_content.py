@@ -1,8 +1,7 @@
-"""Result files to what a page shows of them: each on its own, so that one that is damaged hides no other."""
+"""Content of a viewer's page, read from result files one by one: a damaged one hides no other."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from html import escape
 from pathlib import Path
 
 from hoi_retarget.clip.clip import Clip
@@ -12,38 +11,32 @@ from hoi_retarget.motion.result_file import load
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers.open import clip_of
 from hoi_retarget.robots import load_robot
+from hoi_retarget.viewers.html import render
 from hoi_retarget.viewers.scene.curve_chart import TITLES_HEIGHT_PX, chart_html
 from hoi_retarget.viewers.scene.curves import curves_of
 from hoi_retarget.viewers.scene.drawing import Scene
 from hoi_retarget.viewers.scene.scene import Shown, make_scene
 from hoi_retarget.viewers.scene.titles import titles_of
 
-_TABLE_STYLE = """<style>
-.figures { width: 100%; }
-.figures td, .figures th { padding: 1px 6px 1px 0; font-size: 12px; text-align: right; overflow-wrap: anywhere; }
-.figures td { white-space: nowrap; }
-.figures td:first-child { text-align: left; }
-</style>"""
-
 
 @dataclass(frozen=True, eq=False)
 class PageContent:
-    """What a browser is shown."""
+    """Scene, curves, figures and notices of a page."""
 
     scene: Scene | None
     """None where nothing could be read."""
     chart: str = ""
     """HTML of the curves (`curve_chart`)."""
     extra_height_px: int = 0
-    """How much higher than one result's curves it is."""
+    """Height of the chart beyond that of one result's curves."""
     figures: str = ""
     """HTML of the figures' table."""
     notices: tuple[str, ...] = ()
-    """What is wrong or missing, a sentence each."""
+    """Problems with the files, a sentence each."""
 
 
 def load_page_content(results: Sequence[Path], find_clip: Callable[..., Clip] = clip_of) -> PageContent:
-    """Return what there is to see of result files; what cannot be read becomes a notice.
+    """Return the content for result files; one that cannot be read becomes a notice.
 
     Args:
         results: Result files.
@@ -65,7 +58,7 @@ def load_page_content(results: Sequence[Path], find_clip: Callable[..., Clip] = 
 
 
 def page_content(shown: Sequence[Shown], notices: tuple[str, ...] = ()) -> PageContent:
-    """Return what there is to see of results and clips; raises what `make_scene` raises."""
+    """Return the content for results and clips; raises what `make_scene` raises."""
     scene = make_scene(shown)
     curves = [(item.title, curves_of(item.motion, item.model)) for item in shown if item.motion and item.model]
     extra = TITLES_HEIGHT_PX if len(shown) > 1 else 0
@@ -89,11 +82,9 @@ def figures_html(shown: Sequence[Shown]) -> str:
     """Return the figures that results carry as a table, one column a result."""
     reports = [item.motion.report.figures for item in shown if item.motion is not None]
     columns = [column for column in COLUMNS if any(column.name in report for report in reports)]
-    head = "".join(f"<th>{escape(item.title)}</th>" for item in shown) if len(shown) > 1 else ""
-    rows = [
-        f"<tr><td>{escape(column.header)}</td>"
-        + "".join(f"<td>{column.text(report.get(column.name))}</td>" for report in reports)
-        + "</tr>"
-        for column in columns
-    ]
-    return f'{_TABLE_STYLE}<table class="figures"><tr><td></td>{head}</tr>{"".join(rows)}</table>'
+    return render(
+        "viewers/browser/page/figures.html.j2",
+        kind="of-results",
+        heads=[item.title for item in shown] if len(shown) > 1 else [],
+        rows=[(column.header, [column.text(report.get(column.name)) for report in reports]) for column in columns],
+    )

@@ -6,27 +6,30 @@ is to be shown; one thread per browser does all drawing, and ends when the brows
 
 import time
 from collections.abc import Callable
-from html import escape
 from threading import Condition, Thread
 from typing import Literal
 
 import numpy as np
 import viser
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from hoi_retarget.viewers.browser.clock import Clock
 from hoi_retarget.viewers.browser.page_content import PageContent
 from hoi_retarget.viewers.browser.viser_scene import ViserScene
+from hoi_retarget.viewers.html import render
+from hoi_retarget.viewers.scene.auto_camera import fit_window
 from hoi_retarget.viewers.scene.curve_chart import LEFT_INSET_PX, RIGHT_INSET_PX
-from hoi_retarget.viewers.scene.drawing import Scene, Shapes
+from hoi_retarget.viewers.scene.drawing import Scene
+from hoi_retarget.viewers.scene.extent import camera_axes, distance_to_see, extents
 
 WORLD = "/world"
+MESSAGE = "viewers/browser/page/message.html.j2"
 SPEEDS = {"0.1x": 0.1, "0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0}
 CURVES_HEIGHT_PX = 245
 _CONTROLS_WIDTH_PX, _PANEL_MARGIN_PX = 320, 15
 _PANEL_HEAD_PX = 60  # Of the curves' panel, with its margin.
-_VIEW = np.array([0.55, -0.8, 0.24]) / np.linalg.norm([0.55, -0.8, 0.24])  # Towards the camera.
-_ROOM = 0.15  # Around what is looked at [m].
+_AZIMUTH, _ELEVATION = np.radians(-55.5), np.radians(13.9)  # Of the camera.
+_MARGIN = 1.08  # Around what is looked at.
 _SAMPLES = 12  # Frames that the camera is placed by.
 _GREY = (205, 210, 216)
 _Key = Literal["arrowright", "arrowleft", "home", "end"]
@@ -58,7 +61,7 @@ class Player:
 
     @property
     def frame(self) -> int:
-        """The frame that is shown now."""
+        """The current frame."""
         return self._clock.frame(time.monotonic())
 
     def stop(self) -> None:
@@ -142,8 +145,7 @@ class Player:
         gui = self._client.gui
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_CONTROLS_WIDTH_PX)
-        for notice in content.notices:
-            gui.add_html(_notice_html(notice))
+        show_notices(self._client, content)
         with gui.add_folder("Playback"):
             self._button = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="Space")
             self._slider = gui.add_slider("Frame", 0, max(1, self._scene.frames - 1), 1, 0, hint="Arrows, Home, End")
@@ -223,36 +225,19 @@ class Player:
 
 
 def show_notices(client: viser.ClientHandle, content: PageContent) -> None:
-    """Show a page without a scene: what is wrong."""
+    """Show the notices of a page."""
     for notice in content.notices:
-        client.gui.add_html(_notice_html(notice))
-
-
-def _notice_html(notice: str) -> str:
-    style = "margin:0.5em;padding:0.5em 0.7em;border-left:4px solid #c0392b;background:#fdecea;color:#611a15"
-    return f'<div class="notice" style="{style}">{escape(notice)}</div>'
+        client.gui.add_html(render(MESSAGE, kind="notice", text=notice))
 
 
 def _chart_html(content: PageContent) -> str:
-    """Return the curves' HTML, with the style that lays the slider that follows it over them."""
-    pixels = CURVES_HEIGHT_PX + content.extra_height_px
-    after, height = "div:has(> .hoi-curves) + div", f"height: {pixels}px !important"
-    others = ("label", ".mantine-NumberInput-root", ".mantine-Slider-markWrapper")
-    hidden = ", ".join(f"{after} {part}" for part in others)
-    # Viser sets sizes on the elements themselves.
-    style = f"""
-{after} {{ position: relative; height: 0; padding: 0; overflow: visible; }}
-{after} * {{ position: static; }}
-{hidden} {{ display: none; }}
-{after} .mantine-Slider-root {{ position: absolute; left: {LEFT_INSET_PX}px; right: {RIGHT_INSET_PX}px;
-  top: -{pixels}px; {height}; padding: 0 !important; z-index: 5; cursor: ew-resize; }}
-{after} .mantine-Slider-trackContainer {{ position: relative !important; {height}; }}
-{after} .mantine-Slider-track {{ position: relative; {height}; margin: 0; }}
-{after} .mantine-Slider-track::before, {after} .mantine-Slider-bar {{ background: transparent !important; }}
-{after} .mantine-Slider-thumb {{ position: absolute; width: 3px !important; {height}; min-width: 0; border: none;
-  border-radius: 0; background: rgba(200, 40, 40, 0.75) !important; }}
-"""
-    return f'<style>{style}</style><div class="hoi-curves" style="height:{pixels}px">{content.chart}</div>'
+    """Return the curves, over which the slider that comes next lies as their cursor."""
+    return render(
+        "viewers/browser/page/curves.html.j2",
+        **{"left_px": LEFT_INSET_PX, "right_px": RIGHT_INSET_PX},
+        height_px=CURVES_HEIGHT_PX + content.extra_height_px,
+        chart=content.chart,
+    )
 
 
 def _add_floor(api: viser.SceneApi) -> None:
@@ -273,42 +258,24 @@ def _add_floor(api: viser.SceneApi) -> None:
 
 def _place_camera(client: viser.ClientHandle, scene: Scene, content: PageContent, left_px: int) -> None:
     """Look at everything that will be there, so that it fills what the panels leave free."""
-    everything = _everything(scene)
-    right = np.cross(-_VIEW, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    axes = np.stack([right, np.cross(right, -_VIEW)])
-    low, high = (everything @ axes.T).min(axis=0) - _ROOM, (everything @ axes.T).max(axis=0) + _ROOM
+    frames = np.linspace(0, scene.frames - 1, _SAMPLES).astype(int).tolist()
+    start = scene.centre(0)
+    axes = camera_axes(_AZIMUTH, _ELEVATION)
+    shift, reaches = fit_window(
+        extents(scene, frames, np.stack([start + _way(scene, frame) for frame in frames])), axes
+    )
+    window = client.camera
     covered = CURVES_HEIGHT_PX + content.extra_height_px + _PANEL_HEAD_PX if content.chart else 0
-    height = client.camera.image_height
-    free = np.array([client.camera.image_width - left_px - _CONTROLS_WIDTH_PX, height - covered])
-    metres_a_pixel = float(np.max((high - low) / np.maximum(free, 100)))
-    middle = 0.5 * (low + high) @ axes + 0.5 * (np.min(everything @ _VIEW) + np.max(everything @ _VIEW)) * _VIEW
-    look_at = middle - 0.5 * covered * metres_a_pixel * axes[1]
-    # What is nearer than the middle looks larger.
-    distance = 0.5 * height * metres_a_pixel / np.tan(0.5 * client.camera.fov) + 0.5 * np.ptp(everything @ _VIEW)
-    client.camera.position = look_at + distance * _VIEW
-    client.camera.look_at = look_at
-
-
-def _everything(scene: Scene) -> Float[np.ndarray, "P 3"]:
-    """Return where all that is shown is in some frames [m], as a camera sees it that follows."""
-    found = []
-    for frame in np.linspace(0, scene.frames - 1, _SAMPLES).astype(int).tolist():
-        for subject in scene.subjects:
-            own = scene.frame_of(subject, frame)
-            shapes = [
-                part for layer in subject.layers if layer.shown for part in layer.parts if isinstance(part, Shapes)
-            ]
-            places = [part.positions[own][_there(part, own)] for part in shapes]
-            found.append(np.concatenate([subject.centre[own : own + 1], *places]) - _way(scene, frame))
-    return np.concatenate(found)
-
-
-def _there(shapes: Shapes, frame: int) -> Bool[np.ndarray, "N"]:
-    return np.ones(len(shapes.sizes), dtype=bool) if shapes.visible is None else shapes.visible[frame]
+    free_width = max(100, window.image_width - left_px - _CONTROLS_WIDTH_PX)
+    free_height = max(100, window.image_height - covered)
+    slope = np.tan(0.5 * window.fov)  # Of the whole window; what is free has its share.
+    free_slope = slope * free_height / window.image_height
+    distance = distance_to_see(_MARGIN * reaches, free_width / free_height, free_slope)
+    look_at = start + shift - covered / window.image_height * slope * distance * axes[1]
+    window.position = look_at + distance * axes[2]
+    window.look_at = look_at
 
 
 def _way(scene: Scene, frame: int) -> Float[np.ndarray, "3"]:
     """Return how far the subjects have come since the first frame, on average [m]: over the floor."""
-    ways = [subject.centre[scene.frame_of(subject, frame)] - subject.centre[0] for subject in scene.subjects]
-    return np.mean(ways, axis=0) * [1.0, 1.0, 0.0]
+    return (scene.centre(frame) - scene.centre(0)) * [1.0, 1.0, 0.0]

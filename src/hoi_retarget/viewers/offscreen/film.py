@@ -18,7 +18,6 @@ from jaxtyping import Float, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
-from hoi_retarget.numerics import se3
 from hoi_retarget.viewers.offscreen.renderer import offscreen_renderer
 from hoi_retarget.viewers.scene.camera import CameraSettings, cameras
 from hoi_retarget.viewers.scene.drawing import Scene
@@ -82,15 +81,8 @@ def _only(scene: Scene, names: Sequence[str]) -> Scene:
 
 def good_azimuth(shown: Sequence[Shown]) -> float:
     """Return where a camera looks to that faces people and robots from their right, by how they stand mostly [deg]."""
-    ahead = np.mean([_ahead(item).mean(axis=0) for item in shown], axis=0)
+    ahead = np.mean([item.ahead for item in shown], axis=0)
     return float(np.round(np.degrees(np.arctan2(ahead[1], ahead[0])) + _BESIDE)) % 360.0
-
-
-def _ahead(item: Shown) -> Float[np.ndarray, "T 3"]:
-    if item.motion is not None:
-        return se3.rotate(item.motion.qpos[:, 3:7], np.array([1.0, 0.0, 0.0]))
-    assert item.clip is not None  # One of the two is there.
-    return se3.rotate(item.clip.people[item.person].quat("pelvis"), np.array([0.0, 0.0, 1.0]))
 
 
 def duration(filmed: Sequence[Scene]) -> float:
@@ -107,7 +99,7 @@ def opened(
     Where there are several results, each panel says whose it is.
 
     Raises:
-        HoiRetargetError: This machine has no way to draw without a screen.
+        DrawingError: This machine has no way to draw without a screen.
     """
     columns = _columns(len(filmed), width / height)
     rows = -(-len(filmed) // columns)

@@ -33,7 +33,7 @@ def offscreen_renderer(scene: Scene, width: int, height: int) -> Iterator["Offsc
     """Open what draws the shown layers of a scene in pictures of a size [px], and close it again.
 
     Raises:
-        HoiRetargetError: This machine has no way to draw without a screen.
+        DrawingError: This machine has no way to draw without a screen.
     """
     items = [
         _Item(number, part, layer.opacity)
@@ -49,7 +49,7 @@ def offscreen_renderer(scene: Scene, width: int, height: int) -> Iterator["Offsc
     for number, item in enumerate(solids):
         _add_mesh(spec, f"solid_{number}", item)
     compiled = spec.compile()
-    room = 100 + 2 * sum(item.most_geoms for item in items)
+    room = 100 + 2 * sum(item.part.count for item in items)
     with stage.renderer(compiled, width, height, most_geoms=room) as renderer:
         yield OffscreenRenderer(scene, items, compiled, renderer)
 
@@ -61,16 +61,6 @@ class _Item:
     subject: int
     part: Part
     opacity: float
-
-    @property
-    def most_geoms(self) -> int:
-        match self.part:
-            case Shapes():
-                return len(self.part.sizes)
-            case Lines():
-                return self.part.starts.shape[1]
-            case Solid():
-                return 1
 
 
 class OffscreenRenderer:

@@ -13,10 +13,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.errors import HoiRetargetError
+from hoi_retarget.errors import DrawingError
 
-GROUP = 5
-"""The geometry group of the floor."""
 _HORIZON = 60.0  # The floor fades into the sky before it [m].
 _SKY, _FLOOR = (0.93, 0.945, 0.96), ((0.845, 0.86, 0.88), (0.812, 0.83, 0.853))
 # Where the lights shine to: to the right of the camera, up, ahead of it.
@@ -56,7 +54,6 @@ def add_floor_and_lights(spec: mujoco.MjSpec, width: int, height: int) -> None:
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         size=[0, 0, 0.1],
         material="stage_floor",
-        group=GROUP,
         contype=0,
         conaffinity=0,
     )
@@ -120,11 +117,11 @@ def renderer(compiled: mujoco.MjModel, width: int, height: int, *, most_geoms: i
     """Open MuJoCo's renderer and close it again.
 
     Raises:
-        HoiRetargetError: This machine has no way to draw without a screen.
+        DrawingError: This machine has no way to draw without a screen.
     """
     trouble = _trouble()
     if trouble:
-        raise HoiRetargetError(
+        raise DrawingError(
             "This machine cannot draw without a screen. Install EGL (Debian: apt-get install libegl1 libgl1-mesa-dri) "
             "and set MUJOCO_GL=egl, or install OSMesa (libosmesa6) and set MUJOCO_GL=osmesa, before the program "
             f"starts. MuJoCo says: {trouble}"

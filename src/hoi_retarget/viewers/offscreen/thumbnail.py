@@ -1,33 +1,23 @@
 """A small picture of a result, taken while it touches something."""
 
-import numpy as np
-
-from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.viewers.offscreen.renderer import offscreen_renderer
 from hoi_retarget.viewers.offscreen.robot_picture import png
-from hoi_retarget.viewers.offscreen.sketch import Eye, sketch
 from hoi_retarget.viewers.scene.auto_camera import FittedCamera
-from hoi_retarget.viewers.scene.camera import FIELD_OF_VIEW, Camera
 from hoi_retarget.viewers.scene.drawing import Scene
 
 WIDTH, HEIGHT = 720, 405  # [px]
 
 
-def thumbnail(scene: Scene, frame: int, place: FittedCamera) -> tuple[str, bytes]:
-    """Return the ending of a picture's file name and its content: a frame, rendered where the machine can."""
-    centres = [subject.centre[scene.frame_of(subject, frame)] for subject in scene.subjects]
-    point = np.mean(centres, axis=0) + place.shift
-    distance = 1.03 * place.distance(WIDTH / HEIGHT, np.radians(FIELD_OF_VIEW))
-    # A camera's azimuth is where it looks, a standpoint's where it stands.
-    camera = Camera(point, distance, np.degrees(place.azimuth) + 180.0, -np.degrees(place.elevation))
-    try:
-        with offscreen_renderer(scene, WIDTH, HEIGHT) as drawn:
-            return ".png", png(drawn.draw(frame, camera))
-    except HoiRetargetError:
-        eye = Eye.looking(point, place.azimuth, place.elevation, distance, np.radians(FIELD_OF_VIEW))
-        return ".svg", sketch(scene, frame, eye).encode()
+def thumbnail(scene: Scene, frame: int, fitted: FittedCamera) -> bytes:
+    """Return a frame as a PNG file.
+
+    Raises:
+        DrawingError: This machine has no way to draw without a screen.
+    """
+    with offscreen_renderer(scene, WIDTH, HEIGHT) as renderer:
+        return png(renderer.draw(frame, fitted.camera(scene, frame, WIDTH / HEIGHT)))
 
 
 def representative_frame(motion: Motion) -> int:

@@ -1,1 +1,1 @@
-"""What is drawn in every frame, whoever draws it: shapes, meshes, lines, cameras, curves."""
+"""The scene of clips and results that every viewer draws: shapes, meshes, lines, cameras, curves."""

@@ -1,4 +1,4 @@
-"""Where pictures are taken from: so that all that matters is in them, and nothing shakes."""
+"""Cameras of films: all that matters is in the picture, and nothing shakes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.numerics import se3
-from hoi_retarget.viewers.scene.drawing import Lines, Part, Scene, Shapes
+from hoi_retarget.viewers.scene.drawing import Scene
+from hoi_retarget.viewers.scene.extent import camera_axes, distance_to_see, extents
 
 FIELD_OF_VIEW = 45.0
 """From the bottom of a picture to its top [deg]."""
@@ -18,21 +18,21 @@ _AT_HAND = 1.3  # What is farther to the side of whom the camera follows may be 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """Where one picture is taken from."""
+    """Camera of one picture."""
 
     point: Float[np.ndarray, "3"]
-    """What it looks at [m]."""
+    """Target [m]."""
     distance: float
     """[m]"""
     azimuth: float
-    """Which way it looks, from the x axis towards the y axis [deg]."""
+    """Viewing direction, from the x axis towards the y axis [deg]."""
     elevation: float
     """[deg]; negative looks down."""
 
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """How a camera looks at a scene over time."""
+    """Direction, distance and motion of a camera over a film."""
 
     azimuth: float
     """[deg]"""
@@ -52,94 +52,46 @@ def cameras(scenes: Sequence[Scene], view: CameraSettings, aspect: float) -> lis
         view: How to look at them.
         aspect: Width of a picture over its height.
     """
+    right, up, back = camera_axes(np.radians(view.azimuth) + np.pi, -np.radians(view.elevation))
+    slope = np.tan(np.radians(FIELD_OF_VIEW / 2)) / _MARGIN
     looks = [_look(scene, view.follow) for scene in scenes]
-    shifts = [_to_the_middle(look, view) for look in looks]
-    reached = [
-        (
-            max(_distance(look, shift, height, view, aspect) for look, shift in zip(looks, shifts, strict=True)),
-            height,
-        )
-        for height in np.linspace(0.0, max(look.points[:, 2].max() for look in looks), _HEIGHTS)
-    ]
-    distance, height = min(reached)
-    if view.distance is not None:
-        distance = view.distance
-    return [_camera_of(scene, view, height, shift, distance) for scene, shift in zip(scenes, shifts, strict=True)]
+    shifts = [0.5 * ((points @ right).min() + (points @ right).max()) * right for points, _ in looks]
+
+    def distance(height: float) -> float:
+        needed = []
+        for (points, radii), shift in zip(looks, shifts, strict=True):
+            seen = points - shift - [0.0, 0.0, height]
+            reaches = [np.abs(seen @ right) + radii, np.abs(seen @ up) + radii, seen @ back]
+            needed.append(distance_to_see(np.column_stack(reaches), aspect, slope))
+        return max(needed)
+
+    heights = np.linspace(0.0, max(points[:, 2].max() for points, _ in looks), _HEIGHTS)
+    nearest, height = min((distance(height), height) for height in heights)
+    chosen = nearest if view.distance is None else view.distance
+    return [_camera_of(scene, view, height, shift, chosen) for scene, shift in zip(scenes, shifts, strict=True)]
 
 
 def _camera_of(
     scene: Scene, view: CameraSettings, height: float, shift: Float[np.ndarray, "3"], distance: float
 ) -> Callable[[int], Camera]:
     def camera(frame: int) -> Camera:
-        place = _place(scene, frame if view.follow else None) + shift
+        place = _followed(scene, frame, view.follow) + shift
         return Camera(np.array([place[0], place[1], height]), distance, view.azimuth, view.elevation)
 
     return camera
 
 
-def _place(scene: Scene, frame: int | None) -> Float[np.ndarray, "3"]:
-    """Return the middle of the subjects in a frame, or over time [m]."""
-    centres = [
-        subject.centre.mean(axis=0) if frame is None else subject.centre[scene.frame_of(subject, frame)]
-        for subject in scene.subjects
-    ]
-    return np.mean(centres, axis=0)
+def _followed(scene: Scene, frame: int, follow: bool) -> Float[np.ndarray, "3"]:
+    """Return the point of the floor under the middle of the subjects, in a frame or over time [m]."""
+    middle = scene.centre(frame) if follow else np.mean([item.centre.mean(axis=0) for item in scene.subjects], axis=0)
+    return middle * [1.0, 1.0, 0.0]
 
 
-@dataclass(frozen=True, eq=False)
-class _Look:
-    """What a camera should see over time: K points, seen from below where it looks, and what is around them [m]."""
-
-    points: Float[np.ndarray, "K 3"]
-    reaches: Float[np.ndarray, "K"]
-
-
-def _look(scene: Scene, follow: bool) -> _Look:
-    points, reaches = [], []
-    for frame in np.unique(np.linspace(0, scene.frames - 1, _LOOKS).round().astype(int)).tolist():
-        below = _place(scene, frame if follow else None) * [1.0, 1.0, 0.0]
-        for subject in scene.subjects:
-            for layer in subject.layers:
-                for part in layer.parts if layer.shown else ():
-                    places, reach = _points(part, scene.frame_of(subject, frame))
-                    near = np.linalg.norm((places - below)[:, :2], axis=1) < (_AT_HAND if follow else np.inf)
-                    points.append((places - below)[near])
-                    reaches.append(reach[near])
-    return _Look(np.concatenate(points), np.concatenate(reaches))
-
-
-def _points(part: Part, frame: int) -> tuple[Float[np.ndarray, "K 3"], Float[np.ndarray, "K"]]:
-    if isinstance(part, Lines):
-        return np.zeros((0, 3)), np.zeros(0)
-    if isinstance(part, Shapes):
-        # A long shape is as far to see as its ends, which its neighbours mark: its width is what is left.
-        return part.positions[frame].astype(float), np.median(part.sizes, axis=1)
-    low, high = part.vertices.min(axis=0), part.vertices.max(axis=0)
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-    points = part.positions[frame] + se3.rotate(part.quats[frame].astype(float), low + corners * (high - low))
-    return points, np.zeros(len(points))
-
-
-def _axes(view: CameraSettings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return where the camera's right, up and ahead point."""
-    turn, tilt = np.radians(view.azimuth), np.radians(view.elevation)
-    right = np.array([np.sin(turn), -np.cos(turn), 0.0])
-    ahead = np.array([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)])
-    return right, np.cross(right, ahead), ahead
-
-
-def _to_the_middle(look: _Look, view: CameraSettings) -> Float[np.ndarray, "3"]:
-    """Return how far to the side the camera looks, so that what it sees is in the middle of the picture [m]."""
-    right, _, _ = _axes(view)
-    across = look.points @ right
-    return 0.5 * (across.min() + across.max()) * right
-
-
-def _distance(look: _Look, shift: Float[np.ndarray, "3"], height: float, view: CameraSettings, aspect: float) -> float:
-    """Return the distance from which everything is in the picture [m]."""
-    right, up, ahead = _axes(view)
-    slope = np.tan(np.radians(FIELD_OF_VIEW / 2)) / _MARGIN
-    points = look.points - shift - [0.0, 0.0, height]
-    widths = np.abs(points @ right) + look.reaches, np.abs(points @ up) + look.reaches
-    needed = [width / most - points @ ahead for width, most in zip(widths, (slope * aspect, slope), strict=True)]
-    return float(np.max(needed))
+def _look(scene: Scene, follow: bool) -> tuple[Float[np.ndarray, "K 3"], Float[np.ndarray, "K"]]:
+    """Return points that a camera should see over time, from the floor below what it follows, and their radii [m]."""
+    frames = np.unique(np.linspace(0, scene.frames - 1, _LOOKS).round().astype(int)).tolist()
+    seen = extents(scene, frames, np.stack([_followed(scene, frame, follow) for frame in frames]))
+    points = np.concatenate([extent.points.reshape(-1, 3) for extent in seen])
+    radii = np.concatenate([np.tile(extent.radii, len(frames)) for extent in seen])
+    near = np.linalg.norm(points[:, :2], axis=1) < (_AT_HAND if follow else np.inf)
+    return points[near], radii[near]

@@ -1,4 +1,4 @@
-"""What a result's figures of merit are in every frame: curves over time, from the result alone.
+"""Curves of a result's figures over time, from the result alone.
 
 Every number comes from the functions behind the figures (`metrics`): the mean or the extreme of a
 curve is the figure. What lies between two frames is plotted at the later one.
@@ -22,12 +22,12 @@ class Curve:
     """One quantity over T frames."""
 
     name: str
-    """Which of its group, such as `left_palm`."""
+    """Its name within the group, such as `left_palm`."""
     unit: str
     values: Float[np.ndarray, "T"]
     """NaN where undefined."""
     group: str
-    """What is measured; curves of one group are drawn in one chart."""
+    """The quantity; curves of one group are drawn in one chart."""
     fps: float
     counted: Bool[np.ndarray, "T"] | None = None
     """Frames that the figure counts, such as stance; None where all of them count."""

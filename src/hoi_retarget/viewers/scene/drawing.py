@@ -1,4 +1,4 @@
-"""What is drawn of clips and results, frame by frame, whoever draws it: a browser, MuJoCo, a page to share.
+"""Shapes, meshes and lines of clips and results over time, for every viewer: a browser, MuJoCo, a page to share.
 
 A `Scene` has one `Subject` per result (or per clip alone); a subject's `Layer`s can be shown one by
 one; a layer is made of `Shapes`, `Solid`s and `Lines`. Everything is in world coordinates.
@@ -37,7 +37,12 @@ class Shapes:
     quats: Float[np.ndarray, "T N 4"]
     """wxyz"""
     visible: Bool[np.ndarray, "T N"] | None = None
-    """Which copies are there in which frame; None for all of them always."""
+    """Presence of each copy in each frame; None for all of them always."""
+
+    @property
+    def count(self) -> int:
+        """Number of copies N."""
+        return len(self.sizes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +57,7 @@ class Solid:
     """[m]"""
     quats: Float[np.ndarray, "T 4"]
     """wxyz"""
+    count = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +69,11 @@ class Lines:
     ends: Float[np.ndarray, "T N 3"]
     colours: UInt8[np.ndarray, "T N 3"]
     visible: Bool[np.ndarray, "T N"]
+
+    @property
+    def count(self) -> int:
+        """Number of lines N."""
+        return self.starts.shape[1]
 
 
 Part = Shapes | Solid | Lines
@@ -77,7 +88,7 @@ class Layer:
     parts: tuple[Part, ...]
     opacity: float = 1.0
     shown: bool = True
-    """Whether it is there before anyone asks."""
+    """Whether it is shown at first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +99,7 @@ class Subject:
     fps: float
     layers: tuple[Layer, ...]
     centre: Float[np.ndarray, "T 3"]
-    """What a camera that follows looks at [m]."""
+    """Path of the point that a following camera looks at [m]."""
 
     @property
     def frames(self) -> int:
@@ -115,3 +126,7 @@ class Scene:
     def frame_of(self, subject: Subject, frame: int) -> int:
         """Return the subject's frame at a frame of the scene."""
         return min(round(frame * subject.fps / self.fps), subject.frames - 1)
+
+    def centre(self, frame: int) -> Float[np.ndarray, "3"]:
+        """Return the middle of the subjects' centres in a frame [m]."""
+        return np.mean([subject.centre[self.frame_of(subject, frame)] for subject in self.subjects], axis=0)

@@ -1,4 +1,4 @@
-"""What is marked: where robot and human touch, how far off the robot is, and which feet stand."""
+"""Marks in the scene: contacts of robot and human, the robot's distance from each, and standing feet."""
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8

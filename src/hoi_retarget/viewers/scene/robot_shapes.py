@@ -3,74 +3,57 @@
 Every geometry is fixed to a node of the kinematic tree.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.mjcf import read_mjcf
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.parts import Geometries, geometries_of, tree_of
-from hoi_retarget.viewers.scene.drawing import Colour, Kind, Shapes, Solid
+from hoi_retarget.viewers.scene.drawing import Colour, Kind, Part, Shapes, Solid
 from hoi_retarget.viewers.scene.vendor_meshes import attach_visual_meshes
 
 _DRAWN_GROUPS = 3  # As in MuJoCo's own viewer; robots keep what only collides in the groups above.
 
 
 @dataclass(frozen=True, eq=False)
-class _Piece:
-    """One unit shape, fixed to a node of the tree."""
+class _Attached:
+    """A geometry of a compiled model, fixed to a node of the tree."""
 
-    kind: Kind
-    size: Float[np.ndarray, "3"]
+    geom: int
     colour: Colour
     node: int
     position: Float[np.ndarray, "3"]
     quat: Float[np.ndarray, "4"]
 
 
-@dataclass(frozen=True, eq=False)
-class NodePoses:
-    """World poses of the tree's nodes, as shapes need them."""
+def robot_parts(model: RobotModel, kinematics: Kinematics, meshes: Path | None) -> tuple[Part, ...]:
+    """Return a robot over time: its vendor meshes from a folder, or its primitives where none is given.
 
-    positions: Float[np.ndarray, "T N 3"]
-    """[m]"""
-    quats: Float[np.ndarray, "T N 4"]
-
-    @staticmethod
-    def of(kinematics: Kinematics) -> "NodePoses":
-        """Return the poses of a trajectory's nodes, in single precision."""
-        rotations = kinematics.node_rotation.transpose(3, 2, 0, 1)
-        return NodePoses(
-            kinematics.node_position.transpose(2, 1, 0).astype(np.float32),
-            se3.matrix_to_quat(rotations).astype(np.float32),
-        )
-
-    def place(
-        self,
-        nodes: Int[np.ndarray, "K"],
-        positions: Float[np.ndarray, "K 3"],
-        quats: Float[np.ndarray, "K 4"],
-    ) -> tuple[Float[np.ndarray, "T K 3"], Float[np.ndarray, "T K 4"]]:
-        """Return world positions [m] and rotations of what is fixed to nodes."""
-        turns = self.quats[:, nodes]
-        world = self.positions[:, nodes] + se3.rotate(turns, positions.astype(np.float32))
-        return world, se3.quat_multiply(turns, quats.astype(np.float32))
+    Raises:
+        RobotError: The robot's specification names no meshes.
+        ReadError: A mesh file is missing, or MuJoCo cannot read it.
+    """
+    return robot_shapes(model, kinematics) if meshes is None else robot_meshes(model, kinematics, meshes)
 
 
-def robot_shapes(model: RobotModel, poses: NodePoses) -> tuple[Shapes, ...]:
+def robot_shapes(model: RobotModel, kinematics: Kinematics) -> tuple[Shapes, ...]:
     """Return a robot's primitives over time, one `Shapes` for each kind of them."""
-    pieces = _pieces(model)
-    kinds = [kind for kind in Kind if any(piece.kind is kind for piece in pieces)]
-    return tuple(_moved([piece for piece in pieces if piece.kind is kind], poses) for kind in kinds)
+    shapes = []
+    for kind, pieces in _primitives(model).items():
+        sizes, attached = zip(*pieces, strict=True)
+        colours = np.array([item.colour for item in attached], dtype=np.uint8)
+        shapes.append(Shapes(kind, np.stack(sizes).astype(np.float32), colours, *_world_poses(kinematics, attached)))
+    return tuple(shapes)
 
 
-def robot_meshes(model: RobotModel, poses: NodePoses, folder: Path) -> tuple[Solid, ...]:
+def robot_meshes(model: RobotModel, kinematics: Kinematics, folder: Path) -> tuple[Solid, ...]:
     """Return the vendor meshes of a robot over time, from a folder with their files.
 
     Raises:
@@ -84,65 +67,47 @@ def robot_meshes(model: RobotModel, poses: NodePoses, folder: Path) -> tuple[Sol
     except ValueError as error:
         raise ReadError(f"{folder}: MuJoCo cannot read the meshes of {model.spec.title}: {error}") from error
     geometries = geometries_of(compiled, tree_of(compiled))
+    attached = [item for item in _attached(geometries) if geometries.meshes[item.geom]]
+    positions, quats = _world_poses(kinematics, attached)
     solids = []
-    for geom in _drawn(geometries):
-        if not geometries.meshes[geom]:
-            continue
-        frame, mesh = geometries.frames[geom], compiled.mesh(geometries.meshes[geom]).id
-        vertices, faces = int(compiled.mesh_vertadr[mesh]), int(compiled.mesh_faceadr[mesh])
-        positions, quats = poses.place(
-            np.array([frame.node]), frame.position[None], se3.matrix_to_quat(frame.rotation)[None]
-        )
-        solids.append(
-            Solid(
-                vertices=compiled.mesh_vert[vertices : vertices + compiled.mesh_vertnum[mesh]].astype(float),
-                faces=compiled.mesh_face[faces : faces + compiled.mesh_facenum[mesh]].astype(int),
-                colour=_colour(geometries, geom),
-                positions=positions[:, 0],
-                quats=quats[:, 0],
-            )
-        )
+    for index, item in enumerate(attached):
+        mesh = compiled.mesh(geometries.meshes[item.geom])
+        vertices = compiled.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]].astype(float)
+        faces = compiled.mesh_face[mesh.faceadr[0] :][: mesh.facenum[0]].astype(int)
+        solids.append(Solid(vertices, faces, item.colour, positions[:, index], quats[:, index]))
     return tuple(solids)
 
 
-def _moved(pieces: list[_Piece], poses: NodePoses) -> Shapes:
-    positions, quats = poses.place(
-        np.array([piece.node for piece in pieces]),
-        np.stack([piece.position for piece in pieces]),
-        np.stack([piece.quat for piece in pieces]),
-    )
-    return Shapes(
-        kind=pieces[0].kind,
-        sizes=np.stack([piece.size for piece in pieces]).astype(np.float32),
-        colours=np.array([piece.colour for piece in pieces], dtype=np.uint8),
-        positions=positions,
-        quats=quats,
-    )
+def _world_poses(
+    kinematics: Kinematics, attached: Sequence[_Attached]
+) -> tuple[Float[np.ndarray, "T K 3"], Float[np.ndarray, "T K 4"]]:
+    """Return world positions [m] and rotations of geometries, in single precision."""
+    nodes = [item.node for item in attached]
+    turns = se3.matrix_to_quat(kinematics.node_rotation.transpose(3, 2, 0, 1)).astype(np.float32)[:, nodes]
+    places = kinematics.node_position.transpose(2, 1, 0).astype(np.float32)[:, nodes]
+    within = np.stack([item.position for item in attached]).astype(np.float32)
+    quats = np.stack([item.quat for item in attached]).astype(np.float32)
+    return places + se3.rotate(turns, within), se3.quat_multiply(turns, quats)
 
 
 @lru_cache(maxsize=8)
-def _pieces(model: RobotModel) -> tuple[_Piece, ...]:
+def _primitives(model: RobotModel) -> Mapping[Kind, Sequence[tuple[np.ndarray, _Attached]]]:
+    """Return the unit shapes of each kind that the robot is made of: half extents [m] and place."""
     geometries = model.geometries
-    found: list[_Piece] = []
-    for geom in _drawn(geometries):
-        frame = geometries.frames[geom]
-        for kind, size, along in _unit_shapes(geometries.types[geom], geometries.sizes[geom]):
-            centre = frame.of(np.array([0.0, 0.0, along]), np.eye(3))
-            quat = se3.matrix_to_quat(frame.rotation)
-            found.append(_Piece(kind, size, _colour(geometries, geom), frame.node, centre.position, quat))
-    return tuple(found)
+    found: dict[Kind, list[tuple[np.ndarray, _Attached]]] = {kind: [] for kind in Kind}
+    for item in _attached(geometries):
+        for kind, size, along in _unit_shapes(geometries.types[item.geom], geometries.sizes[item.geom]):
+            position = item.position + se3.rotate(item.quat, np.array([0.0, 0.0, along]))
+            found[kind].append((size, replace(item, position=position)))
+    return {kind: pieces for kind, pieces in found.items() if pieces}
 
 
-def _drawn(geometries: Geometries) -> Iterator[int]:
+def _attached(geometries: Geometries) -> Iterator[_Attached]:
     """Yield the geometries that are to be seen."""
     for geom, (group, colour) in enumerate(zip(geometries.groups, geometries.colours, strict=True)):
         if group < _DRAWN_GROUPS and colour[3] > 0:
-            yield geom
-
-
-def _colour(geometries: Geometries, geom: int) -> Colour:
-    red, green, blue = (round(255 * float(share)) for share in geometries.colours[geom, :3])
-    return red, green, blue
+            frame, (red, green, blue) = geometries.frames[geom], (round(255 * float(share)) for share in colour[:3])
+            yield _Attached(geom, (red, green, blue), frame.node, frame.position, se3.matrix_to_quat(frame.rotation))
 
 
 def _unit_shapes(geometry: str, size: np.ndarray) -> Iterator[tuple[Kind, np.ndarray, float]]:

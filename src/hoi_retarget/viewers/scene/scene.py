@@ -1,4 +1,4 @@
-"""From clips and results to a `Scene`: each in its own place on one floor, beside the others.
+"""Builds a `Scene` of clips and results: each in its own place on one floor, beside the others.
 
 A result stands where it was computed, the human it follows one place further, the next result one
 more. Robots that move the same objects of one clip share a place and the objects.
@@ -17,13 +17,14 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.evaluate.view import check_joints
 from hoi_retarget.motion.motion import STAGE_TITLES, Motion, Stage
+from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.scene.drawing import Colour, Layer, Lines, Part, Scene, Shapes, Solid, Subject
 from hoi_retarget.viewers.scene.human_shapes import human_shapes
 from hoi_retarget.viewers.scene.human_skin import human_skin
 from hoi_retarget.viewers.scene.marks import contact_marks, human_contact_marks, stance_marks
 from hoi_retarget.viewers.scene.object_solid import AXIS_LENGTH, COLOURS, object_axes, object_solid
-from hoi_retarget.viewers.scene.robot_shapes import NodePoses, robot_meshes, robot_shapes
+from hoi_retarget.viewers.scene.robot_shapes import robot_parts, robot_shapes
 
 FREE_SPACE = 0.3  # Between what neighbours reach [m].
 _ARM_REACH = 0.8  # Of a body, around its pelvis [m].
@@ -36,7 +37,7 @@ _NEAR = 1.0  # An object farther from the pelvis draws the camera no more than o
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What is to be seen: a motion with its robot, the clip it was made from, or both.
+    """An item to show: a motion with its robot, the clip it was made from, or both.
 
     Raises `ArgumentError` when there is neither, a motion without its robot, a person whom the clip
     does not have, or a clip that the motion was not made from; `RobotError` for another robot's motion.
@@ -47,7 +48,7 @@ class Shown:
     model: RobotModel | None = None
     clip: Clip | None = None
     person: int = 0
-    """Which of the clip's people."""
+    """Index among the clip's people."""
     meshes: Path | None = None
     """Folder with the files of the robot's vendor meshes; None draws the primitives."""
 
@@ -69,9 +70,17 @@ class Shown:
                     f"{recorded[0]} and {recorded[1]}. Name the clip that the result was made from."
                 )
 
+    @property
+    def ahead(self) -> Float[np.ndarray, "2"]:
+        """Mean horizontal direction that the robot faces, or the person without one; of any length."""
+        if self.motion is not None:
+            return se3.rotate(self.motion.qpos[:, 3:7], np.array([1.0, 0.0, 0.0])).mean(axis=0)[:2]
+        assert self.clip is not None, "one of the two is there"
+        return se3.rotate(self.clip.people[self.person].quat("pelvis"), np.array([0.0, 0.0, 1.0])).mean(axis=0)[:2]
+
 
 def make_scene(shown: Sequence[Shown], *, apart: float | Literal["auto"] = "auto") -> Scene:
-    """Return what is drawn of results and clips, one subject for each.
+    """Return the scene of results and clips, one subject for each.
 
     Args:
         shown: What to draw, in the order of the places.
@@ -139,7 +148,7 @@ def _origin(motion: Motion) -> tuple[object, object]:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """What stands in one place: a robot or a human, with the objects."""
+    """A robot or a human with its objects, in one place of the scene."""
 
     name: str
     fps: float
@@ -159,10 +168,8 @@ def _sides(item: Shown) -> tuple[_Side, ...]:
 
 def _robot_side(item: Shown, motion: Motion, model: RobotModel) -> _Side:
     kinematics = model.forward(motion.qpos)
-    poses = NodePoses.of(kinematics)
-    robot = robot_shapes(model, poses) if item.meshes is None else robot_meshes(model, poses, item.meshes)
     layers = (
-        Layer("robot", robot),
+        Layer("robot", robot_parts(model, kinematics, item.meshes)),
         *(_earlier_stage(model, stage) for stage in motion.stages[:-1]),
         Layer("object", _robot_objects(motion, item.clip)),
         Layer("contacts", contact_marks(motion, kinematics)),
@@ -172,7 +179,7 @@ def _robot_side(item: Shown, motion: Motion, model: RobotModel) -> _Side:
 
 
 def _earlier_stage(model: RobotModel, stage: Stage) -> Layer:
-    shapes = robot_shapes(model, NodePoses.of(model.forward(stage.qpos)))
+    shapes = robot_shapes(model, model.forward(stage.qpos))
     title = STAGE_TITLES.get(stage.name, stage.name)
     return Layer(title, tuple(map(_tinted, shapes)), opacity=_EARLIER_OPACITY, shown=False)
 
@@ -257,7 +264,7 @@ def _moved_part(part: Part, shift: Float[np.ndarray, "3"]) -> Part:
 
 
 def _centre(side: _Side) -> Float[np.ndarray, "T 3"]:
-    """Return a calm path between the pelvis and the object that is nearest most of the time [m]."""
+    """Return a smooth path between the pelvis and the object nearest on average [m]."""
     centre = side.pelvis
     if side.objects.shape[1]:
         away = side.objects[..., :2] - side.pelvis[:, None, :2]

@@ -1,4 +1,4 @@
-"""What results that are shown together are called: as their files, and by what tells them apart."""
+"""Titles of results shown together: their files' names, and what tells equal ones apart."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -11,8 +11,6 @@ import mujoco
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, RobotError
 from hoi_retarget.robots.spec import RobotSpec
 
-MESH_GROUP = 2
-"""The geometry group of the meshes."""
 _LIGHT, _DARK = (0.78, 0.79, 0.8, 1.0), (0.16, 0.16, 0.18, 1.0)
 
 
@@ -46,7 +44,7 @@ def attach_visual_meshes(description: mujoco.MjSpec, spec: RobotSpec, folder: Pa
                 pos=place.pos if place is not None else [0, 0, 0],
                 quat=place.quat if place is not None else [1, 0, 0, 0],
                 rgba=_DARK if place is not None or (own is not None and own.material == "dark") else _LIGHT,
-                group=MESH_GROUP,
+                group=2,  # As in MuJoCo's own models: what is seen, not what collides
                 contype=0,
                 conaffinity=0,
                 density=0,

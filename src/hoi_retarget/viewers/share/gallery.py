@@ -1,21 +1,15 @@
-"""The pages of a gallery: text that comes from files is escaped, and paths are cut to their last name."""
+"""The pages of a gallery; of paths they tell the last name alone."""
 
-import base64
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from hashlib import sha256
-from html import escape
-from importlib.resources import files
 from pathlib import PureWindowsPath
-from string import Template
 
-from hoi_retarget import __version__
 from hoi_retarget.evaluate import COLUMNS, Score, mean_values
 from hoi_retarget.evaluate.table import scales_text
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.robots.spec import RobotSpec
+from hoi_retarget.viewers.html import render
 from hoi_retarget.viewers.scene.curve_chart import LEFT_INSET_PX, RIGHT_INSET_PX
 from hoi_retarget.viewers.share.packed_scene import stride_of
 
@@ -32,16 +26,16 @@ _LONGEST_NAME = 80
 
 @dataclass(frozen=True, eq=False)
 class GalleryEntry:
-    """One result as the gallery tells of it."""
+    """One result of a gallery."""
 
     title: str
     motion: Motion
     spec: RobotSpec
     score: Score
     warnings: tuple[str, ...] = ()
-    """What is not right with it, a sentence each."""
+    """Warnings about it, a sentence each."""
     command: str = ""
-    """How to make it again; empty where nobody knows."""
+    """The command that makes it again; empty where it is not known."""
 
 
 def file_name(title: str, taken: Iterable[str]) -> str:
@@ -59,61 +53,46 @@ def clip_page(entry: GalleryEntry, *, scene: str, curves: str, gallery: str) -> 
     """Return the page of one result.
 
     Args:
-        entry: What is told of it.
+        entry: The result.
         scene: Of `packed_scene.pack`.
         curves: Of `curve_chart.chart_html`.
         gallery: The gallery's title.
     """
-    script = _template("player.js")
-    digest = base64.b64encode(sha256(script.encode()).digest()).decode("ascii")
-    warnings = "".join(f"<li>{escape(warning)}</li>" for warning in entry.warnings)
-    command = f"<h2>Made by</h2><pre>{escape(entry.command)}</pre>" if entry.command else ""
-    return Template(_template("clip.html")).substitute(
-        title=escape(entry.title),
-        gallery=escape(gallery),
-        subtitle=escape(_summary(entry)),
-        style=_template("page.css"),
-        script=script,
-        # Nothing else may run in the page, or be loaded by it, whatever the files' names are.
-        script_hash=f"sha256-{digest}",
+    values = entry.score.values()
+    return render(
+        "viewers/share/page/clip.html.j2",
+        title=entry.title,
+        gallery=gallery,
+        summary=_summary(entry),
         scene=scene,
         curves=curves,
-        left=LEFT_INSET_PX,
-        right=RIGHT_INSET_PX,
-        warnings=f'<h2>Warnings</h2><ul class="warnings">{warnings}</ul>' if warnings else "",
-        figures=_figures(entry.score),
+        left_px=LEFT_INSET_PX,
+        right_px=RIGHT_INSET_PX,
+        warnings=entry.warnings,
+        figures=[(column.title, column.text(values[column.name]), column.unit) for column in COLUMNS],
         facts=_facts(entry),
-        command=command,
-        footer=_footer(),
+        command=entry.command,
     )
 
 
-def index_page(title: str, entries: Sequence[tuple[GalleryEntry, str, str]]) -> str:
-    """Return the page of all results: of each its entry, and the names of its page and of its picture."""
-    return Template(_template("index.html")).substitute(
-        title=escape(title),
-        subtitle=escape(_overview([entry.score for entry, _, _ in entries])),
-        style=_template("page.css"),
-        cards="\n".join(_card(entry, page, picture) for entry, page, picture in entries),
-        footer=_footer(),
-    )
-
-
-def _card(entry: GalleryEntry, page: str, picture: str) -> str:
-    values = entry.score.values()
-    figures = "".join(
-        # A card is narrow.
-        f"<dt>{escape(column.title.removeprefix('floor '))}</dt>"
-        f"<dd>{column.text(values[column.name])} {escape(_unit(column.unit))}</dd>"
-        for column in COLUMNS
-        if column.name in _ON_CARDS
-    )
-    licence = entry.motion.report.source.licence
-    return (
-        f'<a class="card" href="{escape(page)}"><img src="{escape(picture)}" alt="">'
-        f'<div><h2>{escape(entry.title)}</h2><p class="soft">{escape(_summary(entry))}</p><dl>{figures}</dl>'
-        + (f'<p class="licence">Source: {escape(licence)}</p>' if licence else "")
-        + "</div></a>"
+def index_page(title: str, entries: Sequence[tuple[GalleryEntry, str, str | None]]) -> str:
+    """Return the page of all results: of each its entry, its page's name, and its picture's where there is one."""
+    return render(
+        "viewers/share/page/index.html.j2",
+        title=title,
+        overview=_overview([entry.score for entry, _, _ in entries]),
+        cards=[
+            {
+                "page": page,
+                "picture": picture,
+                "title": entry.title,
+                "summary": _summary(entry),
+                # A card is narrow.
+                "figures": [(name.removeprefix("floor "), value) for name, value in _on_card(entry.score.values())],
+                "licence": entry.motion.report.source.licence,
+            }
+            for entry, page, picture in entries
+        ],
     )
 
 
@@ -125,29 +104,24 @@ def _summary(entry: GalleryEntry) -> str:
 
 def _overview(scores: Sequence[Score]) -> str:
     means = mean_values(scores)
-    told = [
-        f"{column.title} {column.text(means[column.name])} {_unit(column.unit)}"
-        for column in COLUMNS
-        if column.name in _ON_CARDS and means[column.name] is not None
-    ]
+    told = [f"{name} {value}" for name, value in _on_card({name: v for name, v in means.items() if v is not None})]
     count = f"{len(scores)} motion{'s' if len(scores) != 1 else ''}"
     return f"{count}. Mean {', '.join(told)}." if len(scores) > 1 and told else f"{count}."
 
 
-def _figures(score: Score) -> str:
-    values = score.values()
-    rows = [
-        f'<tr><th>{escape(column.title)}</th><td class="number">{column.text(values[column.name])}</td>'
-        f'<td class="unit">{escape(_unit(column.unit))}</td></tr>'
+def _on_card(values: Mapping[str, float | None]) -> list[tuple[str, str]]:
+    """Return the titles of the few figures of a card, and their values with units."""
+    return [
+        (column.title, f"{column.text(values[column.name])} {column.unit}")
         for column in COLUMNS
+        if column.name in _ON_CARDS and column.name in values
     ]
-    return f"<table>{''.join(rows)}</table>"
 
 
-def _facts(entry: GalleryEntry) -> str:
+def _facts(entry: GalleryEntry) -> dict[str, str]:
     motion, score = entry.motion, entry.score
     stride = stride_of(motion.frames)
-    facts = {
+    return {
         "robot": entry.spec.title,
         "recording": _last_name(motion.report.source.path),
         "format": motion.report.source.format,
@@ -160,23 +134,8 @@ def _facts(entry: GalleryEntry) -> str:
         "frames": f"{motion.frames} at {motion.fps:g} a second",
         "played": f"one frame in {stride}; what lies between is interpolated" if stride > 1 else "",
     }
-    rows = [f'<tr><th class="soft">{name}</th><td>{escape(text)}</td></tr>' for name, text in facts.items() if text]
-    return f"<table>{''.join(rows)}</table>"
 
 
 def _last_name(path: str) -> str:
     # Knows both kinds of slashes, whichever machine the result comes from.
     return PureWindowsPath(path).name or path
-
-
-def _unit(unit: str) -> str:
-    return unit.replace("^3", "³")
-
-
-def _footer() -> str:
-    return f"Made with hoi-retarget {escape(__version__)}."
-
-
-@cache
-def _template(name: str) -> str:
-    return (files("hoi_retarget.viewers.share") / "page" / name).read_text(encoding="utf-8")

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from hoi_retarget.numerics import se3
 from hoi_retarget.viewers.scene.auto_camera import FittedCamera
 from hoi_retarget.viewers.scene.drawing import Kind, Layer, Lines, Part, Scene, Shapes, Solid, Subject
 
@@ -73,9 +74,7 @@ class _Numbers:
 
     def add_turns(self, quats: Float[np.ndarray, "T N 4"]) -> dict[str, Any]:
         """Add rotations, without the jumps of sign that mean nothing."""
-        same = np.einsum("tni,tni->tn", quats[1:], quats[:-1]) >= 0
-        signs = np.cumprod(np.where(same, 1.0, -1.0), axis=0)
-        return self.add(np.concatenate([quats[:1], signs[:, :, None] * quats[1:]]), _TURN_STEP)
+        return self.add(se3.quat_continuous(quats), _TURN_STEP)
 
 
 def _subject(numbers: _Numbers, subject: Subject) -> dict[str, Any]:
@@ -88,18 +87,8 @@ def _subject(numbers: _Numbers, subject: Subject) -> dict[str, Any]:
 
 
 def _layer(numbers: _Numbers, layer: Layer, stride: int) -> dict[str, Any]:
-    parts = [_part(numbers, part, stride) for part in layer.parts if _count(part)]
+    parts = [_part(numbers, part, stride) for part in layer.parts if part.count]
     return {"name": layer.name, "opacity": layer.opacity, "shown": layer.shown, "parts": parts}
-
-
-def _count(part: Part) -> int:
-    match part:
-        case Shapes():
-            return len(part.sizes)
-        case Solid():
-            return 1
-        case Lines():
-            return part.starts.shape[1]
 
 
 def _part(numbers: _Numbers, part: Part, stride: int) -> dict[str, Any]:
@@ -136,7 +125,7 @@ def _part(numbers: _Numbers, part: Part, stride: int) -> dict[str, Any]:
             }
     if visible is not None and not visible.all():
         kind["visible"] = numbers.add(visible[::stride], 1.0)
-    return {"count": _count(part), **kind}
+    return {"count": part.count, **kind}
 
 
 def _ordered(faces: Int[np.ndarray, "F 3"]) -> Int[np.ndarray, "F 3"]:

@@ -10,11 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
-
-from hoi_retarget.errors import ArgumentError, WriteError
-from hoi_retarget.motion.motion import Motion
-from hoi_retarget.numerics import se3
+from hoi_retarget.errors import ArgumentError, DrawingError, WriteError
 from hoi_retarget.viewers.offscreen.thumbnail import representative_frame, thumbnail
 from hoi_retarget.viewers.scene.auto_camera import fit_camera
 from hoi_retarget.viewers.scene.curve_chart import chart_html
@@ -32,10 +28,12 @@ class Gallery:
 
     def __init__(self, folder: Path, title: str) -> None:
         self._folder, self._title = folder, title
-        self._entries: list[tuple[GalleryEntry, str, str]] = []
+        self._entries: list[tuple[GalleryEntry, str, str | None]] = []
+        self.without_pictures = ""
+        """Why cards have no pictures; empty where they have."""
 
     def add(self, entry: GalleryEntry, shown: Shown) -> None:
-        """Write the page and the picture of a result.
+        """Write the page of a result, and its picture where this machine can draw.
 
         Raises:
             GeometryError: An object's mesh file cannot be read.
@@ -43,18 +41,22 @@ class Gallery:
         """
         assert shown.model is not None
         scene = make_scene([shown])
-        place = fit_camera(scene, _ahead(entry.motion))
+        fitted = fit_camera(scene, shown.ahead)
         curves = chart_html([(entry.title, curves_of(entry.motion, shown.model))], scene.fps, chart_height_px=44)
-        ending, picture = thumbnail(scene, representative_frame(entry.motion), place)
         taken = ("index", *(Path(page).stem for _, page, _ in self._entries))
         name = file_name(entry.title, taken)
-        page = clip_page(entry, scene=pack(scene, place), curves=curves, gallery=self._title)
+        page = clip_page(entry, scene=pack(scene, fitted), curves=curves, gallery=self._title)
         self._write_page(f"{name}.html", page)
-        self._write(f"{name}{ending}", picture)
-        self._entries.append((entry, f"{name}.html", f"{name}{ending}"))
+        picture = None
+        try:
+            self._write(f"{name}.png", thumbnail(scene, representative_frame(entry.motion), fitted))
+            picture = f"{name}.png"
+        except DrawingError as error:
+            self.without_pictures = str(error)
+        self._entries.append((entry, f"{name}.html", picture))
 
     def finish(self) -> None:
-        """Write what leads to the pages; raises `WriteError`."""
+        """Write the page of all results; raises `WriteError`."""
         self._write_page("index.html", index_page(self._title, self._entries))
         own = sorted([path.name for path in self._folder.iterdir()] + [LISTING])
         self._write(LISTING, json.dumps({"made by": "hoi-retarget share", "files": own}, indent=1).encode())
@@ -144,8 +146,3 @@ def _replace(new: Path, out: Path, old: Path) -> None:
 
 def _cannot(out: Path, error: OSError) -> WriteError:
     return WriteError(f"--out {out}: cannot be written ({error.strerror or error}). Choose another folder.")
-
-
-def _ahead(motion: Motion) -> np.ndarray:
-    """Return where the robot faces on the whole, seen from above."""
-    return se3.rotate(motion.qpos[:, 3:7], np.array([1.0, 0.0, 0.0])).mean(axis=0)[:2]
