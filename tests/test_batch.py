@@ -20,11 +20,12 @@ from hoi_retarget.batch.jobs import jobs_of
 from hoi_retarget.batch.manifest import MANIFEST, STATUSES, Entry, Manifest, read_manifest
 from hoi_retarget.batch.pool import Lost
 from hoi_retarget.batch.run import run_batch
-from hoi_retarget.batch.specification import Specification, of_folder, read_specification
+from hoi_retarget.batch.specification import KEYS, Specification, of_folder, read_specification
 from hoi_retarget.batch.work import do
 from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import Augmentation
 from hoi_retarget.clip.edits import ContactEdits, FixAll, save
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, WriteError
 from hoi_retarget.evaluate import Figures
 from hoi_retarget.motion.motion import Motion
@@ -182,11 +183,13 @@ speeds = [2]
     wanted = Specification(
         ("builtin:carry_box", "recordings"),
         tmp_path,
-        tmp_path / "objects",
-        "box",
-        tmp_path / "models",
-        -0.02,
-        "interact",
+        ReadOptions(
+            objects=tmp_path / "objects",
+            object_name="box",
+            body_models=tmp_path / "models",
+            floor=-0.02,
+            labels="interact",
+        ),
         Path("/elsewhere"),
         ("unitree_h2",),
         0.8,
@@ -235,7 +238,7 @@ def test_a_batch_makes_every_result_and_the_next_one_nothing(quick):
 
 
 def test_the_manifest_tells_where_each_result_is_from(folder):
-    clip = open_clip("clips/sub1_box_000.pt", objects=Path("clips/objects"))
+    clip = open_clip("clips/sub1_box_000.pt", ReadOptions(objects=Path("clips/objects")))
     Path("edits").mkdir()
     save(ContactEdits.of(clip).adding(FixAll()), Path("edits/sub1_box_000.edits.toml"))
     first, second = batch(edits=Path("edits"), mirrored=(True,), speeds=(0.8,), object_scales=(1.0,)).entries
@@ -272,7 +275,7 @@ def test_what_changed_is_made_again_and_nothing_else(quick, columns):
     (OUT / f"{two}.npz").unlink()
     assert names(batch()) == [two]
     Path("edits").mkdir()
-    clip = open_clip("clips/sub1_box_000.pt", objects=Path("clips/objects"))
+    clip = open_clip("clips/sub1_box_000.pt", ReadOptions(objects=Path("clips/objects")))
     save(ContactEdits.of(clip).adding(FixAll()), Path("edits/sub1_box_000.edits.toml"))
     assert names(batch(edits=Path("edits"))) == [one]
     assert names(batch(edits=Path("edits"), horizon="windowed:20")) == [one, two]
@@ -285,8 +288,10 @@ def test_what_changed_is_made_again_and_nothing_else(quick, columns):
 
 
 def test_a_mesh_beside_a_clip_counts_as_the_clip_does(quick):
-    own_layout.write(open_clip("clips/sub1_box_000.pt", objects=Path("clips/objects")), Path("clips/own.npz"))
-    only = {"clips": ("own.npz",), "objects": None, "mirrored": (True,)}
+    own_layout.write(
+        open_clip("clips/sub1_box_000.pt", ReadOptions(objects=Path("clips/objects"))), Path("clips/own.npz")
+    )
+    only = {"clips": ("own.npz",), "reading": ReadOptions(), "mirrored": (True,)}
     batch(**only)
     assert names(batch(**only)) == []
     mesh = Path("clips/objects/box/box.obj")
@@ -434,7 +439,7 @@ def test_what_a_crash_left_is_removed(quick):
 
 
 def test_no_result_is_written_over_a_recording(quick):
-    clip = open_clip("clips/sub1_box_000.pt", objects=Path("clips/objects"))
+    clip = open_clip("clips/sub1_box_000.pt", ReadOptions(objects=Path("clips/objects")))
     recording = OUT / "unitree_g1" / "own.npz"
     own_layout.write(replace(clip, objects=tuple(map(_without_mesh, clip.objects))), recording)
     content = recording.read_bytes()
@@ -574,7 +579,7 @@ def test_the_documented_specification_is_one_and_names_every_key(tmp_path):
     (example,) = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
     (tmp_path / "set.toml").write_text(example)
     assert len(read_specification(tmp_path / "set.toml").robots) == 2
-    assert set(tomllib.loads(example)) == {field.name for field in fields(Specification)} - {"folder"}
+    assert set(tomllib.loads(example)) == set(KEYS)
 
 
 def test_the_documented_manifest_has_every_key():

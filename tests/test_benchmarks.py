@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.readers import READERS, read_clip
 from hoi_retarget.retarget.trajopt.problem import Problem, cost_by_term
 from trajectories import MODELS, one_term_per_file, random_qpos
@@ -145,7 +146,7 @@ def test_clips_of_every_format_are_there_to_be_measured(tmp_path, sources):
         folder = tmp_path / name
         folder.mkdir()
         recording = write(folder, 60)
-        clip = read_clip(recording.path, objects=recording.objects, body_models=recording.body_models)
+        clip = read_clip(recording.path, ReadOptions(objects=recording.objects, body_models=recording.body_models))
         assert clip.frames == 60, name
         formats[name] = clip.source.format
     assert set(formats.values()) == set(READERS)

@@ -1,15 +1,15 @@
 """The jobs that a specification asks for: one clip, one robot, one variant each."""
 
 import errno
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 from hoi_retarget.batch.specification import Specification
 from hoi_retarget.clip.augment import describe
 from hoi_retarget.clip.clip import Augmentation
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.files.source_file import FOLDER
 from hoi_retarget.readers import SUFFIXES, can_be_clip, clips_in, recordings_below
@@ -31,8 +31,7 @@ class Job:
     """`builtin:<scene>` or an absolute path."""
     shown: str
     """The clip as it was named: relative to the specification's folder, where it was."""
-    reading: Mapping[str, Any]
-    """What the clip is read with, as `recordings.open_clip` takes it."""
+    reading: ReadOptions
     edits: Path | None
     robot: str
     scaling: Scaling
@@ -74,14 +73,10 @@ class _Named:
 
 def _variants(clip: _Named, specification: Specification) -> Iterator[Job]:
     edits = specification.edits and _edits_of(clip, specification.edits)
-    objects, models = specification.objects, specification.body_models
-    reading = {
-        "objects": objects and objects.absolute(),
-        "object_name": specification.object_name,
-        "body_models": models and models.absolute(),
-        "floor": specification.floor,
-        "labels": specification.labels,
-    }
+    objects, models = specification.reading.objects, specification.reading.body_models
+    reading = replace(
+        specification.reading, objects=objects and objects.absolute(), body_models=models and models.absolute()
+    )
     grid = product(
         specification.robots,
         specification.object_scales,

@@ -1,14 +1,13 @@
 """What a set is made of: clips, times robots, sizes, mirror images and speeds. Declared in a small TOML file."""
 
 import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 from hoi_retarget.clip.clip import Augmentation
-from hoi_retarget.clip.infer_contacts import Labels
+from hoi_retarget.clip.read_options import NAMES, Labels, ReadOptions
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.retarget.targets import Scaling
 from hoi_retarget.retarget.trajopt.windows import parse_horizon
@@ -29,16 +28,8 @@ class Specification:
     """Files, patterns such as `*.pt`, folders, or built-in clips such as `builtin:carry_box`."""
     folder: Path = Path()
     """What relative paths are relative to."""
-    objects: Path | None = None
-    """Folder with the objects' geometry."""
-    object_name: str | None = None
-    """Which object the clips are with, where neither they nor their names say."""
-    body_models: Path | None = None
-    """Folder with SMPL-X or SMPL-H models, for recordings that hold their parameters."""
-    floor: float | None = None
-    """Height of the floor in the recordings [m], where it is known better than by the format or an estimate."""
-    labels: Labels = "auto"
-    """Where contacts come from: `auto`, `proximity` or `interact`, as for `run`."""
+    reading: ReadOptions = ReadOptions()
+    """What the clips are read with."""
     edits: Path | None = None
     """Folder with contact edits, `<clip>.edits.toml` for those clips that have some."""
     robots: tuple[str, ...] = ("unitree_g1",)
@@ -65,17 +56,28 @@ class Specification:
         parse_horizon(self.horizon)
 
 
-def of_folder(folder: Path, objects: Path | None = None) -> Specification:
+KEYS: tuple[str, ...] = tuple(
+    key
+    for field in fields(Specification)
+    if field.name != "folder"
+    for key in (NAMES if field.name == "reading" else (field.name,))
+)
+"""Keys that a file can have."""
+
+
+def of_folder(folder: Path, reading: ReadOptions = ReadOptions()) -> Specification:
     """Return what is made of a folder by default: every clip in it once, for the default robot.
 
-    Without `objects`, a folder of that name in the folder is taken where there is one.
+    Without `reading.objects`, a folder of that name in the folder is taken where there is one.
     """
     own = folder / _OBJECTS
-    return Specification(("",), folder, objects or (own if own.is_dir() else None))
+    if reading.objects is None and own.is_dir():
+        reading = replace(reading, objects=own)
+    return Specification(("",), folder, reading)
 
 
 def read_specification(path: Path) -> Specification:
-    """Return what a TOML file declares; its keys are the fields of `Specification`, without `folder`.
+    """Return what a TOML file declares; its keys are `KEYS`.
 
     Relative paths in it are relative to its own folder.
 
@@ -93,21 +95,16 @@ def read_specification(path: Path) -> Specification:
         raise ReadError(f"{path}: cannot be read ({error.strerror or error}).") from error
     except (ValueError, RecursionError) as error:
         raise ReadError(f"{path}: not a TOML file ({error}). Write one like that in docs/dataset.md.") from error
-    known = [field.name for field in fields(Specification) if field.name != "folder"]
-    unknown = [key for key in table if key not in known]
+    unknown = [key for key in table if key not in KEYS]
     if unknown:
-        raise ReadError(f"{path}: unknown key {', '.join(map(repr, unknown))}. Keys there can be: {', '.join(known)}.")
+        raise ReadError(f"{path}: unknown key {', '.join(map(repr, unknown))}. Keys there can be: {', '.join(KEYS)}.")
     if "clips" not in table:
         raise ReadError(f"{path}: 'clips' is missing. Write, for example, clips = [\"recordings/*.pt\"].")
     values = {key: _value(f"{path}: {key}", key, value) for key, value in table.items()}
-    folder = path.parent
-    return Specification(folder=folder, **_with_paths(values, folder))
-
-
-def _with_paths(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    return {
-        key: folder / value if key in ("objects", "body_models", "edits") else value for key, value in values.items()
-    }
+    paths = {key: path.parent / values[key] for key in ("objects", "body_models", "edits") if key in values}
+    values |= paths
+    reading = ReadOptions(**{key: values.pop(key) for key in NAMES if key in values})
+    return Specification(folder=path.parent, reading=reading, **values)
 
 
 _LARGEST_INTEGER = 2**63  # Of TOML; Python's may be too large for any float.

@@ -59,7 +59,7 @@ def _done(task: Task) -> Entry:
     entry = blank(job, "failed", "")
     try:
         start = time.process_time()
-        clip = open_clip(job.clip, **job.reading)
+        clip = open_clip(job.clip, job.reading)
         entry = replace(entry, source=_source(job, clip), frames=clip.frames, fps=clip.fps)
         if job.edits is not None:
             clip = apply(clip, load(job.edits))
@@ -149,7 +149,7 @@ def _command(job: Job) -> dict[str, Any]:
         "robot": job.robot,
         **asdict(job.scaling),
         "horizon": job.horizon,
-        **{key: str(value) if isinstance(value, Path) else value for key, value in job.reading.items()},
+        **job.reading.as_json(),
         "edits": None if job.edits is None else str(job.edits),
     }
 

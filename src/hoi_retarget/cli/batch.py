@@ -8,7 +8,6 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from types import FrameType
 
 from hoi_retarget.batch.manifest import MANIFEST, STATUSES, Entry
@@ -20,6 +19,7 @@ from hoi_retarget.batch.work import do
 from hoi_retarget.cli.commands import Batch
 from hoi_retarget.cli.jobs import check_writable
 from hoi_retarget.cli.terminal import Working, fail, say, show_table
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError
 
 _STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -50,8 +50,8 @@ def execute(command: Batch) -> int:
 
 def _specification(command: Batch) -> Specification:
     if command.source.is_dir():
-        specification = of_folder(command.source, command.objects)
-        return replace(specification, body_models=command.body_models, labels=command.labels)
+        reading = ReadOptions(objects=command.objects, body_models=command.body_models, labels=command.labels)
+        return of_folder(command.source, reading)
     for name in ("objects", "body_models", "labels"):
         value = getattr(command, name)
         if value not in (None, "auto"):

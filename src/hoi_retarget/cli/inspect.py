@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 
 from hoi_retarget.cli.commands import Inspect
-from hoi_retarget.cli.jobs import FOREIGN_REPORT, reading_of
+from hoi_retarget.cli.jobs import FOREIGN_REPORT
 from hoi_retarget.cli.terminal import NAME, fail, program, say, show_table, warn
 from hoi_retarget.evaluate.table import scales_text
 from hoi_retarget.motion.motion import Motion
@@ -15,7 +15,7 @@ from hoi_retarget.retarget.multi_person import STAGES, complaints
 
 def execute(command: Inspect) -> int:
     """Describe a file; return 0 unless something is wrong with it."""
-    facts = inspect(command.file, **reading_of(command))
+    facts = inspect(command.file, command)
     say(f"{facts.path}: {facts.description}  [{facts.format}]")
     _facts(facts)
     if facts.objects:

@@ -7,15 +7,15 @@ import warnings
 import zipfile
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, ReadError
 from hoi_retarget.files.source_file import FOLDER, SELECTION, SourceFile
 from hoi_retarget.files.torch_file import parse_torch, read_bytes
@@ -136,31 +136,31 @@ class _Item:
     labels: Float[np.ndarray, "T 52"]
 
 
-def inspect(path: Path, **reading: Any) -> Inspection:
+def inspect(path: Path, options: ReadOptions = ReadOptions()) -> Inspection:
     """Return what is in a file or a folder; neither it nor its objects need to be complete.
 
     Args:
         path: Any file, or a folder that is a recording.
-        reading: What it would be read with, as `recordings.open_clip` takes it; what is not given counts as missing.
+        options: What it would be read with; whatever is not given counts as missing.
 
     Raises:
         ReadError: The file is missing or damaged.
     """
     file = SourceFile(path)
     if file.suffix == FOLDER and not can_be_clip(path):
-        return _inspect_folder(path, reading)
+        return _inspect_folder(path, options)
     reader = reader_of(file) if file.suffix in SUFFIXES else None
     if reader is not None and reader.outline is not None:
-        return _inspect_source(file, reader, reading)
+        return _inspect_source(file, reader, options)
     if reader is own_layout.READER and own_layout.holds(file):
-        facts = _inspect_own(path, reading)
+        facts = _inspect_own(path, options)
     else:
-        facts = _described(path, reading.get("objects"), reading.get("object_name"))
+        facts = _described(path, options.objects, options.object_name)
     if facts.format not in READERS or facts.problems or facts.missing:
         return facts
     # All is there: what only the whole clip shows is asked too.
     try:
-        clip = open_clip(path, **reading)
+        clip = open_clip(path, options)
     except (ClipError, ReadError, GeometryError, ArgumentError) as error:
         return replace(facts, problems=(str(error),), command="")
     if reader is own_layout.READER:  # What was found is told, too.
@@ -293,12 +293,12 @@ def _with_problems(facts: Inspection, path: Path, data: np.ndarray, names: tuple
 # Clips in the layout of our own
 
 
-def _inspect_own(path: Path, reading: Mapping[str, Any]) -> Inspection:
+def _inspect_own(path: Path, options: ReadOptions) -> Inspection:
     facts = Inspection(str(path), own_layout.FORMAT, "a clip in the layout of this project")
     try:
-        clip = own_layout.read(path, **{name: reading.get(name) for name in ("objects", "object_name", "body_models")})
+        clip = own_layout.read(path, options)
     except (GeometryError, BodyModelError) as error:
-        return _lacking(facts, path, reading, error)
+        return _lacking(facts, path, options, error)
     except (ClipError, ReadError) as error:
         return replace(facts, problems=(str(error),))
     people = "" if len(clip.people) == 1 else f" of {len(clip.people)} people"
@@ -312,7 +312,7 @@ def _inspect_own(path: Path, reading: Mapping[str, Any]) -> Inspection:
         contacts_from="the file" if clip.contacts else "none in the file; found from distances",
         notes=(f"Licence of the data: {clip.source.licence or 'not stated'}.",),
     )
-    return replace(_with_clip(facts, clip), command=_run_command(path, reading))
+    return replace(_with_clip(facts, clip), command=_run_command(path, options))
 
 
 def _given_as(clip: Clip) -> str:
@@ -441,7 +441,7 @@ def _with_command(facts: Inspection, path: Path, objects: Path | None, object_na
 # Folders of recordings
 
 
-def _inspect_folder(path: Path, reading: Mapping[str, Any]) -> Inspection:
+def _inspect_folder(path: Path, options: ReadOptions) -> Inspection:
     found = recordings_below(path)
     if not found:
         problem = f"There is no clip in it or below. {why_no_clip(path)}"
@@ -452,8 +452,8 @@ def _inspect_folder(path: Path, reading: Mapping[str, Any]) -> Inspection:
     shown = f"{', '.join(names)}{', ...' if len(found) > _SHOWN else ''}"
     words = ["hoi-retarget", "batch", str(path)]
     for name in ("objects", "body_models"):
-        if reading.get(name):
-            words += [f"--{name.replace('_', '-')}", str(reading[name])]
+        if value := getattr(options, name):
+            words += [f"--{name.replace('_', '-')}", str(value)]
     return Inspection(
         str(path),
         "folder",
@@ -473,7 +473,7 @@ def _format_of(path: Path) -> str:
 # Recordings as their sources give them
 
 
-def _inspect_source(file: SourceFile, reader: Reader, reading: Mapping[str, Any]) -> Inspection:
+def _inspect_source(file: SourceFile, reader: Reader, options: ReadOptions) -> Inspection:
     assert reader.outline is not None, "asked before"
     names = reader.clips_in(file)
     if len(names) > 1 and file.selection is None:
@@ -500,30 +500,27 @@ def _inspect_source(file: SourceFile, reader: Reader, reading: Mapping[str, Any]
         notes=(f"Licence of the data: {outline.licence}.", *outline.notes),
     )
     try:
-        clip = open_clip(file.name, **reading)
+        clip = open_clip(file.name, options)
     except (GeometryError, BodyModelError) as error:
-        return _lacking(facts, file.name, reading, error)
+        return _lacking(facts, file.name, options, error)
     except (ClipError, ReadError, ArgumentError) as error:
         return replace(facts, problems=(str(error),))
-    return _with_doubts(replace(_with_clip(facts, clip), command=_run_command(file.name, reading)), clip)
+    return _with_doubts(replace(_with_clip(facts, clip), command=_run_command(file.name, options)), clip)
 
 
-def _lacking(
-    facts: Inspection, path: Path, reading: Mapping[str, Any], error: GeometryError | BodyModelError
-) -> Inspection:
+def _lacking(facts: Inspection, path: Path, options: ReadOptions, error: GeometryError | BodyModelError) -> Inspection:
     """Return the facts with what a recording lacks, and the command with it."""
     needed = "body_models" if isinstance(error, BodyModelError) else "objects"
-    command = _run_command(path, {**reading, needed: reading.get(needed) or "DIR"})
+    command = _run_command(path, replace(options, **{needed: getattr(options, needed) or Path("DIR")}))
     return replace(facts, missing=(str(error),), command=command)
 
 
-def _run_command(path: Path, reading: Mapping[str, Any]) -> str:
+def _run_command(path: Path, options: ReadOptions) -> str:
     """Return the command that retargets a recording, read with the same."""
-    options = {"object_name": "--object"}
     words = ["hoi-retarget", "run", str(path)]
-    for name, value in reading.items():
+    for name, value in options.as_json().items():
         if value is not None and value != "auto":
-            words += [options.get(name, f"--{name.replace('_', '-')}"), str(value)]
+            words += ["--object" if name == "object_name" else f"--{name.replace('_', '-')}", str(value)]
     return shlex.join([*words, "--out", "out"])
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, ContactTrack, Source
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, GeometryError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.files.torch_file import parse_torch, read_bytes
@@ -30,7 +31,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import describe_frames
 from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.readers.object_files import load_geometry
-from hoi_retarget.readers.reader import Reader, ReadOptions
+from hoi_retarget.readers.reader import Reader
 
 FORMAT = "intermimic-591"
 FPS = 30.0
@@ -104,11 +105,11 @@ class Recording:
     """Whether the finger positions stood three places late and were put right."""
 
 
-def read(path: Path, *, objects: Path | None = None, object_name: str | None = None) -> Clip:
-    """Return the clip in `path`, with the geometry of its object from the folder `objects`.
+def read(path: Path, options: ReadOptions = ReadOptions()) -> Clip:
+    """Return the clip in `path`, with the geometry of its object from the folder `options.objects`.
 
     Leading frames that are zero throughout are dropped, as some conversions begin with one. The
-    object's name is `object_name`, or else in the file's name, `sub<N>_<object>_<n>.pt`.
+    object's name is `options.object_name`, or else in the file's name, `sub<N>_<object>_<n>.pt`.
 
     Raises:
         ReadError: the file is missing, damaged, or of another layout.
@@ -116,7 +117,7 @@ def read(path: Path, *, objects: Path | None = None, object_name: str | None = N
         GeometryError: the object has no name, or its geometry cannot be had.
     """
     content = read_bytes(path)
-    return clip_of(parse_torch(content, path), path, content, objects=objects, object_name=object_name)
+    return clip_of(parse_torch(content, path), path, content, options)
 
 
 def holds(file: SourceFile) -> bool:
@@ -126,31 +127,32 @@ def holds(file: SourceFile) -> bool:
 
 def read_file(file: SourceFile, options: ReadOptions) -> Clip:
     """Return the clip of an opened file; otherwise as `read`."""
-    return clip_of(file.torch, file.path, file.content, objects=options.objects, object_name=options.object_name)
+    return clip_of(file.torch, file.path, file.content, options)
 
 
-def clip_of(
-    value: Any, path: Path, content: bytes, *, objects: Path | None = None, object_name: str | None = None
-) -> Clip:
+def clip_of(value: Any, path: Path, content: bytes, options: ReadOptions) -> Clip:
     """Return the clip that the value in a torch file is; otherwise as `read`."""
     matrix = matrix_of(value, path)
     first = leading_zero_frames(matrix)
     check(path, matrix, first)
     recording = split(matrix[first:])
     check_hands(path, recording.joint_positions, first)
-    name = object_name or name_in_file_name(path)
+    name = options.object_name or name_in_file_name(path)
     if name is None:
         raise GeometryError(
             f"{path}: the object's name is not in the file's name, expected sub<N>_<object>_<n>.pt. Pass --object NAME."
         )
-    if objects is None:
+    if options.objects is None:
         raise GeometryError(
             f"{path}: the clip needs the geometry of its object {name!r}. "
             f"Pass --objects DIR with {name}/{name}.obj or {name}/sample_points.npy in it."
         )
-    track = ObjectTrack(name, recording.object_positions, recording.object_quats, load_geometry(objects, name))
+    track = ObjectTrack(name, recording.object_positions, recording.object_quats, load_geometry(options.objects, name))
     person = Person("person", recording.joint_positions, recording.joint_quats)
-    notes = (f"The object's name is from {'the argument' if object_name else 'the file name'}.", *_notes(recording))
+    notes = (
+        f"The object's name is from {'the argument' if options.object_name else 'the file name'}.",
+        *_notes(recording),
+    )
     if first:
         notes += (f"{first} leading frame(s) without data were dropped.",)
     return Clip(

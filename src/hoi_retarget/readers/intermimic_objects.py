@@ -24,6 +24,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.clip.clip import Clip, ContactTrack, Source
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.files.torch_file import parse_torch, read_bytes
@@ -47,7 +48,7 @@ from hoi_retarget.readers.intermimic import (
     part_active,
 )
 from hoi_retarget.readers.object_files import load_geometry
-from hoi_retarget.readers.reader import Reader, ReadOptions
+from hoi_retarget.readers.reader import Reader
 
 FORMAT = "intermimic-multi-object"
 PARAHOME_LICENCE = "ParaHome: CC BY-NC-SA 4.0; repackaged by a fork of InterMimic, whose terms are not stated"
@@ -101,8 +102,8 @@ def is_multi_object(value: Any) -> bool:
     )
 
 
-def read(path: Path, *, objects: Path | None = None, object_name: str | None = None) -> Clip:
-    """Return the clip in `path`, with the geometry of its objects from the folder `objects`.
+def read(path: Path, options: ReadOptions = ReadOptions()) -> Clip:
+    """Return the clip in `path`, with the geometry of its objects from the folder `options.objects`.
 
     Raises:
         ReadError: the file is missing, damaged, or of another layout.
@@ -111,7 +112,7 @@ def read(path: Path, *, objects: Path | None = None, object_name: str | None = N
         ArgumentError: an object's name is given, although the file names its objects.
     """
     content = read_bytes(path)
-    return clip_of(parse_torch(content, path), path, content, objects=objects, object_name=object_name)
+    return clip_of(parse_torch(content, path), path, content, options)
 
 
 def holds(file: SourceFile) -> bool:
@@ -121,12 +122,10 @@ def holds(file: SourceFile) -> bool:
 
 def read_file(file: SourceFile, options: ReadOptions) -> Clip:
     """Return the clip of an opened file; otherwise as `read`."""
-    return clip_of(file.torch, file.path, file.content, objects=options.objects, object_name=options.object_name)
+    return clip_of(file.torch, file.path, file.content, options)
 
 
-def clip_of(
-    value: Any, path: Path, content: bytes, *, objects: Path | None = None, object_name: str | None = None
-) -> Clip:
+def clip_of(value: Any, path: Path, content: bytes, options: ReadOptions) -> Clip:
     """Return the clip that the value in a torch file is; otherwise as `read`."""
     if not is_multi_object(value):
         raise ReadError(
@@ -134,13 +133,13 @@ def clip_of(
             f"names ({FORMAT}). Convert the clip again."
         )
     names = tuple(value["objects"])
-    _check_names(path, names, object_name)
+    _check_names(path, names, options.object_name)
     matrix = value["data"].astype(float)
     first = leading_zero_frames(matrix)
     check(path, matrix, names, first)
     positions, quats, turned = person_of(matrix[first:], path)
     check_hands(path, positions, first)
-    if objects is None:
+    if options.objects is None:
         wanted = ", ".join(f"{mesh_name(name)}/{mesh_name(name)}.obj" for name in names)
         raise GeometryError(
             f"{path}: the clip needs the geometry of its objects. Pass --objects DIR with {wanted} in it."
@@ -148,7 +147,7 @@ def clip_of(
     person = Person("person", positions, quats)
     columns = tuple(objects_of(matrix[first:], names))
     tracks = tuple(
-        ObjectTrack(item.name, item.positions, item.quats, geometry_of(objects, item.name)) for item in columns
+        ObjectTrack(item.name, item.positions, item.quats, geometry_of(options.objects, item.name)) for item in columns
     )
     contacts = tuple(
         ContactTrack(0, index, part, part_active(item.joint_labels, part), track.to_object(person.part_position(part)))

@@ -2,22 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.files.source_file import SourceFile
-
-
-@dataclass(frozen=True)
-class ReadOptions:
-    """What a reader is told beside the recording's path."""
-
-    objects: Path | None = None
-    """Folder with the objects' geometry."""
-    object_name: str | None = None
-    """The object's name, where the recording does not tell it."""
-    body_models: Path | None = None
-    """Folder with SMPL-X or SMPL-H models, as `body_models.load_body_model` takes it."""
 
 
 @dataclass(frozen=True)
