@@ -9,8 +9,7 @@ from typing import Any, Literal, get_args
 from hoi_retarget.clip.clip import Augmentation
 from hoi_retarget.clip.read_options import NAMES, Labels, ReadOptions
 from hoi_retarget.errors import ArgumentError, ReadError
-from hoi_retarget.retarget.targets import Scaling
-from hoi_retarget.retarget.trajopt.windows import parse_horizon
+from hoi_retarget.retarget.config import Scaling, parse_horizon
 from hoi_retarget.robots import team
 
 Scale = float | Literal["auto"]
