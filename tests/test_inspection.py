@@ -81,7 +81,7 @@ def test_a_written_clip_is_described(folder):
     assert {fact.part: (fact.frames, fact.segments) for fact in facts.contacts} == {
         contact.part: (contact.active.sum(), len(contact.segments)) for contact in again.contacts
     }
-    assert facts.label_values == (0.0, 1.0)
+    assert facts.contacts_from == "labels of the bodies: 0, 1"
     assert facts.problems == facts.missing == ()
     assert facts.command == f"hoi-retarget run {path} --objects {folder / 'objects'} --out out"
 
@@ -89,8 +89,8 @@ def test_a_written_clip_is_described(folder):
 def test_without_the_objects_the_rest_is_described(folder):
     write_clip(random_clip(), folder / "sub1_box_000.pt")
     facts = inspect(folder / "sub1_box_000.pt")
-    assert facts.objects[0].geometry == "missing, pass --objects DIR"
-    assert facts.missing == ("geometry of box: missing, pass --objects DIR",)
+    assert (facts.frames, facts.objects[0].name, facts.objects[0].has_geometry) == (12, "box", False)
+    assert "Pass --objects DIR with box/box.obj" in facts.missing[0]
     assert facts.command.endswith("--objects DIR --out out")
     facts = inspect(folder / "sub1_box_000.pt", ReadOptions(objects=folder / "objects", object_name="cube"))
     assert "no object 'cube'" in facts.missing[0]
@@ -110,7 +110,7 @@ def test_late_fingers_and_zero_frames_are_noted(folder):
     (folder / "sub1_box_000.pt").write_bytes(torch_bytes(np.concatenate([np.zeros_like(matrix[:2]), matrix])))
     facts = inspect(folder / "sub1_box_000.pt", ReadOptions(objects=folder / "objects"))
     assert any("three places late" in note for note in facts.notes)
-    assert any(note.startswith("2 frame(s) are zero") for note in facts.notes)
+    assert any(note.startswith("2 leading frame(s) without data") for note in facts.notes)
     assert facts.command
 
 
@@ -143,7 +143,10 @@ def test_several_objects_are_described(folder, writer):
     facts = inspect(folder / "clip.pt", ReadOptions(objects=folder / "objects"))
     assert (facts.format, facts.frames) == ("intermimic-multi-object", 6)
     assert [item.name for item in facts.objects] == ["cup_base", "desk_base"]
-    assert [item.has_geometry for item in facts.objects] == [True, False]
+    assert "'desk" in facts.missing[0] and not facts.problems
+    write_box(folder / "objects", "desk")
+    facts = inspect(folder / "clip.pt", ReadOptions(objects=folder / "objects"))
+    assert [item.has_geometry for item in facts.objects] == [True, True]
     assert len(facts.contacts) == 2 * len(PARTS)
     assert any("lid" in note for note in facts.notes)
     assert any("Pour" in note for note in facts.notes)
@@ -274,7 +277,7 @@ def test_real_clips_are_described():
     assert facts.lowest_joint == pytest.approx(0.0, abs=0.06)
     assert facts.objects[0].moved > 0.5
     assert facts.objects[0].lowest == pytest.approx(0.0, abs=0.02)
-    assert facts.label_values == (-1.0, 0.0, 1.0)
+    assert facts.contacts_from == "labels of the bodies: -1, 0, 1"
     assert facts.problems == facts.missing == ()
     assert sum(contact.frames for contact in facts.contacts) > 100
 
@@ -290,7 +293,8 @@ def test_real_clips_of_several_objects_are_described():
         assert (facts.up_axis, facts.warnings) == ("z, by the format", ())
         assert facts.height is not None
         assert 1.4 < facts.height < 2.1
-        assert set(facts.label_values) <= set(range(-1, 7))
+        labels = facts.contacts_from.removeprefix("labels of the bodies: ").split(", ")
+        assert set(map(int, labels)) <= set(range(-1, 7))
         assert sum(item.moved > 0.1 for item in facts.objects) == 1
         for field in dataclasses.fields(facts):
             assert field.name == "result" or getattr(facts, field.name) is not None

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.clip.read_options import ReadOptions
-from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, HoiRetargetError, ReadError
+from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, HoiRetargetError
 from hoi_retarget.human.skeleton import PARTS
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectTrack
@@ -129,8 +129,6 @@ def test_what_must_be_told_is_told(folder):
         read_clip(path, ReadOptions(objects=folder / "objects"))
     with pytest.raises(ArgumentError, match="box, cup_base"):
         read_clip(path, ReadOptions(objects=folder / "objects", object_name="box"))
-    with pytest.raises(ReadError, match="526"):
-        intermimic_objects.read(written(folder, {"data": 1}), ReadOptions(objects=folder / "objects"))
     twice = dictionary_of(clip_of_two()) | {"objects": ["box", "box"]}
     with pytest.raises(ClipError, match="one name"):
         read_clip(written(folder, twice), ReadOptions(objects=folder / "objects"))

@@ -52,7 +52,6 @@ def _facts(facts: Inspection) -> None:
         ("lowest joint", lowest),
         ("human height", None if facts.height is None else f"{facts.height:.2f} m, from the skeleton"),
         ("contacts", facts.contacts_from or None),
-        ("label values", ", ".join(f"{value:g}" for value in facts.label_values) or None),
     )
     for title, text in (*rows, *(() if facts.result is None else _result(facts.result))):
         if text is not None:

@@ -147,7 +147,7 @@ def has_companions(path: Path) -> bool:
     """Return whether a recording may need files that are not known until it is read."""
     file = SourceFile(path)
     try:
-        return reader_of(file).outline is not None or own_layout.has_parameters(file)
+        return reader_of(file).has_companions(file)
     except ReadError:
         return False
 

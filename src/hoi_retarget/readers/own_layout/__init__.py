@@ -22,11 +22,11 @@ from hoi_retarget.readers.own_layout.contacts import contacts_of
 from hoi_retarget.readers.own_layout.joints import BODY_JOINTS
 from hoi_retarget.readers.own_layout.layout import CLIP_FILE, FORMAT, SCHEMA, SCHEMA_KEY
 from hoi_retarget.readers.own_layout.objects import mesh_files as meshes_of
-from hoi_retarget.readers.own_layout.objects import objects_of
+from hoi_retarget.readers.own_layout.objects import object_names, objects_of
 from hoi_retarget.readers.own_layout.parameters import ARRAYS as PARAMETERS
-from hoi_retarget.readers.own_layout.people import people_of
+from hoi_retarget.readers.own_layout.people import people_of, summary_of
 from hoi_retarget.readers.own_layout.writing import encode, write
-from hoi_retarget.readers.reader import Reader
+from hoi_retarget.readers.reader import Outline, Reader
 
 __all__ = [
     "BODY_JOINTS",
@@ -107,11 +107,7 @@ def read(path: Path, options: ReadOptions = ReadOptions()) -> Clip:
 
 def clip_of(path: Path, content: bytes, options: ReadOptions = ReadOptions()) -> Clip:
     """Return the clip that the bytes of a file are; otherwise as `read`."""
-    try:
-        arrays = Arrays(path, npz.members(content))
-    except ValueError as error:
-        raise ReadError(f"{path}: not a readable .npz file ({error}). Write it again.") from error
-    arrays.check_schema()
+    arrays = _arrays(path, content)
     if options.object_name is not None:
         raise ArgumentError(
             f"{path}: --object {options.object_name} is for clips that do not name their object. Leave it out."
@@ -141,6 +137,36 @@ def clip_of(path: Path, content: bytes, options: ReadOptions = ReadOptions()) ->
         raise ClipError(f"{path}: {error}") from error
 
 
+def _arrays(path: Path, content: bytes) -> Arrays:
+    """Return the arrays of a file of this layout; raises `ReadError` or `ClipError`."""
+    try:
+        arrays = Arrays(path, npz.members(content))
+    except ValueError as error:
+        raise ReadError(f"{path}: not a readable .npz file ({error}). Write it again.") from error
+    arrays.check_schema()
+    return arrays
+
+
+def outline(file: SourceFile) -> Outline:
+    """Return what the clip holds; raises `ReadError` or `ClipError`."""
+    path = file_of(file.path)
+    arrays = _arrays(path, file.content if path == file.path else file.read(path))
+    frames, people, skeleton = summary_of(arrays)
+    has_contacts = "contact_part" in arrays or "segment_part" in arrays
+    return Outline(
+        description="a clip in the layout of this project",
+        frames=frames,
+        fps=arrays.number("fps", "frames a second"),
+        fps_stated=True,
+        skeleton=skeleton,
+        up_axis="z, as the file says",
+        people=people,
+        objects=tuple(object_names(arrays)),
+        contacts="the file" if has_contacts else "none in the file; found from distances",
+        licence=arrays.text("licence", "the terms of the data, such as 'CC BY 4.0'") or "not stated",
+    )
+
+
 def mesh_files(path: Path) -> tuple[Path, ...]:
     """Return the mesh files beside a clip that it may need, whether there or not; none where it cannot be read."""
     file = file_of(path)
@@ -150,4 +176,12 @@ def mesh_files(path: Path) -> tuple[Path, ...]:
         return ()
 
 
-READER = Reader(format=FORMAT, suffixes=(".npz", FOLDER), floor_at_zero=True, holds=holds, read=read_file)
+READER = Reader(
+    format=FORMAT,
+    suffixes=(".npz", FOLDER),
+    floor_at_zero=True,
+    holds=holds,
+    read=read_file,
+    outline=outline,
+    has_companions=has_parameters,
+)
