@@ -19,6 +19,7 @@ from rich.text import Text
 
 from hoi_retarget import synthetic
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.readers.open import open_clip
 
 THREAD_VARIABLES = (
@@ -45,7 +46,11 @@ class Source:
 
     def read(self) -> Clip:
         """Return the clip."""
-        clip = synthetic.make(self.synthetic) if self.clip is None else open_clip(self.clip, objects=self.objects)
+        clip = (
+            synthetic.make(self.synthetic)
+            if self.clip is None
+            else open_clip(self.clip, ReadOptions(objects=self.objects))
+        )
         return clip if self.frames is None else taken(clip, np.arange(min(self.frames, clip.frames)))
 
 

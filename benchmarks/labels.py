@@ -15,6 +15,7 @@ from common import clip_files, pin_threads, show, write_json
 
 from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.clip.label_contacts import PROXIMITY, InterAct, Proximity, label_contacts, nearness, touching
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.human.skeleton import HANDS
 from hoi_retarget.readers import read_clip
 
@@ -131,7 +132,7 @@ def sweep(clips: list[Compared]) -> list[list[str]]:
 def main(arguments: Arguments) -> None:
     files = clip_files(arguments.data, arguments.limit)
     clips = [
-        compare(read_clip(path, objects=arguments.objects), chosen_on=index % 2 == 0)
+        compare(read_clip(path, ReadOptions(objects=arguments.objects)), chosen_on=index % 2 == 0)
         for index, path in enumerate(files)
     ]
     header = ["object", "clips", "F1", "not steadied", "InterAct's", "onset median / p90 [frames]", "release"]

@@ -20,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from browser import chromium, open_page, scene_pixels, wait_until
 from hoi_retarget.clip.edits import ContactEdits, Move
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retarget.config import Config
 from hoi_retarget.robots import load_robot
@@ -49,7 +50,7 @@ COUNT_FRAMES = """async (seconds) => {
 
 def main() -> None:
     arguments = _arguments()
-    clip = open_clip(arguments.clip, objects=arguments.objects)
+    clip = open_clip(arguments.clip, ReadOptions(objects=arguments.objects))
     model = load_robot("unitree_g1")
     start = solved(clip, model, Config(), ContactEdits.of(clip))
     print(f"{arguments.clip}: {clip.frames} frames at {clip.fps:g}/s")

@@ -18,6 +18,7 @@ import numpy as np
 import tyro
 
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.readers import read_clip
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))  # What writes recordings belongs to the tests.
@@ -39,7 +40,7 @@ class Arguments:
 
 
 def read(recording: Recording) -> Clip:
-    return read_clip(recording.path, objects=recording.objects, body_models=recording.body_models)
+    return read_clip(recording.path, ReadOptions(objects=recording.objects, body_models=recording.body_models))
 
 
 def seconds_of(recording: Recording, short: Recording) -> dict[str, Any]:

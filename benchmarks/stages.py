@@ -16,6 +16,7 @@ from common import clip_files, pin_threads, show, taken, write_json
 
 from hoi_retarget import synthetic
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.readers import read_clip
 from hoi_retarget.retarget.config import Config
@@ -73,7 +74,7 @@ def sources(arguments: Arguments) -> Iterator[tuple[str, list[Callable[[], Clip]
         yield "synthetic", [lambda name=name: synthetic.make(name) for name in arguments.synthetic]
     if arguments.data is not None:
         files, objects = clip_files(arguments.data, arguments.limit), arguments.objects
-        yield "recorded", [lambda file=file: read_clip(file, objects=objects) for file in files]
+        yield "recorded", [lambda file=file: read_clip(file, ReadOptions(objects=objects)) for file in files]
 
 
 def row_of(name: str, results: list[dict[str, Any]]) -> tuple[str, ...]:

@@ -9,7 +9,8 @@ from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT, PARTS
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
-from hoi_retarget.readers.intermimic import BODIES, FIELDS, UPRIGHT_QUAT
+from hoi_retarget.readers.intermimic import FIELDS
+from hoi_retarget.readers.intermimic_rows import BODIES, UPRIGHT_QUAT
 from torch_writer import torch_bytes
 
 BODY_ORDER = [JOINT_INDEX[name] for name in BODIES]

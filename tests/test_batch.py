@@ -25,6 +25,7 @@ from hoi_retarget.batch.work import run_job
 from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import Augmentation
 from hoi_retarget.clip.edits import ContactEdits, FixAll, save
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, WriteError
 from hoi_retarget.evaluate import Figures
 from hoi_retarget.motion.motion import Motion
@@ -184,11 +185,13 @@ speeds = [2]
     wanted = Specification(
         ("builtin:carry_box", "recordings"),
         tmp_path,
-        tmp_path / "objects",
-        "box",
-        tmp_path / "models",
-        -0.02,
-        "interact",
+        ReadOptions(
+            objects=tmp_path / "objects",
+            object_name="box",
+            body_models=tmp_path / "models",
+            floor=-0.02,
+            labels="interact",
+        ),
         Path("/elsewhere"),
         ("unitree_h2",),
         0.8,
@@ -244,7 +247,7 @@ def test_a_batch_makes_every_result_and_the_next_one_nothing(quick):
 
 
 def test_the_manifest_tells_where_each_result_is_from(folder):
-    clip = open_clip("clips/sub1_box_000.pt", objects=Path("clips/objects"))
+    clip = open_clip("clips/sub1_box_000.pt", ReadOptions(objects=Path("clips/objects")))
     Path("edits").mkdir()
     save(ContactEdits.of(clip).adding(FixAll()), Path("edits/sub1_box_000.edits.toml"))
     first, second = batch(edits=Path("edits"), mirrored=(True,), speeds=(0.8,), object_scales=(1.0,)).entries
@@ -279,7 +282,7 @@ def test_what_changed_is_made_again_and_nothing_else(quick, columns):
     (OUT / f"{two}.npz").unlink()
     assert names(batch()) == [two]
     Path("edits").mkdir()
-    clip = open_clip("clips/sub1_box_000.pt", objects=Path("clips/objects"))
+    clip = open_clip("clips/sub1_box_000.pt", ReadOptions(objects=Path("clips/objects")))
     save(ContactEdits.of(clip).adding(FixAll()), Path("edits/sub1_box_000.edits.toml"))
     assert names(batch(edits=Path("edits"))) == [one]
     assert names(batch(edits=Path("edits"), horizon="windowed:20")) == [one, two]
@@ -292,8 +295,10 @@ def test_what_changed_is_made_again_and_nothing_else(quick, columns):
 
 
 def test_a_mesh_beside_a_clip_counts_as_the_clip_does(quick):
-    own_layout.write(open_clip("clips/sub1_box_000.pt", objects=Path("clips/objects")), Path("clips/own.npz"))
-    only = {"clips": ("own.npz",), "objects": None, "mirrored": (True,)}
+    own_layout.write(
+        open_clip("clips/sub1_box_000.pt", ReadOptions(objects=Path("clips/objects"))), Path("clips/own.npz")
+    )
+    only = {"clips": ("own.npz",), "reading": ReadOptions(), "mirrored": (True,)}
     batch(**only)
     assert names(batch(**only)) == []
     mesh = Path("clips/objects/box/box.obj")
@@ -441,7 +446,7 @@ def test_what_a_crash_left_is_removed(quick):
 
 
 def test_no_result_is_written_over_a_recording(quick):
-    clip = open_clip("clips/sub1_box_000.pt", objects=Path("clips/objects"))
+    clip = open_clip("clips/sub1_box_000.pt", ReadOptions(objects=Path("clips/objects")))
     recording = OUT / "unitree_g1" / "own.npz"
     own_layout.write(replace(clip, objects=tuple(map(_without_mesh, clip.objects))), recording)
     content = recording.read_bytes()
@@ -581,7 +586,7 @@ def test_the_documented_specification_is_one_and_names_every_key(tmp_path):
     (example,) = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
     (tmp_path / "set.toml").write_text(example)
     assert len(read_specification(tmp_path / "set.toml").robots) == 2
-    assert set(tomllib.loads(example)) == {field.name for field in fields(Specification)} - {"folder"}
+    assert set(tomllib.loads(example)) == {item.name for item in fields(Specification)} - {"folder"}
 
 
 def test_the_documented_manifest_has_every_key():

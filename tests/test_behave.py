@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from behave_writer import CATEGORY, FIRST_FRAME, GENDER, SEQUENCE, files_of, renamed, times_of, write_files, write_mesh
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, HoiRetargetError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.readers import READERS, can_be_clip, clips_in, read_clip
@@ -41,7 +42,7 @@ def changed(file: str, **arrays) -> dict:
 
 
 def test_what_is_written_is_read(root, models):
-    clip = read_clip(write_files(root, files_of(CLIP)), body_models=models)
+    clip = read_clip(write_files(root, files_of(CLIP)), ReadOptions(body_models=models))
     assert_same_people(clip, CLIP)
     assert_same_objects(clip, CLIP)
     assert (clip.name, clip.fps, clip.contacts, clip.first_source_frame) == (SEQUENCE, 30.0, (), 0)
@@ -56,11 +57,11 @@ def test_meshes_are_found_where_the_user_says_beside_the_recording_and_above_it(
     elsewhere = tmp_path_factory.mktemp("elsewhere")
     folder = write_files(elsewhere, files_of(CLIP))
     with pytest.raises(GeometryError, match=r"chairwood_f2500\.ply"):
-        read_clip(folder, body_models=models)
+        read_clip(folder, ReadOptions(body_models=models))
     for objects in (root / "objects", root / "objects" / CATEGORY):
-        assert_same_objects(read_clip(folder, objects=objects, body_models=models), CLIP)
+        assert_same_objects(read_clip(folder, ReadOptions(objects=objects, body_models=models)), CLIP)
     write_mesh(elsewhere / "sequences", CLIP)
-    assert_same_objects(read_clip(folder, body_models=models), CLIP)
+    assert_same_objects(read_clip(folder, ReadOptions(body_models=models)), CLIP)
 
 
 def test_the_meshes_are_those_of_the_makers():
@@ -78,7 +79,7 @@ def test_frames_are_joined_by_their_times(root, models):
     files["smpl_fit_all"] |= {
         key: files["smpl_fit_all"][key][:-1] for key in ("poses", "betas", "trans", "frame_times")
     }
-    clip = read_clip(write_files(root, files), body_models=models)
+    clip = read_clip(write_files(root, files), ReadOptions(body_models=models))
     assert_same_people(clip, cut(CLIP, FRAMES - 5, 3))
     assert_same_objects(clip, cut(CLIP, FRAMES - 5, 3))
     assert clip.first_source_frame == 3
@@ -92,15 +93,15 @@ def test_each_stretch_between_gaps_is_a_clip(root, models):
     names = [path.name for path in clips_in(folder)]
     assert names == [f"{SEQUENCE}#0090-0109", f"{SEQUENCE}#0120-{FIRST_FRAME + FRAMES - 1:04d}"]
     for name, rows in zip(names, (slice(0, 20), slice(30, FRAMES)), strict=True):
-        clip = read_clip(folder.parent / name, body_models=models)
+        clip = read_clip(folder.parent / name, ReadOptions(body_models=models))
         assert_same_people(clip, cut(CLIP, rows.stop, rows.start))
         assert_same_objects(clip, cut(CLIP, rows.stop, rows.start))
         assert (clip.first_source_frame, clip.name) == (rows.start, name.replace("#", "_"))
         assert any(f"has gaps; this is the stretch from {3 + rows.start / 30:.3f}" in it for it in clip.source.notes)
     with pytest.raises(ArgumentError, match="2 clips in it"):
-        read_clip(folder, body_models=models)
+        read_clip(folder, ReadOptions(body_models=models))
     with pytest.raises(ArgumentError, match="no clip '0090-0111'"):
-        read_clip(folder.parent / f"{SEQUENCE}#0090-0111", body_models=models)
+        read_clip(folder.parent / f"{SEQUENCE}#0090-0111", ReadOptions(body_models=models))
     outline = READERS["behave"].outline
     assert outline is not None
     assert outline(SourceFile(folder.parent / names[0])).frames == 20
@@ -111,7 +112,7 @@ def test_betas_of_every_frame_are_used(root, models):
     rng = np.random.default_rng(0)
     betas = 0.3 * rng.normal(size=(FRAMES, 10))
     files = changed("smpl_fit_all", betas=betas)
-    clip = read_clip(write_files(root, files), body_models=models)
+    clip = read_clip(write_files(root, files), ReadOptions(body_models=models))
     model, poses = load_body_model(models, GENDER, "smplh"), files["smpl_fit_all"]["poses"]
     pose = model.pose(poses[:, :66], poses[:, 66:111], poses[:, 111:], flat_hands=True)
     for frame in range(0, FRAMES, 7):
@@ -125,9 +126,9 @@ def test_betas_of_every_frame_are_used(root, models):
 def test_info_tells_where_the_name_does_not(root, models):
     folder = write_files(root, files_of(CLIP), "mine")
     with pytest.raises(ClipError, match=r"neither the folder's name nor info\.json tells the person's gender"):
-        read_clip(folder, body_models=models)
+        read_clip(folder, ReadOptions(body_models=models))
     (folder / "info.json").write_text(json.dumps({"gender": GENDER, "cat": CATEGORY, "beta": None}))
-    assert_same_people(read_clip(folder, body_models=models), CLIP)
+    assert_same_people(read_clip(folder, ReadOptions(body_models=models)), CLIP)
 
 
 def test_what_it_holds_is_told_without_models(root):
@@ -170,7 +171,7 @@ OTHER = np.concatenate([np.zeros((FRAMES - 5, 10)), np.tile(np.full(10, 3.0), (5
 )
 def test_what_cannot_be_used_is_refused(root, models, files, words):
     with pytest.raises(ClipError, match=f"(?i){words}"):
-        read_clip(write_files(root, files), body_models=models)
+        read_clip(write_files(root, files), ReadOptions(body_models=models))
 
 
 @pytest.mark.parametrize(
@@ -193,7 +194,7 @@ def test_subject_and_object_are_not_guessed(root, models, sequence, info, words)
     if info is not None:
         (folder / "info.json").write_text(json.dumps(info))
     with pytest.raises((ClipError, ReadError), match=words):
-        read_clip(folder, body_models=models)
+        read_clip(folder, ReadOptions(body_models=models))
 
 
 def test_what_is_missing_is_named(root, models):
@@ -201,13 +202,13 @@ def test_what_is_missing_is_named(root, models):
     with pytest.raises(BodyModelError, match="male SMPL-H body model"):
         read_clip(folder)
     with pytest.raises(ArgumentError, match="this one names chairwood"):
-        read_clip(folder, object_name="chair", body_models=models)
+        read_clip(folder, ReadOptions(object_name="chair", body_models=models))
     (folder / "object_fit_all.npz").write_bytes(b"PK no archive")
     with pytest.raises(ReadError, match=r"object_fit_all\.npz: not a readable \.npz"):
-        read_clip(folder, body_models=models)
+        read_clip(folder, ReadOptions(body_models=models))
     (folder / "object_fit_all.npz").unlink()
     with pytest.raises(ReadError, match="looks like a recording of behave, but lacks object_fit_all"):
-        read_clip(folder, body_models=models)
+        read_clip(folder, ReadOptions(body_models=models))
 
 
 @settings(derandomize=True, deadline=None, max_examples=40, database=None)
@@ -236,7 +237,7 @@ def test_whatever_is_in_the_files_only_our_errors_come(tmp_path_factory, models,
             case "value" if values.dtype.kind == "f" and values.size:
                 values.flat[data.draw(st.integers(0, values.size - 1))] = data.draw(st.floats())
     folder = write_files(root, files)
-    for task in (lambda: clips_in(folder), lambda: read_clip(folder, body_models=models)):
+    for task in (lambda: clips_in(folder), lambda: read_clip(folder, ReadOptions(body_models=models))):
         with suppress(HoiRetargetError):
             task()
 
@@ -251,4 +252,4 @@ def test_damaged_bytes_give_our_errors(tmp_path_factory, models, place, byte, na
     content[place % len(content)] = byte
     path.write_bytes(bytes(content[: place % len(content)] if place % 2 else content))
     with suppress(HoiRetargetError):
-        read_clip(path.parent, body_models=models)
+        read_clip(path.parent, ReadOptions(body_models=models))

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.readers import READERS, read_clip
 from hoi_retarget.retarget.trajopt.problem import Problem, cost_by_term
 from trajectories import MODELS, all_terms, sunk_qpos, term_classes, terms_by_class
@@ -170,7 +171,7 @@ def test_clips_of_every_format_are_there_to_be_measured(tmp_path, sources):
         folder = tmp_path / name
         folder.mkdir()
         recording = write(folder, 60)
-        clip = read_clip(recording.path, objects=recording.objects, body_models=recording.body_models)
+        clip = read_clip(recording.path, ReadOptions(objects=recording.objects, body_models=recording.body_models))
         assert clip.frames == 60, name
         formats[name] = clip.source.format
     assert set(formats.values()) == set(READERS)

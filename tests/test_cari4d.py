@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 import cari4d_writer as writer
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, HoiRetargetError, ReadError
 from hoi_retarget.files.safe_pickle import Unread
 from hoi_retarget.files.source_file import SourceFile
@@ -56,7 +57,7 @@ def test_a_video_is_read_as_it_was_written(tmp_path, models):
     centre = LOPSIDED.objects[0].geometry.points.mean(axis=0)
     path = writer.write(tmp_path / f"{writer.VIDEO}.pth", writer.prediction(LOPSIDED, centre=centre))
     objects = writer.write_mesh(tmp_path / "meshes", LOPSIDED, offset=(0.3, -0.2, 0.1))
-    clip = read_clip(path, objects=objects, body_models=models)
+    clip = read_clip(path, ReadOptions(objects=objects, body_models=models))
     assert_same_people(clip, LOPSIDED)
     assert_same_objects(clip, LOPSIDED)
     assert (clip.name, clip.fps, clip.frames) == (writer.VIDEO, 30.0, LOPSIDED.frames)
@@ -69,7 +70,7 @@ def test_a_video_is_read_as_it_was_written(tmp_path, models):
 
 def test_contacts_are_those_of_the_hands_at_their_own_places(tmp_path, models, meshes):
     path = writer.write(tmp_path / f"{writer.VIDEO}.pth", writer.prediction(CLIP))
-    clip = read_clip(path, objects=meshes, body_models=models)
+    clip = read_clip(path, ReadOptions(objects=meshes, body_models=models))
     tracks = {track.part: track for track in clip.contacts}
     assert set(tracks) == {*HANDS, *FEET}
     for part in HANDS:
@@ -85,7 +86,9 @@ def test_contacts_are_those_of_the_hands_at_their_own_places(tmp_path, models, m
 def test_left_and_right_scores_are_not_exchanged(tmp_path, models, meshes):
     values = writer.prediction(CLIP)
     values["contact_logits"] = np.stack([np.full(CLIP.frames, 0.1), np.full(CLIP.frames, -0.1)], axis=1)
-    clip = read_clip(writer.write(tmp_path / "a_Sub01_box.pth", values), objects=meshes, body_models=models)
+    clip = read_clip(
+        writer.write(tmp_path / "a_Sub01_box.pth", values), ReadOptions(objects=meshes, body_models=models)
+    )
     assert {track.part: bool(track.active.all()) for track in clip.contacts if track.part in HANDS} == {
         "left_hand": True,
         "right_hand": False,
@@ -95,7 +98,9 @@ def test_left_and_right_scores_are_not_exchanged(tmp_path, models, meshes):
 def test_without_scores_contacts_are_left_to_others(tmp_path, models, meshes):
     for index, change in enumerate(({}, {"contact_logits": np.zeros((CLIP.frames, 2))})):
         values = {key: value for key, value in writer.prediction(CLIP).items() if key != "contact_logits"} | change
-        clip = read_clip(writer.write(tmp_path / f"{index}.pth", values), objects=meshes, body_models=models)
+        clip = read_clip(
+            writer.write(tmp_path / f"{index}.pth", values), ReadOptions(objects=meshes, body_models=models)
+        )
         assert clip.contacts == ()
         assert "The file has no scores of contacts." in clip.source.notes
 
@@ -103,7 +108,7 @@ def test_without_scores_contacts_are_left_to_others(tmp_path, models, meshes):
 def test_the_optimization_rests_hands_in_the_models_mean(tmp_path, models, meshes):
     values = body_values(CLIP.people, "smplh")
     path = writer.write(tmp_path / "optimized.pth", writer.prediction(CLIP, hands=values))
-    clip = read_clip(path, objects=meshes, body_models=models)
+    clip = read_clip(path, ReadOptions(objects=meshes, body_models=models))
     hand = slice(22, 52)
     np.testing.assert_allclose(
         clip.people[0].joint_positions[:, :22], CLIP.people[0].joint_positions[:, :22], atol=1e-6
@@ -130,7 +135,7 @@ def test_the_gender_is_told_by_names(tmp_path, meshes, folder, name, gender):
     path = writer.write(tmp_path / folder / "result.pth", values)
     objects = writer.write_mesh(tmp_path / "meshes", CLIP, sequence=name)
     named = {} if "Sub" in name else {"object_name": "box"}
-    clip = read_clip(path, objects=objects, body_models=only, **named)
+    clip = read_clip(path, ReadOptions(objects=objects, body_models=only, **named))
     assert f"The body is {gender}, as names tell." in clip.source.notes
     assert clip.objects[0].name == "box"
 
@@ -141,12 +146,12 @@ def test_a_sequence_of_behave_has_its_own_rate_and_mesh_frame(tmp_path, models):
         values["frames"] = writer.time_names(writer.BEHAVE, LOPSIDED.frames, fps)
         path = writer.write(tmp_path / "behave.pth", values)
         objects = writer.write_mesh(tmp_path / "meshes", LOPSIDED, sequence=writer.BEHAVE)
-        clip = read_clip(path, objects=objects, body_models=models)
+        clip = read_clip(path, ReadOptions(objects=objects, body_models=models))
         assert clip.fps == fps
         assert_same_objects(clip, LOPSIDED)
     # Read as a video's, whose mesh is centred, the box would be elsewhere.
     values["frames"] = writer.index_names(writer.BEHAVE, LOPSIDED.frames)
-    clip = read_clip(writer.write(path, values), objects=objects, body_models=models)
+    clip = read_clip(writer.write(path, values), ReadOptions(objects=objects, body_models=models))
     with pytest.raises(AssertionError):
         assert_same_objects(clip, LOPSIDED)
 
@@ -154,14 +159,14 @@ def test_a_sequence_of_behave_has_its_own_rate_and_mesh_frame(tmp_path, models):
 def test_every_other_frame_of_a_video_halves_the_rate(tmp_path, models, meshes):
     values = writer.prediction(CLIP)
     values["frames"] = [f"{writer.VIDEO}/{2 * index:06d}" for index in range(CLIP.frames)]
-    clip = read_clip(writer.write(tmp_path / "a.pth", values), objects=meshes, body_models=models)
+    clip = read_clip(writer.write(tmp_path / "a.pth", values), ReadOptions(objects=meshes, body_models=models))
     assert clip.fps == 15.0
 
 
 def test_a_shape_that_varies_is_that_of_each_frame(tmp_path, models, meshes):
     values = writer.prediction(CLIP)
     values["betas"] = values["betas"] + np.where(np.arange(CLIP.frames)[:, None] % 2, 0.5, 0.0)
-    clip = read_clip(writer.write(tmp_path / "a.pth", values), objects=meshes, body_models=models)
+    clip = read_clip(writer.write(tmp_path / "a.pth", values), ReadOptions(objects=meshes, body_models=models))
     off = np.abs(clip.people[0].joint_positions - CLIP.people[0].joint_positions).max(axis=(1, 2))
     assert off[::2].max() < 1e-6
     assert off[1::2].min() > 1e-3
@@ -180,13 +185,13 @@ def test_meshes_are_found_as_cari4d_names_them(tmp_path, models):
         (objects / folder).mkdir(parents=True)
         mesh = next(source.glob("*/*_align.obj"))
         (objects / folder / "x_align.obj").write_bytes(mesh.read_bytes())
-        assert read_clip(path, objects=objects, body_models=models).objects[0].geometry.faces is not None
+        assert read_clip(path, ReadOptions(objects=objects, body_models=models)).objects[0].geometry.faces is not None
     # Beside the recording, or in the plain layout.
     writer.write_mesh(tmp_path, CLIP)
-    assert_same_objects(read_clip(path, body_models=models), CLIP)
+    assert_same_objects(read_clip(path, ReadOptions(body_models=models)), CLIP)
     (tmp_path / "plain" / "box").mkdir(parents=True)
     (tmp_path / "plain" / "box" / "box.obj").write_bytes(mesh.read_bytes())
-    assert_same_objects(read_clip(path, objects=tmp_path / "plain", body_models=models), CLIP)
+    assert_same_objects(read_clip(path, ReadOptions(objects=tmp_path / "plain", body_models=models)), CLIP)
 
 
 def test_the_mesh_of_a_sequence_with_a_longer_name_is_not_taken(tmp_path, models):
@@ -194,14 +199,14 @@ def test_the_mesh_of_a_sequence_with_a_longer_name_is_not_taken(tmp_path, models
     for other in (f"{writer.VIDEO}1", f"{writer.VIDEO}_hand"):
         writer.write_mesh(tmp_path / "meshes", CLIP, sequence=other)
     with pytest.raises(GeometryError, match="there is no mesh"):
-        read_clip(path, objects=tmp_path / "meshes", body_models=models)
+        read_clip(path, ReadOptions(objects=tmp_path / "meshes", body_models=models))
 
 
 def test_a_mesh_without_its_true_size_is_doubted(tmp_path, models):
     points = CLIP.objects[0].geometry.points
     large = with_shape(CLIP, points * 2.0 / np.ptp(points, axis=0).max())
     path = writer.write(tmp_path / f"{writer.VIDEO}.pth", writer.prediction(CLIP))
-    clip = read_clip(path, objects=writer.write_mesh(tmp_path, large), body_models=models)
+    clip = read_clip(path, ReadOptions(objects=writer.write_mesh(tmp_path, large), body_models=models))
     assert any("metric meshes" in note for note in clip.source.notes)
 
 
@@ -319,32 +324,35 @@ def test_every_mistake_has_one_error(tmp_path, models, meshes, name):
     change, words = MISTAKES[name]
     path = writer.write(tmp_path / "clip.pth", change(writer.prediction(CLIP)))
     with pytest.raises((ClipError, ReadError), match=words) as caught:
-        read_clip(path, objects=meshes, body_models=models)
+        read_clip(path, ReadOptions(objects=meshes, body_models=models))
     assert str(path) in str(caught.value)
 
 
 def test_missing_companions_and_options(tmp_path, models, meshes):
     path = writer.write(tmp_path / f"{writer.VIDEO}.pth", writer.prediction(CLIP))
     with pytest.raises(BodyModelError, match="male SMPL-H body model"):
-        read_clip(path, objects=meshes)
+        read_clip(path, ReadOptions(objects=meshes))
     with pytest.raises(GeometryError, match=r"_align\.obj.*box\.obj"):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
     with pytest.raises(GeometryError, match="cannot be read"):
-        read_clip(path, objects=tmp_path / "absent", body_models=models)
+        read_clip(path, ReadOptions(objects=tmp_path / "absent", body_models=models))
     with pytest.raises(ArgumentError, match="Leave the option out"):
-        read_clip(path, objects=meshes, body_models=models, object_name="crate")
+        read_clip(path, ReadOptions(objects=meshes, body_models=models, object_name="crate"))
     with pytest.raises(ReadError, match="there is no male smplh model"):
-        read_clip(path, objects=meshes, body_models=write_models(tmp_path / "f", CLIP.people, "smplh", ["female"]))
+        read_clip(
+            path,
+            ReadOptions(objects=meshes, body_models=write_models(tmp_path / "f", CLIP.people, "smplh", ["female"])),
+        )
     unnamed = writer.write(tmp_path / "male" / "clip.pth", writer.prediction(CLIP, sequence="kitchen"))
     with pytest.raises(GeometryError, match="Pass --object NAME"):
-        read_clip(unnamed, objects=meshes, body_models=models)
+        read_clip(unnamed, ReadOptions(objects=meshes, body_models=models))
     for name in ("../box", "a/b"):
         with pytest.raises(ReadError, match="no plain name"):
-            read_clip(unnamed, objects=meshes, body_models=models, object_name=name)
+            read_clip(unnamed, ReadOptions(objects=meshes, body_models=models, object_name=name))
     with pytest.raises(ReadError, match="has 55 joints, as smplx has"):
         folder = write_models(tmp_path / "x", CLIP.people, "smplx", ["male"])
         (folder / "SMPLX_MALE.npz").rename(folder / "SMPLH_MALE.npz")
-        read_clip(path, objects=meshes, body_models=folder)
+        read_clip(path, ReadOptions(objects=meshes, body_models=folder))
 
 
 def test_other_torch_files_are_not_taken(tmp_path):
@@ -384,7 +392,7 @@ def test_whatever_is_in_the_file_only_our_errors_come(tmp_path_factory, models, 
             short[name] = {"text": "x", "none": None, "list": ["a/b", 3]}.get(kind, short[name])
     path = writer.write(tmp_path_factory.getbasetemp() / "fuzz.pth", short)
     with suppress(HoiRetargetError):
-        read_clip(path, objects=meshes, body_models=models)
+        read_clip(path, ReadOptions(objects=meshes, body_models=models))
     with suppress(HoiRetargetError):
         cari4d.outline(SourceFile(path))
 
@@ -399,4 +407,4 @@ def test_damaged_bytes_give_our_errors(  # noqa: PLR0917 - drawn
     path = tmp_path_factory.getbasetemp() / "bytes.pth"
     path.write_bytes(bytes(content[: place % len(content)] if cut else content))
     with suppress(HoiRetargetError):
-        read_clip(path, objects=meshes, body_models=models)
+        read_clip(path, ReadOptions(objects=meshes, body_models=models))

@@ -493,7 +493,7 @@ def test_commands_are_shown_as_the_program_was_started(monkeypatch):
 
 def test_every_setting_of_run_is_explained():
     lines = Path(sys.modules[Run.__module__].__file__).read_text()
-    heads = ("Solving", "Reading", "Run(Reading, Solving)")
+    heads = ("Solving", "Reading(ReadOptions)", "Run(Reading, Solving)")
     bodies = [lines.split(f"class {head}:")[1].split("@dataclass")[0] for head in heads]
     assert sum(body.count('    """') for body in bodies) == len(bodies) + len(Run.__dataclass_fields__)
 

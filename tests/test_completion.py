@@ -9,6 +9,7 @@ from hoi_retarget.cli import main
 from hoi_retarget.clip.floor import floor_height, on_floor
 from hoi_retarget.clip.infer_contacts import with_contacts
 from hoi_retarget.clip.label_contacts import GUESSED_FINGERS, InterAct, Proximity, label_contacts
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError
 from hoi_retarget.human.skeleton import HANDS
 from hoi_retarget.human.stance import stance
@@ -109,7 +110,7 @@ def test_results_open_their_clip_as_it_was_read(tmp_path, capsys):
     own_layout.write(replace(shifted(CLIP, 0.3), contacts=()), path)
     assert main(["run", str(path), "--floor", "0.3", "--labels", "interact", "--out", str(tmp_path / "out")]) == 0
     motion = load(tmp_path / "out" / "bare.npz")
-    again, direct = clip_of(motion), open_clip(path, floor=0.3, labels="interact")
+    again, direct = clip_of(motion), open_clip(path, ReadOptions(floor=0.3, labels="interact"))
     np.testing.assert_array_equal(again.objects[0].positions, direct.objects[0].positions)
     assert [track.active.sum() for track in again.contacts] == [track.active.sum() for track in direct.contacts]
     assert motion.contact_flags.any() and motion.report.figures["contact_gap_m"] < 0.01

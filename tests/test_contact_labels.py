@@ -14,6 +14,7 @@ from scipy.spatial import ConvexHull
 from hoi_retarget.clip import label_contacts as contact_labels
 from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.clip.label_contacts import FAR, PROXIMITY, InterAct, Proximity, label_contacts, nearness, touching
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.human.capsules import PART_CAPSULES, spheres
 from hoi_retarget.human.skeleton import FEET, HANDS, PARTS
@@ -303,7 +304,7 @@ def test_thresholds_out_of_order_are_refused(wrong):
 @pytest.mark.skipif(not SHARED.is_dir(), reason="recorded clips are not here")
 @pytest.mark.parametrize("name", ["sub2_largetable_004", "sub8_largebox_000"])
 def test_recorded_labels_are_found(name):
-    source = read_clip(SHARED / "omomo" / f"{name}.pt", objects=SHARED / "objects")
+    source = read_clip(SHARED / "omomo" / f"{name}.pt", ReadOptions(objects=SHARED / "objects"))
     found = flags(label_contacts(source))
     for known in source.contacts:
         if known.part in HANDS:

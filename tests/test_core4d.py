@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from core4d_writer import load_person, save_person, write_world
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, HoiRetargetError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.skeleton import JOINTS
@@ -50,7 +51,7 @@ def copy(world, tmp_path) -> tuple[Path, Path, Clip]:
 
 def test_with_a_body_model_everything_comes_back(world):
     sequence, models, written = world
-    clip = read_clip(sequence, body_models=models)
+    clip = read_clip(sequence, ReadOptions(body_models=models))
     assert_same_people(clip, written)
     assert_same_objects(clip, written)
     assert (clip.fps, clip.frames, clip.contacts, clip.name) == (15.0, CARRIED.frames, (), "20231002_004")
@@ -91,8 +92,8 @@ def test_meshes_are_found_in_the_tree_or_in_the_folder_given(copy, tmp_path):
     (tmp_path / "CORE4D_Real" / "object_models").rename(moved)
     with pytest.raises(GeometryError, match="pass --objects DIR"):
         read_clip(sequence)
-    assert_same_objects(read_clip(sequence, objects=moved), written)
-    assert_same_objects(read_clip(sequence, objects=moved / "table"), written)
+    assert_same_objects(read_clip(sequence, ReadOptions(objects=moved)), written)
+    assert_same_objects(read_clip(sequence, ReadOptions(objects=moved / "table")), written)
 
 
 def changed(file: str, change: Callable[[dict], object]) -> Callable[[Path], None]:
@@ -209,23 +210,23 @@ def test_mistakes_that_a_body_model_shows(copy, mistake):
     apply, words = BODY_MISTAKES[mistake]
     changed("person1_poses.npz", apply)(sequence)
     with pytest.raises(ClipError) as caught:
-        read_clip(sequence, body_models=models)
+        read_clip(sequence, ReadOptions(body_models=models))
     assert words in str(caught.value), str(caught.value)
 
 
 def test_models_that_do_not_fit(world, tmp_path):
     sequence, _, _ = world
     with pytest.raises(ReadError, match="no neutral smplx model"):
-        read_clip(sequence, body_models=write_models(tmp_path / "men", CARRIED.people, "smplx", ["male"]))
+        read_clip(sequence, ReadOptions(body_models=write_models(tmp_path / "men", CARRIED.people, "smplx", ["male"])))
     few = write_models(tmp_path / "few", CARRIED.people, "smplx", ["neutral"], components=6)
     with pytest.raises(ClipError, match="45 rotation components, or at most 6"):
-        read_clip(sequence, body_models=few)
+        read_clip(sequence, ReadOptions(body_models=few))
 
 
 def test_what_is_not_read_is_named(copy, tmp_path):
     sequence, _, _ = copy
     with pytest.raises(ArgumentError, match=r"names table021\. Leave the option out"):
-        read_clip(sequence, object_name="table")
+        read_clip(sequence, ReadOptions(object_name="table"))
     second = tmp_path / "second" / "004"
     (second / "person_1").mkdir(parents=True)
     (second / "person_1" / "result.npz").write_bytes(b"")
@@ -279,7 +280,7 @@ def test_whatever_is_in_the_files_only_our_errors_come(tmp_path_factory, data):
         save_person(path, values)
     try:
         with suppress(HoiRetargetError):
-            read_clip(sequence, body_models=data.draw(st.sampled_from([None, folder / "models"])))
+            read_clip(sequence, ReadOptions(body_models=data.draw(st.sampled_from([None, folder / "models"]))))
         with suppress(HoiRetargetError):
             core4d.outline(SourceFile(sequence))
     finally:

@@ -22,6 +22,7 @@ from grab_writer import (
     write_model,
     write_tools,
 )
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, HoiRetargetError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.skeleton import PARTS
@@ -58,7 +59,7 @@ def changed(where: str, **values) -> dict:
 
 
 def test_what_is_written_is_read(root, models):
-    clip = read_clip(write_members(root, MEMBERS), body_models=models)
+    clip = read_clip(write_members(root, MEMBERS), ReadOptions(body_models=models))
     assert_same_people(clip, CLIP)
     assert_same_objects(clip, CLIP)
     assert (clip.name, clip.fps, clip.frames) == ("s1_stool_lift", 120.0, FRAMES)
@@ -72,7 +73,7 @@ def test_what_is_written_is_read(root, models):
 
 def test_contacts_are_those_that_the_object_is_labelled_with(root, models, monkeypatch):
     monkeypatch.setattr(grab, "_ROWS", 50)  # Looked at piece by piece.
-    clip = read_clip(write_members(root, MEMBERS), body_models=models)
+    clip = read_clip(write_members(root, MEMBERS), ReadOptions(body_models=models))
     assert [(it.object, it.part) for it in clip.contacts] == [(0, part) for part in PARTS]
     active = {track.part: track.active for track in CLIP.contacts}
     for track in clip.contacts:
@@ -118,7 +119,7 @@ def test_labels_name_the_joints_of_smplx_counted_from_one():
 def test_every_label_means_its_part(root, models, label, part):
     labels = np.zeros((FRAMES, VERTICES), dtype=np.int64)
     labels[3:5, 4] = label
-    clip = read_clip(write_members(root, changed("contact", object=labels)), body_models=models)
+    clip = read_clip(write_members(root, changed("contact", object=labels)), ReadOptions(body_models=models))
     touching = {track.part: track.active.nonzero()[0].tolist() for track in clip.contacts if track.active.any()}
     assert touching == ({part: [3, 4]} if part else {})
     assert any("is also touched by" in note for note in clip.source.notes) == (part is None)
@@ -127,13 +128,13 @@ def test_every_label_means_its_part(root, models, label, part):
 def test_rotations_are_stored_the_wrong_way_round(root, models):
     turns = np.tile([0.0, 0.0, np.pi / 2], (FRAMES, 1))
     members = changed("table/params", global_orient=turns)
-    clip = read_clip(write_members(root, members), body_models=models)
+    clip = read_clip(write_members(root, members), ReadOptions(body_models=models))
     assert np.allclose(se3.rotate(clip.objects[1].quats[0], np.array([1.0, 0, 0])), [0.0, -1.0, 0.0])
 
 
 def test_objects_that_are_stored_the_right_way_round_are_refused(root, models):
     with pytest.raises(ClipError, match="with inverse rotations, contact points wander"):
-        read_clip(write_members(root, members_of(turning(), inverted=False)[0]), body_models=models)
+        read_clip(write_members(root, members_of(turning(), inverted=False)[0]), ReadOptions(body_models=models))
 
 
 def turning():
@@ -153,22 +154,22 @@ def turning():
 def test_meshes_and_bodies_are_found_by_their_plain_names(root, models, tmp_path):
     path = write_members(tmp_path, MEMBERS)
     with pytest.raises(ReadError, match=r"subject's own body is missing, looked for .*male/s1\.ply"):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
     (tmp_path / "grab" / "tools" / "subject_meshes").mkdir(parents=True)
     os.link(root / TEMPLATE, tmp_path / "grab" / "tools" / "subject_meshes" / "s1.ply")
     with pytest.raises(GeometryError, match=r"contact_meshes/stool\.ply"):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
     for objects in (root / MESHES, (root / MESHES).parent):
-        assert_same_objects(read_clip(path, objects=objects, body_models=models), CLIP)
+        assert_same_objects(read_clip(path, ReadOptions(objects=objects, body_models=models)), CLIP)
     with pytest.raises(GeometryError, match=r"stool\.ply"):
-        read_clip(write_members(root, MEMBERS), objects=tmp_path, body_models=models)
+        read_clip(write_members(root, MEMBERS), ReadOptions(objects=tmp_path, body_models=models))
 
 
 def test_the_subjects_body_counts_into_the_digest(root, models, tmp_path):
-    first = read_clip(write_members(root, MEMBERS), body_models=models)
+    first = read_clip(write_members(root, MEMBERS), ReadOptions(body_models=models))
     path = write_members(tmp_path, MEMBERS)
     write_tools(tmp_path, CLIP, MODEL | {"v_template": 1.01 * MODEL["v_template"]})
-    second = read_clip(path, body_models=models)
+    second = read_clip(path, ReadOptions(body_models=models))
     assert first.source.sha256 != second.source.sha256
     assert second.people[0].height == pytest.approx(1.01 * first.people[0].height)
 
@@ -184,7 +185,7 @@ def test_what_it_holds_is_told_without_models(root):
     with pytest.raises(BodyModelError, match="male SMPL-X body model"):
         read_clip(path)
     with pytest.raises(ArgumentError, match="this one names stool, table"):
-        read_clip(path, object_name="chair")
+        read_clip(path, ReadOptions(object_name="chair"))
 
 
 LABELS = MEMBERS["contact"]["object"]
@@ -228,17 +229,17 @@ LABELS = MEMBERS["contact"]["object"]
 )
 def test_what_cannot_be_used_is_refused(root, models, members, words):
     with pytest.raises((ClipError, ReadError, GeometryError), match=words):
-        read_clip(write_members(root, members), body_models=models)
+        read_clip(write_members(root, members), ReadOptions(body_models=models))
 
 
 def test_a_template_of_another_body_is_refused(root, models, tmp_path):
     path = write_members(tmp_path, MEMBERS)
     write_tools(tmp_path, CLIP, MODEL | {"v_template": MODEL["v_template"][:-4], "f": MODEL["f"][:4]})
     with pytest.raises(ClipError, match="own body has 216 vertices, the male SMPL-X body model 220"):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
     (tmp_path / TEMPLATE).write_bytes(b"no mesh")
     with pytest.raises(GeometryError, match="not a readable mesh"):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
 
 
 def test_what_would_be_executed_is_refused(root, models):
@@ -248,7 +249,7 @@ def test_what_would_be_executed_is_refused(root, models):
 
     path = write_members(root, MEMBERS | {"contact": {"object": Payload()}})
     with pytest.raises(ReadError, match="contact cannot be read"):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
 
 
 @settings(derandomize=True, deadline=None, max_examples=50, database=None)
@@ -267,7 +268,7 @@ def test_whatever_is_in_the_file_only_our_errors_come(models, tmp_path_factory, 
     path = write_members(folder, members)
     outline = READERS["grab"].outline
     assert outline is not None
-    for task in (lambda: read_clip(path, body_models=models), lambda: outline(SourceFile(path))):
+    for task in (lambda: read_clip(path, ReadOptions(body_models=models)), lambda: outline(SourceFile(path))):
         with suppress(HoiRetargetError):
             task()
 
@@ -308,4 +309,4 @@ def test_damaged_bytes_give_our_errors(models, tmp_path_factory, place, byte):
     content[place % len(content)] = byte
     path.write_bytes(bytes(content[: place % len(content)] if place % 3 == 0 else content))
     with suppress(HoiRetargetError):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.grasp_check import checked, fatal_fault, grasp_faults, grasp_figures
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectTrack
@@ -147,7 +148,7 @@ def test_clips_without_contacts_pass():
 @pytest.mark.skipif(not REAL, reason="no real recordings here")
 def test_all_recordings_pass_and_planted_faults_do_not():
     found = dict.fromkeys((*ROTATIONS, *UNITS, "inverse pose", "late", "early"), 0)
-    clips = [read_clip(path, objects=objects) for path, objects in REAL]
+    clips = [read_clip(path, ReadOptions(objects=objects)) for path, objects in REAL]
     for clip in clips:
         assert grasp_faults(grasp_figures(clip)) == (), clip.name
         for name, change in (ROTATIONS | UNITS).items():

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hodome_writer import write_sequence
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import BodyModelError, ClipError, GeometryError, HoiRetargetError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.numerics import se3
@@ -46,7 +47,7 @@ def object_file(path):
 def test_what_is_written_is_read(tmp_path, scene):
     made = make(scene)
     path, models = write_sequence(tmp_path, made, f"subject03_{made.objects[0].name}")
-    clip = read_clip(path, body_models=models)
+    clip = read_clip(path, ReadOptions(body_models=models))
     assert_same_people(clip, made)
     assert_same_objects(clip, made)
     assert (clip.name, clip.fps, clip.frames) == (path.stem, 60.0, made.frames)
@@ -66,7 +67,7 @@ def test_other_conventions_would_be_seen(sequence):
         before = file.read_bytes()
         changed(file, **values)
         with pytest.raises(AssertionError):
-            check(read_clip(path, body_models=models), SHORT, tolerance=1e-3)
+            check(read_clip(path, ReadOptions(body_models=models)), SHORT, tolerance=1e-3)
         file.write_bytes(before)
 
     assert np.abs(poses["object_R"] - poses["object_R"].swapaxes(1, 2)).max() > 0.1
@@ -83,7 +84,7 @@ def test_poses_may_be_in_rows_and_the_rate_beside_them(sequence):
         positions = thing["object_T"][:, None]
     changed(path, **rows)
     changed(object_file(path), object_T=positions, mocap_frame_rate=np.int64(50))
-    clip = read_clip(path, body_models=models)
+    clip = read_clip(path, ReadOptions(body_models=models))
     assert_same_people(clip, SHORT)
     assert_same_objects(clip, SHORT)
     assert clip.fps == 50.0
@@ -98,7 +99,7 @@ def test_frames_are_joined_by_their_ids(sequence):
         poses = dict(thing)
     ids = np.arange(20_000_005, 20_000_017)
     changed(object_file(path), frame_ids=ids, **{name: np.roll(array, -2, axis=0) for name, array in poses.items()})
-    clip = read_clip(path, body_models=models)
+    clip = read_clip(path, ReadOptions(body_models=models))
     assert_same_people(clip, cut(SHORT, 12, first=2))
     assert_same_objects(clip, cut(SHORT, 12, first=2))
     assert clip.first_source_frame == 2
@@ -110,7 +111,7 @@ def test_an_id_is_the_row_of_the_objects_pose(sequence):
     with np.load(path) as human:
         later = {name: array[4:] for name, array in human.items()}
     changed(path, **later)
-    clip = read_clip(path, body_models=models)
+    clip = read_clip(path, ReadOptions(body_models=models))
     assert_same_people(clip, cut(SHORT, 12, first=4))
     assert_same_objects(clip, cut(SHORT, 12, first=4))
     assert clip.first_source_frame == 0
@@ -119,8 +120,8 @@ def test_an_id_is_the_row_of_the_objects_pose(sequence):
 def test_the_object_can_be_named(tmp_path):
     path, models = write_sequence(tmp_path, SHORT, "subject01_bag_2")
     with pytest.raises(GeometryError, match=r"scaned_object/2/2_face1000\.obj"):
-        read_clip(path, body_models=models)
-    clip = read_clip(path, body_models=models, object_name="suitcase")
+        read_clip(path, ReadOptions(body_models=models))
+    clip = read_clip(path, ReadOptions(body_models=models, object_name="suitcase"))
     assert_same_objects(clip, SHORT)
     assert "The object is suitcase, as was asked for." in clip.source.notes
 
@@ -129,14 +130,14 @@ def test_meshes_can_be_elsewhere(tmp_path, sequence):
     path, models = sequence
     shutil.move(path.parents[1] / "scaned_object", tmp_path / "meshes")
     with pytest.raises(GeometryError, match="no mesh"):
-        read_clip(path, body_models=models)
-    assert_same_objects(read_clip(path, body_models=models, objects=tmp_path / "meshes"), SHORT)
+        read_clip(path, ReadOptions(body_models=models))
+    assert_same_objects(read_clip(path, ReadOptions(body_models=models, objects=tmp_path / "meshes")), SHORT)
 
 
 def test_a_name_without_its_folder_will_do(sequence, monkeypatch):
     path, models = sequence
     monkeypatch.chdir(path.parent)
-    assert_same_objects(read_clip(path.relative_to(path.parent), body_models=models), SHORT)
+    assert_same_objects(read_clip(path.relative_to(path.parent), ReadOptions(body_models=models)), SHORT)
 
 
 def test_outline_needs_neither_models_nor_meshes(sequence):
@@ -162,10 +163,10 @@ def test_the_objects_file_must_be_there(sequence):
     path, models = sequence
     object_file(path).unlink()
     with pytest.raises(ReadError, match=r"object/subject01_suitcase\.npz: there is no such file"):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
     object_file(path).parent.rmdir()
     with pytest.raises(ReadError, match="the object's poses are missing"):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
 
 
 def test_models_must_be_there_and_right(tmp_path, sequence):
@@ -174,7 +175,7 @@ def test_models_must_be_there_and_right(tmp_path, sequence):
         read_clip(path)
     (models / "SMPLX_NEUTRAL.npz").rename(models / "SMPLX_MALE.npz")
     with pytest.raises(ReadError, match="no neutral smplx model"):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
 
 
 def turned(rotation):
@@ -225,7 +226,7 @@ def test_what_is_wrong_is_told(sequence, whose, name, change, words):
         value = None if change is None else change(archive.get(name))
     changed(file, **{name: value})
     with pytest.raises(ClipError, match=words) as caught:
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
     assert path.stem in str(caught.value)
 
 
@@ -235,14 +236,14 @@ def test_damaged_archives_are_told(sequence, whose):
     file = path if whose == "human" else object_file(path)
     file.write_bytes(file.read_bytes()[:100])
     with pytest.raises(ReadError, match=r"not a readable \.npz"):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
 
 
 def test_the_digest_is_of_both_files(sequence):
     path, models = sequence
-    before = read_clip(path, body_models=models).source.sha256
+    before = read_clip(path, ReadOptions(body_models=models)).source.sha256
     changed(object_file(path), object_T=np.zeros((12, 3)))
-    assert read_clip(path, body_models=models).source.sha256 != before
+    assert read_clip(path, ReadOptions(body_models=models)).source.sha256 != before
 
 
 @settings(derandomize=True, deadline=None, max_examples=60, database=None)
@@ -255,7 +256,7 @@ def test_whatever_is_in_the_files_only_our_errors_come(tmp_path_factory, written
     for _ in range(data.draw(st.integers(1, 2))):
         damage(data, st, data.draw(st.sampled_from([path, object_file(path)])))
     try:
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
         READER.outline(SourceFile(path))
     except HoiRetargetError as error:
         assert path.stem in str(error) or "object" in str(error)

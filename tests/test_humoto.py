@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from glb_writer import Glb, bound_arms_down, humoto
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, HoiRetargetError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human import rest_pose
@@ -135,7 +136,7 @@ def test_files_are_told_apart(tmp_path):
         read_clip(tmp_path / "clip.fbx")
     assert not can_be_clip(tmp_path / "clip.fbx")
     with pytest.raises(ArgumentError, match="names chair"):
-        read_clip(path, object_name="chair")
+        read_clip(path, ReadOptions(object_name="chair"))
 
 
 # What is wrong has one error

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import BodyModelError, ClipError, GeometryError, HoiRetargetError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.numerics import se3
@@ -65,7 +66,7 @@ def turned(clip, rotation):
 @pytest.mark.parametrize("up", ["z", "y", "-y"])
 def test_what_is_written_is_read(tmp_path, up):
     path, models = write_recording(tmp_path, in_world(SUITCASE, up))
-    clip = read_clip(path, body_models=models)
+    clip = read_clip(path, ReadOptions(body_models=models))
     assert_same_people(clip, SUITCASE)
     assert_same_objects(clip, SUITCASE)
     assert (clip.fps, clip.frames, clip.contacts) == (60.0, SUITCASE.frames, ())
@@ -79,7 +80,7 @@ def test_what_is_written_is_read(tmp_path, up):
 def test_a_world_upside_down_is_turned(tmp_path):
     """z down: heights are those of the clip; headings are turned around, as y becomes -y."""
     path, models = write_recording(tmp_path, turned(SHORT, [np.pi, 0.0, 0.0]))
-    clip = read_clip(path, body_models=models)
+    clip = read_clip(path, ReadOptions(body_models=models))
     assert_same_people(clip, SHORT)
     assert_same_objects(clip, SHORT)
     assert any("-z is up" in note for note in clip.source.notes)
@@ -89,20 +90,20 @@ def test_a_world_upside_down_is_turned(tmp_path):
 def test_a_world_with_no_axis_up_is_refused(tmp_path, rotation):
     path, models = write_recording(tmp_path, turned(SHORT, rotation))
     with pytest.raises(ClipError, match="which axis is up cannot be told"):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
 
 
 def test_somebody_who_hardly_ever_stands_shows_no_axis(tmp_path):
     leaning = np.radians(45.0) * (np.arange(12) >= 5)
     path, models = write_recording(tmp_path, turned(SHORT, leaning[:, None] * [1.0, 0.0, 0.0]))
     with pytest.raises(ClipError, match="z: 42%"):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
 
 
 def test_a_small_tilt_is_kept_and_its_possibility_noted(tmp_path):
     tilted = turned(SHORT, [np.radians(8), 0.0, 0.0])
     path, models = write_recording(tmp_path, tilted)
-    clip = read_clip(path, body_models=models)
+    clip = read_clip(path, ReadOptions(body_models=models))
     assert_same_people(clip, tilted)
     assert any("the floor may be tilted" in note for note in clip.source.notes)
 
@@ -114,7 +115,7 @@ def test_other_conventions_would_be_seen(recording):
     def differs(check, **changes):
         changed(path, **changes)
         with pytest.raises(AssertionError):
-            check(read_clip(path, body_models=models), SHORT, tolerance=1e-3)
+            check(read_clip(path, ReadOptions(body_models=models)), SHORT, tolerance=1e-3)
         changed(path, **values)
 
     differs(assert_same_objects, objectRot=-values["objectRot"])
@@ -126,7 +127,7 @@ def test_other_conventions_would_be_seen(recording):
 def test_the_object_bat_is_a_baseball(tmp_path):
     bat = replace(SHORT, objects=(replace(SHORT.objects[0], name="baseball"),))
     path, models = write_recording(tmp_path, bat, Path("20230825", "20230825_zr_bat", "swing", "gt_1_0_-1.pkl"))
-    clip = read_clip(path, body_models=models)
+    clip = read_clip(path, ReadOptions(body_models=models))
     assert_same_objects(clip, bat)
     assert any("20230825_zr_bat" in note for note in clip.source.notes)
     assert READER.outline(SourceFile(path)).objects == ("baseball",)
@@ -139,19 +140,19 @@ def test_the_object_can_be_named(tmp_path, recording):
     shutil.move(path, lone)
     shutil.move(tmp_path / "object_templates", tmp_path / "meshes")
     with pytest.raises(ClipError, match="its object is not told"):
-        read_clip(lone, body_models=models, objects=tmp_path / "meshes")
+        read_clip(lone, ReadOptions(body_models=models, objects=tmp_path / "meshes"))
     with pytest.raises(GeometryError, match="no folder object_templates"):
-        read_clip(lone, body_models=models, object_name="suitcase")
+        read_clip(lone, ReadOptions(body_models=models, object_name="suitcase"))
     with pytest.raises(GeometryError, match=r"meshes/box/box_simplified_transformed\.obj"):
-        read_clip(lone, body_models=models, objects=tmp_path / "meshes", object_name="box")
-    clip = read_clip(lone, body_models=models, objects=tmp_path / "meshes", object_name="suitcase")
+        read_clip(lone, ReadOptions(body_models=models, objects=tmp_path / "meshes", object_name="box"))
+    clip = read_clip(lone, ReadOptions(body_models=models, objects=tmp_path / "meshes", object_name="suitcase"))
     assert_same_objects(clip, SHORT)
 
 
 def test_a_name_without_its_folder_will_do(recording, monkeypatch):
     path, models = recording
     monkeypatch.chdir(path.parent)
-    clip = read_clip(path.relative_to(path.parent), body_models=models)
+    clip = read_clip(path.relative_to(path.parent), ReadOptions(body_models=models))
     assert_same_objects(clip, SHORT)
     assert clip.name.startswith("20230910_af_suitcase")
 
@@ -184,7 +185,7 @@ def test_nothing_in_a_pickle_is_executed(recording, tmp_path):
 
     changed(path, more=Touch())
     with pytest.raises(ReadError, match="refused"):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
     assert not (tmp_path / "executed").exists()
 
 
@@ -194,7 +195,7 @@ def test_models_must_be_there_and_right(recording):
         read_clip(path)
     (models / "SMPLH_NEUTRAL.npz").rename(models / "SMPLX_NEUTRAL.npz")
     with pytest.raises(ReadError, match="no neutral smplh model"):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
 
 
 def test_a_mesh_must_be_a_mesh(recording):
@@ -202,7 +203,7 @@ def test_a_mesh_must_be_a_mesh(recording):
     mesh = path.parents[4] / "object_templates" / "suitcase" / "suitcase_simplified_transformed.obj"
     mesh.write_text("v 0 0 0\n")
     with pytest.raises(GeometryError, match="suitcase_simplified"):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
 
 
 def spoiled(array):
@@ -234,10 +235,10 @@ def test_what_is_wrong_is_told(recording, name, change, words):
     path, models = recording
     changed(path, **{name: change(pickle.loads(path.read_bytes())[name])})
     if words is None:
-        assert_same_people(read_clip(path, body_models=models), SHORT)
+        assert_same_people(read_clip(path, ReadOptions(body_models=models)), SHORT)
         return
     with pytest.raises(ClipError, match=words) as caught:
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
     assert str(path) in str(caught.value)
 
 
@@ -245,7 +246,7 @@ def test_too_few_frames_are_refused(recording):
     path, models = recording
     changed(path, **{name: array[:3] for name, array in pickle.loads(path.read_bytes()).items()})
     with pytest.raises(ClipError, match="too few frames"):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
 
 
 @settings(derandomize=True, deadline=None, max_examples=60, database=None)
@@ -276,7 +277,7 @@ def test_whatever_is_in_the_file_only_our_errors_come(tmp_path_factory, written,
             content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
     path.write_bytes(bytes(content))
     try:
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
         READER.outline(SourceFile(path))
     except HoiRetargetError as error:
         assert NAME.name in str(error) or "object" in str(error)

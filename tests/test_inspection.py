@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ReadError
 from hoi_retarget.human.skeleton import PARTS
 from hoi_retarget.motion.motion import Motion, Stage
@@ -66,7 +67,7 @@ def test_a_written_clip_is_described(folder):
     path = folder / "sub1_box_000.pt"
     clip = random_clip()
     write_clip(clip, path)
-    facts = inspect(path, objects=folder / "objects")
+    facts = inspect(path, ReadOptions(objects=folder / "objects"))
     assert (facts.format, facts.frames, facts.fps, facts.fps_stated) == ("intermimic-591", 12, 30.0, False)
     assert facts.height == pytest.approx(clip.people[0].height, abs=1e-5)
     assert facts.lowest_joint == pytest.approx(clip.people[0].joint_positions[..., 2].min(), abs=1e-5)
@@ -74,11 +75,11 @@ def test_a_written_clip_is_described(folder):
     assert (item.name, item.has_geometry) == ("box", True)
     assert item.lowest is not None
     assert "box.obj" in item.geometry
-    again = read_clip(path, objects=folder / "objects")
+    again = read_clip(path, ReadOptions(objects=folder / "objects"))
     assert {fact.part: (fact.frames, fact.segments) for fact in facts.contacts} == {
         contact.part: (contact.active.sum(), len(contact.segments)) for contact in again.contacts
     }
-    assert facts.label_values == (0.0, 1.0)
+    assert facts.contacts_from == "labels of the bodies: 0, 1"
     assert facts.problems == facts.missing == ()
     assert facts.command == f"hoi-retarget run {path} --objects {folder / 'objects'} --out out"
 
@@ -86,10 +87,10 @@ def test_a_written_clip_is_described(folder):
 def test_without_the_objects_the_rest_is_described(folder):
     write_clip(random_clip(), folder / "sub1_box_000.pt")
     facts = inspect(folder / "sub1_box_000.pt")
-    assert facts.objects[0].geometry == "missing, pass --objects DIR"
-    assert facts.missing == ("geometry of box: missing, pass --objects DIR",)
+    assert (facts.frames, facts.objects[0].name, facts.objects[0].has_geometry) == (12, "box", False)
+    assert "Pass --objects DIR with box/box.obj" in facts.missing[0]
     assert facts.command.endswith("--objects DIR --out out")
-    facts = inspect(folder / "sub1_box_000.pt", objects=folder / "objects", object_name="cube")
+    facts = inspect(folder / "sub1_box_000.pt", ReadOptions(objects=folder / "objects", object_name="cube"))
     assert "no object 'cube'" in facts.missing[0]
     assert "--object cube" in facts.command
 
@@ -105,9 +106,9 @@ def test_without_a_name_it_asks_for_one(folder):
 def test_late_fingers_and_zero_frames_are_noted(folder):
     matrix = columns_of(random_clip(), late_fingers=True)
     (folder / "sub1_box_000.pt").write_bytes(torch_bytes(np.concatenate([np.zeros_like(matrix[:2]), matrix])))
-    facts = inspect(folder / "sub1_box_000.pt", objects=folder / "objects")
+    facts = inspect(folder / "sub1_box_000.pt", ReadOptions(objects=folder / "objects"))
     assert any("three places late" in note for note in facts.notes)
-    assert any(note.startswith("2 frame(s) are zero") for note in facts.notes)
+    assert any(note.startswith("2 leading frame(s) without data") for note in facts.notes)
     assert facts.command
 
 
@@ -126,7 +127,7 @@ def test_problems_are_named_and_the_rest_is_described(folder, row, columns, valu
     matrix = columns_of(random_clip())
     matrix[row, columns] = value
     (folder / "sub1_box_000.pt").write_bytes(torch_bytes(matrix))
-    facts = inspect(folder / "sub1_box_000.pt", objects=folder / "objects")
+    facts = inspect(folder / "sub1_box_000.pt", ReadOptions(objects=folder / "objects"))
     assert facts.format == "intermimic-591"
     assert facts.frames == 12
     assert words in facts.problems[0]
@@ -137,10 +138,13 @@ def test_problems_are_named_and_the_rest_is_described(folder, row, columns, valu
 def test_several_objects_are_described(folder, writer):
     (folder / "clip.pt").write_bytes(writer(multi()))
     write_box(folder / "objects", "cup")
-    facts = inspect(folder / "clip.pt", objects=folder / "objects")
+    facts = inspect(folder / "clip.pt", ReadOptions(objects=folder / "objects"))
     assert (facts.format, facts.frames) == ("intermimic-multi-object", 6)
     assert [item.name for item in facts.objects] == ["cup_base", "desk_base"]
-    assert [item.has_geometry for item in facts.objects] == [True, False]
+    assert "'desk" in facts.missing[0] and not facts.problems
+    write_box(folder / "objects", "desk")
+    facts = inspect(folder / "clip.pt", ReadOptions(objects=folder / "objects"))
+    assert [item.has_geometry for item in facts.objects] == [True, True]
     assert len(facts.contacts) == 2 * len(PARTS)
     assert any("lid" in note for note in facts.notes)
     assert any("Pour" in note for note in facts.notes)
@@ -214,7 +218,7 @@ def test_damaged_bytes_are_described_or_refused(tmp_path_factory, data):
     path = folder / f"sub1_box_000{suffix}"
     path.write_bytes(bytes(content[: data.draw(st.integers(0, len(content)) | st.just(len(content)))]))
     try:
-        assert isinstance(inspect(path, objects=folder / "objects"), Inspection)
+        assert isinstance(inspect(path, ReadOptions(objects=folder / "objects")), Inspection)
     except ReadError as error:
         assert str(path) in str(error)
 
@@ -231,7 +235,7 @@ def test_any_numbers_are_described(tmp_path_factory, data):
         matrix[row, first : first + data.draw(st.integers(1, 300))] = data.draw(st.floats(width=64))
     path = folder / "sub1_box_000.pt"
     path.write_bytes(torch_bytes(matrix))
-    facts = inspect(path, objects=folder / "objects")
+    facts = inspect(path, ReadOptions(objects=folder / "objects"))
     assert bool(facts.command) != bool(facts.problems)
 
 
@@ -249,7 +253,7 @@ def test_what_contradicts_z_up_is_a_warning(folder, change, words):
     matrix[:, 162:318] = change(matrix[:, 162:318].reshape(-1, 52, 3)).reshape(len(matrix), -1)
     matrix[:, :3] = matrix[:, 162:165]
     (folder / "sub1_box_000.pt").write_bytes(torch_bytes(matrix))
-    facts = inspect(folder / "sub1_box_000.pt", objects=folder / "objects")
+    facts = inspect(folder / "sub1_box_000.pt", ReadOptions(objects=folder / "objects"))
     assert facts.up_axis == "z, by the format"
     assert (words in facts.warnings[0]) if words else not facts.warnings
 
@@ -259,19 +263,19 @@ def test_bending_is_no_other_up_axis():
     paths = sorted((SHARED / "omomo").glob("*.pt"))
     assert paths
     for path in paths:
-        facts = inspect(path, objects=SHARED / "objects")
+        facts = inspect(path, ReadOptions(objects=SHARED / "objects"))
         assert (facts.up_axis, facts.warnings) == ("z, by the format", ()), path
 
 
 @NEEDS_SHARED
 def test_real_clips_are_described():
-    facts = inspect(SHARED / "omomo" / "sub3_largebox_003.pt", objects=SHARED / "objects")
+    facts = inspect(SHARED / "omomo" / "sub3_largebox_003.pt", ReadOptions(objects=SHARED / "objects"))
     assert facts.frames == 196
     assert facts.height == pytest.approx(1.94, abs=0.025)
     assert facts.lowest_joint == pytest.approx(0.0, abs=0.06)
     assert facts.objects[0].moved > 0.5
     assert facts.objects[0].lowest == pytest.approx(0.0, abs=0.02)
-    assert facts.label_values == (-1.0, 0.0, 1.0)
+    assert facts.contacts_from == "labels of the bodies: -1, 0, 1"
     assert facts.problems == facts.missing == ()
     assert sum(contact.frames for contact in facts.contacts) > 100
 
@@ -281,13 +285,14 @@ def test_real_clips_of_several_objects_are_described():
     paths = sorted((SHARED / "parahome").glob("*.pt"))
     assert len(paths) == 3
     for path in paths:
-        facts = inspect(path, objects=SHARED / "parahome" / "objects")
+        facts = inspect(path, ReadOptions(objects=SHARED / "parahome" / "objects"))
         assert len(facts.objects) == 3
         assert all(item.has_geometry for item in facts.objects)
         assert (facts.up_axis, facts.warnings) == ("z, by the format", ())
         assert facts.height is not None
         assert 1.4 < facts.height < 2.1
-        assert set(facts.label_values) <= set(range(-1, 7))
+        labels = facts.contacts_from.removeprefix("labels of the bodies: ").split(", ")
+        assert set(map(int, labels)) <= set(range(-1, 7))
         assert sum(item.moved > 0.1 for item in facts.objects) == 1
         for field in dataclasses.fields(facts):
             assert field.name == "result" or getattr(facts, field.name) is not None

@@ -12,6 +12,7 @@ import omomo_writer
 from hoi_retarget.batch.jobs import jobs_of
 from hoi_retarget.batch.specification import of_folder
 from hoi_retarget.cli import main
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.readers.describe import inspect
@@ -49,7 +50,9 @@ def test_a_whole_recording_is_described(two_people):
 
 
 def test_what_is_asked_for_is_in_the_command(two_people):
-    facts = inspect(two_people, objects=None, object_name=None, body_models=None, floor=0.1, labels="interact")
+    facts = inspect(
+        two_people, ReadOptions(objects=None, object_name=None, body_models=None, floor=0.1, labels="interact")
+    )
     assert facts.command == f"hoi-retarget run {two_people} --floor 0.1 --labels interact --out out"
 
 
@@ -61,9 +64,9 @@ def test_a_recording_that_lacks_its_body_model_or_mesh_says_so_and_what_it_is(tm
     assert facts.format == "behave" and facts.frames == clip.frames and not facts.problems
     assert len(facts.missing) == 1 and "body model" in facts.missing[0] and "--body-models DIR" in facts.command
     models = write_models(tmp_path / "models", clip.people, "smplh", ["male", "female"])
-    assert not inspect(folder, body_models=models).missing
+    assert not inspect(folder, ReadOptions(body_models=models)).missing
     mesh.unlink()
-    facts = inspect(folder, body_models=models)
+    facts = inspect(folder, ReadOptions(body_models=models))
     assert len(facts.missing) == 1 and "mesh" in facts.missing[0] and "--objects DIR" in facts.command
     assert not facts.objects[0].has_geometry and facts.objects[0].moved is None
 

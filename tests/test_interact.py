@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, HoiRetargetError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.numerics import se3
@@ -41,7 +42,7 @@ def sequence(tmp_path, written):
 @pytest.mark.parametrize("folder", SUBSETS)
 def test_what_is_written_is_read(tmp_path, folder):
     place, models = write_sequence(tmp_path, SUITCASE, folder)
-    clip = read_clip(place, body_models=models)
+    clip = read_clip(place, ReadOptions(body_models=models))
     assert_same_people(clip, SUITCASE)
     assert_same_objects(clip, SUITCASE)
     assert (clip.name, clip.fps, clip.frames, clip.contacts) == ("s1_clip", 30.0, SUITCASE.frames, ())
@@ -65,7 +66,7 @@ def test_other_conventions_would_be_seen(tmp_path):
         before = (place / file).read_bytes()
         changed(place / file, **values)
         with pytest.raises(AssertionError):
-            check(read_clip(place, body_models=models), SUITCASE, tolerance=1e-3)
+            check(read_clip(place, ReadOptions(body_models=models)), SUITCASE, tolerance=1e-3)
         (place / file).write_bytes(before)
 
     differs("object.npz", assert_same_objects, angles=-angles)
@@ -80,7 +81,7 @@ def test_other_conventions_would_be_seen(tmp_path):
             for line in mesh.read_text().splitlines()
         )
     )
-    clip = read_clip(place, body_models=models)
+    clip = read_clip(place, ReadOptions(body_models=models))
     assert any("10.0 cm from its origin" in note for note in clip.source.notes)
     with pytest.raises(AssertionError):
         assert_same_objects(clip, SUITCASE, tolerance=1e-3)
@@ -90,7 +91,7 @@ def test_other_conventions_would_be_seen(tmp_path):
 def test_hands_are_counted_from_flat_or_mean_ones(tmp_path, folder):
     wrong = replace(SUBSETS[folder], flat_hands=not SUBSETS[folder].flat_hands)
     place, models = write_sequence(tmp_path, cut(DRAGGED, 8), folder, subset=wrong)
-    clip = read_clip(place, body_models=models)
+    clip = read_clip(place, ReadOptions(body_models=models))
     people, written = clip.people[0], DRAGGED.people[0]
     apart = np.linalg.norm(people.joint_positions - written.joint_positions[:8], axis=-1).max(axis=0)
     assert apart[:22].max() < 1e-6
@@ -106,7 +107,7 @@ def test_parts_of_objects_are_objects(tmp_path):
     place, models = write_sequence(tmp_path, both, "parahome", parts=names)
     assert not (place / "object.npz").exists()
     assert (tmp_path / "parahome" / "objects" / "drawer" / "part1.obj").is_file()
-    again = read_clip(place, body_models=models)
+    again = read_clip(place, ReadOptions(body_models=models))
     assert_same_people(again, both)
     assert_same_objects(again, both)
 
@@ -118,7 +119,7 @@ def test_parts_of_objects_are_objects(tmp_path):
 def test_shapes_tell_the_data_set_where_its_folder_does_not(tmp_path, name, shaped, title):
     clip = cut(DRAGGED, 8)
     place, models = write_sequence(tmp_path, clip, name, subset=SUBSETS[shaped])
-    again = read_clip(place, body_models=models)
+    again = read_clip(place, ReadOptions(body_models=models))
     assert_same_people(again, clip)
     assert f"{title}, which alone has poses of" in again.source.notes[0]
 
@@ -127,14 +128,14 @@ def test_shapes_tell_the_data_set_where_its_folder_does_not(tmp_path, name, shap
 def test_what_cannot_be_told_is_refused(tmp_path, shaped):
     place, models = write_sequence(tmp_path, cut(DRAGGED, 8), "mine", subset=SUBSETS[shaped])
     with pytest.raises(ClipError, match="which data set it is of cannot be told") as caught:
-        read_clip(place, body_models=models)
+        read_clip(place, ReadOptions(body_models=models))
     assert SUBSETS[shaped].title in str(caught.value)
 
 
 def test_first_word_of_the_folder_tells_the_data_set(tmp_path):
     clip = cut(DRAGGED, 8)
     place, models = write_sequence(tmp_path, clip, "omomo_correct_v2")
-    assert_same_people(read_clip(place, body_models=models), clip)
+    assert_same_people(read_clip(place, ReadOptions(body_models=models)), clip)
 
 
 def test_jaw_and_eyes_of_chairs_are_left_out(tmp_path):
@@ -143,7 +144,7 @@ def test_jaw_and_eyes_of_chairs_are_left_out(tmp_path):
     with np.load(place / "human.npz") as human:
         poses = np.concatenate([human["poses"], np.ones((8, 9))], axis=1)
     changed(place / "human.npz", poses=poses)
-    assert_same_people(read_clip(place, body_models=models), clip)
+    assert_same_people(read_clip(place, ReadOptions(body_models=models)), clip)
 
 
 def test_links_in_the_tree_are_followed_by_name(tmp_path, sequence, monkeypatch):
@@ -151,24 +152,26 @@ def test_links_in_the_tree_are_followed_by_name(tmp_path, sequence, monkeypatch)
     elsewhere = tmp_path / "disk"
     shutil.move(place.parent, elsewhere)
     place.parent.symlink_to(elsewhere)
-    assert read_clip(place, body_models=models).name == "s1_clip"
+    assert read_clip(place, ReadOptions(body_models=models)).name == "s1_clip"
     monkeypatch.chdir(place.parent)
     with pytest.raises(ReadError, match="it lies in a folder 'disk'"):
-        read_clip(place.relative_to(place.parent), body_models=models)
+        read_clip(place.relative_to(place.parent), ReadOptions(body_models=models))
 
 
 def test_a_name_without_its_folder_will_do(sequence, monkeypatch):
     place, models = sequence
     monkeypatch.chdir(place.parent)
-    assert read_clip(place.relative_to(place.parent), body_models=models).name == "s1_clip"
+    assert read_clip(place.relative_to(place.parent), ReadOptions(body_models=models)).name == "s1_clip"
 
 
 def test_meshes_can_be_elsewhere(tmp_path, sequence):
     place, models = sequence
     shutil.move(place.parents[1] / "objects", tmp_path / "meshes")
     with pytest.raises(GeometryError, match=r"omomo/objects/suitcase/suitcase\.obj"):
-        read_clip(place, body_models=models)
-    assert_same_objects(read_clip(place, body_models=models, objects=tmp_path / "meshes"), cut(DRAGGED, 12))
+        read_clip(place, ReadOptions(body_models=models))
+    assert_same_objects(
+        read_clip(place, ReadOptions(body_models=models, objects=tmp_path / "meshes")), cut(DRAGGED, 12)
+    )
 
 
 def test_only_canonical_sequences_are_read(tmp_path, sequence):
@@ -176,7 +179,7 @@ def test_only_canonical_sequences_are_read(tmp_path, sequence):
     other = place.parents[1] / "sequences" / "s1_clip"
     shutil.copytree(place, other)
     with pytest.raises(ReadError, match=r"Name .*omomo/sequences_canonical/s1_clip"):
-        read_clip(other, body_models=models)
+        read_clip(other, ReadOptions(body_models=models))
     (other / "smpl_fit_all.npz").touch()
     assert not READER.holds(SourceFile(other))
     assert READER.holds(SourceFile(place))
@@ -240,7 +243,7 @@ def test_what_is_wrong_is_told(sequence, file, name, change, words):
         value = None if change is None else change(archive.get(name))
     changed(place / file, **{name: value})
     with pytest.raises(ClipError, match=words) as caught:
-        read_clip(place, body_models=models)
+        read_clip(place, ReadOptions(body_models=models))
     assert str(place) in str(caught.value)
 
 
@@ -249,13 +252,13 @@ def test_names_do_not_lead_out_of_the_folder(sequence, name):
     place, models = sequence
     changed(place / THING, name=np.array(name))
     with pytest.raises(ReadError, match="no plain name"):
-        read_clip(place, body_models=models)
+        read_clip(place, ReadOptions(body_models=models))
 
 
 def test_a_name_may_be_in_a_row(sequence):
     place, models = sequence
     changed(place / THING, name=np.array(["suitcase"]))
-    assert_same_objects(read_clip(place, body_models=models), cut(DRAGGED, 12))
+    assert_same_objects(read_clip(place, ReadOptions(body_models=models)), cut(DRAGGED, 12))
 
 
 def test_two_files_of_one_object_are_refused(sequence):
@@ -264,18 +267,18 @@ def test_two_files_of_one_object_are_refused(sequence):
         shutil.copy(place / THING, place / f"object_{part}.npz")
     (place / THING).unlink()
     with pytest.raises(ClipError, match="two of its files are of an object 'suitcase'"):
-        read_clip(place, body_models=models)
+        read_clip(place, ReadOptions(body_models=models))
 
 
 def test_too_few_frames_are_refused(tmp_path):
     place, models = write_sequence(tmp_path, cut(DRAGGED, 4), "omomo")
-    assert read_clip(place, body_models=models).frames == 4
+    assert read_clip(place, ReadOptions(body_models=models)).frames == 4
     for file, names in ((HUMAN, ("poses", "trans")), (THING, ("angles", "trans"))):
         with np.load(place / file) as archive:
             short = {name: archive[name][:3] for name in names}
         changed(place / file, **short)
     with pytest.raises(ClipError, match="too few frames"):
-        read_clip(place, body_models=models)
+        read_clip(place, ReadOptions(body_models=models))
 
 
 def test_models_must_be_there_and_right(tmp_path, sequence):
@@ -283,20 +286,20 @@ def test_models_must_be_there_and_right(tmp_path, sequence):
     with pytest.raises(BodyModelError, match="male SMPL-X body model"):
         read_clip(place)
     with pytest.raises(BodyModelError, match="no such folder"):
-        read_clip(place, body_models=tmp_path / "absent")
+        read_clip(place, ReadOptions(body_models=tmp_path / "absent"))
     changed(place / HUMAN, gender=np.array("female"))
     with pytest.raises(ReadError, match="no female smplx model"):
-        read_clip(place, body_models=models)
+        read_clip(place, ReadOptions(body_models=models))
     shutil.copy(models / "SMPLX_MALE.npz", models / "SMPLH_MALE.npz")
     wrong, _ = write_sequence(tmp_path / "more", cut(DRAGGED, 8), "imhd")
     with pytest.raises(ReadError, match="55 joints, as smplx has"):
-        read_clip(wrong, body_models=models)
+        read_clip(wrong, ReadOptions(body_models=models))
 
 
 def test_an_object_that_is_named_needs_no_name(sequence):
     place, models = sequence
     with pytest.raises(ArgumentError, match="suitcase"):
-        read_clip(place, body_models=models, object_name="box")
+        read_clip(place, ReadOptions(body_models=models, object_name="box"))
 
 
 @pytest.mark.parametrize("file", [HUMAN, THING])
@@ -304,14 +307,14 @@ def test_damaged_archives_are_told(sequence, file):
     place, models = sequence
     (place / file).write_bytes((place / file).read_bytes()[:100])
     with pytest.raises(ReadError, match=rf"{file}: not a readable \.npz"):
-        read_clip(place, body_models=models)
+        read_clip(place, ReadOptions(body_models=models))
 
 
 def test_the_digest_is_of_all_files(sequence):
     place, models = sequence
-    before = read_clip(place, body_models=models).source.sha256
+    before = read_clip(place, ReadOptions(body_models=models)).source.sha256
     changed(place / THING, trans=np.zeros((12, 3)))
-    assert read_clip(place, body_models=models).source.sha256 != before
+    assert read_clip(place, ReadOptions(body_models=models)).source.sha256 != before
 
 
 @settings(derandomize=True, deadline=None, max_examples=60, database=None)
@@ -324,7 +327,7 @@ def test_whatever_is_in_the_files_only_our_errors_come(tmp_path_factory, written
     for _ in range(data.draw(st.integers(1, 2))):
         damage(data, st, place / data.draw(st.sampled_from([HUMAN, THING])))
     try:
-        read_clip(place, body_models=models)
+        read_clip(place, ReadOptions(body_models=models))
         READER.outline(SourceFile(place))
     except HoiRetargetError as error:
         assert str(place) in str(error) or "suitcase" in str(error) or "object" in str(error)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from behave_writer import renamed
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, HoiRetargetError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.readers import READERS, can_be_clip, read_clip
@@ -54,7 +55,7 @@ def written(root, results=RESULTS, seen=SEEN, **where):
 
 @pytest.mark.parametrize("results", [RESULTS, frames_of(RESULTS)], ids=["dictionary", "frames"])
 def test_what_is_written_is_read_in_the_makers_level_world(tmp_path, models, results):
-    clip = read_clip(written(tmp_path, results), body_models=models)
+    clip = read_clip(written(tmp_path, results), ReadOptions(body_models=models))
     assert_same_people(clip, CLIP)
     assert_same_objects(clip, CLIP)
     assert (clip.name, clip.fps, clip.contacts) == ("03_07_Seg_1", 30.0, ())
@@ -69,7 +70,7 @@ def test_what_is_written_is_read_in_the_makers_level_world(tmp_path, models, res
 def test_without_feet_on_the_makers_floor_y_is_down_and_that_is_said(tmp_path, models):
     lifted = in_world(moved(CLIP, [0.0, 0.0, 1.0]), "-y")
     results, _ = results_of(lifted)
-    clip = read_clip(written(tmp_path, results, lifted), body_models=models)
+    clip = read_clip(written(tmp_path, results, lifted), ReadOptions(body_models=models))
     assert_same_people(clip, moved(CLIP, [0.0, 0.0, 1.0]))
     assert_same_objects(clip, moved(CLIP, [0.0, 0.0, 1.0]))
     assert any("on the makers' floor in 0% of the frames only" in note for note in clip.source.notes)
@@ -79,45 +80,45 @@ def test_without_feet_on_the_makers_floor_y_is_down_and_that_is_said(tmp_path, m
 def test_another_axis_up_is_refused(tmp_path, models, up):
     other = in_world(CLIP, up)
     with pytest.raises(ClipError, match=r"stands along .*, turned to z up from -y up"):
-        read_clip(written(tmp_path, results_of(other)[0], other), body_models=models)
+        read_clip(written(tmp_path, results_of(other)[0], other), ReadOptions(body_models=models))
 
 
 def test_the_mesh_beside_the_recording_tells_the_frame_of_the_poses(tmp_path, models):
     path = write_results(tmp_path, RESULTS)
     with pytest.raises(GeometryError, match=r"looked for Mesh/00000_second_obj\.ply"):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
     for kind in ("obj", "ply"):
         objects = write_mesh(tmp_path / kind, CLIP, kind=kind)
         # Not centred: as the makers' scripts move it.
-        assert_same_objects(read_clip(path, objects=objects, body_models=models), CLIP)
+        assert_same_objects(read_clip(path, ReadOptions(objects=objects, body_models=models)), CLIP)
     write_saved_mesh(path, SEEN)
-    assert_same_objects(read_clip(path, objects=objects, body_models=models), CLIP)
+    assert_same_objects(read_clip(path, ReadOptions(objects=objects, body_models=models)), CLIP)
     write_mesh(tmp_path / "ply", CLIP, offset=0.05, kind="ply")
     with pytest.raises(GeometryError, match=r"up to 0\.050 m off the one in Mesh"):
-        read_clip(path, objects=objects, body_models=models)
+        read_clip(path, ReadOptions(objects=objects, body_models=models))
     with pytest.raises(GeometryError, match=r"07\.obj or .*07\.ply"):
-        read_clip(path, objects=tmp_path, body_models=models)
+        read_clip(path, ReadOptions(objects=tmp_path, body_models=models))
 
 
 def test_folders_tell_subject_and_object(tmp_path, models):
     assert (OBJECTS["03"], OBJECTS["10"], MALE) == ("soccerball", "stool", ("01", "02", "04", "05", "10"))
     with pytest.raises(ReadError, match="there is no male smplx model"):
-        read_clip(written(tmp_path, subject="04"), body_models=models)
-    assert read_clip(written(tmp_path, thing="09"), body_models=models).objects[0].name == "cup"
+        read_clip(written(tmp_path, subject="04"), ReadOptions(body_models=models))
+    assert read_clip(written(tmp_path, thing="09"), ReadOptions(body_models=models)).objects[0].name == "cup"
     for where in ({"subject": "11"}, {"subject": "3"}, {"thing": "chair"}, {"thing": "00"}):
         with pytest.raises(ClipError, match="folders that it is in do not tell"):
-            read_clip(written(tmp_path, **where), body_models=models)
+            read_clip(written(tmp_path, **where), ReadOptions(body_models=models))
     lone = tmp_path / "res.pkl"
     lone.write_bytes(write_results(tmp_path, RESULTS).read_bytes())
     with pytest.raises(ClipError, match=r"<subject>/<object>/Seg_<n>/res\.pkl"):
-        read_clip(lone, body_models=models)
+        read_clip(lone, ReadOptions(body_models=models))
 
 
 def test_paths_are_followed_from_wherever_one_stands(tmp_path, models, monkeypatch):
     path = written(tmp_path)
     monkeypatch.chdir(path.parent)
     here = type(path)("res.pkl")
-    assert_same_people(read_clip(here, body_models=models), CLIP)
+    assert_same_people(read_clip(here, ReadOptions(body_models=models)), CLIP)
     assert os.getcwd() == str(path.parent)  # noqa: PTH109
 
 
@@ -133,11 +134,11 @@ def test_what_it_holds_is_told_without_models(tmp_path):
         write_saved_mesh(path, SEEN)
         read_clip(path)
     with pytest.raises(ArgumentError, match="this one names chair"):
-        read_clip(path, object_name="chair")
+        read_clip(path, ReadOptions(object_name="chair"))
 
 
 def test_one_row_of_betas_is_enough(tmp_path, models):
-    clip = read_clip(written(tmp_path, RESULTS | {"betas": np.zeros((1, 10))}), body_models=models)
+    clip = read_clip(written(tmp_path, RESULTS | {"betas": np.zeros((1, 10))}), ReadOptions(body_models=models))
     assert_same_people(clip, CLIP)
 
 
@@ -169,7 +170,7 @@ OTHER = np.concatenate([np.zeros((FRAMES - 5, 10)), np.full((5, 10), 3.0)])
 )
 def test_what_cannot_be_used_is_refused(tmp_path, models, results, words):
     with pytest.raises(ClipError, match=words):
-        read_clip(written(tmp_path, results), body_models=models)
+        read_clip(written(tmp_path, results), ReadOptions(body_models=models))
 
 
 @pytest.mark.parametrize("results", [[], {}, [{"body_pose": 1}], {"poses": np.zeros((9, 156))}, [1, 2], "text"])
@@ -204,7 +205,7 @@ def test_whatever_is_in_the_file_only_our_errors_come(tmp_path_factory, models, 
     results = rows if data.draw(st.booleans()) else [rows, *LIST[:4]]
     path = written(root, results)
     with suppress(HoiRetargetError):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
 
 
 @settings(derandomize=True, deadline=None, max_examples=30, database=None)
@@ -215,4 +216,4 @@ def test_damaged_bytes_give_our_errors(tmp_path_factory, models, place, byte, sh
     content[place % len(content)] = byte
     path.write_bytes(bytes(content[: place % len(content)] if shortened else content))
     with suppress(HoiRetargetError):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, HoiRetargetError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.numerics import se3
@@ -70,7 +71,7 @@ def test_without_a_body_model(world, name):
 @pytest.mark.parametrize("index", [0, 1])
 def test_with_a_body_model(world, index):
     name = list(CLIPS)[index]
-    clip = read_clip(chosen(world, name), body_models=world.parent / "models")
+    clip = read_clip(chosen(world, name), ReadOptions(body_models=world.parent / "models"))
     assert_same_body(clip, CLIPS[name])
     # Flat hands, of the body that the betas say.
     model = load_body_model(world.parent / "models", "male", "smplx")
@@ -97,7 +98,7 @@ def test_a_file_holds_many_clips(world):
     with pytest.raises(ReadError, match="does not say which of its 2 clips"):
         omomo.outline(SourceFile(world))
     with pytest.raises(ArgumentError, match="this one names mop"):
-        read_clip(chosen(world, "sub4_mop_001"), object_name="mop")
+        read_clip(chosen(world, "sub4_mop_001"), ReadOptions(object_name="mop"))
 
 
 def test_one_clip_needs_no_name(tmp_path):
@@ -128,12 +129,12 @@ def test_scans_are_not_centred_meshes(tmp_path):
     path = write_world(tmp_path, [clip_values(LARGE, "sub3_largetable_007")])
     elsewhere = tmp_path / "elsewhere"
     (tmp_path / "captured_objects").rename(elsewhere)
-    assert_same_objects(read_clip(path, objects=elsewhere), LARGE)
+    assert_same_objects(read_clip(path, ReadOptions(objects=elsewhere)), LARGE)
     with pytest.raises(GeometryError, match=r"largetable_cleaned_simplified\.obj"):
         read_clip(path)
     write_mesh(tmp_path / "centred" / "largetable" / "largetable.obj", LARGE.objects[0].geometry)
     with pytest.raises(GeometryError, match="may be InterMimic's mesh"):
-        read_clip(path, objects=tmp_path / "centred")
+        read_clip(path, ReadOptions(objects=tmp_path / "centred"))
 
 
 def test_a_size_that_hardly_changes_is_its_mean(tmp_path):
@@ -208,18 +209,18 @@ def test_mistakes_that_a_body_model_shows(tmp_path, mistake):
     change(values)
     path = write_world(tmp_path, [values])
     with pytest.raises(ClipError) as caught:
-        read_clip(path, body_models=tmp_path / "models")
+        read_clip(path, ReadOptions(body_models=tmp_path / "models"))
     assert words in str(caught.value), str(caught.value)
 
 
 def test_a_model_that_differs_a_little_is_noted(tmp_path):
     values = clip_values(LARGE, "sub3_largetable_007")
     values["trans2joint"] = values["trans2joint"] + [0.02, 0.0, 0.0]
-    clip = read_clip(write_world(tmp_path, [values]), body_models=tmp_path / "models")
+    clip = read_clip(write_world(tmp_path, [values]), ReadOptions(body_models=tmp_path / "models"))
     assert any("0.020 m from where the clip's own skeleton" in note for note in clip.source.notes)
     with pytest.raises(ReadError, match="no female smplx model"):
         values["gender"] = "female"
-        read_clip(write_world(tmp_path, [values]), body_models=tmp_path / "models")
+        read_clip(write_world(tmp_path, [values]), ReadOptions(body_models=tmp_path / "models"))
 
 
 @pytest.mark.parametrize(
@@ -276,6 +277,6 @@ def test_whatever_is_in_the_file_only_our_errors_come(tmp_path_factory, data):
             return
     path = write_clips(folder, [values])
     with suppress(HoiRetargetError):
-        read_clip(path, body_models=data.draw(st.sampled_from([None, folder / "models"])))
+        read_clip(path, ReadOptions(body_models=data.draw(st.sampled_from([None, folder / "models"]))))
     with suppress(HoiRetargetError):
         omomo.outline(SourceFile(path))

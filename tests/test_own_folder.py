@@ -10,6 +10,7 @@ from hoi_retarget.batch.content import Contents
 from hoi_retarget.batch.jobs import jobs_of
 from hoi_retarget.batch.specification import Specification, of_folder
 from hoi_retarget.cli import main
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, GeometryError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.motion.result_file import load
@@ -50,7 +51,7 @@ def test_a_folder_is_its_clip(folder):
 def test_a_folder_of_parameters(tmp_path, folder):
     arrays = parameter_arrays(BOX, "smplx", tmp_path / "models")
     np.savez(folder / "clip.npz", **{name: values for name, values in arrays.items() if "_0_" not in name})
-    clip = read_clip(folder, body_models=tmp_path / "models")
+    clip = read_clip(folder, ReadOptions(body_models=tmp_path / "models"))
     assert_same_people(clip, BOX)
     assert_same_objects(clip, BOX)
     assert has_companions(folder), "body models may come later"
@@ -58,9 +59,9 @@ def test_a_folder_of_parameters(tmp_path, folder):
 
 def test_the_mesh_beside_the_clip_comes_first(tmp_path, folder):
     write_box(tmp_path / "objects", "box", half_size=0.5)
-    assert_same_objects(read_clip(folder, objects=tmp_path / "objects"), BOX)
+    assert_same_objects(read_clip(folder, ReadOptions(objects=tmp_path / "objects")), BOX)
     (folder / "box.obj").unlink()
-    assert np.ptp(read_clip(folder, objects=tmp_path / "objects").objects[0].geometry.points) == 1.0
+    assert np.ptp(read_clip(folder, ReadOptions(objects=tmp_path / "objects")).objects[0].geometry.points) == 1.0
     with pytest.raises(GeometryError, match=r"no box\.obj is beside it\. Put one there, or pass --objects DIR"):
         read_clip(folder)
     facts = inspect(folder)

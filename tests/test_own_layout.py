@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, HoiRetargetError, ReadError, WriteError
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS
 from hoi_retarget.motion.result_file import load
@@ -258,7 +259,7 @@ def test_other_archives_are_told_apart(tmp_path):
     assert not can_be_clip(tmp_path / "broken.npz")
     assert can_be_clip(saved(tmp_path, arrays_of()))
     with pytest.raises(ArgumentError, match="Leave it out"):
-        read_clip(tmp_path / "clip.npz", object_name="box")
+        read_clip(tmp_path / "clip.npz", ReadOptions(object_name="box"))
     bare = {key: value for key, value in arrays_of().items() if not key.startswith("object_0")}
     with pytest.raises(GeometryError, match="--objects DIR"):
         read_clip(saved(tmp_path, bare))

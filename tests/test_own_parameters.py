@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.cli import main
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import BodyModelError, ClipError, HoiRetargetError, ReadError
 from hoi_retarget.human.skeleton import JOINT_INDEX, LEFT_FINGERS, PARENT, RIGHT_FINGERS
 from hoi_retarget.motion.result_file import load
@@ -51,7 +52,7 @@ def clip(tmp_path, written):
 def test_people_are_those_given_as_joints(tmp_path, made, family, flat, components):
     path = tmp_path / "clip.npz"
     np.savez(path, **parameter_arrays(made, family, tmp_path / "models", flat=flat, components=components))
-    clip = read_clip(path, body_models=tmp_path / "models")
+    clip = read_clip(path, ReadOptions(body_models=tmp_path / "models"))
     np.savez(path, **joint_arrays(made))
     as_joints = read_clip(path)
     assert_same_people(clip, as_joints)
@@ -73,7 +74,7 @@ def test_people_are_those_given_as_joints(tmp_path, made, family, flat, componen
 def test_without_hand_poses_hands_are_flat(clip):
     path, models = clip
     changed(path, left_hand_pose=None, right_hand_pose=None, flat_hands=None)
-    read = read_clip(path, body_models=models)
+    read = read_clip(path, ReadOptions(body_models=models))
     for person, theirs in zip(read.people, TABLE.people, strict=True):
         body = [JOINT_INDEX[joint] for joint in own_layout.BODY_JOINTS]
         np.testing.assert_allclose(person.joint_positions[:, body], theirs.joint_positions[:, body], atol=1e-6)
@@ -81,7 +82,7 @@ def test_without_hand_poses_hands_are_flat(clip):
             turns = np.abs(np.sum(person.quat(finger) * person.quat(str(PARENT[finger])), axis=-1))
             np.testing.assert_allclose(turns, 1.0, atol=1e-9)
     assert any("the hands are flat" in note for note in read.source.notes)
-    said = read_clip(changed(path, flat_hands=True), body_models=models)
+    said = read_clip(changed(path, flat_hands=True), ReadOptions(body_models=models))
     assert_same_people(said, read)
 
 
@@ -103,7 +104,7 @@ def test_other_conventions_would_be_seen(clip, change):
     with np.load(path) as archive:
         changed(path, **change(dict(archive)))
     with pytest.raises((AssertionError, ClipError)):
-        assert_same_people(read_clip(path, body_models=models), TABLE, tolerance=1e-3)
+        assert_same_people(read_clip(path, ReadOptions(body_models=models)), TABLE, tolerance=1e-3)
 
 
 def test_the_documents_example_turns_from_y_up(tmp_path, monkeypatch):
@@ -121,14 +122,14 @@ def test_the_documents_example_turns_from_y_up(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (example,) = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)
     exec(example, {"np": np, "se3": se3, "Path": Path, "load_body_model": load_body_model, **values})
-    clip = read_clip(Path("clip.npz"), body_models=Path("models"))
+    clip = read_clip(Path("clip.npz"), ReadOptions(body_models=Path("models")))
     assert_same_people(clip, BOX)
     assert_same_objects(clip, BOX)
 
 
 def test_what_was_read_is_written_as_joints(tmp_path, clip):
     path, models = clip
-    read = read_clip(path, body_models=models)
+    read = read_clip(path, ReadOptions(body_models=models))
     own_layout.write(read, tmp_path / "joints.npz")
     again = read_clip(tmp_path / "joints.npz")
     for ours, theirs in zip(again.people, read.people, strict=True):
@@ -141,13 +142,13 @@ def test_the_model_must_be_there_and_right(tmp_path, clip):
     with pytest.raises(BodyModelError, match=r"female SMPL-X body model, not joints.* pass --body-models DIR"):
         read_clip(path)
     with pytest.raises(BodyModelError, match="there is no such folder"):
-        read_clip(path, body_models=tmp_path / "nowhere")
+        read_clip(path, ReadOptions(body_models=tmp_path / "nowhere"))
     with pytest.raises(ReadError, match="no female smplh model in this folder"):
-        read_clip(changed(path, body_family="smplh"), body_models=models)
+        read_clip(changed(path, body_family="smplh"), ReadOptions(body_models=models))
     (tmp_path / "models").mkdir()
     shutil.copyfile(models / "SMPLX_FEMALE.npz", tmp_path / "models" / "SMPLH_FEMALE.npz")
     with pytest.raises(ReadError, match="55 joints, as smplx has; smplh has 52"):
-        read_clip(path, body_models=tmp_path / "models")
+        read_clip(path, ReadOptions(body_models=tmp_path / "models"))
 
 
 def spoiled(values):
@@ -228,11 +229,11 @@ def test_every_mistake_has_one_error(clip, name):
     with np.load(path) as archive:
         changed(path, **change(dict(archive)))
     with pytest.raises(ClipError) as caught:
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
     assert str(path) in str(caught.value)
     assert words in str(caught.value), str(caught.value)
     assert "not finite" in str(caught.value) or "no numbers" not in name
-    assert words in inspect(path, body_models=models).problems[0]
+    assert words in inspect(path, ReadOptions(body_models=models)).problems[0]
 
 
 def test_a_clip_with_nobody_in_it(clip):
@@ -240,7 +241,7 @@ def test_a_clip_with_nobody_in_it(clip):
     with np.load(path) as archive:
         changed(path, **dict.fromkeys(name for name in archive if name.startswith(("bo", "be", "le", "ri", "fl"))))
     with pytest.raises(ClipError, match=r"there is nobody in the clip: it has neither joints .* nor parameters"):
-        read_clip(path, body_models=models)
+        read_clip(path, ReadOptions(body_models=models))
 
 
 @settings(derandomize=True, deadline=None, max_examples=50, database=None)
@@ -251,7 +252,7 @@ def test_whatever_is_in_the_file_only_our_errors_come(tmp_path_factory, written,
         damage(data, st, path)
     for task in (read_clip, inspect):
         with suppress(HoiRetargetError):
-            task(path, body_models=written / "models")
+            task(path, ReadOptions(body_models=written / "models"))
 
 
 def test_parameters_are_inspected(clip):
@@ -259,7 +260,7 @@ def test_parameters_are_inspected(clip):
     facts = inspect(path)
     assert "--body-models DIR" in facts.missing[0]
     assert facts.command == f"hoi-retarget run {path} --body-models DIR --out out"
-    facts = inspect(path, body_models=models)
+    facts = inspect(path, ReadOptions(body_models=models))
     assert facts.skeleton == "52 joints of 2 people, from parameters of SMPL-X female and male, 10 betas"
     assert facts.command == f"hoi-retarget run {path} --body-models {models} --out out"
 
@@ -270,5 +271,5 @@ def test_parameters_are_converted_and_run(tmp_path, capsys):
     assert main(["convert", str(path), "--body-models", str(models), "--out", str(joints)]) == 0
     assert main(["run", str(path), "--body-models", str(models), "--out", str(out)]) == 0
     assert "1 solved" in capsys.readouterr().out
-    assert_same_people(read_clip(joints), read_clip(path, body_models=models))
+    assert_same_people(read_clip(joints), read_clip(path, ReadOptions(body_models=models)))
     assert load(out / "clip.npz").report.source.format == "hoi-retarget-clip"

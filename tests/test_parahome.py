@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, HoiRetargetError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.skeleton import JOINT_INDEX, LEFT_FINGERS, RIGHT_FINGERS
@@ -74,7 +75,7 @@ def cut(clip: Clip, frames: slice = FRAMES) -> Clip:
 
 
 def test_with_a_body_model(world):
-    clip = read_clip(chosen(world), body_models=models_of(world))
+    clip = read_clip(chosen(world), ReadOptions(body_models=models_of(world)))
     assert_same_people(clip, cut(WRITTEN))
     assert_same_objects(clip, cut(WRITTEN))
     assert (clip.name, clip.fps, clip.contacts, clip.first_source_frame) == ("s10_5-30", 30.0, (), 5)
@@ -108,7 +109,7 @@ def test_a_folder_holds_the_annotated_intervals(world):
     with pytest.raises(ArgumentError, match="there are 2 clips in it"):
         read_clip(world)
     with pytest.raises(ArgumentError, match="names its parts"):
-        read_clip(chosen(world), object_name="chair")
+        read_clip(chosen(world), ReadOptions(object_name="chair"))
     outline = parahome.outline(SourceFile(chosen(world)))
     assert (outline.frames, outline.objects) == (25, ("chair", "desk"))
     with pytest.raises(ReadError, match="does not say which of its 2 intervals"):
@@ -152,7 +153,7 @@ def test_meshes_are_found_in_the_tree_or_in_the_folder_given(copy, tmp_path):
     (tmp_path / "data" / "scan").rename(tmp_path / "elsewhere")
     with pytest.raises(GeometryError, match="Pass --objects DIR with ParaHome's scans, chair/simplified/base"):
         read_clip(chosen(copy))
-    assert_same_objects(read_clip(chosen(copy), objects=tmp_path / "elsewhere"), cut(WRITTEN))
+    assert_same_objects(read_clip(chosen(copy), ReadOptions(objects=tmp_path / "elsewhere")), cut(WRITTEN))
 
 
 @pytest.mark.parametrize(
@@ -344,7 +345,7 @@ def test_mistakes_of_the_fit(copy, mistake):
     apply, error, words = FIT_MISTAKES[mistake]
     apply(copy)
     with pytest.raises(error) as caught:
-        read_clip(chosen(copy), body_models=models_of(copy))
+        read_clip(chosen(copy), ReadOptions(body_models=models_of(copy)))
     assert words in str(caught.value), str(caught.value)
 
 
@@ -354,7 +355,7 @@ def test_rows_by_joint_and_arrays_of_numpy(copy):
     path = copy.parents[1] / "smplx_seq" / "s10" / PARAMETERS
     values = parahome.parse_tensors(path.read_bytes(), path)
     write_pickle(path, {"beta": np.array(values["beta"][0]), "gender": "female"})
-    assert_same_people(read_clip(chosen(copy), body_models=models_of(copy)), cut(WRITTEN))
+    assert_same_people(read_clip(chosen(copy), ReadOptions(body_models=models_of(copy))), cut(WRITTEN))
 
 
 @settings(derandomize=True, deadline=None, max_examples=50, database=None)
@@ -389,7 +390,7 @@ def test_whatever_is_in_the_files_only_our_errors_come(tmp_path_factory, data):
             write_pickle(path, {**values, name: array} if isinstance(values, dict) else array)
         body_models = data.draw(st.sampled_from([None, folder / "models"]))
         with suppress(HoiRetargetError):
-            read_clip(chosen(sequence), body_models=body_models)
+            read_clip(chosen(sequence), ReadOptions(body_models=body_models))
         with suppress(HoiRetargetError):
             parahome.outline(SourceFile(chosen(sequence)))
     finally:

@@ -21,6 +21,7 @@ import intercap_writer
 import omomo_writer
 import parahome_writer
 from glb_writer import humoto
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import HoiRetargetError, ReadError
 from hoi_retarget.files import npz
 from hoi_retarget.files.source_file import SourceFile
@@ -50,7 +51,9 @@ class Recording:
         return self.path / name
 
     def read(self):
-        return read_clip(self.path, body_models=self.models if self.models.is_dir() else None, objects=self.objects)
+        return read_clip(
+            self.path, ReadOptions(body_models=self.models if self.models.is_dir() else None, objects=self.objects)
+        )
 
 
 def _intermimic(root: Path) -> Path:

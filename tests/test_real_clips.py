@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retarget.config import Config, Scaling
@@ -37,7 +38,7 @@ every_clip = pytest.mark.parametrize("name", NAMES)
 
 @functools.cache
 def clip_of(name: str) -> Clip:
-    return open_clip(DATA / "omomo" / f"{name}.pt", objects=DATA / "objects")
+    return open_clip(DATA / "omomo" / f"{name}.pt", ReadOptions(objects=DATA / "objects"))
 
 
 @functools.cache

@@ -10,6 +10,7 @@ import pytest
 from hoi_retarget.clip.augment import augment
 from hoi_retarget.clip.clip import Augmentation, Clip, Source
 from hoi_retarget.clip.edits import ContactEdits, FixAll, Move, apply, from_text
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load, save
@@ -80,7 +81,7 @@ def test_an_unknown_built_in_clip_names_those_there_are():
 
 
 def test_a_file_is_read_as_readers_do(folder):
-    clip = open_clip("sub1_box_000.pt", objects=Path("objects"))
+    clip = open_clip("sub1_box_000.pt", ReadOptions(objects=Path("objects")))
     assert clip.objects[0].name == "box"
     assert result_stem("elsewhere/sub1_box_000.pt") == "sub1_box_000"
     with pytest.raises(ReadError):
@@ -88,7 +89,7 @@ def test_a_file_is_read_as_readers_do(folder):
 
 
 def test_the_clip_of_a_result_is_the_clip_it_was_made_from(folder, monkeypatch):
-    clip = open_clip("sub1_box_000.pt", objects=Path("objects"))
+    clip = open_clip("sub1_box_000.pt", ReadOptions(objects=Path("objects")))
     motion = result_of(clip, command=SETTINGS)
     save(motion, folder / "result.npz")
     assert same(clip_of(load(folder / "result.npz")), clip)
@@ -98,7 +99,7 @@ def test_the_clip_of_a_result_is_the_clip_it_was_made_from(folder, monkeypatch):
 
 
 def test_the_edits_of_a_result_are_applied_again(folder):
-    clip = open_clip("sub1_box_000.pt", objects=Path("objects"))
+    clip = open_clip("sub1_box_000.pt", ReadOptions(objects=Path("objects")))
     edits = ContactEdits.of(clip).adding(FixAll()).adding(Move("left_hand", clip.frames - 1, (0.01, 0.0, 1 / 3)))
     motion = result_of(apply(clip, edits), command=SETTINGS)
     assert same(clip_of(motion), apply(clip, edits))
@@ -108,7 +109,7 @@ def test_the_edits_of_a_result_are_applied_again(folder):
 
 
 def test_a_result_of_an_augmented_clip_leads_to_that_clip(folder):
-    clip = open_clip("sub1_box_000.pt", objects=Path("objects"))
+    clip = open_clip("sub1_box_000.pt", ReadOptions(objects=Path("objects")))
     edited = apply(clip, ContactEdits.of(clip).adding(FixAll()))
     augmented = augment(edited, Augmentation(mirrored=True, speed=1.25))
     save(result_of(augmented, command=SETTINGS), folder / "result.npz")
@@ -117,7 +118,7 @@ def test_a_result_of_an_augmented_clip_leads_to_that_clip(folder):
 
 
 def test_a_recording_that_changed_is_refused(folder):
-    clip = open_clip("sub1_box_000.pt", objects=Path("objects"))
+    clip = open_clip("sub1_box_000.pt", ReadOptions(objects=Path("objects")))
     (folder / "sub1_box_000.pt").write_bytes(torch_bytes(columns_of(make("carry_box", seconds=2.0))))
     with pytest.raises(ReadError, match=r"sub1_box_000\.pt: the file has changed .* Pass --clip"):
         clip_of(result_of(clip, command=SETTINGS))

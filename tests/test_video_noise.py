@@ -11,6 +11,7 @@ import cari4d_writer as writer
 from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import ContactEdits, FixAll, Move, SnapAll, apply, load, segments_of
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
 from hoi_retarget.motion.result_file import load as load_motion
 from hoi_retarget.numerics import se3
@@ -127,7 +128,7 @@ RECOVERED = {
 def test_fixed_segments_are_within_a_centimetre_of_the_true_places(tmp_path, models, meshes, name):
     noisy = reconstructed(BOX, RECOVERED[name], seed=5)
     path = writer.write(tmp_path / f"{writer.VIDEO}.pth", writer.prediction(noisy))
-    clip = open_clip(path, objects=meshes, body_models=models)
+    clip = open_clip(path, ReadOptions(objects=meshes, body_models=models))
     # Read as written, errors included.
     assert np.abs(errors(clip, BOX) - errors(noisy, BOX)).max() < 1e-6
     assert errors(clip, BOX).mean() > 1.5 * CENTIMETRE

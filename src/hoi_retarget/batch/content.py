@@ -34,7 +34,7 @@ class Contents:
             objects: Names of the objects in its clip; None where the clip could not be read, and any object may matter.
             files: Other files that its clip was read from.
         """
-        folder = job.reading["objects"]
+        folder = job.reading.objects
         names = self._objects(folder) if objects is None else objects
         parts = {
             "version": __version__,
@@ -43,7 +43,7 @@ class Contents:
             else self._of_recording(SourceFile(Path(job.clip)).path),
             "files": {name: self.of_file(Path(name)) for name in files},
             "objects": {name: self._of_object(folder, name) for name in names} if folder else {},
-            "reading": {key: str(value) for key, value in job.reading.items() if key != "objects"},
+            "reading": replace(job.reading, objects=None).as_json(),
             "edits": self.of_file(job.edits) if job.edits else "",
             "robot": [self._of_robot(spec.name) for spec in team(job.robot)],
             "config": asdict(job.config),

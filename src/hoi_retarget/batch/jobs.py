@@ -1,20 +1,20 @@
 """The jobs that a specification asks for: one clip, one robot, one variant each."""
 
 import errno
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 from hoi_retarget.batch.specification import Specification
 from hoi_retarget.clip.augment import describe
 from hoi_retarget.clip.clip import Augmentation
+from hoi_retarget.clip.read_options import NAMES, ReadOptions
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.files.source_file import FOLDER
 from hoi_retarget.readers import SUFFIXES, can_be_clip, clips_in, recordings_below
 from hoi_retarget.readers.open import builtin_scene, clip_stem, result_stem
-from hoi_retarget.retarget.config import Config, Scaling, parse_horizon
+from hoi_retarget.retarget.config import Config
 
 _WILD = frozenset("*?[")
 
@@ -28,19 +28,12 @@ class Job:
     clip: str
     """`builtin:<scene>` or an absolute path."""
     shown: str
-    """The clip as the specification names it, which may be relative to the specification's folder."""
-    reading: Mapping[str, Any]
-    """The options of `readers.open.open_clip`."""
+    """The clip as it was named: relative to the specification's folder, where it was."""
+    reading: ReadOptions
     edits: Path | None
     robot: str
-    scaling: Scaling
-    horizon: str
+    config: Config
     augmentation: Augmentation
-
-    @property
-    def config(self) -> Config:
-        """Everything that decides a result beside the clip and the robot."""
-        return Config(scaling=self.scaling, horizon=parse_horizon(self.horizon))
 
 
 def jobs_of(specification: Specification) -> tuple[Job, ...]:
@@ -72,14 +65,9 @@ class _NamedClip:
 
 def _variants(clip: _NamedClip, specification: Specification) -> Iterator[Job]:
     edits = specification.edits and _edits_of(clip, specification.edits)
-    objects, models = specification.objects, specification.body_models
-    reading = {
-        "objects": objects and objects.absolute(),
-        "object_name": specification.object_name,
-        "body_models": models and models.absolute(),
-        "floor": specification.floor,
-        "labels": specification.labels,
-    }
+    options = ReadOptions(**{name: getattr(specification, name) for name in NAMES})
+    objects, models = options.objects, options.body_models
+    reading = replace(options, objects=objects and objects.absolute(), body_models=models and models.absolute())
     grid = product(
         specification.robots,
         specification.object_scales,
@@ -101,8 +89,7 @@ def _variants(clip: _NamedClip, specification: Specification) -> Iterator[Job]:
             reading=reading,
             edits=edits,
             robot=robot,
-            scaling=Scaling(specification.root_scale, object_scale, multiplier),
-            horizon=specification.horizon,
+            config=specification.config_of(object_scale, multiplier),
             augmentation=augmentation,
         )
 

@@ -3,40 +3,25 @@
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from hoi_retarget.clip.clip import Augmentation
-from hoi_retarget.clip.infer_contacts import Labels
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ReadError
-from hoi_retarget.files.tables import decode, read_toml
-from hoi_retarget.retarget.config import Scaling, parse_horizon
+from hoi_retarget.files.tables import check_keys, decode, read_toml
+from hoi_retarget.retarget.config import Config, Scaling, parse_horizon, read_config
 from hoi_retarget.robots import team
 
 Scale = float | Literal["auto"]
 _OBJECTS = "objects"  # A folder's own objects, where none are named.
 
 
-@dataclass(frozen=True)
-class Specification:
-    """Clips and a grid of robots and variants; every combination is one job.
-
-    Raises `ArgumentError` when a name does not exist or a number is out of its range.
-    """
+@dataclass(frozen=True, kw_only=True)
+class _Table(ReadOptions):
+    """The keys of a specification's file but for its configuration."""
 
     clips: tuple[str, ...]
     """Files, patterns such as `*.pt`, folders, or built-in clips such as `builtin:carry_box`."""
-    folder: Path = Path()
-    """Folder that relative paths start from."""
-    objects: Path | None = None
-    """Folder with the objects' geometry."""
-    object_name: str | None = None
-    """Which object the clips are with, where neither they nor their names say."""
-    body_models: Path | None = None
-    """Folder with SMPL-X or SMPL-H models, for recordings that hold their parameters."""
-    floor: float | None = None
-    """Height of the floor in the recordings [m], where it is known better than by the format or an estimate."""
-    labels: Labels = "auto"
-    """Where contacts come from: `auto`, `proximity` or `interact`, as for `run`."""
     edits: Path | None = None
     """Folder with contact edits, `<clip>.edits.toml`; a clip may have none."""
     robots: tuple[str, ...] = ("unitree_g1",)
@@ -46,6 +31,19 @@ class Specification:
     size_multipliers: tuple[float, ...] = (1.0,)
     mirrored: tuple[bool, ...] = (False,)
     speeds: tuple[float, ...] = (1.0,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Specification(_Table):
+    """Clips and a grid of robots and variants; every combination is one job.
+
+    Raises `ArgumentError` when a name does not exist or a number is out of its range.
+    """
+
+    folder: Path = Path()
+    """Folder that relative paths start from."""
+    config: Config = Config()
+    """Every other setting; scaling and horizon are those above."""
 
     def __post_init__(self) -> None:
         for name in ("clips", "robots", "object_scales", "size_multipliers", "mirrored", "speeds"):
@@ -57,25 +55,31 @@ class Specification:
         for names in self.robots:
             team(names)
         for object_scale, multiplier in product(self.object_scales, self.size_multipliers):
-            Scaling(self.root_scale, object_scale, multiplier)
+            self.config_of(object_scale, multiplier)
         for speed in self.speeds:
             Augmentation(speed=speed)
-        parse_horizon(self.horizon)
+
+    def config_of(self, object_scale: Scale, size_multiplier: float) -> Config:
+        """Return the configuration of the jobs with one size of the objects."""
+        scaling = Scaling(self.root_scale, object_scale, size_multiplier, self.config.scaling.body_scale)
+        return replace(self.config, scaling=scaling, horizon=parse_horizon(self.horizon))
 
 
-def of_folder(folder: Path, objects: Path | None = None) -> Specification:
+def of_folder(folder: Path, options: ReadOptions = ReadOptions(), config: Config = Config()) -> Specification:
     """Return the default specification of a folder: every clip in it once, for the default robot.
 
-    Without `objects`, a folder of that name in it is taken where there is one.
+    Without `options.objects`, a folder of that name in it is taken where there is one.
     """
     own = folder / _OBJECTS
-    return Specification(("",), folder, objects or (own if own.is_dir() else None))
+    objects = options.objects or (own if own.is_dir() else None)
+    table = {**vars(options), "objects": objects, **_settings_of(config)}
+    return Specification(clips=("",), folder=folder, config=config, **table)
 
 
 def read_specification(path: Path) -> Specification:
     """Return the specification in a TOML file; its keys are the fields of `Specification`, without `folder`.
 
-    Relative paths in it are relative to its own folder.
+    Relative paths in it are relative to its own folder. `config` is a table, or the name of a file with one.
 
     Raises:
         ReadError: the file is missing, no TOML, or has an unknown key or a value of the wrong type.
@@ -84,4 +88,21 @@ def read_specification(path: Path) -> Specification:
     table, folder = read_toml(path), path.parent
     if "clips" not in table:
         raise ReadError(f"{path}: 'clips' is missing. Write, for example, clips = [\"recordings/*.pt\"].")
-    return replace(decode(Specification, table, str(path), folder=folder, hidden=("folder",)), folder=folder)
+    check_keys(Specification, table, str(path), hidden=("folder",))
+    named = table.pop("config", {})
+    is_file = isinstance(named, str)
+    config = read_config(folder / named) if is_file else Config.from_table(named, f"{path}: config")
+    settings = {**_settings_of(config), **table}
+    read = decode(_Table, settings, str(path), folder=folder)
+    return Specification(**vars(read), folder=folder, config=config)
+
+
+def _settings_of(config: Config) -> dict[str, Any]:
+    """Return the settings of a configuration that a specification has keys of its own for."""
+    scaling = config.scaling
+    return {
+        "root_scale": scaling.root_scale,
+        "horizon": config.horizon.text,
+        "object_scales": (scaling.object_scale,),
+        "size_multipliers": (scaling.size_multiplier,),
+    }

@@ -40,7 +40,7 @@ def run_job(task: Task) -> ManifestEntry:
 
 def entry_without_results(job: Job, status: Status, reason: str) -> ManifestEntry:
     """Return the manifest entry of a job whose clip was not read."""
-    asked = job.scaling
+    asked = job.config.scaling
     return ManifestEntry(
         name=job.name,
         status=status,
@@ -57,7 +57,7 @@ def _run(task: Task) -> ManifestEntry:
     entry = entry_without_results(job, "failed", "")
     try:
         start = time.process_time()
-        clip = open_clip(job.clip, **job.reading)
+        clip = open_clip(job.clip, job.reading)
         entry = replace(entry, source=_source(job, clip), frames=clip.frames, fps=clip.fps)
         if job.edits is not None:
             clip = apply(clip, load(job.edits))
@@ -145,6 +145,6 @@ def _command(job: Job) -> dict[str, Any]:
     clips = {} if job.augmentation != type(job.augmentation)() else {"clips": [job.clip]}
     return clips | {
         "robot": job.robot,
-        **{key: str(value) if isinstance(value, Path) else value for key, value in job.reading.items()},
+        **job.reading.as_json(),
         "edits": None if job.edits is None else str(job.edits),
     }

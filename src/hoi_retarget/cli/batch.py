@@ -8,7 +8,6 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from types import FrameType
 
 from hoi_retarget.batch.manifest import MANIFEST, STATUSES, ManifestEntry
@@ -19,8 +18,11 @@ from hoi_retarget.batch.specification import Specification, of_folder, read_spec
 from hoi_retarget.batch.work import run_job
 from hoi_retarget.cli.commands import Batch
 from hoi_retarget.cli.jobs import check_writable
+from hoi_retarget.cli.settings import config_in
 from hoi_retarget.cli.terminal import Working, fail, say, show_table
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError
+from hoi_retarget.retarget.config import Config
 
 _STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _TENTHS = 10  # Lines of progress where no bar can be drawn.
@@ -50,9 +52,9 @@ def execute(command: Batch) -> int:
 
 def _specification(command: Batch) -> Specification:
     if command.source.is_dir():
-        specification = of_folder(command.source, command.objects)
-        return replace(specification, body_models=command.body_models, labels=command.labels)
-    for name in ("objects", "body_models", "labels"):
+        reading = ReadOptions(objects=command.objects, body_models=command.body_models, labels=command.labels)
+        return of_folder(command.source, reading, Config() if command.config is None else config_in(command.config))
+    for name in ("objects", "body_models", "labels", "config"):
         value = getattr(command, name)
         if value not in (None, "auto"):
             option = f"--{name.replace('_', '-')}"

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg, subcommand
 
+from hoi_retarget.clip.read_options import Labels, ReadOptions
 from hoi_retarget.retarget.config import BandedInteriorPoint, IkConfig, Weights
 
 DESCRIPTION = (
@@ -56,7 +57,7 @@ class Solving:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading:
+class Reading(ReadOptions):
     """What a recording is read with."""
 
     objects: OptionalFolder = None
@@ -67,7 +68,7 @@ class Reading:
     """Folder with SMPL-X or SMPL-H models, for recordings that hold their parameters."""
     floor: Annotated[float | None, arg(metavar="HEIGHT", help_behavior_hint="")] = None
     """Height of the floor in the recording [m]; by default the format's, or an estimate from standing feet."""
-    labels: Literal["auto", "proximity", "interact"] = "auto"
+    labels: Labels = "auto"
     """Where contacts come from: auto keeps the recording's own and finds them from distances where it has none;
     proximity and interact find them anew, by the rule of that name."""
 
@@ -96,8 +97,10 @@ class Batch:
     """Folder with the objects' geometry of a folder of clips, by default DIR/objects."""
     body_models: OptionalFolder = None
     """Folder with SMPL-X or SMPL-H models, for a folder of clips."""
-    labels: Literal["auto", "proximity", "interact"] = "auto"
+    labels: Labels = "auto"
     """Where contacts of a folder of clips come from, as for run."""
+    config: Annotated[Path | None, arg(metavar="FILE.toml|RESULT.npz", help_behavior_hint="")] = None
+    """Settings for a folder of clips, as for run."""
     workers: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: the number of cores)")] = None
     """How many clips are worked on at a time."""
     engine: Literal["local", "ray"] = "local"

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from hoi_retarget.cli.commands import Contacts, Run
-from hoi_retarget.cli.jobs import check_writable, reading_of, write_file
-from hoi_retarget.cli.run_arguments import settings_of, words_of
+from hoi_retarget.cli.commands import Contacts
+from hoi_retarget.cli.jobs import check_writable, write_file
+from hoi_retarget.cli.run_arguments import words_of
 from hoi_retarget.cli.terminal import program, say, show_table, warn
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import (
@@ -45,7 +45,7 @@ def execute(command: Contacts) -> int:
     if command.out is not None:
         check_writable("--out", command.out.parent)
     begun = None if command.edits is None else load(command.edits)
-    clip = open_clip(command.clip, **reading_of(command))
+    clip = open_clip(command.clip, command)
     edits = ContactEdits.of(clip) if begun is None else begun
     for edit in asked:
         edits = edits.adding(edit)
@@ -99,13 +99,7 @@ def _summarize(segments: Segments, clip: Clip) -> None:
 
 
 def _run_words(command: Contacts, edits: Path) -> list[str]:
-    asked = Run(
-        clips=(command.clip,),
-        out=Path("results"),
-        **reading_of(command),
-        edits=edits,
-    )
-    return words_of(settings_of(asked))
+    return words_of({"clips": [str(command.clip)], "out": "results", **command.as_json(), "edits": str(edits)})
 
 
 def _asked(command: Contacts) -> Iterator[Edit]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from hoi_retarget.cli.commands import Convert
-from hoi_retarget.cli.jobs import check_writable, reading_of
+from hoi_retarget.cli.jobs import check_writable
 from hoi_retarget.cli.terminal import program, say
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError
@@ -20,7 +20,7 @@ def execute(command: Convert) -> int:
     if command.out.suffix.lower() != ".npz":
         raise ArgumentError(f"--out {command.out}: the file's name must end with .npz.")
     check_writable("--out", command.out.parent)
-    clip = open_clip(command.clip, **reading_of(command))
+    clip = open_clip(command.clip, command)
     own_layout.write(_whole(clip), command.out)
     size = command.out.stat().st_size / 1e6
     say(f"{command.out}: {clip.frames} frames at {clip.fps:g} frames/s, {size:.1f} MB")

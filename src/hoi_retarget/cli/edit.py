@@ -6,8 +6,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hoi_retarget.cli.commands import Edit, Run, Solving
-from hoi_retarget.cli.jobs import check_spared, check_writable, config_of, reading_of
+from hoi_retarget.cli.commands import Edit, Reading, Run, Solving
+from hoi_retarget.cli.jobs import check_spared, check_writable, config_of
 from hoi_retarget.cli.run_arguments import settings_of, words_of
 from hoi_retarget.cli.serving import check_viser, serve_until_interrupted
 from hoi_retarget.cli.terminal import Working, program, say
@@ -33,7 +33,7 @@ def execute(command: Edit) -> int:
     check_writable("--edits", path.parent)
     check_writable("--out", command.out)
     check_spared(command.clip, command.out)
-    clip = open_clip(command.clip, **reading_of(command))
+    clip = open_clip(command.clip, command)
     edits = load(path) if os.path.lexists(path) else ContactEdits.of(clip)
     with Working("retargeting", None):
         start = solved(clip, model, config, edits)
@@ -60,11 +60,5 @@ def execute(command: Edit) -> int:
 
 def _as_run(command: Edit, edits: Path) -> Run:
     """Return the `run` that makes the same result."""
-    solving = {field.name: getattr(command, field.name) for field in fields(Solving)}
-    return Run(
-        clips=(command.clip,),
-        out=command.out,
-        **reading_of(command),
-        edits=edits,
-        **solving,
-    )
+    shared = {field.name: getattr(command, field.name) for field in (*fields(Reading), *fields(Solving))}
+    return Run(clips=(command.clip,), out=command.out, edits=edits, **shared)

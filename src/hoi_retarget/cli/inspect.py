@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 
 from hoi_retarget.cli.commands import Inspect
-from hoi_retarget.cli.jobs import reading_of
 from hoi_retarget.cli.terminal import NAME, fail, program, say, show_table, warn
 from hoi_retarget.evaluate.table import scales_text
 from hoi_retarget.motion.motion import STAGE_TITLES, Motion
@@ -14,7 +13,7 @@ from hoi_retarget.readers.describe import MOTION, Inspection, inspect
 
 def execute(command: Inspect) -> int:
     """Describe a file; return 0 unless something is wrong with it."""
-    facts = inspect(command.file, **reading_of(command))
+    facts = inspect(command.file, command)
     say(f"{facts.path}: {facts.description}  [{facts.format}]")
     _facts(facts)
     if facts.objects:
@@ -51,7 +50,6 @@ def _facts(facts: Inspection) -> None:
         ("lowest joint", lowest),
         ("human height", None if facts.height is None else f"{facts.height:.2f} m, from the skeleton"),
         ("contacts", facts.contacts_from or None),
-        ("label values", ", ".join(f"{value:g}" for value in facts.label_values) or None),
     )
     for title, text in (*rows, *(() if facts.result is None else _result(facts.result))):
         if text is not None:

@@ -5,9 +5,8 @@ import tempfile
 from collections.abc import Iterable
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
-from hoi_retarget.cli.commands import Reading, Solving
+from hoi_retarget.cli.commands import Solving
 from hoi_retarget.cli.terminal import say, warn
 from hoi_retarget.errors import ArgumentError, ReadError, WriteError
 from hoi_retarget.evaluate import Figures, Score
@@ -60,11 +59,6 @@ def write_file(option: str, path: Path, content: bytes) -> None:
         raise WriteError(
             f"{option} {path}: cannot be written ({reason}). Free some space or name another file."
         ) from error
-
-
-def reading_of(command: Reading) -> dict[str, Any]:
-    """Return what a command's recordings are read with, as `recordings.open_clip` takes it."""
-    return {field.name: getattr(command, field.name) for field in fields(Reading)}
 
 
 def config_of(command: Solving) -> Config:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hoi_retarget.cli.commands import Run
 from hoi_retarget.cli.figures import show_figures
-from hoi_retarget.cli.jobs import check_spared, check_writable, config_of, describe_result, reading_of, score
+from hoi_retarget.cli.jobs import check_spared, check_writable, config_of, describe_result, score
 from hoi_retarget.cli.run_arguments import settings_of
 from hoi_retarget.cli.terminal import Working, fail, say, warn
 from hoi_retarget.clip.clip import Clip
@@ -66,7 +66,7 @@ def _run_clip(
 ) -> dict[Path, Motion]:
     """Retarget all people of one clip, then write their results; return what is where."""
     start = time.process_time()
-    clip = open_clip(path, **reading_of(command))
+    clip = open_clip(path, command)
     if command.edits is not None:
         clip = apply(clip, load(command.edits))
     read_seconds = time.process_time() - start

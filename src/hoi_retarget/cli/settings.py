@@ -19,7 +19,7 @@ def words_of_config(words: Sequence[str]) -> list[str]:
     path = _named(words)
     if path is None:
         return []
-    config = _config(path)
+    config = config_in(path)
     if not isinstance(config.solver, BandedInteriorPoint):
         raise ArgumentError(f"--config {path}: its solver is {type(config.solver).__name__}; use it from Python.")
     return setting_words(config)
@@ -61,7 +61,8 @@ def _named(words: Sequence[str]) -> Path | None:
     return found
 
 
-def _config(path: Path) -> Config:
+def config_in(path: Path) -> Config:
+    """Return the configuration in a TOML file or in a result; raises what `words_of_config` raises."""
     if path.suffix.lower() != ".npz":
         return read_config(path)
     from hoi_retarget.motion.result_file import load  # noqa: PLC0415  # help needs none of it

@@ -2,7 +2,7 @@
 
 Contacts stay what they are: the same points of the object, touched by the same part, or by the other
 side's in a mirror. What was done stands in the clip's source, so that results tell their parent and
-`recordings.clip_of` finds their clip again. Other sizes of the object need no other clip:
+`readers.open.clip_of` finds their clip again. Other sizes of the object need no other clip:
 `targets.Scaling.size_multiplier` makes them.
 """
 

@@ -4,19 +4,17 @@ Every decision becomes a note of the clip.
 """
 
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.label_contacts import PROXIMITY, InterAct, Nearness, label_contacts, nearness
+from hoi_retarget.clip.read_options import Labels
 from hoi_retarget.errors import ClipError
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import speeds
 from hoi_retarget.objects.track import MOVING_SPEED, ObjectTrack
-
-Labels = Literal["auto", "proximity", "interact"]
 
 LEAST_MOVING = 10
 """Frames of moving that an object's poses are judged from."""

@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 from hoi_retarget.clip import grasp_check
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.files.source_file import FOLDER, SELECTION, SourceFile
 from hoi_retarget.readers import (
@@ -26,7 +27,7 @@ from hoi_retarget.readers import (
     own_layout,
     parahome,
 )
-from hoi_retarget.readers.reader import Reader, ReadOptions
+from hoi_retarget.readers.reader import Reader
 
 READERS: Mapping[str, Reader] = MappingProxyType(
     {
@@ -63,18 +64,14 @@ _EXPLAINING: Mapping[str, Reader] = {
 _SHOWN = 12  # Names of clips that an error lists.
 
 
-def read_clip(
-    path: Path, *, objects: Path | None = None, object_name: str | None = None, body_models: Path | None = None
-) -> Clip:
+def read_clip(path: Path, options: ReadOptions = ReadOptions()) -> Clip:
     """Return the clip in `path` as its source has it, whatever supported format that is.
 
-    Contacts are those that the source labels, none where it labels none; `recordings.open_clip` finds them then.
+    Contacts are the source's labels, none where it labels none; `open.open_clip` finds them then, and the floor.
 
     Args:
         path: The recording; `FILE#NAME` is one clip of a file that holds several.
-        objects: Folder with `<name>/<name>.obj` of each object, or as the source gives them.
-        object_name: The object's name, where the file does not tell it.
-        body_models: Folder with the body models that some sources' parameters need.
+        options: What it is read with; floor and labels are for `open.open_clip`.
 
     Raises:
         ReadError: The file is missing, damaged, or of no supported format.
@@ -86,7 +83,7 @@ def read_clip(
     file = SourceFile(path)
     reader = reader_of(file)
     select(file, reader)
-    clip = reader.read(file, ReadOptions(objects, object_name, body_models))
+    clip = reader.read(file, options)
     meshes = (track.geometry.file for track in clip.objects)
     others = sorted({str(path) for path in (*file.files, *meshes) if path is not None and path != file.path})
     return grasp_check.checked(replace(clip, source=replace(clip.source, files=tuple(others))))
@@ -150,7 +147,7 @@ def has_companions(path: Path) -> bool:
     """Return whether a recording may need files that are not known until it is read."""
     file = SourceFile(path)
     try:
-        return reader_of(file).outline is not None or own_layout.has_parameters(file)
+        return reader_of(file).has_companions(file)
     except ReadError:
         return False
 

@@ -1,15 +1,15 @@
 """Clips by what they are called: a built-in one, a recording's file, or the one a result was made from."""
 
-from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, get_args
 
 from hoi_retarget.clip import grasp_check
 from hoi_retarget.clip.augment import augment
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import ContactEdits, apply, from_text
 from hoi_retarget.clip.floor import on_floor
-from hoi_retarget.clip.infer_contacts import Labels, with_contacts
+from hoi_retarget.clip.infer_contacts import with_contacts
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
 from hoi_retarget.files.source_file import FOLDER, SourceFile
 from hoi_retarget.motion.motion import Motion
@@ -19,26 +19,14 @@ from hoi_retarget.synthetic import BUILTIN, SCENES, make
 _ADVICE = "Pass --clip to name it."
 
 
-def open_clip(  # noqa: PLR0913 - all that a source may leave open
-    name: Path | str,
-    *,
-    objects: Path | None = None,
-    object_name: str | None = None,
-    body_models: Path | None = None,
-    floor: float | None = None,
-    labels: Labels = "auto",
-) -> Clip:
+def open_clip(name: Path | str, options: ReadOptions = ReadOptions()) -> Clip:
     """Return a clip by its name, `builtin:<scene>` or the path of a recording, with floor and contacts.
 
     What the source leaves open is found from the motion, and said in the clip's notes.
 
     Args:
         name: What the clip is called; `FILE#NAME` is one clip of a file that holds several.
-        objects: Folder with `<name>/<name>.obj` of each object, or as the source gives them; built-in clips need none.
-        object_name: The object's name, where the file does not tell it.
-        body_models: Folder with the body models that some sources' parameters need.
-        floor: Height of the floor in the recording [m], where it is known better than by the source or an estimate.
-        labels: Where contacts come from, as in `clip.infer_contacts.with_contacts`.
+        options: What it is read with.
 
     Raises:
         ArgumentError: There is no such built-in clip.
@@ -47,18 +35,18 @@ def open_clip(  # noqa: PLR0913 - all that a source may leave open
         GeometryError: The object's geometry cannot be had.
         BodyModelError: The body model that it needs cannot be had.
     """
-    clip = _as_recorded(name, objects, object_name, body_models)
+    clip = _as_recorded(name, options)
     reader = READERS.get(clip.source.format)
-    recorded = on_floor(clip, at_zero=reader is None or reader.floor_at_zero, floor=floor)
-    clip = with_contacts(recorded, labels)
+    recorded = on_floor(clip, at_zero=reader is None or reader.floor_at_zero, floor=options.floor)
+    clip = with_contacts(recorded, options.labels)
     # The source's own contacts were checked when they were read.
     return clip if clip.contacts is recorded.contacts else grasp_check.checked(clip)
 
 
-def _as_recorded(name: Path | str, objects: Path | None, object_name: str | None, body_models: Path | None) -> Clip:
+def _as_recorded(name: Path | str, options: ReadOptions) -> Clip:
     scene = builtin_scene(name)
     if scene is None:
-        return read_clip(Path(name), objects=objects, object_name=object_name, body_models=body_models)
+        return read_clip(Path(name), options)
     if scene not in SCENES:
         listing = ", ".join(f"{BUILTIN}{known}" for known in SCENES)
         raise ArgumentError(f"{name}: there is no such built-in clip. Built-in clips: {listing}.")
@@ -134,7 +122,8 @@ def recording_of(motion: Motion, *, name: Path | None = None, objects: Path | No
     if not path:
         raise ReadError(f"the result does not say which clip it was made from. {_ADVICE}")
     try:
-        clip = open_clip(path, **_read_with(motion.report.command, objects))
+        options = ReadOptions.from_json(motion.report.command)
+        clip = open_clip(path, options if objects is None else replace(options, objects=objects))
     except HoiRetargetError as error:
         raise ReadError(f"the clip that the result was made from cannot be read again: {error} {_ADVICE}") from error
     if name is None and clip.source.sha256 != source.sha256:
@@ -142,17 +131,3 @@ def recording_of(motion: Motion, *, name: Path | None = None, objects: Path | No
     if not source.contact_edits:
         return clip, ContactEdits.of(clip)
     return clip, from_text(source.contact_edits, "the result's contact edits")
-
-
-def _read_with(settings: Mapping[str, Any], objects: Path | None) -> dict[str, Any]:
-    """Return what a result's clip was read with; settings of another version may lack any of it."""
-    folders = {key: Path(settings[key]) for key in ("objects", "body_models") if isinstance(settings.get(key), str)}
-    if objects is not None:
-        folders["objects"] = objects
-    name, floor, labels = (settings.get(key) for key in ("object_name", "floor", "labels"))
-    return {
-        **folders,
-        "object_name": name if isinstance(name, str) else None,
-        "floor": float(floor) if isinstance(floor, int | float) else None,
-        "labels": labels if labels in get_args(Labels) else "auto",
-    }

@@ -2,22 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.files.source_file import SourceFile
-
-
-@dataclass(frozen=True)
-class ReadOptions:
-    """What a reader is told beside the recording's path."""
-
-    objects: Path | None = None
-    """Folder with the objects' geometry."""
-    object_name: str | None = None
-    """The object's name, where the recording does not tell it."""
-    body_models: Path | None = None
-    """Folder with SMPL-X or SMPL-H models, as `body_models.load_body_model` takes it."""
 
 
 @dataclass(frozen=True)
@@ -37,11 +25,21 @@ class Outline:
     """Which way is up in the recording, and who says so."""
     people: int
     objects: tuple[str, ...]
-    """Their names."""
+    """Their names; empty for an object that the recording does not name."""
     contacts: str
     """Where contacts come from, such as `none stored` or `labels of the hands`."""
     licence: str
     notes: tuple[str, ...] = ()
+
+
+def always_has_companions(_file: SourceFile) -> bool:
+    """Return True: what lies beside the recording, or body models, may be missing when it is read first."""
+    return True
+
+
+def never_has_companions(_file: SourceFile) -> bool:
+    """Return False: the recording needs no other file than its objects' geometry."""
+    return False
 
 
 def _is_one_clip(_file: SourceFile) -> tuple[str, ...]:
@@ -69,6 +67,7 @@ class Reader:
     """Returns the names of the clips to select from; none where the recording is one clip."""
     parts: tuple[str, ...] = ()
     """Files that a folder of this format has, where some alone tell that the others are missing."""
-    outline: Callable[[SourceFile], Outline] | None = None
-    """Returns what the recording is and holds, cheaply; raises `ReadError` or `ClipError`. None for the formats that
-    `inspect` looks into more closely."""
+    outline: Callable[[SourceFile], Outline]
+    """Returns what the recording is and holds, cheaply; raises `ReadError` or `ClipError`."""
+    has_companions: Callable[[SourceFile], bool] = always_has_companions
+    """Tells whether a recording may need files that are not known until it is read."""

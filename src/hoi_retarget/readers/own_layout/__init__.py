@@ -12,6 +12,7 @@ import hashlib
 from pathlib import Path
 
 from hoi_retarget.clip.clip import Clip, Source
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ClipError, ReadError
 from hoi_retarget.files import npz
 from hoi_retarget.files.reading import read_bytes
@@ -21,11 +22,11 @@ from hoi_retarget.readers.own_layout.contacts import contacts_of
 from hoi_retarget.readers.own_layout.joints import BODY_JOINTS
 from hoi_retarget.readers.own_layout.layout import CLIP_FILE, FORMAT, SCHEMA, SCHEMA_KEY
 from hoi_retarget.readers.own_layout.objects import mesh_files as meshes_of
-from hoi_retarget.readers.own_layout.objects import objects_of
+from hoi_retarget.readers.own_layout.objects import object_names, objects_of
 from hoi_retarget.readers.own_layout.parameters import ARRAYS as PARAMETERS
-from hoi_retarget.readers.own_layout.people import people_of
+from hoi_retarget.readers.own_layout.people import people_of, summary_of
 from hoi_retarget.readers.own_layout.writing import encode, write
-from hoi_retarget.readers.reader import Reader, ReadOptions
+from hoi_retarget.readers.reader import Outline, Reader
 
 __all__ = [
     "BODY_JOINTS",
@@ -82,25 +83,16 @@ def has_parameters(file: SourceFile) -> bool:
 def read_file(file: SourceFile, options: ReadOptions) -> Clip:
     """Return the clip of an opened file or folder; otherwise as `read`."""
     path = file_of(file.path)
-    return clip_of(
-        path,
-        file.content if path == file.path else file.read(path),
-        objects=options.objects,
-        object_name=options.object_name,
-        body_models=options.body_models,
-    )
+    return clip_of(path, file.content if path == file.path else file.read(path), options)
 
 
-def read(
-    path: Path, *, objects: Path | None = None, object_name: str | None = None, body_models: Path | None = None
-) -> Clip:
+def read(path: Path, options: ReadOptions = ReadOptions()) -> Clip:
     """Return the clip in `path`.
 
     Args:
         path: The `.npz` file, or the folder that has one called `clip.npz`.
-        objects: Folder with `<name>/<name>.obj`, for objects whose shape is neither in the clip nor beside it.
-        object_name: Must be None: the clip names its objects.
-        body_models: Folder with the body models that parameters are of.
+        options: What it is read with: the objects' folder for shapes that are neither in the clip nor beside it, no
+            object's name, as the clip names its objects, and the folder of the body models that parameters are of.
 
     Raises:
         ReadError: the file is missing, damaged, or of another layout, or so is the body model.
@@ -110,27 +102,18 @@ def read(
         ArgumentError: an object's name is given.
     """
     file = file_of(path)
-    return clip_of(file, read_bytes(file), objects=objects, object_name=object_name, body_models=body_models)
+    return clip_of(file, read_bytes(file), options)
 
 
-def clip_of(
-    path: Path,
-    content: bytes,
-    *,
-    objects: Path | None = None,
-    object_name: str | None = None,
-    body_models: Path | None = None,
-) -> Clip:
+def clip_of(path: Path, content: bytes, options: ReadOptions = ReadOptions()) -> Clip:
     """Return the clip that the bytes of a file are; otherwise as `read`."""
-    try:
-        arrays = Arrays(path, npz.members(content))
-    except ValueError as error:
-        raise ReadError(f"{path}: not a readable .npz file ({error}). Write it again.") from error
-    arrays.check_schema()
-    if object_name is not None:
-        raise ArgumentError(f"{path}: --object {object_name} is for clips that do not name their object. Leave it out.")
-    people, notes = people_of(arrays, body_models)
-    tracks = objects_of(arrays, len(people[0].joint_positions), objects)
+    arrays = _arrays(path, content)
+    if options.object_name is not None:
+        raise ArgumentError(
+            f"{path}: --object {options.object_name} is for clips that do not name their object. Leave it out."
+        )
+    people, notes = people_of(arrays, options.body_models)
+    tracks = objects_of(arrays, len(people[0].joint_positions), options.objects)
     contacts, contact_notes = contacts_of(arrays, people, tracks)
     licence = arrays.text("licence", "the terms of the data, such as 'CC BY 4.0'")
     arrays.check_all_used()
@@ -154,6 +137,36 @@ def clip_of(
         raise ClipError(f"{path}: {error}") from error
 
 
+def _arrays(path: Path, content: bytes) -> Arrays:
+    """Return the arrays of a file of this layout; raises `ReadError` or `ClipError`."""
+    try:
+        arrays = Arrays(path, npz.members(content))
+    except ValueError as error:
+        raise ReadError(f"{path}: not a readable .npz file ({error}). Write it again.") from error
+    arrays.check_schema()
+    return arrays
+
+
+def outline(file: SourceFile) -> Outline:
+    """Return what the clip holds; raises `ReadError` or `ClipError`."""
+    path = file_of(file.path)
+    arrays = _arrays(path, file.content if path == file.path else file.read(path))
+    frames, people, skeleton = summary_of(arrays)
+    has_contacts = "contact_part" in arrays or "segment_part" in arrays
+    return Outline(
+        description="a clip in the layout of this project",
+        frames=frames,
+        fps=arrays.number("fps", "frames a second"),
+        fps_stated=True,
+        skeleton=skeleton,
+        up_axis="z, as the file says",
+        people=people,
+        objects=tuple(object_names(arrays)),
+        contacts="the file" if has_contacts else "none in the file; found from distances",
+        licence=arrays.text("licence", "the terms of the data, such as 'CC BY 4.0'") or "not stated",
+    )
+
+
 def mesh_files(path: Path) -> tuple[Path, ...]:
     """Return the mesh files beside a clip that it may need, whether there or not; none where it cannot be read."""
     file = file_of(path)
@@ -163,4 +176,12 @@ def mesh_files(path: Path) -> tuple[Path, ...]:
         return ()
 
 
-READER = Reader(format=FORMAT, suffixes=(".npz", FOLDER), floor_at_zero=True, holds=holds, read=read_file)
+READER = Reader(
+    format=FORMAT,
+    suffixes=(".npz", FOLDER),
+    floor_at_zero=True,
+    holds=holds,
+    read=read_file,
+    outline=outline,
+    has_companions=has_parameters,
+)

@@ -19,9 +19,7 @@ BODY_JOINTS = tuple(joint for joint in JOINTS if joint not in (*LEFT_FINGERS, *R
 
 def people_of(arrays: Arrays) -> tuple[tuple[Person, ...], tuple[str, ...]]:
     """Return the people, and notes of what was derived; raises `ClipError`."""
-    names = arrays.array("joint_names", TEXT, ("J",), "the joints, in the order of the arrays").tolist()
-    _check_names(arrays.path, names)
-    positions = arrays.people("joint_pos", (len(names), 3), "joint positions [m]")
+    names, positions = names_and_positions(arrays)
     frames, people = positions.shape[:2]
     quats = arrays.array("joint_quat", NUMBERS, (frames, people, len(names), 4), "joint rotations, wxyz")
     check_unit(arrays.path, "joint_quat", quats)
@@ -40,6 +38,13 @@ def people_of(arrays: Arrays) -> tuple[tuple[Person, ...], tuple[str, ...]]:
     for person in made:
         _check_rotations(arrays.path, person)
     return made, notes
+
+
+def names_and_positions(arrays: Arrays) -> tuple[list[str], np.ndarray]:
+    """Return the joints' names and positions [m], as they are given; raises `ClipError`."""
+    names = arrays.array("joint_names", TEXT, ("J",), "the joints, in the order of the arrays").tolist()
+    _check_names(arrays.path, names)
+    return names, arrays.people("joint_pos", (len(names), 3), "joint positions [m]")
 
 
 def _check_names(path: Path, names: list[str]) -> None:

@@ -23,7 +23,7 @@ def objects_of(arrays: Arrays, frames: int, folder: Path | None) -> tuple[Object
         ClipError: arrays are missing or disagree.
         GeometryError: the shape of an object cannot be had.
     """
-    names = _names(arrays)
+    names = object_names(arrays)
     if not names:
         return ()
     positions = arrays.array("object_pos", NUMBERS, (frames, len(names), 3), "the objects' positions [m]")
@@ -38,13 +38,14 @@ def objects_of(arrays: Arrays, frames: int, folder: Path | None) -> tuple[Object
 def mesh_files(arrays: Arrays) -> tuple[Path, ...]:
     """Return the files beside a clip that shapes may come from, whether there or not; raises `ClipError`."""
     files = []
-    for index, name in enumerate(_names(arrays)):
+    for index, name in enumerate(object_names(arrays)):
         named = _named_mesh(arrays, index)
         files.append(named if named is not None or _holds(arrays, index) else _mesh_called(arrays, name))
     return tuple(path for path in files if path is not None)
 
 
-def _names(arrays: Arrays) -> list[str]:
+def object_names(arrays: Arrays) -> list[str]:
+    """Return what the objects are called; raises `ClipError`."""
     names = arrays.array("object_names", TEXT, ("O",), "what the objects are called; none is allowed").tolist()
     if len(set(names)) < len(names):
         raise ClipError(f"{arrays.path}: object_names has a name twice ({', '.join(names)}). Name every object once.")

@@ -28,14 +28,9 @@ def people_of(arrays: Arrays, body_models: Path | None) -> tuple[tuple[Person, .
         BodyModelError: there is no folder of models.
         ReadError: the model is not there, damaged, or of another family.
     """
-    family = cast(Family, _one_of(arrays, arrays.text("body_family", "whose body model"), "body_family", Family))
-    pose = arrays.people("body_pose", (_BODY_JOINTS, 3), "rotation vectors of the body, pelvis first [rad]")
+    family, genders, betas, pose = bodies_and_poses(arrays)
     frames, people = pose.shape[:2]
     called = arrays.person_names(people)
-    genders = arrays.array("body_gender", TEXT, (people,), "the gender of each person's model").tolist()
-    for gender in genders:
-        _one_of(arrays, gender, "body_gender", Gender)
-    betas = arrays.array("betas", NUMBERS, (people, "b"), "the shape of each person")
     translation = arrays.array("body_translation", NUMBERS, (frames, people, 3), "where the bodies are [m]")
     left, right, flat = _hands(arrays, frames, people)
     made = tuple(
@@ -57,6 +52,17 @@ def people_of(arrays: Arrays, body_models: Path | None) -> tuple[tuple[Person, .
         for index, name in enumerate(called)
     )
     return made, () if HANDS[0] in arrays else (_FLAT,)
+
+
+def bodies_and_poses(arrays: Arrays) -> tuple[Family, list[Gender], np.ndarray, np.ndarray]:
+    """Return the family of the model, each person's gender and betas, and the body poses; raises `ClipError`."""
+    family = cast(Family, _one_of(arrays, arrays.text("body_family", "whose body model"), "body_family", Family))
+    pose = arrays.people("body_pose", (_BODY_JOINTS, 3), "rotation vectors of the body, pelvis first [rad]")
+    people = pose.shape[1]
+    genders = arrays.array("body_gender", TEXT, (people,), "the gender of each person's model").tolist()
+    for gender in genders:
+        _one_of(arrays, gender, "body_gender", Gender)
+    return family, genders, arrays.array("betas", NUMBERS, (people, "b"), "the shape of each person"), pose
 
 
 def _one_of(arrays: Arrays, value: str, name: str, kinds: object) -> str:

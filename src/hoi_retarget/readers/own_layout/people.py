@@ -6,6 +6,8 @@ import numpy as np
 
 from hoi_retarget.errors import ClipError
 from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import JOINTS
+from hoi_retarget.readers.body_parameters import TITLES
 from hoi_retarget.readers.own_layout import joints, parameters
 from hoi_retarget.readers.own_layout.arrays import Arrays
 from hoi_retarget.readers.own_layout.layout import DOCUMENT
@@ -25,6 +27,27 @@ def people_of(arrays: Arrays, body_models: Path | None) -> tuple[tuple[Person, .
         BodyModelError: they are parameters, and there is no folder of models.
         ReadError: the model is not there, damaged, or of another family.
     """
+    made, notes = parameters.people_of(arrays, body_models) if are_parameters(arrays) else joints.people_of(arrays)
+    for person in made:
+        _check(arrays.path, person)
+    return made, notes
+
+
+def summary_of(arrays: Arrays) -> tuple[int, int, str]:
+    """Return the numbers of frames and of people, and what these are given as; raises `ClipError`."""
+    if are_parameters(arrays):
+        family, genders, betas, poses = parameters.bodies_and_poses(arrays)
+        genders = " and ".join(dict.fromkeys(genders))
+        given = f"from parameters of {TITLES[family]} {genders}, {betas.shape[1]} betas"
+    else:
+        _, poses = joints.names_and_positions(arrays)
+        given = "positions and rotations"
+    frames, people = poses.shape[:2]
+    return frames, people, f"{len(JOINTS)} joints{'' if people == 1 else f' of {people} people'}, {given}"
+
+
+def are_parameters(arrays: Arrays) -> bool:
+    """Return whether people are given as parameters, not as joints; raises `ClipError` for both and for neither."""
     as_joints, as_parameters = ([name for name in way if name in arrays] for way in (joints.ARRAYS, parameters.ARRAYS))
     if as_joints and as_parameters:
         raise ClipError(
@@ -36,10 +59,7 @@ def people_of(arrays: Arrays, body_models: Path | None) -> tuple[tuple[Person, .
             f"{arrays.path}: there is nobody in the clip: it has neither joints ({', '.join(joints.ARRAYS)}) nor "
             f"parameters of a body model (body_family, body_pose and others). {DOCUMENT}"
         )
-    made, notes = parameters.people_of(arrays, body_models) if as_parameters else joints.people_of(arrays)
-    for person in made:
-        _check(arrays.path, person)
-    return made, notes
+    return bool(as_parameters)
 
 
 def _check(path: Path, person: Person) -> None:
