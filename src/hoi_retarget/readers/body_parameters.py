@@ -5,17 +5,21 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError
 from hoi_retarget.human.body_model import BodyModel, BodyShape, Family
 from hoi_retarget.human.person import Person
 from hoi_retarget.readers.body_model_files import load_body_model
+from hoi_retarget.readers.fields import Fields
 
 LARGEST_CHANGE = 1e-3
 """Of betas between frames that are meant to be one body's."""
+_BODY = 66
+"""Numbers of the pose of the body, before those of the hands."""
 TITLES: Mapping[Family, str] = MappingProxyType({"smplx": "SMPL-X", "smplh": "SMPL-H"})
 
 
@@ -25,7 +29,8 @@ class BodyParameters:
 
     family: Family
     gender: str
-    betas: Float[np.ndarray, "b"]
+    betas: Float[np.ndarray, "*T b"]
+    """Of one body, or as they were fitted in each frame."""
     translation: Float[np.ndarray, "T 3"]
     """[m]"""
     body: Float[np.ndarray, "T 66"]
@@ -37,6 +42,38 @@ class BodyParameters:
     """Whether hands are counted from flat ones; otherwise from the model's mean hand."""
     template: Float[np.ndarray, "V 3"] | None = None
     """The person's own body at rest [m], in the place of the model's."""
+
+    @classmethod
+    def of_rows(cls, pose: Float[np.ndarray, "T n"], **others: Any) -> "BodyParameters":
+        """Return parameters whose pose is stored in one row for each frame: body, left hand, right hand."""
+        hand = _BODY + (pose.shape[1] - _BODY) // 2
+        return cls(body=pose[:, :_BODY], left_hand=pose[:, _BODY:hand], right_hand=pose[:, hand:], **others)
+
+    @classmethod
+    def of_fields(cls, fields: Fields, frames: int, *, hand: int, **others: Any) -> "BodyParameters":
+        """Return parameters of SMPL-X whose pose is stored by SMPL-X's own names; raises `ClipError`.
+
+        Args:
+            fields: What is stored.
+            frames: How many frames there must be.
+            hand: Numbers of the pose of each hand.
+            others: Gender, betas, how hands are counted, and the template.
+        """
+        root = fields.rows("global_orient", frames, 3, "the pelvis's rotation")
+        body = fields.rows("body_pose", frames, _BODY - 3, "the body's pose")
+        return cls(
+            family="smplx",
+            translation=fields.rows("transl", frames, 3, "the body's position"),
+            body=np.concatenate([root, body], axis=1),
+            left_hand=fields.rows("left_hand_pose", frames, hand, "the left hand's pose"),
+            right_hand=fields.rows("right_hand_pose", frames, hand, "the right hand's pose"),
+            **others,
+        )
+
+    def at(self, frames: slice | Int[np.ndarray, "F"]) -> "BodyParameters":
+        """Return the parameters in some of the frames."""
+        varying = ("translation", "body", "left_hand", "right_hand", *(("betas",) if self.betas.ndim > 1 else ()))
+        return replace(self, **{name: getattr(self, name)[frames] for name in varying})
 
 
 def person_of(path: Path, name: str, parameters: BodyParameters, body_models: Path | None) -> Person:

@@ -35,12 +35,12 @@ class Outline:
     """What the person is given as, such as `SMPL-H male, 10 betas`."""
     up_axis: str
     """Which way is up in the recording, and who says so."""
-    people: int
     objects: tuple[str, ...]
     """Their names."""
-    contacts: str
-    """Where contacts come from, such as `none stored` or `labels of the hands`."""
     licence: str
+    people: int = 1
+    contacts: str = "none stored"
+    """Where contacts come from, such as `labels of the hands`."""
     notes: tuple[str, ...] = ()
 
 
@@ -59,12 +59,12 @@ class Reader:
     """Its name, in small letters with dashes."""
     suffixes: tuple[str, ...]
     """Endings of file names in small letters, or `FOLDER`."""
-    floor_at_zero: bool
-    """Whether the format has the floor at z = 0; otherwise its height is estimated from the clip."""
     holds: Callable[[SourceFile], bool]
     """Tells whether a file with one of the suffixes is of this format, by names and shapes alone."""
     read: Callable[[SourceFile, ReadOptions], Clip]
     """Returns the clip; raises `ReadError`, `ClipError`, `GeometryError`, `BodyModelError` or `ArgumentError`."""
+    floor_at_zero: bool = False
+    """Whether the format has the floor at z = 0; otherwise its height is estimated from the clip."""
     clips_in: Callable[[SourceFile], tuple[str, ...]] = _is_one_clip
     """Returns the names of the clips to select from; none where the recording is one clip."""
     parts: tuple[str, ...] = ()

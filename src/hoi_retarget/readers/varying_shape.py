@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
 from hoi_retarget.errors import ClipError
 from hoi_retarget.human.person import Person
@@ -18,9 +17,9 @@ _PARENTS = [JOINT_INDEX[parent] for parent in PARENT.values() if parent is not N
 
 
 def person_of_rows(
-    path: Path, name: str, parameters: BodyParameters, rows: Float[np.ndarray, "T b"], body_models: Path | None
+    path: Path, name: str, parameters: BodyParameters, body_models: Path | None
 ) -> tuple[Person, tuple[str, ...]]:
-    """Return a person whose body has the betas of each frame, and what is to be noted of them.
+    """Return a person whose body has the betas of one body or of each frame, and what is to be noted of them.
 
     Rotations do not depend on the shape, and positions depend on it linearly: one body for each component that
     changes is enough.
@@ -28,8 +27,7 @@ def person_of_rows(
     Args:
         path: the recording, for errors.
         name: what the person is called.
-        parameters: the body's pose; its own betas are not used.
-        rows: the betas of every frame.
+        parameters: the body's shape and pose.
         body_models: the user's folder of models.
 
     Raises:
@@ -37,6 +35,7 @@ def person_of_rows(
         ReadError: the model is damaged or of another family.
         ClipError: the parameters are not those of this model, or of bodies of several sizes.
     """
+    rows = np.atleast_2d(parameters.betas)
     change = np.ptp(rows, axis=0)
     if change.max(initial=0.0) <= LARGEST_CHANGE:
         return person_of(path, name, replace(parameters, betas=rows[0]), body_models), ()

@@ -1,0 +1,81 @@
+"""Makes clips and outlines of the recordings that readers find: z up, checked, with all that is to be noted."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from hoi_retarget.clip.clip import Clip, ContactTrack, Source
+from hoi_retarget.errors import ArgumentError
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import PARTS
+from hoi_retarget.objects.track import ObjectTrack
+from hoi_retarget.readers.body_parameters import BodyParameters
+from hoi_retarget.readers.companions import check_frames
+from hoi_retarget.readers.reader import Outline, ReadOptions
+from hoi_retarget.readers.recording import Record, Recording, Tracks
+from hoi_retarget.readers.upright import check_upright
+from hoi_retarget.readers.varying_shape import person_of_rows
+from hoi_retarget.readers.worlds import World
+
+
+def clips_of(format_name: str, record: Record) -> Callable[[SourceFile, ReadOptions], Clip]:
+    """Return what reads the clips of a format, as `Reader.read`, from what finds its recordings."""
+
+    def read(file: SourceFile, options: ReadOptions) -> Clip:
+        recording = record(file, options)
+        _check_object_name(file, recording, options)
+        check_frames(file.path, {"recording": recording.outline.frames})
+        tracks = recording.read_tracks()
+        people, shape_notes = _people(file, tracks, options)
+        world = recording.world if isinstance(recording.world, World) else recording.world(people[0])
+        people = tuple(world.turned_person(person) for person in people)
+        for person in people:
+            check_upright(file.path, person, world.up)
+        objects = tuple(world.turned_object(track) for track in tracks.objects)
+        outline = recording.outline
+        notes = (*outline.notes, *filter(None, [world.note]), *shape_notes, *tracks.notes)
+        return Clip(
+            name=recording.name,
+            fps=outline.fps,
+            people=people,
+            objects=objects,
+            contacts=_contacts(tracks, people[0], objects[0]) if tracks.touching else (),
+            source=Source(str(file.name), recording.sha256 or file.sha256, format_name, outline.licence, notes),
+            first_source_frame=recording.first_frame,
+        )
+
+    return read
+
+
+def outlines_of(record: Record) -> Callable[[SourceFile], Outline]:
+    """Return what outlines the recordings of a format, as `Reader.outline`, from what finds them."""
+    return lambda file: record(file, ReadOptions()).outline
+
+
+def _check_object_name(file: SourceFile, recording: Recording, options: ReadOptions) -> None:
+    """Raise `ArgumentError` where an object's name is given, although the recording tells the names of its objects."""
+    if options.object_name is not None and recording.names_objects:
+        raise ArgumentError(
+            f"{file.name}: --object {options.object_name} is for clips that do not name their object; this one "
+            f"names {', '.join(recording.outline.objects) or 'none'}. Leave the option out."
+        )
+
+
+def _people(file: SourceFile, tracks: Tracks, options: ReadOptions) -> tuple[tuple[Person, ...], tuple[str, ...]]:
+    """Return all people as joints, and what is to be noted of their bodies."""
+    made = [
+        person_of_rows(file.path, "person", person, options.body_models)
+        if isinstance(person, BodyParameters)
+        else (person, ())
+        for person in tracks.people
+    ]
+    return tuple(person for person, _ in made), tuple(note for _, notes in made for note in notes)
+
+
+def _contacts(tracks: Tracks, person: Person, track: ObjectTrack) -> tuple[ContactTrack, ...]:
+    nobody = np.zeros(len(track.positions), dtype=bool)
+    return tuple(
+        ContactTrack(0, 0, part, tracks.touching.get(part, nobody), track.to_object(person.part_position(part)))
+        for part in PARTS
+    )
