@@ -28,11 +28,10 @@ from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.companions import folder_of_tree, json_values, npz_fields
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import clips_of, outlines_of
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.finish import data_set
+from hoi_retarget.readers.reader import ReadOptions
 from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.triangles import first_mesh
-from hoi_retarget.readers.worlds import World
 
 FORMAT = "behave"
 LICENCE = "BEHAVE's licence: non-commercial research, education and art only; faces in published images are blurred"
@@ -93,18 +92,16 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
 
     return Recording(
         name="_".join(filter(None, (file.path.resolve().name, file.selection))),
-        outline=Outline(
-            description="BEHAVE recording of one person and one object",
-            frames=sum(map(len, chosen)),
-            fps=FPS,
-            fps_stated=True,
-            skeleton=f"SMPL-H {gender}, {BETAS} betas",
-            up_axis="-y of the first camera, as the format has it; its tilt is not known",
-            objects=(category,),
-            licence=LICENCE,
-            notes=(_TILT_NOTE, *_frame_notes(*times, chosen[0])),
-        ),
-        world=World.of_axis("-y"),
+        description="BEHAVE recording of one person and one object",
+        frames=sum(map(len, chosen)),
+        fps=FPS,
+        rate_stated=True,
+        skeleton=f"SMPL-H {gender}, {BETAS} betas",
+        up_axis="-y of the first camera, as the format has it; its tilt is not known",
+        objects=(category,),
+        licence=LICENCE,
+        notes=(_TILT_NOTE, *_frame_notes(*times, chosen[0])),
+        up="-y",
         read_tracks=read_tracks,
         first_frame=int(rows[0][0]),
     )
@@ -213,12 +210,4 @@ def _geometry(file: SourceFile, options: ReadOptions, category: str) -> ObjectGe
     return first_mesh(category, candidates, centred=True)
 
 
-READER = Reader(
-    format=FORMAT,
-    suffixes=(FOLDER,),
-    parts=(_PERSON, _OBJECT),
-    holds=holds,
-    read=clips_of(FORMAT, record),
-    outline=outlines_of(record),
-    clips_in=clips_in,
-)
+READER = data_set(FORMAT, (FOLDER,), record, holds=holds, parts=(_PERSON, _OBJECT), clips_in=clips_in)

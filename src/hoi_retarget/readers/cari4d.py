@@ -34,12 +34,11 @@ from hoi_retarget.human.skeleton import HANDS
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import clips_of, outlines_of
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.finish import data_set
+from hoi_retarget.readers.reader import ReadOptions
 from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.rigid import poses_of
 from hoi_retarget.readers.triangles import first_mesh
-from hoi_retarget.readers.worlds import World
 
 FORMAT = "cari4d"
 LICENCE = "NVIDIA licence of CARI4D: non-commercial research; the video's own terms hold as well"
@@ -114,19 +113,17 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
 
     return Recording(
         name=file.path.stem,
-        outline=Outline(
-            description="CARI4D reconstruction of one person and one object from video",
-            frames=frames,
-            fps=sequence.fps,
-            fps_stated=not sequence.centred,
-            skeleton=f"SMPL-H {gender}, {BETAS} betas",
-            up_axis="-y, by the camera, taken to be level",
-            objects=(name,) if name else (),
-            contacts="scores of the hands" if touching else "none stored",
-            licence=LICENCE,
-            notes=(sequence.rate_note, _LEVEL),
-        ),
-        world=World.of_axis("-y"),
+        description="CARI4D reconstruction of one person and one object from video",
+        frames=frames,
+        fps=sequence.fps,
+        rate_stated=not sequence.centred,
+        skeleton=f"SMPL-H {gender}, {BETAS} betas",
+        up_axis="-y, by the camera, taken to be level",
+        objects=(name,) if name else (),
+        contacts="scores of the hands" if touching else "none stored",
+        licence=LICENCE,
+        notes=(sequence.rate_note, _LEVEL),
+        up="-y",
         read_tracks=read_tracks,
         names_objects=sequence.object is not None,
     )
@@ -308,10 +305,4 @@ def _touching(fields: Fields, frames: int) -> tuple[dict[str, np.ndarray], tuple
     return dict(zip(HANDS, touching.T, strict=True)), notes
 
 
-READER = Reader(
-    format=FORMAT,
-    suffixes=(".pth",),
-    holds=holds,
-    read=clips_of(FORMAT, record),
-    outline=outlines_of(record),
-)
+READER = data_set(FORMAT, (".pth",), record, holds=holds)

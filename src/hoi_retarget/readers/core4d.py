@@ -31,12 +31,11 @@ from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters, constant_betas, person_of
 from hoi_retarget.readers.companions import check_frames, folder_of_tree, json_values, npz_fields
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import clips_of, outlines_of
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.finish import data_set
+from hoi_retarget.readers.reader import ReadOptions
 from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.rigid import poses_of
 from hoi_retarget.readers.triangles import first_mesh
-from hoi_retarget.readers.worlds import World
 
 FORMAT = "core4d"
 LICENCE = "CC BY 4.0, as the data set's README says"
@@ -84,19 +83,15 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
 
     return Recording(
         name="_".join(file.path.resolve().parts[-2:]),
-        outline=Outline(
-            description="CORE4D recording of two people and one object",
-            frames=len(poses),
-            fps=FPS,
-            fps_stated=False,
-            skeleton="SMPL-X neutral, 10 betas, joints stored",
-            up_axis="y, as the format has it",
-            people=len(PEOPLE),
-            objects=(name,),
-            licence=LICENCE,
-            notes=(_RATE_NOTE,),
-        ),
-        world=World.of_axis("y"),
+        description="CORE4D recording of two people and one object",
+        frames=len(poses),
+        fps=FPS,
+        skeleton="SMPL-X neutral, 10 betas, joints stored",
+        people=len(PEOPLE),
+        objects=(name,),
+        licence=LICENCE,
+        notes=(_RATE_NOTE,),
+        up="y",
         read_tracks=read_tracks,
     )
 
@@ -204,10 +199,4 @@ def _check_gap(path: Path, gaps: Float[np.ndarray, "T J"], elsewhere: str) -> No
         )
 
 
-READER = Reader(
-    format=FORMAT,
-    suffixes=(FOLDER,),
-    holds=holds,
-    read=clips_of(FORMAT, record),
-    outline=outlines_of(record),
-)
+READER = data_set(FORMAT, (FOLDER,), record, holds=holds)

@@ -12,45 +12,56 @@ from hoi_retarget.human.skeleton import PARTS
 from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.companions import check_frames
-from hoi_retarget.readers.reader import Outline, ReadOptions
+from hoi_retarget.readers.reader import Reader, ReadOptions, is_one_clip
 from hoi_retarget.readers.recording import Record, Recording, Tracks
 from hoi_retarget.readers.upright import check_upright
 from hoi_retarget.readers.varying_shape import person_of_rows
-from hoi_retarget.readers.worlds import World
 
 
-def clips_of(format_name: str, record: Record) -> Callable[[SourceFile, ReadOptions], Clip]:
-    """Return what reads the clips of a format, as `Reader.read`, from what finds its recordings."""
-
-    def read(file: SourceFile, options: ReadOptions) -> Clip:
-        recording = record(file, options)
-        _check_object_name(file, recording, options)
-        check_frames(file.path, {"recording": recording.outline.frames})
-        tracks = recording.read_tracks()
-        people, shape_notes = _people(file, tracks, options)
-        world = recording.world if isinstance(recording.world, World) else recording.world(people[0])
-        people = tuple(world.turned_person(person) for person in people)
-        for person in people:
-            check_upright(file.path, person, world.up)
-        objects = tuple(world.turned_object(track) for track in tracks.objects)
-        outline = recording.outline
-        notes = (*outline.notes, *filter(None, [world.note]), *shape_notes, *tracks.notes)
-        return Clip(
-            name=recording.name,
-            fps=outline.fps,
-            people=people,
-            objects=objects,
-            contacts=_contacts(tracks, people[0], objects[0]) if tracks.touching else (),
-            source=Source(str(file.name), recording.sha256 or file.sha256, format_name, outline.licence, notes),
-            first_source_frame=recording.first_frame,
-        )
-
-    return read
+def data_set(  # noqa: PLR0913 - what data sets differ in
+    name: str,
+    suffixes: tuple[str, ...],
+    record: Record,
+    *,
+    holds: Callable[[SourceFile], bool],
+    clips_in: Callable[[SourceFile], tuple[str, ...]] = is_one_clip,
+    parts: tuple[str, ...] = (),
+    floor_at_zero: bool = False,
+) -> Reader:
+    """Return the reader of a data set from what finds its recordings; arguments are as the fields of `Reader`."""
+    return Reader(
+        format=name,
+        suffixes=suffixes,
+        floor_at_zero=floor_at_zero,
+        holds=holds,
+        read=lambda file, options: _clip(name, record(file, options), file, options),
+        clips_in=clips_in,
+        parts=parts,
+        outline=lambda file: record(file, ReadOptions()).outline,
+    )
 
 
-def outlines_of(record: Record) -> Callable[[SourceFile], Outline]:
-    """Return what outlines the recordings of a format, as `Reader.outline`, from what finds them."""
-    return lambda file: record(file, ReadOptions()).outline
+def _clip(format_name: str, recording: Recording, file: SourceFile, options: ReadOptions) -> Clip:
+    """Return the clip of a recording; raises as `Reader.read`."""
+    _check_object_name(file, recording, options)
+    check_frames(file.path, {"recording": recording.frames})
+    tracks = recording.read_tracks()
+    people, shape_notes = _people(file, tracks, options)
+    world = recording.world(people[0])
+    people = tuple(world.turned_person(person) for person in people)
+    for person in people:
+        check_upright(file.path, person, world.up)
+    objects = tuple(world.turned_object(track) for track in tracks.objects)
+    notes = (*recording.notes, *filter(None, [world.note]), *shape_notes, *tracks.notes)
+    return Clip(
+        name=recording.name,
+        fps=recording.fps,
+        people=people,
+        objects=objects,
+        contacts=_contacts(tracks, people[0], objects[0]) if tracks.touching else (),
+        source=Source(str(file.name), recording.sha256 or file.sha256, format_name, recording.licence, notes),
+        first_source_frame=recording.first_frame,
+    )
 
 
 def _check_object_name(file: SourceFile, recording: Recording, options: ReadOptions) -> None:
@@ -58,7 +69,7 @@ def _check_object_name(file: SourceFile, recording: Recording, options: ReadOpti
     if options.object_name is not None and recording.names_objects:
         raise ArgumentError(
             f"{file.name}: --object {options.object_name} is for clips that do not name their object; this one "
-            f"names {', '.join(recording.outline.objects) or 'none'}. Leave the option out."
+            f"names {', '.join(recording.objects) or 'none'}. Leave the option out."
         )
 
 

@@ -28,11 +28,10 @@ from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.companions import folder_of_tree, npz_fields
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import clips_of, outlines_of
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.finish import data_set
+from hoi_retarget.readers.reader import ReadOptions
 from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.triangles import first_mesh
-from hoi_retarget.readers.worlds import World
 
 FORMAT = "grab"
 LICENCE = "GRAB's licence: non-commercial scientific research only"
@@ -74,19 +73,16 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
 
     return Recording(
         name=f"{file.path.resolve().parent.name}_{file.path.stem}",
-        outline=Outline(
-            description="GRAB recording of one person, one object and a table",
-            frames=frames,
-            fps=float(fields.array("framerate", (), "frames a second")),
-            fps_stated=True,
-            skeleton=f"SMPL-X {gender}, with the body of subject {fields.text('sbj_id', 'the subject')}",
-            up_axis="z, as the format has it",
-            objects=(name, TABLE),
-            contacts="labels of the object's vertices",
-            licence=LICENCE,
-            notes=(_TABLE_NOTE,),
-        ),
-        world=World.of_axis("z"),
+        description="GRAB recording of one person, one object and a table",
+        frames=frames,
+        fps=float(fields.array("framerate", (), "frames a second")),
+        rate_stated=True,
+        skeleton=f"SMPL-X {gender}, with the body of subject {fields.text('sbj_id', 'the subject')}",
+        objects=(name, TABLE),
+        contacts="labels of the object's vertices",
+        licence=LICENCE,
+        notes=(_TABLE_NOTE,),
+        up="z",
         read_tracks=read_tracks,
     )
 
@@ -183,10 +179,4 @@ def _other_touches(touching: Bool[np.ndarray, "T 56"], name: str) -> tuple[str, 
     return (f"{name} is also touched by {', '.join(others)}, which no part of the robot follows.",) if others else ()
 
 
-READER = Reader(
-    format=FORMAT,
-    suffixes=(".npz",),
-    holds=holds,
-    read=clips_of(FORMAT, record),
-    outline=outlines_of(record),
-)
+READER = data_set(FORMAT, (".npz",), record, holds=holds)

@@ -22,12 +22,11 @@ from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.companions import folder_above, folder_of_tree, npz_fields
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import clips_of, outlines_of
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.finish import data_set
+from hoi_retarget.readers.reader import ReadOptions
 from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.rigid import quats_of
 from hoi_retarget.readers.triangles import first_mesh
-from hoi_retarget.readers.worlds import World
 
 FORMAT = "hodome"
 LICENCE = "NeuralDome HODome: non-commercial; LICENSE.md beside the data tells the terms"
@@ -76,18 +75,15 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
 
     return Recording(
         name=file.path.stem,
-        outline=Outline(
-            description="HODome sequence of one person and one object",
-            frames=len(frames),
-            fps=float(thing.array(_RATE, (), "the rate")) if stated else FPS,
-            fps_stated=stated,
-            skeleton=f"SMPL-X neutral, {BETAS} betas",
-            up_axis="y, as the format has it",
-            objects=(name,),
-            licence=LICENCE,
-            notes=notes,
-        ),
-        world=World.of_axis("y"),
+        description="HODome sequence of one person and one object",
+        frames=len(frames),
+        fps=float(thing.array(_RATE, (), "the rate")) if stated else FPS,
+        rate_stated=stated,
+        skeleton=f"SMPL-X neutral, {BETAS} betas",
+        objects=(name,),
+        licence=LICENCE,
+        notes=notes,
+        up="y",
         read_tracks=read_tracks,
         names_objects=False,
         first_frame=human_rows.start,
@@ -161,10 +157,4 @@ def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeomet
         raise GeometryError(f"{error} Where the sequence's last word is not the object, pass --object NAME.") from error
 
 
-READER = Reader(
-    format=FORMAT,
-    suffixes=(".npz",),
-    holds=holds,
-    read=clips_of(FORMAT, record),
-    outline=outlines_of(record),
-)
+READER = data_set(FORMAT, (".npz",), record, holds=holds)

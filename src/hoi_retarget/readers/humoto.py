@@ -31,12 +31,11 @@ from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, LEFT_FINGERS, RIGHT_FINGERS
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
-from hoi_retarget.readers.finish import clips_of, outlines_of
+from hoi_retarget.readers.finish import data_set
 from hoi_retarget.readers.object_files import LARGEST_OBJECT
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.reader import ReadOptions
 from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.rigid import quats_of
-from hoi_retarget.readers.worlds import World
 
 FORMAT = "humoto"
 LICENCE = "Adobe Research License v1.1: research use; the full set on request"
@@ -191,18 +190,15 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
 
     return Recording(
         name=file.path.stem,
-        outline=Outline(
-            description="HUMOTO capture of one person and household objects",
-            frames=len(frames),
-            fps=FPS,
-            fps_stated=rate == FPS,
-            skeleton=f"{len(JOINTS)} of Mixamo's 65 joints",
-            up_axis="y, by the format",
-            objects=tuple(capture.scene.names[node] for node in capture.objects),
-            licence=LICENCE,
-            notes=(_rate_note(rate), *_part_notes(capture)),
-        ),
-        world=World.of_axis("y"),
+        description="HUMOTO capture of one person and household objects",
+        frames=len(frames),
+        fps=FPS,
+        rate_stated=rate == FPS,
+        skeleton=f"{len(JOINTS)} of Mixamo's 65 joints",
+        objects=tuple(capture.scene.names[node] for node in capture.objects),
+        licence=LICENCE,
+        notes=(_rate_note(rate), *_part_notes(capture)),
+        up="y",
         read_tracks=read_tracks,
     )
 
@@ -332,10 +328,4 @@ def _object(capture: _Capture, poses: NodePoses, node: int) -> ObjectTrack:
     return ObjectTrack(name, poses.positions[:, node], poses.quats[:, node], geometry)
 
 
-READER = Reader(
-    format=FORMAT,
-    suffixes=(".glb",),
-    holds=holds,
-    read=clips_of(FORMAT, record),
-    outline=outlines_of(record),
-)
+READER = data_set(FORMAT, (".glb",), record, holds=holds)

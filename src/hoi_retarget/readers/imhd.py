@@ -30,9 +30,9 @@ from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.companions import check_frames, folder_above
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import clips_of, outlines_of
+from hoi_retarget.readers.finish import data_set
 from hoi_retarget.readers.object_files import mesh_vertices
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.reader import ReadOptions
 from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.triangles import first_mesh
 from hoi_retarget.readers.worlds import TURN, Turn, World
@@ -80,18 +80,15 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
 
     return Recording(
         name="_".join(file.path.resolve().with_suffix("").parts[-3 if _SEGMENT.fullmatch(_segment(file)) else -1 :]),
-        outline=Outline(
-            description="IMHD2 recording of one person and one object",
-            frames=len(positions),
-            fps=FPS,
-            fps_stated=False,
-            skeleton=f"SMPL-H neutral, {BETAS} betas",
-            up_axis="another one on each capture date; measured from the person when it is read",
-            objects=(name,),
-            licence=LICENCE,
-            notes=(f"The object is {name}, as {told}.", _RATE_NOTE),
-        ),
-        world=partial(_world, file.path),
+        description="IMHD2 recording of one person and one object",
+        frames=len(positions),
+        fps=FPS,
+        skeleton=f"SMPL-H neutral, {BETAS} betas",
+        up_axis="another one on each capture date; measured from the person when it is read",
+        objects=(name,),
+        licence=LICENCE,
+        notes=(f"The object is {name}, as {told}.", _RATE_NOTE),
+        up=partial(_world, file.path),
         read_tracks=read_tracks,
         names_objects=False,
     )
@@ -195,10 +192,4 @@ def _body(fields: Fields, positions: np.ndarray) -> BodyParameters:
     )
 
 
-READER = Reader(
-    format=FORMAT,
-    suffixes=(".pkl",),
-    holds=holds,
-    read=clips_of(FORMAT, record),
-    outline=outlines_of(record),
-)
+READER = data_set(FORMAT, (".pkl",), record, holds=holds)

@@ -33,11 +33,10 @@ from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.readers.body_parameters import TITLES, BodyParameters
 from hoi_retarget.readers.companions import check_frames, npz_fields
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import clips_of, outlines_of
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.finish import data_set
+from hoi_retarget.readers.reader import ReadOptions
 from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.triangles import first_mesh
-from hoi_retarget.readers.worlds import World
 
 FORMAT = "interact-canonical"
 LICENCE = "InterAct: CC BY-NC-SA 4.0, on request"
@@ -174,19 +173,15 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
 
     return Recording(
         name=place.name,
-        outline=Outline(
-            description=f"InterAct's canonical sequence of {subset.title}",
-            frames=len(poses),
-            fps=FPS,
-            fps_stated=False,
-            skeleton=f"{TITLES[subset.family]} {gender}, "
-            + (f"{subset.betas} betas" if subset.betas else "the person's own template"),
-            up_axis="y, as the format has it",
-            objects=tuple(objects),
-            licence=subset.licence,
-            notes=(why, _RATE_NOTE, _FLOOR_NOTE, *filter(None, [subset.note])),
-        ),
-        world=World.of_axis("y"),
+        description=f"InterAct's canonical sequence of {subset.title}",
+        frames=len(poses),
+        fps=FPS,
+        skeleton=f"{TITLES[subset.family]} {gender}, "
+        + (f"{subset.betas} betas" if subset.betas else "the person's own template"),
+        objects=tuple(objects),
+        licence=subset.licence,
+        notes=(why, _RATE_NOTE, _FLOOR_NOTE, *filter(None, [subset.note])),
+        up="y",
         read_tracks=read_tracks,
     )
 
@@ -312,12 +307,4 @@ def _mesh_notes(tracks: Sequence[ObjectTrack]) -> tuple[str, ...]:
     )
 
 
-READER = Reader(
-    format=FORMAT,
-    suffixes=(FOLDER,),
-    parts=(_HUMAN, _OBJECT),
-    floor_at_zero=True,
-    holds=holds,
-    read=clips_of(FORMAT, record),
-    outline=outlines_of(record),
-)
+READER = data_set(FORMAT, (FOLDER,), record, holds=holds, parts=(_HUMAN, _OBJECT), floor_at_zero=True)

@@ -29,8 +29,8 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import clips_of, outlines_of
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.finish import data_set
+from hoi_retarget.readers.reader import ReadOptions
 from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.triangles import first_mesh
 from hoi_retarget.readers.worlds import TURN, Turn, World
@@ -114,17 +114,14 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
 
     return Recording(
         name=f"{place.subject}_{place.object}_{place.segment}",
-        outline=Outline(
-            description="InterCap recording of one person and one object",
-            frames=frames,
-            fps=FPS,
-            fps_stated=False,
-            skeleton=f"SMPL-X {place.gender}, {_WIDTHS['betas']} betas",
-            up_axis="-y of the first camera, tilted as its makers' scripts have it",
-            objects=(place.name,),
-            licence=LICENCE,
-        ),
-        world=_world,
+        description="InterCap recording of one person and one object",
+        frames=frames,
+        fps=FPS,
+        skeleton=f"SMPL-X {place.gender}, {_WIDTHS['betas']} betas",
+        up_axis="-y of the first camera, tilted as its makers' scripts have it",
+        objects=(place.name,),
+        licence=LICENCE,
+        up=_world,
         read_tracks=read_tracks,
     )
 
@@ -248,10 +245,4 @@ def _turn_to_z(up: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4"]:
     return se3.quat_normalize(np.array([1.0 + up[2], up[1], -up[0], 0.0]))
 
 
-READER = Reader(
-    format=FORMAT,
-    suffixes=(".pkl",),
-    holds=holds,
-    read=clips_of(FORMAT, record),
-    outline=outlines_of(record),
-)
+READER = data_set(FORMAT, (".pkl",), record, holds=holds)

@@ -32,12 +32,11 @@ from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of
 from hoi_retarget.readers.companions import chosen_clip, folder_of_tree
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import clips_of, outlines_of
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.finish import data_set
+from hoi_retarget.readers.reader import ReadOptions
 from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.rigid import quats_of
 from hoi_retarget.readers.triangles import first_mesh
-from hoi_retarget.readers.worlds import World
 
 FORMAT = "omomo"
 LICENCE = "MIT, as others state it; the makers' repository has no licence"
@@ -100,18 +99,14 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
 
     return Recording(
         name=name,
-        outline=Outline(
-            description="OMOMO clip of one person and one object",
-            frames=len(positions),
-            fps=FPS,
-            fps_stated=False,
-            skeleton=f"SMPL-X {fields.text('gender', 'the body model')}, 16 betas, joints at rest stored",
-            up_axis="z, as the format has it",
-            objects=tuple(f"{thing}{part}" for part in parts),
-            licence=LICENCE,
-            notes=(_RATE_NOTE,),
-        ),
-        world=World.of_axis("z"),
+        description="OMOMO clip of one person and one object",
+        frames=len(positions),
+        fps=FPS,
+        skeleton=f"SMPL-X {fields.text('gender', 'the body model')}, 16 betas, joints at rest stored",
+        objects=tuple(f"{thing}{part}" for part in parts),
+        licence=LICENCE,
+        notes=(_RATE_NOTE,),
+        up="z",
         read_tracks=read_tracks,
         sha256=recordings.sha256,
     )
@@ -231,11 +226,4 @@ def _geometry(file: SourceFile, options: ReadOptions, thing: str, scan: str, siz
     return first_mesh(f"{thing}{scan}", [path], centred=False, scale=size)
 
 
-READER = Reader(
-    format=FORMAT,
-    suffixes=(".p",),
-    holds=holds,
-    read=clips_of(FORMAT, record),
-    outline=outlines_of(record),
-    clips_in=clips_in,
-)
+READER = data_set(FORMAT, (".p",), record, holds=holds, clips_in=clips_in)

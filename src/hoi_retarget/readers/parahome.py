@@ -38,12 +38,11 @@ from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of
 from hoi_retarget.readers.companions import chosen_clip, folder_above, folder_of_tree, json_values
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import clips_of, outlines_of
+from hoi_retarget.readers.finish import data_set
 from hoi_retarget.readers.object_files import load_mesh
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.reader import ReadOptions
 from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.rigid import poses_of
-from hoi_retarget.readers.worlds import World
 
 FORMAT = "parahome"
 LICENCE = "CC BY-NC-SA 4.0, academic use"
@@ -141,18 +140,14 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
 
     return Recording(
         name=f"{file.path.resolve().name}_{interval.name}",
-        outline=Outline(
-            description=f"ParaHome recording of one person in a room: {interval.text[:200]}",
-            frames=interval.stop - interval.first,
-            fps=FPS,
-            fps_stated=False,
-            skeleton="73 joints of ParaHome's own skeleton; SMPL-X with 20 betas beside it",
-            up_axis="z, as the format has it",
-            objects=_scene(file),
-            licence=LICENCE,
-            notes=(f"Described as {interval.text[:200]!r}.", _RATE_NOTE),
-        ),
-        world=World.of_axis("z"),
+        description=f"ParaHome recording of one person in a room: {interval.text[:200]}",
+        frames=interval.stop - interval.first,
+        fps=FPS,
+        skeleton="73 joints of ParaHome's own skeleton; SMPL-X with 20 betas beside it",
+        objects=_scene(file),
+        licence=LICENCE,
+        notes=(f"Described as {interval.text[:200]!r}.", _RATE_NOTE),
+        up="z",
         read_tracks=read_tracks,
         first_frame=interval.first,
     )
@@ -391,12 +386,4 @@ def _palm_quats(path: Path, hand: Float[np.ndarray, "T 25 3"], sign: float) -> F
     return se3.matrix_to_quat(np.stack([x, y, np.cross(x, y)], axis=-1))
 
 
-READER = Reader(
-    format=FORMAT,
-    suffixes=(FOLDER,),
-    parts=(_POSES, _JOINTS),
-    holds=holds,
-    read=clips_of(FORMAT, record),
-    outline=outlines_of(record),
-    clips_in=clips_in,
-)
+READER = data_set(FORMAT, (FOLDER,), record, holds=holds, parts=(_POSES, _JOINTS), clips_in=clips_in)

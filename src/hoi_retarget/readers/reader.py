@@ -35,16 +35,17 @@ class Outline:
     """What the person is given as, such as `SMPL-H male, 10 betas`."""
     up_axis: str
     """Which way is up in the recording, and who says so."""
+    people: int
     objects: tuple[str, ...]
     """Their names."""
+    contacts: str
+    """Where contacts come from, such as `none stored` or `labels of the hands`."""
     licence: str
-    people: int = 1
-    contacts: str = "none stored"
-    """Where contacts come from, such as `labels of the hands`."""
     notes: tuple[str, ...] = ()
 
 
-def _is_one_clip(_file: SourceFile) -> tuple[str, ...]:
+def is_one_clip(_file: SourceFile) -> tuple[str, ...]:
+    """Return no names: each recording is one clip."""
     return ()
 
 
@@ -65,7 +66,7 @@ class Reader:
     """Returns the clip; raises `ReadError`, `ClipError`, `GeometryError`, `BodyModelError` or `ArgumentError`."""
     floor_at_zero: bool = False
     """Whether the format has the floor at z = 0; otherwise its height is estimated from the clip."""
-    clips_in: Callable[[SourceFile], tuple[str, ...]] = _is_one_clip
+    clips_in: Callable[[SourceFile], tuple[str, ...]] = is_one_clip
     """Returns the names of the clips to select from; none where the recording is one clip."""
     parts: tuple[str, ...] = ()
     """Files that a folder of this format has, where some alone tell that the others are missing."""
