@@ -202,12 +202,11 @@ def _body(fields: Fields, count: int, gender: str) -> BodyParameters:
 
 
 def _geometry(file: SourceFile, options: ReadOptions, category: str) -> ObjectGeometry:
-    mesh = MESHES[category]
     if options.objects is not None:
-        candidates = [options.objects / category / mesh, options.objects / mesh]
+        folder = options.objects / category
     else:
-        candidates = [folder_of_tree(file.path, "objects", category, beside="sequences") / mesh]
-    return first_mesh(category, candidates, centred=True)
+        folder = folder_of_tree(file.path, "objects", category, beside="sequences")
+    return first_mesh(category, [place / MESHES[category] for place in (folder, folder.parent)], centred=True)
 
 
 READER = data_set(FORMAT, (FOLDER,), record, holds=holds, parts=(_PERSON, _OBJECT), clips_in=clips_in)

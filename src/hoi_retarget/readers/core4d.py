@@ -140,14 +140,9 @@ def _object_poses(file: SourceFile) -> Float[np.ndarray, "T 4 4"]:
 
 
 def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeometry:
-    mesh = f"{name}_m.obj"
-    within = (name[:-_DIGITS], mesh)
-    if options.objects is not None:
-        candidates = [options.objects.joinpath(*within), options.objects / mesh]
-    else:
-        folder = folder_of_tree(file.path, _MESHES, beside="human_object_motions")
-        candidates = [folder.joinpath(*within)]
-    return first_mesh(name, candidates, centred=False)
+    folder = options.objects or folder_of_tree(file.path, _MESHES, beside="human_object_motions")
+    places = (folder / name[:-_DIGITS], folder)
+    return first_mesh(name, [place / f"{name}_m.obj" for place in places], centred=False)
 
 
 # People

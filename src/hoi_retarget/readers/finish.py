@@ -10,12 +10,11 @@ from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import PARTS
 from hoi_retarget.objects.track import ObjectTrack
-from hoi_retarget.readers.body_parameters import BodyParameters
+from hoi_retarget.readers.body_parameters import BodyParameters, person_of_rows
 from hoi_retarget.readers.companions import check_frames
 from hoi_retarget.readers.reader import Reader, ReadOptions, is_one_clip
 from hoi_retarget.readers.recording import Record, Recording, Tracks
 from hoi_retarget.readers.upright import check_upright
-from hoi_retarget.readers.varying_shape import person_of_rows
 
 
 def data_set(  # noqa: PLR0913 - what data sets differ in

@@ -244,7 +244,7 @@ def _turns_from_t_pose(capture: _Capture) -> tuple[Float[np.ndarray, "52 4"], fl
     swings = np.tile(se3.IDENTITY_QUAT, (len(JOINTS), 1))
     for joint, (end, axis) in _LIMBS.items():
         bone = standing[JOINT_INDEX[end]] - standing[JOINT_INDEX[joint]]
-        swings[JOINT_INDEX[joint]] = _swing(np.array(axis), bone)
+        swings[JOINT_INDEX[joint]] = se3.shortest_rotation(np.array(axis), bone)
     angles = np.rad2deg(se3.angle_between(swings, se3.IDENTITY_QUAT))
     largest = float(angles.max())
     if largest > FARTHEST_FROM_T_POSE:
@@ -295,14 +295,6 @@ def _body_axes(path: Path, positions: Float[np.ndarray, "52 3"]) -> Float[np.nda
             f"{path}: in the skeleton's bind pose nobody stands upright with the left side beside the right."
         )
     return se3.matrix_to_quat(axes)
-
-
-def _swing(start: Float[np.ndarray, "3"], end: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4"]:
-    """Return the shortest rotation from one direction to another, wxyz; half a turn for opposite or none."""
-    end = end / max(float(np.linalg.norm(end)), 1e-9)
-    quat = np.concatenate([[1.0 + start @ end], np.cross(start, end)])
-    length = float(np.linalg.norm(quat))
-    return quat / length if length > 1e-6 else np.array([0.0, 0.0, 0.0, 1.0])
 
 
 # The objects

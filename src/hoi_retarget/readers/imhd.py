@@ -98,17 +98,7 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
 
 
 def _world(path: Path, person: Person) -> World:
-    """Return the world whose up axis is the one along which a person stands; raises `ClipError`."""
-    up, standing = up_axis(path, person)
-    note = (
-        f"{up} is up: the person stands along it in {standing:.0%} of the frames. Calibrations are not used; the floor "
-        "may be tilted against it."
-    )
-    return World(up, tuple(Turn(TURN[axis]) for axis in TURNS[up]), note)
-
-
-def up_axis(path: Path, person: Person) -> tuple[str, float]:
-    """Return the axis along which a person stands, and in which share of the frames.
+    """Return the world whose up axis is the one along which a person stands.
 
     Args:
         path: the recording, for errors.
@@ -125,14 +115,18 @@ def up_axis(path: Path, person: Person) -> tuple[str, float]:
         for index, axis in enumerate("xyz")
         for sign, factor in (("", 1.0), ("-", -1.0))
     }
-    best = max(shares, key=lambda axis: shares[axis])
-    if shares[best] <= LEAST_STANDING or best not in TURNS:
+    up = max(shares, key=lambda axis: shares[axis])
+    if shares[up] <= LEAST_STANDING or up not in TURNS:
         listing = ", ".join(f"{axis}: {share:.0%}" for axis, share in shares.items())
         raise ClipError(
             f"{path}: which axis is up cannot be told: the person should stand along {', '.join(TURNS)} in more than "
             f"{LEAST_STANDING:.0%} of the frames, but stands along {listing}. Turn the recording to z up."
         )
-    return best, shares[best]
+    note = (
+        f"{up} is up: the person stands along it in {shares[up]:.0%} of the frames. Calibrations are not used; the "
+        "floor may be tilted against it."
+    )
+    return World(up, tuple(Turn(TURN[axis]) for axis in TURNS[up]), note)
 
 
 # The object

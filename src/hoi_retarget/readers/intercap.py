@@ -222,7 +222,7 @@ def _geometry(file: SourceFile, place: _Place, options: ReadOptions, saved: Obje
 def _world(person: Person) -> World:
     """Return the world whose floor is the makers', where feet are on it; otherwise with y down."""
     up, point = (se3.rotate(TURN[UP], np.array(place)) for place in (FLOOR_NORMAL, FLOOR_POINT))
-    tilt = _turn_to_z(up)
+    tilt = se3.shortest_rotation(up, np.array([0.0, 0.0, 1.0]))
     height = float(se3.rotate(tilt, point)[2])
     feet = se3.rotate(tilt, se3.rotate(TURN[UP], person.joint_positions[:, _FEET]))[..., 2].min(axis=1) - height
     on_floor = float(((feet >= LOWEST_FOOT) & (feet <= HIGHEST_FOOT)).mean())
@@ -238,11 +238,6 @@ def _world(person: Person) -> World:
         f"the feet are on it in {on_floor:.0%} of the frames."
     )
     return World(UP, (Turn(TURN[UP]), Turn(tilt, floor=height)), note)
-
-
-def _turn_to_z(up: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4"]:
-    """Return the smallest rotation that turns a direction, not straight down, to z."""
-    return se3.quat_normalize(np.array([1.0 + up[2], up[1], -up[0], 0.0]))
 
 
 READER = data_set(FORMAT, (".pkl",), record, holds=holds)
