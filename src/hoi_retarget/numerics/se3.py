@@ -162,7 +162,7 @@ def matrix_angle_between(a: Float[Array, "*#batch 3 3"], b: Float[Array, "*#batc
 
 
 def shortest_rotation(start: Float[Array, "3"], end: Float[Array, "3"]) -> Float[Array, "4"]:
-    """Return the shortest rotation, wxyz, from a direction of unit length to another; half a turn for opposite or none."""
+    """Return the shortest rotation from a unit vector to a direction; half a turn for opposite ones or none."""
     end = end / max(float(np.linalg.norm(end)), 1e-9)
     quat = np.concatenate([[1.0 + start @ end], np.cross(start, end)])
     length = float(np.linalg.norm(quat))

@@ -14,6 +14,7 @@ older files, a JSON for each frame with transposed rotations, `smplh`, which its
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Int
 
 from hoi_retarget.clip.clip import MINIMUM_FRAMES
 from hoi_retarget.errors import ClipError, GeometryError, ReadError
@@ -48,9 +49,13 @@ def holds(file: SourceFile) -> bool:
 def record(file: SourceFile, options: ReadOptions) -> Recording:
     """Return what the files of a person and an object hold, in the frames that both have."""
     human, thing = npz_fields(file, file.path), npz_fields(file, _object_file(file))
-    human_frames, thing_frames = _frames(human), _object_frames(thing)
-    frames = _common(file, human_frames, thing_frames)
-    human_rows, thing_rows = _rows(frames, human_frames), _rows(frames, thing_frames)
+    human_ids, thing_ids = _ids(human), _object_ids(thing)
+    ids, human_rows, thing_rows = np.intersect1d(human_ids, thing_ids, assume_unique=True, return_indices=True)
+    if len(ids) < MINIMUM_FRAMES:
+        raise ClipError(
+            f"{file.name}: person and object have {len(ids)} frames in common, at least {MINIMUM_FRAMES} are needed: "
+            f"the person's are {_span(human_ids)}, the object's {_span(thing_ids)}. Download both files again."
+        )
     name = options.object_name or file.path.stem.rpartition("_")[2]
     notes = (
         f"The object is {name}, as {'was asked for' if options.object_name else 'the name of the sequence says'}.",
@@ -58,17 +63,15 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
     stated = _RATE in thing
     if not stated:
         notes += (_RATE_NOTE,)
-    if len(frames) < len(human_frames):
-        missing = len(human_frames) - len(frames)
+    if len(ids) < len(human_ids):
+        missing = len(human_ids) - len(ids)
         notes += (f"{missing} frame(s) at the ends are left out, for which the object has no pose.",)
 
     def read_tracks() -> Tracks:
-        betas = human.array("betas", (len(human_frames), BETAS), "the body's shape")
-        body = BodyParameters.of_fields(
-            human, len(human_frames), hand=45, gender="neutral", betas=betas, flat_hands=True
-        )
-        rotations = thing.array("object_R", (len(thing_frames), 3, 3), _ROTATION)[thing_rows]
-        positions = thing.rows("object_T", len(thing_frames), 3, "the object's position")[thing_rows]
+        betas = human.array("betas", (len(human_ids), BETAS), "the body's shape")
+        body = BodyParameters.of_fields(human, len(human_ids), hand=45, gender="neutral", betas=betas, flat_hands=True)
+        rotations = thing.array("object_R", (len(thing_ids), 3, 3), _ROTATION)[thing_rows]
+        positions = thing.rows("object_T", len(thing_ids), 3, "the object's position")[thing_rows]
         quats = quats_of(thing.path, "object_R", rotations)
         track = ObjectTrack(name, positions, quats, _geometry(file, options, name))
         return Tracks(people=(body.at(human_rows),), objects=(track,))
@@ -76,7 +79,7 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
     return Recording(
         name=file.path.stem,
         description="HODome sequence of one person and one object",
-        frames=len(frames),
+        frames=len(ids),
         fps=float(thing.array(_RATE, (), "the rate")) if stated else FPS,
         rate_stated=stated,
         skeleton=f"SMPL-X neutral, {BETAS} betas",
@@ -86,7 +89,7 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
         up="y",
         read_tracks=read_tracks,
         names_objects=False,
-        first_frame=human_rows.start,
+        first_frame=int(human_rows[0]),
     )
 
 
@@ -104,46 +107,30 @@ def _object_file(file: SourceFile) -> Path:
     return folder / name
 
 
-def _frames(fields: Fields) -> range:
-    """Return the frames of a file's ids; raises `ClipError` unless one is after the other."""
+def _ids(fields: Fields) -> Int[np.ndarray, "T"]:
+    """Return the ids of a file's frames; raises `ClipError` unless one is after the other."""
     ids = fields.get(_IDS)
     if not isinstance(ids, np.ndarray) or ids.dtype.kind not in "iu" or ids.ndim != 1:
         raise ClipError(f"{fields.path}: {_IDS} is no row of whole numbers. Download the recording again.")
-    numbers = ids.astype(np.int64)
-    jumps = np.flatnonzero(np.diff(numbers) != 1)
+    ids = ids.astype(np.int64)
+    jumps = np.flatnonzero(np.diff(ids) != 1)
     if len(jumps):
-        before, after = numbers[jumps[0]], numbers[jumps[0] + 1]
+        before, after = ids[jumps[0]], ids[jumps[0] + 1]
         raise ClipError(
             f"{fields.path}: {_IDS} goes from {before} to {after}, expected one frame after the other: without those "
             "between, the motion would be too fast there. Cut the recording at that frame."
         )
-    first = int(numbers[0]) if len(numbers) else 0
-    return range(first, first + len(numbers))
+    return ids
 
 
-def _object_frames(thing: Fields) -> range:
+def _object_ids(thing: Fields) -> Int[np.ndarray, "T"]:
     """Return the same of an object's file, whose frames are counted from 0 where they have no ids."""
     rotations = thing.array("object_R", ("T", 3, 3), _ROTATION)
-    return range(len(rotations)) if thing.get(_IDS) is None else _frames(thing)
+    return np.arange(len(rotations)) if thing.get(_IDS) is None else _ids(thing)
 
 
-def _common(file: SourceFile, human: range, thing: range) -> range:
-    """Return the frames that both files have; raises `ClipError` where these are too few."""
-    common = range(max(human.start, thing.start), min(human.stop, thing.stop))
-    if len(common) < MINIMUM_FRAMES:
-        raise ClipError(
-            f"{file.name}: person and object have {len(common)} frames in common, at least {MINIMUM_FRAMES} are "
-            f"needed: the person's are {_span(human)}, the object's {_span(thing)}. Download both files again."
-        )
-    return common
-
-
-def _rows(frames: range, of: range) -> slice:
-    return slice(frames.start - of.start, frames.stop - of.start)
-
-
-def _span(frames: range) -> str:
-    return f"{frames.start} to {frames.stop - 1}" if frames else "none"
+def _span(ids: Int[np.ndarray, "T"]) -> str:
+    return f"{ids[0]} to {ids[-1]}" if len(ids) else "none"
 
 
 def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeometry:
