@@ -20,10 +20,14 @@ from rich.text import Text
 from hoi_retarget import synthetic
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.readers.open import open_clip
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import RobotModel, load_model
 
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "IGL_NUM_THREADS",
+)
 
 
 @dataclass(frozen=True)
@@ -85,10 +89,6 @@ def peak_memory() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
 
 
-def model_of(name: str) -> RobotModel:
-    return load_model(robot(name))
-
-
 def taken(clip: Clip, frames: np.ndarray) -> Clip:
     """Return a clip made of some frames of another one, in that order."""
     people = [
@@ -97,7 +97,7 @@ def taken(clip: Clip, frames: np.ndarray) -> Clip:
     ]
     objects = [replace(track, positions=track.positions[frames], quats=track.quats[frames]) for track in clip.objects]
     contacts = [
-        replace(track, active=track.active[frames], points_object=track.points_object[frames])
+        replace(track, active=track.active[frames], contact_points=track.contact_points[frames])
         for track in clip.contacts
     ]
     return replace(clip, people=tuple(people), objects=tuple(objects), contacts=tuple(contacts))

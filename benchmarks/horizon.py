@@ -11,12 +11,15 @@ from typing import Any
 
 import numpy as np
 import tyro
-from common import Source, clip_files, model_of, peak_memory, pin_threads, run_fresh, show, write_json
+from common import Source, clip_files, peak_memory, pin_threads, run_fresh, show, write_json
 
 from hoi_retarget import synthetic
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.retarget.pipeline import Config, retarget
-from hoi_retarget.retarget.trajopt.windows import Horizon, parse_horizon
+from hoi_retarget.motion.report import Status
+from hoi_retarget.retarget.config import Config, Horizon, parse_horizon
+from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retarget.trajopt.windows import windows_of
+from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 
 FIGURES = (
@@ -69,7 +72,7 @@ def seam_jerk(motion: Motion, model: RobotModel, horizon: Horizon) -> tuple[np.n
     """Return the mean jerk over links [m/s^3] of the frames near seams, and of the other ones."""
     positions = model.forward(motion.qpos).body_positions
     jerk = np.linalg.norm(np.diff(positions, 3, axis=0), axis=-1).mean(axis=1) * motion.fps**3
-    seams = [start + pinned for start, _, pinned in horizon.windows(motion.frames)[1:]]
+    seams = [start + pinned for start, _, pinned in windows_of(horizon, motion.frames)[1:]]
     # Difference `i` spans the frames `i` to `i + 3`.
     middle = np.arange(len(jerk)) + 1.5
     near = np.zeros(len(jerk), dtype=bool)
@@ -80,7 +83,7 @@ def seam_jerk(motion: Motion, model: RobotModel, horizon: Horizon) -> tuple[np.n
 
 def measure(arguments: Arguments, name: str) -> dict[str, Any]:
     """Return times, memory, mean figures and seams of one horizon over all clips, in this process."""
-    model, horizon = model_of(arguments.robot), parse_horizon(name)
+    model, horizon = load_robot(arguments.robot), parse_horizon(name)
     config = Config(horizon=horizon)
     seconds, frames, windows, unsolved = {"ik": 0.0, "trajectory": 0.0}, 0, 0, 0
     figures: dict[str, list[float]] = {key: [] for key, *_ in FIGURES}
@@ -88,13 +91,13 @@ def measure(arguments: Arguments, name: str) -> dict[str, Any]:
     for source in sources(arguments):
         motion = retarget(source.read(), model, config)
         report = motion.report
-        seconds = {stage: value + report["cpu_seconds"][stage] for stage, value in seconds.items()}
+        seconds = {stage: value + report.cpu_seconds[stage] for stage, value in seconds.items()}
         frames += motion.frames
-        windows += len(report["windows"])
-        unsolved += sum(window["status"] != "SOLVED" for window in report["ik_windows"] + report["windows"])
+        windows += len(motion.stages[-1].windows)
+        unsolved += sum(window.status is not Status.SOLVED for stage in motion.stages for window in stage.windows)
         for key, values in figures.items():
-            if report["figures"][key] is not None:
-                values.append(report["figures"][key])
+            if report.figures[key] is not None:
+                values.append(report.figures[key])
         near, away = seam_jerk(motion, model, horizon)
         at_seams.append(near)
         elsewhere.append(away)

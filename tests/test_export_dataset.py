@@ -11,6 +11,7 @@ import pytest
 from export_motions import as_result
 from hoi_retarget.motion.exporters import dataset
 from hoi_retarget.motion.exporters.dataset import CARD, write_dataset
+from hoi_retarget.motion.report import Report
 from trajectories import MODELS
 
 pq = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
@@ -41,7 +42,7 @@ def test_rows_hold_the_motions_whatever_robots_and_objects_they_have():
         np.testing.assert_allclose(np.reshape(row["contact_object_pos_w"], shape), motion.object_pos, atol=1e-6)
         np.testing.assert_array_equal(np.array(row["contact_flags"]), motion.contact_flags)
         np.testing.assert_array_equal(np.array(row["contact_object"]), motion.contact_object)
-        np.testing.assert_allclose(np.array(row["contact_points"], float), motion.contact_targets, atol=1e-6)
+        np.testing.assert_allclose(np.array(row["contact_points"], float), motion.contact_points, atol=1e-6)
         assert json.loads(row["source"])["name"] == "sub1_box_000.pt"
         assert [item["name"] for item in json.loads(row["objects"])] == list(motion.object_names)
 
@@ -65,7 +66,7 @@ def test_the_same_results_make_the_same_bytes():
 
 
 def test_the_card_names_every_licence_every_robot_and_every_column():
-    results = [as_result(G1, stem="a"), as_result(G1, stem="b", report={}), as_result(H2, stem="c")]
+    results = [as_result(G1, stem="a"), as_result(G1, stem="b", report=Report()), as_result(H2, stem="c")]
     files = write_dataset(results, None)
     card = files[CARD].decode()
     head, body = card.split("---\n")[1:3]

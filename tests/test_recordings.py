@@ -1,19 +1,21 @@
 """Clips by what they are called: built-in ones, files, and the one a result was made from."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hoi_retarget.clip.augment import augment
-from hoi_retarget.clip.clip import Augmentation, Clip
+from hoi_retarget.clip.clip import Augmentation, Clip, Source
 from hoi_retarget.clip.edits import ContactEdits, FixAll, Move, apply, from_text
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load, save
 from hoi_retarget.readers.open import clip_of, open_clip, recording_of, result_stem
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.config import Config
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import SCENES, make
@@ -31,7 +33,7 @@ def same(a: Clip, b: Clip) -> bool:
         and all(np.array_equal(x.joint_positions, y.joint_positions) for x, y in zip(a.people, b.people, strict=True))
         and all(np.array_equal(x.positions, y.positions) for x, y in zip(a.objects, b.objects, strict=True))
         and all(
-            np.array_equal(x.points_object, y.points_object, equal_nan=True)
+            np.array_equal(x.contact_points, y.contact_points, equal_nan=True)
             for x, y in zip(a.contacts, b.contacts, strict=True)
         )
     )
@@ -39,11 +41,13 @@ def same(a: Clip, b: Clip) -> bool:
 
 def result_of(clip: Clip, **report) -> Motion:
     """Return a motion whose report tells of the clip, as a run's does."""
-    source = asdict(clip.source)
-    return replace(MOTION, report={**MOTION.report, "source": {**source, "notes": list(clip.source.notes)}, **report})
+    motion = any_motion()
+    return replace(motion, report=replace(motion.report, **{"source": clip.source, **report}))
 
 
-MOTION = retarget(make("carry_box", seconds=0.5), load_model(robot("unitree_g1")), Config())
+@cache
+def any_motion() -> Motion:
+    return retarget(make("carry_box", seconds=0.5), load_model(robot("unitree_g1")), Config())
 
 
 @pytest.fixture
@@ -112,13 +116,6 @@ def test_a_result_of_an_augmented_clip_leads_to_that_clip(folder):
     assert same(recording_of(result_of(augmented, command=SETTINGS))[0], clip)
 
 
-@pytest.mark.parametrize("done", ["mirrored", {"mirrored": True}, {"mirrored": True, "speed": "fast"}])
-def test_a_result_that_says_nonsense_of_its_augmentation(done):
-    clip = make("carry_box")
-    with pytest.raises(ReadError, match="what was done to its clip"):
-        clip_of(result_of(clip, source=asdict(clip.source) | {"augmentation": done}))
-
-
 def test_a_recording_that_changed_is_refused(folder):
     clip = open_clip("sub1_box_000.pt", objects=Path("objects"))
     (folder / "sub1_box_000.pt").write_bytes(torch_bytes(columns_of(make("carry_box", seconds=2.0))))
@@ -129,13 +126,10 @@ def test_a_recording_that_changed_is_refused(folder):
 @pytest.mark.parametrize(
     "report",
     [
-        {"source": None},
-        {"source": {}},
-        {"source": {"path": 3}},
-        {"source": {"path": ""}},
-        {"source": {"path": "builtin:juggle"}},
-        {"source": {"path": "builtin:carry_box", "sha256": "0"}},
-        {"source": {"path": "gone.pt"}, "command": "what"},
+        {"source": Source()},
+        {"source": Source("builtin:juggle")},
+        {"source": Source("builtin:carry_box", "0")},
+        {"source": Source("gone.pt"), "command": {"objects": 3}},
     ],
 )
 def test_reports_that_do_not_lead_to_a_clip(report):

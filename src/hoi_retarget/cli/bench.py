@@ -7,9 +7,7 @@ from hoi_retarget.cli.commands import Bench
 from hoi_retarget.cli.terminal import Working, say, show_table
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.retarget.multi_person import retarget_people, write
-from hoi_retarget.retarget.pipeline import Config
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots import load_robot
 from hoi_retarget.synthetic import make
 
 SCENE = "carry_box"
@@ -26,14 +24,14 @@ def execute(command: Bench) -> int:
     """Time the pipeline and print a table."""
     if command.repeats < 1:
         raise ArgumentError(f"--repeats is {command.repeats}; at least one run is needed.")
-    model = load_model(robot(command.robot))
+    model = load_robot(command.robot)
     clip = make(SCENE, seconds=command.seconds)
     runs = []
     with tempfile.TemporaryDirectory() as folder, Working("timing", command.repeats) as working:
         for _ in range(command.repeats):
-            (motion,) = retarget_people(clip, [model], Config(), {})
+            (motion,) = retarget_people(clip, [model])
             (motion,) = write([motion], [Path(folder) / "bench.npz"])
-            runs.append(motion.report["cpu_seconds"])
+            runs.append(motion.report.cpu_seconds)
             working.advance()
     best = min(runs, key=lambda seconds: sum(seconds.values()))
     rows = [(title, *_texts(best.get(name, 0.0), clip.frames)) for name, title in STAGES.items()]

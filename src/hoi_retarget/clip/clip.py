@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
+from hoi_retarget.clip.quality_warning import QualityWarning
 from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import PARTS
@@ -25,7 +26,7 @@ class ContactTrack:
     object: int
     part: str
     active: Bool[np.ndarray, "T"]
-    points_object: Float[np.ndarray, "T 3"]
+    contact_points: Float[np.ndarray, "T 3"]
     """Contact point in the object's frame at captured size [m]; NaN where inactive."""
 
     def __post_init__(self) -> None:
@@ -33,10 +34,10 @@ class ContactTrack:
         if self.part not in PARTS:
             raise ClipError(f"{owner}: no such part. Parts: {', '.join(PARTS)}.")
         object.__setattr__(self, "active", frozen(self.active, bool))
-        points = np.where(self.active[:, None], np.asarray(self.points_object, dtype=float), np.nan)
-        object.__setattr__(self, "points_object", frozen(points))
-        check_shape(owner, "points_object", self.points_object, (len(self.active), 3))
-        missing = self.active & ~np.isfinite(self.points_object).all(axis=1)
+        points = np.where(self.active[:, None], np.asarray(self.contact_points, dtype=float), np.nan)
+        object.__setattr__(self, "contact_points", frozen(points))
+        check_shape(owner, "contact_points", self.contact_points, (len(self.active), 3))
+        missing = self.active & ~np.isfinite(self.contact_points).all(axis=1)
         if missing.any():
             raise ClipError(f"{owner}: active without a point in {describe_frames(np.flatnonzero(missing))}.")
 
@@ -74,8 +75,8 @@ class Source:
     """Text of the contact edits that were applied to the contacts as recorded; empty where none were."""
     augmentation: Augmentation = Augmentation()
     """What was done after that."""
-    doubts: tuple[str, ...] = ()
-    """What looks wrong but does not stop anybody, one sentence each."""
+    warnings: tuple[QualityWarning, ...] = ()
+    """What looks wrong but does not stop anybody."""
     files: tuple[str, ...] = ()
     """Other files that the clip was read from: companions and meshes; not the body models."""
 
@@ -119,6 +120,7 @@ class Clip:
         """Number of frames T."""
         return len(self.people[0].joint_positions)
 
-    def with_doubts(self, doubts: tuple[str, ...]) -> "Clip":
-        """Return the clip with more of its source's doubts."""
-        return replace(self, source=replace(self.source, doubts=(*self.source.doubts, *doubts))) if doubts else self
+    def with_warnings(self, code: str, texts: tuple[str, ...]) -> "Clip":
+        """Return the clip with more warnings of one kind, a sentence each."""
+        new = tuple(QualityWarning(code, text=text) for text in texts)
+        return replace(self, source=replace(self.source, warnings=(*self.source.warnings, *new))) if new else self

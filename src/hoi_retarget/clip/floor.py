@@ -10,9 +10,11 @@ import numpy as np
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.human.capsules import PART_CAPSULES, spheres
 from hoi_retarget.human.skeleton import FEET
+from hoi_retarget.numerics.filters import speeds
 
 STANDING_SPEED = 0.15
-"""[m/s]; a sole that is slower stands on something."""
+"""[m/s]; a sole that is slower stands on something. Stricter than `stance.STANCE_SPEED`: stance looks at the height
+over the floor, too, which is not known here."""
 FLOOR_PERCENTILE = 10.0
 """Of the heights of standing soles: low enough for people who also stand on things, above what noise reaches."""
 LEAST_STANDING = 5
@@ -31,9 +33,9 @@ def on_floor(clip: Clip, *, at_zero: bool, floor: float | None = None) -> Clip:
     """
     if floor is not None:
         lowered = _lowered(clip, floor, f"The floor is at z = {floor:.3f} m in the recording, as was asked for.")
-        return lowered.with_doubts(_floor_doubts(lowered, floor))
+        return lowered.with_warnings("floor_elsewhere", _feet_elsewhere(lowered, floor))
     if at_zero:
-        return clip.with_doubts(_floor_doubts(clip, 0.0))
+        return clip.with_warnings("floor_elsewhere", _feet_elsewhere(clip, 0.0))
     height, frames = floor_height(clip)
     how = (
         f"{frames} frames of standing feet" if frames else "the lowest point of anybody's feet, which never stand still"
@@ -47,17 +49,16 @@ def floor_height(clip: Clip) -> tuple[float, int]:
     for person in clip.people:
         for foot in FEET:
             balls = spheres(person, PART_CAPSULES[foot])
-            heights.append((balls.middles[..., 2] - balls.radii).min(axis=1))
-            speed = np.linalg.norm(np.gradient(balls.middles, axis=0), axis=-1).max(axis=1) * clip.fps
-            slow.append(speed < STANDING_SPEED)
+            heights.append(balls.lowest)
+            slow.append(speeds(balls.middles, clip.fps).max(axis=1) < STANDING_SPEED)
     soles, stands = np.concatenate(heights), np.concatenate(slow)
     if stands.sum() < LEAST_STANDING:
         return float(soles.min()), 0
     return float(np.percentile(soles[stands], FLOOR_PERCENTILE)), int(stands.sum())
 
 
-def _floor_doubts(clip: Clip, floor: float) -> tuple[str, ...]:
-    """Return a doubt where feet stand elsewhere than on the floor, which was put at zero from the height `floor`."""
+def _feet_elsewhere(clip: Clip, floor: float) -> tuple[str, ...]:
+    """Return a warning where feet stand elsewhere than on the floor, which was put at zero from the height `floor`."""
     height, frames = floor_height(clip)
     if not frames or abs(height) <= FLOOR_TOLERANCE:
         return ()

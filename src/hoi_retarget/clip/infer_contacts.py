@@ -13,12 +13,11 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.label_contacts import PROXIMITY, InterAct, Nearness, label_contacts, nearness
 from hoi_retarget.errors import ClipError
 from hoi_retarget.numerics import se3
-from hoi_retarget.objects.track import ObjectTrack
+from hoi_retarget.numerics.filters import speeds
+from hoi_retarget.objects.track import MOVING_SPEED, ObjectTrack
 
 Labels = Literal["auto", "proximity", "interact"]
 
-MOVING_SPEED = 0.15
-"""[m/s]; an object that is faster is moved by somebody, or falls."""
 LEAST_MOVING = 10
 """Frames of moving that an object's poses are judged from."""
 LEAST_HELD, CLEARLY_HELD = 0.5, 0.3
@@ -32,7 +31,7 @@ def with_contacts(clip: Clip, labels: Labels = "auto") -> Clip:
     Args:
         clip: its floor is at z = 0.
         labels: `auto` keeps the source's contacts where it has any; `proximity` and `interact` find them anew by the
-            rule of that name (`contact_labels.Proximity`, `contact_labels.InterAct`).
+            rule of that name (`label_contacts.Proximity`, `label_contacts.InterAct`).
 
     Raises:
         ClipError: objects move with nobody near, but not when their rotations are inverted.
@@ -41,20 +40,22 @@ def with_contacts(clip: Clip, labels: Labels = "auto") -> Clip:
     if not clip.objects:
         return clip
     if clip.contacts and labels == "auto":
-        return clip.with_doubts(_untouched(clip))
+        return clip.with_warnings("untouched_object", _untouched(clip))
     rule = InterAct() if labels == "interact" else PROXIMITY
     near = nearness(clip)
-    doubts = _unheld(clip, near)
+    unheld = _unheld(clip, near)
     contacts = label_contacts(clip, rule=rule, near=near)
     why = "as was asked for" if clip.contacts else "as the source labels none"
     note = f"Contacts are found from distances between body and object ({type(rule).__name__}'s rule), {why}."
     source = replace(clip.source, notes=(*clip.source.notes, note))
     found = replace(clip, contacts=contacts, source=source)
-    return found.with_doubts(doubts or _untouched(found))
+    if unheld:
+        return found.with_warnings("unheld_object", unheld)
+    return found.with_warnings("untouched_object", _untouched(found))
 
 
 def _untouched(clip: Clip) -> tuple[str, ...]:
-    """Return a doubt where objects move and nothing is ever touched."""
+    """Return a warning where objects move and nothing is ever touched."""
     moving = {track.name: int(_moving(track, clip.fps).sum()) for track in clip.objects}
     moved = [f"{name} moves in {frames} frames" for name, frames in moving.items() if frames >= LEAST_MOVING]
     if not moved or any(track.active.any() for track in clip.contacts):
@@ -66,8 +67,8 @@ def _untouched(clip: Clip) -> tuple[str, ...]:
 
 
 def _unheld(clip: Clip, near: tuple[Nearness, ...]) -> tuple[str, ...]:
-    """Return a doubt for each object that moves with nobody near; raises `ClipError` where rotations are inverted."""
-    doubts: tuple[str, ...] = ()
+    """Return a warning for each object that moves with nobody near; raises `ClipError` where rotations are inverted."""
+    texts: tuple[str, ...] = ()
     for index, track in enumerate(clip.objects):
         moving = _moving(track, clip.fps)
         held = _held(near, index, moving)
@@ -81,11 +82,11 @@ def _unheld(clip: Clip, near: tuple[Nearness, ...]) -> tuple[str, ...]:
                 f"is at it in {held:.0%} of the frames in which it moves, with inverse rotations in {other:.0%}. "
                 "This copy of the data has another convention than its source."
             )
-        doubts += (
+        texts += (
             f"{track.name} moves in {moving.sum()} frames, in {1 - held:.0%} of them with no hand or foot within "
             "10 cm: its poses, its shape or the recording's alignment may be wrong.",
         )
-    return doubts
+    return texts
 
 
 def _moving(track: ObjectTrack, fps: float) -> Bool[np.ndarray, "T"]:
@@ -93,7 +94,7 @@ def _moving(track: ObjectTrack, fps: float) -> Bool[np.ndarray, "T"]:
     points = track.geometry.points
     middle: Float[np.ndarray, "3"] = 0.5 * (points.min(axis=0) + points.max(axis=0))
     path = track.positions + se3.rotate(track.quats, middle)
-    return np.asarray(np.linalg.norm(np.gradient(path, axis=0), axis=1) * fps > MOVING_SPEED)
+    return speeds(path, fps) > MOVING_SPEED
 
 
 def _held(near: tuple[Nearness, ...], index: int, moving: Bool[np.ndarray, "T"]) -> float:

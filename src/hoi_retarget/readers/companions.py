@@ -10,7 +10,6 @@ from hoi_retarget.errors import ClipError, ReadError
 from hoi_retarget.files import npz
 from hoi_retarget.files.source_file import SELECTION, SourceFile
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.object_arrays import object_or_array
 
 _FARTHEST = 5
 """Folders above the recording that are searched for a folder of the source's tree."""
@@ -23,7 +22,7 @@ class _Arrays(Mapping[str, Any]):
         self._path, self._members = path, members
 
     def __getitem__(self, name: str) -> Any:
-        return object_or_array(self._path, name, self._members[name])
+        return npz.object_or_array(self._path, name, self._members[name])
 
     def __contains__(self, name: object) -> bool:
         return name in self._members

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hoi_retarget.batch.manifest import Entry, read_manifest
+from hoi_retarget.batch.manifest import ManifestEntry, read_manifest
 from hoi_retarget.report.rows import Row
 
 
 @dataclass(frozen=True)
-class Told:
-    """What manifests tell."""
+class ManifestSummary:
+    """Lineages and failed jobs of several manifests."""
 
     lineages: Mapping[Path, Mapping[str, Any]]
     """Of results, by their resolved path."""
@@ -19,13 +19,13 @@ class Told:
     """Jobs without results, with the reason."""
 
 
-def told_by(manifests: Sequence[Path]) -> Told:
-    """Return what the manifests of batches tell; raises `ReadError` when one cannot be read."""
+def summarize_manifests(manifests: Sequence[Path]) -> ManifestSummary:
+    """Return the lineages and failed jobs of batches; raises `ReadError` when one cannot be read."""
     lineages: dict[Path, Mapping[str, Any]] = {}
     missing: list[Row] = []
     for manifest in manifests:
         for entry in read_manifest(manifest.parent).values():
-            paths = [(manifest.parent / str(result.get("path"))).resolve() for result in entry.results]
+            paths = [(manifest.parent / result.path).resolve() for result in entry.results]
             lineages |= dict.fromkeys(paths, entry.lineage)
             if not entry.succeeded:
                 missing.append(_row(entry, entry.name, f"{entry.status}: {entry.reason}"))
@@ -34,8 +34,8 @@ def told_by(manifests: Sequence[Path]) -> Told:
                 for path in paths
                 if entry.succeeded and not path.exists()
             ]
-    return Told(lineages, tuple(missing))
+    return ManifestSummary(lineages, tuple(missing))
 
 
-def _row(entry: Entry, name: str, error: str) -> Row:
-    return Row(name, error=error, robot=entry.robot, licence=str(entry.source.get("licence") or ""))
+def _row(entry: ManifestEntry, name: str, error: str) -> Row:
+    return Row(name, error=error, robot=entry.robot, licence=entry.source.licence)

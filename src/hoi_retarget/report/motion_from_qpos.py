@@ -1,4 +1,4 @@
-"""Motions of which only the robot's side is known: a result without its clip, and with what can be measured so."""
+"""A result made from a robot's path alone: no clip, no contacts, and the figures that need neither."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,7 +9,8 @@ from jaxtyping import Bool, Float
 from hoi_retarget.evaluate import ground, limits, movement
 from hoi_retarget.evaluate.statistics import finite_min_or_none, max_or_none, mean_or_none
 from hoi_retarget.motion.check import ObjectPath
-from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.motion import Motion, Stage
+from hoi_retarget.motion.report import Report
 from hoi_retarget.robots.model import Kinematics, RobotModel
 
 STANDING_HEIGHT = 0.03
@@ -19,7 +20,7 @@ STANDING_SPEED = 0.3
 _STANDING_PERCENTILE = 5.0  # Of the lower foot's height: where feet stand.
 
 
-def lone_motion(
+def motion_from_qpos(
     qpos: Float[np.ndarray, "T nq"], fps: float, model: RobotModel, objects: Sequence[ObjectPath] = ()
 ) -> Motion:
     """Return a robot's path as a result, with the figures in its report that need no human and no object's shape.
@@ -40,8 +41,7 @@ def lone_motion(
         robot=model.spec.name,
         fps=fps,
         joint_names=model.joint_names,
-        qpos=qpos,
-        ik_qpos=qpos,
+        stages=(Stage("motion", qpos),),
         object_names=tuple(item.name for item in objects),
         object_pos=np.stack([item.pos for item in objects], axis=1) if objects else np.zeros((frames, 0, 3)),
         object_quat=np.stack([item.quat for item in objects], axis=1) if objects else np.zeros((frames, 0, 4)),
@@ -49,13 +49,12 @@ def lone_motion(
         contact_links=(),
         contact_flags=np.zeros((frames, 0), dtype=bool),
         contact_object=np.zeros((frames, 0), dtype=int),
-        contact_targets=np.zeros((frames, 0, 3)),
+        contact_points=np.zeros((frames, 0, 3)),
         stance_flags=estimated_stance(kinematics, fps),
         first_source_frame=0,
         human_height=0.0,
-        report={},
     )
-    return replace(motion, report={"figures": _figures(motion, kinematics, model)})
+    return replace(motion, report=Report(figures=_figures(motion, kinematics, model)))
 
 
 def estimated_stance(kinematics: Kinematics, fps: float) -> Bool[np.ndarray, "T 2"]:

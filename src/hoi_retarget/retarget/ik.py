@@ -1,41 +1,25 @@
 """Inverse kinematics over all frames at once: the reference that trajectory optimization refines."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.errors import ArgumentError
+from hoi_retarget.motion.report import Window
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import fade, frames_in
+from hoi_retarget.retarget.config import Horizon, IkConfig
 from hoi_retarget.retarget.targets import Targets
 from hoi_retarget.retarget.trajopt.problem import Problem
-from hoi_retarget.retarget.trajopt.solvers.banded import BandedInteriorPoint
-from hoi_retarget.retarget.trajopt.table import IkWeights, ik_terms
-from hoi_retarget.retarget.trajopt.windows import Horizon, WindowReport, solve_windows
+from hoi_retarget.retarget.trajopt.table import ik_terms
+from hoi_retarget.retarget.trajopt.windows import solve_windows
 from hoi_retarget.robots.model import RobotModel
 
 TWISTED = np.radians(60.0)  # Off a target by more, a limb may have gone the wrong way around.
 TWIST_MARGIN_SECONDS = 0.17  # On either side, for such a limb to come back.
 
 
-@dataclass(frozen=True)
-class IkConfig:
-    """Options of the IK stage."""
-
-    weights: IkWeights = IkWeights()
-    stride: int = 10
-    """The first solve sees every so-manieth frame; the second starts from its interpolation."""
-    solver: BandedInteriorPoint = BandedInteriorPoint(tolerance=1e-3, step_tolerance=2e-2)
-
-    def __post_init__(self) -> None:
-        if self.stride < 1:
-            raise ArgumentError(f"stride is {self.stride}; it must be at least 1 frame.")
-
-
 def solve_ik(
     model: RobotModel, targets: Targets, config: IkConfig, horizon: Horizon
-) -> tuple[Float[np.ndarray, "T nq"], tuple[WindowReport, ...]]:
+) -> tuple[Float[np.ndarray, "T nq"], tuple[Window, ...]]:
     """Return the IK trajectory of a robot for its targets."""
     coarse = targets.every(config.stride)
     start, _ = _solve(model, coarse, config, horizon, _standing(model, coarse))
@@ -54,7 +38,7 @@ def _straighten(model: RobotModel, targets: Targets, qpos: np.ndarray) -> np.nda
     supports, sites = model.supports[1:].astype(bool), model.sites
     trunk = supports[:, sites.nodes[sites.index["torso"]]]
     straight = qpos.copy()
-    for column, row in enumerate(model.spec.ik):
+    for column, row in enumerate(model.spec.ik_rows):
         wanted = se3.quat_to_matrix(targets.site_quats[:, column])
         angles = se3.matrix_angle_between(kinematics.site_rotation(row.site), wanted)
         if row.rotation_weight == 0 or angles.max() < TWISTED:
@@ -72,7 +56,7 @@ def _straighten(model: RobotModel, targets: Targets, qpos: np.ndarray) -> np.nda
 
 def _solve(
     model: RobotModel, targets: Targets, config: IkConfig, horizon: Horizon, start: np.ndarray
-) -> tuple[np.ndarray, tuple[WindowReport, ...]]:
+) -> tuple[np.ndarray, tuple[Window, ...]]:
     def problem_of(first: int, stop: int, pinned: int) -> Problem:
         return Problem(model, ik_terms(config.weights, targets.window(first, stop), model), targets.fps, pinned)
 

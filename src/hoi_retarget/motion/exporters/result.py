@@ -1,7 +1,7 @@
 """A result to be exported, and what is known of it beside its numbers."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path, PureWindowsPath
@@ -18,7 +18,7 @@ UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True)
-class Source:
+class ResultSource:
     """What a result was made from, by its report; `unknown` or empty where it does not say."""
 
     name: str
@@ -56,18 +56,16 @@ class Result:
             raise ClipError(f"its contact links {', '.join(absent)} are no sites of {model.spec.name}. Run it again.")
 
     @cached_property
-    def source(self) -> Source:
+    def source(self) -> ResultSource:
         """What it was made from."""
-        told = _table(self.motion.report.get("source"))
+        told = self.motion.report.source
         # Folders of whoever ran it are nobody else's business.
-        name = PureWindowsPath(_text(told.get("path"))).name
-        licence = _text(told.get("licence")) or UNKNOWN
-        return Source(
-            name=name or UNKNOWN,
-            format=_text(told.get("format")),
-            sha256=_text(told.get("sha256")),
-            licence=licence,
-            augmentation=_table(told.get("augmentation")),
+        return ResultSource(
+            name=PureWindowsPath(told.path).name or UNKNOWN,
+            format=_text(told.format),
+            sha256=_text(told.sha256),
+            licence=_text(told.licence) or UNKNOWN,
+            augmentation=asdict(told.augmentation),
         )
 
     @cached_property
@@ -101,8 +99,3 @@ class Result:
 def _text(value: Any) -> str:
     """Return an entry of a report as text; question marks stand for what no text can hold."""
     return "" if value is None else str(value).encode("utf-8", "replace").decode()
-
-
-def _table(value: Any) -> Mapping[str, Any]:
-    """Return an entry of a report; one of another version may have anything there."""
-    return value if isinstance(value, Mapping) else {}

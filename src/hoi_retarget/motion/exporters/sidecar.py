@@ -51,7 +51,7 @@ def provenance(result: Result) -> dict[str, Any]:
             "sha256": source.sha256,
             "licence": source.licence,
             "augmentation": dict(source.augmentation),
-            "person": motion.report.get("person", 0),
+            "person": motion.person,
             "first_source_frame": motion.first_source_frame,
         },
         "result": {"name": f"{result.stem}.npz", "sha256": result.sha256, "fps": motion.fps},

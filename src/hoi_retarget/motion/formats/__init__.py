@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files.array_pickle import read_pickle
+from hoi_retarget.files.numpy_pickle import parse_pickle
+from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.motion.formats import asap, gmr, hdmi, holosoma_wbt, qpos_table, result, sbto, tracking, unitree_csv
 from hoi_retarget.motion.formats.arrays_by_name import read_npz
 from hoi_retarget.motion.formats.motion_file import Bodies, ContactFlags, Convention, MotionFile, ObjectPoses
@@ -58,7 +59,7 @@ def read(path: Path) -> MotionFile:
             arrays = read_npz(path)
             return _parser(path, arrays, _NPZ)(path, arrays)
         case ".pkl" | ".pickle" | ".joblib":
-            values = read_pickle(path)
+            values = parse_pickle(read_bytes(path), path)
             if not isinstance(values, dict):
                 raise ReadError(f"{path}: it holds a {type(values).__name__}, expected a dictionary. {_known()}")
             if asap.holds(values):

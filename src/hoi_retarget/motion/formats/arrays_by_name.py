@@ -8,7 +8,7 @@ import numpy as np
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.files import npz
-from hoi_retarget.files.torch_file import read_bytes
+from hoi_retarget.files.reading import read_bytes
 
 _KINDS = "biufU"
 _BEYOND_RATES = 1e300  # A whole number may be too large for a float.

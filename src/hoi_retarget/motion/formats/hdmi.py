@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files.torch_file import read_bytes
+from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.motion.formats.arrays_by_name import (
     Arrays,
     contents,

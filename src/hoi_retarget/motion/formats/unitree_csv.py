@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files.torch_file import read_bytes
+from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.motion.formats.motion_file import Convention, MotionFile
 
 FORMAT = "unitree-csv"

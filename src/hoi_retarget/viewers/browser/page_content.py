@@ -8,12 +8,10 @@ from pathlib import Path
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.evaluate import COLUMNS
-from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers.open import clip_of
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots import load_robot
 from hoi_retarget.viewers.scene.curve_chart import TITLES_HEIGHT_PX, chart_html
 from hoi_retarget.viewers.scene.curves import curves_of
 from hoi_retarget.viewers.scene.drawing import Scene
@@ -29,7 +27,7 @@ _TABLE_STYLE = """<style>
 
 
 @dataclass(frozen=True, eq=False)
-class Exhibit:
+class PageContent:
     """What a browser is shown."""
 
     scene: Scene | None
@@ -44,7 +42,7 @@ class Exhibit:
     """What is wrong or missing, a sentence each."""
 
 
-def load_exhibit(results: Sequence[Path], find_clip: Callable[..., Clip] = clip_of) -> Exhibit:
+def load_page_content(results: Sequence[Path], find_clip: Callable[..., Clip] = clip_of) -> PageContent:
     """Return what there is to see of result files; what cannot be read becomes a notice.
 
     Args:
@@ -60,23 +58,23 @@ def load_exhibit(results: Sequence[Path], find_clip: Callable[..., Clip] = clip_
         except HoiRetargetError as error:
             notices.append(str(error))
     if not shown:
-        return Exhibit(None, notices=tuple(notices))
+        return PageContent(None, notices=tuple(notices))
     titles = titles_of([(path, item.motion) for path, item in shown.items() if item.motion is not None])
     titled = [replace(item, title=title) for item, title in zip(shown.values(), titles, strict=True)]
-    return exhibit_of(titled, tuple(notices))
+    return page_content(titled, tuple(notices))
 
 
-def exhibit_of(shown: Sequence[Shown], notices: tuple[str, ...] = ()) -> Exhibit:
+def page_content(shown: Sequence[Shown], notices: tuple[str, ...] = ()) -> PageContent:
     """Return what there is to see of results and clips; raises what `make_scene` raises."""
     scene = make_scene(shown)
     curves = [(item.title, curves_of(item.motion, item.model)) for item in shown if item.motion and item.model]
     extra = TITLES_HEIGHT_PX if len(shown) > 1 else 0
-    return Exhibit(scene, chart_html(curves, scene.fps), extra, figures_html(shown), notices)
+    return PageContent(scene, chart_html(curves, scene.fps), extra, figures_html(shown), notices)
 
 
 def _shown(path: Path, find_clip: Callable[..., Clip], notices: list[str]) -> Shown:
     motion = load(path)
-    spec = robot(motion.robot)
+    model = load_robot(motion.robot)
     try:
         clip = find_clip(motion)
         for track in clip.objects:
@@ -84,12 +82,12 @@ def _shown(path: Path, find_clip: Callable[..., Clip], notices: list[str]) -> Sh
     except HoiRetargetError as error:
         clip = None
         notices.append(f"{path.name}: shown without the human. {error}")
-    return Shown(path.stem, motion, load_model(spec), clip, motion.person)
+    return Shown(path.stem, motion, model, clip, motion.person)
 
 
 def figures_html(shown: Sequence[Shown]) -> str:
     """Return the figures that results carry as a table, one column a result."""
-    reports = [_figures(item.motion) for item in shown if item.motion is not None]
+    reports = [item.motion.report.figures for item in shown if item.motion is not None]
     columns = [column for column in COLUMNS if any(column.name in report for report in reports)]
     head = "".join(f"<th>{escape(item.title)}</th>" for item in shown) if len(shown) > 1 else ""
     rows = [
@@ -99,10 +97,3 @@ def figures_html(shown: Sequence[Shown]) -> str:
         for column in columns
     ]
     return f'{_TABLE_STYLE}<table class="figures"><tr><td></td>{head}</tr>{"".join(rows)}</table>'
-
-
-def _figures(motion: Motion) -> dict[str, float]:
-    """Return the figures of a report; one of another version may have anything there."""
-    figures = motion.report.get("figures")
-    known = figures.items() if isinstance(figures, dict) else ()
-    return {name: value for name, value in known if isinstance(value, int | float)}

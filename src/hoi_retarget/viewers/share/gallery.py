@@ -10,7 +10,6 @@ from html import escape
 from importlib.resources import files
 from pathlib import PureWindowsPath
 from string import Template
-from typing import Any
 
 from hoi_retarget import __version__
 from hoi_retarget.evaluate import COLUMNS, Score, mean_values
@@ -32,14 +31,14 @@ _LONGEST_NAME = 80
 
 
 @dataclass(frozen=True, eq=False)
-class Entry:
+class GalleryEntry:
     """One result as the gallery tells of it."""
 
     title: str
     motion: Motion
     spec: RobotSpec
     score: Score
-    complaints: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     """What is not right with it, a sentence each."""
     command: str = ""
     """How to make it again; empty where nobody knows."""
@@ -56,7 +55,7 @@ def file_name(title: str, taken: Iterable[str]) -> str:
     return name
 
 
-def clip_page(entry: Entry, *, scene: str, curves: str, gallery: str) -> str:
+def clip_page(entry: GalleryEntry, *, scene: str, curves: str, gallery: str) -> str:
     """Return the page of one result.
 
     Args:
@@ -67,7 +66,7 @@ def clip_page(entry: Entry, *, scene: str, curves: str, gallery: str) -> str:
     """
     script = _template("player.js")
     digest = base64.b64encode(sha256(script.encode()).digest()).decode("ascii")
-    warnings = "".join(f"<li>{escape(complaint)}</li>" for complaint in entry.complaints)
+    warnings = "".join(f"<li>{escape(warning)}</li>" for warning in entry.warnings)
     command = f"<h2>Made by</h2><pre>{escape(entry.command)}</pre>" if entry.command else ""
     return Template(_template("clip.html")).substitute(
         title=escape(entry.title),
@@ -89,7 +88,7 @@ def clip_page(entry: Entry, *, scene: str, curves: str, gallery: str) -> str:
     )
 
 
-def index_page(title: str, entries: Sequence[tuple[Entry, str, str]]) -> str:
+def index_page(title: str, entries: Sequence[tuple[GalleryEntry, str, str]]) -> str:
     """Return the page of all results: of each its entry, and the names of its page and of its picture."""
     return Template(_template("index.html")).substitute(
         title=escape(title),
@@ -100,7 +99,7 @@ def index_page(title: str, entries: Sequence[tuple[Entry, str, str]]) -> str:
     )
 
 
-def _card(entry: Entry, page: str, picture: str) -> str:
+def _card(entry: GalleryEntry, page: str, picture: str) -> str:
     values = entry.score.values()
     figures = "".join(
         # A card is narrow.
@@ -109,7 +108,7 @@ def _card(entry: Entry, page: str, picture: str) -> str:
         for column in COLUMNS
         if column.name in _ON_CARDS
     )
-    licence = _source(entry.motion, "licence")
+    licence = entry.motion.report.source.licence
     return (
         f'<a class="card" href="{escape(page)}"><img src="{escape(picture)}" alt="">'
         f'<div><h2>{escape(entry.title)}</h2><p class="soft">{escape(_summary(entry))}</p><dl>{figures}</dl>'
@@ -118,7 +117,7 @@ def _card(entry: Entry, page: str, picture: str) -> str:
     )
 
 
-def _summary(entry: Entry) -> str:
+def _summary(entry: GalleryEntry) -> str:
     motion = entry.motion
     objects = ", ".join(motion.object_names) or "no object"
     return f"{entry.spec.title} · {objects} · {motion.frames} frames, {motion.frames / motion.fps:.1f} s"
@@ -145,15 +144,15 @@ def _figures(score: Score) -> str:
     return f"<table>{''.join(rows)}</table>"
 
 
-def _facts(entry: Entry) -> str:
+def _facts(entry: GalleryEntry) -> str:
     motion, score = entry.motion, entry.score
     stride = stride_of(motion.frames)
     facts = {
         "robot": entry.spec.title,
-        "recording": _last_name(_source(motion, "path")),
-        "format": _source(motion, "format"),
-        "licence": _source(motion, "licence"),
-        "contacts": "edited" if _source(motion, "contact_edits") else "",
+        "recording": _last_name(motion.report.source.path),
+        "format": motion.report.source.format,
+        "licence": motion.report.source.licence,
+        "contacts": "edited" if motion.report.source.contact_edits else "",
         "objects": ", ".join(motion.object_names),
         "object scale": scales_text(motion.object_scale) if motion.object_names else "",
         "root scale": f"{score.root_scale:.3f}" if score.root_scale is not None else "",
@@ -163,12 +162,6 @@ def _facts(entry: Entry) -> str:
     }
     rows = [f'<tr><th class="soft">{name}</th><td>{escape(text)}</td></tr>' for name, text in facts.items() if text]
     return f"<table>{''.join(rows)}</table>"
-
-
-def _source(motion: Motion, key: str) -> str:
-    """Return what the report says of the source; that of another version may have anything there."""
-    source: Any = motion.report.get("source")
-    return str(source.get(key) or "") if isinstance(source, dict) else ""
 
 
 def _last_name(path: str) -> str:
