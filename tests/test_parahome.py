@@ -245,7 +245,7 @@ MISTAKES: dict[str, tuple[Callable[[Path], object], type[HoiRetargetError], str]
     "a short interval": (annotated({"10 12": "a"}), ClipError, "too few frames (recording: 2); at least 4"),
     "an interval beyond the end": (annotated({"40 200": "a"}), ClipError, "there in all frames of 40-200"),
     "no orientations": (lambda it: (it / BODY_ROWS).unlink(), ReadError, f"{BODY_ROWS}: there is no such file"),
-    "no pickle": (lambda it: (it / POSES).write_bytes(b"no"), ReadError, "expected a pickle"),
+    "no pickle": (lambda it: (it / POSES).write_bytes(b"no"), ReadError, "which no pickle of protocol 2 to 5 does"),
     "no dictionary": (lambda it: write_pickle(it / POSES, [1]), ReadError, "there are no poses of objects"),
     "frames that are names": (poses_changed(lambda it: it.update(a={})), ReadError, "frame 'a' is not a number"),
     "poses of another shape": (
