@@ -215,7 +215,7 @@ def test_the_outline_needs_neither_meshes_nor_models(tmp_path):
     file = SourceFile(path)
     assert reader_of(file) is cari4d.READER
     assert can_be_clip(path)
-    facts = cari4d.outline(file)
+    facts = cari4d.READER.outline(file)
     assert (facts.frames, facts.fps, facts.fps_stated, facts.people) == (CLIP.frames, 30.0, False, 1)
     assert (facts.skeleton, facts.objects) == ("SMPL-H male, 10 betas", ("box",))
     assert facts.contacts == "scores of the hands"
@@ -394,7 +394,7 @@ def test_whatever_is_in_the_file_only_our_errors_come(tmp_path_factory, models, 
     with suppress(HoiRetargetError):
         read_clip(path, ReadOptions(objects=meshes, body_models=models))
     with suppress(HoiRetargetError):
-        cari4d.outline(SourceFile(path))
+        cari4d.READER.outline(SourceFile(path))
 
 
 @settings(derandomize=True, deadline=None, max_examples=50, database=None)

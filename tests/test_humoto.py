@@ -118,7 +118,7 @@ def test_parts_of_an_object_are_objects_of_their_own(tmp_path):
         lid.positions, whole.positions + se3.rotate(whole.quats, np.array([[0, 0.5, 0]])), atol=1e-6
     )
     assert "lid is a part of chair, with poses of its own." in clip.source.notes
-    facts = reader.outline(SourceFile(tmp_path / "clip.glb"))
+    facts = reader.READER.outline(SourceFile(tmp_path / "clip.glb"))
     assert (facts.objects, facts.frames, facts.fps, facts.fps_stated) == (("chair", "lid"), CLIP.frames, 30.0, False)
 
 
@@ -368,4 +368,4 @@ def test_damaged_bytes_give_our_errors(tmp_path_factory, place, byte, cut):
     with suppress(HoiRetargetError):
         read_clip(path)
     with suppress(HoiRetargetError):
-        reader.outline(SourceFile(path))
+        reader.READER.outline(SourceFile(path))

@@ -161,7 +161,7 @@ OTHER = np.concatenate([np.zeros((FRAMES - 5, 10)), np.full((5, 10), 3.0)])
         (RESULTS | {"betas": np.zeros((5, 10))}, r"betas.* has shape \(5, 10\), expected \(61, 10\)"),
         (RESULTS | {"betas": OTHER}, "Are these frames of several people"),
         (RESULTS | {"left_hand_pose": np.zeros((FRAMES, 45))}, "left_hand_pose has shape .*expected 12"),
-        (LIST[:3], "there are 3 frames"),
+        (LIST[:3], r"too few frames \(recording: 3\)"),
         ([*LIST[:-1], {}], "frame 60 has not one global_orient, but 0"),
         ([*LIST[:-1], None], "frame 60 has not one global_orient"),
         ([*LIST[:-1], LIST[0] | {"transl": np.zeros((2, 3))}], "frame 60 has not one transl, but 2"),

@@ -92,11 +92,11 @@ def test_a_file_holds_many_clips(world):
         read_clip(world)
     with pytest.raises(ArgumentError, match="Did you mean 'sub4_mop_001'"):
         read_clip(chosen(world, "sub4_mop_002"))
-    outline = omomo.outline(SourceFile(chosen(world, "sub4_mop_001")))
+    outline = omomo.READER.outline(SourceFile(chosen(world, "sub4_mop_001")))
     assert (outline.objects, outline.frames) == (("mop", "mop_bottom"), MOP.frames)
     assert "male" in outline.skeleton
     with pytest.raises(ReadError, match="does not say which of its 2 clips"):
-        omomo.outline(SourceFile(world))
+        omomo.READER.outline(SourceFile(world))
     with pytest.raises(ArgumentError, match="this one names mop"):
         read_clip(chosen(world, "sub4_mop_001"), ReadOptions(object_name="mop"))
 
@@ -160,7 +160,7 @@ MISTAKES: dict[str, tuple[Callable[[dict], object], str]] = {
     "the object is shorter": (lambda it: it.update(obj_rot=it["obj_rot"][:-1]), "expected (91, 3, 3)"),
     "position without its axis": (lambda it: it.update(obj_trans=it["obj_trans"][..., 0]), "expected (91, 3, 1)"),
     "22 joints at rest": (lambda it: it.update(rest_offsets=it["rest_offsets"][:22]), "expected (24, 3)"),
-    "few frames": (lambda it: it.update(trans=it["trans"][:3]), "3 frame(s); at least 4"),
+    "few frames": (lambda it: it.update(trans=it["trans"][:3]), "too few frames (recording: 3); at least 4"),
     "no numbers": (lambda it: it.update(trans=with_nan(it["trans"])), "not finite or above 10000 in 1 frame (7)"),
     "the size changes": (
         lambda it: it.update(obj_scale=it["obj_scale"] * np.linspace(1, 1.01, 91)),
@@ -279,4 +279,4 @@ def test_whatever_is_in_the_file_only_our_errors_come(tmp_path_factory, data):
     with suppress(HoiRetargetError):
         read_clip(path, ReadOptions(body_models=data.draw(st.sampled_from([None, folder / "models"]))))
     with suppress(HoiRetargetError):
-        omomo.outline(SourceFile(path))
+        omomo.READER.outline(SourceFile(path))

@@ -161,6 +161,14 @@ def matrix_angle_between(a: Float[Array, "*#batch 3 3"], b: Float[Array, "*#batc
     return 2.0 * np.arcsin(np.minimum(chord / np.sqrt(8.0), 1.0))
 
 
+def shortest_rotation(start: Float[Array, "3"], end: Float[Array, "3"]) -> Float[Array, "4"]:
+    """Return the shortest rotation from a unit vector to a direction; half a turn for opposite ones or none."""
+    end = end / max(float(np.linalg.norm(end)), 1e-9)
+    quat = np.concatenate([[1.0 + start @ end], np.cross(start, end)])
+    length = float(np.linalg.norm(quat))
+    return quat / length if length > 1e-6 else np.array([0.0, 0.0, 0.0, 1.0])
+
+
 def slerp(
     a: Float[Array, "*#batch 4"], b: Float[Array, "*#batch 4"], fraction: Float[Array, "*#batch"]
 ) -> Float[Array, "*batch 4"]:

@@ -15,58 +15,42 @@ Subject and object are told by the folder's name, `Date03_Sub04_chairwood_sit`, 
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Int
 
-from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, Source
+from hoi_retarget.clip.clip import MINIMUM_FRAMES
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError
 from hoi_retarget.files.source_file import FOLDER, SourceFile
-from hoi_retarget.human.person import Person
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
-from hoi_retarget.readers.companions import folder_of_tree, json_table, refuse_object_name
+from hoi_retarget.readers.companions import folder_of_tree, json_values, npz_fields
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.npz_fields import npz_values
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.finish import data_set
+from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.triangles import first_mesh
-from hoi_retarget.readers.upright import check_upright
-from hoi_retarget.readers.varying_shape import person_of_rows
-from hoi_retarget.readers.worlds import turned_object, turned_person
 
 FORMAT = "behave"
 LICENCE = "BEHAVE's licence: non-commercial research, education and art only; faces in published images are blurred"
 FPS = 30.0
-UP = "-y"
 BETAS, POSE = 10, 156
 GENDERS = {f"{subject:02d}": "male" if subject <= 5 else "female" for subject in range(1, 9)}
 """Subject's number -> gender, as the makers list them."""
-MESHES: Mapping[str, str] = {
-    "backpack": "backpack_f1000.ply",
-    "basketball": "basketball_f1000.ply",
-    "boxlarge": "boxlarge_f1000.ply",
-    "boxlong": "boxlong_f1000.ply",
-    "boxmedium": "boxmedium_f1000.ply",
-    "boxsmall": "boxsmall_f1000.ply",
-    "boxtiny": "boxtiny_f1000.ply",
+_OBJECTS = (
+    *("backpack", "basketball", "boxlarge", "boxlong", "boxmedium", "boxsmall", "boxtiny", "chairblack", "chairwood"),
+    *("keyboard", "monitor", "plasticcontainer", "stool", "suitcase", "tablesmall", "tablesquare", "toolbox"),
+    *("trashbin", "yogaball", "yogamat"),
+)
+_OTHER_MESHES = {
     "chairblack": "chairblack_f2500.ply",
     "chairwood": "chairwood_f2500.ply",
-    "keyboard": "keyboard_f1000.ply",
     "monitor": "monitor_closed_f1000.ply",
-    "plasticcontainer": "plasticcontainer_f1000.ply",
-    "stool": "stool_f1000.ply",
-    "suitcase": "suitcase_f1000.ply",
-    "tablesmall": "tablesmall_f1000.ply",
     "tablesquare": "tablesquare_f2000.ply",
-    "toolbox": "toolbox_f1000.ply",
-    "trashbin": "trashbin_f1000.ply",
-    "yogaball": "yogaball_f1000.ply",
-    "yogamat": "yogamat_f1000.ply",
 }
+MESHES: Mapping[str, str] = MappingProxyType({name: f"{name}_f1000.ply" for name in _OBJECTS} | _OTHER_MESHES)
 """Object -> the simplified mesh that its poses were fitted with."""
 
 _PERSON, _OBJECT, _INFO = "smpl_fit_all.npz", "object_fit_all.npz", "info.json"
@@ -81,83 +65,52 @@ _TILT_NOTE = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class _Table:
-    """One of the two files."""
-
-    fields: Fields
-    numbers: Int[np.ndarray, "T"]
-    """When its frames are, in thirtieths of a second."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Frames:
-    """Which frames are read: a stretch without gaps that both files have."""
-
-    person: Int[np.ndarray, "T"]
-    """Rows of the person's file."""
-    object: Int[np.ndarray, "T"]
-    """Rows of the object's file."""
-    notes: tuple[str, ...]
-
-
 def holds(file: SourceFile) -> bool:
     """Return whether a folder has the two files of a recording."""
     return all(file.beside(name).is_file() for name in (_PERSON, _OBJECT))
 
 
-def read_file(file: SourceFile, options: ReadOptions) -> Clip:
-    """Return the clip in a folder, or the stretch of it that is selected.
-
-    Raises:
-        ReadError: a file is missing or damaged.
-        ClipError: arrays are missing or unusable, frames are not at 30 Hz, or subject and object are not told.
-        GeometryError: the object's mesh cannot be had.
-        BodyModelError: the body model cannot be had.
-        ArgumentError: an object's name is given.
-    """
+def record(file: SourceFile, options: ReadOptions) -> Recording:
+    """Return what a folder holds, in the stretch without gaps that is selected."""
     gender, category = _gender_and_category(file)
-    refuse_object_name(file, options, category)
-    body, thing = _table(file, _PERSON), _table(file, _OBJECT)
-    frames = _frames(file, body.numbers, thing.numbers)
-    person, notes = _person(body, gender, frames, options)
-    person = turned_person(person, UP)
-    check_upright(file.path, person, UP)
-    track = _track(thing, frames, category, _geometry(file, options, category))
-    return Clip(
+    person, thing = (npz_fields(file, file.beside(name)) for name in (_PERSON, _OBJECT))
+    times = _numbers(person), _numbers(thing)
+    chosen = [part for name, part in _stretches(*times).items() if file.selection in (None, name)]
+    if not chosen:
+        raise ClipError(
+            f"{file.name}: {_PERSON} ({len(times[0])} frames) and {_OBJECT} ({len(times[1])}) have no {MINIMUM_FRAMES} "
+            f"frames in common that are 1/{FPS:g} s apart. Download the recording again."
+        )
+    rows = [np.searchsorted(numbers, chosen[0]) for numbers in times]
+
+    def read_tracks() -> Tracks:
+        body = _body(person, len(times[0]), gender).at(rows[0])
+        angles = thing.array("angles", (len(times[1]), 3), "the object's rotation vectors")[rows[1]]
+        positions = thing.array("trans", (len(times[1]), 3), "the object's position")[rows[1]]
+        track = ObjectTrack(category, positions, se3.exp(angles), _geometry(file, options, category))
+        return Tracks(people=(body,), objects=(track,))
+
+    return Recording(
         name="_".join(filter(None, (file.path.resolve().name, file.selection))),
-        fps=FPS,
-        people=(person,),
-        objects=(turned_object(track, UP),),
-        contacts=(),
-        source=Source(str(file.name), file.sha256, FORMAT, LICENCE, (_TILT_NOTE, *frames.notes, *notes)),
-        first_source_frame=int(frames.person[0]),
-    )
-
-
-def outline(file: SourceFile) -> Outline:
-    """Return what a folder holds, without shapes and body models; raises `ReadError` or `ClipError`."""
-    gender, category = _gender_and_category(file)
-    stretches = _stretches(*(_table(file, name).numbers for name in (_PERSON, _OBJECT)))
-    chosen = [stretch for name, stretch in stretches.items() if file.selection in (None, name)]
-    return Outline(
         description="BEHAVE recording of one person and one object",
-        frames=sum(len(stretch) for stretch in chosen),
+        frames=sum(map(len, chosen)),
         fps=FPS,
-        fps_stated=True,
+        rate_stated=True,
         skeleton=f"SMPL-H {gender}, {BETAS} betas",
         up_axis="-y of the first camera, as the format has it; its tilt is not known",
-        people=1,
         objects=(category,),
-        contacts="none stored",
         licence=LICENCE,
+        notes=(_TILT_NOTE, *_frame_notes(*times, chosen[0])),
+        up="-y",
+        read_tracks=read_tracks,
+        first_frame=int(rows[0][0]),
     )
 
 
 def clips_in(file: SourceFile) -> tuple[str, ...]:
     """Return the names of the stretches between gaps, `first-last` in thirtieths of a second; none without gaps."""
     try:
-        names = tuple(_stretches(*(_table(file, name).numbers for name in (_PERSON, _OBJECT))))
+        names = tuple(_stretches(*(_numbers(npz_fields(file, file.beside(name))) for name in (_PERSON, _OBJECT))))
     except ClipError:
         return ()  # Reading tells.
     return names if len(names) > 1 else ()
@@ -169,7 +122,7 @@ def clips_in(file: SourceFile) -> tuple[str, ...]:
 def _gender_and_category(file: SourceFile) -> tuple[str, str]:
     named = _NAME.fullmatch(file.path.resolve().name)
     path = file.beside(_INFO)
-    info = json_table(file, path) if path.is_file() else Fields(path, {})
+    info = Fields(path, json_values(file, path) if path.is_file() else {})
     told = {
         "gender": GENDERS.get(named["subject"]) if named else None,
         "cat": named["category"] if named else None,
@@ -193,26 +146,20 @@ def _gender_and_category(file: SourceFile) -> tuple[str, str]:
     return gender, category
 
 
-def _table(file: SourceFile, name: str) -> _Table:
-    """Return one of the files."""
-    path = file.beside(name)
-    values = npz_values(file, path)
-    return _Table(Fields(path, values), _numbers(path, values.get(_TIMES)))
-
-
-def _numbers(path: Path, times: Any) -> Int[np.ndarray, "T"]:
+def _numbers(fields: Fields) -> Int[np.ndarray, "T"]:
     """Return the numbers of a file's frames, counted in thirtieths of a second; raises `ClipError`."""
+    times = fields.get(_TIMES)
     texts = times.tolist() if isinstance(times, np.ndarray) else times
     if not isinstance(texts, list) or not texts or not all(isinstance(text, str) for text in texts):
-        raise ClipError(f"{path}: {_TIMES}, when the frames are, is no list of texts. Download it again.")
+        raise ClipError(f"{fields.path}: {_TIMES}, when the frames are, is no list of texts. Download it again.")
     matches = [match for match in map(_TIME.fullmatch, texts) if match]
     exact = FPS * np.array([float(match[1]) for match in matches])
     numbers = np.rint(exact).astype(int)
     sound = len(matches) == len(texts) and (np.abs(exact - numbers) <= _LARGEST_OFFSET).all()
     if not sound or (np.diff(numbers) <= 0).any():
         raise ClipError(
-            f"{path}: {_TIMES}, when the frames are, are not times in order such as 't0003.033', each a multiple of "
-            f"1/{FPS:g} s. Only BEHAVE's parameters at 30 frames a second are read."
+            f"{fields.path}: {_TIMES}, when the frames are, are not times in order such as 't0003.033', each a "
+            f"multiple of 1/{FPS:g} s. Only BEHAVE's parameters at 30 frames a second are read."
         )
     return numbers
 
@@ -224,74 +171,42 @@ def _stretches(person: Int[np.ndarray, "P"], thing: Int[np.ndarray, "O"]) -> dic
     return {f"{part[0]:04d}-{part[-1]:04d}": part for part in parts if len(part) >= MINIMUM_FRAMES}
 
 
-def _frames(file: SourceFile, person: Int[np.ndarray, "P"], thing: Int[np.ndarray, "O"]) -> _Frames:
-    stretches = _stretches(person, thing)
-    if not stretches:
-        raise ClipError(
-            f"{file.name}: {_PERSON} ({len(person)} frames) and {_OBJECT} ({len(thing)}) have no {MINIMUM_FRAMES} "
-            f"frames in common that are 1/{FPS:g} s apart. Download the recording again."
+def _frame_notes(
+    person: Int[np.ndarray, "P"], thing: Int[np.ndarray, "O"], chosen: Int[np.ndarray, "T"]
+) -> tuple[str, ...]:
+    alone = {_PERSON: np.setdiff1d(person, thing), _OBJECT: np.setdiff1d(thing, person)}
+    notes = [
+        f"{len(numbers)} frame(s) that only {name} has are left out." for name, numbers in alone.items() if len(numbers)
+    ]
+    shared = len(person) - len(alone[_PERSON])
+    if len(chosen) < shared:
+        notes.append(
+            f"The recording has gaps; this is the stretch from {chosen[0] / FPS:.3f} to {chosen[-1] / FPS:.3f} s, "
+            f"{len(chosen)} of {shared} frames."
         )
-    numbers = next(iter(stretches.values())) if file.selection is None else stretches[file.selection]
-    notes: tuple[str, ...] = ()
-    alone = {_PERSON: len(np.setdiff1d(person, thing)), _OBJECT: len(np.setdiff1d(thing, person))}
-    for name, count in alone.items():
-        if count:
-            notes += (f"{count} frame(s) that only {name} has are left out.",)
-    shared = len(person) - alone[_PERSON]
-    if len(numbers) < shared:
-        notes += (
-            f"The recording has gaps; this is the stretch from {numbers[0] / FPS:.3f} to {numbers[-1] / FPS:.3f} s, "
-            f"{len(numbers)} of {shared} frames.",
-        )
-    return _Frames(np.searchsorted(person, numbers), np.searchsorted(thing, numbers), notes)
+    return tuple(notes)
 
 
 # What is in them
 
 
-def _person(table: _Table, gender: str, frames: _Frames, options: ReadOptions) -> tuple[Person, tuple[str, ...]]:
-    fields, count = table.fields, len(table.numbers)
-    pose = fields.array("poses", (count, POSE), "the body's pose, a rotation vector for each of 52 joints")[
-        frames.person
-    ]
-    betas = fields.array("betas", (count, BETAS), "the body's shape")[frames.person]
-    parameters = BodyParameters(
+def _body(fields: Fields, count: int, gender: str) -> BodyParameters:
+    return BodyParameters.of_rows(
+        fields.array("poses", (count, POSE), "the body's pose, a rotation vector for each of 52 joints"),
         family="smplh",
         gender=gender,
-        betas=betas[0],
-        translation=fields.array("trans", (count, 3), "the body's position")[frames.person],
-        body=pose[:, :66],
-        left_hand=pose[:, 66:111],
-        right_hand=pose[:, 111:],
+        betas=fields.array("betas", (count, BETAS), "the body's shape"),
+        translation=fields.array("trans", (count, 3), "the body's position"),
         flat_hands=True,
     )
-    return person_of_rows(fields.path, "person", parameters, betas, options.body_models)
-
-
-def _track(table: _Table, frames: _Frames, category: str, geometry: ObjectGeometry) -> ObjectTrack:
-    fields, count = table.fields, len(table.numbers)
-    angles = fields.array("angles", (count, 3), "the object's rotation vectors")[frames.object]
-    positions = fields.array("trans", (count, 3), "the object's position")[frames.object]
-    return ObjectTrack(category, positions, se3.exp(angles), geometry)
 
 
 def _geometry(file: SourceFile, options: ReadOptions, category: str) -> ObjectGeometry:
-    mesh = MESHES[category]
     if options.objects is not None:
-        candidates = [options.objects / category / mesh, options.objects / mesh]
+        folder = options.objects / category
     else:
         folder = folder_of_tree(file.path, "objects", category, beside="sequences")
-        candidates = [folder / mesh]
-    return first_mesh(category, candidates, centred=True)
+    return first_mesh(category, [place / MESHES[category] for place in (folder, folder.parent)], centred=True)
 
 
-READER = Reader(
-    format=FORMAT,
-    suffixes=(FOLDER,),
-    parts=(_PERSON, _OBJECT),
-    floor_at_zero=False,
-    holds=holds,
-    read=read_file,
-    outline=outline,
-    clips_in=clips_in,
-)
+READER = data_set(FORMAT, (FOLDER,), record, holds=holds, parts=(_PERSON, _OBJECT), clips_in=clips_in)

@@ -26,27 +26,22 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from jaxtyping import Float
 
-from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, ContactTrack, Source
+from hoi_retarget.clip.clip import MINIMUM_FRAMES
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, GeometryError
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.human.person import Person
-from hoi_retarget.human.skeleton import HANDS, PARTS
+from hoi_retarget.human.skeleton import HANDS
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
-from hoi_retarget.readers.companions import refuse_object_name
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.finish import data_set
+from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.rigid import poses_of
 from hoi_retarget.readers.triangles import first_mesh
-from hoi_retarget.readers.upright import check_upright
-from hoi_retarget.readers.varying_shape import person_of_rows
-from hoi_retarget.readers.worlds import turned_object, turned_person
 
 FORMAT = "cari4d"
 LICENCE = "NVIDIA licence of CARI4D: non-commercial research; the video's own terms hold as well"
-UP_AXIS = "-y"
 BETAS = 10
 BODY_NUMBERS, HAND_NUMBERS = 66, 45
 OPTIMIZED, REFINED = 72, BODY_NUMBERS + 2 * HAND_NUMBERS
@@ -82,7 +77,7 @@ class _Sequence:
     fps: float
     centred: bool
     """Whether the object's poses are of the mesh less the mean of its vertices."""
-    notes: tuple[str, ...]
+    rate_note: str
 
 
 def holds(file: SourceFile) -> bool:
@@ -92,75 +87,46 @@ def holds(file: SourceFile) -> bool:
     return isinstance(prediction, dict) and all(name in prediction for name in _PREDICTION)
 
 
-def read_file(file: SourceFile, options: ReadOptions) -> Clip:
-    """Return the clip of an opened file.
-
-    Raises:
-        ReadError: the file or the body model is damaged, or names in it would leave a folder.
-        ClipError: values are missing, disagree, or contradict the format; the gender is not told.
-        GeometryError: the object's name is not told, or its mesh cannot be had.
-        BodyModelError: the SMPL-H model is not there.
-        ArgumentError: the object's name is given, although the sequence's name tells it.
-    """
-    fields = _prediction(file)
+def record(file: SourceFile, options: ReadOptions) -> Recording:
+    """Return what a file holds, and what the names of its frames tell."""
+    fields = Fields(file.path, file.torch).table("pr", "the prediction")
     sequence = _sequence(file)
-    if sequence.object is not None:
-        refuse_object_name(file, options, sequence.object)
-    name = sequence.object or options.object_name
-    if name is None:
-        raise GeometryError(
-            f"{file.name}: the object's name is not in the name {sequence.name!r}, expected such as "
-            "Date03_Sub01_table_wild. Pass --object NAME."
+    frames, gender, name = sequence.frames, _gender(file, sequence), sequence.object or options.object_name
+    touching, contact_notes = _touching(fields, frames)
+
+    def read_tracks() -> Tracks:
+        if name is None:
+            raise GeometryError(
+                f"{file.name}: the object's name is not in the name {sequence.name!r}, expected such as "
+                "Date03_Sub01_table_wild. Pass --object NAME."
+            )
+        body, body_notes = _body(fields, frames, gender)
+        matrices = fields.array("pose_abs", (frames, 4, 4), "the object's poses")
+        positions, quats = poses_of(file.path, "pr/pose_abs", matrices)
+        geometry, mesh_notes = _geometry(file, sequence, name, options.objects)
+        return Tracks(
+            people=(body,),
+            objects=(ObjectTrack(name, positions, quats, geometry),),
+            touching=touching,
+            notes=(*body_notes, *mesh_notes, *contact_notes),
         )
-    betas = fields.array("betas", (sequence.frames, BETAS), "the body's shape")
-    parameters, body_notes = _body(file, fields, sequence, betas)
-    matrices = fields.array("pose_abs", (sequence.frames, 4, 4), "the object's poses")
-    positions, quats = poses_of(file.path, "pr/pose_abs", matrices)
-    scores = _scores(fields, sequence)
-    geometry, mesh_notes = _geometry(file, sequence, name, options.objects)
-    track = turned_object(ObjectTrack(name, positions, quats, geometry), UP_AXIS)
-    person, shape_notes = person_of_rows(file.path, "person", parameters, betas, options.body_models)
-    person = turned_person(person, UP_AXIS)
-    check_upright(file.path, person, UP_AXIS)
-    contacts, contact_notes = _contacts(scores, person, track)
-    return Clip(
+
+    return Recording(
         name=file.path.stem,
-        fps=sequence.fps,
-        people=(person,),
-        objects=(track,),
-        contacts=contacts,
-        source=Source(
-            str(file.name),
-            file.sha256,
-            FORMAT,
-            LICENCE,
-            (*sequence.notes, _LEVEL, *body_notes, *shape_notes, *mesh_notes, *contact_notes),
-        ),
-    )
-
-
-def outline(file: SourceFile) -> Outline:
-    """Return what a file holds; raises `ReadError` or `ClipError`."""
-    fields = _prediction(file)
-    sequence = _sequence(file)
-    scores = _scores(fields, sequence)
-    return Outline(
         description="CARI4D reconstruction of one person and one object from video",
-        frames=sequence.frames,
+        frames=frames,
         fps=sequence.fps,
-        fps_stated=not sequence.centred,
-        skeleton=f"SMPL-H {_gender(file, sequence)}, {BETAS} betas",
+        rate_stated=not sequence.centred,
+        skeleton=f"SMPL-H {gender}, {BETAS} betas",
         up_axis="-y, by the camera, taken to be level",
-        people=1,
-        objects=(sequence.object,) if sequence.object else (),
-        contacts="scores of the hands" if scores is not None and scores.any() else "none stored",
+        objects=(name,) if name else (),
+        contacts="scores of the hands" if touching else "none stored",
         licence=LICENCE,
-        notes=(*sequence.notes, _LEVEL),
+        notes=(sequence.rate_note, _LEVEL),
+        up="-y",
+        read_tracks=read_tracks,
+        names_objects=sequence.object is not None,
     )
-
-
-def _prediction(file: SourceFile) -> Fields:
-    return Fields(file.path, file.torch).table("pr", "the prediction")
 
 
 # What names tell
@@ -186,7 +152,7 @@ def _sequence(file: SourceFile) -> _Sequence:
         frames=len(labels),
         fps=fps,
         centred=not timed and not name.startswith("ICap"),
-        notes=(note,),
+        rate_note=note,
     )
 
 
@@ -256,37 +222,31 @@ def _gender(file: SourceFile, sequence: _Sequence) -> str:
 # The body
 
 
-def _body(
-    file: SourceFile, fields: Fields, sequence: _Sequence, betas: Float[np.ndarray, "T b"]
-) -> tuple[BodyParameters, tuple[str, ...]]:
-    frames = sequence.frames
+def _body(fields: Fields, frames: int, gender: str) -> tuple[BodyParameters, tuple[str, ...]]:
     pose = fields.array("smpl_pose", (frames, "numbers"), "the body's pose")
     if pose.shape[1] not in (OPTIMIZED, REFINED):
         raise ClipError(
-            f"{file.path}: pr/smpl_pose has {pose.shape[1]} numbers a frame, expected {OPTIMIZED} of the optimization "
-            f"or {REFINED} of the network before it. Download the recording again."
+            f"{fields.path}: pr/smpl_pose has {pose.shape[1]} numbers a frame, expected {OPTIMIZED} of the "
+            f"optimization or {REFINED} of the network before it. Download the recording again."
         )
-    gender = _gender(file, sequence)
     notes = (f"The body is {gender}, as names tell.",)
-    if pose.shape[1] == OPTIMIZED:
-        hands = np.zeros((frames, 2 * HAND_NUMBERS))
+    optimized = pose.shape[1] == OPTIMIZED
+    if optimized:
         notes += ("Hands are not stored; they rest in the body model's mean pose.",)
         if pose[:, BODY_NUMBERS:].any():
             notes += ("The last six numbers of the pose, of fingers, are not used.",)
+        pose = np.concatenate([pose[:, :BODY_NUMBERS], np.zeros((frames, 2 * HAND_NUMBERS))], axis=1)
     else:
-        hands = pose[:, BODY_NUMBERS:]
         notes += ("This is the network's result; the optimization after it improves contacts.",)
-    parameters = BodyParameters(
+    body = BodyParameters.of_rows(
+        pose,
         family="smplh",
         gender=gender,
-        betas=betas[0],
+        betas=fields.array("betas", (frames, BETAS), "the body's shape"),
         translation=fields.array("smpl_t", (frames, 3), "the body's position"),
-        body=pose[:, :BODY_NUMBERS],
-        left_hand=hands[:, :HAND_NUMBERS],
-        right_hand=hands[:, HAND_NUMBERS:],
-        flat_hands=pose.shape[1] == REFINED,
+        flat_hands=not optimized,
     )
-    return parameters, notes
+    return body, notes
 
 
 # The object
@@ -332,28 +292,17 @@ def _meshes(folder: Path, sequence: str) -> list[Path]:
 # Contacts
 
 
-def _scores(fields: Fields, sequence: _Sequence) -> Float[np.ndarray, "T 2"] | None:
-    """Return the raw scores of left and right hand; None where the file has none."""
-    if "contact_logits" not in fields:
-        return None
-    return fields.array("contact_logits", (sequence.frames, 2), "scores of the hands' contacts")
-
-
-def _contacts(
-    scores: Float[np.ndarray, "T 2"] | None, person: Person, track: ObjectTrack
-) -> tuple[tuple[ContactTrack, ...], tuple[str, ...]]:
-    if scores is None or not scores.any():
-        return (), ("The file has no scores of contacts.",)
-    touching: dict[str, np.ndarray] = dict(zip(HANDS, (scores > 0.0).T, strict=True))
-    nobody = np.zeros(len(scores), dtype=bool)
-    contacts = tuple(
-        ContactTrack(0, 0, part, touching.get(part, nobody), track.to_object(person.part_position(part)))
-        for part in PARTS
-    )
+def _touching(fields: Fields, frames: int) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """Return when each hand touches the object, nothing where no scores are stored, and what is to be noted of it."""
+    stored = "contact_logits" in fields
+    scores = fields.array("contact_logits", (frames, 2), "scores of the hands' contacts") if stored else np.zeros(0)
+    if not scores.any():
+        return {}, ("The file has no scores of contacts.",)
+    touching = scores > 0.0
     notes = ("Hands touch where CARI4D's score is above 0; feet are not scored.",)
-    if (scores > 0.0).all():
+    if touching.all():
         notes += ("Both hands are said to touch in all frames: another kind of score, distances, would look the same.",)
-    return contacts, notes
+    return dict(zip(HANDS, touching.T, strict=True)), notes
 
 
-READER = Reader(format=FORMAT, suffixes=(".pth",), floor_at_zero=False, holds=holds, read=read_file, outline=outline)
+READER = data_set(FORMAT, (".pth",), record, holds=holds)

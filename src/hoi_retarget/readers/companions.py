@@ -1,21 +1,47 @@
 """What a recording's main file needs beside it: other files of its source, found in the source's own tree."""
 
 import json
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from hoi_retarget.errors import ArgumentError, ReadError
-from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.clip.clip import MINIMUM_FRAMES
+from hoi_retarget.clip.read_options import ReadOptions
+from hoi_retarget.errors import ArgumentError, ClipError, ReadError
+from hoi_retarget.files import npz
+from hoi_retarget.files.source_file import SELECTION, SourceFile
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.reader import ReadOptions
 
 _FARTHEST = 5
 """Folders above the recording that are searched for a folder of the source's tree."""
 
 
-def json_table(file: SourceFile, path: Path) -> Fields:
-    """Return the object in a JSON file that belongs to a recording as fields; raises `ReadError`."""
-    return Fields(path, json_values(file, path))
+class _Arrays(Mapping[str, Any]):
+    """The arrays of an `.npz` file, each read when it is asked for: much of a file is of no use here."""
+
+    def __init__(self, path: Path, members: Mapping[str, bytes]) -> None:
+        self._path, self._members = path, members
+
+    def __getitem__(self, name: str) -> Any:
+        return npz.object_or_array(self._path, name, self._members[name])
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._members
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._members)
+
+    def __len__(self) -> int:
+        return len(self._members)
+
+
+def npz_fields(file: SourceFile, path: Path) -> Fields:
+    """Return what an `.npz` file, of the recording or itself, holds as fields; raises `ReadError`, also later."""
+    try:
+        members = file.members if path == file.path else npz.members(file.read(path))
+    except ValueError as error:
+        raise ReadError(f"{path}: not a readable .npz file ({error}). Download it again.") from error
+    return Fields(path, _Arrays(path, members))
 
 
 def json_values(file: SourceFile, path: Path) -> dict[str, Any]:
@@ -42,6 +68,31 @@ def folder_of_tree(path: Path, *steps: str, beside: str = "") -> Path:
     above = path.resolve().parents
     place = next((folder.parent for folder in above if folder.name == beside), above[0])
     return folder_above(path, *steps) or place.joinpath(*steps)
+
+
+def chosen_clip(file: SourceFile, names: Collection[str], kind: str) -> str:
+    """Return the name of the clip that is selected in a file, or of its only one; raises `ReadError`."""
+    first = next(iter(names))
+    name = first if file.selection is None and len(names) == 1 else file.selection
+    if name is None or name not in names:
+        raise ReadError(
+            f"{file.name}: it does not say which of its {len(names)} {kind}. Choose one: {file.path}{SELECTION}{first}"
+        )
+    return name
+
+
+def check_frames(path: Path, frames: Mapping[str, int]) -> None:
+    """Raise `ClipError` unless all tracks of a recording have equally many frames, and enough.
+
+    Args:
+        path: the recording, for errors.
+        frames: whose track -> its number of frames.
+    """
+    listing = ", ".join(f"{owner}: {count}" for owner, count in frames.items())
+    if len(set(frames.values())) > 1:
+        raise ClipError(f"{path}: its files differ in their number of frames ({listing}). Download them again.")
+    if min(frames.values()) < MINIMUM_FRAMES:
+        raise ClipError(f"{path}: there are too few frames ({listing}); at least {MINIMUM_FRAMES} are needed.")
 
 
 def refuse_object_name(file: SourceFile, options: ReadOptions, names: str) -> None:

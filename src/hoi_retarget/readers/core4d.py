@@ -14,16 +14,14 @@ The second version has other files for people, `person_1/result.npz`, and no obj
 nowhere described. Both are refused.
 """
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.clip.clip import Clip, Source
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, ReadError
 from hoi_retarget.files import npz
-from hoi_retarget.files.npz import object_or_array
 from hoi_retarget.files.source_file import FOLDER, SourceFile
 from hoi_retarget.human import kinematics
 from hoi_retarget.human.body_model import JOINT_COUNT
@@ -32,19 +30,16 @@ from hoi_retarget.human.skeleton import JOINTS
 from hoi_retarget.numerics.arrays import describe_frames
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters, constant_betas, person_of
-from hoi_retarget.readers.companions import folder_of_tree, json_table, refuse_object_name
+from hoi_retarget.readers.companions import check_frames, folder_of_tree, json_values, npz_fields
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.npz_fields import check_frames
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.finish import data_set
+from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.rigid import poses_of
 from hoi_retarget.readers.triangles import first_mesh
-from hoi_retarget.readers.upright import check_upright
-from hoi_retarget.readers.worlds import turned_object, turned_person
 
 FORMAT = "core4d"
 LICENCE = "CC BY 4.0, as the data set's README says"
 FPS = 15.0
-UP = "y"
 PEOPLE = ("person1", "person2")
 LARGEST_GAP = 0.01
 """[m]; between joints that the file stores and where its own parameters put them."""
@@ -73,57 +68,31 @@ def holds(file: SourceFile) -> bool:
     return any(file.beside(*name).is_file() for name in names) or _is_synthetic(file)
 
 
-def read_file(file: SourceFile, options: ReadOptions) -> Clip:
-    """Return the clip in a folder; body models are used where they are given.
-
-    Raises:
-        ReadError: files are missing, damaged, or of the versions that are not read.
-        ClipError: arrays are missing, disagree, or contradict each other.
-        GeometryError: the object's mesh cannot be had.
-        ArgumentError: an object's name is given.
-    """
+def record(file: SourceFile, options: ReadOptions) -> Recording:
+    """Return what a folder holds; body models are used where they are given."""
     _check_version(file)
-    name = _object_name(file)
-    refuse_object_name(file, options, name)
-    fields = {person: _fields(file, person) for person in PEOPLE}
-    poses = _object_poses(file)
-    check_frames(file.name, {_POSES: len(poses)} | {person: len(_joints(values)) for person, values in fields.items()})
-    path = file.beside(_POSES)
-    positions, quats = poses_of(path, "the object's pose", poses)
-    track = ObjectTrack(name, positions, quats, _geometry(file, options, name))
-    people = tuple(turned_person(_person(values, name, options.body_models), UP) for name, values in fields.items())
-    for person in people:
-        check_upright(file.path, person, UP)
-    return Clip(
+    name, poses = _object_name(file), _object_poses(file)
+
+    def read_tracks() -> Tracks:
+        positions, quats = poses_of(file.beside(_POSES), "the object's pose", poses)
+        return Tracks(
+            people=tuple(_person(file, person, len(poses), options.body_models) for person in PEOPLE),
+            objects=(ObjectTrack(name, positions, quats, _geometry(file, options, name)),),
+            notes=() if options.body_models else (_FINGER_NOTE,),
+        )
+
+    return Recording(
         name="_".join(file.path.resolve().parts[-2:]),
-        fps=FPS,
-        people=people,
-        objects=(turned_object(track, UP),),
-        contacts=(),
-        source=Source(
-            str(file.name),
-            file.sha256,
-            FORMAT,
-            LICENCE,
-            notes=(_RATE_NOTE,) if options.body_models else (_RATE_NOTE, _FINGER_NOTE),
-        ),
-    )
-
-
-def outline(file: SourceFile) -> Outline:
-    """Return what a folder holds, without reading people; raises `ReadError` or `ClipError`."""
-    _check_version(file)
-    return Outline(
         description="CORE4D recording of two people and one object",
-        frames=len(_object_poses(file)),
+        frames=len(poses),
         fps=FPS,
-        fps_stated=False,
         skeleton="SMPL-X neutral, 10 betas, joints stored",
-        up_axis="y, as the format has it",
         people=len(PEOPLE),
-        objects=(_object_name(file),),
-        contacts="none stored",
+        objects=(name,),
         licence=LICENCE,
+        notes=(_RATE_NOTE,),
+        up="y",
+        read_tracks=read_tracks,
     )
 
 
@@ -150,7 +119,7 @@ def _check_version(file: SourceFile) -> None:
 def _object_name(file: SourceFile) -> str:
     """Return what the object is called in small letters, as its mesh is; raises `ReadError` or `ClipError`."""
     path = file.beside(_METADATA)
-    name = json_table(file, path).text("obj_name", "the object's name").lower()
+    name = Fields(path, json_values(file, path)).text("obj_name", "the object's name").lower()
     category = name[:-_DIGITS]
     if not category or not name[-_DIGITS:].isdecimal():
         raise ClipError(
@@ -171,55 +140,30 @@ def _object_poses(file: SourceFile) -> Float[np.ndarray, "T 4 4"]:
 
 
 def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeometry:
-    mesh = f"{name}_m.obj"
-    within = (name[:-_DIGITS], mesh)
-    if options.objects is not None:
-        candidates = [options.objects.joinpath(*within), options.objects / mesh]
-    else:
-        folder = folder_of_tree(file.path, _MESHES, beside="human_object_motions")
-        candidates = [folder.joinpath(*within)]
-    return first_mesh(name, candidates, centred=False)
+    folder = options.objects or folder_of_tree(file.path, _MESHES, beside="human_object_motions")
+    places = (folder / name[:-_DIGITS], folder)
+    return first_mesh(name, [place / f"{name}_m.obj" for place in places], centred=False)
 
 
 # People
 
 
-def _fields(file: SourceFile, person: str) -> Fields:
-    path = file.beside(f"{person}_poses.npz")
-    try:
-        members = npz.members(file.read(path))
-    except ValueError as error:
-        raise ReadError(f"{path}: not a readable .npz file ({error}). Download it again.") from error
-    if _PARAMETERS not in members:
-        listing = ", ".join(ascii(name)[:40] for name in sorted(members)[:10])
-        raise ReadError(f"{path}: it has no {_PARAMETERS!r}, but {listing or 'nothing'}. Download it again.")
-    values = object_or_array(path, _PARAMETERS, members[_PARAMETERS])
-    if not isinstance(values, Mapping):
-        raise ReadError(f"{path}: {_PARAMETERS} is {type(values).__name__}, expected a dictionary. Download it again.")
-    # Vertices are a hundred times as large as all the rest.
-    return Fields(path, {key: value for key, value in values.items() if key != "vertices"})
-
-
-def _joints(fields: Fields) -> Float[np.ndarray, "T 127 3"]:
-    return fields.array("joints", ("T", _STORED_JOINTS, 3), "the joints")
-
-
-def _person(fields: Fields, name: str, body_models: Path | None) -> Person:
-    stored = _joints(fields)[:, _SKELETON_JOINTS]
-    frames = len(stored)
+def _person(file: SourceFile, name: str, frames: int, body_models: Path | None) -> Person:
+    # One after the other: the vertices beside the joints are a hundred times as large as all the rest.
+    fields = npz_fields(file, file.beside(f"{name}_poses.npz")).table(_PARAMETERS, "the person's parameters")
+    stored = fields.array("joints", ("T", _STORED_JOINTS, 3), "the joints")[:, _SKELETON_JOINTS]
+    check_frames(file.path, {_POSES: frames, name: len(stored)})
     root = fields.array("global_orient", (frames, 3), "the pelvis's rotation")
     body = fields.array("body_pose", (frames, 21, 3), "the body's pose")
     pose = np.concatenate([root[:, None], body], axis=1)
     if body_models is None:
         return _person_of_joints(fields.path, name, stored, pose)
-    parameters = BodyParameters(
-        family="smplx",
+    parameters = BodyParameters.of_fields(
+        fields,
+        frames,
+        hand=12,
         gender="neutral",
         betas=constant_betas(fields.path, fields.array("betas", (frames, 10), "the body's shape")),
-        translation=fields.array("transl", (frames, 3), "the body's position"),
-        body=pose.reshape(frames, -1),
-        left_hand=fields.array("left_hand_pose", (frames, 12), "the left hand's components"),
-        right_hand=fields.array("right_hand_pose", (frames, 12), "the right hand's components"),
         flat_hands=True,
     )
     person = person_of(fields.path, name, parameters, body_models)
@@ -250,11 +194,4 @@ def _check_gap(path: Path, gaps: Float[np.ndarray, "T J"], elsewhere: str) -> No
         )
 
 
-READER = Reader(
-    format=FORMAT,
-    suffixes=(FOLDER,),
-    floor_at_zero=False,
-    holds=holds,
-    read=read_file,
-    outline=outline,
-)
+READER = data_set(FORMAT, (FOLDER,), record, holds=holds)

@@ -24,6 +24,10 @@ class Fields:
     def __contains__(self, name: str) -> bool:
         return name in self._values
 
+    def get(self, name: str) -> Any:
+        """Return a value as it is stored; None where there is none."""
+        return self._values.get(name)
+
     def array(self, name: str, shape: tuple[int | str, ...], meaning: str) -> np.ndarray:
         """Return an array of finite numbers in double precision.
 
@@ -58,6 +62,14 @@ class Fields:
                 f"{rows}. Cut them off, or convert the recording again."
             )
         return values
+
+    def rows(self, name: str, frames: int | str, width: int, meaning: str) -> np.ndarray:
+        """Return an array with so many numbers in a row for each frame, stored so or three by three."""
+        stored = self.get(name)
+        if isinstance(stored, np.ndarray) and stored.shape[1:] == (width // 3, 3):
+            values = self.array(name, (frames, width // 3, 3), meaning)
+            return values.reshape(len(values), width)
+        return self.array(name, (frames, width), meaning)
 
     def text(self, name: str, meaning: str) -> str:
         """Return a text; raises `ClipError`."""

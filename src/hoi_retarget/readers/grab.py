@@ -19,25 +19,22 @@ from typing import Any, get_args
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, ContactTrack, Source
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, ReadError
-from hoi_retarget.files.npz import object_or_array
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.body_model import Gender
-from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import HANDS, JOINTS, PARTS
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
-from hoi_retarget.readers.body_parameters import BodyParameters, person_of
-from hoi_retarget.readers.companions import folder_of_tree, refuse_object_name
+from hoi_retarget.readers.body_parameters import BodyParameters
+from hoi_retarget.readers.companions import folder_of_tree, npz_fields
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.finish import data_set
+from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.triangles import first_mesh
-from hoi_retarget.readers.upright import check_upright
 
 FORMAT = "grab"
 LICENCE = "GRAB's licence: non-commercial scientific research only"
-UP = "z"
 TABLE = "table"
 LABELLED_JOINTS = (*JOINTS[:22], "jaw", "left_eye", "right_eye", *JOINTS[22:])
 """SMPL-X's joints: the k-th, counted from 1, is what label k says."""
@@ -53,105 +50,57 @@ def holds(file: SourceFile) -> bool:
     return all(name in file.array_names for name in _TOLD_BY)
 
 
-def read_file(file: SourceFile, options: ReadOptions) -> Clip:
-    """Return the clip in a file.
-
-    Raises:
-        ReadError: the file is damaged, or the subject's own body is not in the tree that the file is in.
-        ClipError: arrays are missing, unusable or disagree, or nobody stands upright.
-        GeometryError: a mesh cannot be had.
-        BodyModelError: the body model cannot be had.
-        ArgumentError: an object's name is given.
-    """
-    members = _Members(file)
-    fields = Fields(file.path, members)
+def record(file: SourceFile, options: ReadOptions) -> Recording:
+    """Return what a file holds."""
+    fields = npz_fields(file, file.path)
     name = fields.text("obj_name", "the object's name")
     file.beside(name)  # A plain name, or an error.
-    refuse_object_name(file, options, f"{name}, {TABLE}")
-    frames, fps = _frames_and_rate(fields)
-    person = _person(file, fields, frames, options)
-    check_upright(file.path, person, UP)
-    item = fields.table("object", "the object")
-    tracks = (
-        _track(file, item, name, "object_mesh", frames, options),
-        _track(file, fields.table(TABLE, "the table"), TABLE, "table_mesh", frames, options),
-    )
-    touching = _touching(file.path, members.get("contact"), frames)
-    return Clip(
-        name=f"{file.path.resolve().parent.name}_{file.path.stem}",
-        fps=fps,
-        people=(person,),
-        objects=tracks,
-        contacts=_contacts(touching, person, tracks[0]),
-        source=Source(str(file.name), file.sha256, FORMAT, LICENCE, (_TABLE_NOTE, *_other_touches(touching, name))),
-    )
-
-
-def outline(file: SourceFile) -> Outline:
-    """Return what a file holds, without shapes and body models; raises `ReadError` or `ClipError`."""
-    fields = Fields(file.path, _Members(file))
-    frames, fps = _frames_and_rate(fields)
     gender = fields.text("gender", "the subject's gender")
-    return Outline(
+    pose = fields.table("body", "the person").table("params", "the person's pose")
+    frames = len(pose.array("transl", ("T", 3), "the body's position"))
+
+    def read_tracks() -> Tracks:
+        body = _body(file, fields, pose, frames, gender)
+        item = _track(file, fields.table("object", "the object"), name, frames, options)
+        table = _track(file, fields.table(TABLE, "the table"), TABLE, frames, options)
+        touching = _touching(file.path, fields.get("contact"), frames)
+        return Tracks(
+            people=(body,),
+            objects=(item, table),
+            touching={part: np.any(touching[:, _labels_of(part)], axis=1) for part in PARTS},
+            notes=_other_touches(touching, name),
+        )
+
+    return Recording(
+        name=f"{file.path.resolve().parent.name}_{file.path.stem}",
         description="GRAB recording of one person, one object and a table",
         frames=frames,
-        fps=fps,
-        fps_stated=True,
+        fps=float(fields.array("framerate", (), "frames a second")),
+        rate_stated=True,
         skeleton=f"SMPL-X {gender}, with the body of subject {fields.text('sbj_id', 'the subject')}",
-        up_axis="z, as the format has it",
-        people=1,
-        objects=(fields.text("obj_name", "the object's name"), TABLE),
+        objects=(name, TABLE),
         contacts="labels of the object's vertices",
         licence=LICENCE,
+        notes=(_TABLE_NOTE,),
+        up="z",
+        read_tracks=read_tracks,
     )
-
-
-class _Members(Mapping[str, Any]):
-    """The arrays of the file, each unpickled when it is asked for: most of the file is of no use here."""
-
-    def __init__(self, file: SourceFile) -> None:
-        self._file = file
-
-    def __getitem__(self, name: str) -> Any:
-        return object_or_array(self._file.path, name, self._file.members[name])
-
-    def __iter__(self) -> Any:
-        return iter(self._file.members)
-
-    def __len__(self) -> int:
-        return len(self._file.members)
-
-
-def _frames_and_rate(fields: Fields) -> tuple[int, float]:
-    """Return how many frames there are, and how many a second; raises `ClipError`."""
-    positions = fields.table("body", "the person").table("params", "the person's pose")
-    frames = len(positions.array("transl", ("T", 3), "the body's position"))
-    if frames < MINIMUM_FRAMES:
-        raise ClipError(f"{fields.path}: there are {frames} frames; at least {MINIMUM_FRAMES} are needed.")
-    return frames, float(fields.array("framerate", (), "frames a second"))
 
 
 # The person
 
 
-def _person(file: SourceFile, fields: Fields, frames: int, options: ReadOptions) -> Person:
-    body = fields.table("body", "the person")
-    values = body.table("params", "the person's pose")
-    components = int(fields.array("n_comps", (), "components of a hand"))
-    gender = fields.text("gender", "the subject's gender")
-    root = values.array("global_orient", (frames, 3), "the pelvis's rotation")
-    parameters = BodyParameters(
-        family="smplx",
+def _body(file: SourceFile, fields: Fields, pose: Fields, frames: int, gender: str) -> BodyParameters:
+    named = fields.table("body", "the person").text("vtemp", "the subject's own body")
+    return BodyParameters.of_fields(
+        pose,
+        frames,
+        hand=int(fields.array("n_comps", (), "components of a hand")),
         gender=gender,
         betas=np.zeros(0),
-        translation=values.array("transl", (frames, 3), "the body's position"),
-        body=np.concatenate([root, values.array("body_pose", (frames, 63), "the body's pose")], axis=1),
-        left_hand=values.array("left_hand_pose", (frames, components), "the left hand's components"),
-        right_hand=values.array("right_hand_pose", (frames, components), "the right hand's components"),
         flat_hands=False,
-        template=_template(file, body.text("vtemp", "the subject's own body"), gender),
+        template=_template(file, named, gender),
     )
-    return person_of(file.path, "person", parameters, options.body_models)
 
 
 def _template(file: SourceFile, named: str, gender: str) -> Float[np.ndarray, "V 3"]:
@@ -174,18 +123,12 @@ def _template(file: SourceFile, named: str, gender: str) -> Float[np.ndarray, "V
 # Objects
 
 
-def _track(  # noqa: PLR0913, PLR0917 - the object and the table differ in all of it
-    file: SourceFile, fields: Fields, name: str, mesh_key: str, frames: int, options: ReadOptions
-) -> ObjectTrack:
-    values = fields.table("params", "the pose")
-    turns = se3.exp(values.array("global_orient", (frames, 3), "rotation vectors"))
-    mesh = fields.text(mesh_key, "the mesh's file")
-    return ObjectTrack(
-        name,
-        values.array("transl", (frames, 3), "positions"),
-        se3.quat_conjugate(turns),
-        _geometry(file, name, mesh, options.objects),
-    )
+def _track(file: SourceFile, fields: Fields, name: str, frames: int, options: ReadOptions) -> ObjectTrack:
+    pose = fields.table("params", "the pose")
+    turns = se3.exp(pose.array("global_orient", (frames, 3), "rotation vectors"))
+    positions = pose.array("transl", (frames, 3), "positions")
+    mesh = fields.text("table_mesh" if name == TABLE else "object_mesh", "the mesh's file")
+    return ObjectTrack(name, positions, se3.quat_conjugate(turns), _geometry(file, name, mesh, options.objects))
 
 
 def _geometry(file: SourceFile, name: str, named: str, objects: Path | None) -> ObjectGeometry:
@@ -230,26 +173,10 @@ def _labels_of(part: str) -> list[int]:
     return [LABELLED_JOINTS.index(joint) + 1 for joint in joints]
 
 
-def _contacts(touching: Bool[np.ndarray, "T 56"], person: Person, track: ObjectTrack) -> tuple[ContactTrack, ...]:
-    return tuple(
-        ContactTrack(
-            0, 0, part, np.any(touching[:, _labels_of(part)], axis=1), track.to_object(person.part_position(part))
-        )
-        for part in PARTS
-    )
-
-
 def _other_touches(touching: Bool[np.ndarray, "T 56"], name: str) -> tuple[str, ...]:
     used = {label for part in PARTS for label in _labels_of(part)}
     others = [LABELLED_JOINTS[label - 1] for label in np.flatnonzero(touching.any(axis=0)) if label not in used]
     return (f"{name} is also touched by {', '.join(others)}, which no part of the robot follows.",) if others else ()
 
 
-READER = Reader(
-    format=FORMAT,
-    suffixes=(".npz",),
-    floor_at_zero=False,
-    holds=holds,
-    read=read_file,
-    outline=outline,
-)
+READER = data_set(FORMAT, (".npz",), record, holds=holds)

@@ -11,43 +11,32 @@ The toolbox writes positions with one axis more, (T, 1, 3), and the rate beside 
 older files, a JSON for each frame with transposed rotations, `smplh`, which its makers advise against, and `mhr`.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any
 
 import numpy as np
+from jaxtyping import Int
 
-from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, Source
+from hoi_retarget.clip.clip import MINIMUM_FRAMES
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, GeometryError, ReadError
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.human.person import Person
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
-from hoi_retarget.readers.companions import folder_above, folder_of_tree
+from hoi_retarget.readers.companions import folder_above, folder_of_tree, npz_fields
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.npz_fields import npz_values
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.finish import data_set
+from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.rigid import quats_of
 from hoi_retarget.readers.triangles import first_mesh
-from hoi_retarget.readers.upright import check_upright
-from hoi_retarget.readers.varying_shape import person_of_rows
-from hoi_retarget.readers.worlds import turned_object, turned_person
 
 FORMAT = "hodome"
 LICENCE = "NeuralDome HODome: non-commercial; LICENSE.md beside the data tells the terms"
 FPS = 60.0
-UP = "y"
+BETAS = 10
 
 _IDS, _RATE = "frame_ids", "mocap_frame_rate"
 _KEYS = {_IDS, "betas", "global_orient", "body_pose", "transl", "left_hand_pose", "right_hand_pose"}
 _POSES, _MESHES = "object", "scaned_object"
-_ROWS: Mapping[str, tuple[int, int]] = MappingProxyType(
-    {"body_pose": (21, 3), "left_hand_pose": (15, 3), "right_hand_pose": (15, 3), "object_T": (1, 3)}
-)
-"""Arrays whose numbers of one frame may be in rows."""
-_BETAS = 10
 _ROTATION = "the object's rotation"
 _RATE_NOTE = "60 frames a second, as the data set has it; this file does not state it."
 
@@ -57,116 +46,54 @@ def holds(file: SourceFile) -> bool:
     return file.array_names >= _KEYS
 
 
-def read_file(file: SourceFile, options: ReadOptions) -> Clip:
-    """Return the clip whose person is in a file.
+def record(file: SourceFile, options: ReadOptions) -> Recording:
+    """Return what the files of a person and an object hold, in the frames that both have."""
+    human, thing = npz_fields(file, file.path), npz_fields(file, _object_file(file))
+    human_ids, thing_ids = _ids(human), _object_ids(thing)
+    ids, human_rows, thing_rows = np.intersect1d(human_ids, thing_ids, assume_unique=True, return_indices=True)
+    if len(ids) < MINIMUM_FRAMES:
+        raise ClipError(
+            f"{file.name}: person and object have {len(ids)} frames in common, at least {MINIMUM_FRAMES} are needed: "
+            f"the person's are {_span(human_ids)}, the object's {_span(thing_ids)}. Download both files again."
+        )
+    name = options.object_name or file.path.stem.rpartition("_")[2]
+    notes = (
+        f"The object is {name}, as {'was asked for' if options.object_name else 'the name of the sequence says'}.",
+    )
+    stated = _RATE in thing
+    if not stated:
+        notes += (_RATE_NOTE,)
+    if len(ids) < len(human_ids):
+        missing = len(human_ids) - len(ids)
+        notes += (f"{missing} frame(s) at the ends are left out, for which the object has no pose.",)
 
-    Raises:
-        ReadError: the object's file is missing, or one is damaged.
-        ClipError: arrays are missing or disagree, or frames are missing in between.
-        GeometryError: the object's mesh cannot be had.
-        BodyModelError: the body model cannot be had.
-    """
-    pair = _Pair.of(file)
-    name = options.object_name or _named_object(file)
-    track = _track(pair, name, _geometry(file, options, name))
-    person, shape_notes = _person(pair, options.body_models)
-    person = turned_person(person, UP)
-    check_upright(file.path, person, UP)
-    told = "was asked for" if options.object_name else "the name of the sequence says"
-    return Clip(
+    def read_tracks() -> Tracks:
+        betas = human.array("betas", (len(human_ids), BETAS), "the body's shape")
+        body = BodyParameters.of_fields(human, len(human_ids), hand=45, gender="neutral", betas=betas, flat_hands=True)
+        rotations = thing.array("object_R", (len(thing_ids), 3, 3), _ROTATION)[thing_rows]
+        positions = thing.rows("object_T", len(thing_ids), 3, "the object's position")[thing_rows]
+        quats = quats_of(thing.path, "object_R", rotations)
+        track = ObjectTrack(name, positions, quats, _geometry(file, options, name))
+        return Tracks(people=(body.at(human_rows),), objects=(track,))
+
+    return Recording(
         name=file.path.stem,
-        fps=pair.fps,
-        people=(person,),
-        objects=(turned_object(track, UP),),
-        contacts=(),
-        source=Source(
-            str(file.name),
-            file.sha256,
-            FORMAT,
-            LICENCE,
-            (f"The object is {name}, as {told}.", *pair.notes, *shape_notes),
-        ),
-        first_source_frame=pair.human_rows.start,
-    )
-
-
-def outline(file: SourceFile) -> Outline:
-    """Return what a pair of files holds; raises `ReadError` or `ClipError`."""
-    pair = _Pair.of(file)
-    return Outline(
         description="HODome sequence of one person and one object",
-        frames=len(pair.frames),
-        fps=pair.fps,
-        fps_stated=_RATE in pair.object,
-        skeleton=f"SMPL-X neutral, {_BETAS} betas",
-        up_axis=f"{UP}, as the format has it",
-        people=1,
-        objects=(_named_object(file),),
-        contacts="none stored",
+        frames=len(ids),
+        fps=float(thing.array(_RATE, (), "the rate")) if stated else FPS,
+        rate_stated=stated,
+        skeleton=f"SMPL-X neutral, {BETAS} betas",
+        objects=(name,),
         licence=LICENCE,
-        notes=pair.notes,
+        notes=notes,
+        up="y",
+        read_tracks=read_tracks,
+        names_objects=False,
+        first_frame=int(human_rows[0]),
     )
 
 
-def _named_object(file: SourceFile) -> str:
-    """Return the last word of the sequence's name."""
-    return file.path.stem.rpartition("_")[2]
-
-
-# Files
-
-
-@dataclass(frozen=True, eq=False)
-class _Pair:
-    """A person's file and an object's, and the frames that both have."""
-
-    human: Fields
-    object: Fields
-    human_frames: range
-    """Ids of the frames that the file has."""
-    object_frames: range
-    frames: range
-    """Those that both have."""
-
-    @classmethod
-    def of(cls, file: SourceFile) -> "_Pair":
-        """Read both files of a sequence; raises `ReadError` or `ClipError`."""
-        human, human_ids = _fields(file, file.path)
-        stored, object_ids = _fields(file, _object_file(file))
-        rotations = len(stored.array("object_R", ("T", 3, 3), _ROTATION))
-        human_frames = _frames(human, human_ids)
-        object_frames = range(rotations) if object_ids is None else _frames(stored, object_ids)
-        common = range(max(human_frames.start, object_frames.start), min(human_frames.stop, object_frames.stop))
-        if len(common) < MINIMUM_FRAMES:
-            raise ClipError(
-                f"{file.name}: person and object have {len(common)} frames in common, at least {MINIMUM_FRAMES} are "
-                f"needed: the person's are {_span(human_frames)}, the object's {_span(object_frames)}. Download both "
-                "files again."
-            )
-        return cls(human, stored, human_frames, object_frames, common)
-
-    @property
-    def human_rows(self) -> slice:
-        """Where the common frames are in the person's file."""
-        return _rows(self.frames, self.human_frames)
-
-    @property
-    def object_rows(self) -> slice:
-        """Where they are in the object's file."""
-        return _rows(self.frames, self.object_frames)
-
-    @property
-    def fps(self) -> float:
-        """Frames a second; raises `ClipError` where what the file states is no number."""
-        return float(self.object.array(_RATE, (), "the rate")) if _RATE in self.object else FPS
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What was decided about rate and frames."""
-        rate = () if _RATE in self.object else (_RATE_NOTE,)
-        missing = len(self.human_frames) - len(self.frames)
-        left_out = f"{missing} frame(s) at the ends are left out, for which the object has no pose."
-        return (*rate, left_out) if missing else rate
+# Files and frames
 
 
 def _object_file(file: SourceFile) -> Path:
@@ -180,66 +107,30 @@ def _object_file(file: SourceFile) -> Path:
     return folder / name
 
 
-def _fields(file: SourceFile, path: Path) -> tuple[Fields, Any]:
-    """Return what a file holds, and its frames' ids as they are; raises `ReadError`."""
-    values = npz_values(file, path)
-    for name, rows in _ROWS.items():
-        array = values.get(name)
-        if isinstance(array, np.ndarray) and array.shape[1:] == rows:
-            values[name] = array.reshape(len(array), rows[0] * rows[1])
-    return Fields(path, values), values.get(_IDS)
-
-
-def _frames(fields: Fields, ids: Any) -> range:
-    """Return the frames of these ids; raises `ClipError` unless one is after the other."""
+def _ids(fields: Fields) -> Int[np.ndarray, "T"]:
+    """Return the ids of a file's frames; raises `ClipError` unless one is after the other."""
+    ids = fields.get(_IDS)
     if not isinstance(ids, np.ndarray) or ids.dtype.kind not in "iu" or ids.ndim != 1:
         raise ClipError(f"{fields.path}: {_IDS} is no row of whole numbers. Download the recording again.")
-    numbers = ids.astype(np.int64)
-    jumps = np.flatnonzero(np.diff(numbers) != 1)
+    ids = ids.astype(np.int64)
+    jumps = np.flatnonzero(np.diff(ids) != 1)
     if len(jumps):
-        before, after = numbers[jumps[0]], numbers[jumps[0] + 1]
+        before, after = ids[jumps[0]], ids[jumps[0] + 1]
         raise ClipError(
             f"{fields.path}: {_IDS} goes from {before} to {after}, expected one frame after the other: without those "
             "between, the motion would be too fast there. Cut the recording at that frame."
         )
-    first = int(numbers[0]) if len(numbers) else 0
-    return range(first, first + len(numbers))
+    return ids
 
 
-def _rows(frames: range, of: range) -> slice:
-    return slice(frames.start - of.start, frames.stop - of.start)
+def _object_ids(thing: Fields) -> Int[np.ndarray, "T"]:
+    """Return the same of an object's file, whose frames are counted from 0 where they have no ids."""
+    rotations = thing.array("object_R", ("T", 3, 3), _ROTATION)
+    return np.arange(len(rotations)) if thing.get(_IDS) is None else _ids(thing)
 
 
-def _span(frames: range) -> str:
-    return f"{frames.start} to {frames.stop - 1}" if frames else "none"
-
-
-# Person and object
-
-
-def _person(pair: _Pair, body_models: Path | None) -> tuple[Person, tuple[str, ...]]:
-    fields, rows, frames = pair.human, pair.human_rows, len(pair.human_frames)
-    betas = fields.array("betas", (frames, _BETAS), "the body's shape")[rows]
-    root = fields.array("global_orient", (frames, 3), "the pelvis's rotation")
-    body = fields.array("body_pose", (frames, 63), "the body's pose")
-    parameters = BodyParameters(
-        family="smplx",
-        gender="neutral",
-        betas=betas[0],
-        translation=fields.array("transl", (frames, 3), "the body's position")[rows],
-        body=np.concatenate([root, body], axis=1)[rows],
-        left_hand=fields.array("left_hand_pose", (frames, 45), "the left hand's pose")[rows],
-        right_hand=fields.array("right_hand_pose", (frames, 45), "the right hand's pose")[rows],
-        flat_hands=True,
-    )
-    return person_of_rows(fields.path, "person", parameters, betas, body_models)
-
-
-def _track(pair: _Pair, name: str, geometry: ObjectGeometry) -> ObjectTrack:
-    fields, rows, frames = pair.object, pair.object_rows, len(pair.object_frames)
-    rotations = fields.array("object_R", (frames, 3, 3), _ROTATION)[rows]
-    positions = fields.array("object_T", (frames, 3), "the object's position")[rows]
-    return ObjectTrack(name, positions, quats_of(fields.path, "object_R", rotations), geometry)
+def _span(ids: Int[np.ndarray, "T"]) -> str:
+    return f"{ids[0]} to {ids[-1]}" if len(ids) else "none"
 
 
 def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeometry:
@@ -253,11 +144,4 @@ def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeomet
         raise GeometryError(f"{error} Where the sequence's last word is not the object, pass --object NAME.") from error
 
 
-READER = Reader(
-    format=FORMAT,
-    suffixes=(".npz",),
-    floor_at_zero=False,
-    holds=holds,
-    read=read_file,
-    outline=outline,
-)
+READER = data_set(FORMAT, (".npz",), record, holds=holds)

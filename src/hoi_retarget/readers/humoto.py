@@ -24,7 +24,7 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, Source
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, GeometryError, ReadError
 from hoi_retarget.files.gltf import Gltf, NodePoses, text_of
 from hoi_retarget.files.source_file import SourceFile
@@ -32,16 +32,13 @@ from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, LEFT_FINGERS, RIGHT_FINGERS
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
-from hoi_retarget.readers.companions import refuse_object_name
+from hoi_retarget.readers.finish import data_set
 from hoi_retarget.readers.object_files import LARGEST_OBJECT
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.rigid import quats_of
-from hoi_retarget.readers.upright import check_upright
-from hoi_retarget.readers.worlds import turned_object, turned_person
 
 FORMAT = "humoto"
 LICENCE = "Adobe Research License v1.1: research use; the full set on request"
-UP_AXIS = "y"
 FPS = 30.0
 STAMPED_FPS = (24.0, 30.0)
 """Keys a second that files say; each key is one frame of the capture."""
@@ -95,7 +92,7 @@ _STEP_TOLERANCE = 0.05  # [frames]; of keys from the frames they are on.
 
 
 @dataclass(frozen=True, eq=False)
-class _Recording:
+class _Capture:
     """A file's scene, and which of its nodes are what."""
 
     path: Path
@@ -153,8 +150,6 @@ class _Recording:
             )
         first, last = np.rint(times[[0, -1]] * rate)
         frames = np.arange(first, last + 1)
-        if len(frames) < MINIMUM_FRAMES:
-            raise ClipError(f"{self.path}: {len(frames)} frame(s) of animation; at least {MINIMUM_FRAMES} are needed.")
         for channel in self.scene.channels:
             ends = channel.times[[0, -1]] * rate
             if channel.node in self.objects and not channel.constant and np.abs(ends - frames[[0, -1]]).max() > 0.5:
@@ -177,60 +172,35 @@ def holds(file: SourceFile) -> bool:
     return f'"{PREFIX}{BONES["pelvis"]}"'.encode() in text_of(file.content)
 
 
-def read_file(file: SourceFile, options: ReadOptions) -> Clip:
-    """Return the clip of an opened file.
-
-    Raises:
-        ReadError: the file is damaged or of another kind.
-        ClipError: bones are missing, or animations contradict each other or the format.
-        GeometryError: an object's size changes, or is not one of metres.
-        ArgumentError: an object's name is given.
-    """
-    recording = _recording(file)
-    names = tuple(recording.scene.names[node] for node in recording.objects)
-    refuse_object_name(file, options, ", ".join(names) or "none")
-    frames, rate = recording.clock
-    poses = recording.scene.poses(frames, rate)
-    person, notes = _person(recording, poses)
-    check_upright(file.path, person, UP_AXIS)
-    return Clip(
-        name=file.path.stem,
-        fps=FPS,
-        people=(person,),
-        objects=tuple(_object(recording, poses, node) for node in recording.objects),
-        contacts=(),
-        source=Source(
-            str(file.name), file.sha256, FORMAT, LICENCE, (_rate_note(rate), *notes, *_part_notes(recording))
-        ),
-    )
-
-
-def outline(file: SourceFile) -> Outline:
-    """Return what a file holds; raises `ReadError` or `ClipError`."""
-    recording = _recording(file)
-    frames, rate = recording.clock
-    return Outline(
-        description="HUMOTO capture of one person and household objects",
-        frames=len(frames),
-        fps=FPS,
-        fps_stated=rate == FPS,
-        skeleton=f"{len(JOINTS)} of Mixamo's 65 joints",
-        up_axis="y, by the format",
-        people=1,
-        objects=tuple(recording.scene.names[node] for node in recording.objects),
-        contacts="none stored",
-        licence=LICENCE,
-        notes=(_rate_note(rate), *_part_notes(recording)),
-    )
-
-
-def _recording(file: SourceFile) -> _Recording:
+def record(file: SourceFile, options: ReadOptions) -> Recording:
+    """Return what a file holds."""
     if file.suffix == FBX:
         raise ReadError(
             f"{file.name}: .fbx files are not read. HUMOTO has the same sequence as .glb; otherwise open it in Blender "
             "and export it as binary glTF with animations."
         )
-    return _Recording(file.path, Gltf(file.path, file.content))
+    capture = _Capture(file.path, Gltf(file.path, file.content))
+    frames, rate = capture.clock
+
+    def read_tracks() -> Tracks:
+        poses = capture.scene.poses(frames, rate)
+        person, note = _person(capture, poses)
+        objects = tuple(_object(capture, poses, node) for node in capture.objects)
+        return Tracks(people=(person,), objects=objects, notes=(note,))
+
+    return Recording(
+        name=file.path.stem,
+        description="HUMOTO capture of one person and household objects",
+        frames=len(frames),
+        fps=FPS,
+        rate_stated=rate == FPS,
+        skeleton=f"{len(JOINTS)} of Mixamo's 65 joints",
+        objects=tuple(capture.scene.names[node] for node in capture.objects),
+        licence=LICENCE,
+        notes=(_rate_note(rate), *_part_notes(capture)),
+        up="y",
+        read_tracks=read_tracks,
+    )
 
 
 def _rate_note(rate: float) -> str:
@@ -241,13 +211,13 @@ def _rate_note(rate: float) -> str:
     )
 
 
-def _part_notes(recording: _Recording) -> tuple[str, ...]:
+def _part_notes(capture: _Capture) -> tuple[str, ...]:
     """Return which objects hang from others: their poses hold what a hinge or a drawer does."""
     notes: tuple[str, ...] = ()
-    for node in recording.objects:
-        above = next((other for other in recording.scene.ancestors(node) if other in recording.objects), None)
+    for node in capture.objects:
+        above = next((other for other in capture.scene.ancestors(node) if other in capture.objects), None)
         if above is not None:
-            names = recording.scene.names
+            names = capture.scene.names
             notes += (f"{names[node]} is a part of {names[above]}, with poses of its own.",)
     return notes
 
@@ -255,33 +225,31 @@ def _part_notes(recording: _Recording) -> tuple[str, ...]:
 # The person
 
 
-def _person(recording: _Recording, poses: NodePoses) -> tuple[Person, tuple[str, ...]]:
-    joints = list(recording.joints)
-    turns, largest = _turns_from_t_pose(recording)
+def _person(capture: _Capture, poses: NodePoses) -> tuple[Person, str]:
+    joints = list(capture.joints)
+    turns, largest = _turns_from_t_pose(capture)
     quats = se3.quat_multiply(poses.quats[:, joints], turns)
-    person = turned_person(Person("person", poses.positions[:, joints], quats), UP_AXIS)
-    return person, (
-        f"Limbs of the bind pose are up to {largest:.0f} deg from those of a T-pose, which is accounted for.",
-    )
+    note = f"Limbs of the bind pose are up to {largest:.0f} deg from those of a T-pose, which is accounted for."
+    return Person("person", poses.positions[:, joints], quats), note
 
 
-def _turns_from_t_pose(recording: _Recording) -> tuple[Float[np.ndarray, "52 4"], float]:
+def _turns_from_t_pose(capture: _Capture) -> tuple[Float[np.ndarray, "52 4"], float]:
     """Return what to turn each bone by, in its own frame, to get its joint's rotation from the T-pose, wxyz.
 
     Beside it, how far the bind pose's limbs are from those of the T-pose [deg].
     """
-    positions, quats = _bind_pose(recording)
-    body = _body_axes(recording.path, positions)
+    positions, quats = _bind_pose(capture)
+    body = _body_axes(capture.path, positions)
     standing = se3.rotate_inverse(body, positions)
     swings = np.tile(se3.IDENTITY_QUAT, (len(JOINTS), 1))
     for joint, (end, axis) in _LIMBS.items():
         bone = standing[JOINT_INDEX[end]] - standing[JOINT_INDEX[joint]]
-        swings[JOINT_INDEX[joint]] = _swing(np.array(axis), bone)
+        swings[JOINT_INDEX[joint]] = se3.shortest_rotation(np.array(axis), bone)
     angles = np.rad2deg(se3.angle_between(swings, se3.IDENTITY_QUAT))
     largest = float(angles.max())
     if largest > FARTHEST_FROM_T_POSE:
         raise ClipError(
-            f"{recording.path}: the skeleton's bind pose is no T-pose: its {JOINTS[int(angles.argmax())]} is "
+            f"{capture.path}: the skeleton's bind pose is no T-pose: its {JOINTS[int(angles.argmax())]} is "
             f"{largest:.0f} deg away from one. Export the file with Mixamo's bind pose."
         )
     for side, fingers in (("left", LEFT_FINGERS), ("right", RIGHT_FINGERS)):
@@ -291,20 +259,20 @@ def _turns_from_t_pose(recording: _Recording) -> tuple[Float[np.ndarray, "52 4"]
     return se3.quat_multiply(se3.quat_conjugate(quats), se3.quat_multiply(body, swings)), largest
 
 
-def _bind_pose(recording: _Recording) -> tuple[Float[np.ndarray, "52 3"], Float[np.ndarray, "52 4"]]:
+def _bind_pose(capture: _Capture) -> tuple[Float[np.ndarray, "52 3"], Float[np.ndarray, "52 4"]]:
     """Return where the bones are while the mesh is bound to them, in the mesh's frame; raises `ClipError`."""
-    for joints, inverse in recording.scene.skins():
+    for joints, inverse in capture.scene.skins():
         places = {node: index for index, node in enumerate(joints)}
-        if set(recording.joints) <= set(places):
-            order = [places[node] for node in recording.joints]
+        if set(capture.joints) <= set(places):
+            order = [places[node] for node in capture.joints]
             sizes = np.cbrt(np.abs(np.linalg.det(inverse[order, :3, :3])))
             if not (sizes > 1e-9).all():
                 break
             turns = inverse[order, :3, :3] / sizes[:, None, None]
-            quats = se3.quat_conjugate(quats_of(recording.path, "inverseBindMatrices", turns))
+            quats = se3.quat_conjugate(quats_of(capture.path, "inverseBindMatrices", turns))
             return -se3.rotate(quats, inverse[order, :3, 3] / sizes[:, None]), quats
     raise ClipError(
-        f"{recording.path}: no skin binds a mesh to all bones, so their bind pose is not known. Export the file with "
+        f"{capture.path}: no skin binds a mesh to all bones, so their bind pose is not known. Export the file with "
         "the body's mesh."
     )
 
@@ -329,35 +297,27 @@ def _body_axes(path: Path, positions: Float[np.ndarray, "52 3"]) -> Float[np.nda
     return se3.matrix_to_quat(axes)
 
 
-def _swing(start: Float[np.ndarray, "3"], end: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4"]:
-    """Return the shortest rotation from one direction to another, wxyz; half a turn for opposite or none."""
-    end = end / max(float(np.linalg.norm(end)), 1e-9)
-    quat = np.concatenate([[1.0 + start @ end], np.cross(start, end)])
-    length = float(np.linalg.norm(quat))
-    return quat / length if length > 1e-6 else np.array([0.0, 0.0, 0.0, 1.0])
-
-
 # The objects
 
 
-def _object(recording: _Recording, poses: NodePoses, node: int) -> ObjectTrack:
-    name, scales = recording.scene.names[node], poses.scales[:, node]
+def _object(capture: _Capture, poses: NodePoses, node: int) -> ObjectTrack:
+    name, scales = capture.scene.names[node], poses.scales[:, node]
     scale = float(scales.mean())
     if np.ptp(scales) > 0.01 * scale:
         raise GeometryError(
-            f"{recording.path}: {name!r} changes its size by {np.ptp(scales) / scale:.0%}; rigid objects are read."
+            f"{capture.path}: {name!r} changes its size by {np.ptp(scales) / scale:.0%}; rigid objects are read."
         )
-    mesh = recording.scene.mesh_of(node)
+    mesh = capture.scene.mesh_of(node)
     assert mesh is not None  # Objects are nodes with a mesh.
-    vertices, faces = recording.scene.mesh(mesh)
+    vertices, faces = capture.scene.mesh(mesh)
     vertices = vertices * scale
     if np.abs(vertices).max() > LARGEST_OBJECT:
         raise GeometryError(
-            f"{recording.path}: {name!r} reaches {np.abs(vertices).max():.4g} m from its origin, expected at most "
+            f"{capture.path}: {name!r} reaches {np.abs(vertices).max():.4g} m from its origin, expected at most "
             f"{LARGEST_OBJECT:g}: another unit, or damage."
         )
     geometry = ObjectGeometry(vertices, faces=faces)
-    return turned_object(ObjectTrack(name, poses.positions[:, node], poses.quats[:, node], geometry), UP_AXIS)
+    return ObjectTrack(name, poses.positions[:, node], poses.quats[:, node], geometry)
 
 
-READER = Reader(format=FORMAT, suffixes=(".glb",), floor_at_zero=False, holds=holds, read=read_file, outline=outline)
+READER = data_set(FORMAT, (".glb",), record, holds=holds)

@@ -15,12 +15,13 @@ along which the person stands. Where none comes out clearly, the recording is re
 import re
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 
-from hoi_retarget.clip.clip import Clip, Source
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, GeometryError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.person import Person
@@ -28,15 +29,13 @@ from hoi_retarget.human.skeleton import JOINT_INDEX
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
-from hoi_retarget.readers.companions import folder_above
+from hoi_retarget.readers.companions import check_frames, folder_above
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.npz_fields import check_frames
+from hoi_retarget.readers.finish import data_set
 from hoi_retarget.readers.object_files import mesh_vertices
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.triangles import first_mesh
-from hoi_retarget.readers.upright import check_upright
-from hoi_retarget.readers.varying_shape import person_of_rows
-from hoi_retarget.readers.worlds import turned_object, turned_person
+from hoi_retarget.readers.worlds import TURN, Turn, World
 
 FORMAT = "imhd"
 LICENCE = "IMHD2: CC BY-NC-SA 4.0, on request"
@@ -58,7 +57,6 @@ _TEMPLATES = "object_templates"
 _OTHER_NAMES: Mapping[str, str] = MappingProxyType({"bat": "baseball"})
 """What the object of a recording is called -> what its template is."""
 _RATE_NOTE = "60 frames a second, as the data set has it; the file does not state it."
-_SKELETON = f"SMPL-H neutral, {BETAS} betas"
 
 
 def holds(file: SourceFile) -> bool:
@@ -66,61 +64,41 @@ def holds(file: SourceFile) -> bool:
     return _MARK in file.content and isinstance(file.pickle, dict) and set(file.pickle) >= _KEYS
 
 
-def read_file(file: SourceFile, options: ReadOptions) -> Clip:
-    """Return the clip in a file.
-
-    Raises:
-        ReadError: the file is damaged, or holds anything that would be executed.
-        ClipError: arrays are missing or disagree, the object is not told, or it cannot be seen which axis is up.
-        GeometryError: the object's mesh cannot be had.
-        BodyModelError: the body model cannot be had.
-    """
+def record(file: SourceFile, options: ReadOptions) -> Recording:
+    """Return what a file holds."""
     fields = Fields(file.path, file.pickle)
     recorded, told = _object_name(file, options)
     name = _OTHER_NAMES.get(recorded, recorded)
-    track = _track(fields, name, _geometry(file, options, name))
-    check_frames(file.path, {"object": len(track.positions), "person": _frames(fields)})
-    person, shape_notes = _person(fields, options.body_models)
-    up, standing = up_axis(file.path, person)
-    for turn in TURNS[up]:
-        person, track = turned_person(person, turn), turned_object(track, turn)
-    check_upright(file.path, person, up)
-    notes = (
-        f"The object is {name}, as {told}.",
-        f"{up} is up: the person stands along it in {standing:.0%} of the frames. Calibrations are not used; the floor "
-        "may be tilted against it.",
-        _RATE_NOTE,
-        *shape_notes,
-    )
-    return Clip(
+    positions = fields.array("smplTrans", ("T", 3), "the body's position")
+
+    def read_tracks() -> Tracks:
+        angles = fields.array("objectRot", ("T", 3), "the object's rotation")
+        check_frames(file.path, {"object": len(angles), "person": len(positions)})
+        places = fields.array("objectTrans", (len(angles), 3), "the object's position")
+        track = ObjectTrack(name, places, se3.exp(angles), _geometry(file, options, name))
+        return Tracks(people=(_body(fields, positions),), objects=(track,))
+
+    return Recording(
         name="_".join(file.path.resolve().with_suffix("").parts[-3 if _SEGMENT.fullmatch(_segment(file)) else -1 :]),
-        fps=FPS,
-        people=(person,),
-        objects=(track,),
-        contacts=(),
-        source=Source(str(file.name), file.sha256, FORMAT, LICENCE, notes),
-    )
-
-
-def outline(file: SourceFile) -> Outline:
-    """Return what a file holds; raises `ReadError` or `ClipError`."""
-    name, _ = _object_name(file, ReadOptions(object_name=None))
-    return Outline(
         description="IMHD2 recording of one person and one object",
-        frames=_frames(Fields(file.path, file.pickle)),
+        frames=len(positions),
         fps=FPS,
-        fps_stated=False,
-        skeleton=_SKELETON,
+        skeleton=f"SMPL-H neutral, {BETAS} betas",
         up_axis="another one on each capture date; measured from the person when it is read",
-        people=1,
-        objects=(_OTHER_NAMES.get(name, name),),
-        contacts="none stored",
+        objects=(name,),
         licence=LICENCE,
+        notes=(f"The object is {name}, as {told}.", _RATE_NOTE),
+        up=partial(_world, file.path),
+        read_tracks=read_tracks,
+        names_objects=False,
     )
 
 
-def up_axis(path: Path, person: Person) -> tuple[str, float]:
-    """Return the axis along which a person stands, and in which share of the frames.
+# The world
+
+
+def _world(path: Path, person: Person) -> World:
+    """Return the world whose up axis is the one along which a person stands.
 
     Args:
         path: the recording, for errors.
@@ -137,14 +115,18 @@ def up_axis(path: Path, person: Person) -> tuple[str, float]:
         for index, axis in enumerate("xyz")
         for sign, factor in (("", 1.0), ("-", -1.0))
     }
-    best = max(shares, key=lambda axis: shares[axis])
-    if shares[best] <= LEAST_STANDING or best not in TURNS:
+    up = max(shares, key=lambda axis: shares[axis])
+    if shares[up] <= LEAST_STANDING or up not in TURNS:
         listing = ", ".join(f"{axis}: {share:.0%}" for axis, share in shares.items())
         raise ClipError(
             f"{path}: which axis is up cannot be told: the person should stand along {', '.join(TURNS)} in more than "
             f"{LEAST_STANDING:.0%} of the frames, but stands along {listing}. Turn the recording to z up."
         )
-    return best, shares[best]
+    note = (
+        f"{up} is up: the person stands along it in {shares[up]:.0%} of the frames. Calibrations are not used; the "
+        "floor may be tilted against it."
+    )
+    return World(up, tuple(Turn(TURN[axis]) for axis in TURNS[up]), note)
 
 
 # The object
@@ -182,21 +164,11 @@ def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeomet
     return replace(geometry, points=geometry.points - mesh_vertices(path).mean(axis=0))
 
 
-def _track(fields: Fields, name: str, geometry: ObjectGeometry) -> ObjectTrack:
-    angles = fields.array("objectRot", ("T", 3), "the object's rotation")
-    positions = fields.array("objectTrans", (len(angles), 3), "the object's position")
-    return ObjectTrack(name, positions, se3.exp(angles), geometry)
-
-
 # The person
 
 
-def _frames(fields: Fields) -> int:
-    return len(fields.array("smplTrans", ("T", 3), "the body's position"))
-
-
-def _person(fields: Fields, body_models: Path | None) -> tuple[Person, tuple[str, ...]]:
-    frames = _frames(fields)
+def _body(fields: Fields, positions: np.ndarray) -> BodyParameters:
+    frames = len(positions)
     body = fields.array("smplPose", (frames, "D"), "the body's pose")
     if body.shape[1] < _BODY:
         raise ClipError(
@@ -204,25 +176,14 @@ def _person(fields: Fields, body_models: Path | None) -> tuple[Person, tuple[str
             f"{_BODY}, three for each joint. Download the recording again."
         )
     hands = fields.array("smplHandPose", (frames, 2 * _HAND), "the pose of both hands")
-    betas = fields.array("smplShape", (frames, BETAS), "the body's shape")
-    parameters = BodyParameters(
+    return BodyParameters.of_rows(
+        np.concatenate([body[:, :_BODY], hands], axis=1),
         family="smplh",
         gender="neutral",
-        betas=betas[0],
-        translation=fields.array("smplTrans", (frames, 3), "the body's position"),
-        body=body[:, :_BODY],
-        left_hand=hands[:, :_HAND],
-        right_hand=hands[:, _HAND:],
+        betas=fields.array("smplShape", (frames, BETAS), "the body's shape"),
+        translation=positions,
         flat_hands=True,
     )
-    return person_of_rows(fields.path, "person", parameters, betas, body_models)
 
 
-READER = Reader(
-    format=FORMAT,
-    suffixes=(".pkl",),
-    floor_at_zero=False,
-    holds=holds,
-    read=read_file,
-    outline=outline,
-)
+READER = data_set(FORMAT, (".pkl",), record, holds=holds)

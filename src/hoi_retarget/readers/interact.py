@@ -25,26 +25,22 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.clip.clip import Clip, Source
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, ReadError
 from hoi_retarget.files.source_file import FOLDER, SourceFile
 from hoi_retarget.human.body_model import Family
-from hoi_retarget.human.person import Person
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectTrack
-from hoi_retarget.readers.body_parameters import TITLES, BodyParameters, person_of
-from hoi_retarget.readers.companions import refuse_object_name
+from hoi_retarget.readers.body_parameters import TITLES, BodyParameters
+from hoi_retarget.readers.companions import check_frames, npz_fields
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.npz_fields import check_frames, npz_fields
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.finish import data_set
+from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.triangles import first_mesh
-from hoi_retarget.readers.upright import check_upright
-from hoi_retarget.readers.worlds import turned_object, turned_person
 
 FORMAT = "interact-canonical"
 LICENCE = "InterAct: CC BY-NC-SA 4.0, on request"
 FPS = 30.0
-UP = "y"
 CANONICAL = "sequences_canonical"
 LARGEST_OFFSET = 0.01
 """[m]; from the origin of a mesh to the mean of its vertices, which are the same in InterAct's meshes."""
@@ -160,57 +156,33 @@ def holds(file: SourceFile) -> bool:
     return there and (_place(file.path).parent.name == CANONICAL or not file.beside(_BEHAVE_BODY).is_file())
 
 
-def read_file(file: SourceFile, options: ReadOptions) -> Clip:
-    """Return the clip in a folder.
-
-    Raises:
-        ReadError: files are damaged, the sequence is not canonical, or a name leads out of the objects' folder.
-        ClipError: arrays are missing, disagree, or are of no data set that is known.
-        GeometryError: the mesh of an object cannot be had.
-        BodyModelError: the body model cannot be had.
-        ArgumentError: an object's name is given.
-    """
+def record(file: SourceFile, options: ReadOptions) -> Recording:
+    """Return what a folder holds."""
     place = _canonical_place(file)
-    human = npz_fields(file, file.beside(_HUMAN))
-    objects = _objects(file)
-    refuse_object_name(file, options, ", ".join(objects))
+    human, objects = npz_fields(file, file.beside(_HUMAN)), _objects(file)
     subset, why = _subset(place, human)
+    gender = human.text("gender", "the body's gender")
     poses = _poses(human)
-    angles = {name: fields.array("angles", ("T", 3), "the object's rotation") for name, fields in objects.items()}
-    check_frames(file.name, {"person": len(poses)} | {name: len(turns) for name, turns in angles.items()})
-    folder = options.objects or place.parents[1] / _OBJECTS
-    tracks = tuple(_track(name, fields, angles[name], folder) for name, fields in objects.items())
-    person = turned_person(_person(human, subset, poses, options.body_models), UP)
-    check_upright(file.name, person, UP)
-    notes = (why, _RATE_NOTE, _FLOOR_NOTE, *([subset.note] if subset.note else []), *_mesh_notes(tracks))
-    return Clip(
+
+    def read_tracks() -> Tracks:
+        angles = {name: fields.array("angles", ("T", 3), "the object's rotation") for name, fields in objects.items()}
+        check_frames(file.path, {"person": len(poses)} | {name: len(turns) for name, turns in angles.items()})
+        folder = options.objects or place.parents[1] / _OBJECTS
+        tracks = tuple(_track(name, fields, angles[name], folder) for name, fields in objects.items())
+        return Tracks(people=(_body(human, subset, gender, poses),), objects=tracks, notes=_mesh_notes(tracks))
+
+    return Recording(
         name=place.name,
-        fps=FPS,
-        people=(person,),
-        objects=tuple(turned_object(track, UP) for track in tracks),
-        contacts=(),
-        source=Source(str(file.name), file.sha256, FORMAT, subset.licence, notes),
-    )
-
-
-def outline(file: SourceFile) -> Outline:
-    """Return what a folder holds; raises `ReadError` or `ClipError`."""
-    place = _canonical_place(file)
-    human = npz_fields(file, file.beside(_HUMAN))
-    subset, why = _subset(place, human)
-    shape = f"{subset.betas} betas" if subset.betas else "the person's own template"
-    return Outline(
         description=f"InterAct's canonical sequence of {subset.title}",
-        frames=len(_poses(human)),
+        frames=len(poses),
         fps=FPS,
-        fps_stated=False,
-        skeleton=f"{TITLES[subset.family]} {_gender(human)}, {shape}",
-        up_axis=f"{UP}, as the format has it",
-        people=1,
-        objects=tuple(_objects(file)),
-        contacts="none stored",
+        skeleton=f"{TITLES[subset.family]} {gender}, "
+        + (f"{subset.betas} betas" if subset.betas else "the person's own template"),
+        objects=tuple(objects),
         licence=subset.licence,
-        notes=(why, *([subset.note] if subset.note else [])),
+        notes=(why, _RATE_NOTE, _FLOOR_NOTE, *filter(None, [subset.note])),
+        up="y",
+        read_tracks=read_tracks,
     )
 
 
@@ -266,10 +238,6 @@ def _poses(human: Fields) -> Float[np.ndarray, "T D"]:
     return human.array("poses", ("T", "D"), "the body's pose")
 
 
-def _gender(human: Fields) -> str:
-    return human.text("gender", "the body's gender")
-
-
 def _betas(human: Fields) -> Float[np.ndarray, "b"]:
     """Return the betas; none where the person has a template."""
     return np.zeros(0) if "vtemp" in human else human.array("betas", ("b",), "the body's shape")
@@ -302,21 +270,16 @@ def _subset(place: Path, human: Fields) -> tuple[Subset, str]:
     return fitting[0], f"It is of {fitting[0].title}, which alone has {found}."
 
 
-def _person(human: Fields, subset: Subset, poses: Float[np.ndarray, "T D"], body_models: Path | None) -> Person:
-    hand = _BODY + subset.hand
-    template = human.array("vtemp", ("V", 3), "the person's own body") if "vtemp" in human else None
-    parameters = BodyParameters(
+def _body(human: Fields, subset: Subset, gender: str, poses: Float[np.ndarray, "T D"]) -> BodyParameters:
+    return BodyParameters.of_rows(
+        poses[:, : subset.width],
         family=subset.family,
-        gender=_gender(human),
+        gender=gender,
         betas=_betas(human),
         translation=human.array("trans", (len(poses), 3), "the body's position"),
-        body=poses[:, :_BODY],
-        left_hand=poses[:, _BODY:hand],
-        right_hand=poses[:, hand : hand + subset.hand],
         flat_hands=subset.flat_hands,
-        template=template,
+        template=human.array("vtemp", ("V", 3), "the person's own body") if "vtemp" in human else None,
     )
-    return person_of(human.path, "person", parameters, body_models)
 
 
 # Objects
@@ -344,12 +307,4 @@ def _mesh_notes(tracks: Sequence[ObjectTrack]) -> tuple[str, ...]:
     )
 
 
-READER = Reader(
-    format=FORMAT,
-    suffixes=(FOLDER,),
-    parts=(_HUMAN, "object.npz"),
-    floor_at_zero=True,
-    holds=holds,
-    read=read_file,
-    outline=outline,
-)
+READER = data_set(FORMAT, (FOLDER,), record, holds=holds, parts=(_HUMAN, _OBJECT), floor_at_zero=True)

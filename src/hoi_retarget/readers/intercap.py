@@ -15,12 +15,13 @@ z = 0 where the feet are indeed on it.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, Source
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, GeometryError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.person import Person
@@ -28,30 +29,18 @@ from hoi_retarget.human.skeleton import JOINT_INDEX
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
-from hoi_retarget.readers.companions import refuse_object_name
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.finish import data_set
+from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.triangles import first_mesh
-from hoi_retarget.readers.upright import check_upright
-from hoi_retarget.readers.varying_shape import person_of_rows
-from hoi_retarget.readers.worlds import TURN, turned_object, turned_person
+from hoi_retarget.readers.worlds import TURN, Turn, World
 
 FORMAT = "intercap"
 LICENCE = "InterCap's licence: non-commercial scientific research only"
 FPS = 30.0
 UP = "-y"
-OBJECTS: Mapping[str, str] = {
-    "01": "suitcase",
-    "02": "skateboard",
-    "03": "soccerball",
-    "04": "umbrella",
-    "05": "racket",
-    "06": "toolbox",
-    "07": "chair",
-    "08": "bottle",
-    "09": "cup",
-    "10": "stool",
-}
+_NAMES = ["suitcase", "skateboard", "soccerball", "umbrella", "racket", "toolbox", "chair", "bottle", "cup", "stool"]
+OBJECTS: Mapping[str, str] = MappingProxyType({f"{number:02d}": name for number, name in enumerate(_NAMES, start=1)})
 """Object's folder -> its name."""
 MALE = ("01", "02", "04", "05", "10")
 SUBJECTS = tuple(f"{number:02d}" for number in range(1, 11))
@@ -106,47 +95,34 @@ def holds(file: SourceFile) -> bool:
     return isinstance(first, Mapping) and all(name in first for name in _TOLD_BY)
 
 
-def read_file(file: SourceFile, options: ReadOptions) -> Clip:
-    """Return the clip in a file.
-
-    Raises:
-        ReadError: the file is damaged.
-        ClipError: arrays are missing, unusable or disagree, folders do not tell the subject, or nobody stands upright.
-        GeometryError: the object's mesh cannot be had, or is another one than beside the recording.
-        BodyModelError: the body model cannot be had.
-        ArgumentError: an object's name is given.
-    """
+def record(file: SourceFile, options: ReadOptions) -> Recording:
+    """Return what a file holds."""
     place = _place(file)
-    refuse_object_name(file, options, place.name)
-    fields, frames = _fields(file)
-    track = _track(fields, frames, place, file, options)
-    person, notes = _person(fields, frames, place, options)
-    person, track, floor_note = _on_floor(turned_person(person, UP), turned_object(track, UP))
-    check_upright(file.path, person, UP)
-    return Clip(
+    fields = _fields(file)
+    frames = len(fields.array("global_orient", ("T", 3), "the pelvis's rotation"))
+
+    def read_tracks() -> Tracks:
+        betas = fields.array("betas", ("T", 10), "the body's shape")
+        if len(betas) != 1:
+            betas = fields.array("betas", (frames, 10), "the body's shape")
+        body = BodyParameters.of_fields(fields, frames, hand=12, gender=place.gender, betas=betas, flat_hands=False)
+        quats = se3.exp(fields.array("ob_pose", (frames, 3), "the object's rotation vectors"))
+        positions = fields.array("ob_trans", (frames, 3), "the object's position")
+        saved = _saved_geometry(file, place, positions[0], quats[0])
+        track = ObjectTrack(place.name, positions, quats, _geometry(file, place, options, saved))
+        return Tracks(people=(body,), objects=(track,))
+
+    return Recording(
         name=f"{place.subject}_{place.object}_{place.segment}",
-        fps=FPS,
-        people=(person,),
-        objects=(track,),
-        contacts=(),
-        source=Source(str(file.name), file.sha256, FORMAT, LICENCE, (floor_note, *notes)),
-    )
-
-
-def outline(file: SourceFile) -> Outline:
-    """Return what a file holds, without shapes and body models; raises `ReadError` or `ClipError`."""
-    place = _place(file)
-    return Outline(
         description="InterCap recording of one person and one object",
-        frames=_fields(file)[1],
+        frames=frames,
         fps=FPS,
-        fps_stated=False,
         skeleton=f"SMPL-X {place.gender}, {_WIDTHS['betas']} betas",
         up_axis="-y of the first camera, tilted as its makers' scripts have it",
-        people=1,
         objects=(place.name,),
-        contacts="none stored",
         licence=LICENCE,
+        up=_world,
+        read_tracks=read_tracks,
     )
 
 
@@ -164,18 +140,14 @@ def _place(file: SourceFile) -> _Place:
 # What the file holds
 
 
-def _fields(file: SourceFile) -> tuple[Fields, int]:
-    """Return everything that is used as rows for frames, and how many there are."""
+def _fields(file: SourceFile) -> Fields:
+    """Return everything that is used as rows for frames."""
     value = file.pickle
     if isinstance(value, Mapping):
         rows = {name: _rows(file.path, name, value[name], width) for name, width in _WIDTHS.items() if name in value}
     else:
         rows = {name: _rows_of_frames(file.path, name, value, width) for name, width in _WIDTHS.items()}
-    fields = Fields(file.path, rows)
-    frames = len(fields.array("global_orient", ("T", 3), "the pelvis's rotation"))
-    if frames < MINIMUM_FRAMES:
-        raise ClipError(f"{file.path}: there are {frames} frames; at least {MINIMUM_FRAMES} are needed.")
-    return fields, frames
+    return Fields(file.path, rows)
 
 
 def _rows_of_frames(path: Path, name: str, frames: Sequence[Any], width: int) -> Float[np.ndarray, "T n"]:
@@ -206,32 +178,6 @@ def _rows(path: Path, name: str, value: Any, width: int) -> Float[np.ndarray, "T
             "Download the recording again."
         )
     return numbers.reshape(-1, width).astype(float)
-
-
-def _person(fields: Fields, frames: int, place: _Place, options: ReadOptions) -> tuple[Person, tuple[str, ...]]:
-    root = fields.array("global_orient", (frames, 3), "the pelvis's rotation")
-    body = fields.array("body_pose", (frames, 63), "the body's pose")
-    betas = fields.array("betas", ("T", 10), "the body's shape")
-    if len(betas) != 1:
-        betas = fields.array("betas", (frames, 10), "the body's shape")
-    parameters = BodyParameters(
-        family="smplx",
-        gender=place.gender,
-        betas=betas[0],
-        translation=fields.array("transl", (frames, 3), "the body's position"),
-        body=np.concatenate([root, body], axis=1),
-        left_hand=fields.array("left_hand_pose", (frames, 12), "the left hand's components"),
-        right_hand=fields.array("right_hand_pose", (frames, 12), "the right hand's components"),
-        flat_hands=False,
-    )
-    return person_of_rows(fields.path, "person", parameters, betas, options.body_models)
-
-
-def _track(fields: Fields, frames: int, place: _Place, file: SourceFile, options: ReadOptions) -> ObjectTrack:
-    quats = se3.exp(fields.array("ob_pose", (frames, 3), "the object's rotation vectors"))
-    positions = fields.array("ob_trans", (frames, 3), "the object's position")
-    saved = _saved_geometry(file, place, positions[0], quats[0])
-    return ObjectTrack(place.name, positions, quats, _geometry(file, place, options, saved))
 
 
 # The object's shape
@@ -273,49 +219,25 @@ def _geometry(file: SourceFile, place: _Place, options: ReadOptions, saved: Obje
 # The world
 
 
-def _on_floor(person: Person, track: ObjectTrack) -> tuple[Person, ObjectTrack, str]:
-    """Return both in a world whose floor is the makers', where feet are on it; otherwise as they are, with the note."""
-    up = se3.rotate(TURN[UP], np.array(FLOOR_NORMAL))
-    point = se3.rotate(TURN[UP], np.array(FLOOR_POINT))
-    tilt = _turn_to_z(up)
+def _world(person: Person) -> World:
+    """Return the world whose floor is the makers', where feet are on it; otherwise with y down."""
+    up, point = (se3.rotate(TURN[UP], np.array(place)) for place in (FLOOR_NORMAL, FLOOR_POINT))
+    tilt = se3.shortest_rotation(up, np.array([0.0, 0.0, 1.0]))
     height = float(se3.rotate(tilt, point)[2])
-    feet = se3.rotate(tilt, person.joint_positions[:, _FEET])[..., 2].min(axis=1) - height
-    degrees = float(np.rad2deg(np.arccos(up[2])))
+    feet = se3.rotate(tilt, se3.rotate(TURN[UP], person.joint_positions[:, _FEET]))[..., 2].min(axis=1) - height
     on_floor = float(((feet >= LOWEST_FOOT) & (feet <= HIGHEST_FOOT)).mean())
     if on_floor < LEAST_ON_FLOOR:
-        return (
-            person,
-            track,
+        note = (
             f"The feet are on the makers' floor in {on_floor:.0%} of the frames only (median {np.median(feet):.2f} m "
-            "above it): y is down as in the first camera, whose tilt is not known here, so the floor may slope.",
+            "above it): y is down as in the first camera, whose tilt is not known here, so the floor may slope."
         )
-    down = np.array([0.0, 0.0, height])
-    person = replace(
-        person,
-        joint_positions=se3.rotate(tilt, person.joint_positions) - down,
-        joint_quats=se3.quat_multiply(tilt, person.joint_quats),
-    )
-    track = replace(
-        track, positions=se3.rotate(tilt, track.positions) - down, quats=se3.quat_multiply(tilt, track.quats)
-    )
-    return (
-        person,
-        track,
+        return replace(World.of_axis(UP), note=note)
+    degrees = float(np.rad2deg(np.arccos(up[2])))
+    note = (
         f"The world is levelled by the floor of the makers' scripts, {degrees:.1f} deg off the first camera's y axis; "
-        f"the feet are on it in {on_floor:.0%} of the frames.",
+        f"the feet are on it in {on_floor:.0%} of the frames."
     )
+    return World(UP, (Turn(TURN[UP]), Turn(tilt, floor=height)), note)
 
 
-def _turn_to_z(up: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4"]:
-    """Return the smallest rotation that turns a direction, not straight down, to z."""
-    return se3.quat_normalize(np.array([1.0 + up[2], up[1], -up[0], 0.0]))
-
-
-READER = Reader(
-    format=FORMAT,
-    suffixes=(".pkl",),
-    floor_at_zero=False,
-    holds=holds,
-    read=read_file,
-    outline=outline,
-)
+READER = data_set(FORMAT, (".pkl",), record, holds=holds)

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, Source
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, GeometryError, ReadError
 from hoi_retarget.files.joblib_file import read_joblib, starts_with
 from hoi_retarget.files.source_file import SourceFile
@@ -31,17 +31,16 @@ from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINTS
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of
-from hoi_retarget.readers.companions import folder_of_tree, refuse_object_name
+from hoi_retarget.readers.companions import chosen_clip, folder_of_tree
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.finish import data_set
+from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.rigid import quats_of
 from hoi_retarget.readers.triangles import first_mesh
-from hoi_retarget.readers.upright import check_upright
 
 FORMAT = "omomo"
 LICENCE = "MIT, as others state it; the makers' repository has no licence"
 FPS = 30.0
-UP = "z"
 TWO_PARTS = ("mop", "vacuum")
 LARGEST_CHANGE = 1e-3
 """Of an object's size within a clip, as a share of it."""
@@ -78,55 +77,38 @@ def clips_in(file: SourceFile) -> tuple[str, ...]:
     return tuple(_recordings(file).clips)
 
 
-def read_file(file: SourceFile, options: ReadOptions) -> Clip:
-    """Return the clip that is selected; a body model is used where it is given.
-
-    Raises:
-        ReadError: the file is damaged, or holds something else.
-        ClipError: arrays are missing, disagree, or contradict each other.
-        GeometryError: the object's scan cannot be had.
-        ArgumentError: an object's name is given.
-    """
-    name, fields = _selected(file)
+def record(file: SourceFile, options: ReadOptions) -> Recording:
+    """Return what the selected clip holds; a body model is used where it is given."""
+    recordings = _recordings(file)
+    name = chosen_clip(file, recordings.clips, "clips")
+    fields = Fields(file.path, recordings.clips[name], within=f"{name}/")
+    positions = fields.array("trans", ("T", 3), "the body's position")
     thing = name.split("_")[1]
-    refuse_object_name(file, options, thing)
-    frames = len(_translation(fields))
-    if frames < MINIMUM_FRAMES:
-        raise ClipError(f"{file.name}: {frames} frame(s); at least {MINIMUM_FRAMES} are needed. Choose another clip.")
-    person, person_notes = _person(fields, frames, options.body_models)
-    check_upright(file.path, person, UP)
-    tracks, object_notes = _objects(file, options, fields, thing, frames)
-    return Clip(
+    # What follows the object's name in that of a part, and what follows it in that of the part's scan.
+    parts = {"": "_top", "_bottom": "_bottom"} if thing in TWO_PARTS else {"": ""}
+
+    def read_tracks() -> Tracks:
+        person, notes = _person(fields, positions, options.body_models)
+        tracks: tuple[ObjectTrack, ...] = ()
+        for part, scan in parts.items():
+            size, size_notes = _size(fields, f"{thing}{part}", f"obj{part}_scale", len(positions))
+            geometry = _geometry(file, options, thing, scan, size)
+            tracks += (_track(fields, f"{thing}{part}", f"obj{part}", len(positions), geometry),)
+            notes += size_notes
+        return Tracks(people=(person,), objects=tracks, notes=notes)
+
+    return Recording(
         name=name,
-        fps=FPS,
-        people=(person,),
-        objects=tracks,
-        contacts=(),
-        source=Source(
-            str(file.name),
-            _recordings(file).sha256,
-            FORMAT,
-            LICENCE,
-            notes=(_RATE_NOTE, *person_notes, *object_notes),
-        ),
-    )
-
-
-def outline(file: SourceFile) -> Outline:
-    """Return what the selected clip holds; raises `ReadError` or `ClipError`."""
-    name, fields = _selected(file)
-    thing = name.split("_")[1]
-    return Outline(
         description="OMOMO clip of one person and one object",
-        frames=len(_translation(fields)),
+        frames=len(positions),
         fps=FPS,
-        fps_stated=False,
         skeleton=f"SMPL-X {fields.text('gender', 'the body model')}, 16 betas, joints at rest stored",
-        up_axis="z, as the format has it",
-        people=1,
-        objects=(thing, f"{thing}_bottom") if thing in TWO_PARTS else (thing,),
-        contacts="none stored",
+        objects=tuple(f"{thing}{part}" for part in parts),
         licence=LICENCE,
+        notes=(_RATE_NOTE,),
+        up="z",
+        read_tracks=read_tracks,
+        sha256=recordings.sha256,
     )
 
 
@@ -160,58 +142,44 @@ def _indexed(path: Path, *_changed: int) -> _Recordings:
     return _Recordings(sha256, clips)
 
 
-def _selected(file: SourceFile) -> tuple[str, Fields]:
-    clips = _recordings(file).clips
-    name = next(iter(clips)) if file.selection is None and len(clips) == 1 else file.selection
-    if name is None or name not in clips:
-        raise ReadError(
-            f"{file.name}: it does not say which of its {len(clips)} clips. Choose one: {file.path}#{next(iter(clips))}"
-        )
-    return name, Fields(file.path, clips[name], within=f"{name}/")
-
-
 # The person
 
 
-def _translation(fields: Fields) -> Float[np.ndarray, "T 3"]:
-    return fields.array("trans", ("T", 3), "the body's position")
-
-
-def _person(fields: Fields, frames: int, body_models: Path | None) -> tuple[Person, tuple[str, ...]]:
+def _person(
+    fields: Fields, positions: Float[np.ndarray, "T 3"], body_models: Path | None
+) -> tuple[Person, tuple[str, ...]]:
+    frames = len(positions)
     root = fields.array("root_orient", (frames, 3), "the pelvis's rotation")
     body = fields.array("pose_body", (frames, 3 * (_BODY - 1)), "the body's pose")
     pose = np.concatenate([root, body], axis=1)
-    own = _own_person(fields, pose.reshape(frames, _BODY, 3))
+    own = _own_person(fields, positions, pose.reshape(frames, _BODY, 3))
     if body_models is None:
         return own, (fingers.NOTE,)
-    hands = np.zeros((frames, 45))
-    parameters = BodyParameters(
+    parameters = BodyParameters.of_rows(
+        np.concatenate([pose, np.zeros((frames, 90))], axis=1),
         family="smplx",
         gender=fields.text("gender", "the body model"),
         betas=fields.array("betas", (1, 16), "the body's shape")[0],
-        translation=_translation(fields),
-        body=pose,
-        left_hand=hands,
-        right_hand=hands,
+        translation=positions,
         flat_hands=True,
     )
     person = person_of(fields.path, own.name, parameters, body_models)
     return person, (_HANDS_NOTE, *_gap_notes(fields.path, own, person))
 
 
-def _own_person(fields: Fields, pose: Float[np.ndarray, "T 22 3"]) -> Person:
+def _own_person(fields: Fields, positions: Float[np.ndarray, "T 3"], pose: Float[np.ndarray, "T 22 3"]) -> Person:
     bones = fields.array("rest_offsets", (_BODY + 2, 3), "joints in their parents' frames at rest")[:_BODY]
-    pelvis = _translation(fields) - fields.array("trans2joint", (3,), "minus the pelvis at rest")
-    quats, positions = np.empty((len(pose), len(JOINTS), 4)), np.empty((len(pose), len(JOINTS), 3))
+    pelvis = positions - fields.array("trans2joint", (3,), "minus the pelvis at rest")
+    quats, places = np.empty((len(pose), len(JOINTS), 4)), np.empty((len(pose), len(JOINTS), 3))
     quats[:, :_BODY] = kinematics.world_quats(pose, kinematics.BODY_PARENTS)
-    positions[:, :_BODY] = kinematics.world_positions(pelvis, bones, quats[:, :_BODY], kinematics.BODY_PARENTS)
-    if rest_pose.agreement(positions, quats) < rest_pose.LEAST_AGREEMENT:
+    places[:, :_BODY] = kinematics.world_positions(pelvis, bones, quats[:, :_BODY], kinematics.BODY_PARENTS)
+    if rest_pose.agreement(places, quats) < rest_pose.LEAST_AGREEMENT:
         raise ClipError(
             f"{fields.path}: rest_offsets has knees or elbows elsewhere than below or beside their parents, where "
             "SMPL-X's T-pose has them. Download it again."
         )
-    fingers.add_straight_fingers(positions[:, None], quats[:, None])
-    return Person("person", positions, quats, fingers_recorded=False)
+    fingers.add_straight_fingers(places[:, None], quats[:, None])
+    return Person("person", places, quats, fingers_recorded=False)
 
 
 def _gap_notes(path: Path, own: Person, modelled: Person) -> tuple[str, ...]:
@@ -228,34 +196,22 @@ def _gap_notes(path: Path, own: Person, modelled: Person) -> tuple[str, ...]:
 # The object
 
 
-def _objects(
-    file: SourceFile, options: ReadOptions, fields: Fields, thing: str, frames: int
-) -> tuple[tuple[ObjectTrack, ...], tuple[str, ...]]:
-    if thing not in TWO_PARTS:
-        track, notes = _object(file, options, fields, frames, thing, "", "")
-        return (track,), notes
-    top, top_notes = _object(file, options, fields, frames, thing, "", "_top")
-    bottom, bottom_notes = _object(file, options, fields, frames, thing, "_bottom", "_bottom")
-    return (top, bottom), (*top_notes, *bottom_notes)
+def _track(fields: Fields, name: str, key: str, frames: int, geometry: ObjectGeometry) -> ObjectTrack:
+    rotations = fields.array(f"{key}_rot", (frames, 3, 3), "the object's rotation")
+    positions = fields.array(f"{key}_trans", (frames, 3, 1), "the object's position")[..., 0]
+    return ObjectTrack(name, positions, quats_of(fields.path, f"the rotation of {name}", rotations), geometry)
 
 
-def _object(  # noqa: PLR0913, PLR0917 - what is the same for both parts, and what is not
-    file: SourceFile, options: ReadOptions, fields: Fields, frames: int, thing: str, key: str, scan: str
-) -> tuple[ObjectTrack, tuple[str, ...]]:
-    name = f"{thing}{key}"
-    rotations = fields.array(f"obj{key}_rot", (frames, 3, 3), "the object's rotation")
-    positions = fields.array(f"obj{key}_trans", (frames, 3, 1), "the object's position")[..., 0]
-    sizes = fields.array(f"obj{key}_scale", (frames,), "the object's size")
+def _size(fields: Fields, name: str, key: str, frames: int) -> tuple[float, tuple[str, ...]]:
+    """Return how many times as large as its scan an object is, and what is to be noted of it."""
+    sizes = fields.array(key, (frames,), "the object's size")
     size, change = float(sizes.mean()), float(np.ptp(sizes))
     if sizes.min() <= 0 or change > LARGEST_CHANGE * size:
         raise ClipError(
-            f"{file.name}: the size of {name} goes from {sizes.min():.4g} to {sizes.max():.4g} times its scan's; a "
+            f"{fields.path}: the size of {name} goes from {sizes.min():.4g} to {sizes.max():.4g} times its scan's; a "
             f"rigid body keeps it, up to {LARGEST_CHANGE:g} of it. Choose another clip."
         )
-    notes = (f"The size of {name} varies by {change / size:.1e} of it; the mean is taken.",) if change > 0 else ()
-    geometry = _geometry(file, options, thing, scan, size)
-    quats = quats_of(file.path, f"the rotation of {name}", rotations)
-    return ObjectTrack(name, positions, quats, geometry), notes
+    return size, (f"The size of {name} varies by {change / size:.1e} of it; the mean is taken.",) * (change > 0)
 
 
 def _geometry(file: SourceFile, options: ReadOptions, thing: str, scan: str, size: float) -> ObjectGeometry:
@@ -270,12 +226,4 @@ def _geometry(file: SourceFile, options: ReadOptions, thing: str, scan: str, siz
     return first_mesh(f"{thing}{scan}", [path], centred=False, scale=size)
 
 
-READER = Reader(
-    format=FORMAT,
-    suffixes=(".p",),
-    floor_at_zero=False,
-    holds=holds,
-    read=read_file,
-    clips_in=clips_in,
-    outline=outline,
-)
+READER = data_set(FORMAT, (".p",), record, holds=holds, clips_in=clips_in)

@@ -23,12 +23,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, Source
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import BodyModelError, ClipError, GeometryError, ReadError
 from hoi_retarget.files.source_file import FOLDER, SourceFile
 from hoi_retarget.files.torch_file import parse_tensors
@@ -38,17 +37,16 @@ from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of
-from hoi_retarget.readers.companions import folder_above, folder_of_tree, json_values, refuse_object_name
+from hoi_retarget.readers.companions import chosen_clip, folder_above, folder_of_tree, json_values
 from hoi_retarget.readers.fields import Fields
+from hoi_retarget.readers.finish import data_set
 from hoi_retarget.readers.object_files import load_mesh
-from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
+from hoi_retarget.readers.recording import Recording, Tracks
 from hoi_retarget.readers.rigid import poses_of
-from hoi_retarget.readers.upright import check_upright
 
 FORMAT = "parahome"
 LICENCE = "CC BY-NC-SA 4.0, academic use"
 FPS = 30.0
-UP = "z"
 LARGEST_GAP = 0.10
 """[m]; median distance between joints of the makers' fit and of their skeleton: farther, frames or people differ."""
 LARGEST_WANDERING = 0.02
@@ -58,33 +56,16 @@ _POSES = "object_transformations.pkl"
 _JOINTS = "joint_positions.pkl"
 _ANNOTATIONS = ("text_annotation.json", "text_annotations.json")
 _INTERVAL = re.compile(r"\s*(\d{1,9})\s+(\d{1,9})\s*")
-_MOST_FRAMES = 1 << 30
 _BODY, _HAND = 23, 25
 
+_ARM, _LEG = ("collar", "shoulder", "elbow", "wrist"), ("hip", "knee", "ankle", "foot")
+_ORDER = (
+    *("pelvis", "spine1", "spine2", "spine3", "neck", "head"),
+    *(f"{side}_{joint}" for joints in (_ARM, _LEG) for side in ("right", "left") for joint in joints),
+)
 _PLACES: Mapping[str, tuple[int, int]] = {
-    "pelvis": (1, 0),
-    "spine1": (2, 2),
-    "spine2": (3, 3),
-    "spine3": (4, 4),
-    "neck": (5, 5),
-    "head": (6, 6),
-    "right_collar": (7, 7),
-    "right_shoulder": (8, 8),
-    "right_elbow": (9, 9),
-    "right_wrist": (10, 10),
-    "left_collar": (11, 11),
-    "left_shoulder": (12, 12),
-    "left_elbow": (13, 13),
-    "left_wrist": (14, 14),
-    "right_hip": (15, 15),
-    "right_knee": (16, 16),
-    "right_ankle": (17, 17),
-    "right_foot": (18, 18),
-    "left_hip": (19, 19),
-    "left_knee": (20, 20),
-    "left_ankle": (21, 21),
-    "left_foot": (22, 22),
-}
+    joint: (index, index) for index, joint in enumerate(_ORDER, start=1) if joint != "pelvis"
+} | {"pelvis": (1, 0)}
 """Joint of `skeleton.JOINTS` -> ParaHome's joint where it is, and the one whose rotation it has."""
 _PARENTS = (-1, 0, 1, 2, 3, 4, 5, 4, 7, 8, 9, 4, 11, 12, 13, 0, 15, 16, 17, 0, 19, 20, 21)
 """Of ParaHome's body."""
@@ -123,13 +104,9 @@ class _Interval:
     def name(self) -> str:
         return f"{self.first}-{self.stop}"
 
-
-@dataclass(frozen=True, eq=False)
-class _Track:
-    """In which frames a part is there, and where."""
-
-    frames: Int[np.ndarray, "N"]
-    poses: Float[np.ndarray, "N 4 4"]
+    @property
+    def rows(self) -> slice:
+        return slice(self.first, self.stop)
 
 
 def holds(file: SourceFile) -> bool:
@@ -142,61 +119,37 @@ def clips_in(file: SourceFile) -> tuple[str, ...]:
     return tuple(_intervals(file))
 
 
-def read_file(file: SourceFile, options: ReadOptions) -> Clip:
-    """Return the interval that is selected; the makers' fit is used where body models are given.
+def record(file: SourceFile, options: ReadOptions) -> Recording:
+    """Return what the selected interval holds; the makers' fit is used where body models are given."""
+    intervals = _intervals(file)
+    interval = intervals[chosen_clip(file, intervals, "intervals")]
 
-    Raises:
-        ReadError: files are missing or damaged.
-        ClipError: arrays are missing, disagree, or contradict each other.
-        GeometryError: a part's mesh cannot be had.
-        BodyModelError: the own skeleton's rotations do not fit its joints, so that a body model is needed.
-        ArgumentError: an object's name is given.
-    """
-    interval = _selected(file)
-    refuse_object_name(file, options, "its parts")
-    tracks, object_notes = _objects(file, options, interval)
-    joints = _array(file, _JOINTS, ("T", _BODY + 2 * _HAND, 3), "the joints")
-    if interval.stop > len(joints):
-        raise ClipError(
-            f"{file.name}: the interval {interval.name} ends after the {len(joints)} frames of {_JOINTS}. Choose "
-            "another interval, or download the recording again."
-        )
-    if options.body_models is None:
-        person, person_notes = _own_person(file, joints, interval), (_SKELETON_NOTE,)
-    else:
-        person, person_notes = _fitted_person(file, joints, interval, options.body_models), ()
-    check_upright(file.path, person, UP)
-    return Clip(
+    def read_tracks() -> Tracks:
+        tracks, notes = _objects(file, options, interval)
+        joints = _array(file, _JOINTS, ("T", _BODY + 2 * _HAND, 3), "the joints")
+        if interval.stop > len(joints):
+            raise ClipError(
+                f"{file.name}: the interval {interval.name} ends after the {len(joints)} frames of {_JOINTS}. Choose "
+                "another interval, or download the recording again."
+            )
+        if options.body_models is not None:
+            person = _fitted_person(file, joints, interval, options.body_models)
+        else:
+            person, notes = _own_person(file, joints, interval), (_SKELETON_NOTE, *notes)
+        return Tracks(people=(person,), objects=tracks, notes=notes)
+
+    return Recording(
         name=f"{file.path.resolve().name}_{interval.name}",
-        fps=FPS,
-        people=(person,),
-        objects=tracks,
-        contacts=(),
-        source=Source(
-            str(file.name),
-            file.sha256,
-            FORMAT,
-            LICENCE,
-            notes=(f"Described as {interval.text[:200]!r}.", _RATE_NOTE, *person_notes, *object_notes),
-        ),
-        first_source_frame=interval.first,
-    )
-
-
-def outline(file: SourceFile) -> Outline:
-    """Return what the selected interval holds, without joints and poses; raises `ReadError` or `ClipError`."""
-    interval = _selected(file)
-    return Outline(
         description=f"ParaHome recording of one person in a room: {interval.text[:200]}",
         frames=interval.stop - interval.first,
         fps=FPS,
-        fps_stated=False,
         skeleton="73 joints of ParaHome's own skeleton; SMPL-X with 20 betas beside it",
-        up_axis="z, as the format has it",
-        people=1,
         objects=_scene(file),
-        contacts="none stored",
         licence=LICENCE,
+        notes=(f"Described as {interval.text[:200]!r}.", _RATE_NOTE),
+        up="z",
+        read_tracks=read_tracks,
+        first_frame=interval.first,
     )
 
 
@@ -221,25 +174,12 @@ def _intervals(file: SourceFile) -> dict[str, _Interval]:
     return {interval.name: interval for interval in sorted(found, key=lambda it: (it.first, it.stop))}
 
 
-def _selected(file: SourceFile) -> _Interval:
-    intervals = _intervals(file)
-    name = next(iter(intervals)) if file.selection is None and len(intervals) == 1 else file.selection
-    if name is None or name not in intervals:
-        raise ReadError(
-            f"{file.name}: it does not say which of its {len(intervals)} intervals. Choose one: "
-            f"{file.path}#{next(iter(intervals))}"
-        )
-    interval = intervals[name]
-    if interval.stop - interval.first < MINIMUM_FRAMES:
-        raise ClipError(f"{file.name}: the interval has fewer than {MINIMUM_FRAMES} frames. Choose another one.")
-    return interval
-
-
 def _scene(file: SourceFile) -> tuple[str, ...]:
     path = file.beside("object_in_scene.json")
     if not path.is_file():
         return ()
-    return tuple(name for name, is_there in json_values(file, path).items() if is_there)
+    # No clip depends on it: read by itself, it does not count into the recording's digest.
+    return tuple(name for name, is_there in json_values(SourceFile(path), path).items() if is_there)
 
 
 def _array(file: SourceFile, name: str, shape: tuple[int | str, ...], meaning: str) -> np.ndarray:
@@ -253,53 +193,38 @@ def _array(file: SourceFile, name: str, shape: tuple[int | str, ...], meaning: s
 def _objects(
     file: SourceFile, options: ReadOptions, interval: _Interval
 ) -> tuple[tuple[ObjectTrack, ...], tuple[str, ...]]:
-    path = file.beside(_POSES)
+    path, frames = file.beside(_POSES), range(interval.first, interval.stop)
     made, absent = [], []
-    for name, track in _tracks(file.read(path), path).items():
-        within = (track.frames >= interval.first) & (track.frames < interval.stop)
-        count = int(within.sum())
-        if count == interval.stop - interval.first:
-            poses = Fields(path, {name: track.poses[within]}).array(name, (count, 4, 4), "the part's pose")
-            made.append(ObjectTrack(name, *poses_of(path, name, poses), _geometry(file, options, name)))
-        elif count:
-            absent.append(f"{name} ({count} frames)")
+    for name, known in _poses(file.read(path), path).items():
+        poses = [known[frame] for frame in frames if frame in known]
+        if len(poses) == len(frames):
+            matrices = Fields(path, {name: poses}).array(name, ("T", 4, 4), "the part's pose")
+            made.append(ObjectTrack(name, *poses_of(path, name, matrices), _geometry(file, options, name)))
+        elif poses:
+            absent.append(f"{name} ({len(poses)} frames)")
     if not made:
         raise ClipError(f"{path}: no part of an object is there in all frames of {interval.name}. Choose another one.")
     still = [track.name for track in made if _is_still(track)]
-    notes: tuple[str, ...] = ()
-    if still:
-        notes += (f"Parts that do not move: {', '.join(still)}.",)
-    if absent:
-        notes += (f"Left out, as they are there in some of the frames only: {', '.join(absent)}.",)
-    return tuple(made), notes
+    told = {"Parts that do not move": still, "Left out, as they are there in some of the frames only": absent}
+    return tuple(made), tuple(f"{what}: {', '.join(names)}." for what, names in told.items() if names)
 
 
 @lru_cache(maxsize=2)
-def _tracks(content: bytes, path: Path) -> Mapping[str, _Track]:
-    """Return the tracks of all parts over a whole recording, by name; raises `ReadError`."""
+def _poses(content: bytes, path: Path) -> Mapping[str, Mapping[int, np.ndarray]]:
+    """Return the poses of all parts over a whole recording, by name and frame; raises `ReadError`."""
     frames = parse_tensors(content, path)
-    found: dict[str, tuple[list[int], list[np.ndarray]]] = {}
+    found: dict[str, dict[int, np.ndarray]] = {}
     for frame, parts in frames.items() if isinstance(frames, dict) else ():
-        if type(frame) is not int or not 0 <= frame < _MOST_FRAMES or not isinstance(parts, dict):
+        if type(frame) is not int or not isinstance(parts, dict):
             raise ReadError(f"{path}: frame {frame!a} is not a number with a dictionary of parts. Download it again.")
         for name, pose in parts.items():
-            if not isinstance(name, str) or not _is_pose(pose):
+            sound = isinstance(pose, np.ndarray) and pose.shape == (4, 4) and pose.dtype.kind in "fiu"
+            if not isinstance(name, str) or not sound:
                 raise ReadError(f"{path}: frame {frame}: {name!a} is no part with a matrix (4, 4). Download it again.")
-            numbers, poses = found.setdefault(name, ([], []))
-            numbers.append(frame)
-            poses.append(pose)
+            found.setdefault(name, {})[frame] = pose
     if not found:
         raise ReadError(f"{path}: there are no poses of objects in it. Download it again.")
-    return {name: _in_order(np.array(numbers), np.array(poses)) for name, (numbers, poses) in sorted(found.items())}
-
-
-def _is_pose(value: Any) -> bool:
-    return isinstance(value, np.ndarray) and value.shape == (4, 4) and value.dtype.kind in "fiu"
-
-
-def _in_order(frames: Int[np.ndarray, "N"], poses: np.ndarray) -> _Track:
-    order = np.argsort(frames)
-    return _Track(frames[order], poses[order])
+    return dict(sorted(found.items()))
 
 
 def _is_still(track: ObjectTrack) -> bool:
@@ -334,56 +259,53 @@ def _fitted_person(
             f"{file.name}: there is no folder smplx_seq/{name} beside seq, with the makers' fit of SMPL-X. Download "
             "it, or leave --body-models away to read ParaHome's own skeleton."
         )
-    shape, pose = _table(file, folder / "smplx_params.pkl"), _table(file, folder / "smplx_pose.pkl")
-    frames = slice(interval.first, interval.stop)
-    body = pose.array("body_pose", (len(joints), 63), "the body's pose")[frames]
-    hands = pose.array("hand_pose", (len(joints), 90), "the hands' pose, left and right")[frames]
-    root = pose.array("global_orient", (len(joints), 3), "the pelvis's rotation")[frames]
-    parameters = BodyParameters(
+    shape, fit = _table(file, folder / "smplx_params.pkl"), _table(file, folder / "smplx_pose.pkl")
+    parts = {
+        "global_orient": (3, "the pelvis's rotation"),
+        "body_pose": (63, "the body's pose"),
+        "hand_pose": (90, "the hands' pose, left and right"),
+    }
+    pose = np.concatenate([fit.rows(name, len(joints), *meaning) for name, meaning in parts.items()], axis=1)
+    parameters = BodyParameters.of_rows(
+        pose,
         family="smplx",
         gender=shape.text("gender", "the body model"),
         betas=shape.array("beta", (1, 20), "the body's shape")[0],
-        translation=pose.array("transl", (len(joints), 3), "the body's position")[frames],
-        body=np.concatenate([root, body], axis=1),
-        left_hand=hands[:, :45],
-        right_hand=hands[:, 45:],
+        translation=fit.rows("transl", len(joints), 3, "the body's position"),
         flat_hands=True,
     )
-    person = person_of(pose.path, "person", parameters, body_models)
+    person = person_of(fit.path, "person", parameters.at(interval.rows), body_models)
     compared = [f"{side}_{joint}" for side in ("left", "right") for joint in _COMPARED]
     fitted = person.joint_positions[:, [JOINT_INDEX[joint] for joint in compared]]
-    own = joints[frames][:, [_PLACES[joint][0] for joint in compared]]
+    own = joints[interval.rows][:, [_PLACES[joint][0] for joint in compared]]
     gap = float(np.median(np.linalg.norm(fitted - own, axis=2)))
     if gap > LARGEST_GAP:
         raise ClipError(
-            f"{pose.path}: arms and legs of the fit are mostly {gap:.3g} m from those of {_JOINTS}, expected at most "
+            f"{fit.path}: arms and legs of the fit are mostly {gap:.3g} m from those of {_JOINTS}, expected at most "
             f"{LARGEST_GAP:g} m: frames or people differ. Use the model of that gender, or leave --body-models away."
         )
     return person
 
 
 def _table(file: SourceFile, path: Path) -> Fields:
-    """Return a dictionary of arrays as fields: numbers of one frame, whether by joint or not, in one row."""
+    """Return a dictionary of arrays as fields: numbers without a frame as those of one frame."""
     values = parse_tensors(file.read(path), path)
     if not isinstance(values, dict):
         raise ReadError(f"{path}: it holds {type(values).__name__}, expected a dictionary. Download it again.")
-    return Fields(path, {name: _in_rows(value) for name, value in values.items()})
-
-
-def _in_rows(value: Any) -> Any:
-    if not isinstance(value, np.ndarray):
-        return value
-    if value.ndim == 3 and value.shape[2] == 3:
-        return value.reshape(len(value), 3 * value.shape[1])
-    return value[None] if value.ndim == 1 else value
+    return Fields(
+        path,
+        {
+            name: value[None] if isinstance(value, np.ndarray) and value.ndim == 1 else value
+            for name, value in values.items()
+        },
+    )
 
 
 def _own_person(file: SourceFile, joints: Float[np.ndarray, "T 73 3"], interval: _Interval) -> Person:
     """Return the person that ParaHome's own skeleton is."""
-    frames = slice(interval.first, interval.stop)
-    rotations = _array(file, "body_joint_orientations.pkl", (len(joints), _BODY, 6), "rows of rotations")[frames]
-    transforms = _array(file, "body_global_transform.pkl", (len(joints), 4, 4), "the body's frame")[frames]
-    joints = joints[frames]
+    rotations = _array(file, "body_joint_orientations.pkl", (len(joints), _BODY, 6), "rows of rotations")
+    transforms = _array(file, "body_global_transform.pkl", (len(joints), 4, 4), "the body's frame")
+    rotations, transforms, joints = (array[interval.rows] for array in (rotations, transforms, joints))
     _, frame = poses_of(file.path, "body_global_transform.pkl", transforms)
     own = se3.quat_multiply(frame[:, None], _quats_of_rows(file.path, rotations))
     bones = kinematics.bones_in_parents(joints[:, :_BODY], own, _PARENTS)
@@ -464,13 +386,4 @@ def _palm_quats(path: Path, hand: Float[np.ndarray, "T 25 3"], sign: float) -> F
     return se3.matrix_to_quat(np.stack([x, y, np.cross(x, y)], axis=-1))
 
 
-READER = Reader(
-    format=FORMAT,
-    suffixes=(FOLDER,),
-    parts=(_POSES, _JOINTS),
-    floor_at_zero=False,
-    holds=holds,
-    read=read_file,
-    clips_in=clips_in,
-    outline=outline,
-)
+READER = data_set(FORMAT, (FOLDER,), record, holds=holds, parts=(_POSES, _JOINTS), clips_in=clips_in)

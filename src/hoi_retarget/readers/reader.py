@@ -42,7 +42,8 @@ def never_has_companions(_file: SourceFile) -> bool:
     return False
 
 
-def _is_one_clip(_file: SourceFile) -> tuple[str, ...]:
+def is_one_clip(_file: SourceFile) -> tuple[str, ...]:
+    """Return no names: each recording is one clip."""
     return ()
 
 
@@ -57,13 +58,13 @@ class Reader:
     """Its name, in small letters with dashes."""
     suffixes: tuple[str, ...]
     """Endings of file names in small letters, or `FOLDER`."""
-    floor_at_zero: bool
-    """Whether the format has the floor at z = 0; otherwise its height is estimated from the clip."""
     holds: Callable[[SourceFile], bool]
     """Tells whether a file with one of the suffixes is of this format, by names and shapes alone."""
     read: Callable[[SourceFile, ReadOptions], Clip]
     """Returns the clip; raises `ReadError`, `ClipError`, `GeometryError`, `BodyModelError` or `ArgumentError`."""
-    clips_in: Callable[[SourceFile], tuple[str, ...]] = _is_one_clip
+    floor_at_zero: bool = False
+    """Whether the format has the floor at z = 0; otherwise its height is estimated from the clip."""
+    clips_in: Callable[[SourceFile], tuple[str, ...]] = is_one_clip
     """Returns the names of the clips to select from; none where the recording is one clip."""
     parts: tuple[str, ...] = ()
     """Files that a folder of this format has, where some alone tell that the others are missing."""

@@ -1,10 +1,11 @@
 """Turns what sources record into a world with z up."""
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
+from jaxtyping import Float
 
 from hoi_retarget.human.person import Person
 from hoi_retarget.numerics import se3
@@ -21,17 +22,48 @@ TURN: Mapping[str, np.ndarray] = MappingProxyType(
 """The source's up axis -> rotation, wxyz, that makes it z: (x, y, z) becomes (x, -z, y) for y, (x, z, -y) for -y."""
 
 
-def turned_person(person: Person, up: str) -> Person:
-    """Return a person in a world with z up, from one where `up` is."""
-    turn = TURN[up]
-    return replace(
-        person,
-        joint_positions=se3.rotate(turn, person.joint_positions),
-        joint_quats=se3.quat_multiply(turn, person.joint_quats),
-    )
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """A rotation of everything, and the height of the floor after it, which becomes 0."""
+
+    quat: Float[np.ndarray, "4"]
+    """wxyz"""
+    floor: float = 0.0
+    """[m]"""
+
+    def of(
+        self, positions: Float[np.ndarray, "... 3"], quats: Float[np.ndarray, "... 4"]
+    ) -> tuple[Float[np.ndarray, "... 3"], Float[np.ndarray, "... 4"]]:
+        """Return positions [m] and rotations, wxyz, after it."""
+        return se3.rotate(self.quat, positions) - [0.0, 0.0, self.floor], se3.quat_multiply(self.quat, quats)
 
 
-def turned_object(track: ObjectTrack, up: str) -> ObjectTrack:
-    """Return an object in a world with z up, from one where `up` is."""
-    turn = TURN[up]
-    return replace(track, positions=se3.rotate(turn, track.positions), quats=se3.quat_multiply(turn, track.quats))
+@dataclass(frozen=True, eq=False)
+class World:
+    """A source's world: which way is up in it, and how it becomes one with z up."""
+
+    up: str
+    """The axis that becomes z, for errors."""
+    turns: tuple[Turn, ...]
+    """One after the other."""
+    note: str = ""
+    """What was found of it."""
+
+    @classmethod
+    def of_axis(cls, up: str) -> "World":
+        """Return the world in which one of the axes of `TURN` is up."""
+        return cls(up, () if up == "z" else (Turn(TURN[up]),))
+
+    def turned_person(self, person: Person) -> Person:
+        """Return a person of this world in one with z up."""
+        for turn in self.turns:
+            positions, quats = turn.of(person.joint_positions, person.joint_quats)
+            person = replace(person, joint_positions=positions, joint_quats=quats)
+        return person
+
+    def turned_object(self, track: ObjectTrack) -> ObjectTrack:
+        """Return an object of this world in one with z up."""
+        for turn in self.turns:
+            positions, quats = turn.of(track.positions, track.quats)
+            track = replace(track, positions=positions, quats=quats)
+        return track
