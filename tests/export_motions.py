@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from hoi_retarget.motion.exporters import Result
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.result import Result
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 

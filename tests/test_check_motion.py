@@ -13,10 +13,10 @@ import motion_writers as writers
 from hoi_retarget.cli import main
 from hoi_retarget.cli.checkmotion import facts
 from hoi_retarget.errors import ClipError
-from hoi_retarget.motion import exporters
 from hoi_retarget.motion.check import Verdict, as_qpos, check
-from hoi_retarget.motion.exporters import Result
-from hoi_retarget.motion.formats import read
+from hoi_retarget.motion.export import export, format_named
+from hoi_retarget.motion.formats import WRITABLE, read
+from hoi_retarget.motion.result import Result
 from hoi_retarget.numerics import se3
 from motion_writers import Content
 
@@ -486,13 +486,13 @@ def test_what_was_found_is_not_written_over_the_motion(name, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("robot", ["unitree_g1", pytest.param("unitree_h2", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("name", exporters.FORMATS)
+@pytest.mark.parametrize("name", WRITABLE)
 def test_our_exports_are_what_they_claim(name, robot, tmp_path):
     source = writers.motion(robot=robot)
-    chosen = exporters.format_named(name)
+    chosen = format_named(name)
     if chosen.robots and robot not in chosen.robots:
         pytest.skip("not a format for this robot")
-    for file, content in exporters.export(
+    for file, content in export(
         Result("clip", "0" * 64, source, writers.model(robot)), chosen, name="clip"
     ).files.items():
         path = tmp_path / file

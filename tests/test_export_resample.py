@@ -11,10 +11,10 @@ from scipy.interpolate import CubicSpline
 
 from export_motions import smooth_motion
 from hoi_retarget.errors import ArgumentError, ClipError
-from hoi_retarget.motion.exporters.links import breadth_first, link_states
-from hoi_retarget.motion.exporters.resample import resample
-from hoi_retarget.motion.exporters.trajectory import Trajectory
+from hoi_retarget.motion.links import breadth_first, link_states
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.resample import resample
+from hoi_retarget.motion.trajectory import Trajectory
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 from trajectories import MODELS

@@ -6,15 +6,15 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.motion.check.body_poses import BodyReading, body_readings, claimed_places, fit_tree, implied_angles
-from hoi_retarget.motion.check.conventions import breadth_first_joints
 from hoi_retarget.motion.check.finding import Finding
 from hoi_retarget.motion.check.interpretation import Interpretation, joint_deviations, rotation_deviations
 from hoi_retarget.motion.check.layout import UNIT_TOLERANCE, Layout, off_unit
-from hoi_retarget.motion.formats import Bodies, MotionFile
-from hoi_retarget.motion.formats.tracking import BREADTH_FIRST, DEPTH_FIRST
+from hoi_retarget.motion.formats import Bodies, MotionFile, beyondmimic, mjlab
+from hoi_retarget.motion.links import breadth_first
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 
+BREADTH_FIRST, DEPTH_FIRST = beyondmimic.FORMAT.name, mjlab.FORMAT.name
 _ENOUGH = 0.3  # Penalty of a fit that leaves no question: 3 degrees or 3 cm.
 _PART = 0.7
 _SAME_ANGLE = 0.02  # [rad]
@@ -130,7 +130,7 @@ def _joints(
         wrapped = np.where(np.abs(difference) > 7.0, np.pi, wrapped)
         return np.sqrt(np.mean(wrapped**2, axis=0))
 
-    breadth = replace(reading, columns=tuple(int(i) for i in np.argsort(breadth_first_joints(model))))
+    breadth = replace(reading, columns=tuple(int(i) for i in np.argsort(breadth_first(model)[1])))
     name, claimed = file.format, reading
     if file.convention.order is None:
         bodies_are = BREADTH_FIRST if "breadth" in there.order else DEPTH_FIRST

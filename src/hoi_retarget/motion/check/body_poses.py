@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.motion.check.conventions import breadth_first_bodies, mirrored
+from hoi_retarget.motion.check.conventions import mirrored
 from hoi_retarget.motion.check.interpretation import Interpretation
+from hoi_retarget.motion.links import breadth_first
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 
@@ -80,7 +81,7 @@ def body_readings(
 def _other_orders(model: RobotModel, places: Places) -> Iterator[tuple[str, Places]]:
     columns = sorted(places.values())
     present = [name for name in model.body_names if name in places]
-    breadth = [model.body_names[index] for index in breadth_first_bodies(model) if model.body_names[index] in places]
+    breadth = [model.body_names[index] for index in breadth_first(model)[0] if model.body_names[index] in places]
     sides = mirrored(model.body_names)
     swapped = {model.body_names[index]: model.body_names[other] for index, other in enumerate(sides)}
     candidates = [

@@ -1,24 +1,9 @@
-"""Orders in which programs write a robot's joints and bodies, and left and right among them."""
+"""Left and right among a robot's joints and bodies."""
 
 import numpy as np
 from jaxtyping import Int
 
-from hoi_retarget.robots.model import RobotModel
-
 _OTHER = {"left": "right", "right": "left"}
-
-
-def breadth_first_joints(model: RobotModel) -> Int[np.ndarray, "n"]:
-    """Return the joints in Isaac Lab's order: by depth in the tree, each depth in the MJCF's order."""
-    return np.concatenate(model.levels)
-
-
-def breadth_first_bodies(model: RobotModel) -> Int[np.ndarray, "B"]:
-    """Return the bodies in Isaac Lab's order, the root first."""
-    depth = np.zeros(model.n + 1, dtype=int)
-    for level, hinges in enumerate(model.levels, 1):
-        depth[hinges + 1] = level
-    return np.argsort(depth[model.bodies.nodes], kind="stable")
 
 
 def mirrored(names: tuple[str, ...], parts: tuple[str, ...] = ("",)) -> Int[np.ndarray, "n"]:

@@ -7,7 +7,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.motion.check.conventions import ARMS, LEGS, breadth_first_joints, is_sideways, mirrored
+from hoi_retarget.motion.check.conventions import ARMS, LEGS, is_sideways, mirrored
+from hoi_retarget.motion.links import breadth_first
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 
@@ -111,7 +112,7 @@ def joint_deviations(claim: Interpretation, model: RobotModel) -> Iterator[Devia
     )
     columns, signs = np.array(claim.columns), np.array(claim.signs)
     if (columns >= 0).all():
-        breadth = breadth_first_joints(model)
+        _, breadth = breadth_first(model)
         place = np.argsort(breadth)
         yield _reordered(claim, "joint order", "in Isaac Lab's breadth-first order", columns[place])
         if not np.array_equal(columns, np.arange(len(columns))):

@@ -10,8 +10,6 @@ from hoi_retarget.motion.formats import MotionFile
 from hoi_retarget.robots.model import RobotModel
 
 UNIT_TOLERANCE = 0.01
-_REDUCED = ("wrist",)
-"""Joints that ASAP's files of 23 joints leave out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +85,12 @@ def _columns(file: MotionFile, model: RobotModel, count: int) -> tuple[tuple[int
     if count == model.n:
         says = f"the file has {count} columns of angles"
         return tuple(range(count)), [Finding("ok", "joint count", robot, says)]
-    reduced = [name for name in model.joint_names if not any(part in name for part in _REDUCED)]
-    if file.format == "asap" and count == len(reduced):
+    part = file.convention.may_lack
+    reduced = [name for name in model.joint_names if part and part not in name]
+    if reduced and count == len(reduced):
         columns = tuple(reduced.index(name) if name in reduced else -1 for name in model.joint_names)
-        says = f"the file has {count}, which are all but the wrists"
-        return columns, [Finding("note", "joint count", robot, says, "Wrists are taken to be at zero.")]
+        says = f"the file has {count}, which are all but the {part}s"
+        return columns, [Finding("note", "joint count", robot, says, f"{part.capitalize()}s are taken to be at zero.")]
     says = f"the file has {count} columns of angles, and no names that tell which"
     advice = "Name another --robot, or write all joints: a consumer would drive the wrong ones."
     return None, [Finding("contradiction", "joint count", robot, says, advice, "poses")]

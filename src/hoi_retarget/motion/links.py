@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 
-from hoi_retarget.motion.exporters.trajectory import Trajectory
+from hoi_retarget.motion.trajectory import Trajectory
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.robots.model import Kinematics, RobotModel

@@ -14,10 +14,9 @@ import numpy as np
 
 from hoi_retarget import __version__
 from hoi_retarget.errors import HoiRetargetError
-from hoi_retarget.motion.exporters.contacts import contact_arrays
-from hoi_retarget.motion.exporters.resample import resample
-from hoi_retarget.motion.exporters.result import Result
-from hoi_retarget.motion.exporters.sidecar import provenance
+from hoi_retarget.motion.contacts import contact_arrays
+from hoi_retarget.motion.resample import resample
+from hoi_retarget.motion.result import Result
 
 NAME = "dataset"
 TITLE = "datasets, pandas, polars: many motions in one table"
@@ -65,7 +64,7 @@ def write_dataset(results: Sequence[Result], fps: float | None) -> dict[str, byt
 def _row(result: Result, fps: float | None) -> dict[str, Any]:
     motion = result.motion
     trajectory = resample(motion, result.model, fps)
-    made_from = provenance(result)
+    made_from = result.origin()
     return {
         "name": result.stem,
         "robot": motion.robot,

@@ -1,12 +1,13 @@
 """A result to be exported, and what is known of it beside its numbers."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
+from hoi_retarget import __version__
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ClipError
 from hoi_retarget.motion.motion import Motion
@@ -18,7 +19,7 @@ UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True)
-class Source:
+class Provenance:
     """What a result was made from, by its report; `unknown` or empty where it does not say."""
 
     name: str
@@ -56,13 +57,13 @@ class Result:
             raise ClipError(f"its contact links {', '.join(absent)} are no sites of {model.spec.name}. Run it again.")
 
     @cached_property
-    def source(self) -> Source:
+    def source(self) -> Provenance:
         """What it was made from."""
         told = _table(self.motion.report.get("source"))
         # Folders of whoever ran it are nobody else's business.
         name = PureWindowsPath(_text(told.get("path"))).name
         licence = _text(told.get("licence")) or UNKNOWN
-        return Source(
+        return Provenance(
             name=name or UNKNOWN,
             format=_text(told.get("format")),
             sha256=_text(told.get("sha256")),
@@ -95,6 +96,19 @@ class Result:
             "mesh": None if path is None else path.name,
             "mesh_sha256": None if path is None else sha256(path.read_bytes()).hexdigest(),
             "shape": "triangles" if self.surfaces[name].exact else "convex hull of points",
+        }
+
+    def origin(self) -> dict[str, Any]:
+        """Return where an export of it comes from as plain values."""
+        motion = self.motion
+        return {
+            "source": {
+                **asdict(self.source),
+                "person": motion.person,
+                "first_source_frame": motion.first_source_frame,
+            },
+            "result": {"name": f"{self.stem}.npz", "sha256": self.sha256, "fps": motion.fps},
+            "hoi_retarget": __version__,
         }
 
 
