@@ -70,16 +70,16 @@ def _fitting(
     model: RobotModel, bodies: Bodies, readings: list[BodyReading], file: MotionFile
 ) -> tuple[BodyReading, list[Finding]]:
     fits = [fit_tree(model, there, bodies.pos, bodies.quat) for there in readings]
-    claimed = fits[0]
     # Where both orders are in use, neither contradicts the claim.
-    legal = [0] + [
-        i for i, there in enumerate(readings) if file.convention.order is None and _is_legal(there, readings[0])
-    ]
-    best = min(legal, key=lambda index: fits[index].penalty)
+    open_order = file.convention.order is None
+    legal = [0, *(i for i, there in enumerate(readings) if open_order and _is_legal(there, readings[0]))]
+    by_fit = sorted(range(len(fits)), key=lambda index: fits[index].penalty)
+    best = min(legal, key=by_fit.index)
     if fits[best].penalty > _ENOUGH:
-        other = min(range(len(fits)), key=lambda index: fits[index].penalty)
+        other = by_fit[0]
         if fits[other].penalty < _PART * fits[best].penalty:
-            return readings[other], _contradictions(readings, fits, other, best)
+            says = f"{fits[other]}; as claimed {fits[best]}"
+            return readings[other], _contradictions(readings[other], readings[best], says)
         says = f"{fits[best]} in the best of {len(fits)} readings"
         advice = "Are these bodies of this robot? Name another --robot."
         return readings[best], [
@@ -89,24 +89,23 @@ def _fitting(
     order = there.order or ("as the file names them" if file.body_names else "in MuJoCo's depth-first order")
     claim = f"quaternions {there.reading.quat_order}, bodies {order}"
     alternative = min((fit.penalty, str(fit)) for index, fit in enumerate(fits) if index != best)[1]
-    says = f"{fits[best]}; in the next best reading {alternative}" if claimed else ""
-    return there, [Finding("ok", "bodies", claim, says)]
+    return there, [Finding("ok", "bodies", claim, f"{fits[best]}; in the next best reading {alternative}")]
 
 
 def _is_legal(there: BodyReading, claimed: BodyReading) -> bool:
     return there.order.startswith("in ") and replace(there.reading, metres=1.0) == replace(claimed.reading, metres=1.0)
 
 
-def _contradictions(readings: list[BodyReading], fits: list, best: int, claimed: int) -> list[Finding]:
-    found, claim = readings[best], readings[claimed]
-    says = f"{fits[best]}; as claimed {fits[claimed]}"
-    findings = []
-    for deviation in rotation_deviations(claim.reading):
-        changed = deviation.reading
-        if (deviation.subject == "quaternion order") and found.reading.quat_order == changed.quat_order:
-            findings.append((deviation.subject, f"the bodies' quaternions are {deviation.is_}", deviation.advice))
-        if (deviation.subject == "quaternion inverse") and found.reading.inverted == changed.inverted:
-            findings.append((deviation.subject, f"the bodies' quaternions are {deviation.is_}", deviation.advice))
+def _contradictions(found: BodyReading, claim: BodyReading, says: str) -> list[Finding]:
+    changed = {
+        "quaternion order": found.reading.quat_order != claim.reading.quat_order,
+        "quaternion inverse": found.reading.inverted != claim.reading.inverted,
+    }
+    findings = [
+        (item.subject, f"the bodies' quaternions are {item.is_}", item.advice)
+        for item in rotation_deviations(claim.reading)
+        if changed[item.subject]
+    ]
     if found.order != claim.order and found.order:
         findings.append(("body order", f"the bodies are {found.order}", "Reorder the bodies."))
     return [

@@ -32,8 +32,8 @@ class Convention:
     """Part of the names of joints that some files leave out, at zero; empty where all joints are in every file."""
 
     def split(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions and rotations of a free joint (T, 7)."""
-        return (pose[:, 4:], pose[:, :4]) if self.root_order == "quat_pos" else (pose[:, :3], pose[:, 3:])
+        """Return positions and rotations of free joints (..., 7)."""
+        return (pose[..., 4:], pose[..., :4]) if self.root_order == "quat_pos" else (pose[..., :3], pose[..., 3:])
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,11 @@ class Bodies:
     quat: Annotated[np.ndarray, Stored("the bodies' rotations", ("B", 4))]
     lin_vel: Annotated[np.ndarray | None, Stored("the bodies' linear velocities", ("B", 3))] = None
     ang_vel: Annotated[np.ndarray | None, Stored("the bodies' angular velocities", ("B", 3))] = None
+
+    def only(self, columns: list[int]) -> "Bodies":
+        """Return some of them, in this order."""
+        lin_vel, ang_vel = (None if values is None else values[:, columns] for values in (self.lin_vel, self.ang_vel))
+        return Bodies(self.pos[:, columns], self.quat[:, columns], lin_vel, ang_vel)
 
 
 @dataclass(frozen=True, eq=False)
