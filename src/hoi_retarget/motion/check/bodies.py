@@ -119,21 +119,19 @@ def _joints(
 ) -> tuple[Interpretation, str, list[Finding]]:
     """Return how the joints are to be read, what the format is, and how they compare with the bodies."""
     known = np.isfinite(implied).all(axis=0) & (np.array(there.reading.columns) >= 0)
-    reading = there.reading
 
     def errors(candidate: Interpretation) -> np.ndarray:
         difference = implied[:, known] - candidate.angles(layout.joint_pos)[:, known]
         with np.errstate(over="ignore"):
             wrapped = np.abs(np.angle(np.exp(1j * np.clip(difference, -1e6, 1e6))))
         # Angles that are far beyond a turn would look near by chance.
-        wrapped = np.where(np.abs(difference) > 7.0, np.pi, wrapped)
-        return np.sqrt(np.mean(wrapped**2, axis=0))
+        return _rms(np.where(np.abs(difference) > 7.0, np.pi, wrapped))
 
-    breadth = replace(reading, columns=tuple(int(i) for i in np.argsort(breadth_first(model)[1])))
-    name, claimed = file.format, reading
+    name, claimed, order = file.format, there.reading, "breadth" if "breadth" in there.order else "depth"
     if file.convention.order is None:
-        bodies_are = BREADTH_FIRST if "breadth" in there.order else DEPTH_FIRST
-        name, claimed = bodies_are, breadth if bodies_are == BREADTH_FIRST else reading
+        name = BREADTH_FIRST if order == "breadth" else DEPTH_FIRST
+        if order == "breadth":
+            claimed = replace(claimed, columns=tuple(np.argsort(breadth_first(model)[1]).tolist()))
     base = errors(claimed)
     words = "as the bodies' poses imply"
     if base.max(initial=0.0) < _SAME_ANGLE:
@@ -148,7 +146,6 @@ def _joints(
         )
         subject, advice = deviation.subject, deviation.advice
         if file.convention.order is None and subject == "joint order":
-            order = "breadth" if name == BREADTH_FIRST else "depth"
             words, subject = "joints and bodies in one order", "joint and body order"
             says = f"the bodies are in {order}-first order; {says}"
             advice = f"{DEPTH_FIRST} wants both in MuJoCo's depth-first order, {BREADTH_FIRST} both in Isaac Lab's."
@@ -162,25 +159,26 @@ def _single_joints(
 ) -> tuple[Interpretation, list[Finding]]:
     """Return which joints turn the other way round, and which are something else."""
     angles = claimed.angles(layout.joint_pos)
-    signs, negated, wrong = list(claimed.signs), [], []
-    for joint in np.flatnonzero(np.isfinite(implied).all(axis=0)):
-        straight = np.sqrt(np.mean((implied[:, joint] - angles[:, joint]) ** 2))
-        turned = np.sqrt(np.mean((implied[:, joint] + angles[:, joint]) ** 2))
-        if straight > _SAME_ANGLE:
-            if turned < 0.2 * straight:
-                signs[joint] = -signs[joint]
-                negated.append(model.joint_names[joint])
-            else:
-                wrong.append(f"{model.joint_names[joint]} by {np.degrees(straight):.1f} deg")
+    straight, turned = _rms(implied - angles), _rms(implied + angles)
+    off = straight > _SAME_ANGLE
+    negated = off & (turned < 0.2 * straight)
     words, findings = "as the bodies' poses imply", []
-    if negated:
-        says = f"negated for {', '.join(negated)}"
-        advice = f"Negate {', '.join(negated)}."
-        findings.append(Finding("contradiction", "joint sign", words, says, advice, "poses"))
-    if wrong:
+    if negated.any():
+        names = ", ".join(np.array(model.joint_names)[negated])
+        findings.append(
+            Finding("contradiction", "joint sign", words, f"negated for {names}", f"Negate {names}.", "poses")
+        )
+    if (off & ~negated).any():
+        wrong = (f"{model.joint_names[i]} by {np.degrees(straight[i]):.1f} deg" for i in np.flatnonzero(off & ~negated))
         advice = "Joints and bodies are of different motions or robots: write both from one configuration."
         findings.append(Finding("contradiction", "joints", words, f"they differ: {', '.join(wrong)}", advice, "poses"))
-    return replace(claimed, signs=tuple(signs)), findings
+    signs = np.where(negated, -1.0, 1.0) * np.array(claimed.signs)
+    return replace(claimed, signs=tuple(signs.tolist())), findings
+
+
+def _rms(difference: Float[np.ndarray, "T k"]) -> Float[np.ndarray, "k"]:
+    """Return the root of the mean square over time."""
+    return np.sqrt(np.mean(difference**2, axis=0))
 
 
 def _root(found: FoundBodies, pos: np.ndarray, quat: np.ndarray) -> list[Finding]:

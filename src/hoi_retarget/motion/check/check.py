@@ -95,7 +95,7 @@ def _root(file: MotionFile, layout: Layout) -> tuple[np.ndarray | None, np.ndarr
 
 
 def _moving(file: MotionFile, layout: Layout, found: FoundBodies | None) -> list[tuple[str, Bodies]]:
-    """Return all that has poses and velocities, by name."""
+    """Return the bodies, the root and the objects with stored velocities, by name."""
     moving = []
     if found is not None and file.bodies is not None:
         moving.append(("bodies", file.bodies.only(list(found.there.places.values()))))

@@ -26,7 +26,7 @@ def check_velocities(
     Args:
         file: What was read.
         reading: How its numbers are to be read.
-        stored: All that has poses and velocities, by name, as in the file.
+        stored: Poses and velocities as in the file, by name.
     """
     moving = [(name, _in_world(bodies, reading)) for name, bodies in stored]
     joint_rate = _joint_rate(file, reading)

@@ -5,7 +5,7 @@ Adding one is one file and one line in `FORMATS`. What the numbers of a file mea
 format says, is decided by `hoi_retarget.motion.check`, which knows a robot.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -61,12 +61,16 @@ def read(path: Path) -> MotionFile:
     if path.is_dir():
         path /= hdmi.MOTION
         return hdmi.read(ArraysByName(path, read_npz(path)))
-    suffix = path.suffix.lower()
-    if suffix not in _CONTAINERS:
-        kinds = "*.npz, *.pkl, *.csv, or a folder with motion.npz and meta.json"
-        raise ReadError(f"{path}: no robot motions are read from files of type {path.suffix!r}. Expected {kinds}.")
-    suffixes, read_values = _CONTAINERS[suffix]
-    values = read_values(path)
+    match path.suffix.lower():
+        case ".npz":
+            suffixes, values = (".npz", ""), read_npz(path)  # Also a folder's motion on its own.
+        case ".pkl" | ".pickle" | ".joblib":
+            suffixes, values = (".pkl",), _read_dictionary(path)
+        case ".csv":
+            suffixes, values = (".csv",), unitree_csv.read_table(path)
+        case _:
+            kinds = "*.npz, *.pkl, *.csv, or a folder with motion.npz and meta.json"
+            raise ReadError(f"{path}: no robot motions are read from files of type {path.suffix!r}. Expected {kinds}.")
     for format in FORMATS:
         if format.suffix in suffixes and format.holds(values):
             return format.read(ArraysByName(path, values))
@@ -83,16 +87,3 @@ def _read_dictionary(path: Path) -> dict[str, Any]:
 
 def _known() -> str:
     return f"Formats that are known: {', '.join(format.convention.name for format in FORMATS)}."
-
-
-_Container = tuple[tuple[str, ...], Callable[[Path], Mapping[str, Any]]]
-_ARRAYS: _Container = ((".npz", ""), read_npz)  # Also a folder's motion on its own.
-_PICKLE: _Container = ((".pkl",), _read_dictionary)
-_CONTAINERS: Mapping[str, _Container] = {
-    ".npz": _ARRAYS,
-    ".pkl": _PICKLE,
-    ".pickle": _PICKLE,
-    ".joblib": _PICKLE,
-    ".csv": ((".csv",), unitree_csv.read_table),
-}
-"""By a file's suffix: the suffixes of the formats in it, and how its entries are read."""

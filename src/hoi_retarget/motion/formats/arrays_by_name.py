@@ -10,6 +10,7 @@ import numpy as np
 from hoi_retarget.errors import ReadError
 from hoi_retarget.files import npz
 from hoi_retarget.files.torch_file import read_bytes
+from hoi_retarget.motion.formats.motion_file import Convention, MotionFile
 
 _KINDS = "biufU"
 _BEYOND_RATES = 1e300  # A whole number may be too large for a float.
@@ -79,6 +80,11 @@ class ArraysByName:
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
             raise ReadError(f"{self.path}: '{name}' is no list of names. Make the file again.")
         return tuple(value)
+
+    def motion(self, convention: Convention, **arrays: Any) -> MotionFile:
+        """Return a motion file of some of these arrays, by field; with the stated rate, where no other is given."""
+        fields = {"contents": self.contents(), "fps": self.rate(), **arrays}
+        return MotionFile(path=str(self.path), convention=convention, **fields)
 
     def contents(self) -> tuple[str, ...]:
         """Return what is there, in words."""

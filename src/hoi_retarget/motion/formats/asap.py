@@ -25,11 +25,8 @@ def read(library: ArraysByName) -> MotionFile:
             f"{library.path}: {len(motions)} motions ({shown}); expected one. Save each to a file of its own."
         )
     arrays = ArraysByName(library.path, next(iter(motions.values())))
-    return MotionFile(
-        path=str(arrays.path),
-        convention=FORMAT.convention,
-        contents=arrays.contents(),
-        fps=arrays.rate(),
+    return arrays.motion(
+        FORMAT.convention,
         root=arrays.pose("root_trans_offset", "root_rot"),
         joint_pos=arrays.numbers("dof"),
     )

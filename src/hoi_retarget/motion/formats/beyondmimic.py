@@ -1,7 +1,6 @@
 """`motion.npz` of BeyondMimic's whole_body_tracking: joints and bodies in Isaac Lab's order."""
 
 from hoi_retarget.motion.formats import tracking
-from hoi_retarget.motion.formats.body_arrays import body_arrays
 from hoi_retarget.motion.formats.encoding import rate
 from hoi_retarget.motion.formats.format import Format, ResampledMotion, Written
 from hoi_retarget.motion.formats.motion_file import Convention
@@ -11,20 +10,8 @@ from hoi_retarget.motion.links import breadth_first
 def write(motion: ResampledMotion) -> Written:
     """Return the file of one motion."""
     bodies, joints = breadth_first(motion.model)
-    trajectory = motion.trajectory
-    states = body_arrays(motion, FORMAT.linear_velocity_of)
-    content = tracking.encode(
-        rate(trajectory.fps),
-        trajectory.qpos[:, 7:][:, joints],
-        trajectory.joint_vel[:, joints],
-        {name: array[:, bodies] for name, array in states.items()},
-        motion.contacts,
-    )
-    return Written(
-        files={".npz": content},
-        joint_names=tuple(motion.model.joint_names[joint] for joint in joints),
-        body_names=tuple(motion.links.names[body] for body in bodies),
-    )
+    fps = rate(motion.trajectory.fps)
+    return tracking.write(motion, FORMAT.linear_velocity_of, fps, bodies=bodies, joints=joints)
 
 
 FORMAT = Format(

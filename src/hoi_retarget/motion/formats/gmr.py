@@ -11,11 +11,8 @@ from hoi_retarget.numerics import se3
 
 def read(arrays: ArraysByName) -> MotionFile:
     """Return what a GMR dictionary holds; raises `ReadError`."""
-    return MotionFile(
-        path=str(arrays.path),
-        convention=FORMAT.convention,
-        contents=arrays.contents(),
-        fps=arrays.rate(),
+    return arrays.motion(
+        FORMAT.convention,
         root=arrays.pose("root_pos", "root_rot"),
         joint_pos=arrays.numbers("dof_pos"),
     )

@@ -23,10 +23,8 @@ _LOADED_AT = 50.0
 def read(arrays: ArraysByName) -> MotionFile:
     """Return what the arrays hold, with the names and the rate of the meta file beside; raises `ReadError`."""
     meta = ArraysByName(arrays.path, _meta(arrays.path))
-    return MotionFile(
-        path=str(arrays.path),
-        convention=FORMAT.convention,
-        contents=arrays.contents(),
+    return arrays.motion(
+        FORMAT.convention,
         fps=meta.rate(),
         joint_pos=arrays.numbers("joint_pos"),
         joint_vel=arrays.optional("joint_vel"),

@@ -33,11 +33,8 @@ def read(arrays: ArraysByName) -> MotionFile:
         # The object's link is the last body.
         name = body_names[-1].removesuffix("_link") if body_names else "object"
         objects = (ObjectPoses(name, pose, arrays.optional("object_lin_vel_w"), arrays.optional("object_ang_vel_w")),)
-    return MotionFile(
-        path=str(arrays.path),
-        convention=FORMAT.convention,
-        contents=arrays.contents(),
-        fps=arrays.rate(),
+    return arrays.motion(
+        FORMAT.convention,
         root=joint_pos[:, :7],
         joint_pos=joint_pos[:, 7:],
         joint_vel=joint_vel[:, 6:],

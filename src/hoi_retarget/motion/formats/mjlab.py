@@ -1,24 +1,18 @@
 """`motion.npz` of mjlab's tracking task: joints and bodies in MuJoCo's order, link frames."""
 
+from dataclasses import replace
+
 from hoi_retarget.motion.formats import tracking
-from hoi_retarget.motion.formats.body_arrays import body_arrays
 from hoi_retarget.motion.formats.format import Format, ResampledMotion, Written
 from hoi_retarget.motion.formats.motion_file import Convention
 
 
 def write(motion: ResampledMotion) -> Written:
     """Return the file of one motion."""
-    trajectory, bodies = motion.trajectory, body_arrays(motion, FORMAT.linear_velocity_of)
-    return Written(
-        files={
-            ".npz": tracking.encode(
-                float(trajectory.fps), trajectory.qpos[:, 7:], trajectory.joint_vel, bodies, motion.contacts
-            )
-        },
-        joint_names=motion.model.joint_names,
-        body_names=motion.links.names,
-        notes=("mjlab does not look at the file's rate: it must be that of the environment, 50 in its tasks.",),
-    )
+    fps, as_they_are = float(motion.trajectory.fps), slice(None)
+    written = tracking.write(motion, FORMAT.linear_velocity_of, fps, bodies=as_they_are, joints=as_they_are)
+    note = "mjlab does not look at the file's rate: it must be that of the environment, 50 in its tasks."
+    return replace(written, notes=(note,))
 
 
 FORMAT = Format(

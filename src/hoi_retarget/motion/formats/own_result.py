@@ -16,10 +16,8 @@ def read(arrays: ArraysByName) -> MotionFile:
         raise ReadError(
             f"{arrays.path}: its qpos has {motion.qpos.shape[1]} columns, expected a free joint and hinges."
         )
-    return MotionFile(
-        path=str(arrays.path),
-        convention=FORMAT.convention,
-        contents=arrays.contents(),
+    return arrays.motion(
+        FORMAT.convention,
         fps=motion.fps,
         root=motion.qpos[:, :7],
         joint_pos=motion.qpos[:, 7:],

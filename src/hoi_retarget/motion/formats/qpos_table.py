@@ -24,11 +24,8 @@ def read(arrays: ArraysByName, convention: Convention) -> MotionFile:
         end -= 7
         poses.insert(0, qpos[:, end : end + 7])
     names = ["object"] if len(poses) == 1 else [f"object{index}" for index in range(len(poses))]
-    return MotionFile(
-        path=str(arrays.path),
-        convention=convention,
-        contents=arrays.contents(),
-        fps=arrays.rate(),
+    return arrays.motion(
+        convention,
         root=qpos[:, :7],
         joint_pos=qpos[:, 7:end],
         objects=tuple(ObjectPoses(name, pose) for name, pose in zip(names, poses, strict=True)),

@@ -7,12 +7,10 @@ from hoi_retarget.motion.formats.motion_file import Convention, MotionFile, Obje
 
 def read(arrays: ArraysByName) -> MotionFile:
     """Return what an SBTO dictionary holds; raises `ReadError`."""
-    return MotionFile(
-        path=str(arrays.path),
-        convention=FORMAT.convention,
-        contents=arrays.contents(),
-        objects=(ObjectPoses("object", arrays.pose("object_root_pos", "object_rot")),),
-        fps=arrays.rate(),
+    thing = ObjectPoses("object", arrays.pose("object_root_pos", "object_rot"))
+    return arrays.motion(
+        FORMAT.convention,
+        objects=(thing,),
         root=arrays.pose("root_pos", "root_rot"),
         joint_pos=arrays.numbers("dof_pos"),
     )

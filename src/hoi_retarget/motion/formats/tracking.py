@@ -3,14 +3,15 @@
 Neither stores names, so only the numbers tell which of the two a file is.
 """
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
-from hoi_retarget.motion.formats.body_arrays import read_bodies
+from hoi_retarget.motion.formats.body_arrays import body_arrays, read_bodies
 from hoi_retarget.motion.formats.encoding import to_npz
+from hoi_retarget.motion.formats.format import ResampledMotion, VelocityPoint, Written
 from hoi_retarget.motion.formats.motion_file import Convention, MotionFile
+
+Columns = np.ndarray | slice
 
 OPEN = Convention("tracking", order=None)
 """What both demand, as long as the order is not known."""
@@ -20,25 +21,24 @@ holds = has("fps", "joint_pos", "joint_vel", "body_pos_w", "body_quat_w")
 
 def read(arrays: ArraysByName) -> MotionFile:
     """Return what the arrays of a tracking file hold; raises `ReadError`."""
-    return MotionFile(
-        path=str(arrays.path),
-        convention=OPEN,
-        contents=arrays.contents(),
-        fps=arrays.rate(),
+    return arrays.motion(
+        OPEN,
         joint_pos=arrays.numbers("joint_pos"),
         joint_vel=arrays.numbers("joint_vel"),
         bodies=read_bodies(arrays),
     )
 
 
-def encode(
-    fps: int | float,
-    joint_pos: np.ndarray,
-    joint_vel: np.ndarray,
-    bodies: Mapping[str, np.ndarray],
-    contacts: Mapping[str, np.ndarray],
-) -> bytes:
-    """Return a file's content: motions in single precision, contacts as they are."""
-    arrays = {"joint_pos": joint_pos, "joint_vel": joint_vel, **bodies}
+def write(
+    motion: ResampledMotion, velocity_of: VelocityPoint, fps: int | float, *, bodies: Columns, joints: Columns
+) -> Written:
+    """Return the file of one motion, its bodies and joints in this order; only contacts in double precision."""
+    trajectory, model = motion.trajectory, motion.model
+    arrays = {"joint_pos": trajectory.qpos[:, 7:][:, joints], "joint_vel": trajectory.joint_vel[:, joints]}
+    arrays |= {name: array[:, bodies] for name, array in body_arrays(motion, velocity_of).items()}
     single = {name: array.astype(np.float32) for name, array in arrays.items()}
-    return to_npz({"fps": np.array([fps]), **single, **contacts})
+    return Written(
+        files={".npz": to_npz({"fps": np.array([fps]), **single, **motion.contacts})},
+        joint_names=tuple(np.array(model.joint_names)[joints].tolist()),
+        body_names=tuple(np.array(model.body_names)[bodies].tolist()),
+    )

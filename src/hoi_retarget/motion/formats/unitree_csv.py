@@ -43,9 +43,8 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
 def read(arrays: ArraysByName) -> MotionFile:
     """Return what a table holds."""
     table = arrays.numbers(_TABLE)
-    return MotionFile(
-        path=str(arrays.path),
-        convention=FORMAT.convention,
+    return arrays.motion(
+        FORMAT.convention,
         contents=(f"table {table.shape}",),
         root=table[:, :7],
         joint_pos=table[:, 7:],
