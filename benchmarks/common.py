@@ -97,7 +97,7 @@ def taken(clip: Clip, frames: np.ndarray) -> Clip:
     ]
     objects = [replace(track, positions=track.positions[frames], quats=track.quats[frames]) for track in clip.objects]
     contacts = [
-        replace(track, active=track.active[frames], points_object=track.points_object[frames])
+        replace(track, active=track.active[frames], contact_points=track.contact_points[frames])
         for track in clip.contacts
     ]
     return replace(clip, people=tuple(people), objects=tuple(objects), contacts=tuple(contacts))

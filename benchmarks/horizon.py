@@ -15,8 +15,9 @@ from common import Source, clip_files, model_of, peak_memory, pin_threads, run_f
 
 from hoi_retarget import synthetic
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.retarget.pipeline import Config, retarget
-from hoi_retarget.retarget.trajopt.windows import Horizon, parse_horizon
+from hoi_retarget.retarget.config import Config, Horizon, parse_horizon
+from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retarget.trajopt.windows import windows_of
 from hoi_retarget.robots.model import RobotModel
 
 FIGURES = (
@@ -69,7 +70,7 @@ def seam_jerk(motion: Motion, model: RobotModel, horizon: Horizon) -> tuple[np.n
     """Return the mean jerk over links [m/s^3] of the frames near seams, and of the other ones."""
     positions = model.forward(motion.qpos).body_positions
     jerk = np.linalg.norm(np.diff(positions, 3, axis=0), axis=-1).mean(axis=1) * motion.fps**3
-    seams = [start + pinned for start, _, pinned in horizon.windows(motion.frames)[1:]]
+    seams = [start + pinned for start, _, pinned in windows_of(horizon, motion.frames)[1:]]
     # Difference `i` spans the frames `i` to `i + 3`.
     middle = np.arange(len(jerk)) + 1.5
     near = np.zeros(len(jerk), dtype=bool)

@@ -22,13 +22,12 @@ import tyro
 from casadi_problem import Statement, parameters_of, start_of, structure_of, trajectory_of
 from common import Source, model_of, pin_threads, show, write_json
 
+from hoi_retarget.retarget.config import BandedInteriorPoint, Config, Horizon
 from hoi_retarget.retarget.ik import solve_ik
-from hoi_retarget.retarget.pipeline import Config, solve_trajectory
+from hoi_retarget.retarget.pipeline import solve_trajectory
 from hoi_retarget.retarget.targets import Targets, make_targets
 from hoi_retarget.retarget.trajopt.problem import Problem, cost_by_term
-from hoi_retarget.retarget.trajopt.solvers.banded import BandedInteriorPoint
 from hoi_retarget.retarget.trajopt.solvers.base import Optimality, Solution, Status
-from hoi_retarget.retarget.trajopt.windows import Horizon
 from hoi_retarget.robots.model import RobotModel
 
 Way = Literal["map", "expand", "blocks"]

@@ -21,13 +21,13 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from browser import chromium, open_page, scene_pixels, wait_until
 from hoi_retarget.clip.edits import ContactEdits, Move
 from hoi_retarget.readers.open import open_clip
-from hoi_retarget.retarget.pipeline import Config
+from hoi_retarget.retarget.config import Config
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
-from hoi_retarget.viewers.browser.client_sessions import serve_visitors
+from hoi_retarget.viewers.browser.client_sessions import serve_sessions
 from hoi_retarget.viewers.browser.editing import Editing, solved
 from hoi_retarget.viewers.browser.editor import Editor, Places
-from hoi_retarget.viewers.browser.page_content import exhibit_of
+from hoi_retarget.viewers.browser.page_content import page_content
 from hoi_retarget.viewers.browser.player import Player
 from hoi_retarget.viewers.browser.server import address, open_server
 from hoi_retarget.viewers.scene.scene import Shown
@@ -61,15 +61,15 @@ def main() -> None:
 
 def viewer(browser, clip, model, start, minutes: float) -> None:
     server = open_server("hoi-retarget")
-    exhibit = exhibit_of([Shown(clip.name, start.motions[0], model, clip)])
+    content = page_content([Shown(clip.name, start.motions[0], model, clip)])
     sent = []
 
     def receive(client) -> Player:
-        player = Player(client, exhibit)
+        player = Player(client, content)
         player.attach(lambda _: sent.append(time.perf_counter()))
         return player
 
-    serve_visitors(server, receive)
+    serve_sessions(server, receive)
     for attempt in range(3):
         begin = time.perf_counter()
         page = open_page(browser, address(server))
@@ -106,7 +106,7 @@ def editor(browser, clip, model, start) -> None:
         editors.append(Editor(client, Editing(clip, model, Config(), start), model, places, lambda _: None))
         return editors[-1]
 
-    serve_visitors(server, receive)
+    serve_sessions(server, receive)
     page = open_page(browser, address(server))
     told = page.locator(".told")
     told.wait_for()

@@ -74,7 +74,7 @@ def bytes_of(clip: Clip) -> int:
     for track in clip.objects:
         arrays += [track.positions, track.quats]
     for contact in clip.contacts:
-        arrays += [contact.active, contact.points_object]
+        arrays += [contact.active, contact.contact_points]
     return sum(array.nbytes for array in arrays)
 
 

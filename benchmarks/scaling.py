@@ -14,8 +14,8 @@ import numpy as np
 import tyro
 from common import Source, model_of, peak_memory, pin_threads, run_fresh, show, tiled, write_json
 
-from hoi_retarget.retarget.pipeline import Config, retarget
-from hoi_retarget.retarget.trajopt.windows import parse_horizon
+from hoi_retarget.retarget.config import Config, parse_horizon
+from hoi_retarget.retarget.pipeline import retarget
 
 
 @dataclass(frozen=True)

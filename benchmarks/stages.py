@@ -18,7 +18,8 @@ from hoi_retarget import synthetic
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.readers import read_clip
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.config import Config
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.model import RobotModel
 

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
+from hoi_retarget.retarget.config import Config
 from hoi_retarget.retarget.multi_person import retarget_people
-from hoi_retarget.retarget.pipeline import Config
 from hoi_retarget.robots import team
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.offscreen import film
 from hoi_retarget.viewers.offscreen.robot_picture import png
-from hoi_retarget.viewers.scene.camera import View
+from hoi_retarget.viewers.scene.camera import CameraSettings
 from hoi_retarget.viewers.scene.scene import Shown
 
 IMAGES = Path(__file__).parent / "images"
@@ -30,7 +30,7 @@ def main() -> None:
     ):
         shown = results_of(scene, robots)
         filmed = film.panels(shown)
-        with film.opened(filmed, View(film.good_azimuth(shown)), width, 680) as draw:
+        with film.opened(filmed, CameraSettings(film.good_azimuth(shown)), width, 680) as draw:
             pictures = [draw(time) for time in film.sheet_times(filmed, columns)]
         (IMAGES / f"{name}.png").write_bytes(png(np.concatenate(pictures, axis=1)))
 

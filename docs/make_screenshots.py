@@ -14,15 +14,15 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from browser import chromium
 from hoi_retarget.clip.edits import ContactEdits
 from hoi_retarget.readers.open import open_clip
-from hoi_retarget.retarget.pipeline import Config
+from hoi_retarget.retarget.config import Config
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.viewers.browser.edit_page import serve_editor
 from hoi_retarget.viewers.browser.editing import solved
 from hoi_retarget.viewers.browser.editor import Places
-from hoi_retarget.viewers.browser.page_content import exhibit_of
+from hoi_retarget.viewers.browser.page_content import page_content
 from hoi_retarget.viewers.browser.server import address, open_server
-from hoi_retarget.viewers.browser.view_page import serve_exhibit
+from hoi_retarget.viewers.browser.view_page import serve_results
 from hoi_retarget.viewers.scene.scene import Shown
 
 IMAGES = Path(__file__).parent / "images"
@@ -36,8 +36,8 @@ def main() -> None:
     start = solved(clip, model, Config(), ContactEdits.of(clip))
     with chromium() as browser:
         server = open_server("hoi-retarget")
-        exhibit = exhibit_of([Shown("carry box", start.motions[0], model, clip)])
-        serve_exhibit(server, lambda: exhibit)
+        content = page_content([Shown("carry box", start.motions[0], model, clip)])
+        serve_results(server, lambda: content)
         page = _page(browser, address(server))
         page.locator("input.mantine-NumberInput-input").first.fill("128")
         _picture(page, "viewer")

@@ -10,7 +10,8 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from hoi_retarget.evaluate import COLUMNS
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.config import Config
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import make

@@ -67,7 +67,7 @@ def smooth_motion(
         "contact_links": LINKS,
         "contact_flags": flags,
         "contact_object": touched,
-        "contact_targets": points,
+        "contact_points": points,
         "stance_flags": rng.random((frames, 2)) < 0.5,
         "first_source_frame": 2,
         "human_height": 1.75,

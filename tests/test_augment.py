@@ -15,7 +15,8 @@ from hoi_retarget.human.skeleton import PARENT
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.objects.track import ObjectGeometry
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.config import Config
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import make
@@ -42,7 +43,7 @@ def check_same(a: Clip, b: Clip, atol: float = 0.0) -> None:
     for x, y in zip(a.contacts, b.contacts, strict=True):
         assert (x.person, x.object, x.part) == (y.person, y.object, y.part)
         np.testing.assert_array_equal(x.active, y.active)
-        np.testing.assert_allclose(x.points_object, y.points_object, atol=atol, rtol=0)
+        np.testing.assert_allclose(x.contact_points, y.contact_points, atol=atol, rtol=0)
 
 
 # mirror
@@ -85,13 +86,13 @@ def test_contact_points_are_mirrored_in_the_world_and_touched_by_the_other_side(
         assert after.part == other(before.part)
         np.testing.assert_array_equal(after.active, before.active)
         places = [
-            (track.positions + se3.rotate(track.quats, contact.points_object))[contact.active]
+            (track.positions + se3.rotate(track.quats, contact.contact_points))[contact.active]
             for track, contact in ((clip.objects[0], before), (reflected.objects[0], after))
         ]
         np.testing.assert_allclose(places[1], places[0] * MIRROR, atol=1e-12)
         # What the reader does, the point is where the part is, still holds.
         on_part = reflected.objects[0].to_object(reflected.people[0].part_position(after.part))
-        np.testing.assert_allclose(after.points_object[after.active], on_part[after.active], atol=1e-12)
+        np.testing.assert_allclose(after.contact_points[after.active], on_part[after.active], atol=1e-12)
 
 
 def test_an_upright_person_stays_upright_and_looks_the_mirrored_way():
@@ -159,7 +160,7 @@ def test_slower_and_back_is_close_to_the_identity(speed):
     for before, after in zip(clip.contacts, back.contacts, strict=True):
         assert np.sum(before.active != after.active) <= 2 * len(before.segments), "a frame at either end, at most"
         both = before.active & after.active
-        np.testing.assert_allclose(after.points_object[both], before.points_object[both], atol=2e-3)
+        np.testing.assert_allclose(after.contact_points[both], before.contact_points[both], atol=2e-3)
 
 
 @LAWS
@@ -195,7 +196,7 @@ def test_contacts_keep_their_number_and_their_points(speed, seed):
     assert len(after.segments) == len(track.segments)
     for (first, stop), (new_first, new_stop) in zip(track.segments, after.segments, strict=True):
         np.testing.assert_allclose(
-            after.points_object[new_first:new_stop], np.tile(points[first], (new_stop - new_first, 1))
+            after.contact_points[new_first:new_stop], np.tile(points[first], (new_stop - new_first, 1))
         )
         assert new_stop - new_first == pytest.approx((stop - first) / speed, abs=1.5)
 

@@ -32,8 +32,9 @@ from hoi_retarget.motion.result_file import load
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers import own_layout
 from hoi_retarget.readers.open import clip_of, open_clip
+from hoi_retarget.retarget.config import Config
 from hoi_retarget.retarget.multi_person import with_report
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import make

@@ -67,7 +67,7 @@ def test_whatever_a_task_does_costs_that_task_alone():
     }
     assert "SIGKILL, perhaps for lack of memory" in lost["die SIGKILL"].reason
     assert "SIGSEGV" in lost["die SIGSEGV"].reason and "exit code 3" in lost["exit 3"].reason
-    assert "limit of 1 s" in lost["hang"].reason and 1.0 < lost["hang"].seconds < PATIENCE_S
+    assert "limit of 1 s" in lost["hang"].reason and lost["hang"].seconds > 1.0
 
 
 @pytest.mark.slow

@@ -162,6 +162,17 @@ def test_readers_run(tmp_path):
     assert all(result["seconds"] > 0 and result["peak"] > result["clip"] for result in (short, long))
 
 
+@pytest.mark.slow
+def test_single_operations_run(tmp_path):
+    path = tmp_path / "operations.json"
+    run(
+        "operations.py", "--frames", "20", "--subdivisions", "2", "--points", "5", "--repeats", "1", "--json", str(path)
+    )
+    results = json.loads(path.read_text())["results"]
+    assert len(results) == 4 and all(seconds > 0 for seconds in results.values())
+    assert {"mesh of 320 triangles", "5 closest points on them", "curves of 20 frames"} < set(results)
+
+
 @needs_casadi
 @pytest.mark.slow
 def test_agreement_runs(tmp_path):

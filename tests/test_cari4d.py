@@ -77,8 +77,8 @@ def test_contacts_are_those_of_the_hands_at_their_own_places(tmp_path, models, m
         assert np.array_equal(tracks[part].active, true.active)
         own = clip.objects[0].to_object(clip.people[0].part_position(part))
         # The object's origin is the mean of the mesh's vertices, which is that of the box.
-        np.testing.assert_allclose(tracks[part].points_object[true.active], own[true.active], atol=1e-12)
-        np.testing.assert_allclose(own[true.active], true.points_object[true.active], atol=0.06)
+        np.testing.assert_allclose(tracks[part].contact_points[true.active], own[true.active], atol=1e-12)
+        np.testing.assert_allclose(own[true.active], true.contact_points[true.active], atol=0.06)
     assert not any(tracks[part].active.any() for part in FEET)
 
 

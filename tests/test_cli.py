@@ -58,14 +58,12 @@ def run(recording, monkeypatch, capsys):
 # help, version, start-up
 
 
-def test_help_is_quick_and_names_every_command():
-    code = "import time; t = time.process_time(); from hoi_retarget.cli import main\ntry: main(['--help'])\n"
-    code += "except SystemExit as e: print(e.code, time.process_time() - t)\n"
+def test_help_names_every_command_and_imports_nothing_heavy():
+    code = "from hoi_retarget.cli import main\ntry: main(['--help'])\nexcept SystemExit as e: print(e.code)\n"
     code += "import sys; print(*(m for m in ('numpy', 'scipy', 'mujoco', 'trimesh') if m in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    *text, result, heavy = done.stdout.split("\n")[:-1]
-    exit_code, seconds = result.split()
-    assert exit_code == "0" and float(seconds) < 1.0
+    *text, exit_code, heavy = done.stdout.split("\n")[:-1]
+    assert exit_code == "0"
     assert not heavy
     words = ("demo", "run", "evaluate", "inspect", "robots", "bench", "sample")
     assert all(f"• {word} " in "\n".join(text) for word in words)

@@ -33,14 +33,15 @@ from hoi_retarget.clip.edits import (
 from hoi_retarget.motion.result_file import load as load_motion
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.readers.open import clip_of, open_clip
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.config import Config
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import make
 
 BOX = "builtin:carry_box"
 PAGE = (Path(__file__).parents[1] / "docs" / "contacts.md").read_text()
-ARRAYS = ("qpos", "ik_qpos", "object_pos", "contact_flags", "contact_targets", "stance_flags")
+ARRAYS = ("qpos", "ik_qpos", "object_pos", "contact_flags", "contact_points", "stance_flags")
 
 
 @pytest.fixture
@@ -149,7 +150,7 @@ def test_run_gives_to_the_bit_what_python_gives(scene, call, tmp_path):
         again = clip_of(ours)
         assert again.source == edited.source
         for a, b in zip(again.contacts, edited.contacts, strict=True):
-            np.testing.assert_array_equal(a.points_object, b.points_object)
+            np.testing.assert_array_equal(a.contact_points, b.contact_points)
 
 
 def test_results_of_built_in_clips_have_their_names(call, tmp_path):

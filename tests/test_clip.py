@@ -36,7 +36,7 @@ def thing(frames: int = FRAMES, *, name: str = "box") -> ObjectTrack:
 
 def contact(frames: int = FRAMES, **changes: object) -> ContactTrack:
     values = {"person": 0, "object": 0, "part": "left_hand", "active": np.ones(frames, dtype=bool)}
-    values |= {"points_object": np.zeros((frames, 3))} | changes
+    values |= {"contact_points": np.zeros((frames, 3))} | changes
     return ContactTrack(**values)  # pyright: ignore[reportArgumentType]
 
 
@@ -77,7 +77,7 @@ def test_numbers_that_are_not_finite_are_refused_with_owner_and_frame(bad):
     with pytest.raises(ClipError, match=r"object geometry: points is not finite in 1 frame \(1\)"):
         ObjectGeometry(with_value(np.eye(3), (1, 1), bad))
     with pytest.raises(ClipError, match=r"contact of 'left_hand': active without a point in 1 frame \(3\)"):
-        contact(points_object=with_value(np.zeros((FRAMES, 3)), (3, 0), bad))
+        contact(contact_points=with_value(np.zeros((FRAMES, 3)), (3, 0), bad))
 
 
 def test_many_bad_frames_are_counted_and_the_first_named():
@@ -113,7 +113,7 @@ def test_rotations_a_little_off_are_rounding_and_become_unit(length):
         (lambda: ObjectGeometry(np.zeros((5, 2))), "geometry.*points.*shape.*5, 3"),
         (lambda: ObjectGeometry(np.zeros((0, 3))), "geometry.*no points"),
         (lambda: contact(part="left_ear"), "'left_ear': no such part.*left_hand, right_hand, left_foot, right_foot"),
-        (lambda: contact(points_object=np.zeros((FRAMES, 2))), "'left_hand'.*points_object.*shape.*6, 3"),
+        (lambda: contact(contact_points=np.zeros((FRAMES, 2))), "'left_hand'.*contact_points.*shape.*6, 3"),
         (lambda: clip(fps=0.0), "'scene'.*0.0 frames a second.*positive"),
         (lambda: clip(fps=-30.0), "'scene'.*positive"),
         (lambda: clip(fps=float("nan")), "'scene'.*positive"),
@@ -153,7 +153,7 @@ def test_all_arrays_are_read_only_copies():
     active, points, vertices = np.ones(FRAMES, dtype=bool), np.zeros((FRAMES, 3)), np.eye(3)
     places, turns = thing().positions.copy(), thing().quats.copy()
     ann, geometry = Person("ann", positions, quats), ObjectGeometry(vertices)
-    box, touch = ObjectTrack("box", places, turns, geometry), contact(active=active, points_object=points)
+    box, touch = ObjectTrack("box", places, turns, geometry), contact(active=active, contact_points=points)
     kept = {
         "joint_positions": (ann.joint_positions, positions),
         "joint_quats": (ann.joint_quats, quats),
@@ -161,7 +161,7 @@ def test_all_arrays_are_read_only_copies():
         "positions": (box.positions, places),
         "quats": (box.quats, turns),
         "active": (touch.active, active),
-        "points_object": (touch.points_object, points),
+        "contact_points": (touch.contact_points, points),
     }
     for name, (inside, given_array) in kept.items():
         before = inside.copy()
@@ -175,9 +175,9 @@ def test_all_arrays_are_read_only_copies():
 
 def test_points_of_inactive_frames_are_dropped():
     active = np.array([True, False, True, False, False, True])
-    touch = contact(active=active, points_object=np.full((FRAMES, 3), 7.0))
-    assert np.isnan(touch.points_object[~active]).all()
-    np.testing.assert_array_equal(touch.points_object[active], 7.0)
+    touch = contact(active=active, contact_points=np.full((FRAMES, 3), 7.0))
+    assert np.isnan(touch.contact_points[~active]).all()
+    np.testing.assert_array_equal(touch.contact_points[active], 7.0)
 
 
 @LAWS

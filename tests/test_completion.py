@@ -74,7 +74,7 @@ def test_contacts_are_found_only_where_the_source_has_none_or_others_are_asked_f
         assert [(track.part, track.object) for track in found.contacts] == [(t.part, t.object) for t in wanted]
         for ours, theirs in zip(found.contacts, wanted, strict=True):
             np.testing.assert_array_equal(ours.active, theirs.active)
-            np.testing.assert_array_equal(ours.points_object, theirs.points_object)
+            np.testing.assert_array_equal(ours.contact_points, theirs.contact_points)
         assert any(note.startswith("Contacts are found from distances") for note in found.source.notes)
     assert with_contacts(nothing := replace(bare, objects=())) is nothing
 

@@ -96,7 +96,7 @@ def test_segments_are_the_runs_of_the_tracks():
     for track in clip.contacts:
         own = [s for s in found if (s.person, s.part) == (track.person, track.part)]
         assert tuple((s.start, s.stop) for s in own) == track.segments
-        assert all(np.array_equal(s.points, track.points_object[s.start : s.stop]) for s in own)
+        assert all(np.array_equal(s.points, track.contact_points[s.start : s.stop]) for s in own)
 
 
 def test_no_edits_give_the_same_clip():
@@ -403,7 +403,7 @@ def test_a_renamed_clip_with_other_points_is_the_same_clip():
     clip = two_holds()
     edits = ContactEdits.of(clip).adding(FixAll())
     (track,) = clip.contacts
-    apply(replace(clip, name="other", contacts=(replace(track, points_object=track.points_object + 1.0),)), edits)
+    apply(replace(clip, name="other", contacts=(replace(track, contact_points=track.contact_points + 1.0),)), edits)
 
 
 @pytest.mark.parametrize(

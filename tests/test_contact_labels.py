@@ -95,7 +95,7 @@ def test_labels_are_the_known_contacts_within_some_frames(name):
             assert abs(first - own_first) <= SLOW_CLOSING
             assert abs(stop - own_stop) <= SLOW_CLOSING
         both = known.active & track.active
-        np.testing.assert_allclose(track.points_object[both], known.points_object[both], atol=1e-3)
+        np.testing.assert_allclose(track.contact_points[both], known.contact_points[both], atol=1e-3)
     for track in found.values():
         assert not track.active.any(), f"{track.part} touches nothing"
 
@@ -107,9 +107,9 @@ def test_points_are_the_parts_own_or_the_objects_nearest():
     for part, on_object in zip(own, surface, strict=True):
         np.testing.assert_array_equal(part.active, on_object.active)
         expected = track.to_object(person.part_position(part.part))[part.active]
-        np.testing.assert_allclose(part.points_object[part.active], expected, atol=1e-12)
+        np.testing.assert_allclose(part.contact_points[part.active], expected, atol=1e-12)
         if on_object.active.any():
-            assert mesh.distances(on_object.points_object[on_object.active]).max() < 1e-9
+            assert mesh.distances(on_object.contact_points[on_object.active]).max() < 1e-9
 
 
 def plate() -> ObjectGeometry:
@@ -177,9 +177,9 @@ def test_directions_are_unit_and_normal_to_the_surface_outside():
     for item in nearness(source):
         known = np.isfinite(item.directions_object).all(axis=1)
         np.testing.assert_allclose(np.linalg.norm(item.directions_object[known], axis=1), 1.0, atol=1e-9)
-        np.testing.assert_array_equal(np.isfinite(item.distances), np.isfinite(item.points_object).all(axis=1))
-        above = known & (item.distances > 0) & (item.points_object[:, 2] > high[2] - 1e-9)
-        above &= ((item.points_object > low) & (item.points_object < high))[:, :2].all(axis=1)
+        np.testing.assert_array_equal(np.isfinite(item.distances), np.isfinite(item.contact_points).all(axis=1))
+        above = known & (item.distances > 0) & (item.contact_points[:, 2] > high[2] - 1e-9)
+        above &= ((item.contact_points > low) & (item.contact_points < high))[:, :2].all(axis=1)
         np.testing.assert_allclose(item.directions_object[above], np.tile([0.0, 0.0, 1.0], (above.sum(), 1)), atol=1e-6)
         if item.part == "left_hand":
             assert above.any()
@@ -345,4 +345,4 @@ def test_a_skin_in_pieces_is_the_skin(skinned, monkeypatch):
     monkeypatch.setattr(contact_labels, "_SKIN_FRAMES", 100)
     for one, other in zip(whole, nearness(skinned), strict=True):
         np.testing.assert_array_equal(one.distances, other.distances)
-        np.testing.assert_array_equal(one.points_object, other.points_object)
+        np.testing.assert_array_equal(one.contact_points, other.contact_points)

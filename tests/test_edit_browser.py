@@ -12,12 +12,12 @@ from hoi_retarget.motion.result_file import load as load_motion
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.numerics import se3
 from hoi_retarget.readers.open import open_clip
-from hoi_retarget.retarget.pipeline import Config
+from hoi_retarget.retarget.config import Config
 from trajectories import MODELS
 
 pytest.importorskip("viser", reason="viser is not installed")
 
-from hoi_retarget.viewers.browser.client_sessions import serve_visitors
+from hoi_retarget.viewers.browser.client_sessions import serve_sessions
 from hoi_retarget.viewers.browser.editing import Editing, solved
 from hoi_retarget.viewers.browser.editor import Editor, Places
 from hoi_retarget.viewers.browser.server import address, open_server
@@ -50,7 +50,7 @@ class Session:
         self.saved = []
         self.clients = []
         self.server = open_server("test")
-        serve_visitors(self.server, lambda client: self._receive(client, edited))
+        serve_sessions(self.server, lambda client: self._receive(client, edited))
 
     def _receive(self, client, edited):
         editing = Editing(self.clip, MODEL, Config(), edited)
@@ -148,7 +148,7 @@ def test_a_dragged_point_takes_the_hand_along_and_the_command_line_makes_the_sam
     assert session.saved == [before_saving]
     assert main(["run", "builtin:carry_box", "--edits", str(edits), "--out", str(session.folder / "out")]) == 0
     ours, theirs = load_motion(session.folder / "editor.npz"), load_motion(session.folder / "out" / "carry_box.npz")
-    for name in ("qpos", "ik_qpos", "object_pos", "contact_flags", "contact_targets", "stance_flags"):
+    for name in ("qpos", "ik_qpos", "object_pos", "contact_flags", "contact_points", "stance_flags"):
         assert getattr(ours, name).tobytes() == getattr(theirs, name).tobytes(), name
     page.close()
 

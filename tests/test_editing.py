@@ -5,7 +5,8 @@ import pytest
 
 from hoi_retarget.clip.edits import ContactEdits, Delete, Fix, FixAll, Move, Retime, apply, load
 from hoi_retarget.errors import ArgumentError, ClipError
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.config import Config
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.browser.editing import Edited, Editing, solved
 from hoi_retarget.viewers.browser.segment_strip import ROW_HEIGHT_PX, strip_height_px, strip_html
@@ -79,7 +80,7 @@ def test_the_whole_solved_is_what_the_pipeline_makes_to_the_bit(editing, recorde
     assert editing.now.complete
     editing.save(tmp_path / "edits.toml")
     motion = retarget(apply(recorded, load(tmp_path / "edits.toml")), MODEL, CONFIG)
-    for name in ("qpos", "ik_qpos", "contact_targets", "contact_flags"):
+    for name in ("qpos", "ik_qpos", "contact_points", "contact_flags"):
         assert getattr(editing.now.motions[0], name).tobytes() == getattr(motion, name).tobytes()
 
 

@@ -25,7 +25,8 @@ from hoi_retarget.motion.normals import outward_normals
 from hoi_retarget.motion.result import Result
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import Surface
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.config import Config
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.synthetic import make
 from trajectories import MODELS
@@ -396,7 +397,7 @@ def test_contacts_are_in_the_file_or_beside_it(name):
     motion = result.motion
     np.testing.assert_array_equal(arrays["contact_flags"], motion.contact_flags)
     np.testing.assert_array_equal(arrays["contact_object"], motion.contact_object)
-    np.testing.assert_array_equal(arrays["contact_points"], motion.contact_targets)
+    np.testing.assert_array_equal(arrays["contact_points"], motion.contact_points)
     np.testing.assert_array_equal(arrays["contact_object_pos_w"], motion.object_pos)
     np.testing.assert_array_equal(arrays["contact_stance"], motion.stance_flags)
     assert arrays["contact_links"].tolist() == list(LINKS)
@@ -529,7 +530,7 @@ def test_scaling_an_object_turns_no_normal(carried):
     bigger = replace(
         carried.motion,
         object_scale=2.0 * carried.motion.object_scale,
-        contact_targets=2.0 * carried.motion.contact_targets,
+        contact_points=2.0 * carried.motion.contact_points,
     )
     a, b = (
         arrays_in(export(result, WRITABLE["mjlab"], name="take").files["take.npz"])["contact_normals"]

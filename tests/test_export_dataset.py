@@ -41,7 +41,7 @@ def test_rows_hold_the_motions_whatever_robots_and_objects_they_have():
         np.testing.assert_allclose(np.reshape(row["contact_object_pos_w"], shape), motion.object_pos, atol=1e-6)
         np.testing.assert_array_equal(np.array(row["contact_flags"]), motion.contact_flags)
         np.testing.assert_array_equal(np.array(row["contact_object"]), motion.contact_object)
-        np.testing.assert_allclose(np.array(row["contact_points"], float), motion.contact_targets, atol=1e-6)
+        np.testing.assert_allclose(np.array(row["contact_points"], float), motion.contact_points, atol=1e-6)
         assert json.loads(row["source"])["name"] == "sub1_box_000.pt"
         assert [item["name"] for item in json.loads(row["objects"])] == list(motion.object_names)
 

@@ -39,7 +39,7 @@ def test_at_its_own_rate_a_motion_stays_as_it_is(model):
     for trajectory in (resample(motion, model), resample(motion, model, motion.fps)):
         for name in ("qpos", "object_pos", "object_quat", "contact_flags", "contact_object", "stance_flags"):
             np.testing.assert_array_equal(getattr(trajectory, name), getattr(motion, name))
-        np.testing.assert_array_equal(trajectory.contact_points, motion.contact_targets)
+        np.testing.assert_array_equal(trajectory.contact_points, motion.contact_points)
 
 
 @LAWS
@@ -213,7 +213,7 @@ def touching(flags: list[int], objects: list[int], heights: list[float]) -> Moti
         motion,
         contact_flags=active,
         contact_object=np.where(active, np.array(objects)[:, None], -1),
-        contact_targets=np.where(active[:, :, None], points, np.nan),
+        contact_points=np.where(active[:, :, None], points, np.nan),
     )
 
 

@@ -78,7 +78,7 @@ def test_contacts_are_those_that_the_object_is_labelled_with(root, models, monke
     for track in clip.contacts:
         assert np.array_equal(track.active, active.get(track.part, np.zeros(FRAMES, dtype=bool)))
         places = clip.objects[0].to_object(clip.people[0].part_position(track.part))
-        assert np.array_equal(track.points_object[track.active], places[track.active])
+        assert np.array_equal(track.contact_points[track.active], places[track.active])
     assert active["left_hand"].sum() > 60
 
 
@@ -144,7 +144,7 @@ def turning():
     positions = left - se3.rotate(quats, np.tile([0.3, 0.1, 0.2], (FRAMES, 1)))
     moved = replace(track, positions=positions, quats=quats)
     contacts = tuple(
-        replace(it, active=np.full(FRAMES, it.part == "left_hand"), points_object=np.zeros((FRAMES, 3)))
+        replace(it, active=np.full(FRAMES, it.part == "left_hand"), contact_points=np.zeros((FRAMES, 3)))
         for it in CLIP.contacts
     )
     return replace(CLIP, objects=(moved, CLIP.objects[1]), contacts=contacts)

@@ -31,7 +31,7 @@ def moved(clip: Clip, change: Callable[[ObjectTrack], ObjectTrack]) -> Clip:
 
 def shifted(clip: Clip, frames: int) -> Clip:
     points = np.zeros((clip.frames, 3))
-    tracks = (replace(it, active=np.roll(it.active, frames), points_object=points) for it in clip.contacts)
+    tracks = (replace(it, active=np.roll(it.active, frames), contact_points=points) for it in clip.contacts)
     return replace(clip, contacts=tuple(tracks))
 
 
@@ -120,7 +120,7 @@ def test_contacts_of_other_frames_are_noted(scene, frames):
 def test_clips_that_are_shorter_than_the_shifts_pass(frames):
     clip = make("carry_box", seconds=(frames - 1) / 30)
     always = tuple(
-        replace(it, active=np.ones(frames, dtype=bool), points_object=np.zeros((frames, 3))) for it in clip.contacts
+        replace(it, active=np.ones(frames, dtype=bool), contact_points=np.zeros((frames, 3))) for it in clip.contacts
     )
     figures = grasp_figures(replace(clip, contacts=always))
     assert figures.frames == (2 * frames if frames >= 10 else 0)

@@ -56,7 +56,7 @@ def result() -> Motion:
         contact_links=("palm",),
         contact_flags=np.array([[0], [1], [1], [0], [1], [0]], dtype=bool),
         contact_object=np.zeros((6, 1), dtype=int),
-        contact_targets=np.zeros((6, 1, 3)),
+        contact_points=np.zeros((6, 1, 3)),
         stance_flags=np.zeros((6, 2), dtype=bool),
         first_source_frame=0,
         human_height=1.7,

@@ -64,7 +64,7 @@ def test_what_is_written_is_read(folder, seed, turned):
     for new, old in zip(again.contacts, clip.contacts, strict=True):
         assert (new.object, new.part) == (old.object, old.part)
         assert np.array_equal(new.active, old.active)
-        assert np.allclose(new.points_object, old.points_object, atol=1e-5, equal_nan=True)
+        assert np.allclose(new.contact_points, old.contact_points, atol=1e-5, equal_nan=True)
 
 
 def test_what_is_not_taken_is_noted(folder):

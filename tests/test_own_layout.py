@@ -57,7 +57,7 @@ def assert_same(new: Clip, old: Clip, tolerance: float = 1e-12) -> None:
     for a, b in zip(new.contacts, old.contacts, strict=True):
         assert (a.person, a.object, a.part) == (b.person, b.object, b.part)
         assert np.array_equal(a.active, b.active)
-        assert np.array_equal(a.points_object, b.points_object, equal_nan=True)
+        assert np.array_equal(a.contact_points, b.contact_points, equal_nan=True)
 
 
 @settings(derandomize=True, deadline=None, max_examples=8, database=None)
@@ -117,7 +117,7 @@ def test_what_is_derived(tmp_path):
     assert len(clip.source.notes) == 2
     contact, person, track = clip.contacts[0], clip.people[0], clip.objects[0]
     own = track.to_object(person.part_position(contact.part))
-    assert np.array_equal(contact.points_object[contact.active], own[contact.active])
+    assert np.array_equal(contact.contact_points[contact.active], own[contact.active])
     # Read, written and read again it is the same: nothing is derived twice.
     own_layout.write(clip, tmp_path / "again.npz")
     assert_same(read_clip(tmp_path / "again.npz"), clip)
@@ -143,7 +143,7 @@ def test_contacts_as_segments(tmp_path):
         ("left_hand", ((2, 9), (20, 30))),
         ("right_foot", ((0, 5),)),
     ]
-    assert np.array_equal(clip.contacts[0].points_object[25], [0.3, 0.4, 0.5])
+    assert np.array_equal(clip.contacts[0].contact_points[25], [0.3, 0.4, 0.5])
     for frames, words in (([[2, 9], [8, 30], [0, 5]], "overlaps"), ([[2, 9], [9, 99], [0, 5]], "within 0 and")):
         with pytest.raises(ClipError, match=words):
             read_clip(saved(tmp_path, arrays | {"segment_frames": np.array(frames)}))

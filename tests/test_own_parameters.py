@@ -61,7 +61,7 @@ def test_people_are_those_given_as_joints(tmp_path, made, family, flat, componen
     assert (clip.name, clip.fps, clip.source.notes) == (as_joints.name, as_joints.fps, as_joints.source.notes)
     for ours, theirs in zip(clip.contacts, as_joints.contacts, strict=True):
         assert np.array_equal(ours.active, theirs.active)
-        assert np.array_equal(ours.points_object, theirs.points_object, equal_nan=True)
+        assert np.array_equal(ours.contact_points, theirs.contact_points, equal_nan=True)
     for person in clip.people:
         assert person.shape is not None
         np.testing.assert_allclose(

@@ -12,9 +12,8 @@ from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import encode
 from hoi_retarget.numerics import se3
-from hoi_retarget.retarget.pipeline import Config, retarget
-from hoi_retarget.retarget.targets import Scaling
-from hoi_retarget.retarget.trajopt.windows import Horizon
+from hoi_retarget.retarget.config import Config, Horizon, Scaling
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 from hoi_retarget.synthetic import make
@@ -50,7 +49,7 @@ def cut(clip: Clip, first: int, stop: int | None = None) -> Clip:
             replace(track, positions=track.positions[part], quats=track.quats[part]) for track in clip.objects
         ),
         contacts=tuple(
-            replace(track, active=track.active[part], points_object=track.points_object[part])
+            replace(track, active=track.active[part], contact_points=track.contact_points[part])
             for track in clip.contacts
         ),
     )
@@ -97,7 +96,7 @@ def gaps(motion: Motion, model: RobotModel) -> np.ndarray:
         frames = np.flatnonzero(motion.contact_flags[:, column])
         touched = motion.contact_object[frames, column]
         target = motion.object_pos[frames, touched] + se3.rotate(
-            motion.object_quat[frames, touched], motion.contact_targets[frames, column]
+            motion.object_quat[frames, touched], motion.contact_points[frames, column]
         )
         found.append(np.linalg.norm(kinematics.site_position(link)[frames] - target, axis=1))
     return np.concatenate(found)
@@ -196,7 +195,7 @@ def test_a_start_in_the_pose_of_calibration(robot):
         replace(track, positions=track.positions[before], quats=track.quats[before]) for track in clip.objects
     )
     contacts = tuple(
-        replace(track, active=track.active[before], points_object=track.points_object[before])
+        replace(track, active=track.active[before], contact_points=track.contact_points[before])
         for track in clip.contacts
     )
     motion = retarget(replace(clip, people=(person,), objects=objects, contacts=contacts), model, Config())

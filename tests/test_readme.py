@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hoi_retarget.retarget.trajopt.table import Weights
+from hoi_retarget.retarget.config import Weights
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.spec import SITES
 

@@ -8,8 +8,8 @@ import pytest
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers import read_clip
-from hoi_retarget.retarget.pipeline import Config, retarget
-from hoi_retarget.retarget.targets import Scaling
+from hoi_retarget.retarget.config import Config, Scaling
+from hoi_retarget.retarget.pipeline import retarget
 from test_pipeline import SETTLING, assert_agree, assert_sane, cut
 from trajectories import MODELS
 

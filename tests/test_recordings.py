@@ -13,7 +13,8 @@ from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load, save
 from hoi_retarget.readers.open import clip_of, open_clip, recording_of, result_stem
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.config import Config
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import SCENES, make
@@ -31,7 +32,7 @@ def same(a: Clip, b: Clip) -> bool:
         and all(np.array_equal(x.joint_positions, y.joint_positions) for x, y in zip(a.people, b.people, strict=True))
         and all(np.array_equal(x.positions, y.positions) for x, y in zip(a.objects, b.objects, strict=True))
         and all(
-            np.array_equal(x.points_object, y.points_object, equal_nan=True)
+            np.array_equal(x.contact_points, y.contact_points, equal_nan=True)
             for x, y in zip(a.contacts, b.contacts, strict=True)
         )
     )

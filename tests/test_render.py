@@ -22,7 +22,7 @@ from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.motion.result_file import load, save
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.offscreen import film
-from hoi_retarget.viewers.scene.camera import FIELD_OF_VIEW, View, cameras
+from hoi_retarget.viewers.scene.camera import FIELD_OF_VIEW, CameraSettings, cameras
 from hoi_retarget.viewers.scene.drawing import Kind, Layer, Scene, Shapes, Subject
 from hoi_retarget.viewers.scene.scene import Shown, make_scene
 from offscreen import need_drawing
@@ -34,7 +34,7 @@ import numpy as np
 from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.viewers.scene.camera import Camera
 from hoi_retarget.viewers.scene.drawing import Kind, Layer, Lines, Scene, Shapes, Solid, Subject
-from hoi_retarget.viewers.offscreen.renderer import easel
+from hoi_retarget.viewers.offscreen.renderer import offscreen_renderer
 
 def ball(colour, x, frames=2, **options):
     place = np.tile(np.array([x, 0.0, 1.0], dtype=np.float32), (frames, 1, 1))
@@ -64,7 +64,7 @@ seen = {}
 for name, layer in parts.items():
     scene = Scene((Subject("s", 10.0, (layer,), np.zeros((2, 3))),))
     try:
-        with easel(scene, 96, 64) as drawing:
+        with offscreen_renderer(scene, 96, 64) as drawing:
             for frame in (0, 1):
                 camera = Camera(np.array([0.0, 0.0, 1.0]), 4.0, 90.0, -10.0)
                 pixels = drawing.draw(frame, camera).astype(int)
@@ -145,7 +145,7 @@ def test_everything_is_in_the_picture(seed, azimuth, elevation, aspect, follow):
     walk = np.cumsum(0.3 * rng.normal(size=(12, 1, 3)) * [1, 1, 0], axis=0)
     places = walk + rng.uniform([-0.5, -0.5, 0.0], [0.5, 0.5, 2.0], size=(12, 5, 3))
     scene = ball_scene(places)
-    (camera,) = cameras([scene], View(azimuth, elevation, follow=follow), aspect)
+    (camera,) = cameras([scene], CameraSettings(azimuth, elevation, follow=follow), aspect)
     slope = np.tan(np.radians(FIELD_OF_VIEW / 2))
     for frame, points in enumerate(places):
         placed = camera(frame)
@@ -161,7 +161,7 @@ def test_everything_is_in_the_picture(seed, azimuth, elevation, aspect, follow):
 def test_a_fixed_camera_stays_and_one_that_follows_keeps_its_height_and_distance():
     places = np.linspace([0.0, 0.0, 0.0], [6.0, 0.0, 1.0], 20)[:, None]
     for follow in (True, False):
-        (camera,) = cameras([ball_scene(places)], View(90.0, follow=follow), 1.0)
+        (camera,) = cameras([ball_scene(places)], CameraSettings(90.0, follow=follow), 1.0)
         points = np.array([camera(frame).point for frame in range(20)])
         assert np.ptp(points[:, 0]) == pytest.approx(6.0 if follow else 0.0)
         assert np.ptp(points[:, 1:]) + np.ptp([camera(frame).distance for frame in range(20)]) >= 0.0
@@ -170,12 +170,12 @@ def test_a_fixed_camera_stays_and_one_that_follows_keeps_its_height_and_distance
 
 def test_panels_have_one_scale_and_one_floor():
     small, large = ball_scene(np.full((3, 1, 3), 0.5)), ball_scene(np.full((3, 1, 3), 2.5))
-    first, second = cameras([small, large], View(90.0), 1.0)
+    first, second = cameras([small, large], CameraSettings(90.0), 1.0)
     assert first(0).distance == second(0).distance and first(0).point[2] == second(0).point[2]
 
 
 def test_the_distance_may_be_told():
-    (camera,) = cameras([ball_scene(np.zeros((3, 1, 3)))], View(90.0, distance=7.5), 1.0)
+    (camera,) = cameras([ball_scene(np.zeros((3, 1, 3)))], CameraSettings(90.0, distance=7.5), 1.0)
     assert camera(1).distance == 7.5
 
 

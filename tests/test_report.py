@@ -25,7 +25,7 @@ from hoi_retarget.motion.result_file import save
 from hoi_retarget.report.discover import find
 from hoi_retarget.report.histogram import histogram
 from hoi_retarget.report.index import index_columns, to_csv, to_json, to_parquet
-from hoi_retarget.report.motion_from_qpos import lone_motion
+from hoi_retarget.report.motion_from_qpos import motion_from_qpos
 from hoi_retarget.report.page import report_page
 from hoi_retarget.report.pictures import worst_frame
 from hoi_retarget.report.rows import Row, read_row, worst_first
@@ -135,7 +135,7 @@ def test_a_bad_motion_is_shown_where_it_is_bad() -> None:
 
 def test_of_a_lone_motion_the_same_is_measured_as_of_the_result() -> None:
     whole = judged_figures(carried(), G1)
-    lone = judged_figures(lone_motion(carried().qpos, carried().fps, G1), G1)
+    lone = judged_figures(motion_from_qpos(carried().qpos, carried().fps, G1), G1)
     for name in ("base_height_max_share", "base_turn_max_radps", "frozen_share"):
         assert lone[name] == whole[name]
     for name in ("body_jerk_max_mps3", "joint_range_margin_rad", "joint_speed_margin_radps", "floor_penetration_max_m"):
@@ -148,9 +148,9 @@ def test_of_a_lone_motion_the_same_is_measured_as_of_the_result() -> None:
 @pytest.mark.parametrize("shift", [-0.02, 0.0, 0.02])
 def test_where_feet_stand_does_not_depend_on_where_the_floor_is(shift: float) -> None:
     qpos = carried().qpos.copy()
-    stance = lone_motion(qpos, 30.0, G1).stance_flags
+    stance = motion_from_qpos(qpos, 30.0, G1).stance_flags
     qpos[:, 2] += shift
-    moved = lone_motion(qpos, 30.0, G1)
+    moved = motion_from_qpos(qpos, 30.0, G1)
     assert np.array_equal(moved.stance_flags, stance)
     assert stance.any(axis=1).all()
     figures = judged_figures(moved, G1)
@@ -159,9 +159,9 @@ def test_where_feet_stand_does_not_depend_on_where_the_floor_is(shift: float) ->
 
 def test_a_motion_that_skates_slides() -> None:
     qpos = np.repeat(G1.home_qpos[None], 60, axis=0)
-    assert judged_figures(lone_motion(qpos, 30.0, G1), G1)["stance_slide_mps"] == 0.0
+    assert judged_figures(motion_from_qpos(qpos, 30.0, G1), G1)["stance_slide_mps"] == 0.0
     qpos[:, 0] = np.arange(60) / 30.0
-    assert judged_figures(lone_motion(qpos, 30.0, G1), G1)["stance_slide_mps"] == pytest.approx(1.0)
+    assert judged_figures(motion_from_qpos(qpos, 30.0, G1), G1)["stance_slide_mps"] == pytest.approx(1.0)
 
 
 # Other programs' files, and batches.
@@ -195,7 +195,7 @@ def test_another_programs_file_that_contradicts_itself_is_told_as_such(tmp_path:
 def test_a_lone_motion_has_the_objects_that_its_file_has(tmp_path: Path) -> None:
     motion = carried()
     path = ObjectPath("box", motion.object_pos[:, 0], motion.object_quat[:, 0])
-    lone = lone_motion(motion.qpos, motion.fps, G1, [path])
+    lone = motion_from_qpos(motion.qpos, motion.fps, G1, [path])
     assert lone.object_names == ("box",)
     assert np.array_equal(lone.object_pos, motion.object_pos)
 

@@ -7,10 +7,10 @@ import pytest
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import Add, ContactEdits, apply
+from hoi_retarget.retarget.config import Config, Horizon
 from hoi_retarget.retarget.local_resolve import Draft, changed_frames, draft, revise
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.retarget.targets import make_targets
-from hoi_retarget.retarget.trajopt.windows import Horizon
 from hoi_retarget.synthetic import make
 from trajectories import MODELS
 
@@ -26,9 +26,9 @@ def before() -> Draft:
 
 def shifted(clip: Clip, track: int, segment: int = 0, offset: np.ndarray = SHIFT) -> Clip:
     contacts = list(clip.contacts)
-    points = contacts[track].points_object.copy()
+    points = contacts[track].contact_points.copy()
     points[slice(*contacts[track].segments[segment])] += offset
-    contacts[track] = replace(contacts[track], points_object=points)
+    contacts[track] = replace(contacts[track], contact_points=points)
     return replace(clip, contacts=tuple(contacts))
 
 
@@ -65,7 +65,7 @@ def test_there_and_back_returns_to_the_first_motion(before):
     away = revise(before, shifted(before.clip, 1), MODEL, Config())
     back = revise(away, before.clip, MODEL, Config())
     np.testing.assert_allclose(back.motion.qpos, before.motion.qpos, atol=5e-3)
-    np.testing.assert_array_equal(back.motion.contact_targets, before.motion.contact_targets)
+    np.testing.assert_array_equal(back.motion.contact_points, before.motion.contact_points)
 
 
 def test_nothing_changed_solves_nothing(before):

@@ -22,7 +22,7 @@ from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.scene.drawing import Kind, Lines, Solid
 from hoi_retarget.viewers.scene.marks import gap_colour
 from hoi_retarget.viewers.scene.object_solid import AXIS_LENGTH, thinned
-from hoi_retarget.viewers.scene.scene import Shown, make_scene, together
+from hoi_retarget.viewers.scene.scene import Shown, group_by_shared_objects, make_scene
 from source_people import write_models
 from trajectories import MODELS, random_qpos
 
@@ -59,7 +59,7 @@ def motion_of(clip: Clip, seed: int, *, person: int = 0, model=G1, shift=(0.0, 0
         contact_links=links,
         contact_flags=flags,
         contact_object=np.where(flags, 0, -1),
-        contact_targets=np.where(flags[..., None], rng.normal(size=(frames, len(links), 3)), np.nan),
+        contact_points=np.where(flags[..., None], rng.normal(size=(frames, len(links), 3)), np.nan),
         stance_flags=rng.random((frames, 2)) < 0.5,
         first_source_frame=0,
         human_height=1.75,
@@ -147,7 +147,7 @@ def write_tetrahedron(path, corners):
     path.write_bytes(bytes(80) + np.uint32(4).tobytes() + records.tobytes())
 
 
-def test_the_makers_meshes_are_where_their_bodies_are(tmp_path):
+def test_the_vendor_meshes_are_where_their_bodies_are(tmp_path):
     rng = np.random.default_rng(0)
     corners = {}
     for name in (name for files in G1.spec.meshes.values() for name in files):
@@ -185,7 +185,7 @@ def test_contact_balls_are_at_targets_and_at_the_robots_links(seed):
     for frame in range(motion.frames):
         links = np.flatnonzero(motion.contact_flags[frame])
         turn = se3.quat_to_matrix(motion.object_quat[frame, 0])
-        targets = [motion.object_pos[frame, 0] + turn @ motion.contact_targets[frame, link] for link in links]
+        targets = [motion.object_pos[frame, 0] + turn @ motion.contact_points[frame, link] for link in links]
         sites = [kinematics.site_position(motion.contact_links[link])[frame] for link in links]
         drawn = balls.positions[frame][balls.visible[frame]]
         np.testing.assert_allclose(drawn, np.reshape(targets + sites, (-1, 3)), atol=1e-5)
@@ -417,7 +417,7 @@ def test_the_first_result_stands_where_it_was_computed():
 
 def test_two_peoples_robots_share_a_place_and_the_object():
     items = [shown(1, "carry_table", person=0), shown(2, "carry_table", person=1)]
-    assert together(items) == (0, 0)
+    assert group_by_shared_objects(items) == (0, 0)
     first, second = make_scene(items).subjects
     names = {layer.name for layer in first.layers}
     assert {layer.name for layer in second.layers} == names - {"object", "human's object"}
@@ -432,10 +432,19 @@ def test_only_different_people_with_the_same_objects_share_a_place():
     first, second = shown(1, "carry_table", person=0), shown(2, "carry_table", person=1)
     elsewhere = replace(second, motion=replace(second.motion, object_pos=second.motion.object_pos + 0.1))
     other_clip = replace(second, motion=replace(second.motion, report=dict(second.motion.report) | {"clip": "other"}))
-    assert together([first, elsewhere]) == together([first, other_clip]) == together([first, first]) == (0, 1)
-    assert together([first, first, second, second]) == (0, 1, 0, 1)
+    assert (
+        group_by_shared_objects([first, elsewhere])
+        == group_by_shared_objects([first, other_clip])
+        == group_by_shared_objects([first, first])
+        == (0, 1)
+    )
+    assert group_by_shared_objects([first, first, second, second]) == (0, 1, 0, 1)
     clip = CLIPS["carry_table"]
-    assert together([Shown("a", clip=clip), Shown("b", clip=clip, person=1), Shown("c", clip=clip)]) == (0, 0, 2)
+    assert group_by_shared_objects([Shown("a", clip=clip), Shown("b", clip=clip, person=1), Shown("c", clip=clip)]) == (
+        0,
+        0,
+        2,
+    )
 
 
 # what a camera follows

@@ -27,11 +27,11 @@ from hoi_retarget.motion.result_file import save
 from hoi_retarget.numerics import se3
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.offscreen import thumbnail as thumbnail_module
-from hoi_retarget.viewers.offscreen.thumbnail import telling_frame, thumbnail
-from hoi_retarget.viewers.scene.auto_camera import standpoint
+from hoi_retarget.viewers.offscreen.thumbnail import representative_frame, thumbnail
+from hoi_retarget.viewers.scene.auto_camera import fit_camera
 from hoi_retarget.viewers.scene.drawing import Kind, Layer, Lines, Scene, Shapes, Solid, Subject
 from hoi_retarget.viewers.scene.scene import Shown, make_scene
-from hoi_retarget.viewers.share.gallery import Entry, clip_page, file_name, index_page
+from hoi_retarget.viewers.share.gallery import GalleryEntry, clip_page, file_name, index_page
 from hoi_retarget.viewers.share.packed_scene import LARGEST_FRAMES, POSITION_STEP, pack
 from hoi_retarget.viewers.share.share import LISTING, gallery_in
 from test_curves import G1, carried, random_motion
@@ -53,7 +53,7 @@ def unpacked(numbers: bytes, track: dict) -> np.ndarray:
 
 
 def content(scene: Scene) -> tuple[dict, bytes]:
-    packed = json.loads(pack(scene, standpoint(scene, AHEAD)))
+    packed = json.loads(pack(scene, fit_camera(scene, AHEAD)))
     return packed, gzip.decompress(base64.b64decode(packed["numbers"]))
 
 
@@ -139,9 +139,9 @@ def test_names_of_files_are_plain_and_different(titles: list[str]) -> None:
 
 
 @pytest.mark.parametrize("aspect", [0.6, 1.0, 2.0])
-def test_everything_is_in_the_picture_from_a_standpoint(aspect: float) -> None:
+def test_everything_is_in_the_picture_of_a_fitted_camera(aspect: float) -> None:
     scene = carried_scene()
-    place = standpoint(scene, AHEAD)
+    place = fit_camera(scene, AHEAD)
     (subject,) = scene.subjects
     view = np.radians(40.0)
     towards = np.array([np.cos(place.azimuth), np.sin(place.azimuth), 0.0])
@@ -156,7 +156,7 @@ def test_everything_is_in_the_picture_from_a_standpoint(aspect: float) -> None:
     assert all(inside.mean() > 0.97 for inside in seen)
     # As near as that, and no nearer.
     assert place.distance(aspect, view) < 12.0
-    opposite = standpoint(scene, -AHEAD)
+    opposite = fit_camera(scene, -AHEAD)
     assert np.cos(opposite.azimuth - place.azimuth) == pytest.approx(-1.0)
 
 
@@ -168,9 +168,9 @@ def carried_scene() -> Scene:
 # The text of the pages.
 
 
-def entry(motion: Motion, *, title: str = "carry", **more) -> Entry:
+def entry(motion: Motion, *, title: str = "carry", **more) -> GalleryEntry:
     nothing = Figures(*[None] * len(Figures.__dataclass_fields__))
-    return Entry(title, motion, G1.spec, Score(title, nothing, motion.frames, root_scale=0.75), **more)
+    return GalleryEntry(title, motion, G1.spec, Score(title, nothing, motion.frames, root_scale=0.75), **more)
 
 
 def page_of(motion: Motion, *, gallery: str = "Gallery", **more) -> str:
@@ -204,7 +204,7 @@ def test_text_of_files_stays_text() -> None:
         assert Skeleton(nasty).tags == Skeleton(tame).tags
     scene = carried_scene()
     wicked = replace(scene.subjects[0].layers[0], name=NASTY)
-    packed = pack(Scene((replace(scene.subjects[0], layers=(wicked,)),)), standpoint(scene, AHEAD))
+    packed = pack(Scene((replace(scene.subjects[0], layers=(wicked,)),)), fit_camera(scene, AHEAD))
     assert "<" not in packed and json.loads(packed)["subjects"][0]["layers"][0]["name"] == NASTY
 
 
@@ -234,9 +234,9 @@ def test_a_sketch_takes_the_place_of_what_cannot_be_rendered(monkeypatch: pytest
         raise HoiRetargetError("no way to draw")
         yield
 
-    monkeypatch.setattr(thumbnail_module, "easel", blind)
+    monkeypatch.setattr(thumbnail_module, "offscreen_renderer", blind)
     scene = carried_scene()
-    ending, drawn = thumbnail(scene, 150, standpoint(scene, AHEAD))
+    ending, drawn = thumbnail(scene, 150, fit_camera(scene, AHEAD))
     assert ending == ".svg" and len(drawn) < 200_000
     tags = [element.tag.rpartition("}")[2] for element in ElementTree.fromstring(drawn).iter()]
     shapes = [part for layer in scene.subjects[0].layers if layer.shown for part in layer.parts]
@@ -244,12 +244,12 @@ def test_a_sketch_takes_the_place_of_what_cannot_be_rendered(monkeypatch: pytest
     assert 0.9 * balls <= tags.count("ellipse") <= balls, "but for balls that are not there in this frame"
 
 
-def test_the_telling_frame_lies_in_the_longest_contact() -> None:
+def test_the_representative_frame_lies_in_the_longest_contact() -> None:
     motion = carried()
     flags = np.zeros_like(motion.contact_flags)
     flags[10:14, 0] = flags[50:91, 1] = True
-    assert telling_frame(replace(motion, contact_flags=flags)) == 70
-    assert telling_frame(replace(motion, contact_flags=np.zeros_like(flags))) == motion.frames // 2
+    assert representative_frame(replace(motion, contact_flags=flags)) == 70
+    assert representative_frame(replace(motion, contact_flags=np.zeros_like(flags))) == motion.frames // 2
 
 
 # Folders.

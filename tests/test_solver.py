@@ -9,15 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.errors import ArgumentError
+from hoi_retarget.retarget.config import BandedInteriorPoint, Horizon, parse_horizon
 from hoi_retarget.retarget.trajopt.bounds import Bounds
 from hoi_retarget.retarget.trajopt.problem import Problem
-from hoi_retarget.retarget.trajopt.solvers.banded import BandedInteriorPoint
 from hoi_retarget.retarget.trajopt.solvers.base import Status, optimality
 from hoi_retarget.retarget.trajopt.terms.differences import Differences
 from hoi_retarget.retarget.trajopt.terms.posture import Posture
 from hoi_retarget.retarget.trajopt.terms.site_position import SitePosition
 from hoi_retarget.retarget.trajopt.terms.site_rotation import SiteRotation
-from hoi_retarget.retarget.trajopt.windows import Horizon, parse_horizon, solve_windows
+from hoi_retarget.retarget.trajopt.windows import solve_windows, windows_of
 from trajectories import MODELS, random_qpos
 
 MODEL = MODELS["unitree_g1"]
@@ -156,7 +156,7 @@ def test_windows_with_look_ahead_approach_the_whole():
 def test_windows_cover_every_frame_once_in_order(frames, length, overlap, pinned):
     overlap = min(overlap, length - 1)
     horizon = Horizon(length, overlap, min(pinned, overlap))
-    windows = horizon.windows(frames)
+    windows = windows_of(horizon, frames)
     assert windows[0][0] == 0 and windows[-1][1] == frames
     for (_, before, _), (start, stop, pins) in pairwise(windows):
         assert before < stop <= start + length
@@ -170,5 +170,5 @@ def test_bad_horizons_are_refused(text):
 
 
 def test_per_frame_is_a_window_of_one_new_frame():
-    windows = parse_horizon("per-frame").windows(10)
+    windows = windows_of(parse_horizon("per-frame"), 10)
     assert windows[1:] == tuple((t - 1, t + 1, 1) for t in range(2, 10))

@@ -165,15 +165,3 @@ def test_surfaces_that_are_none(vertices, faces):
 def test_faces_beyond_the_points_are_refused():
     with pytest.raises(ClipError, match="beyond the 3"):
         ObjectGeometry(np.zeros((3, 3)), faces=np.array([[0, 1, 3]]))
-
-
-@pytest.mark.slow
-def test_five_hundred_points_on_fifty_thousand_triangles_take_a_fraction_of_a_second():
-    import time
-
-    ball = trimesh.creation.icosphere(subdivisions=6)
-    surface = Surface(np.asarray(ball.vertices) * [0.3, 0.2, 0.4], np.asarray(ball.faces))
-    points = 0.3 * np.random.default_rng(0).normal(size=(500, 3))
-    start = time.process_time()
-    surface.closest_points(points)
-    assert time.process_time() - start < 3.0

@@ -65,8 +65,8 @@ def check_contacts(clip: Clip) -> None:
         points = thing.to_object(person.part_position(track.part))
         assert len(track.segments) == 2
         for first, end in track.segments:
-            assert np.abs(points[first:end] - track.points_object[first:end]).max() < 1e-9
-            assert np.abs(np.diff(track.points_object[first:end], axis=0)).max() == 0.0
+            assert np.abs(points[first:end] - track.contact_points[first:end]).max() < 1e-9
+            assert np.abs(np.diff(track.contact_points[first:end], axis=0)).max() == 0.0
 
 
 def check_motion(clip: Clip) -> None:
@@ -141,7 +141,7 @@ def test_default_clip_goes_one_way_and_rests_at_its_end(name: str) -> None:
 def test_contact_points_are_palm_clearance_outside_the_surface(name: str) -> None:
     clip = make(name)
     for track in clip.contacts:
-        point = track.points_object[np.flatnonzero(track.active)[0]]
+        point = track.contact_points[np.flatnonzero(track.active)[0]]
         blocks = clip.objects[track.object].geometry.points.reshape(-1, 8, 3)
         low, high = blocks.min(axis=1), blocks.max(axis=1)
         outside = np.linalg.norm(np.maximum(np.maximum(low - point, point - high), 0.0), axis=1)
@@ -156,7 +156,7 @@ def test_palm_faces_the_surface_it_touches(name: str) -> None:
         frame = track.segments[0][0]
         palm_world = se3.rotate(person.part_quat(track.part)[frame], np.array([0.0, -1.0, 0.0]))
         palm = se3.rotate_inverse(thing.quats[frame], palm_world)
-        point = track.points_object[frame]
+        point = track.contact_points[frame]
         blocks = thing.geometry.points.reshape(-1, 8, 3)
         nearest = np.clip(point, blocks.min(axis=1), blocks.max(axis=1))
         toward = nearest[np.argmin(np.linalg.norm(nearest - point, axis=1))] - point

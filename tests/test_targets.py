@@ -13,7 +13,8 @@ from hoi_retarget.errors import ArgumentError
 from hoi_retarget.human.stance import stance
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import smooth, smooth_quats
-from hoi_retarget.retarget.targets import MAXIMUM_SINK, Scaling, Targets, make_targets
+from hoi_retarget.retarget.config import Scaling
+from hoi_retarget.retarget.targets import MAXIMUM_SINK, Targets, make_targets
 from hoi_retarget.robots.spec import SIDES
 from hoi_retarget.synthetic import SCENES, make
 from trajectories import MODELS
@@ -80,12 +81,12 @@ def test_contact_points_scale_exactly_with_the_geometry(model, name):
             for track in tracks:
                 link = targets.contact_links.index(model.spec.part_sites[track.part])
                 np.testing.assert_array_equal(targets.contact_flags[:, link], track.active)
-                expected = targets.object_scale[track.object] * track.points_object
-                np.testing.assert_array_equal(targets.contact_targets[:, link], expected)
+                expected = targets.object_scale[track.object] * track.contact_points
+                np.testing.assert_array_equal(targets.contact_points[:, link], expected)
                 np.testing.assert_array_equal(targets.contact_object[track.active, link], track.object)
             assert targets.contact_flags.sum() == sum(track.active.sum() for track in tracks)
             assert (targets.contact_object[~targets.contact_flags] == -1).all()
-            assert np.isnan(targets.contact_targets[~targets.contact_flags]).all()
+            assert np.isnan(targets.contact_points[~targets.contact_flags]).all()
 
 
 @every_robot
@@ -95,8 +96,8 @@ def test_no_root_scale_moves_a_contact_point_in_the_objects_frame(model, root, s
     clip = scene()
     one = make_targets(clip, model, Scaling(root_scale=1.0, object_scale=size))
     other = make_targets(clip, model, Scaling(root_scale=root, object_scale=size))
-    np.testing.assert_array_equal(one.contact_targets, other.contact_targets)
-    np.testing.assert_array_equal(one.aim_points, other.aim_points)
+    np.testing.assert_array_equal(one.contact_points, other.contact_points)
+    np.testing.assert_array_equal(one.carried_contact_points, other.carried_contact_points)
     np.testing.assert_array_equal(one.object_quat, other.object_quat)
 
 
@@ -294,17 +295,17 @@ def test_aims_continue_a_contact_and_fade():
     active = targets.contact_flags[:, link]
     first, stop = clip.contacts[0].segments[0]
     assert 0 < first < stop < clip.frames
-    assert np.isfinite(targets.aim_points).all()
-    np.testing.assert_array_equal(targets.aim_points[active, link], targets.contact_targets[active, link])
+    assert np.isfinite(targets.carried_contact_points).all()
+    np.testing.assert_array_equal(targets.carried_contact_points[active, link], targets.contact_points[active, link])
     np.testing.assert_array_equal(
-        targets.aim_points[:first, link], np.tile(targets.contact_targets[first, link], (first, 1))
+        targets.carried_contact_points[:first, link], np.tile(targets.contact_points[first, link], (first, 1))
     )
-    for weights in (targets.aim_weights[:, link], targets.turn_weights[:, link]):
+    for weights in (targets.contact_weights[:, link], targets.contact_rotation_weights[:, link]):
         assert (weights[active] == 1).all()
         assert 0 < weights[first - 1] < 1
         assert (weights[: first - 5] == 0).all() and (weights[stop + 5 :] == 0).all()
     feet = [targets.contact_links.index(f"{side}_foot") for side in SIDES]
-    assert (targets.aim_weights[:, feet] == 0).all()
+    assert (targets.contact_weights[:, feet] == 0).all()
 
 
 def test_one_link_touches_one_object_the_first_that_is_named():
@@ -317,8 +318,8 @@ def test_one_link_touches_one_object_the_first_that_is_named():
     first = clip.contacts[0]
     assert first.part == "left_hand"
     np.testing.assert_array_equal(targets.contact_object[:, link], np.where(first.active, 0, 1))
-    np.testing.assert_array_equal(targets.aim_object[:, link], np.where(first.active, 0, 1))
-    np.testing.assert_array_equal(targets.contact_targets[~first.active, link], 1.0)
+    np.testing.assert_array_equal(targets.carried_contact_object[:, link], np.where(first.active, 0, 1))
+    np.testing.assert_array_equal(targets.contact_points[~first.active, link], 1.0)
 
 
 @every_robot
@@ -368,6 +369,6 @@ def test_all_arrays_are_read_only_and_finite_where_they_must_be(model):
         array = getattr(targets, field.name)
         if isinstance(array, np.ndarray):
             assert not array.flags.writeable, field.name
-            assert field.name == "contact_targets" or np.isfinite(array).all(), field.name
+            assert field.name == "contact_points" or np.isfinite(array).all(), field.name
     for name in WORLD_TURNS:
         np.testing.assert_allclose(np.linalg.norm(getattr(targets, name), axis=-1), 1.0, atol=1e-9, err_msg=name)

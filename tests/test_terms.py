@@ -7,10 +7,10 @@ import pytest
 
 import hoi_retarget.retarget.trajopt.terms as terms_package
 from hoi_retarget.errors import ArgumentError
+from hoi_retarget.retarget.config import Weights
 from hoi_retarget.retarget.trajopt.normal import assemble
 from hoi_retarget.retarget.trajopt.problem import Term, cost_by_term
 from hoi_retarget.retarget.trajopt.rows import Rows, SiteRows, StencilRows, cost
-from hoi_retarget.retarget.trajopt.table import Weights
 from hoi_retarget.robots.model import Kinematics
 from trajectories import MODELS, one_term_per_file, random_qpos
 

@@ -9,9 +9,9 @@ from hoi_retarget.cli import main
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.evaluate import hand_to_hand
 from hoi_retarget.motion.result_file import load
+from hoi_retarget.retarget.config import Config, Scaling
 from hoi_retarget.retarget.multi_person import retarget_people
-from hoi_retarget.retarget.pipeline import Config
-from hoi_retarget.retarget.targets import Scaling, make_targets, shared_scalings
+from hoi_retarget.retarget.targets import make_targets, shared_scalings
 from hoi_retarget.robots import team
 from hoi_retarget.synthetic import make
 from trajectories import MODELS
@@ -78,8 +78,8 @@ def test_misplaced_hands_are_seen_from_each_other(mixed):
     one = replace(mixed[1], object_pos=mixed[1].object_pos + shift)
     for pair, was in zip(hand_to_hand([mixed[0], one], [G1, H2]), before, strict=True):
         assert abs(pair.mean_m - 0.03) <= was.max_m + 1e-9
-    targets = [motion.contact_targets + shift for motion in mixed]
-    both = [replace(motion, contact_targets=target) for motion, target in zip(mixed, targets, strict=True)]
+    targets = [motion.contact_points + shift for motion in mixed]
+    both = [replace(motion, contact_points=target) for motion, target in zip(mixed, targets, strict=True)]
     for pair, was in zip(hand_to_hand(both, [G1, H2]), before, strict=True):
         assert pair.mean_m == pytest.approx(was.mean_m, abs=1e-12)
     assert hand_to_hand(mixed[:1], [G1]) == ()

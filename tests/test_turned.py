@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from hoi_retarget.numerics import se3
+from hoi_retarget.retarget.config import Scaling
 from hoi_retarget.retarget.orientation_flips import TurnedSegment, turned_over
-from hoi_retarget.retarget.targets import Scaling, Targets, make_targets
+from hoi_retarget.retarget.targets import Targets, make_targets
 from hoi_retarget.synthetic import make
 from trajectories import MODELS, random_qpos
 

@@ -21,7 +21,8 @@ from hoi_retarget.evaluate.thresholds import (
     verdict_of_figures,
 )
 from hoi_retarget.numerics import se3
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.config import Config
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.synthetic import make
 from test_curves import G1, carried
 from trajectories import MODELS, random_qpos

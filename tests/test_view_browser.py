@@ -9,15 +9,16 @@ import pytest
 from browser import chromium, frame_box, open_page, scene_pixels, shown_frame, wait_until
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.motion.result_file import save
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.config import Config
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.synthetic import make
 from trajectories import MODELS
 
 pytest.importorskip("viser", reason="viser is not installed")
 
-from hoi_retarget.viewers.browser.page_content import load_exhibit
+from hoi_retarget.viewers.browser.page_content import load_page_content
 from hoi_retarget.viewers.browser.server import address, open_server
-from hoi_retarget.viewers.browser.view_page import serve_exhibit
+from hoi_retarget.viewers.browser.view_page import serve_results
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -42,7 +43,7 @@ def browser():
 def server(result):
     path, clip = result
     started = open_server("test")
-    serve_exhibit(started, lambda: load_exhibit([path], lambda _: clip))
+    serve_results(started, lambda: load_page_content([path], lambda _: clip))
     yield started
     started.stop()
 
@@ -142,7 +143,7 @@ def test_what_cannot_be_read_is_told_on_the_page(browser, result, tmp_path):
     cut_off.write_bytes(path.read_bytes()[:5000])
     started = open_server("test")
     try:
-        serve_exhibit(started, lambda: load_exhibit([cut_off, path], lambda _: clip))
+        serve_results(started, lambda: load_page_content([cut_off, path], lambda _: clip))
         page = open_page(browser, address(started))
         page.get_by_text("cut_off.npz").first.wait_for()
         wait_until(lambda: scene_pixels(page).std() > 10, "the other one is drawn")
@@ -157,7 +158,7 @@ def test_a_page_that_is_reloaded_shows_the_file_as_it_is_then(browser, result, t
     copy.write_bytes(path.read_bytes())
     started = open_server("test")
     try:
-        serve_exhibit(started, lambda: load_exhibit([copy], lambda _: clip))
+        serve_results(started, lambda: load_page_content([copy], lambda _: clip))
         open_page(browser, address(started)).close()
         copy.write_bytes(b"something else")
         page = browser.new_page()

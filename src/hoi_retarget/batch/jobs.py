@@ -14,9 +14,7 @@ from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.files.source_file import FOLDER
 from hoi_retarget.readers import SUFFIXES, can_be_clip, clips_in, recordings_below
 from hoi_retarget.readers.open import builtin_scene, clip_stem, result_stem
-from hoi_retarget.retarget.pipeline import Config
-from hoi_retarget.retarget.targets import Scaling
-from hoi_retarget.retarget.trajopt.windows import parse_horizon
+from hoi_retarget.retarget.config import Config, Scaling, parse_horizon
 
 _WILD = frozenset("*?[")
 

@@ -10,8 +10,7 @@ from typing import Any, Literal, get_args
 from hoi_retarget.clip.clip import Augmentation
 from hoi_retarget.clip.infer_contacts import Labels
 from hoi_retarget.errors import ArgumentError, ReadError
-from hoi_retarget.retarget.targets import Scaling
-from hoi_retarget.retarget.trajopt.windows import parse_horizon
+from hoi_retarget.retarget.config import Scaling, parse_horizon
 from hoi_retarget.robots import team
 
 Scale = float | Literal["auto"]

@@ -6,8 +6,8 @@ from pathlib import Path
 from hoi_retarget.cli.commands import Bench
 from hoi_retarget.cli.terminal import Working, say, show_table
 from hoi_retarget.errors import ArgumentError
+from hoi_retarget.retarget.config import Config
 from hoi_retarget.retarget.multi_person import retarget_people, write
-from hoi_retarget.retarget.pipeline import Config
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import make

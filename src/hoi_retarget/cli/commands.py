@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg, subcommand
 
+from hoi_retarget.retarget.config import BandedInteriorPoint, IkConfig, Weights
+
 DESCRIPTION = (
     "Human-object interaction recordings to humanoid robot motions that touch the object in the same place "
     "at the same time. Start with: hoi-retarget demo"
@@ -32,18 +34,25 @@ class Demo:
 
 @dataclass(frozen=True, kw_only=True)
 class Solving:
-    """What decides a result, beside the clip and its contacts."""
+    """Everything that decides a result beside the clip and its contacts: a robot, and the fields of `Config`."""
 
     robot: RobotName = "unitree_g1"
     """A robot's name, or one for each person with commas between; `hoi-retarget robots list` shows those there are."""
+    config: Annotated[Path | None, arg(metavar="FILE.toml|RESULT.npz", help_behavior_hint="")] = None
+    """Settings to begin with, from a TOML file or from a result; the options below change single ones of them."""
     root_scale: Scale = "auto"
     """Human size to robot size; auto divides the robot's stature by the person's height."""
     object_scale: Scale = "auto"
     """Size of the object; 1.0 keeps it, auto shrinks or keeps it, as suits the robot."""
     size_multiplier: float = 1.0
     """On top of the object scale, to make several motions of one clip."""
+    body_scale: Annotated[float | Literal["root"], arg(metavar="root|NUMBER")] = "root"
+    """Human size to robot size, of the body alone: for a robot of another size than the others in its world."""
     horizon: Annotated[str, arg(metavar="HORIZON")] = "auto"
     """How many frames are solved at once: auto, whole, per-frame, or windowed:LENGTH[:OVERLAP]."""
+    weights: Weights = Weights()
+    ik: IkConfig = IkConfig()
+    solver: BandedInteriorPoint = BandedInteriorPoint()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +154,7 @@ class ShowRobot:
     picture: OptionalFile = None
     """Write a picture of the robot to this file (.png)."""
     meshes: Meshes = None
-    """Draw the maker's meshes: from a folder, or those of the package mujoco-menagerie."""
+    """Draw the vendor meshes: from a folder, or those of the package mujoco-menagerie."""
 
 
 @dataclass(frozen=True)
@@ -321,7 +330,7 @@ class Render:
     only: Literal["robot", "human", "both"] = "both"
     """Whom to draw."""
     meshes: Meshes = None
-    """Draw the maker's meshes of the robot: from a folder, or those of the package mujoco-menagerie."""
+    """Draw the vendor meshes of the robot: from a folder, or those of the package mujoco-menagerie."""
     frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: 6)")] = None
     """How many frames of the motion a picture shows beside each other."""
     frame: Annotated[int | None, arg(metavar="FRAME", help_behavior_hint="")] = None
@@ -351,6 +360,27 @@ class CheckMotion:
     json: OptionalFile = None
     """Write what was found to this file as JSON."""
 
+
+COMMANDS = {
+    "demo": Demo,
+    "run": Run,
+    "batch": Batch,
+    "evaluate": Evaluate,
+    "inspect": Inspect,
+    "convert": Convert,
+    "robots": Robots,
+    "bench": Bench,
+    "sample": Sample,
+    "view": View,
+    "edit": Edit,
+    "export": Export,
+    "check-motion": CheckMotion,
+    "render": Render,
+    "share": Share,
+    "contacts": Contacts,
+    "report": Report,
+}
+"""What the first word of the command line may be."""
 
 Command = (
     Annotated[Demo, subcommand("demo")]

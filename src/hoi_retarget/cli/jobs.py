@@ -16,10 +16,8 @@ from hoi_retarget.files.atomic import write_atomically
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers import own_layout
 from hoi_retarget.readers.open import result_stem
+from hoi_retarget.retarget.config import Config, Scaling, parse_horizon
 from hoi_retarget.retarget.multi_person import complaints
-from hoi_retarget.retarget.pipeline import Config
-from hoi_retarget.retarget.targets import Scaling
-from hoi_retarget.retarget.trajopt.windows import parse_horizon
 
 FOREIGN_REPORT = (KeyError, TypeError, AttributeError, ValueError)
 """What a report raises that another version wrote."""
@@ -75,8 +73,8 @@ def reading_of(command: Reading) -> dict[str, Any]:
 
 def config_of(command: Solving) -> Config:
     """Return the configuration that a command asks for; raises `ArgumentError`."""
-    scaling = Scaling(command.root_scale, command.object_scale, command.size_multiplier)
-    return Config(scaling=scaling, horizon=parse_horizon(command.horizon))
+    scaling = Scaling(command.root_scale, command.object_scale, command.size_multiplier, command.body_scale)
+    return Config(scaling, command.weights, command.ik, command.solver, parse_horizon(command.horizon))
 
 
 def describe_result(motion: Motion, path: Path) -> None:

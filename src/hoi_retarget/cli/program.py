@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 from types import ModuleType
+from typing import Any
 
 _TYRO_COLOURS = "PYTHON_TYRO_ANSI_CODES"
 _PLAIN = bool(os.environ.get("NO_COLOR")) or not (sys.stdout.isatty() and sys.stderr.isatty())
@@ -19,10 +20,12 @@ if _PLAIN and not _DECIDED:
     del os.environ[_TYRO_COLOURS]
 
 from hoi_retarget import __version__  # noqa: E402
-from hoi_retarget.cli.commands import DESCRIPTION, Command, Render, Report, Robots, Share  # noqa: E402
+from hoi_retarget.cli.commands import COMMANDS, DESCRIPTION, Command, Render, Report, Robots, Share, Solving  # noqa: E402
+from hoi_retarget.cli.default_settings import defaults_of  # noqa: E402
 from hoi_retarget.cli.terminal import fail, say  # noqa: E402
 from hoi_retarget.errors import ArgumentError, HoiRetargetError  # noqa: E402
 
+_TYRO = (tyro.conf.OmitSubcommandPrefixes,)
 _THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
@@ -36,17 +39,11 @@ def run(arguments: Sequence[str]) -> int:
     if words == ["--version"]:
         say(f"hoi-retarget {__version__}")
         return 0
-    command = tyro.cli(
-        Command,  # pyright: ignore[reportArgumentType]  # a union of dataclasses is what tyro asks for
-        prog="hoi-retarget",
-        description=DESCRIPTION,
-        args=words,
-        config=(tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes),
-    )
     _use_one_thread()
-    if isinstance(command, Render | Report | Robots | Share):
-        _draw_without_a_screen()
     try:
+        command = _parsed(words)
+        if isinstance(command, Render | Report | Robots | Share):
+            _draw_without_a_screen()
         return _module(type(command).__name__.lower()).execute(command)
     except ArgumentError as error:
         fail(str(error))
@@ -54,6 +51,21 @@ def run(arguments: Sequence[str]) -> int:
     except HoiRetargetError as error:
         fail(str(error))
         return 1
+
+
+def _parsed(words: list[str]) -> Any:
+    """Return the command that the words ask for; raises `SystemExit` as `run` does."""
+    kind = COMMANDS.get(words[0]) if words else None
+    if kind is None:
+        return tyro.cli(
+            Command,  # pyright: ignore[reportArgumentType]  # a union of dataclasses is what tyro asks for
+            prog="hoi-retarget",
+            description=DESCRIPTION,
+            args=words,
+            config=_TYRO,
+        )
+    default = defaults_of(kind, words[1:]) if issubclass(kind, Solving) else None
+    return tyro.cli(kind, prog=f"hoi-retarget {words[0]}", args=words[1:], default=default, config=_TYRO)
 
 
 def _module(name: str) -> ModuleType:

@@ -23,7 +23,7 @@ from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.viewers.offscreen import film
 from hoi_retarget.viewers.offscreen.robot_picture import png
-from hoi_retarget.viewers.scene.camera import View
+from hoi_retarget.viewers.scene.camera import CameraSettings
 from hoi_retarget.viewers.scene.drawing import Scene
 from hoi_retarget.viewers.scene.scene import Shown
 from hoi_retarget.viewers.scene.titles import titles_of
@@ -44,7 +44,7 @@ def execute(command: Render) -> int:
     filmed = film.panels(shown, command.only)
     azimuth = film.good_azimuth(shown) if command.azimuth == "auto" else command.azimuth
     distance = None if command.distance == "auto" else command.distance
-    view = View(azimuth, command.elevation, distance, follow=command.camera == "follow")
+    view = CameraSettings(azimuth, command.elevation, distance, follow=command.camera == "follow")
     content = _picture(command, filmed, view) if kind == ".png" else _film(command, kind, filmed, view)
     write_file("--out", command.out, content)
     say(f"written: {command.out}  ({len(content) / 1e6:.2f} MB)")
@@ -109,7 +109,7 @@ def _clip(path: Path, motion: Motion, command: Render) -> Clip | None:
         return None
 
 
-def _picture(command: Render, filmed: Sequence[Scene], view: View) -> bytes:
+def _picture(command: Render, filmed: Sequence[Scene], view: CameraSettings) -> bytes:
     """Return one frame, or a contact sheet."""
     if command.frame is not None:
         times = np.array([command.frame / max(scene.fps for scene in filmed)])
@@ -124,7 +124,7 @@ def _picture(command: Render, filmed: Sequence[Scene], view: View) -> bytes:
         return png(np.concatenate(list(_drawn(draw, times)), axis=1))
 
 
-def _film(command: Render, kind: str, filmed: Sequence[Scene], view: View) -> bytes:
+def _film(command: Render, kind: str, filmed: Sequence[Scene], view: CameraSettings) -> bytes:
     rate = max(scene.fps for scene in filmed)
     most = _GIF_RATE if kind == ".gif" else _VIDEO_RATE
     fps = command.fps or rate / np.ceil(rate / most - 1e-6)

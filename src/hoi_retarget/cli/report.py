@@ -10,7 +10,7 @@ from hoi_retarget.cli.terminal import Working, say, show_table, warn
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.evaluate.thresholds import Level
 from hoi_retarget.files.atomic import write_together
-from hoi_retarget.report.batches import told_by
+from hoi_retarget.report.batches import summarize_manifests
 from hoi_retarget.report.discover import find
 from hoi_retarget.report.index import to_csv, to_json, to_parquet
 from hoi_retarget.report.page import Picture, report_page
@@ -32,12 +32,12 @@ def execute(command: Report) -> int:
     files = find(command.paths)
     # Of what is written, only the table can be a motion.
     check_inputs_kept("--out", [command.out / _TABLE], (file.path for file in files.motions))
-    told = told_by(files.manifests)
+    summary = summarize_manifests(files.manifests)
     model = load_model(robot(command.robot))
-    rows = list(told.missing)
+    rows = list(summary.missing)
     with Working("judging", len(files.motions)) as working:
         for file in files.motions:
-            rows.append(read_row(file, model, told.lineages.get(file.path.resolve())))
+            rows.append(read_row(file, model, summary.lineages.get(file.path.resolve())))
             working.advance()
         working.describe("drawing")
         pictures = _pictures(rows, model, command.objects)

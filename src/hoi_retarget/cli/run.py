@@ -18,8 +18,8 @@ from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers import can_be_clip, recordings_below, why_no_clip
 from hoi_retarget.readers.object_files import known_objects
 from hoi_retarget.readers.open import open_clip, result_stem
+from hoi_retarget.retarget.config import Config
 from hoi_retarget.retarget.multi_person import converged, result_paths, retarget_people, write
-from hoi_retarget.retarget.pipeline import Config
 from hoi_retarget.robots import team
 from hoi_retarget.robots.model import RobotModel, load_model
 

@@ -18,7 +18,7 @@ from hoi_retarget.retarget.multi_person import complaints
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.viewers.scene.scene import Shown
-from hoi_retarget.viewers.share.gallery import Entry
+from hoi_retarget.viewers.share.gallery import GalleryEntry
 from hoi_retarget.viewers.share.share import check_replaceable, gallery_in
 
 
@@ -58,14 +58,14 @@ def _clip(path: Path, motion: Motion, command: Share, working: Working) -> Clip 
         return None
 
 
-def _entry(path: Path, motion: Motion, model: RobotModel) -> Entry:
+def _entry(path: Path, motion: Motion, model: RobotModel) -> GalleryEntry:
     try:
         told = score(motion, path), complaints(motion)
     except FOREIGN_REPORT as error:
         raise ReadError(
             f"{path}: its report holds no figures of this version ({error}). Run the retarget again."
         ) from error
-    return Entry(path.stem, motion, model.spec, *told, command=_made_by(motion))
+    return GalleryEntry(path.stem, motion, model.spec, *told, command=_made_by(motion))
 
 
 def _made_by(motion: Motion) -> str:

@@ -14,20 +14,20 @@ def execute(command: View) -> int:
     if not command.results:
         raise ArgumentError("no result is named. Usage: hoi-retarget view RESULT...")
     check_viser()
-    from hoi_retarget.viewers.browser.page_content import Exhibit, load_exhibit  # noqa: PLC0415 - need an extra
-    from hoi_retarget.viewers.browser.view_page import serve_exhibit  # noqa: PLC0415
+    from hoi_retarget.viewers.browser.page_content import PageContent, load_page_content  # noqa: PLC0415 - need an extra
+    from hoi_retarget.viewers.browser.view_page import serve_results  # noqa: PLC0415
 
     told: set[str] = set()
 
-    def load() -> Exhibit:
-        exhibit = load_exhibit(command.results, partial(clip_of, name=command.clip, objects=command.objects))
-        for notice in exhibit.notices:
+    def load() -> PageContent:
+        content = load_page_content(command.results, partial(clip_of, name=command.clip, objects=command.objects))
+        for notice in content.notices:
             if notice not in told:
                 told.add(notice)
-                (fail if exhibit.scene is None else warn)(notice)
-        return exhibit
+                (fail if content.scene is None else warn)(notice)
+        return content
 
     if load().scene is None:
         return 1
-    serve_until_interrupted("hoi-retarget", command.host, command.port, lambda server: serve_exhibit(server, load))
+    serve_until_interrupted("hoi-retarget", command.host, command.port, lambda server: serve_results(server, load))
     return 0

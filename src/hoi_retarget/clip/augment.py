@@ -139,7 +139,7 @@ def _mirrored_geometry(geometry: ObjectGeometry) -> ObjectGeometry:
 
 
 def _mirrored_contact(track: ContactTrack) -> ContactTrack:
-    return replace(track, part=_other_side(track.part), points_object=track.points_object * _MIRROR)
+    return replace(track, part=_other_side(track.part), contact_points=track.contact_points * _MIRROR)
 
 
 def _resampled_person(person: Person, times: Float[np.ndarray, "T"]) -> Person:
@@ -161,8 +161,8 @@ def _resampled_contact(track: ContactTrack, times: Float[np.ndarray, "T"]) -> Co
         if not len(frames):  # No contact is lost, however short it gets.
             frames = np.array([np.argmin(np.abs(times - 0.5 * (first + stop - 1)))])
         inside = np.clip(times[frames], first, stop - 1) - first
-        active[frames], points[frames] = True, _resampled(track.points_object[first:stop], inside)
-    return replace(track, active=active, points_object=points)
+        active[frames], points[frames] = True, _resampled(track.contact_points[first:stop], inside)
+    return replace(track, active=active, contact_points=points)
 
 
 def _resampled(values: Float[np.ndarray, "F *rest"], times: Float[np.ndarray, "T"]) -> Float[np.ndarray, "T *rest"]:

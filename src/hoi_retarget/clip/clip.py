@@ -25,7 +25,7 @@ class ContactTrack:
     object: int
     part: str
     active: Bool[np.ndarray, "T"]
-    points_object: Float[np.ndarray, "T 3"]
+    contact_points: Float[np.ndarray, "T 3"]
     """Contact point in the object's frame at captured size [m]; NaN where inactive."""
 
     def __post_init__(self) -> None:
@@ -33,10 +33,10 @@ class ContactTrack:
         if self.part not in PARTS:
             raise ClipError(f"{owner}: no such part. Parts: {', '.join(PARTS)}.")
         object.__setattr__(self, "active", frozen(self.active, bool))
-        points = np.where(self.active[:, None], np.asarray(self.points_object, dtype=float), np.nan)
-        object.__setattr__(self, "points_object", frozen(points))
-        check_shape(owner, "points_object", self.points_object, (len(self.active), 3))
-        missing = self.active & ~np.isfinite(self.points_object).all(axis=1)
+        points = np.where(self.active[:, None], np.asarray(self.contact_points, dtype=float), np.nan)
+        object.__setattr__(self, "contact_points", frozen(points))
+        check_shape(owner, "contact_points", self.contact_points, (len(self.active), 3))
+        missing = self.active & ~np.isfinite(self.contact_points).all(axis=1)
         if missing.any():
             raise ClipError(f"{owner}: active without a point in {describe_frames(np.flatnonzero(missing))}.")
 

@@ -101,7 +101,7 @@ class Nearness:
     part: str
     distances: Float[np.ndarray, "T"]
     """From surface to surface, negative where they overlap [m]; infinite beyond `FAR`."""
-    points_object: Float[np.ndarray, "T 3"]
+    contact_points: Float[np.ndarray, "T 3"]
     """The object's nearest point, in its frame at captured size [m]; NaN beyond `FAR`."""
     directions_object: Float[np.ndarray, "T 3"]
     """Unit direction from there to the middle of the part's nearest bone, in the object's frame: the surface's normal,
@@ -342,5 +342,5 @@ def _surface_points(item: Nearness, active: Bool[np.ndarray, "T"]) -> Float[np.n
     """Return the nearest points; in closed interruptions that led beyond `FAR`, those of the nearest known frame."""
     known = np.isfinite(item.distances)
     if not active.any() or known[active].all():
-        return item.points_object
-    return item.points_object[nearest_active(known)]
+        return item.contact_points
+    return item.contact_points[nearest_active(known)]

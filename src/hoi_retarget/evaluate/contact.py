@@ -13,7 +13,7 @@ def contact_gaps(view: Comparison) -> Float[np.ndarray, "K"]:
     gaps = [np.zeros(0)]
     for track in view.hand_contacts:
         palm = view.robot_objects[track.object].points_inside(view.robot_point(HAND_SITES[track.part]))
-        target = track.points_object * view.motion.object_scale[track.object]
+        target = track.contact_points * view.motion.object_scale[track.object]
         gaps.append(norms((palm - target)[track.active]))
     return np.concatenate(gaps)
 

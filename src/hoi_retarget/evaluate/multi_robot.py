@@ -84,4 +84,4 @@ def _hands(motion: Motion, model: ModelLike) -> Iterator[_Hand]:
             away = kinematics.site_position(link) - motion.object_pos[:, index]
             inside = se3.rotate_inverse(motion.object_quat[:, index], away)
             touching = motion.contact_flags[:, column] & (motion.contact_object[:, column] == index)
-            yield _Hand(link, name, touching, inside - motion.contact_targets[:, column])
+            yield _Hand(link, name, touching, inside - motion.contact_points[:, column])

@@ -82,7 +82,7 @@ def contact_residuals(motion: Motion, kinematics: KinematicsLike) -> Float[np.nd
         objects = touched[frames]
         away = kinematics.site_position(_SITES.get(link, link))[frames] - motion.object_pos[frames, objects]
         inside = se3.rotate_inverse(motion.object_quat[frames, objects], away)
-        residuals[frames, column] = norms(inside - motion.contact_targets[frames, column])
+        residuals[frames, column] = norms(inside - motion.contact_points[frames, column])
     return residuals
 
 

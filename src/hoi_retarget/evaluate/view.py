@@ -146,7 +146,7 @@ class Comparison:
         """The person's hand contacts, cut to the counted frames."""
         return tuple(
             ContactTrack(
-                track.person, track.object, track.part, track.active[self.first :], track.points_object[self.first :]
+                track.person, track.object, track.part, track.active[self.first :], track.contact_points[self.first :]
             )
             for track in self.clip.contacts
             if track.person == self.person and track.part in HANDS

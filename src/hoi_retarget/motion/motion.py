@@ -41,7 +41,7 @@ class Motion:
     contact_flags: Bool[np.ndarray, "T C"]
     contact_object: Int[np.ndarray, "T C"]
     """Index of the touched object, -1 for none."""
-    contact_targets: Float[np.ndarray, "T C 3"]
+    contact_points: Float[np.ndarray, "T C 3"]
     """Point to touch, in the frame of the scaled object [m]; NaN where inactive."""
     stance_flags: Bool[np.ndarray, "T 2"]
     """Left and right foot on the floor."""
@@ -74,7 +74,7 @@ class Motion:
             "object_scale": (objects,),
             "contact_flags": (frames, links),
             "contact_object": (frames, links),
-            "contact_targets": (frames, links, 3),
+            "contact_points": (frames, links, 3),
             "stance_flags": (frames, 2),
         }
         for name, shape in expected.items():
@@ -114,6 +114,6 @@ ARRAYS = (
     "object_scale",
     "contact_flags",
     "contact_object",
-    "contact_targets",
+    "contact_points",
     "stance_flags",
 )

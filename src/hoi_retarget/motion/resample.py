@@ -109,7 +109,7 @@ def _contact_points(
     before = np.floor(place).astype(int)
     after = np.minimum(before + 1, motion.frames - 1)
     fraction = (place - before)[:, None, None]
-    targets = motion.contact_targets
+    targets = motion.contact_points
     between = (1.0 - fraction) * targets[before] + fraction * targets[after]
     return np.where(_one_contact(motion, before, after)[:, :, None], between, targets[nearest])
 

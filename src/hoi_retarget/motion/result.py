@@ -19,7 +19,7 @@ UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True)
-class Provenance:
+class ResultSource:
     """What a result was made from, by its report; `unknown` or empty where it does not say."""
 
     name: str
@@ -57,13 +57,13 @@ class Result:
             raise ClipError(f"its contact links {', '.join(absent)} are no sites of {model.spec.name}. Run it again.")
 
     @cached_property
-    def source(self) -> Provenance:
+    def source(self) -> ResultSource:
         """What it was made from."""
         told = _table(self.motion.report.get("source"))
         # Folders of whoever ran it are nobody else's business.
         name = PureWindowsPath(_text(told.get("path"))).name
         licence = _text(told.get("licence")) or UNKNOWN
-        return Provenance(
+        return ResultSource(
             name=name or UNKNOWN,
             format=_text(told.get("format")),
             sha256=_text(told.get("sha256")),

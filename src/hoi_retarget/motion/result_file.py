@@ -20,6 +20,7 @@ from hoi_retarget.motion.motion import ARRAYS, Motion
 SCHEMA = 1
 _KINDS = {"contact_flags": "b", "stance_flags": "b", "contact_object": "i"}
 _NAMES = ("joint_names", "object_names", "contact_links")
+_ENTRIES = {"contact_points": "contact_targets"}  # Entries of the file that are not named as the motion's fields are.
 
 
 def save(motion: Motion, path: Path) -> None:
@@ -32,7 +33,7 @@ def save(motion: Motion, path: Path) -> None:
 
 def encode(motion: Motion) -> bytes:
     """Return the content of a motion's file: the same bytes for the same motion."""
-    values: dict[str, Any] = {name: getattr(motion, name) for name in ARRAYS}
+    values: dict[str, Any] = {_entry(name): getattr(motion, name) for name in ARRAYS}
     values |= {name: np.array(getattr(motion, name), dtype=np.str_) for name in _NAMES}
     values |= {
         "schema": np.int64(SCHEMA),
@@ -79,13 +80,13 @@ def _motion(path: Path, members: Mapping[str, bytes]) -> Motion:
     schema = int(_scalar("schema", members["schema"], "i"))
     if schema != SCHEMA:
         raise ReadError(f"{path}: schema {schema}; this version reads {SCHEMA}. Run the retarget again.")
-    missing = [field.name for field in fields(Motion) if field.name not in members]
+    missing = [entry for field in fields(Motion) if (entry := _entry(field.name)) not in members]
     if missing:
         raise ReadError(f"{path}: the motion file lacks {', '.join(missing)}. Run the retarget again.")
     report = json.loads(str(_scalar("report", members["report"], "U")))
     if not isinstance(report, dict):
         raise ValueError("report is no JSON object")
-    values: dict[str, Any] = {name: npz.array(name, members[name], _KINDS.get(name, "f")) for name in ARRAYS}
+    values: dict[str, Any] = {name: _array(name, members) for name in ARRAYS}
     values |= {name: tuple(npz.array(name, members[name], "U").ravel().tolist()) for name in _NAMES}
     return Motion(
         robot=str(_scalar("robot", members["robot"], "U")),
@@ -95,6 +96,16 @@ def _motion(path: Path, members: Mapping[str, bytes]) -> Motion:
         report=report,
         **values,
     )
+
+
+def _entry(field: str) -> str:
+    """Return the name in the file of a field of `Motion`."""
+    return _ENTRIES.get(field, field)
+
+
+def _array(field: str, members: Mapping[str, bytes]) -> np.ndarray:
+    entry = _entry(field)
+    return npz.array(entry, members[entry], _KINDS.get(entry, "f"))
 
 
 def _scalar(name: str, content: bytes, kinds: str) -> Any:

@@ -428,7 +428,7 @@ def _contact(recording: Recording, person: Person, track: ObjectTrack, part: str
         object=0,
         part=part,
         active=part_active(recording.joint_labels, part),
-        points_object=track.to_object(person.part_position(part)),
+        contact_points=track.to_object(person.part_position(part)),
     )
 
 

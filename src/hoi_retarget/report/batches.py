@@ -10,8 +10,8 @@ from hoi_retarget.report.rows import Row
 
 
 @dataclass(frozen=True)
-class Told:
-    """What manifests tell."""
+class ManifestSummary:
+    """Lineages and failed jobs of several manifests."""
 
     lineages: Mapping[Path, Mapping[str, Any]]
     """Of results, by their resolved path."""
@@ -19,8 +19,8 @@ class Told:
     """Jobs without results, with the reason."""
 
 
-def told_by(manifests: Sequence[Path]) -> Told:
-    """Return what the manifests of batches tell; raises `ReadError` when one cannot be read."""
+def summarize_manifests(manifests: Sequence[Path]) -> ManifestSummary:
+    """Return the lineages and failed jobs of batches; raises `ReadError` when one cannot be read."""
     lineages: dict[Path, Mapping[str, Any]] = {}
     missing: list[Row] = []
     for manifest in manifests:
@@ -34,7 +34,7 @@ def told_by(manifests: Sequence[Path]) -> Told:
                 for path in paths
                 if entry.succeeded and not path.exists()
             ]
-    return Told(lineages, tuple(missing))
+    return ManifestSummary(lineages, tuple(missing))
 
 
 def _row(entry: Entry, name: str, error: str) -> Row:

@@ -1,4 +1,4 @@
-"""From any file with a robot's motion to a motion that can be judged: a result as it is, others as lone motions."""
+"""From any file with a robot's motion to a motion that can be judged, whichever program wrote it."""
 
 import zipfile
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from hoi_retarget.motion.check import as_qpos
 from hoi_retarget.motion.formats import own_result, read
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load
-from hoi_retarget.report.motion_from_qpos import lone_motion
+from hoi_retarget.report.motion_from_qpos import motion_from_qpos
 from hoi_retarget.robots.model import RobotModel
 
 OWN_FORMAT = own_result.FORMAT.name
@@ -44,7 +44,7 @@ def open_motion(path: Path, robot: RobotModel) -> Opened:
         notes.append(f"{found.fps:g} frames a second are assumed")
     if found.missing_joints:
         notes.append(f"{len(found.missing_joints)} joints that the file does not have are taken to be at zero")
-    return Opened(lone_motion(found.qpos, found.fps, robot, found.objects), file.format, tuple(notes))
+    return Opened(motion_from_qpos(found.qpos, found.fps, robot, found.objects), file.format, tuple(notes))
 
 
 def _is_result(path: Path) -> bool:

@@ -1,4 +1,4 @@
-"""Motions of which only the robot's side is known: a result without its clip, and with what can be measured so."""
+"""A result made from a robot's path alone: no clip, no contacts, and the figures that need neither."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,7 +19,7 @@ STANDING_SPEED = 0.3
 _STANDING_PERCENTILE = 5.0  # Of the lower foot's height: where feet stand.
 
 
-def lone_motion(
+def motion_from_qpos(
     qpos: Float[np.ndarray, "T nq"], fps: float, model: RobotModel, objects: Sequence[ObjectPath] = ()
 ) -> Motion:
     """Return a robot's path as a result, with the figures in its report that need no human and no object's shape.
@@ -49,7 +49,7 @@ def lone_motion(
         contact_links=(),
         contact_flags=np.zeros((frames, 0), dtype=bool),
         contact_object=np.zeros((frames, 0), dtype=int),
-        contact_targets=np.zeros((frames, 0, 3)),
+        contact_points=np.zeros((frames, 0, 3)),
         stance_flags=estimated_stance(kinematics, fps),
         first_source_frame=0,
         human_height=0.0,

@@ -12,8 +12,8 @@ from hoi_retarget.readers.open import clip_of
 from hoi_retarget.report.load_any_motion import open_motion
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import RobotModel, load_model
-from hoi_retarget.viewers.offscreen.thumbnail import telling_frame, thumbnail
-from hoi_retarget.viewers.scene.auto_camera import standpoint
+from hoi_retarget.viewers.offscreen.thumbnail import representative_frame, thumbnail
+from hoi_retarget.viewers.scene.auto_camera import fit_camera
 from hoi_retarget.viewers.scene.scene import Shown, make_scene
 
 
@@ -33,7 +33,7 @@ def picture_of(path: Path, foreign_robot: RobotModel, *, objects: Path | None = 
         clip = _clip(motion, objects)
         scene = make_scene([Shown(path.stem, motion, model, clip, motion.person)])
         ahead = se3.rotate(motion.qpos[:, 3:7], np.array([1.0, 0.0, 0.0])).mean(axis=0)[:2]
-        return thumbnail(scene, worst_frame(motion), standpoint(scene, ahead))
+        return thumbnail(scene, worst_frame(motion), fit_camera(scene, ahead))
     except HoiRetargetError:
         return None
 
@@ -42,7 +42,7 @@ def worst_frame(motion: Motion) -> int:
     """Return the middle of the longest stretch that the report complains of, else that of the longest contact."""
     found = [*_segments(motion, "turned_over"), *_segments(motion, "unreached_contacts")]
     first, last = max(found, key=lambda segment: segment[1] - segment[0], default=(-1, -1))
-    return (first + last) // 2 if 0 <= first <= last < motion.frames else telling_frame(motion)
+    return (first + last) // 2 if 0 <= first <= last < motion.frames else representative_frame(motion)
 
 
 def _segments(motion: Motion, key: str) -> list[tuple[int, int]]:

@@ -1,36 +1,19 @@
 """Inverse kinematics over all frames at once: the reference that trajectory optimization refines."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.errors import ArgumentError
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import fade, frames_in
+from hoi_retarget.retarget.config import Horizon, IkConfig
 from hoi_retarget.retarget.targets import Targets
 from hoi_retarget.retarget.trajopt.problem import Problem
-from hoi_retarget.retarget.trajopt.solvers.banded import BandedInteriorPoint
-from hoi_retarget.retarget.trajopt.table import IkWeights, ik_terms
-from hoi_retarget.retarget.trajopt.windows import Horizon, WindowReport, solve_windows
+from hoi_retarget.retarget.trajopt.table import ik_terms
+from hoi_retarget.retarget.trajopt.windows import WindowReport, solve_windows
 from hoi_retarget.robots.model import RobotModel
 
 TWISTED = np.radians(60.0)  # Off a target by more, a limb may have gone the wrong way around.
 TWIST_MARGIN_SECONDS = 0.17  # On either side, for such a limb to come back.
-
-
-@dataclass(frozen=True)
-class IkConfig:
-    """Options of the IK stage."""
-
-    weights: IkWeights = IkWeights()
-    stride: int = 10
-    """The first solve sees every so-manieth frame; the second starts from its interpolation."""
-    solver: BandedInteriorPoint = BandedInteriorPoint(tolerance=1e-3, step_tolerance=2e-2)
-
-    def __post_init__(self) -> None:
-        if self.stride < 1:
-            raise ArgumentError(f"stride is {self.stride}; it must be at least 1 frame.")
 
 
 def solve_ik(

@@ -15,11 +15,12 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.numerics.filters import frames_in
-from hoi_retarget.retarget.pipeline import Config, one_thread, retarget, scored, solve_trajectory
+from hoi_retarget.retarget.config import PINNED, Config
+from hoi_retarget.retarget.pipeline import one_thread, retarget, scored, solve_trajectory
 from hoi_retarget.retarget.targets import Targets, make_targets, with_contacts_of
 from hoi_retarget.retarget.trajopt.problem import Problem
 from hoi_retarget.retarget.trajopt.table import trajectory_terms
-from hoi_retarget.retarget.trajopt.windows import PINNED, report_window
+from hoi_retarget.retarget.trajopt.windows import report_window
 from hoi_retarget.robots.model import RobotModel
 
 MARGIN_SECONDS = 1.0  # On either side of a change: what an arm needs to get from one place to another.
@@ -59,7 +60,7 @@ def revise(before: Draft, clip: Clip, model: RobotModel, config: Config) -> Draf
             qpos=qpos,
             contact_flags=targets.contact_flags,
             contact_object=targets.contact_object,
-            contact_targets=targets.contact_targets,
+            contact_points=targets.contact_points,
         )
         return Draft(clip, before.person, targets, scored(motion, targets, clip, model, before.person))
 
@@ -73,10 +74,12 @@ def _pieces(before: Targets, after: Targets) -> tuple[tuple[int, int], ...]:
 
 def changed_frames(before: Targets, after: Targets) -> np.ndarray:
     """Return in which frames the contacts ask for something else, T booleans."""
-    asked = (before.aim_weights > 0) | (after.aim_weights > 0)
-    moved = (before.aim_points != after.aim_points).any(axis=2) | (before.aim_object != after.aim_object)
-    weighed = (before.aim_weights != after.aim_weights) | (before.turn_weights != after.turn_weights)
-    return ((asked & moved) | weighed).any(axis=1)
+    asked = (before.contact_weights > 0) | (after.contact_weights > 0)
+    moved = (before.carried_contact_points != after.carried_contact_points).any(axis=2)
+    exchanged = before.carried_contact_object != after.carried_contact_object
+    weighed = before.contact_weights != after.contact_weights
+    turned = before.contact_rotation_weights != after.contact_rotation_weights
+    return ((asked & (moved | exchanged)) | weighed | turned).any(axis=1)
 
 
 def _solve_piece(  # noqa: PLR0913, PLR0917 - what a problem is made of

@@ -12,8 +12,9 @@ from hoi_retarget.evaluate import UNREACHED_M, HandToHand, UnreachedSegment, han
 from hoi_retarget.files.atomic import write_together
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import encode
+from hoi_retarget.retarget.config import Config
 from hoi_retarget.retarget.orientation_flips import TurnedSegment
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.retarget.targets import shared_scalings
 from hoi_retarget.retarget.trajopt.solvers.base import Status
 from hoi_retarget.robots.model import RobotModel

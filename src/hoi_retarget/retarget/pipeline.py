@@ -2,7 +2,7 @@
 
 import time
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import mujoco
@@ -14,27 +14,16 @@ from hoi_retarget import __version__
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.evaluate import evaluate_kinematics, unreached_contacts
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.retarget.ik import IkConfig, solve_ik
+from hoi_retarget.retarget.config import Config
+from hoi_retarget.retarget.ik import solve_ik
 from hoi_retarget.retarget.orientation_flips import turned_over
-from hoi_retarget.retarget.targets import Scaling, Targets, make_targets
+from hoi_retarget.retarget.targets import Targets, make_targets
 from hoi_retarget.retarget.trajopt.problem import Problem
-from hoi_retarget.retarget.trajopt.solvers.banded import BandedInteriorPoint
-from hoi_retarget.retarget.trajopt.table import Weights, trajectory_terms
-from hoi_retarget.retarget.trajopt.windows import Horizon, WindowReport, solve_windows
+from hoi_retarget.retarget.trajopt.table import trajectory_terms
+from hoi_retarget.retarget.trajopt.windows import WindowReport, solve_windows
 from hoi_retarget.robots.model import RobotModel
 
 _LINEAR_ALGEBRA = ThreadpoolController()
-
-
-@dataclass(frozen=True)
-class Config:
-    """Everything that decides a result beside the clip and the robot."""
-
-    scaling: Scaling = field(default_factory=Scaling)
-    ik: IkConfig = field(default_factory=IkConfig)
-    weights: Weights = field(default_factory=Weights)
-    horizon: Horizon = field(default_factory=Horizon)
-    solver: BandedInteriorPoint = BandedInteriorPoint()
 
 
 def retarget(clip: Clip, model: RobotModel, config: Config, *, person: int = 0) -> Motion:
@@ -107,7 +96,7 @@ def _motion(clip: Clip, model: RobotModel, targets: Targets, ik_qpos: np.ndarray
         contact_links=targets.contact_links,
         contact_flags=targets.contact_flags,
         contact_object=targets.contact_object,
-        contact_targets=targets.contact_targets,
+        contact_points=targets.contact_points,
         stance_flags=targets.stance_flags,
         first_source_frame=clip.first_source_frame,
         human_height=targets.human_height,

@@ -7,47 +7,25 @@ by the robot's own soles, and smooths the object's path and rotation.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.errors import ArgumentError
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.stance import LARGEST_DIFFERENCE, stance
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.numerics.filters import fade, frames_in, nearest_active, smooth, smooth_quats
 from hoi_retarget.objects.track import ObjectTrack
+from hoi_retarget.retarget.config import Scaling
 from hoi_retarget.retarget.foot_planting import Foot, plant, resting_height, resting_tilt
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
 
 # Contact labels switch from frame to frame; hands come and go, and turn, over these times.
-AIM_RAMP_SECONDS, TURN_RAMP_SECONDS = 1 / 30, 2 / 30
+CONTACT_RAMP_SECONDS, ROTATION_RAMP_SECONDS = 1 / 30, 2 / 30
 MAXIMUM_SINK = 0.005  # [m] of a smoothed object under its own unsmoothed height
-
-
-@dataclass(frozen=True)
-class Scaling:
-    """How the human and the objects are made to fit the robot."""
-
-    root_scale: float | Literal["auto"] = "auto"
-    """Human to robot: where the person goes, and how far; auto divides the robot's stature by the mean height of the
-    clip's people."""
-    object_scale: float | Literal["auto"] = "auto"
-    """Object geometry; auto shrinks with the root scale or keeps the size, as the robot prefers."""
-    size_multiplier: float = 1.0
-    """On top of the object scale, for augmentation."""
-    body_scale: float | Literal["root"] = "root"
-    """Human to robot: the size of the body; it differs from the root scale where different robots share one world."""
-
-    def __post_init__(self) -> None:
-        for name in ("root_scale", "object_scale", "size_multiplier", "body_scale"):
-            value = getattr(self, name)
-            if not isinstance(value, str) and not (np.isfinite(value) and value > 0):
-                raise ArgumentError(f"{name.replace('_', '-')} is {value}; it must be a positive number.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,16 +53,16 @@ class Targets:
     contact_flags: Bool[np.ndarray, "T C"]
     contact_object: Int[np.ndarray, "T C"]
     """Index of the touched object, -1 for none."""
-    contact_targets: Float[np.ndarray, "T C 3"]
+    contact_points: Float[np.ndarray, "T C 3"]
     """In the frame of the scaled object [m]; NaN where inactive."""
     stance_flags: Bool[np.ndarray, "T 2"]
-    aim_object: Int[np.ndarray, "T C"]
+    carried_contact_object: Int[np.ndarray, "T C"]
     """Index of the object each link is at or nearest in time to; 0 where it never touches."""
-    aim_points: Float[np.ndarray, "T C 3"]
+    carried_contact_points: Float[np.ndarray, "T C 3"]
     """Contact targets, carried on before and after a contact [m]; finite everywhere."""
-    aim_weights: Float[np.ndarray, "T C"]
+    contact_weights: Float[np.ndarray, "T C"]
     """1 in contact, fading to 0 around it."""
-    turn_weights: Float[np.ndarray, "T C"]
+    contact_rotation_weights: Float[np.ndarray, "T C"]
     """The same for the links' rotations, which need longer."""
 
     @property
@@ -141,14 +119,14 @@ def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int
         ),
         contact_links=tuple(model.spec.part_sites.values()),
         stance_flags=frozen(stands, bool),
-        **_contact_targets(clip, model, person, geometry_scale),
+        **_contact_fields(clip, model, person, geometry_scale),
     )
 
 
 def with_contacts_of(targets: Targets, clip: Clip, model: RobotModel, *, person: int = 0) -> Targets:
     """Return targets with the contacts of another clip, which is equal to the first one but for its contacts."""
     scale = float(targets.object_scale[0]) if len(targets.object_scale) else 1.0
-    return replace(targets, **_contact_targets(clip, model, person, scale))
+    return replace(targets, **_contact_fields(clip, model, person, scale))
 
 
 def shared_scalings(clip: Clip, models: Sequence[RobotModel], scaling: Scaling) -> tuple[Scaling, ...]:
@@ -259,19 +237,19 @@ def _scale_track(track: ObjectTrack, root_scale: float, geometry_scale: float, f
     return path_smooth
 
 
-def _contact_targets(clip: Clip, model: RobotModel, person: int, geometry_scale: float) -> dict[str, np.ndarray]:
+def _contact_fields(clip: Clip, model: RobotModel, person: int, geometry_scale: float) -> dict[str, np.ndarray]:
     """Return the fields of `Targets` that follow from the clip's contacts."""
     flags, touched, points = _contacts(clip, model, person, geometry_scale)
-    aim_object, aim_points = _aims(flags, touched, points)
-    aim_ramp, turn_ramp = frames_in(AIM_RAMP_SECONDS, clip.fps), frames_in(TURN_RAMP_SECONDS, clip.fps)
+    carried_object, carried_points = _carried(flags, touched, points)
+    ramp, rotation_ramp = frames_in(CONTACT_RAMP_SECONDS, clip.fps), frames_in(ROTATION_RAMP_SECONDS, clip.fps)
     return {
         "contact_flags": frozen(flags, bool),
         "contact_object": frozen(touched, int),
-        "contact_targets": frozen(points),
-        "aim_object": frozen(aim_object, int),
-        "aim_points": frozen(aim_points),
-        "aim_weights": frozen(np.stack([fade(active, aim_ramp) for active in flags.T], axis=1)),
-        "turn_weights": frozen(np.stack([fade(active, turn_ramp) for active in flags.T], axis=1)),
+        "contact_points": frozen(points),
+        "carried_contact_object": frozen(carried_object, int),
+        "carried_contact_points": frozen(carried_points),
+        "contact_weights": frozen(np.stack([fade(active, ramp) for active in flags.T], axis=1)),
+        "contact_rotation_weights": frozen(np.stack([fade(active, rotation_ramp) for active in flags.T], axis=1)),
     }
 
 
@@ -290,15 +268,15 @@ def _contacts(
         new = track.active & ~flags[:, link]
         flags[new, link] = True
         touched[new, link] = track.object
-        points[new, link] = geometry_scale * track.points_object[new]
+        points[new, link] = geometry_scale * track.contact_points[new]
     return flags, touched, points
 
 
-def _aims(flags: np.ndarray, touched: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _carried(flags: np.ndarray, touched: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the object and the point of the contact that is nearest in time, for every link and frame."""
-    aim_object, aim_points = np.zeros_like(touched), np.zeros_like(points)
+    carried_object, carried_points = np.zeros_like(touched), np.zeros_like(points)
     for link, active in enumerate(flags.T):
         if active.any():
             nearest = nearest_active(active)
-            aim_object[:, link], aim_points[:, link] = touched[nearest, link], points[nearest, link]
-    return aim_object, aim_points
+            carried_object[:, link], carried_points[:, link] = touched[nearest, link], points[nearest, link]
+    return carried_object, carried_points

@@ -12,7 +12,7 @@ from hoi_retarget.errors import ArgumentError
 from hoi_retarget.synthetic.acting import act, contacts_of
 from hoi_retarget.synthetic.objects import OBJECTS, object_mesh, write_objects
 from hoi_retarget.synthetic.scenes import carry_box, carry_table, drag_suitcase, move_chair, push_table
-from hoi_retarget.synthetic.staging import Scene
+from hoi_retarget.synthetic.staging import StagedScene
 from hoi_retarget.synthetic.timing import Times
 
 __all__ = ["BUILTIN", "OBJECTS", "SCENES", "make", "object_mesh", "write_objects"]
@@ -23,7 +23,7 @@ BUILTIN = "builtin:"
 HEIGHT, SEED, FPS = 1.75, 0, 30.0  # Of built-in clips.
 MINIMUM_HEIGHT, MAXIMUM_HEIGHT = 1.2, 2.2  # [m]
 
-SCENES: Mapping[str, Callable[[float, int], Scene]] = MappingProxyType(
+SCENES: Mapping[str, Callable[[float, int], StagedScene]] = MappingProxyType(
     {scene.__name__: scene for scene in (carry_box, push_table, drag_suitcase, move_chair, carry_table)}
 )
 """The scenes by name: each makes its script from a height [m] and a seed."""
@@ -91,7 +91,7 @@ def _check_duration(fps: float, seconds: float | None, repetitions: int | None) 
         raise ArgumentError(f"{repetitions} repetitions are asked for; at least one is needed.")
 
 
-def _times(scene: Scene, fps: float, seconds: float | None, repetitions: int | None) -> Times:
+def _times(scene: StagedScene, fps: float, seconds: float | None, repetitions: int | None) -> Times:
     """Return when the frames are, within one cycle [s]."""
     if repetitions is not None:
         frames = round(repetitions * scene.cycle * fps)

@@ -73,7 +73,7 @@ def _trembling(track: ObjectTrack, jitter: float, rng: np.random.Generator) -> O
 
 def _measured(track: ContactTrack, people: tuple[Person, ...], objects: tuple[ObjectTrack, ...]) -> ContactTrack:
     place = people[track.person].part_position(track.part)
-    return replace(track, points_object=objects[track.object].to_object(place))
+    return replace(track, contact_points=objects[track.object].to_object(place))
 
 
 def _move_hand(

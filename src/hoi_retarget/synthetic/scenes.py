@@ -12,12 +12,12 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.synthetic.acting import Actor, Grip
 from hoi_retarget.synthetic.objects import Shape, shape
-from hoi_retarget.synthetic.staging import Carry, Scene, Span, arc, before, dips, holds, moved, rounded, upright
+from hoi_retarget.synthetic.staging import Carry, Span, StagedScene, arc, before, dips, holds, moved, rounded, upright
 from hoi_retarget.synthetic.timing import Times, keyed
 from hoi_retarget.synthetic.walking import Place, Walk
 
 
-def carry_box(height: float, seed: int) -> Scene:
+def carry_box(height: float, seed: int) -> StagedScene:
     """Walk to a box on the floor, squat, lift it with both hands, carry it round a turn, set it down."""
     vary = _variation(seed)
     box = shape("box", height=height, seed=seed)
@@ -50,7 +50,7 @@ def carry_box(height: float, seed: int) -> Scene:
     grips = tuple(_box_grip(box, side, span) for span in spans for side in range(2))
     actor = Actor("person", height, walk, grips, crouch=dips(spans, 1.0, down=1.25), gaze=dips(spans, 0.2))
     anchor = before(walk, height, at_body)
-    return Scene(there, cycle, (actor,), lambda times: (moved(box, carries, anchor, times),))
+    return StagedScene(there, cycle, (actor,), lambda times: (moved(box, carries, anchor, times),))
 
 
 def _box_grip(box: Shape, side: int, span: Span) -> Grip:
@@ -65,7 +65,7 @@ def _box_grip(box: Shape, side: int, span: Span) -> Grip:
     )
 
 
-def push_table(height: float, seed: int) -> Scene:
+def push_table(height: float, seed: int) -> StagedScene:
     """Lean with both hands on the edge of a table and push it along the floor; later pull it back."""
     vary = _variation(seed)
     table = shape("table", height=height, seed=seed)
@@ -94,7 +94,7 @@ def push_table(height: float, seed: int) -> Scene:
     lean = (*holds(spans[:1], 0.55, down=1.1, up=1.0), *holds(spans[1:], 0.45, down=1.1, up=1.0)[1:])
     actor = Actor("person", height, walk, grips, crouch=holds(spans, 0.30), lean=lean, gaze=holds(spans, 0.18))
     anchor = before(walk, height, distance)
-    return Scene(there, cycle, (actor,), lambda times: (moved(table, carries, anchor, times),))
+    return StagedScene(there, cycle, (actor,), lambda times: (moved(table, carries, anchor, times),))
 
 
 def _edge_grip(table: Shape, side: int, span: Span, height: float) -> Grip:
@@ -111,7 +111,7 @@ def _edge_grip(table: Shape, side: int, span: Span, height: float) -> Grip:
     )
 
 
-def drag_suitcase(height: float, seed: int) -> Scene:
+def drag_suitcase(height: float, seed: int) -> StagedScene:
     """Take a suitcase by its handle, tilt it, and drag it behind with one hand along a bend."""
     vary = _variation(seed)
     suitcase = shape("suitcase", height=height, seed=seed)
@@ -150,7 +150,7 @@ def drag_suitcase(height: float, seed: int) -> Scene:
     actor = Actor(
         "person", height, walk, grips, lean=holds(spans, 0.06), gaze=holds(spans, 0.08, up=0.9), elbows=elbows
     )
-    return Scene(there, cycle, (actor,), objects)
+    return StagedScene(there, cycle, (actor,), objects)
 
 
 def _handle_grip(suitcase: Shape, span: Span) -> Grip:
@@ -168,7 +168,7 @@ def _handle_grip(suitcase: Shape, span: Span) -> Grip:
     )
 
 
-def move_chair(height: float, seed: int) -> Scene:
+def move_chair(height: float, seed: int) -> StagedScene:
     """Crouch at the side of a chair, grip its back and its seat, lift it and step aside with it."""
     vary = _variation(seed)
     chair = shape("chair", height=height, seed=seed)
@@ -206,7 +206,7 @@ def move_chair(height: float, seed: int) -> Scene:
         twist=holds(spans, -0.15, down=1.2, up=1.2),
     )
     anchor = before(walk, height, distance, turn=turn)
-    return Scene(there, cycle, (actor,), lambda times: (moved(chair, carries, anchor, times),))
+    return StagedScene(there, cycle, (actor,), lambda times: (moved(chair, carries, anchor, times),))
 
 
 def _chair_grip(chair: Shape, side: int, span: Span, height: float) -> Grip:
@@ -229,7 +229,7 @@ def _chair_grip(chair: Shape, side: int, span: Span, height: float) -> Grip:
     )
 
 
-def carry_table(height: float, seed: int) -> Scene:
+def carry_table(height: float, seed: int) -> StagedScene:
     """Two people face each other, lift a table by its ends and carry it sideways; the second is 4 % shorter."""
     vary = _variation(seed)
     table = shape("table", height=height, seed=seed)
@@ -276,7 +276,7 @@ def carry_table(height: float, seed: int) -> Scene:
         )
         for person, tall in enumerate(heights)
     )
-    return Scene(there, cycle, actors, objects)
+    return StagedScene(there, cycle, actors, objects)
 
 
 def _end_grip(table: Shape, person: int, side: int, span: Span, height: float) -> Grip:

@@ -20,7 +20,7 @@ Anchor = Callable[[Times], tuple[Scalars, Scalars, Scalars]]
 
 
 @dataclass(frozen=True)
-class Scene:
+class StagedScene:
     """A scene as functions of time, at rest at its beginning, after `there` and after `cycle`."""
 
     there: float

@@ -70,7 +70,7 @@ def segments_of(clip: Clip) -> Segments:
         own = track.active & ~before
         before |= own
         for start, stop in runs(own):
-            points = track.points_object[start:stop]
+            points = track.contact_points[start:stop]
             found.append(Segment(track.person, track.part, track.object, start, stop, points))
     return in_order(found)
 

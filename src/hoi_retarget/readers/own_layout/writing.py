@@ -51,7 +51,7 @@ def encode(clip: Clip, folder: Path) -> bytes:
             "contact_person": np.array([track.person for track in clip.contacts], dtype=np.int64),
             "contact_object": np.array([track.object for track in clip.contacts], dtype=np.int64),
             "contact_flags": np.stack([track.active for track in clip.contacts], axis=1),
-            "contact_points": np.stack([track.points_object for track in clip.contacts], axis=1),
+            "contact_points": np.stack([track.contact_points for track in clip.contacts], axis=1),
         }
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **values)

@@ -4,14 +4,11 @@ Every weight multiplies the square of a residual in metres, radians, or the Frob
 difference of rotations. Rows below the line are not in the paper; `docs/design.md` says why.
 """
 
-import math
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.errors import ArgumentError
 from hoi_retarget.numerics import se3
+from hoi_retarget.retarget.config import IkWeights, Weights
 from hoi_retarget.retarget.targets import Targets
 from hoi_retarget.retarget.trajopt.problem import Term
 from hoi_retarget.retarget.trajopt.terms.differences import Differences
@@ -27,42 +24,6 @@ from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 
 PAPER_RATE = 30.0  # [frames/s] at which the paper's weights are given
 PALMS = tuple(f"{side}_palm" for side in SIDES)
-
-
-@dataclass(frozen=True)
-class Weights:
-    """Weights of the cost table."""
-
-    joint_position: float = 1.0
-    """E^theta [1/rad^2]"""
-    base_position: float = 1.0
-    """E^b [1/m^2]"""
-    head_position: float = 1.0
-    """E^h [1/m^2]"""
-    feet_position: float = 100.0
-    """E^f [1/m^2]"""
-    torso_orientation: float = 1.0
-    """E^r"""
-    object_contact: float = 1000.0
-    """E^c [1/m^2]"""
-    hand_orientation: float = 5.0
-    """E^ho"""
-    stance_height: float = 2000.0
-    """E^fz [1/m^2]"""
-    stance_orientation: float = 10.0
-    """E^fo"""
-    jerk: float = 1e-3
-    """E^j [s^4]: multiplies the squared third difference of q divided by dt^2, at 30 frames a second.
-
-    At other rates it is scaled so that its share of the cost stays what it is at 30.
-    """
-    floor_clearance: float = 2000.0
-    """Sole corners under the floor [1/m^2]; not in the paper."""
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (math.isfinite(value) and value >= 0):
-                raise ArgumentError(f"weight {name} is {value}; it must be a number of at least 0.")
 
 
 def trajectory_terms(weights: Weights, targets: Targets, reference: Kinematics) -> tuple[Term, ...]:
@@ -97,20 +58,20 @@ def _contact(weights: Weights, targets: Targets) -> tuple[Term, ...]:
     for link, site in enumerate(targets.contact_links):
         if not targets.contact_flags[:, link].any():
             continue
-        aimed = targets.aim_object[:, link]
+        aimed = targets.carried_contact_object[:, link]
         terms.append(
             ObjectContact(
                 f"{site}_contact",
                 site,
-                targets.aim_points[:, link].T,
+                targets.carried_contact_points[:, link].T,
                 targets.object_pos[frames, aimed].T,
                 se3.quat_to_matrix(targets.object_quat[frames, aimed]).transpose(1, 2, 0),
-                weights.object_contact * targets.aim_weights[:, link],
+                weights.object_contact * targets.contact_weights[:, link],
             )
         )
         if site in PALMS:
             rotation = se3.quat_to_matrix(targets.palm_quats[:, PALMS.index(site)]).transpose(1, 2, 0)
-            weight = weights.hand_orientation * targets.turn_weights[:, link]
+            weight = weights.hand_orientation * targets.contact_rotation_weights[:, link]
             terms.append(SiteRotation(f"{site}_orientation", site, rotation, weight))
     return tuple(terms)
 
@@ -131,14 +92,6 @@ def _stance(weights: Weights, targets: Targets) -> tuple[Term, ...]:
 def _floor(weights: Weights) -> tuple[Term, ...]:
     corners = {side: tuple(f"{side}_sole_{corner}" for corner in SOLE_CORNERS) for side in SIDES}
     return tuple(FloorClearance(f"{side}_floor", corners[side], 0.0, weights.floor_clearance) for side in SIDES)
-
-
-@dataclass(frozen=True)
-class IkWeights:
-    """Weights of the IK stage on top of the robot's own table."""
-
-    smoothness: float = 5.0
-    """First differences of q [1/frame^2]."""
 
 
 def ik_terms(weights: IkWeights, targets: Targets, model: RobotModel) -> tuple[Term, ...]:

@@ -10,68 +10,26 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.errors import ArgumentError, SolveError
+from hoi_retarget.errors import SolveError
+from hoi_retarget.retarget.config import Horizon, Solver
 from hoi_retarget.retarget.trajopt.problem import Problem
-from hoi_retarget.retarget.trajopt.solvers.base import Optimality, Solution, Solver, Status, optimality
+from hoi_retarget.retarget.trajopt.solvers.base import Optimality, Solution, Status, optimality
 
-SHORTEST_WINDOW = 20  # Of those that pin frames.
-PINNED = 3  # The reach of a third difference.
 LARGEST_VIOLATION = 1e-6  # [rad]
-LOOK_AHEAD = 15  # Shared frames with which seams can no longer be seen.
 CATCH_UP = 15  # Frames over which a window's start bends from what is solved to what was given.
 SHORTEST_TAIL = 5  # Fewer new frames than these join the last window, which then reaches further back.
 
 
-@dataclass(frozen=True)
-class Horizon:
-    """How many frames are solved at once."""
-
-    length: int = 1000
-    """Frames in a window; a clip that is no longer is solved whole."""
-    overlap: int = 60
-    """Frames that a window shares with the one before."""
-    pinned: int = PINNED
-    """Leading frames of a window that keep what the one before found; three carry the jerk over."""
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.pinned <= self.overlap < self.length:
-            raise ArgumentError(
-                f"horizon: length {self.length}, overlap {self.overlap}, pinned {self.pinned}; "
-                "they must satisfy 0 <= pinned <= overlap < length."
-            )
-
-    def windows(self, frames: int) -> tuple[tuple[int, int, int], ...]:
-        """Return (start, stop, pinned) of every window over a clip."""
-        found = [(0, min(self.length, frames), 0)]
-        while found[-1][1] < frames:
-            start = found[-1][1] - self.overlap
-            stop = min(start + self.length, frames)
-            if stop - found[-1][1] < SHORTEST_TAIL < self.length:
-                start = max(0, stop - self.length)
-            found.append((start, stop, self.pinned))
-        return tuple(found)
-
-
-def parse_horizon(text: str) -> Horizon:
-    """Return the horizon for `auto`, `whole`, `per-frame` or `windowed:LENGTH[:OVERLAP]`.
-
-    Raises `ArgumentError` for anything else.
-    """
-    kind, *numbers = text.split(":")
-    # One new frame cannot pay for a third difference: with three pinned frames it would extrapolate. A window
-    # of two has no such row, and each frame follows its predecessor through the speed limits alone.
-    presets = {"auto": Horizon(), "whole": Horizon(length=10**9), "per-frame": Horizon(2, 1, 1)}
-    if not numbers and kind in presets:
-        return presets[kind]
-    if kind == "windowed" and 1 <= len(numbers) <= 2 and all(n.isascii() and n.isdecimal() for n in numbers):
-        length, overlap = int(numbers[0]), int(numbers[1]) if len(numbers) == 2 else LOOK_AHEAD
-        if length >= SHORTEST_WINDOW and PINNED <= overlap < length:
-            return Horizon(length, overlap, PINNED)
-        raise ArgumentError(
-            f"horizon {text!r}: LENGTH must be at least {SHORTEST_WINDOW} frames, for shorter windows extrapolate the "
-            f"jerk of the {PINNED} frames they keep; OVERLAP at least {PINNED} and less than LENGTH."
-        )
-    raise ArgumentError(f"horizon {text!r}: expected auto, whole, per-frame or windowed:LENGTH[:OVERLAP].")
+def windows_of(horizon: Horizon, frames: int) -> tuple[tuple[int, int, int], ...]:
+    """Return (start, stop, pinned) of every window over a clip."""
+    found = [(0, min(horizon.length, frames), 0)]
+    while found[-1][1] < frames:
+        start = found[-1][1] - horizon.overlap
+        stop = min(start + horizon.length, frames)
+        if stop - found[-1][1] < SHORTEST_TAIL < horizon.length:
+            start = max(0, stop - horizon.length)
+        found.append((start, stop, horizon.pinned))
+    return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -99,7 +57,7 @@ def solve_windows(
     """
     qpos, solved = start.copy(), 0
     reports = []
-    for first, stop, pinned in horizon.windows(len(start)):
+    for first, stop, pinned in windows_of(horizon, len(start)):
         _catch_up(qpos, start, solved, stop)
         problem = problem_of(first, stop, pinned)
         solution = solver.solve(problem, qpos[first:stop])

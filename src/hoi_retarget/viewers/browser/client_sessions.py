@@ -1,4 +1,4 @@
-"""What a server does for each browser, from when it comes to when it goes."""
+"""One session for each browser: it begins when the browser connects and ends when it goes or the server stops."""
 
 from collections.abc import Callable
 from threading import Lock
@@ -10,26 +10,26 @@ from hoi_retarget.viewers.browser.server import PageServer
 
 
 @runtime_checkable
-class Visit(Protocol):
-    """What is done for one browser."""
+class Session(Protocol):
+    """The work for one browser."""
 
     def stop(self) -> None:
         """End it, once or more often; it has ended on return."""
         ...
 
 
-def serve_visitors(server: PageServer, receive: Callable[[viser.ClientHandle], Visit | None]) -> None:
+def serve_sessions(server: PageServer, receive: Callable[[viser.ClientHandle], Session | None]) -> None:
     """Call `receive` for every browser that connects, and stop what it returns when the browser or the server goes."""
-    visits: dict[int, Visit] = {}
+    sessions: dict[int, Session] = {}
     lock = Lock()
 
     @server.on_client_connect
     def _(client: viser.ClientHandle) -> None:
-        visit = receive(client)
-        if visit is None:
+        session = receive(client)
+        if session is None:
             return
         with lock:
-            visits[client.client_id] = visit
+            sessions[client.client_id] = session
         # One that went while it was received has been dismissed too early.
         if client.client_id not in server.get_clients():
             end(client.client_id)
@@ -38,14 +38,14 @@ def serve_visitors(server: PageServer, receive: Callable[[viser.ClientHandle], V
     def dismiss(client: viser.ClientHandle) -> None:
         end(client.client_id)
 
-    @server.before_stop
+    @server.on_stop
     def _() -> None:
-        for client_id in list(visits):
+        for client_id in list(sessions):
             end(client_id)
 
     def end(client_id: int) -> None:
         with lock:
-            visit = visits.get(client_id)
-        if visit is not None:
-            visit.stop()  # Both may come here; neither goes on before it has ended.
-            visits.pop(client_id, None)
+            session = sessions.get(client_id)
+        if session is not None:
+            session.stop()  # Both may come here; neither goes on before it has ended.
+            sessions.pop(client_id, None)

@@ -1,9 +1,9 @@
 """The editor's page: every browser that opens it edits on its own, from what was saved last."""
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.retarget.pipeline import Config
+from hoi_retarget.retarget.config import Config
 from hoi_retarget.robots.model import RobotModel
-from hoi_retarget.viewers.browser.client_sessions import serve_visitors
+from hoi_retarget.viewers.browser.client_sessions import serve_sessions
 from hoi_retarget.viewers.browser.editing import Edited, Editing
 from hoi_retarget.viewers.browser.editor import Editor, Places
 from hoi_retarget.viewers.browser.server import PageServer
@@ -19,4 +19,4 @@ def serve_editor(  # noqa: PLR0913, PLR0917 - what an editor needs
         nonlocal latest
         latest = saved
 
-    serve_visitors(server, lambda client: Editor(client, Editing(recorded, model, config, latest), model, places, keep))
+    serve_sessions(server, lambda client: Editor(client, Editing(recorded, model, config, latest), model, places, keep))

@@ -22,7 +22,7 @@ from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.browser.editing import Edited, Editing
 from hoi_retarget.viewers.browser.editor_panel import PANEL_WIDTH_PX, EditorPanel
 from hoi_retarget.viewers.browser.editor_points import EditorPoints
-from hoi_retarget.viewers.browser.page_content import Exhibit, exhibit_of
+from hoi_retarget.viewers.browser.page_content import PageContent, page_content
 from hoi_retarget.viewers.browser.player import Player
 from hoi_retarget.viewers.browser.segment_strip import strip_height_px, strip_html
 from hoi_retarget.viewers.browser.worker import Worker
@@ -58,7 +58,7 @@ class Editor:
         self._first = editing.now
         self._chosen: tuple[int, str, int] | None = None
         self._worker = Worker("editor")
-        self._player = Player(client, self._exhibit(editing.now), left_px=PANEL_WIDTH_PX)
+        self._player = Player(client, self._content(editing.now), left_px=PANEL_WIDTH_PX)
         self._points = EditorPoints(client.scene, editing.now.motions[0], choose=self.choose, drag=self.drag)
         self._panel = EditorPanel(client.gui, editing.now, model, self)
         self._player.attach(self._points.show_frame)
@@ -243,12 +243,12 @@ class Editor:
             self._panel.say(told)
 
     def _draw(self, edited: Edited) -> None:
-        self._player.redraw(self._exhibit(edited))
+        self._player.redraw(self._content(edited))
 
-    def _exhibit(self, edited: Edited) -> Exhibit:
+    def _content(self, edited: Edited) -> PageContent:
         people, segments = edited.clip.people, edited.segments
         titles = [person.name if len(people) > 1 else edited.clip.name for person in people]
-        plain = exhibit_of(
+        plain = page_content(
             [
                 Shown(title, motion, self._model, edited.clip, person)
                 for person, (title, motion) in enumerate(zip(titles, edited.motions, strict=True))

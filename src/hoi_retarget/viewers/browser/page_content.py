@@ -29,7 +29,7 @@ _TABLE_STYLE = """<style>
 
 
 @dataclass(frozen=True, eq=False)
-class Exhibit:
+class PageContent:
     """What a browser is shown."""
 
     scene: Scene | None
@@ -44,7 +44,7 @@ class Exhibit:
     """What is wrong or missing, a sentence each."""
 
 
-def load_exhibit(results: Sequence[Path], find_clip: Callable[..., Clip] = clip_of) -> Exhibit:
+def load_page_content(results: Sequence[Path], find_clip: Callable[..., Clip] = clip_of) -> PageContent:
     """Return what there is to see of result files; what cannot be read becomes a notice.
 
     Args:
@@ -60,18 +60,18 @@ def load_exhibit(results: Sequence[Path], find_clip: Callable[..., Clip] = clip_
         except HoiRetargetError as error:
             notices.append(str(error))
     if not shown:
-        return Exhibit(None, notices=tuple(notices))
+        return PageContent(None, notices=tuple(notices))
     titles = titles_of([(path, item.motion) for path, item in shown.items() if item.motion is not None])
     titled = [replace(item, title=title) for item, title in zip(shown.values(), titles, strict=True)]
-    return exhibit_of(titled, tuple(notices))
+    return page_content(titled, tuple(notices))
 
 
-def exhibit_of(shown: Sequence[Shown], notices: tuple[str, ...] = ()) -> Exhibit:
+def page_content(shown: Sequence[Shown], notices: tuple[str, ...] = ()) -> PageContent:
     """Return what there is to see of results and clips; raises what `make_scene` raises."""
     scene = make_scene(shown)
     curves = [(item.title, curves_of(item.motion, item.model)) for item in shown if item.motion and item.model]
     extra = TITLES_HEIGHT_PX if len(shown) > 1 else 0
-    return Exhibit(scene, chart_html(curves, scene.fps), extra, figures_html(shown), notices)
+    return PageContent(scene, chart_html(curves, scene.fps), extra, figures_html(shown), notices)
 
 
 def _shown(path: Path, find_clip: Callable[..., Clip], notices: list[str]) -> Shown:

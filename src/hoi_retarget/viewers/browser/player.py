@@ -15,7 +15,7 @@ import viser
 from jaxtyping import Bool, Float
 
 from hoi_retarget.viewers.browser.clock import Clock
-from hoi_retarget.viewers.browser.page_content import Exhibit
+from hoi_retarget.viewers.browser.page_content import PageContent
 from hoi_retarget.viewers.browser.viser_scene import ViserScene
 from hoi_retarget.viewers.scene.curve_chart import LEFT_INSET_PX, RIGHT_INSET_PX
 from hoi_retarget.viewers.scene.drawing import Scene, Shapes
@@ -35,9 +35,9 @@ _Key = Literal["arrowright", "arrowleft", "home", "end"]
 class Player:
     """Draws a scene for one browser and follows its controls until `stop`."""
 
-    def __init__(self, client: viser.ClientHandle, exhibit: Exhibit, *, left_px: int = 0) -> None:
-        """Draw an exhibit that has a scene; `left_px` is how wide a panel at the left of the window is."""
-        scene = exhibit.scene
+    def __init__(self, client: viser.ClientHandle, content: PageContent, *, left_px: int = 0) -> None:
+        """Draw content that has a scene; `left_px` is how wide a panel at the left of the window is."""
+        scene = content.scene
         assert scene is not None, "there is something to play"
         self._client, self._scene = client, scene
         self._changed = Condition()
@@ -49,10 +49,10 @@ class Player:
         _add_floor(client.scene)
         self._drawn = ViserScene(client.scene, scene, root=WORLD)
         self._add_titles()
-        self._add_controls(exhibit)
-        if exhibit.chart:
-            self._chart, self._cursor = self._add_curves(exhibit, left_px)
-        _place_camera(client, scene, exhibit, left_px)
+        self._add_controls(content)
+        if content.chart:
+            self._chart, self._cursor = self._add_curves(content, left_px)
+        _place_camera(client, scene, content, left_px)
         self._thread = Thread(target=self._run, name="player", daemon=True)
         self._thread.start()
 
@@ -72,16 +72,16 @@ class Player:
         """Show another frame."""
         self._set(lambda clock, now: clock.sought(frame, now))
 
-    def redraw(self, exhibit: Exhibit) -> None:
+    def redraw(self, content: PageContent) -> None:
         """Draw another scene of the same subjects and layers, and its curves, at the same frame."""
-        scene = exhibit.scene
+        scene = content.scene
         assert scene is not None, "there is something to play"
 
         def draw() -> None:
             self._scene = scene
             self._drawn.redraw(scene)
             if self._chart is not None:
-                self._chart.content = _chart_html(exhibit)
+                self._chart.content = _chart_html(content)
 
         self.do(draw)
 
@@ -138,11 +138,11 @@ class Player:
                 place = (*subject.centre[0, :2], 0.02)
                 self._client.scene.add_label(f"{WORLD}/{index}/title", subject.title, position=place)
 
-    def _add_controls(self, exhibit: Exhibit) -> None:
+    def _add_controls(self, content: PageContent) -> None:
         gui = self._client.gui
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_CONTROLS_WIDTH_PX)
-        for notice in exhibit.notices:
+        for notice in content.notices:
             gui.add_html(_notice_html(notice))
         with gui.add_folder("Playback"):
             self._button = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="Space")
@@ -151,9 +151,9 @@ class Player:
             self._follow = gui.add_checkbox("Follow", True, hint="F: the camera stays with the robot")
         with gui.add_folder("Show"):
             self._add_layer_boxes()
-        if exhibit.figures:
+        if content.figures:
             with gui.add_folder("Figures"):
-                gui.add_html(exhibit.figures)
+                gui.add_html(content.figures)
         self._chart: viser.GuiHtmlHandle | None = None
         self._button.on_click(lambda _: self._toggle())
         speed.on_update(lambda event: self._set(lambda clock, now: clock.at_speed(SPEEDS[event.target.value], now)))
@@ -209,12 +209,12 @@ class Player:
         if event.client is not None:  # Else it is the player itself that moved it.
             self.seek(event.target.value)
 
-    def _add_curves(self, exhibit: Exhibit, left_px: int) -> tuple[viser.GuiHtmlHandle, viser.GuiSliderHandle[int]]:
+    def _add_curves(self, content: PageContent, left_px: int) -> tuple[viser.GuiHtmlHandle, viser.GuiSliderHandle[int]]:
         """Add the curves below the scene, and over them a slider that looks like a cursor."""
         gui = self._client.gui
         panel = gui.add_panel()
         with panel.add_tab("Curves", viser.Icon.CHART_LINE):
-            html = gui.add_html(_chart_html(exhibit))
+            html = gui.add_html(_chart_html(content))
             cursor = gui.add_slider("Cursor", 0, max(1, self._scene.frames - 1), 1, 0)
         cursor.on_update(self._on_slider)
         width = max(500, self._client.camera.image_width - left_px - _CONTROLS_WIDTH_PX - 2 * _PANEL_MARGIN_PX)
@@ -222,9 +222,9 @@ class Player:
         return html, cursor
 
 
-def show_notices(client: viser.ClientHandle, exhibit: Exhibit) -> None:
+def show_notices(client: viser.ClientHandle, content: PageContent) -> None:
     """Show a page without a scene: what is wrong."""
-    for notice in exhibit.notices:
+    for notice in content.notices:
         client.gui.add_html(_notice_html(notice))
 
 
@@ -233,9 +233,9 @@ def _notice_html(notice: str) -> str:
     return f'<div class="notice" style="{style}">{escape(notice)}</div>'
 
 
-def _chart_html(exhibit: Exhibit) -> str:
+def _chart_html(content: PageContent) -> str:
     """Return the curves' HTML, with the style that lays the slider that follows it over them."""
-    pixels = CURVES_HEIGHT_PX + exhibit.extra_height_px
+    pixels = CURVES_HEIGHT_PX + content.extra_height_px
     after, height = "div:has(> .hoi-curves) + div", f"height: {pixels}px !important"
     others = ("label", ".mantine-NumberInput-root", ".mantine-Slider-markWrapper")
     hidden = ", ".join(f"{after} {part}" for part in others)
@@ -252,7 +252,7 @@ def _chart_html(exhibit: Exhibit) -> str:
 {after} .mantine-Slider-thumb {{ position: absolute; width: 3px !important; {height}; min-width: 0; border: none;
   border-radius: 0; background: rgba(200, 40, 40, 0.75) !important; }}
 """
-    return f'<style>{style}</style><div class="hoi-curves" style="height:{pixels}px">{exhibit.chart}</div>'
+    return f'<style>{style}</style><div class="hoi-curves" style="height:{pixels}px">{content.chart}</div>'
 
 
 def _add_floor(api: viser.SceneApi) -> None:
@@ -271,14 +271,14 @@ def _add_floor(api: viser.SceneApi) -> None:
     )
 
 
-def _place_camera(client: viser.ClientHandle, scene: Scene, exhibit: Exhibit, left_px: int) -> None:
+def _place_camera(client: viser.ClientHandle, scene: Scene, content: PageContent, left_px: int) -> None:
     """Look at everything that will be there, so that it fills what the panels leave free."""
     everything = _everything(scene)
     right = np.cross(-_VIEW, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(right, -_VIEW)])
     low, high = (everything @ axes.T).min(axis=0) - _ROOM, (everything @ axes.T).max(axis=0) + _ROOM
-    covered = CURVES_HEIGHT_PX + exhibit.extra_height_px + _PANEL_HEAD_PX if exhibit.chart else 0
+    covered = CURVES_HEIGHT_PX + content.extra_height_px + _PANEL_HEAD_PX if content.chart else 0
     height = client.camera.image_height
     free = np.array([client.camera.image_width - left_px - _CONTROLS_WIDTH_PX, height - covered])
     metres_a_pixel = float(np.max((high - low) / np.maximum(free, 100)))

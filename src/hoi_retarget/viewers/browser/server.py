@@ -24,7 +24,7 @@ class PageServer(viser.ViserServer):
     """Viser's server without its tunnel, which any page it serves could ask it to open, and without its prints."""
 
     def __init__(self, *, host: str, **settings: Any) -> None:
-        self._farewells: list[Callable[[], None]] = []
+        self._on_stop: list[Callable[[], None]] = []
         with redirect_stdout(io.StringIO()), _own_pages_only(host):
             super().__init__(host=host, **settings)
 
@@ -32,14 +32,14 @@ class PageServer(viser.ViserServer):
         """Open no tunnel."""
         return None
 
-    def before_stop(self, farewell: Callable[[], None]) -> None:
+    def on_stop(self, callback: Callable[[], None]) -> None:
         """Call this when the server is to stop, while what it sends still arrives."""
-        self._farewells.append(farewell)
+        self._on_stop.append(callback)
 
     def stop(self) -> None:
-        """Say farewell and stop."""
-        for farewell in self._farewells:
-            farewell()
+        """Call what `on_stop` was given, and stop."""
+        for callback in self._on_stop:
+            callback()
         with redirect_stdout(io.StringIO()):
             super().stop()
 

@@ -4,20 +4,20 @@ from collections.abc import Callable
 
 import viser
 
-from hoi_retarget.viewers.browser.client_sessions import serve_visitors
-from hoi_retarget.viewers.browser.page_content import Exhibit
+from hoi_retarget.viewers.browser.client_sessions import serve_sessions
+from hoi_retarget.viewers.browser.page_content import PageContent
 from hoi_retarget.viewers.browser.player import Player, show_notices
 from hoi_retarget.viewers.browser.server import PageServer
 
 
-def serve_exhibit(server: PageServer, load: Callable[[], Exhibit]) -> None:
+def serve_results(server: PageServer, load: Callable[[], PageContent]) -> None:
     """Let a server show what `load` returns when a browser connects."""
 
     def receive(client: viser.ClientHandle) -> Player | None:
-        exhibit = load()
-        if exhibit.scene is None:
-            show_notices(client, exhibit)
+        content = load()
+        if content.scene is None:
+            show_notices(client, content)
             return None
-        return Player(client, exhibit)
+        return Player(client, content)
 
-    serve_visitors(server, receive)
+    serve_sessions(server, receive)

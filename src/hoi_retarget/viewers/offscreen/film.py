@@ -19,10 +19,10 @@ from PIL import Image, ImageDraw, ImageFont
 
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.numerics import se3
-from hoi_retarget.viewers.offscreen.renderer import easel
-from hoi_retarget.viewers.scene.camera import View, cameras
+from hoi_retarget.viewers.offscreen.renderer import offscreen_renderer
+from hoi_retarget.viewers.scene.camera import CameraSettings, cameras
 from hoi_retarget.viewers.scene.drawing import Scene
-from hoi_retarget.viewers.scene.scene import Shown, make_scene, together
+from hoi_retarget.viewers.scene.scene import Shown, group_by_shared_objects, make_scene
 
 Picture = UInt8[np.ndarray, "H W 3"]
 Side = Literal["robot", "human", "both"]
@@ -48,7 +48,7 @@ def panels(shown: Sequence[Shown], side: Side = "both") -> tuple[Scene, ...]:
         ArgumentError: There is nothing to see on that side.
         GeometryError: An object's mesh file cannot be read.
     """
-    hosts = together(shown)
+    hosts = group_by_shared_objects(shown)
     groups = [[item for item, host in zip(shown, hosts, strict=True) if host == index] for index in sorted(set(hosts))]
     humans = {_recorded(group): _people(group) for group in groups if group[0].clip is not None}
     robots = [group for group in groups if group[0].motion is not None]
@@ -99,7 +99,9 @@ def duration(filmed: Sequence[Scene]) -> float:
 
 
 @contextmanager
-def opened(filmed: Sequence[Scene], view: View, width: int, height: int) -> Iterator[Callable[[float], Picture]]:
+def opened(
+    filmed: Sequence[Scene], view: CameraSettings, width: int, height: int
+) -> Iterator[Callable[[float], Picture]]:
     """Open what draws all panels at a time [s], in a picture of a size [px].
 
     Where there are several results, each panel says whose it is.
@@ -113,8 +115,8 @@ def opened(filmed: Sequence[Scene], view: View, width: int, height: int) -> Iter
     cells = [(down[index // columns], across[index % columns]) for index in range(len(filmed))]
     aspect = (width / columns) / (height / rows)
     with ExitStack() as stack:
-        easels = [
-            stack.enter_context(easel(scene, right - left, bottom - top))
+        renderers = [
+            stack.enter_context(offscreen_renderer(scene, right - left, bottom - top))
             for scene, ((top, bottom), (left, right)) in zip(filmed, cells, strict=True)
         ]
         placed = cameras(filmed, view, aspect)
@@ -122,7 +124,7 @@ def opened(filmed: Sequence[Scene], view: View, width: int, height: int) -> Iter
 
         def draw(time: float) -> Picture:
             picture = np.full((height, width, 3), _EMPTY, dtype=np.uint8)
-            drawn = zip(filmed, easels, placed, captions, cells, strict=True)
+            drawn = zip(filmed, renderers, placed, captions, cells, strict=True)
             for scene, ready, camera, caption, ((top, bottom), (left, right)) in drawn:
                 frame = min(round(time * scene.fps), scene.frames - 1)
                 picture[top:bottom, left:right] = _titled(ready.draw(frame, camera(frame)), caption)

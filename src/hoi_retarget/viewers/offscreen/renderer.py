@@ -29,7 +29,7 @@ _TYPES = {
 
 
 @contextmanager
-def easel(scene: Scene, width: int, height: int) -> Iterator["Easel"]:
+def offscreen_renderer(scene: Scene, width: int, height: int) -> Iterator["OffscreenRenderer"]:
     """Open what draws the shown layers of a scene in pictures of a size [px], and close it again.
 
     Raises:
@@ -44,14 +44,14 @@ def easel(scene: Scene, width: int, height: int) -> Iterator["Easel"]:
         if not (isinstance(part, Solid) and _area(part) < _LEAST_AREA)
     ]
     spec = mujoco.MjSpec()
-    stage.furnish(spec, width, height)
+    stage.add_floor_and_lights(spec, width, height)
     solids = [item for item in items if isinstance(item.part, Solid)]
     for number, item in enumerate(solids):
         _add_mesh(spec, f"solid_{number}", item)
     compiled = spec.compile()
     room = 100 + 2 * sum(item.most_geoms for item in items)
     with stage.renderer(compiled, width, height, most_geoms=room) as renderer:
-        yield Easel(scene, items, compiled, renderer)
+        yield OffscreenRenderer(scene, items, compiled, renderer)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +73,8 @@ class _Item:
                 return 1
 
 
-class Easel:
-    """Draws frames of one scene; made by `easel`."""
+class OffscreenRenderer:
+    """Draws frames of one scene; made by `offscreen_renderer`."""
 
     def __init__(self, scene: Scene, items: list[_Item], compiled: mujoco.MjModel, renderer: mujoco.Renderer) -> None:
         self._scene, self._items, self._compiled, self._renderer = scene, items, compiled, renderer

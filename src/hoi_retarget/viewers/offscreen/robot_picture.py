@@ -11,13 +11,13 @@ from jaxtyping import Float, UInt8
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
 from hoi_retarget.robots.spec import RobotSpec
 from hoi_retarget.viewers.offscreen import stage
-from hoi_retarget.viewers.scene.vendor_meshes import MESH_GROUP, dress
+from hoi_retarget.viewers.scene.vendor_meshes import MESH_GROUP, attach_visual_meshes
 
 _OWN_GROUP = 0
 
 
 @dataclass(frozen=True)
-class View:
+class ViewAngles:
     """Where the camera stands, around the robot."""
 
     azimuth: float
@@ -26,7 +26,7 @@ class View:
     """[deg]; negative looks down."""
 
 
-FRONT_AND_SIDE = (View(155.0, -8.0), View(90.0, -4.0))
+FRONT_AND_SIDE = (ViewAngles(155.0, -8.0), ViewAngles(90.0, -4.0))
 
 
 def picture(
@@ -34,7 +34,7 @@ def picture(
     qpos: Float[np.ndarray, "nq"] | None = None,
     *,
     meshes: Path | None = None,
-    views: tuple[View, ...] = FRONT_AND_SIDE,
+    views: tuple[ViewAngles, ...] = FRONT_AND_SIDE,
     height: int = 800,
 ) -> UInt8[np.ndarray, "H W 3"]:
     """Draw a robot on a floor, one panel per view, side by side.
@@ -42,7 +42,7 @@ def picture(
     Args:
         spec: The robot.
         qpos: Its configuration, root first; the home pose where none is given.
-        meshes: Folder with the maker's mesh files (`spec.meshes`), or with folders that hold them;
+        meshes: Folder with the vendor's mesh files (`spec.meshes`), or with folders that hold them;
             without it the robot is drawn from the primitives of its MJCF.
         views: One panel each, from left to right.
         height: Of the picture [px]; a panel is 0.62 times as wide.
@@ -56,9 +56,9 @@ def picture(
     """
     width = round(0.62 * height)
     description = mujoco.MjSpec.from_file(str(spec.mjcf))
-    stage.furnish(description, width, height)
+    stage.add_floor_and_lights(description, width, height)
     if meshes is not None:
-        dress(description, spec, meshes)
+        attach_visual_meshes(description, spec, meshes)
     try:
         compiled = description.compile()
     except ValueError as error:
@@ -104,7 +104,7 @@ def _pose(compiled: mujoco.MjModel, data: mujoco.MjData, spec: RobotSpec, qpos: 
     mujoco.mj_forward(compiled, data)
 
 
-def _camera(compiled: mujoco.MjModel, data: mujoco.MjData, view: View) -> mujoco.MjvCamera:
+def _camera(compiled: mujoco.MjModel, data: mujoco.MjData, view: ViewAngles) -> mujoco.MjvCamera:
     """Place the camera so that the robot fills the panel, whatever its pose."""
     geoms = [geom for geom in range(compiled.ngeom) if compiled.geom_group[geom] == _OWN_GROUP]
     reach = compiled.geom_rbound[geoms][:, None]

@@ -29,7 +29,7 @@ _SHADOW_HEIGHT, _SHADOW_SLOPE = 0.0015, 1e-4
 _CANNOT_DRAW = (ImportError, OSError, AttributeError, RuntimeError, mujoco.FatalError)
 
 
-def furnish(spec: mujoco.MjSpec, width: int, height: int) -> None:
+def add_floor_and_lights(spec: mujoco.MjSpec, width: int, height: int) -> None:
     """Add floor, sky and lights to a model that is drawn in pictures of a size [px]."""
     texture = mujoco.mjtTexture
     spec.add_texture(

@@ -16,7 +16,7 @@ _LEFT_OUT = 2.5  # Share of the frames that may leave the picture, to each side 
 
 
 @dataclass(frozen=True, eq=False)
-class Standpoint:
+class FittedCamera:
     """A direction from which to look, and the window in which the scene is seen from there."""
 
     azimuth: float
@@ -44,7 +44,7 @@ class _Extent:
     """How far it reaches around them [m]."""
 
 
-def standpoint(scene: Scene, ahead: Float[np.ndarray, "2"]) -> Standpoint:
+def fit_camera(scene: Scene, ahead: Float[np.ndarray, "2"]) -> FittedCamera:
     """Return where to stand: across the direction in which things spread most, on the side that they face.
 
     Args:
@@ -66,7 +66,7 @@ def standpoint(scene: Scene, ahead: Float[np.ndarray, "2"]) -> Standpoint:
     reaches = [[_reach(extent, shift, axis) for axis in (right, -right, up, -up, towards)] for extent in extents]
     left_right, up_down, near = np.split(np.array(reaches or [[0.5] * 5]), [2, 4], axis=1)
     azimuth = float(np.arctan2(back[1], back[0]))
-    return Standpoint(
+    return FittedCamera(
         azimuth, ELEVATION, shift, np.column_stack([left_right.max(axis=1), up_down.max(axis=1), near[:, 0]])
     )
 

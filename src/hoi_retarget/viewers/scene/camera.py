@@ -31,7 +31,7 @@ class Camera:
 
 
 @dataclass(frozen=True)
-class View:
+class CameraSettings:
     """How a camera looks at a scene over time."""
 
     azimuth: float
@@ -44,7 +44,7 @@ class View:
     """Whether the camera moves along; otherwise it stays where it sees the whole motion."""
 
 
-def cameras(scenes: Sequence[Scene], view: View, aspect: float) -> list[Callable[[int], Camera]]:
+def cameras(scenes: Sequence[Scene], view: CameraSettings, aspect: float) -> list[Callable[[int], Camera]]:
     """Return, for each scene, the camera of every frame: at one distance, and with the floors at one height.
 
     Args:
@@ -68,7 +68,7 @@ def cameras(scenes: Sequence[Scene], view: View, aspect: float) -> list[Callable
 
 
 def _camera_of(
-    scene: Scene, view: View, height: float, shift: Float[np.ndarray, "3"], distance: float
+    scene: Scene, view: CameraSettings, height: float, shift: Float[np.ndarray, "3"], distance: float
 ) -> Callable[[int], Camera]:
     def camera(frame: int) -> Camera:
         place = _place(scene, frame if view.follow else None) + shift
@@ -120,7 +120,7 @@ def _points(part: Part, frame: int) -> tuple[Float[np.ndarray, "K 3"], Float[np.
     return points, np.zeros(len(points))
 
 
-def _axes(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _axes(view: CameraSettings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return where the camera's right, up and ahead point."""
     turn, tilt = np.radians(view.azimuth), np.radians(view.elevation)
     right = np.array([np.sin(turn), -np.cos(turn), 0.0])
@@ -128,14 +128,14 @@ def _axes(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return right, np.cross(right, ahead), ahead
 
 
-def _to_the_middle(look: _Look, view: View) -> Float[np.ndarray, "3"]:
+def _to_the_middle(look: _Look, view: CameraSettings) -> Float[np.ndarray, "3"]:
     """Return how far to the side the camera looks, so that what it sees is in the middle of the picture [m]."""
     right, _, _ = _axes(view)
     across = look.points @ right
     return 0.5 * (across.min() + across.max()) * right
 
 
-def _distance(look: _Look, shift: Float[np.ndarray, "3"], height: float, view: View, aspect: float) -> float:
+def _distance(look: _Look, shift: Float[np.ndarray, "3"], height: float, view: CameraSettings, aspect: float) -> float:
     """Return the distance from which everything is in the picture [m]."""
     right, up, ahead = _axes(view)
     slope = np.tan(np.radians(FIELD_OF_VIEW / 2)) / _MARGIN

@@ -75,7 +75,7 @@ def human_contact_marks(contacts: tuple[ContactTrack, ...], objects: tuple[Objec
     places = []
     for track in touching:
         place = objects[track.object]
-        point = np.where(track.active[:, None], track.points_object, 0.0)
+        point = np.where(track.active[:, None], track.contact_points, 0.0)
         places.append(place.positions + se3.rotate(place.quats, point))
     active = np.stack([track.active for track in touching], axis=1)
     green = np.tile(np.array(_GREEN, dtype=np.uint8), (len(touching), 1))
@@ -86,8 +86,8 @@ def _world_targets(motion: Motion) -> Float[np.ndarray, "T C 3"]:
     """Return the points to touch [m], NaN where there is none."""
     frames, which = np.arange(motion.frames)[:, None], np.maximum(motion.contact_object, 0)
     if not motion.object_names:
-        return np.full(motion.contact_targets.shape, np.nan)
-    turned = se3.rotate(motion.object_quat[frames, which], motion.contact_targets)
+        return np.full(motion.contact_points.shape, np.nan)
+    turned = se3.rotate(motion.object_quat[frames, which], motion.contact_points)
     return motion.object_pos[frames, which] + turned
 
 

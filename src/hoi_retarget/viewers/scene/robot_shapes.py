@@ -1,4 +1,4 @@
-"""A robot as unit shapes, the primitives of its MJCF, or as its maker's meshes: world poses for all frames at once.
+"""A robot as unit shapes, the primitives of its MJCF, or as its vendor meshes: world poses for all frames at once.
 
 Every geometry is fixed to a node of the kinematic tree. Where it lies there is read once, from
 MuJoCo's own kinematics in the home pose; the frames then follow from ours.
@@ -17,7 +17,7 @@ from hoi_retarget.errors import ReadError
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.viewers.scene.drawing import Colour, Kind, Shapes, Solid
-from hoi_retarget.viewers.scene.vendor_meshes import dress
+from hoi_retarget.viewers.scene.vendor_meshes import attach_visual_meshes
 
 _NO_COLOUR = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)  # What MuJoCo takes for none: the material's holds.
 _DRAWN_GROUPS = 3  # As in MuJoCo's own viewer; robots keep what only collides in the groups above.
@@ -72,14 +72,14 @@ def robot_shapes(model: RobotModel, poses: NodePoses) -> tuple[Shapes, ...]:
 
 
 def robot_meshes(model: RobotModel, poses: NodePoses, folder: Path) -> tuple[Solid, ...]:
-    """Return the maker's meshes of a robot over time, from a folder with their files.
+    """Return the vendor meshes of a robot over time, from a folder with their files.
 
     Raises:
         RobotError: The robot's specification names no meshes.
         ReadError: A mesh file is missing, or MuJoCo cannot read it.
     """
     description = mujoco.MjSpec.from_file(str(model.spec.mjcf))
-    dress(description, model.spec, folder)
+    attach_visual_meshes(description, model.spec, folder)
     try:
         compiled = description.compile()
     except ValueError as error:

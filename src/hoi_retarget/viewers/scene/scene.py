@@ -49,7 +49,7 @@ class Shown:
     person: int = 0
     """Which of the clip's people."""
     meshes: Path | None = None
-    """Folder with the files of the robot maker's meshes; None draws the primitives."""
+    """Folder with the files of the robot's vendor meshes; None draws the primitives."""
 
     def __post_init__(self) -> None:
         motion, clip = self.motion, self.clip
@@ -80,14 +80,14 @@ def make_scene(shown: Sequence[Shown], *, apart: float | Literal["auto"] = "auto
     Raises:
         ArgumentError: There is nothing to show, or `apart` is no distance.
         GeometryError: An object's mesh file cannot be read.
-        RobotError: A robot's specification names no meshes of its maker.
+        RobotError: A robot's specification names no vendor meshes.
         ReadError: A mesh file of a robot is missing, or cannot be read.
     """
     if not shown:
         raise ArgumentError("there is nothing to show. Name a result or a clip.")
     if apart != "auto" and not (np.isfinite(apart) and apart >= 0):
         raise ArgumentError(f"apart is {apart}; it must be auto or a distance in metres.")
-    hosts, sides = together(shown), [_sides(item) for item in shown]
+    hosts, sides = group_by_shared_objects(shown), [_sides(item) for item in shown]
     places: dict[tuple[int, str], list[_Side]] = {}
     for host, own in zip(hosts, sides, strict=True):
         for side in own:
@@ -103,7 +103,7 @@ def make_scene(shown: Sequence[Shown], *, apart: float | Literal["auto"] = "auto
     return Scene(tuple(subjects))
 
 
-def together(shown: Sequence[Shown]) -> tuple[int, ...]:
+def group_by_shared_objects(shown: Sequence[Shown]) -> tuple[int, ...]:
     """Return, for each, the index of the first one whose place and objects it shares: its own where it is alone."""
     hosts: list[int] = []
     for index, item in enumerate(shown):

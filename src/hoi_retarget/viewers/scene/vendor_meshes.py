@@ -1,4 +1,4 @@
-"""The maker's meshes of a robot, for pictures: from a folder of the user's, or from MuJoCo Menagerie.
+"""The vendor meshes of a robot, for pictures: from a folder of the user's, or from MuJoCo Menagerie.
 
 The package ships none of them. They are drawn in the place of the primitives, which stay what the
 robot is computed with.
@@ -16,8 +16,8 @@ MESH_GROUP = 2
 _LIGHT, _DARK = (0.78, 0.79, 0.8, 1.0), (0.16, 0.16, 0.18, 1.0)
 
 
-def dress(description: mujoco.MjSpec, spec: RobotSpec, folder: Path) -> None:
-    """Add the maker's meshes to the bodies.
+def attach_visual_meshes(description: mujoco.MjSpec, spec: RobotSpec, folder: Path) -> None:
+    """Add the vendor meshes to the bodies.
 
     A mesh lies in its body's frame, or where the MJCF has a site `mesh_FILE`. It looks like the first
     primitive of its body; what is put on (head, logo, hands: what has such a site) is drawn dark.
@@ -38,11 +38,11 @@ def dress(description: mujoco.MjSpec, spec: RobotSpec, folder: Path) -> None:
         own = description.body(body).first_geom()
         for file in files:
             stem = Path(file).stem
-            description.add_mesh(name=f"maker_{stem}", file=str(found[file].resolve()))
+            description.add_mesh(name=f"vendor_{stem}", file=str(found[file].resolve()))
             place = places.get(f"mesh_{stem}")
             description.body(body).add_geom(
                 type=mujoco.mjtGeom.mjGEOM_MESH,
-                meshname=f"maker_{stem}",
+                meshname=f"vendor_{stem}",
                 pos=place.pos if place is not None else [0, 0, 0],
                 quat=place.quat if place is not None else [1, 0, 0, 0],
                 rgba=_DARK if place is not None or (own is not None and own.material == "dark") else _LIGHT,
@@ -72,7 +72,7 @@ def menagerie_meshes(spec: RobotSpec) -> Path:
         return mujoco_menagerie.get(spec.name).path(progress=None)
     except mujoco_menagerie.UnknownRobotError as error:
         raise ArgumentError(
-            f"MuJoCo Menagerie has no {spec.name}. Give the folder of the maker's meshes, or draw the primitives."
+            f"MuJoCo Menagerie has no {spec.name}. Give the folder of the vendor meshes, or draw the primitives."
         ) from error
     except mujoco_menagerie.MenagerieError as error:
         raise HoiRetargetError(f"MuJoCo Menagerie could not provide {spec.name}: {error}") from error

@@ -32,7 +32,7 @@ _LONGEST_NAME = 80
 
 
 @dataclass(frozen=True, eq=False)
-class Entry:
+class GalleryEntry:
     """One result as the gallery tells of it."""
 
     title: str
@@ -56,7 +56,7 @@ def file_name(title: str, taken: Iterable[str]) -> str:
     return name
 
 
-def clip_page(entry: Entry, *, scene: str, curves: str, gallery: str) -> str:
+def clip_page(entry: GalleryEntry, *, scene: str, curves: str, gallery: str) -> str:
     """Return the page of one result.
 
     Args:
@@ -89,7 +89,7 @@ def clip_page(entry: Entry, *, scene: str, curves: str, gallery: str) -> str:
     )
 
 
-def index_page(title: str, entries: Sequence[tuple[Entry, str, str]]) -> str:
+def index_page(title: str, entries: Sequence[tuple[GalleryEntry, str, str]]) -> str:
     """Return the page of all results: of each its entry, and the names of its page and of its picture."""
     return Template(_template("index.html")).substitute(
         title=escape(title),
@@ -100,7 +100,7 @@ def index_page(title: str, entries: Sequence[tuple[Entry, str, str]]) -> str:
     )
 
 
-def _card(entry: Entry, page: str, picture: str) -> str:
+def _card(entry: GalleryEntry, page: str, picture: str) -> str:
     values = entry.score.values()
     figures = "".join(
         # A card is narrow.
@@ -118,7 +118,7 @@ def _card(entry: Entry, page: str, picture: str) -> str:
     )
 
 
-def _summary(entry: Entry) -> str:
+def _summary(entry: GalleryEntry) -> str:
     motion = entry.motion
     objects = ", ".join(motion.object_names) or "no object"
     return f"{entry.spec.title} · {objects} · {motion.frames} frames, {motion.frames / motion.fps:.1f} s"
@@ -145,7 +145,7 @@ def _figures(score: Score) -> str:
     return f"<table>{''.join(rows)}</table>"
 
 
-def _facts(entry: Entry) -> str:
+def _facts(entry: GalleryEntry) -> str:
     motion, score = entry.motion, entry.score
     stride = stride_of(motion.frames)
     facts = {

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from hoi_retarget.viewers.scene.auto_camera import Standpoint
+from hoi_retarget.viewers.scene.auto_camera import FittedCamera
 from hoi_retarget.viewers.scene.drawing import Kind, Layer, Lines, Part, Scene, Shapes, Solid, Subject
 
 LARGEST_FRAMES = 2000
@@ -28,7 +28,7 @@ def stride_of(frames: int) -> int:
     return -(-frames // LARGEST_FRAMES)
 
 
-def pack(scene: Scene, place: Standpoint) -> str:
+def pack(scene: Scene, place: FittedCamera) -> str:
     """Return a scene as JSON text: its description, and all its numbers in base64 of gzip."""
     numbers = _Numbers()
     subjects = [_subject(numbers, subject) for subject in scene.subjects]

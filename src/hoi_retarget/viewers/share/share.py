@@ -15,12 +15,12 @@ import numpy as np
 from hoi_retarget.errors import ArgumentError, WriteError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
-from hoi_retarget.viewers.offscreen.thumbnail import telling_frame, thumbnail
-from hoi_retarget.viewers.scene.auto_camera import standpoint
+from hoi_retarget.viewers.offscreen.thumbnail import representative_frame, thumbnail
+from hoi_retarget.viewers.scene.auto_camera import fit_camera
 from hoi_retarget.viewers.scene.curve_chart import chart_html
 from hoi_retarget.viewers.scene.curves import curves_of
 from hoi_retarget.viewers.scene.scene import Shown, make_scene
-from hoi_retarget.viewers.share.gallery import Entry, clip_page, file_name, index_page
+from hoi_retarget.viewers.share.gallery import GalleryEntry, clip_page, file_name, index_page
 from hoi_retarget.viewers.share.packed_scene import pack
 
 LISTING = "gallery.json"
@@ -32,9 +32,9 @@ class Gallery:
 
     def __init__(self, folder: Path, title: str) -> None:
         self._folder, self._title = folder, title
-        self._entries: list[tuple[Entry, str, str]] = []
+        self._entries: list[tuple[GalleryEntry, str, str]] = []
 
-    def add(self, entry: Entry, shown: Shown) -> None:
+    def add(self, entry: GalleryEntry, shown: Shown) -> None:
         """Write the page and the picture of a result.
 
         Raises:
@@ -43,9 +43,9 @@ class Gallery:
         """
         assert shown.model is not None
         scene = make_scene([shown])
-        place = standpoint(scene, _ahead(entry.motion))
+        place = fit_camera(scene, _ahead(entry.motion))
         curves = chart_html([(entry.title, curves_of(entry.motion, shown.model))], scene.fps, chart_height_px=44)
-        ending, picture = thumbnail(scene, telling_frame(entry.motion), place)
+        ending, picture = thumbnail(scene, representative_frame(entry.motion), place)
         taken = ("index", *(Path(page).stem for _, page, _ in self._entries))
         name = file_name(entry.title, taken)
         page = clip_page(entry, scene=pack(scene, place), curves=curves, gallery=self._title)

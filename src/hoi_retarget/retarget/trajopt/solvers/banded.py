@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.retarget.config import BandedInteriorPoint
 from hoi_retarget.retarget.trajopt.bounds import Bounds
 from hoi_retarget.retarget.trajopt.normal import assemble
 from hoi_retarget.retarget.trajopt.problem import Problem, cost_by_term
@@ -32,48 +33,35 @@ _LEAST_DAMPING, _FIRST_DAMPING, _LARGEST_DAMPING = 1e-9, 1e-3, 1e3
 _SMALLEST_COST = 1e-9  # What accuracies relative to the cost are measured against when it vanishes.
 
 
-@dataclass(frozen=True)
-class BandedInteriorPoint:
-    """The solver's options."""
+def solve(options: BandedInteriorPoint, problem: Problem, qpos: Float[np.ndarray, "T nq"]) -> Solution:
+    """Return the solution from a starting trajectory; joints outside their range are moved in."""
+    bounds = Bounds.of(problem)
+    state = _start(problem, bounds, qpos)
+    if not np.isfinite(state.point.half_cost):
+        return state.solution(Status.FAILED, 0)
+    for iteration in range(1, options.max_iterations + 1):
+        step = _newton_step(options, problem, bounds, state)
+        moved = None if step is None else _line_search(problem, bounds, state, step)
+        if step is None or moved is None:
+            if state.damping > _LARGEST_DAMPING:
+                return state.solution(Status.STALLED, iteration)
+            state = replace(state, damping=max(10.0 * state.damping, _FIRST_DAMPING))
+            continue
+        state = moved
+        if _solved(options, state, step):
+            return state.solution(Status.SOLVED, iteration)
+    return state.solution(Status.MAX_ITERATIONS, options.max_iterations)
 
-    max_iterations: int = 60
-    """Iterations after which the solve stops."""
-    tolerance: float = 3e-4
-    """Predicted decrease and complementarity gap, relative to the cost, at which it is solved."""
-    step_tolerance: float = 10.0
-    """Largest last step of any coordinate [m, rad] with which it is solved: where costs stay large, a small relative
-    decrease can still be a large step. Ten is no limit."""
-    fraction_to_boundary: float = 0.995
-    """Largest part of the way to a bound taken in one step."""
 
-    def solve(self, problem: Problem, qpos: Float[np.ndarray, "T nq"]) -> Solution:
-        """Return the solution from a starting trajectory; joints outside their range are moved in."""
-        bounds = Bounds.of(problem)
-        state = _start(problem, bounds, qpos)
-        if not np.isfinite(state.point.half_cost):
-            return state.solution(Status.FAILED, 0)
-        for iteration in range(1, self.max_iterations + 1):
-            step = _newton_step(self, problem, bounds, state)
-            moved = None if step is None else _line_search(problem, bounds, state, step)
-            if step is None or moved is None:
-                if state.damping > _LARGEST_DAMPING:
-                    return state.solution(Status.STALLED, iteration)
-                state = replace(state, damping=max(10.0 * state.damping, _FIRST_DAMPING))
-                continue
-            state = moved
-            if self._solved(state, step):
-                return state.solution(Status.SOLVED, iteration)
-        return state.solution(Status.MAX_ITERATIONS, self.max_iterations)
-
-    def _solved(self, state: "_State", step: "_Step") -> bool:
-        accuracy = self.tolerance * max(state.point.half_cost, _SMALLEST_COST)
-        return (
-            step.predicted_decrease < accuracy
-            and step.primal_length * float(np.abs(step.tangent).max(initial=0.0)) < self.step_tolerance
-            and float(np.sum(state.slack * state.multiplier)) < 10 * accuracy
-            and state.damping < _FIRST_DAMPING
-            and float(np.abs(state.slack - state.point.values).max(initial=0.0)) < _FEASIBLE
-        )
+def _solved(options: BandedInteriorPoint, state: "_State", step: "_Step") -> bool:
+    accuracy = options.tolerance * max(state.point.half_cost, _SMALLEST_COST)
+    return (
+        step.predicted_decrease < accuracy
+        and step.primal_length * float(np.abs(step.tangent).max(initial=0.0)) < options.step_tolerance
+        and float(np.sum(state.slack * state.multiplier)) < 10 * accuracy
+        and state.damping < _FIRST_DAMPING
+        and float(np.abs(state.slack - state.point.values).max(initial=0.0)) < _FEASIBLE
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -49,15 +48,6 @@ class Optimality:
     complementarity: float
     violation: float
     """Largest excess over a joint range [rad] or a joint step [rad]."""
-
-
-@runtime_checkable
-class Solver(Protocol):
-    """A frozen value whose fields are its options."""
-
-    def solve(self, problem: Problem, qpos: Float[np.ndarray, "T nq"]) -> Solution:
-        """Return a solution from a starting trajectory; failure is a status, never an exception."""
-        ...
 
 
 def optimality(problem: Problem, solution: Solution) -> Optimality:

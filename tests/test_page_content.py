@@ -6,9 +6,10 @@ import pytest
 
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.objects.track import ObjectGeometry
-from hoi_retarget.retarget.pipeline import Config, retarget
+from hoi_retarget.retarget.config import Config
+from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.synthetic import make
-from hoi_retarget.viewers.browser.page_content import load_exhibit
+from hoi_retarget.viewers.browser.page_content import load_page_content
 from trajectories import MODELS
 
 CLIP = make("carry_box", fps=15.0, seconds=3.0)
@@ -23,8 +24,8 @@ def results(tmp_path_factory):
     return folder / "one.npz", folder / "two.npz"
 
 
-def layers(exhibit) -> list[bool]:
-    return ["human" in {layer.name for layer in subject.layers} for subject in exhibit.scene.subjects]
+def layers(content) -> list[bool]:
+    return ["human" in {layer.name for layer in subject.layers} for subject in content.scene.subjects]
 
 
 def test_a_damaged_mesh_costs_its_own_result_the_human_and_the_other_nothing(results, tmp_path):
@@ -33,15 +34,15 @@ def test_a_damaged_mesh_costs_its_own_result_the_human_and_the_other_nothing(res
     box = CLIP.objects[0]
     damaged = replace(box, geometry=ObjectGeometry(points=box.geometry.points, mesh_path=mesh))
     clips = iter([replace(CLIP, objects=(damaged,)), CLIP])
-    exhibit = load_exhibit(results, lambda _: next(clips))
-    assert layers(exhibit) == [False, True]
-    (notice,) = exhibit.notices
+    content = load_page_content(results, lambda _: next(clips))
+    assert layers(content) == [False, True]
+    (notice,) = content.notices
     assert "one.npz" in notice and "box.obj" in notice
 
 
 def test_what_is_no_result_is_told_and_hides_no_other(results, tmp_path):
     (tmp_path / "bad.npz").write_bytes(b"PK")
-    exhibit = load_exhibit([tmp_path / "bad.npz", tmp_path / "absent.npz", results[0]], lambda _: CLIP)
-    assert layers(exhibit) == [True]
-    assert len(exhibit.notices) == 2
-    assert load_exhibit([tmp_path / "absent.npz"]).scene is None
+    content = load_page_content([tmp_path / "bad.npz", tmp_path / "absent.npz", results[0]], lambda _: CLIP)
+    assert layers(content) == [True]
+    assert len(content.notices) == 2
+    assert load_page_content([tmp_path / "absent.npz"]).scene is None

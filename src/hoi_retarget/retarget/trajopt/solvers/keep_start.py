@@ -1,0 +1,15 @@
+"""The trivial solver: a start is its own solution."""
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.retarget.trajopt.bounds import Bounds
+from hoi_retarget.retarget.trajopt.problem import Problem, cost_by_term
+from hoi_retarget.retarget.trajopt.solvers.base import Solution, Status
+
+
+def solve(problem: Problem, qpos: Float[np.ndarray, "T nq"]) -> Solution:
+    """Return the starting trajectory as solved, with its cost; joint ranges and speeds stay broken where they are."""
+    by_term = cost_by_term(problem.linearize(problem.model.forward(qpos)))
+    multipliers = np.zeros_like(Bounds.of(problem).values(qpos[:, 7:]))
+    return Solution(qpos, multipliers, Status.SOLVED, 0, sum(by_term.values()), by_term)
