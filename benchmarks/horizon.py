@@ -15,6 +15,7 @@ from common import Source, clip_files, model_of, peak_memory, pin_threads, run_f
 
 from hoi_retarget import synthetic
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.report import Status
 from hoi_retarget.retarget.config import Config, Horizon, parse_horizon
 from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.retarget.trajopt.windows import windows_of
@@ -89,13 +90,13 @@ def measure(arguments: Arguments, name: str) -> dict[str, Any]:
     for source in sources(arguments):
         motion = retarget(source.read(), model, config)
         report = motion.report
-        seconds = {stage: value + report["cpu_seconds"][stage] for stage, value in seconds.items()}
+        seconds = {stage: value + report.cpu_seconds[stage] for stage, value in seconds.items()}
         frames += motion.frames
-        windows += len(report["windows"])
-        unsolved += sum(window["status"] != "SOLVED" for window in report["ik_windows"] + report["windows"])
+        windows += len(motion.stages[-1].windows)
+        unsolved += sum(window.status is not Status.SOLVED for stage in motion.stages for window in stage.windows)
         for key, values in figures.items():
-            if report["figures"][key] is not None:
-                values.append(report["figures"][key])
+            if report.figures[key] is not None:
+                values.append(report.figures[key])
         near, away = seam_jerk(motion, model, horizon)
         at_seams.append(near)
         elsewhere.append(away)

@@ -37,12 +37,12 @@ def measure(arguments: Arguments, frames: int, horizon: str) -> dict[str, Any]:
     start = time.process_time()
     result = retarget(clip, model, Config(horizon=parse_horizon(horizon)))
     total = time.process_time() - start
-    windows = result.report["windows"]
+    windows = result.stages[-1].windows
     return {
         "horizon": horizon,
         "frames": frames,
-        "seconds": result.report["cpu_seconds"] | {"all": total},
-        "iterations": sum(window["iterations"] for window in windows),
+        "seconds": {**result.report.cpu_seconds, "all": total},
+        "iterations": sum(window.iterations for window in windows),
         "windows": len(windows),
         "megabytes": peak_memory(),
         "megabytes_of_imports": loaded,

@@ -54,7 +54,7 @@ def measure(read: Callable[[], Clip], model: RobotModel, out: Path, frames: int 
     if frames is not None:
         clip = taken(clip, np.arange(min(frames, clip.frames)))
     result = retarget(clip, model, Config())
-    seconds |= result.report["cpu_seconds"]
+    seconds |= result.report.cpu_seconds
     start = time.process_time()
     save(result, out / f"{clip.name}.npz")
     seconds["write"] = time.process_time() - start

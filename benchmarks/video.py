@@ -97,14 +97,14 @@ def hand_motion(clip: Clip, model: RobotModel) -> dict[str, float]:
         points = se3.rotate_inverse(pose[0], palm - pose[1])
         speeds.append(np.linalg.norm(np.diff(points, axis=0), axis=1) * clip.fps)
         wanders.append(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
-    figures = motion.report["figures"]
+    figures = motion.report.figures
     return {
         "slip": float(np.concatenate(speeds).mean()),
         "wander": float(np.max(wanders)),
         "gap": figures["contact_gap_m"],
         "gap_max": figures["contact_gap_max_m"],
         "jerk": figures["body_jerk_mps3"],
-        "unreached": float(len(motion.report["unreached_contacts"])),
+        "unreached": float(len(motion.report.unreached_contacts)),
     }
 
 

@@ -22,5 +22,5 @@ motion = retarget(clip, model, Config())
 
 print(f"{motion.robot}: {motion.frames} frames, qpos of shape {motion.qpos.shape}")
 for column in COLUMNS:
-    if column.name in motion.report["figures"]:
-        print(f"{column.header:28} {column.text(motion.report['figures'][column.name])}")
+    if column.name in motion.report.figures:
+        print(f"{column.header:28} {column.text(motion.report.figures[column.name])}")

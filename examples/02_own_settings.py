@@ -23,5 +23,5 @@ config = Config(horizon=parse_horizon("windowed:60:10"))  # streams long clips i
 print("size  contact gap [mm]  contacts not reached")
 for size in (0.5, 0.75, 1.0, 1.25):
     motion = retarget(clip, model, replace(config, scaling=Scaling(size_multiplier=size)))
-    gap = 1e3 * motion.report["figures"]["contact_gap_m"]
-    print(f"{size:4.2f}  {gap:16.1f}  {len(motion.report['unreached_contacts']):20}")
+    gap = 1e3 * motion.report.figures["contact_gap_m"]
+    print(f"{size:4.2f}  {gap:16.1f}  {len(motion.report.unreached_contacts):20}")

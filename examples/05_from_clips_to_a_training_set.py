@@ -35,19 +35,16 @@ def main(folder: Path | None, work: Path) -> None:
     print("\nverdicts:", dict(Counter(entry.verdict or entry.status for entry in entries)))
     for entry in entries:
         for result in entry.results:
-            for reason in result["verdict"]["reasons"]:
-                print(f"  {result['path']}: {reason}")
+            for reason in result.verdict["reasons"]:
+                print(f"  {result.path}: {reason}")
 
     # Only what passes is trained on.
     good = [
-        str(work / "results" / result["path"])
-        for entry in entries
-        if entry.verdict == "pass"
-        for result in entry.results
+        str(work / "results" / result.path) for entry in entries if entry.verdict == "pass" for result in entry.results
     ]
     print()
     hoi_retarget(["export", *good, "--to", "mjlab", "--out", str(work / "mjlab")])
-    print("\nlicences in the set:", {entry.source["licence"] for entry in entries if entry.verdict == "pass"})
+    print("\nlicences in the set:", {entry.source.licence for entry in entries if entry.verdict == "pass"})
     print("files:", *sorted(path.name for path in (work / "mjlab").iterdir()), sep="\n  ")
 
 

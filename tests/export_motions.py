@@ -2,20 +2,15 @@
 
 import numpy as np
 
-from hoi_retarget.motion.motion import Motion
+from hoi_retarget.clip.clip import Source
+from hoi_retarget.motion.motion import Motion, Stage
+from hoi_retarget.motion.report import Report
 from hoi_retarget.motion.result import Result
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 
 LINKS = ("left_palm", "right_palm", "left_foot", "right_foot")
-SOURCE = {
-    "path": "/home/somebody/recordings/sub1_box_000.pt",
-    "sha256": "ab" * 32,
-    "format": "intermimic-591",
-    "licence": "CC BY 4.0 | made up",
-    "notes": [],
-    "contact_edits": "",
-}
+SOURCE = Source("/home/somebody/recordings/sub1_box_000.pt", "ab" * 32, "intermimic-591", "CC BY 4.0 | made up")
 
 
 def waves(rng: np.random.Generator, frames: int, fps: float, *shape: int, speed: float = 1.0) -> np.ndarray:
@@ -58,8 +53,7 @@ def smooth_motion(
         "robot": model.spec.name,
         "fps": fps,
         "joint_names": model.joint_names,
-        "qpos": qpos,
-        "ik_qpos": qpos,
+        "stages": (Stage("trajectory", qpos),),
         "object_names": tuple(f"thing_{index}" for index in range(objects)),
         "object_pos": waves(rng, frames, fps, objects, 3),
         "object_quat": turning(rng, frames, fps, objects),
@@ -71,7 +65,7 @@ def smooth_motion(
         "stance_flags": rng.random((frames, 2)) < 0.5,
         "first_source_frame": 2,
         "human_height": 1.75,
-        "report": {"source": SOURCE, "person": 0},
+        "report": Report(source=SOURCE),
     }
     return Motion(**{**values, **changes})  # pyright: ignore[reportArgumentType]
 

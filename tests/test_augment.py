@@ -135,7 +135,7 @@ def test_the_robot_does_in_the_mirror_what_it_does(name):
         if not site.startswith("mesh_") and other(site) in model.site_names:
             reflected = before.site_position(site) * MIRROR
             np.testing.assert_allclose(after.site_position(other(site)), reflected, atol=1e-4, err_msg=site)
-    gaps = [motion.report["figures"]["contact_gap_m"] for motion in motions]
+    gaps = [motion.report.figures["contact_gap_m"] for motion in motions]
     assert gaps[1] == pytest.approx(gaps[0], abs=1e-5)
 
 

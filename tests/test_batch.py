@@ -6,7 +6,7 @@ import re
 import resource
 import time
 import tomllib
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 from hoi_retarget.batch import work
 from hoi_retarget.batch.folder import locked
 from hoi_retarget.batch.jobs import jobs_of
-from hoi_retarget.batch.manifest import MANIFEST, STATUSES, Entry, Manifest, read_manifest
+from hoi_retarget.batch.manifest import MANIFEST, STATUSES, Manifest, ManifestEntry, ManifestSource, read_manifest
 from hoi_retarget.batch.pool import Lost
 from hoi_retarget.batch.run import run_batch
 from hoi_retarget.batch.specification import Specification, of_folder, read_specification
-from hoi_retarget.batch.work import do
+from hoi_retarget.batch.work import run_job
 from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import Augmentation
 from hoi_retarget.clip.edits import ContactEdits, FixAll, save
@@ -51,7 +51,7 @@ class Inline:
         for index, task in enumerate(tasks):
             if stopped():
                 return
-            yield index, do(task)
+            yield index, run_job(task)
 
 
 class Losing(Inline):
@@ -92,11 +92,12 @@ def quick(folder, motion, monkeypatch):
         field.name for field in fields(Motion) if np.ndim(getattr(motion, field.name)) > 1 or "flags" in field.name
     ]
 
-    def canned(clip, _model, _config, extra):
+    def canned(clip, _model, _config, *, command):
         frames = {
             name: np.resize(getattr(motion, name), (clip.frames, *getattr(motion, name).shape[1:])) for name in timed
         }
-        return with_report([replace(motion, **frames)] * len(clip.people), extra)
+        stages = tuple(replace(stage, qpos=np.resize(stage.qpos, (clip.frames, 36))) for stage in motion.stages)
+        return (with_report(replace(motion, stages=stages, **frames), command=command),) * len(clip.people)
 
     monkeypatch.setattr(work, "retarget_people", canned)
     return folder
@@ -116,8 +117,8 @@ def batch(pool=None, **changes):
         assert entry.status in STATUSES and entry.succeeded == bool(entry.results)
         assert entry.succeeded or entry.reason
         for result in entry.results:
-            assert load(OUT / result["path"]).frames == entry.frames
-    listed = {result["path"] for entry in entries.values() for result in entry.results}
+            assert load(OUT / result.path).frames == entry.frames
+    listed = {result.path for entry in entries.values() for result in entry.results}
     there = {path.relative_to(OUT).as_posix() for path in OUT.rglob("*") if path.is_file()}
     assert there == listed | {MANIFEST, ".batch.lock"}, "no temporary files, nothing unlisted"
     return summary
@@ -206,14 +207,21 @@ speeds = [2]
     [
         ("clips = ", ReadError, "not a TOML file"),
         ("", ReadError, "'clips' is missing"),
-        ('clips = ["a"]\nrobot = "unitree_g1"', ReadError, "unknown key 'robot'. Keys there can be: .*robots"),
-        ('clips = "a"', ReadError, "expected a list"),
-        ("clips = [1]", ReadError, "clips holds 1"),
-        ('clips = ["a"]\nspeeds = ["fast"]', ReadError, "speeds holds 'fast'; expected numbers"),
-        ('clips = ["a"]\nmirrored = [1]', ReadError, "true and false"),
-        ('clips = ["a"]\nobjects = 3', ReadError, "expected a text"),
+        ('clips = ["a"]\nrobot = "unitree_g1"', ReadError, "no 'robot'. Keys there: clips, .*robots"),
+        ('clips = "a"', ReadError, r"set\.toml: clips holds 'a'; expected a list"),
+        ("clips = [1]", ReadError, r"clips\[0\] holds 1; expected a text"),
+        ('clips = ["a"]\nspeeds = ["fast"]', ReadError, r"set\.toml: speeds\[0\] holds 'fast'; expected a number"),
+        ('clips = ["a"]\nmirrored = [1]', ReadError, r"mirrored\[0\] holds 1; expected true or false"),
+        ('clips = ["a"]\nobjects = 3', ReadError, "objects holds 3; expected a text"),
+        ('clips = ["a"]\nlabels = "none"', ReadError, "labels holds 'none'; expected 'auto' or 'proximity' or"),
+        (
+            'clips = ["a"]\nobject_scales = ["small"]',
+            ReadError,
+            r"scales\[0\] holds 'small'; expected a number or 'auto'",
+        ),
+        ('clips = ["a"]\nfolder = "b"', ReadError, "no 'folder'"),
         ("clips = []", ArgumentError, "clips is empty"),
-        (f'clips = ["a"]\nspeeds = [{10**400}]', ReadError, "expected numbers"),
+        (f'clips = ["a"]\nspeeds = [{10**400}]', ReadError, r"speeds\[0\] holds 10+; expected a number"),
         ('clips = ["a"]\nspeeds = [1, 1.0]', ArgumentError, "the same twice"),
         ('clips = ["a"]\nspeeds = [0]', ArgumentError, "speed is 0"),
         ('clips = ["a"]\nsize_multipliers = [-1]', ArgumentError, "size-multiplier"),
@@ -241,15 +249,15 @@ def test_the_manifest_tells_where_each_result_is_from(folder):
     save(ContactEdits.of(clip).adding(FixAll()), Path("edits/sub1_box_000.edits.toml"))
     first, second = batch(edits=Path("edits"), mirrored=(True,), speeds=(0.8,), object_scales=(1.0,)).entries
     assert (first.status, first.robot, first.fps) == ("solved", "unitree_g1", 30.0)
-    assert first.source["path"] == "sub1_box_000.pt"
-    assert (first.source["sha256"], first.source["licence"]) == (clip.source.sha256, clip.source.licence)
-    assert first.source["objects"] == ["box"]
+    assert first.source.path == "sub1_box_000.pt"
+    assert (first.source.sha256, first.source.licence) == (clip.source.sha256, clip.source.licence)
+    assert first.source.objects == ("box",)
     assert first.scales["object"] == [1.0] and first.scales["size_multiplier"] == 1.0
     assert first.lineage["mirrored"] is True and first.lineage["speed"] == 0.8
     assert first.lineage["contact_edits"] and not second.lineage["contact_edits"]
-    assert first.verdict in ("pass", "warn", "fail") and first.results[0]["verdict"]["level"] == first.verdict
-    assert set(first.results[0]["figures"]) == {field.name for field in fields(Figures)}
-    motion = load(OUT / first.results[0]["path"])
+    assert first.verdict in ("pass", "warn", "fail") and first.results[0].verdict["level"] == first.verdict
+    assert set(first.results[0].figures) == {field.name for field in fields(Figures)}
+    motion = load(OUT / first.results[0].path)
     again = clip_of(motion)
     assert again.source.augmentation == Augmentation(mirrored=True, speed=0.8)
     assert again.frames == motion.frames == first.frames
@@ -258,9 +266,7 @@ def test_the_manifest_tells_where_each_result_is_from(folder):
 def test_people_of_one_clip_are_one_job(folder):
     summary = batch(clips=("builtin:carry_table",))
     (entry,) = summary.entries
-    assert [result["path"] for result in entry.results] == [
-        f"unitree_g1/carry_table.p{person}.npz" for person in (0, 1)
-    ]
+    assert [result.path for result in entry.results] == [f"unitree_g1/carry_table.p{person}.npz" for person in (0, 1)]
 
 
 def test_what_changed_is_made_again_and_nothing_else(quick, columns):
@@ -370,9 +376,9 @@ def test_a_clip_that_the_machine_could_not_read_is_tried_again(quick, monkeypatc
 def test_a_full_disk_loses_what_did_not_fit_and_the_next_run_makes_it(quick, kilobytes):
     """With the smaller limit the manifest's lines do not fit either until there is room again."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    seen: list[Entry] = []
+    seen: list[ManifestEntry] = []
 
-    def ended(entry: Entry) -> None:
+    def ended(entry: ManifestEntry) -> None:
         seen.append(entry)
         if len(seen) == 2:
             resource.setrlimit(resource.RLIMIT_FSIZE, before)
@@ -471,8 +477,8 @@ def test_a_name_that_leaves_no_room_for_that_of_its_edits_has_none(quick, column
 # the manifest
 
 
-def entry_of(name: str, **changes) -> Entry:
-    return Entry(name, "failed", "unitree_g1", {"path": name}, {}, {}, reason="ü\n\u2028", **changes)
+def entry_of(name: str, **changes) -> ManifestEntry:
+    return ManifestEntry(name, "failed", "unitree_g1", ManifestSource(name), {}, {}, reason="ü\n\u2028", **changes)
 
 
 @pytest.mark.parametrize(
@@ -509,7 +515,7 @@ def test_a_foreign_manifest_costs_no_batch_and_no_file_elsewhere(quick, changes)
 def test_of_a_torn_manifest_the_whole_lines_are_read(tmp_path_factory, cut):
     folder = tmp_path_factory.mktemp("torn")
     entries = [entry_of(str(number)) for number in range(5)]
-    lines = [json.dumps(vars(entry)).encode() for entry in entries]
+    lines = [json.dumps(asdict(entry)).encode() for entry in entries]
     content = b"".join(line + b"\n" for line in lines)
     content = content[: cut % (len(content) + 1)]
     (folder / MANIFEST).write_bytes(content)
@@ -521,7 +527,7 @@ def test_of_a_torn_manifest_the_whole_lines_are_read(tmp_path_factory, cut):
 
 
 def test_later_lines_count_and_lines_of_other_versions_do_not(tmp_path):
-    lines = [json.dumps(vars(entry_of("a", seconds=float(second)))) for second in range(3)]
+    lines = [json.dumps(asdict(entry_of("a", seconds=float(second)))) for second in range(3)]
     (tmp_path / MANIFEST).write_text("\n".join([*lines, "{}", "[1]", '"x"', "\x00", lines[0].replace("failed", "new")]))
     assert read_manifest(tmp_path) == {"a": entry_of("a", seconds=2.0)}
 
@@ -563,8 +569,8 @@ def test_a_result_is_the_one_that_run_makes(folder):
     assert main(["run", "clips/sub1_box_000.pt", "--objects", "clips/objects", "--out", "single"]) == 0
     ours, single = load(OUT / "unitree_g1" / "sub1_box_000.npz"), load(Path("single/sub1_box_000.npz"))
     np.testing.assert_array_equal(ours.qpos, single.qpos)
-    same = set(single.report["command"]) - {"clips", "objects", "out"}
-    assert {key: ours.report["command"][key] for key in same} == {key: single.report["command"][key] for key in same}
+    same = set(single.report.command) - {"clips", "objects", "out"}
+    assert {key: ours.report.command[key] for key in same} == {key: single.report.command[key] for key in same}
 
 
 # the documentation
@@ -582,4 +588,4 @@ def test_the_documented_manifest_has_every_key():
     text = (ROOT / "docs" / "dataset.md").read_text()
     (table,) = re.findall(r"## The manifest\n.*?\n\n(\|.*?)\n\n", text, flags=re.DOTALL)
     named = {name for row in table.splitlines()[2:] for name in re.findall(r"`(\w+)`", row.split("|")[1])}
-    assert named == {field.name for field in fields(Entry)}
+    assert named == {field.name for field in fields(ManifestEntry)}

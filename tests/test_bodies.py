@@ -12,7 +12,7 @@ from scipy.sparse import csc_matrix
 
 from body_writer import CORNERS, names_of, tiny_model, write_npz, write_pickle
 from hoi_retarget.errors import ArgumentError, ReadError
-from hoi_retarget.files.array_pickle import parse_pickle
+from hoi_retarget.files.numpy_pickle import parse_pickle
 from hoi_retarget.human.body_model import JOINT_COUNT, BodyModel, BodyShape
 from hoi_retarget.human.skeleton import JOINTS
 from hoi_retarget.numerics import se3

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import cari4d_writer as writer
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, HoiRetargetError, ReadError
-from hoi_retarget.files.pickle_machine import Unread
+from hoi_retarget.files.safe_pickle import Unread
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.files.torch_file import parse_torch
 from hoi_retarget.human.skeleton import FEET, HANDS
@@ -232,7 +232,7 @@ TRAIN_STATE = b"clearning.training.training_utils\nTrainState\n"
     ("program", "words"),
     [
         (b"\x80\x02" + TRAIN_STATE + b".", "no value but the name"),
-        (b"\x80\x02]" + TRAIN_STATE + b"a.", "holds the name"),
+        (b"\x80\x02]" + TRAIN_STATE + b"a.", "no value but the name"),
         (b"\x80\x02" + TRAIN_STATE + b")R.", "not a function"),
         (b"\x80\x02" + TRAIN_STATE + b"K\x01\x85\x81.", "builds an object"),
         (b"\x80\x02ccollections\nOrderedDict\n)\x81.", "builds an object"),

@@ -86,7 +86,7 @@ def test_inverse_rotations_of_what_is_carried_are_refused_without_labels():
     geometry = replace(track.geometry, points=track.geometry.points - corner, mesh_path=None, faces=None)
     away = replace(track, positions=track.positions + se3.rotate(track.quats, corner), geometry=geometry)
     right = replace(CLIP, contacts=(), objects=(away,))
-    assert not with_contacts(right).source.doubts
+    assert not with_contacts(right).source.warnings
     wrong = replace(right, objects=(replace(away, quats=se3.quat_conjugate(away.quats)),))
     with pytest.raises(ClipError, match="rotations of 'box' are read wrongly"):
         with_contacts(wrong)
@@ -100,7 +100,7 @@ def test_what_moves_alone_is_doubted():
         replace(CLIP, contacts=(), objects=(alone,)),
         replace(CLIP, contacts=labelled, objects=(alone, replace(track, name="other"))),
     ):
-        doubts = with_contacts(clip, "proximity").source.doubts
+        doubts = with_contacts(clip, "proximity").source.warnings
         assert any("box moves in" in doubt and "no hand or foot within 10 cm" in doubt for doubt in doubts)
 
 
@@ -112,7 +112,7 @@ def test_results_open_their_clip_as_it_was_read(tmp_path, capsys):
     again, direct = clip_of(motion), open_clip(path, floor=0.3, labels="interact")
     np.testing.assert_array_equal(again.objects[0].positions, direct.objects[0].positions)
     assert [track.active.sum() for track in again.contacts] == [track.active.sum() for track in direct.contacts]
-    assert motion.contact_flags.any() and motion.report["figures"]["contact_gap_m"] < 0.01
+    assert motion.contact_flags.any() and motion.report.figures["contact_gap_m"] < 0.01
     capsys.readouterr()
     assert main(["inspect", str(path)]) == 0
     assert "none in the file; found from distances" in capsys.readouterr().out
@@ -120,14 +120,14 @@ def test_results_open_their_clip_as_it_was_read(tmp_path, capsys):
 
 def test_what_moves_untouched_and_feet_off_the_floor_are_doubts_that_run_tells(tmp_path, capsys):
     none = tuple(replace(track, active=np.zeros(CLIP.frames, dtype=bool)) for track in CLIP.contacts)
-    (doubt,) = with_contacts(replace(CLIP, contacts=none)).source.doubts
+    (doubt,) = with_contacts(replace(CLIP, contacts=none)).source.warnings
     assert "Nobody touches anything, although box moves in" in doubt
-    assert not with_contacts(CLIP).source.doubts
-    (doubt,) = on_floor(shifted(CLIP, 1.0), at_zero=True).source.doubts
+    assert not with_contacts(CLIP).source.warnings
+    (doubt,) = on_floor(shifted(CLIP, 1.0), at_zero=True).source.warnings
     assert "Feet stand at z = 0.97 m" in doubt and "--floor 0.97" in doubt
-    (doubt,) = on_floor(shifted(CLIP, 1.0), at_zero=False, floor=0.5).source.doubts
+    (doubt,) = on_floor(shifted(CLIP, 1.0), at_zero=False, floor=0.5).source.warnings
     assert "--floor 0.97" in doubt
-    assert not on_floor(shifted(CLIP, 1.0), at_zero=False, floor=1.0).source.doubts
+    assert not on_floor(shifted(CLIP, 1.0), at_zero=False, floor=1.0).source.warnings
     path = tmp_path / "high.npz"
     own_layout.write(shifted(CLIP, 1.0), path)
     assert main(["run", str(path), "--out", str(tmp_path)[:-1] + "x"]) == 0

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from hoi_retarget.errors import RobotError
 from hoi_retarget.evaluate import unreached_contacts
-from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.retarget.config import Config
 from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.synthetic import make
@@ -40,8 +40,7 @@ def random_motion(frames: int, seed: int, *, robot: str = "unitree_g1", objects:
         robot=robot,
         fps=30.0,
         joint_names=model.joint_names,
-        qpos=qpos,
-        ik_qpos=qpos,
+        stages=(Stage("trajectory", qpos),),
         object_names=tuple(f"object{index}" for index in range(objects)),
         object_pos=rng.normal(size=(frames, objects, 3)),
         object_quat=quats / np.linalg.norm(quats, axis=-1, keepdims=True),
@@ -53,7 +52,6 @@ def random_motion(frames: int, seed: int, *, robot: str = "unitree_g1", objects:
         stance_flags=rng.random(size=(frames, 2)) < 0.5,
         first_source_frame=1,
         human_height=1.7,
-        report={},
     )
 
 
@@ -73,7 +71,7 @@ def pooled(curves: tuple[Curve, ...], name: str, first: int) -> np.ndarray:
 
 def test_means_and_extremes_are_the_figures() -> None:
     motion = carried()
-    curves, figures = curves_of(motion, G1), motion.report["figures"]
+    curves, figures = curves_of(motion, G1), motion.report.figures
     first = max(0, 1 - motion.first_source_frame)
     hands = tuple(curve for curve in curves if curve.name.endswith("palm"))
     gaps, heights = pooled(hands, "contact gap", first), pooled(curves, "sole height", first)

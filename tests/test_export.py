@@ -22,6 +22,7 @@ from hoi_retarget.motion.formats import WRITABLE
 from hoi_retarget.motion.formats import read as read_motion
 from hoi_retarget.motion.formats.encoding import to_pickle
 from hoi_retarget.motion.normals import outward_normals
+from hoi_retarget.motion.report import Report
 from hoi_retarget.motion.result import Result
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import Surface
@@ -443,7 +444,7 @@ def test_the_description_says_what_the_file_does_not(name):
     assert sorted(meta["joint_names"]) == sorted(G1.joint_names)
     assert meta["fps"] == exported.fps and meta["frames"] == exported.frames
     assert meta["quaternions"] == ("xyzw" if name in ("gmr", "unitree-csv") else "wxyz")
-    assert meta["source"]["licence"] == SOURCE["licence"] and meta["source"]["sha256"] == SOURCE["sha256"]
+    assert meta["source"]["licence"] == SOURCE.licence and meta["source"]["sha256"] == SOURCE.sha256
     assert meta["source"]["name"] == "sub1_box_000.pt" and meta["result"]["sha256"] == result.sha256
     assert meta["objects"][0]["name"] == "thing_0" and meta["objects"][0]["scale"] == 0.7
     assert set(meta["files"]) == set(exported.files) - {"take.meta.json"}
@@ -460,7 +461,7 @@ def test_names_in_the_description_are_in_the_files_order():
 
 
 def test_a_report_that_says_nothing_is_told_as_unknown():
-    result = as_result(G1, report={})
+    result = as_result(G1, report=Report())
     meta = json.loads(export(result, WRITABLE["gmr"], name="take").files["take.meta.json"])
     assert meta["source"]["name"] == meta["source"]["licence"] == "unknown"
 

@@ -9,6 +9,7 @@ import pytest
 
 from export_motions import smooth_motion
 from hoi_retarget.cli import main
+from hoi_retarget.clip.clip import Source
 from hoi_retarget.motion.export import NAMES
 from hoi_retarget.motion.formats import WRITABLE
 from hoi_retarget.motion.result_file import save
@@ -211,7 +212,7 @@ def test_a_result_called_as_anothers_export_is_kept(export, tmp_path):
 
 def test_texts_that_no_file_can_hold_are_written_with_question_marks(export, tmp_path):
     motion = smooth_motion(G1, objects=0)
-    save(replace(motion, report={**motion.report, "source": {"licence": "\udfff"}}), tmp_path / "a.npz")
+    save(replace(motion, report=replace(motion.report, source=Source(licence="\udfff"))), tmp_path / "a.npz")
     assert export("a.npz", "--to", "mjlab", "--out", ".")[0] == 0
     assert json.loads((tmp_path / "a.mjlab.meta.json").read_text())["source"]["licence"] == "?"
 

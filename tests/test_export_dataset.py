@@ -11,6 +11,7 @@ import pytest
 from export_motions import as_result
 from hoi_retarget.motion.formats import dataset
 from hoi_retarget.motion.formats.dataset import CARD, write_dataset
+from hoi_retarget.motion.report import Report
 from trajectories import MODELS
 
 pq = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
@@ -65,7 +66,7 @@ def test_the_same_results_make_the_same_bytes():
 
 
 def test_the_card_names_every_licence_every_robot_and_every_column():
-    results = [as_result(G1, stem="a"), as_result(G1, stem="b", report={}), as_result(H2, stem="c")]
+    results = [as_result(G1, stem="a"), as_result(G1, stem="b", report=Report()), as_result(H2, stem="c")]
     files = write_dataset(results, None)
     card = files[CARD].decode()
     head, body = card.split("---\n")[1:3]

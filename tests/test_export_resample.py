@@ -73,7 +73,7 @@ def test_quaternions_of_either_sign_are_the_same_motion():
     motion = smooth_motion(G1, seed=3)
     signs = np.where(np.random.default_rng(0).random(motion.frames) < 0.5, -1.0, 1.0)[:, None]
     root, joints = motion.qpos[:, :7], motion.qpos[:, 7:]
-    flipped = replace(motion, qpos=np.concatenate([root[:, :3], signs * root[:, 3:], joints], axis=1))
+    flipped = motion.with_qpos(np.concatenate([root[:, :3], signs * root[:, 3:], joints], axis=1))
     a, b = resample(motion, G1, 50.0), resample(flipped, G1, 50.0)
     assert se3.angle_between(a.qpos[:, 3:7], b.qpos[:, 3:7]).max() < 1e-7
     np.testing.assert_allclose(a.root_ang_vel, b.root_ang_vel, atol=1e-9)
@@ -140,7 +140,7 @@ def in_a_mirror(motion: Motion) -> Motion:
     root, joints = motion.qpos[:, :7], motion.qpos[:, 7:]
     place = root[:, :3] * np.array([1.0, -1.0, 1.0])
     turn = root[:, 3:7] * np.array([1.0, -1.0, 1.0, -1.0])
-    return replace(motion, qpos=np.concatenate([place, turn, signs * joints[:, columns]], axis=1))
+    return motion.with_qpos(np.concatenate([place, turn, signs * joints[:, columns]], axis=1))
 
 
 def test_a_mirror_image_is_exported_as_one():
@@ -166,7 +166,7 @@ def test_joints_stay_in_their_ranges_and_stand_still_where_they_are_held():
     motion = smooth_motion(G1, frames=12)
     joints = motion.qpos[:, 7:].copy()
     joints[:, 3] = np.where(np.arange(12) < 6, G1.upper[3] - 0.4, G1.upper[3])
-    motion = replace(motion, qpos=np.concatenate([motion.qpos[:, :7], joints], axis=1))
+    motion = motion.with_qpos(np.concatenate([motion.qpos[:, :7], joints], axis=1))
     dense = np.linspace(0, 11, 1000)
     assert CubicSpline(np.arange(12), joints)(dense).max(axis=0)[3] > G1.upper[3] + 0.01, "nothing overshoots"
     trajectory = resample(motion, G1, 600.0)
@@ -183,7 +183,7 @@ def test_what_lies_beyond_a_limit_in_the_motion_itself_stays():
     motion = smooth_motion(G1)
     joints = motion.qpos[:, 7:].copy()
     joints[20, 0] = G1.upper[0] + 0.2
-    motion = replace(motion, qpos=np.concatenate([motion.qpos[:, :7], joints], axis=1))
+    motion = motion.with_qpos(np.concatenate([motion.qpos[:, :7], joints], axis=1))
     assert resample(motion, G1, 60.0).qpos[40, 7] == pytest.approx(G1.upper[0] + 0.2, abs=1e-12)
 
 

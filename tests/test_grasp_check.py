@@ -112,7 +112,7 @@ def test_inverse_poses_are_found(scene):
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("frames", [-30, 30])
 def test_contacts_of_other_frames_are_noted(scene, frames):
-    doubts = checked(shifted(make(scene), frames)).source.doubts
+    doubts = checked(shifted(make(scene), frames)).source.warnings
     assert any(words in doubt for doubt in doubts for words in ("fit better", "slips")), doubts
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.human.skeleton import PARTS
-from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.readers import read_clip
 from hoi_retarget.readers.describe import Inspection, inspect
@@ -47,8 +47,7 @@ def result() -> Motion:
         robot="test_robot",
         fps=50.0,
         joint_names=("a", "b"),
-        qpos=np.full((6, 9), 0.5),
-        ik_qpos=np.full((6, 9), 0.5),
+        stages=(Stage("ik", np.full((6, 9), 0.5)), Stage("trajectory", np.full((6, 9), 0.5))),
         object_names=("box",),
         object_pos=np.linspace(0, 1, 18).reshape(6, 1, 3),
         object_quat=np.full((6, 1, 4), 0.5),
@@ -60,7 +59,6 @@ def result() -> Motion:
         stance_flags=np.zeros((6, 2), dtype=bool),
         first_source_frame=0,
         human_height=1.7,
-        report={},
     )
 
 

@@ -94,7 +94,7 @@ def test_clips_are_run_by_their_names_alone_or_all_by_a_batch(many_clips, tmp_pa
     assert "there are 2 clips in it (sub3_box_000, sub3_box_001)" in capsys.readouterr().err
     assert main(["run", f"{many_clips}#sub3_box_000", "--out", str(tmp_path)]) == 0
     motion = load(tmp_path / "sub3_box_000.npz")
-    assert motion.report["source"]["format"] == "omomo" and np.isfinite(motion.qpos).all()
+    assert motion.report.source.format == "omomo" and np.isfinite(motion.qpos).all()
     names = [job.name for job in jobs_of(of_folder(many_clips.parent))]
     assert names == ["unitree_g1/sub3_box_000", "unitree_g1/sub3_box_001"]
 

@@ -26,7 +26,7 @@ from hoi_retarget.evaluate import (
 from hoi_retarget.evaluate.pose import HUMAN_TO_ROBOT_AXES
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import HANDS, JOINTS
-from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.robots import ROBOTS
@@ -164,8 +164,7 @@ def make_motion(clip: Clip, rng) -> Motion:
         robot="stub",
         fps=clip.fps,
         joint_names=("a", "b"),
-        qpos=qpos,
-        ik_qpos=qpos,
+        stages=(Stage("trajectory", qpos),),
         object_names=tuple(track.name for track in clip.objects),
         object_pos=np.array([track.positions for track in clip.objects]).reshape(-1, clip.frames, 3).swapaxes(0, 1),
         object_quat=np.array([track.quats for track in clip.objects]).reshape(-1, clip.frames, 4).swapaxes(0, 1),
@@ -179,7 +178,6 @@ def make_motion(clip: Clip, rng) -> Motion:
         stance_flags=stance,
         first_source_frame=clip.first_source_frame,
         human_height=1.7,
-        report={},
     )
 
 
@@ -767,7 +765,9 @@ def test_robots_offer_what_the_figures_need(name):
     """A robot that stands still: every figure is defined, limits hold, links do not move."""
     model, world = load_model(ROBOTS[name]), make_world()
     qpos = np.tile(model.home_qpos, (FRAMES, 1))
-    motion = dataclasses.replace(world.motion, robot=name, joint_names=model.joint_names, qpos=qpos, ik_qpos=qpos)
+    motion = dataclasses.replace(
+        world.motion, robot=name, joint_names=model.joint_names, stages=(Stage("trajectory", qpos),)
+    )
     figures = evaluate(motion, world.clip, model)
     # A link that stands still has no direction to compare; relative to a moving object it does.
     assert all(value is not None for value in dataclasses.asdict(figures).values())

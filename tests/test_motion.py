@@ -7,7 +7,7 @@ import json
 import os
 import pickle
 import zipfile
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import jaxtyping
 import numpy as np
@@ -15,13 +15,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hoi_retarget.clip.quality_warning import Severity
 from hoi_retarget.errors import ClipError, ReadError, WriteError
 from hoi_retarget.files import atomic
 from hoi_retarget.files.atomic import write_atomically
 from hoi_retarget.motion import result_file
-from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.motion import Motion, Stage
+from hoi_retarget.motion.report import (
+    InterRobotHandError,
+    Optimality,
+    OrientationFlip,
+    Report,
+    Status,
+    Window,
+)
 from hoi_retarget.motion.result_file import encode, load, save
 from hoi_retarget.numerics import se3
+from outcomes import both_outcomes
 
 LAWS = settings(max_examples=40, deadline=None, derandomize=True, database=None)
 FUZZ = settings(max_examples=150, deadline=None, derandomize=True, database=None)
@@ -32,6 +42,42 @@ json_values = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(texts, inner, max_size=3),
     max_leaves=6,
 )
+tables = st.dictionaries(texts, json_values, max_size=4)
+numbers = st.floats(allow_nan=False, allow_infinity=False)
+counts = st.integers(0, 1000)
+# Of a report as JSON has it.
+segment = {"first_frame": counts, "last_frame": counts}
+source = st.fixed_dictionaries(
+    {"path": texts, "licence": texts, "notes": st.lists(texts, max_size=2)},
+    optional={
+        "augmentation": st.fixed_dictionaries({"mirrored": st.booleans(), "speed": st.floats(0.1, 10)}),
+        "warnings": st.lists(st.fixed_dictionaries({"code": st.just("recording"), "text": texts}), max_size=2),
+    },
+)
+reports = st.fixed_dictionaries(
+    {"clip": texts, "person": counts, "source": source, "root_scale": st.none() | numbers, "config": tables},
+    optional={
+        "versions": st.dictionaries(texts, texts, max_size=2),
+        "figures": st.dictionaries(texts, st.none() | numbers, max_size=3),
+        "unreached_contacts": st.lists(
+            st.fixed_dictionaries(
+                {"link": texts, "object": texts, **segment, "mean_residual_m": numbers, "max_residual_m": numbers}
+            ),
+            max_size=2,
+        ),
+        "orientation_flips": st.lists(
+            st.fixed_dictionaries({"site": texts, **segment, "largest_deg": numbers}), max_size=2
+        ),
+        "cpu_seconds": st.dictionaries(texts, numbers, max_size=2),
+    },
+)
+
+
+WINDOW = Window(0, 6, Status.SOLVED, 3, 1.5, {"jerk": 1.5}, Optimality(1e-4, 1e-5, 0.0))
+
+
+def poses(rng: np.random.Generator, turns: np.ndarray, joints: int) -> np.ndarray:
+    return np.concatenate([rng.normal(size=(len(turns), 3)), turns, rng.normal(size=(len(turns), joints))], axis=1)
 
 
 def result(frames: int = 6, joints: int = 3, objects: int = 1, links: int = 2, *, seed: int = 0, **changes) -> Motion:
@@ -44,9 +90,9 @@ def result(frames: int = 6, joints: int = 3, objects: int = 1, links: int = 2, *
         "robot": "some_robot",
         "fps": 30.0,
         "joint_names": tuple(f"joint_{index}" for index in range(joints)),
-        "qpos": np.concatenate([rng.normal(size=(frames, 3)), turns[:, 0], rng.normal(size=(frames, joints))], axis=1),
-        "ik_qpos": np.concatenate(
-            [rng.normal(size=(frames, 3)), turns[:, 1], rng.normal(size=(frames, joints))], axis=1
+        "stages": (
+            Stage("ik", poses(rng, turns[:, 1], joints)),
+            Stage("trajectory", poses(rng, turns[:, 0], joints), (WINDOW,)),
         ),
         "object_names": tuple(f"thing_{index}" for index in range(objects)),
         "object_pos": rng.normal(size=(frames, objects, 3)),
@@ -59,19 +105,24 @@ def result(frames: int = 6, joints: int = 3, objects: int = 1, links: int = 2, *
         "stance_flags": rng.random((frames, 2)) < 0.5,
         "first_source_frame": 7,
         "human_height": 1.75,
-        "report": {"figures": {"gap": 0.002}, "windows": [{"status": "SOLVED"}]},
+        "report": Report("clip", figures={"gap": 0.002}),
     }
     return Motion(**(values | changes))
 
 
 # The entries of the file, which keep the names they got when the first results were written.
-ENTRIES = ["contact_targets" if field.name == "contact_points" else field.name for field in fields(Motion)]
+RENAMED = {"contact_points": "contact_targets", "stages": "stage_names"}
+ENTRIES = [RENAMED.get(field.name, field.name) for field in fields(Motion)] + ["qpos", "ik_qpos"]
 
 
 def assert_same(a: Motion, b: Motion) -> None:
     for field in fields(Motion):
         ours, theirs = getattr(a, field.name), getattr(b, field.name)
-        if isinstance(ours, np.ndarray):
+        if field.name == "stages":
+            assert [(stage.name, stage.windows) for stage in ours] == [(stage.name, stage.windows) for stage in theirs]
+            for one, other in zip(ours, theirs, strict=True):
+                np.testing.assert_array_equal(one.qpos, other.qpos)
+        elif isinstance(ours, np.ndarray):
             assert ours.dtype == theirs.dtype, field.name
             np.testing.assert_array_equal(ours, theirs, err_msg=field.name)
         else:
@@ -116,10 +167,10 @@ def with_array(name: str, array: object) -> bytes:
     sizes=st.tuples(st.integers(1, 12), st.integers(0, 4), st.integers(0, 3), st.integers(0, 4)),
     seed=st.integers(0, 1000),
     robot=texts,
-    report=st.dictionaries(texts, json_values, max_size=4),
+    report=reports,
 )
 def test_what_is_written_is_read(tmp_path_factory, sizes, seed, robot, report):
-    original = result(*sizes, seed=seed, robot=robot, report=report)
+    original = result(*sizes, seed=seed, robot=robot, report=Report.from_json(report))
     path = tmp_path_factory.mktemp("motion") / "deep" / "clip.npz"
     save(original, path)
     assert_same(load(path), original)
@@ -131,7 +182,7 @@ def test_the_file_is_a_plain_npz_of_the_documented_entries(tmp_path):
     with np.load(tmp_path / "clip.npz", allow_pickle=False) as archive:
         assert set(archive.files) == {"schema", *ENTRIES}
         assert int(archive["schema"]) == result_file.SCHEMA
-        assert json.loads(str(archive["report"])) == result().report
+        assert json.loads(str(archive["report"]))["figures"] == result().report.figures
         assert archive["joint_names"].tolist() == ["joint_0", "joint_1", "joint_2"]
 
 
@@ -151,7 +202,7 @@ def test_files_written_by_numpy_itself_are_read(tmp_path):
 
 def test_arrays_of_a_motion_are_read_only_copies():
     values = result().qpos.copy()
-    moved = result(qpos=values)
+    moved = result(stages=(Stage("trajectory", values),))
     before = moved.qpos.copy()
     values[...] = 9.0
     np.testing.assert_array_equal(moved.qpos, before)
@@ -218,7 +269,7 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch,
 
 def test_a_report_that_is_no_json_writes_nothing(tmp_path):
     with pytest.raises(ValueError, match="JSON"):
-        save(result(report={"gap": float("nan")}), tmp_path / "clip.npz")
+        save(result(report=Report(figures={"gap": float("nan")})), tmp_path / "clip.npz")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -237,6 +288,70 @@ def test_a_file_in_place_of_the_folder_is_named(tmp_path):
         write_atomically(tmp_path / "out" / "clip.npz", b"x")
 
 
+def as_schema_1(data: bytes) -> tuple[dict[str, np.ndarray], dict]:
+    """Return a result's arrays without the entries of schema 2, and its report in the words of schema 1."""
+    with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+        arrays = dict(archive)
+    del arrays["stage_names"]
+    report = json.loads(str(arrays["report"]))
+    stages = report.pop("stages")
+    source = report["source"]
+    doubts = [warning["text"] for warning in source.pop("warnings")]
+    report |= {"ik_windows": stages["ik"], "windows": stages["trajectory"], "source": {**source, "doubts": doubts}}
+    report |= {"turned_over": report.pop("orientation_flips"), "hand_to_hand": report.pop("inter_robot_hand_errors")}
+    return arrays | {"schema": np.int64(1)}, report
+
+
+@LAWS
+@given(report=reports)
+def test_results_of_the_first_schema_open_as_they_were(tmp_path_factory, report):
+    original = result(report=Report.from_json(report))
+    path = tmp_path_factory.mktemp("motion") / "clip.npz"
+    arrays, old = as_schema_1(encode(original))
+    np.savez(path, **{**arrays, "report": np.str_(json.dumps(old))})
+    assert_same(load(path), original)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"figures": "none"},
+        {"figures": {"gap": "small"}},
+        {"person": "first"},
+        {"root_scale": "large"},
+        {"source": 3},
+        {"source": {"path": 3}},
+        {"source": {"augmentation": {"mirrored": True, "speed": "fast"}}},
+        {"source": {"augmentation": {"mirrored": True, "speed": -1.0}}},
+        {"unreached_contacts": [1]},
+        {"orientation_flips": [{"first_frame": "x"}]},
+        {"stages": {"ik": [{"start": 0, "stop": 3, "status": "FINE"}]}},
+        {"stages": [1]},
+        {"command": "what"},
+    ],
+)
+def test_a_damaged_report_is_one_error(tmp_path, damage):
+    with np.load(io.BytesIO(content()), allow_pickle=False) as archive:
+        arrays = dict(archive)
+    arrays["report"] = np.str_(json.dumps(json.loads(str(arrays["report"])) | damage))
+    np.savez(tmp_path / "clip.npz", **arrays)
+    with pytest.raises(ReadError, match=r"clip\.npz: the motion file is damaged \(its report is damaged"):
+        load(tmp_path / "clip.npz")
+
+
+def test_warnings_are_values_with_a_code_and_a_text():
+    stalled = replace(WINDOW, status=Status.STALLED)
+    flip, near = OrientationFlip("head", 1, 4, 120.0), InterRobotHandError((0, 1), ("a", "b"), "box", 9, 0.001, 0.002)
+    report = Report(orientation_flips=(flip,), inter_robot_hand_errors=(near, replace(near, max_m=0.5)))
+    motion = result(report=report)
+    assert motion.converged
+    assert [warning.code for warning in motion.warnings] == ["inter_robot_hand_error", "orientation_flip"]
+    loose = replace(motion, stages=(motion.stages[0], replace(motion.stages[1], windows=(WINDOW, stalled))))
+    assert not loose.converged
+    assert loose.warnings[0].code == "not_converged" and loose.warnings[0].severity is Severity.ERROR
+    assert str(loose.warnings[0]).startswith("trajectory, frames 0 to 5: no step decreased")
+
+
 # What a motion must be
 
 
@@ -245,13 +360,14 @@ def test_a_file_in_place_of_the_folder_is_named(tmp_path):
     [
         ({"fps": 0.0}, "rate is 0.0"),
         ({"fps": float("nan")}, "rate"),
-        ({"qpos": np.full((6, 10), np.nan)}, "qpos.*not finite"),
-        ({"ik_qpos": np.full((6, 10), np.inf)}, "ik_qpos.*not finite"),
+        ({"stages": (Stage("trajectory", np.full((6, 10), np.nan)),)}, "trajectory qpos.*not finite"),
+        ({"stages": (Stage("ik", np.full((6, 10), np.inf)),)}, "ik qpos.*not finite"),
         ({"object_pos": np.full((6, 1, 3), np.nan)}, "object_pos.*not finite"),
         ({"object_quat": np.full((6, 1, 4), np.nan)}, "object_quat.*not finite"),
         ({"object_scale": np.array([np.inf])}, "object_scale.*not finite"),
-        ({"qpos": np.zeros((6, 10))}, " qpos.*unit"),
-        ({"ik_qpos": np.full((6, 10), 0.51)}, "ik_qpos.*unit"),
+        ({"stages": (Stage("trajectory", np.zeros((6, 10))),)}, " qpos.*unit"),
+        ({"stages": ()}, "no stage"),
+        ({"stages": (Stage("ik", np.full((6, 10), 0.51)),)}, "ik qpos.*unit"),
         ({"object_quat": np.full((6, 1, 4), 0.501)}, "object_quat.*unit"),
         ({"contact_object": np.full((6, 2), 1)}, "contact_object.*beyond"),
         ({"contact_object": np.full((6, 2), -2)}, "contact_object.*beyond"),
@@ -283,9 +399,7 @@ ARRAYS = [field.name for field in fields(Motion) if isinstance(getattr(result(),
 def test_shapes_that_disagree_are_refused_by_name(name):
     good = getattr(result(), name)
     for bad in (good[..., :-1], np.concatenate([good, good])):
-        # Another number of rows of qpos is another number of frames: then the next array disagrees.
-        named = "ik_qpos" if name == "qpos" and len(bad) != len(good) else name
-        with pytest.raises(ClipError, match=rf"motion: {named} has shape .* expected"):
+        with pytest.raises(ClipError, match=rf"motion: {name} has shape .* expected"):
             result(**{name: bad})
 
 
@@ -333,7 +447,7 @@ def test_a_foreign_archive_is_told_by_what_it_holds(tmp_path):
     assert "'poses'" in message and "'trans'" in message
 
 
-@pytest.mark.parametrize("schema", [0, 2, -1, 10**6])
+@pytest.mark.parametrize("schema", [0, 3, -1, 10**6])
 def test_other_schemas_are_refused_with_both_numbers(tmp_path, schema):
     message = refusal(tmp_path / "clip.npz", with_array("schema", schema))
     assert f"schema {schema}" in message and f"reads {result_file.SCHEMA}" in message
@@ -343,7 +457,7 @@ def test_other_schemas_are_refused_with_both_numbers(tmp_path, schema):
 def test_a_missing_entry_is_named(tmp_path, name):
     parts = members(content())
     del parts[f"{name}.npy"]
-    assert f"lacks {name}." in refusal(tmp_path / "clip.npz", packed(parts))
+    assert f"lacks {name}" in refusal(tmp_path / "clip.npz", packed(parts))
 
 
 class Trap:
@@ -457,12 +571,17 @@ def with_field(central: int, local: int, value: int) -> bytes:
 # Fuzz: load returns a motion or raises ReadError
 
 
-def load_or_refuse(path, data: bytes) -> None:
-    path.write_bytes(data)
-    try:
-        assert isinstance(load(path), Motion)
-    except ReadError as error:
-        assert str(path) in str(error)
+@pytest.fixture
+def load_or_refuse(tmp_path):
+    """Load a motion from bytes; a test must see motions and errors, and nothing else."""
+    path = tmp_path / "fuzz.npz"
+    with both_outcomes(ReadError, str(path)) as attempt:
+
+        def try_to_load(data: bytes) -> None:
+            path.write_bytes(data)
+            assert isinstance(attempt(load, path), Motion | None)
+
+        yield try_to_load
 
 
 def damaged(data: bytes, edits: list[tuple[float, int]]) -> bytes:
@@ -475,34 +594,44 @@ def damaged(data: bytes, edits: list[tuple[float, int]]) -> bytes:
 edits = st.lists(st.tuples(st.floats(0.0, 1.0), st.integers(0, 255)), min_size=1, max_size=4)
 
 
-@FUZZ
-@given(edits=edits, compressed=st.booleans())
-def test_damaged_archives_never_raise_anything_else(tmp_path_factory, edits, compressed):
-    data = packed(members(content()), zipfile.ZIP_DEFLATED) if compressed else content()
-    load_or_refuse(tmp_path_factory.getbasetemp() / "fuzz.npz", damaged(data, edits))
+def test_damaged_archives_never_raise_anything_else(load_or_refuse):
+    @FUZZ
+    @given(edits=edits, compressed=st.booleans())
+    def check(edits, compressed):
+        data = packed(members(content()), zipfile.ZIP_DEFLATED) if compressed else content()
+        load_or_refuse(damaged(data, edits))
+
+    check()
 
 
-@FUZZ
-@given(edits=edits, directory=st.booleans(), which=st.integers(0, 10**6))
-def test_damaged_directories_never_raise_anything_else(tmp_path_factory, edits, directory, which):
+def test_damaged_directories_never_raise_anything_else(load_or_refuse):
     """Bytes of the central directory or of one local header: names, flags, methods, sizes, offsets."""
-    data = content()
-    marker = b"PK\x01\x02" if directory else b"PK\x03\x04"
-    places = [at for at in range(len(data)) if data.startswith(marker, at)]
-    start = places[which % len(places)]
-    part = damaged(data[start : start + 46], edits)
-    load_or_refuse(tmp_path_factory.getbasetemp() / "fuzz.npz", data[:start] + part + data[start + 46 :])
+
+    @FUZZ
+    @given(edits=edits, directory=st.booleans(), which=st.integers(0, 10**6))
+    def check(edits, directory, which):
+        data = content()
+        marker = b"PK\x01\x02" if directory else b"PK\x03\x04"
+        places = [at for at in range(len(data)) if data.startswith(marker, at)]
+        start = places[which % len(places)]
+        part = damaged(data[start : start + 46], edits)
+        load_or_refuse(data[:start] + part + data[start + 46 :])
+
+    check()
 
 
-@FUZZ
-@given(edits=edits, which=st.integers(0, 100), header=st.booleans())
-def test_damaged_arrays_with_right_checksums_never_raise_anything_else(tmp_path_factory, edits, which, header):
-    parts = members(content())
-    name = sorted(parts)[which % len(parts)]
-    part = parts[name]
-    cut = 128 if header else len(part)
-    parts[name] = damaged(part[:cut], edits) + part[cut:]
-    load_or_refuse(tmp_path_factory.getbasetemp() / "fuzz.npz", packed(parts))
+def test_damaged_arrays_with_right_checksums_never_raise_anything_else(load_or_refuse):
+    @FUZZ
+    @given(edits=edits, which=st.integers(0, 100), header=st.booleans())
+    def check(edits, which, header):
+        parts = members(content())
+        name = sorted(parts)[which % len(parts)]
+        part = parts[name]
+        cut = 128 if header else len(part)
+        parts[name] = damaged(part[:cut], edits) + part[cut:]
+        load_or_refuse(packed(parts))
+
+    check()
 
 
 @FUZZ

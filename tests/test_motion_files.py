@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import motion_writers as writers
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files.array_pickle import parse_pickle
+from hoi_retarget.files.numpy_pickle import parse_pickle
 from hoi_retarget.motion import formats
 from hoi_retarget.motion.formats import MotionFile, read
 from hoi_retarget.motion.formats.arrays_by_name import read_npz
@@ -145,6 +145,18 @@ def test_arrays_without_bytes_claim_no_memory(sizes, kind):
     array = b"cnumpy.core.multiarray\n_reconstruct\ncnumpy\nndarray\n\x85R(K\x01" + written + named + b"\x89C\x00tb"
     with pytest.raises(ReadError, match=r"motion\.pkl: .*an array of shape"):
         parse_pickle(b"\x80\x03" + array + b".", PLAIN)
+
+
+@pytest.mark.parametrize("kind", ["f8", "U1"])
+def test_bytes_that_are_used_again_and_again_claim_no_memory(kind):
+    raw, count = bytes(80_000), 80_000 // np.dtype(kind).itemsize
+    named = b"cnumpy\ndtype\nU\x02" + kind.encode() + b"\x85R(K\x03U\x01>NNNtbq\x01"
+    described = b"h\x00h\x01J" + count.to_bytes(4, "little") + b"\x85U\x01C"
+    array = b"cnumpy.core.numeric\n_frombuffer\n(" + described + b"tR"
+    start = b"\x80\x03](B" + len(raw).to_bytes(4, "little") + raw + b"q\x00" + named + b"0" + b"0"
+    assert parse_pickle(start + array + b"e.", PLAIN)[0].shape == (count,)
+    with pytest.raises(ReadError, match="beyond those stored"):
+        parse_pickle(start + array * 100 + b"e.", PLAIN)
 
 
 def test_texts_without_letters_claim_no_memory(tmp_path):

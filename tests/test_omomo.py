@@ -107,8 +107,8 @@ def test_one_clip_needs_no_name(tmp_path):
 
 def test_a_file_is_parsed_once_until_it_changes(tmp_path, monkeypatch):
     path, parsed = write_world(tmp_path), []
-    whole = omomo.read_large_pickle
-    monkeypatch.setattr(omomo, "read_large_pickle", lambda it: parsed.append(it) or whole(it))
+    whole = omomo.read_joblib
+    monkeypatch.setattr(omomo, "read_joblib", lambda it: parsed.append(it) or whole(it))
     before = [read_clip(chosen(path, name)) for name in (*CLIPS, *CLIPS)]
     assert len(parsed) == 1
     write_clips(tmp_path, [clip_values(LARGE, name) for name in ("sub5_largetable_000", *CLIPS)])

@@ -159,7 +159,7 @@ def test_a_folder_is_inspected_and_run(folder, capsys):
     out = capsys.readouterr().out
     assert f" run {folder} --out out" in out
     result = load(folder / "lifting.npz")
-    assert open_clip(result.report["source"]["path"]).source.sha256 == result.report["source"]["sha256"]
+    assert open_clip(result.report.source.path).source.sha256 == result.report.source.sha256
     folder.rename(folder.parent / "clip")
     before = (folder.parent / "clip" / "clip.npz").read_bytes()
     assert main(["run", str(folder.parent / "clip"), "--out", str(folder.parent / "clip")]) == 2

@@ -315,7 +315,7 @@ def test_clips_are_converted_inspected_and_run(tmp_path, capsys):
     out = capsys.readouterr().out
     for words in ("[hoi-retarget-clip]", "Converted from builtin:carry_box (synthetic, SHA-256", "1 solved"):
         assert words in out
-    assert load(tmp_path / "out" / "clip.npz").report["source"]["format"] == "hoi-retarget-clip"
+    assert load(tmp_path / "out" / "clip.npz").report.source.format == "hoi-retarget-clip"
     before = clip.read_bytes()
     assert main(["run", str(clip), "--out", str(tmp_path)]) == 2
     assert "over the clip" in capsys.readouterr().err

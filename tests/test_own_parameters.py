@@ -271,4 +271,4 @@ def test_parameters_are_converted_and_run(tmp_path, capsys):
     assert main(["run", str(path), "--body-models", str(models), "--out", str(out)]) == 0
     assert "1 solved" in capsys.readouterr().out
     assert_same_people(read_clip(joints), read_clip(path, body_models=models))
-    assert load(out / "clip.npz").report["source"]["format"] == "hoi-retarget-clip"
+    assert load(out / "clip.npz").report.source.format == "hoi-retarget-clip"

@@ -67,9 +67,9 @@ def assert_agree(model: RobotModel, a: np.ndarray, b: np.ndarray, *, metres: flo
 
 def assert_sane(motion: Motion, model: RobotModel) -> None:
     """Check what every result must satisfy, whatever the clip."""
-    statuses = {window["status"] for window in (*motion.report["ik_windows"], *motion.report["windows"])}
+    statuses = {window.status for stage in motion.stages for window in stage.windows}
     assert statuses == {"SOLVED"}
-    for qpos in (motion.qpos, motion.ik_qpos):
+    for qpos in (motion.qpos, motion.stages[0].qpos):
         assert np.isfinite(qpos).all()
         np.testing.assert_allclose(np.linalg.norm(qpos[:, 3:7], axis=1), 1.0, atol=1e-9)
         assert (qpos[:, 7:] > model.lower - 1e-6).all() and (qpos[:, 7:] < model.upper + 1e-6).all()
@@ -114,15 +114,15 @@ def test_a_box_is_carried(robot):
     assert motion.joint_names == model.joint_names
     assert gaps(motion, model).mean() < 0.005
     assert np.abs(sole_heights(motion, model).min(axis=1)).max() < 0.02, "walking, one foot is on the floor"
-    assert motion.report["unreached_contacts"] == []
-    figures = motion.report["figures"]
+    assert motion.report.unreached_contacts == ()
+    figures = motion.report.figures
     assert figures["contact_gap_m"] < 0.005
 
 
 @every_robot
 def test_the_same_clip_gives_the_same_bytes(robot):
     def bytes_of(motion: Motion) -> bytes:
-        return encode(replace(motion, report={**motion.report, "cpu_seconds": {}}))
+        return encode(replace(motion, report=replace(motion.report, cpu_seconds={})))
 
     assert bytes_of(retarget(scene(), MODELS[robot], Config())) == bytes_of(result(robot))
 
@@ -155,7 +155,7 @@ def test_objects_of_other_sizes_are_carried(robot, multiplier):
     motion = retarget(scene(), model, Config(scaling=Scaling(size_multiplier=multiplier)))
     assert_sane(motion, model)
     np.testing.assert_allclose(motion.object_scale, multiplier * result(robot).object_scale)
-    unreached = {segment["link"] for segment in motion.report["unreached_contacts"]}
+    unreached = {segment.link for segment in motion.report.unreached_contacts}
     assert gaps(motion, model).mean() < 0.005 or unreached, "a contact that is not reached is reported"
 
 
@@ -250,10 +250,10 @@ def test_a_contact_out_of_reach_is_reported_with_link_frames_and_residual():
     lifted = replace(track, positions=track.positions + np.array([0.0, 0.0, 2.5]))
     motion = retarget(replace(clip, objects=(lifted,)), G1, Config())
     assert np.isfinite(motion.qpos).all()
-    reported = motion.report["unreached_contacts"]
-    assert {segment["link"] for segment in reported} == {"left_palm", "right_palm"}
+    reported = motion.report.unreached_contacts
+    assert {segment.link for segment in reported} == {"left_palm", "right_palm"}
     for segment in reported:
-        column = motion.contact_links.index(segment["link"])
+        column = motion.contact_links.index(segment.link)
         assert motion.contact_flags[segment["first_frame"] : segment["last_frame"] + 1, column].all()
         assert segment["mean_residual_m"] > 0.3, "half a metre is missing"
     assert gaps(motion, G1).mean() > 0.3
@@ -276,8 +276,8 @@ def test_windows_with_look_ahead_agree_with_the_whole():
     clip = make("push_table", seconds=10.0)
     whole = retarget(clip, G1, Config(horizon=Horizon(length=10**6)))
     windowed = retarget(clip, G1, Config(horizon=Horizon(length=120, overlap=60)))
-    assert len(windowed.report["windows"]) > 3
-    assert len(whole.report["windows"]) == 1
+    assert len(windowed.stages[-1].windows) > 3
+    assert len(whole.stages[-1].windows) == 1
     assert_sane(windowed, G1)
     assert_agree(G1, windowed.qpos, whole.qpos, metres=0.01, degrees=3.0)
 
@@ -286,13 +286,13 @@ def test_the_report_says_how_it_went():
     motion = result()
     report = motion.report
     figures = evaluate(motion, scene(), G1)
-    assert report["figures"] == asdict(figures)
-    assert report["root_scale"] == pytest.approx(G1.spec.stature / scene().people[0].height)
-    (window,) = report["windows"]
-    assert (window["start"], window["stop"]) == (0, motion.frames)
-    assert window["cost"] == pytest.approx(sum(window["cost_by_term"].values()))
-    assert window["optimality"]["stationarity"] < 1e-2
-    assert set(report["cpu_seconds"]) == {"targets", "ik", "trajectory", "metrics"}
+    assert report.figures == asdict(figures)
+    assert report.root_scale == pytest.approx(G1.spec.stature / scene().people[0].height)
+    (window,) = motion.stages[-1].windows
+    assert (window.start, window.stop) == (0, motion.frames)
+    assert window.cost == pytest.approx(sum(window.cost_by_term.values()))
+    assert window.optimality.stationarity < 1e-2
+    assert set(report.cpu_seconds) == {"targets", "ik", "trajectory", "metrics"}
 
 
 def resampled(clip: Clip, factor: int) -> Clip:

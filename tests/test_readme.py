@@ -47,13 +47,6 @@ def test_ci_runs_exactly_the_readmes_test_command():
 def test_the_readmes_commands_run_in_its_order(tmp_path):
     (demo,) = block("demo")
     uses = [demo, *block("")]
-    commands = [shlex.split(line)[1] for line in uses[1:]]
-    assert commands == [
-        *("contacts", "run", "render", "share"),
-        "run",
-        *("batch", "report", "export", "check-motion"),
-        "examples/01_demo_in_python.py",
-    ]
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     for line in uses:
         done = subprocess.run(after_installation(line), cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -61,12 +54,6 @@ def test_the_readmes_commands_run_in_its_order(tmp_path):
     assert (tmp_path / "out" / "carry_box.npz").is_file()
     assert (tmp_path / "carry_box.png").is_file() and (tmp_path / "gallery" / "index.html").is_file()
     assert (tmp_path / "report" / "report.html").is_file()
-
-
-def test_what_the_readmes_commands_write_is_not_for_git():
-    ignored = (ROOT / ".gitignore").read_text().splitlines()
-    folders = {"out/", "sample/", "results/", "gallery/", "/set/", "/report/", "/motions/"}
-    assert {".venv/", "edits.toml", "*.edits.toml", *folders} <= set(ignored)
 
 
 @pytest.mark.parametrize("document", ["README.md", *(f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md"))])

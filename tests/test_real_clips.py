@@ -7,7 +7,7 @@ import pytest
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.readers import read_clip
+from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retarget.config import Config, Scaling
 from hoi_retarget.retarget.pipeline import retarget
 from test_pipeline import SETTLING, assert_agree, assert_sane, cut
@@ -37,7 +37,7 @@ every_clip = pytest.mark.parametrize("name", NAMES)
 
 @functools.cache
 def clip_of(name: str) -> Clip:
-    return read_clip(DATA / "omomo" / f"{name}.pt", objects=DATA / "objects")
+    return open_clip(DATA / "omomo" / f"{name}.pt", objects=DATA / "objects")
 
 
 @functools.cache
@@ -49,7 +49,7 @@ def result(name: str) -> Motion:
 def test_recorded_clips_are_solved_within_the_gates(name):
     motion = result(name)
     assert_sane(motion, G1)
-    figures = motion.report["figures"]
+    figures = motion.report.figures
     # The table is lifted higher than the robot reaches.
     assert figures["contact_gap_m"] < (0.020 if name == "sub2_largetable_007" else 0.004)
     for figure, gate in GATES.items():

@@ -1,13 +1,14 @@
 """Clips by what they are called: built-in ones, files, and the one a result was made from."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hoi_retarget.clip.augment import augment
-from hoi_retarget.clip.clip import Augmentation, Clip
+from hoi_retarget.clip.clip import Augmentation, Clip, Source
 from hoi_retarget.clip.edits import ContactEdits, FixAll, Move, apply, from_text
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.motion.motion import Motion
@@ -40,11 +41,13 @@ def same(a: Clip, b: Clip) -> bool:
 
 def result_of(clip: Clip, **report) -> Motion:
     """Return a motion whose report tells of the clip, as a run's does."""
-    source = asdict(clip.source)
-    return replace(MOTION, report={**MOTION.report, "source": {**source, "notes": list(clip.source.notes)}, **report})
+    motion = any_motion()
+    return replace(motion, report=replace(motion.report, **{"source": clip.source, **report}))
 
 
-MOTION = retarget(make("carry_box", seconds=0.5), load_model(robot("unitree_g1")), Config())
+@cache
+def any_motion() -> Motion:
+    return retarget(make("carry_box", seconds=0.5), load_model(robot("unitree_g1")), Config())
 
 
 @pytest.fixture
@@ -113,13 +116,6 @@ def test_a_result_of_an_augmented_clip_leads_to_that_clip(folder):
     assert same(recording_of(result_of(augmented, command=SETTINGS))[0], clip)
 
 
-@pytest.mark.parametrize("done", ["mirrored", {"mirrored": True}, {"mirrored": True, "speed": "fast"}])
-def test_a_result_that_says_nonsense_of_its_augmentation(done):
-    clip = make("carry_box")
-    with pytest.raises(ReadError, match="what was done to its clip"):
-        clip_of(result_of(clip, source=asdict(clip.source) | {"augmentation": done}))
-
-
 def test_a_recording_that_changed_is_refused(folder):
     clip = open_clip("sub1_box_000.pt", objects=Path("objects"))
     (folder / "sub1_box_000.pt").write_bytes(torch_bytes(columns_of(make("carry_box", seconds=2.0))))
@@ -130,13 +126,10 @@ def test_a_recording_that_changed_is_refused(folder):
 @pytest.mark.parametrize(
     "report",
     [
-        {"source": None},
-        {"source": {}},
-        {"source": {"path": 3}},
-        {"source": {"path": ""}},
-        {"source": {"path": "builtin:juggle"}},
-        {"source": {"path": "builtin:carry_box", "sha256": "0"}},
-        {"source": {"path": "gone.pt"}, "command": "what"},
+        {"source": Source()},
+        {"source": Source("builtin:juggle")},
+        {"source": Source("builtin:carry_box", "0")},
+        {"source": Source("gone.pt"), "command": {"objects": 3}},
     ],
 )
 def test_reports_that_do_not_lead_to_a_clip(report):

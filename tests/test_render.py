@@ -291,11 +291,11 @@ def results(tmp_path_factory):
     folder = tmp_path_factory.mktemp("results")
     clip = make("carry_box")
     motion = motion_of(clip, 0)
-    source = {"path": "builtin:carry_box", "sha256": clip.source.sha256}
-    save(replace(motion, report=dict(motion.report) | {"source": source}), folder / "good.npz")
+    source = replace(clip.source, path="builtin:carry_box")
+    save(replace(motion, report=replace(motion.report, source=source)), folder / "good.npz")
     save(motion, folder / "lost.npz")
-    other = {name: getattr(motion, name)[:, :-1] for name in ("qpos", "ik_qpos")}
-    save(replace(motion, joint_names=motion.joint_names[:-1], **other), folder / "other.npz")
+    shorter = tuple(replace(stage, qpos=stage.qpos[:, :-1]) for stage in motion.stages)
+    save(replace(motion, joint_names=motion.joint_names[:-1], stages=shorter), folder / "other.npz")
     (folder / "damaged.npz").write_bytes((folder / "good.npz").read_bytes()[:5000])
     return folder
 

@@ -15,12 +15,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from browser import chromium
-from hoi_retarget.batch.manifest import Entry
+from hoi_retarget.batch.manifest import ManifestEntry, ManifestSource
 from hoi_retarget.cli import main
+from hoi_retarget.clip.clip import Source
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.evaluate.thresholds import THRESHOLDS, Level, judged_figures, verdict_of_figures
 from hoi_retarget.motion.check import ObjectPath
-from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.motion import Motion, Stage
+from hoi_retarget.motion.report import OrientationFlip, Report, UnreachedContact
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.report.discover import find
 from hoi_retarget.report.histogram import histogram
@@ -32,20 +34,19 @@ from hoi_retarget.report.rows import Row, read_row, worst_first
 from test_curves import G1, carried
 
 NASTY = """<script>alert("1")</script>&'$title'<img src=x onerror=alert(2)>"""
-BLANK = asdict(Entry(name="", status="solved", robot="unitree_g1", source={}, scales={}, lineage={}))
+BLANK = asdict(ManifestEntry("", "solved", "unitree_g1", ManifestSource(), scales={}, lineage={}))
 PIXEL = (".png", b"\x89PNG")
 
 
 def with_figures(motion: Motion, **figures: float | None) -> Motion:
-    return replace(motion, report={**motion.report, "figures": {**motion.report["figures"], **figures}})
+    return replace(motion, report=replace(motion.report, figures={**motion.report.figures, **figures}))
 
 
 @functools.cache
 def bad() -> Motion:
-    segment = {"link": "left_palm", "object": "box", "first_frame": 70, "last_frame": 110}
-    unreached = [{**segment, "mean_residual_m": 0.04, "max_residual_m": 0.06}]
+    unreached = (UnreachedContact("left_palm", "box", 70, 110, 0.04, 0.06),)
     worse = with_figures(carried(), contact_gap_m=0.02, body_jerk_mps3=90.0)
-    return replace(worse, report={**worse.report, "unreached_contacts": unreached})
+    return replace(worse, report=replace(worse.report, unreached_contacts=unreached))
 
 
 @pytest.fixture
@@ -111,7 +112,8 @@ def test_a_damaged_file_is_one_row_with_its_reason_and_the_rest_is_there(folder:
 
 
 def test_results_of_another_version_and_of_unknown_robots_are_judged_by_what_is_there(tmp_path: Path) -> None:
-    save(replace(carried(), robot="unheard_of", report={"figures": "none", "windows": 3}), tmp_path / "odd.npz")
+    bare = replace(carried(), robot="unheard_of", report=Report(), stages=(Stage("motion", carried().qpos),))
+    save(bare, tmp_path / "odd.npz")
     (row,) = rows_of(tmp_path)
     assert row.level is Level.WARN
     assert set(row.verdict.not_judged) == {threshold.name for threshold in THRESHOLDS}
@@ -125,8 +127,8 @@ def test_the_worst_come_first(folder: Path) -> None:
 
 def test_a_bad_motion_is_shown_where_it_is_bad() -> None:
     assert worst_frame(bad()) == 90
-    beyond = [{"first_frame": 10**6, "last_frame": 10**6 + 5}]
-    for strange in ({}, {"turned_over": beyond}, {"turned_over": [1]}, {"unreached_contacts": "none"}):
+    beyond = (OrientationFlip("head", 10**6, 10**6 + 5, 120.0),)
+    for strange in (Report(), Report(orientation_flips=beyond)):
         assert 0 <= worst_frame(replace(carried(), report=strange)) < carried().frames
 
 
@@ -182,7 +184,7 @@ def test_of_another_programs_file_what_needs_no_clip_is_judged(folder: Path) -> 
     assert foreign.notes == ("30 frames a second are assumed",)
     assert foreign.frames == own.frames
     assert foreign.figures["joint_speed_margin_radps"] == pytest.approx(own.figures["joint_speed_margin_radps"])
-    assert set(foreign.verdict.not_judged) > {"contact_gap_m", "turned_over_s"}
+    assert set(foreign.verdict.not_judged) > {"contact_gap_m", "orientation_flip_s"}
     assert foreign.level is Level.PASS
 
 
@@ -385,7 +387,7 @@ def test_report_writes_pages_and_tables_and_tells_how_many_fail(folder: Path, ca
 
 def test_names_that_no_text_can_hold_are_told_with_question_marks(tmp_path: Path, capsys, monkeypatch) -> None:
     monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, model, objects: None)
-    strange = replace(carried(), report={**carried().report, "clip": "\ud800", "source": {"licence": "\udfff"}})
+    strange = replace(carried(), report=replace(carried().report, clip="\ud800", source=Source(licence="\udfff")))
     save(strange, tmp_path / "in" / "strange.npz")
     try:
         (tmp_path / "in" / "\udcff.npz").write_bytes(b"damaged")

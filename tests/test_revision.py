@@ -52,13 +52,13 @@ def test_frames_far_from_the_change_stay_and_the_changed_ones_are_as_if_the_whol
     away[max(0, start - 2 * int(FPS)) : stop + 2 * int(FPS)] = False
     assert away.any()
     np.testing.assert_array_equal(after.qpos[away], before.motion.qpos[away])
-    np.testing.assert_array_equal(after.ik_qpos, before.motion.ik_qpos)
+    np.testing.assert_array_equal(after.stages[0].qpos, before.motion.stages[0].qpos)
     whole = retarget(clip, MODEL, Config())
     side = before.clip.contacts[0].part.removesuffix("_hand")
     moved = np.linalg.norm(palm(after, side) - palm(before.motion, side), axis=1)[start + 5 : stop - 5]
     assert moved.min() > 0.02
     assert np.linalg.norm(palm(after, side) - palm(whole, side), axis=1).max() < 0.002
-    assert after.report["figures"]["contact_gap_m"] == pytest.approx(whole.report["figures"]["contact_gap_m"], abs=2e-4)
+    assert after.report.figures["contact_gap_m"] == pytest.approx(whole.report.figures["contact_gap_m"], abs=2e-4)
 
 
 def test_there_and_back_returns_to_the_first_motion(before):
@@ -87,12 +87,12 @@ def test_a_change_in_the_last_frame_of_a_clip_shorter_than_the_margin_is_solved_
     edits = ContactEdits.of(clip).adding(Add("left_hand", clip.frames - 1, clip.frames, (0.0, 0.2, 0.0)))
     edited = apply(clip, edits)
     after = revise(draft(clip, MODEL, Config()), edited, MODEL, Config()).motion
-    whole = retarget(edited, MODEL, Config()).report["figures"]["contact_gap_m"]
-    assert after.report["figures"]["contact_gap_m"] == pytest.approx(whole, abs=2e-4)
+    whole = retarget(edited, MODEL, Config()).report.figures["contact_gap_m"]
+    assert after.report.figures["contact_gap_m"] == pytest.approx(whole, abs=2e-4)
 
 
 def test_a_contact_taken_away_sets_the_hand_free(before):
     contacts = tuple(replace(track, active=np.zeros_like(track.active)) for track in before.clip.contacts)
     after = revise(before, replace(before.clip, contacts=contacts), MODEL, Config()).motion
     assert not after.contact_flags.any()
-    assert after.report["figures"]["contact_gap_m"] is None
+    assert after.report.figures["contact_gap_m"] is None

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.cli.commands import Command, Run
+from hoi_retarget.cli.jobs import config_of
 from hoi_retarget.cli.run_arguments import settings_of, words_of
 
 PATHS = st.sampled_from(["a.pt", "it's one.pt", "builtin:carry_box", "folder/ü b.pt"]).map(Path)
@@ -29,8 +30,8 @@ SETTINGS = {
 @given(st.fixed_dictionaries(SETTINGS))
 def test_words_parse_to_the_run_they_are_of(asked):
     run = Run(**asked)
-    config = (tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes)
-    assert tyro.cli(Command, args=words_of(settings_of(run)), config=config) == run
+    words = words_of(settings_of(run), config_of(run).as_json())
+    assert tyro.cli(Command, args=words, config=(tyro.conf.OmitSubcommandPrefixes,)) == run
 
 
 def test_only_names_of_paths_are_shown_where_that_is_asked_for():

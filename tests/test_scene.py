@@ -13,7 +13,8 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.human.body_model import BodyShape
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
-from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.motion import Motion, Stage
+from hoi_retarget.motion.report import Report
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import Surface
 from hoi_retarget.readers.body_model_files import load_body_model
@@ -50,8 +51,10 @@ def motion_of(clip: Clip, seed: int, *, person: int = 0, model=G1, shift=(0.0, 0
         robot=model.spec.name,
         fps=clip.fps,
         joint_names=model.joint_names,
-        qpos=qpos + np.concatenate([shift, np.zeros(model.nv + 1 - 3)]),
-        ik_qpos=random_qpos(model, frames, rng),
+        stages=(
+            Stage("ik", random_qpos(model, frames, rng)),
+            Stage("trajectory", qpos + np.concatenate([shift, np.zeros(model.nv + 1 - 3)])),
+        ),
         object_names=tuple(track.name for track in clip.objects),
         object_pos=positions + shift,
         object_quat=np.stack([track.quats for track in clip.objects], axis=1),
@@ -63,7 +66,7 @@ def motion_of(clip: Clip, seed: int, *, person: int = 0, model=G1, shift=(0.0, 0
         stance_flags=rng.random((frames, 2)) < 0.5,
         first_source_frame=0,
         human_height=1.75,
-        report={"clip": clip.name, "source": {"sha256": clip.source.sha256}, "person": person},
+        report=Report(clip.name, person, clip.source),
     )
 
 
@@ -121,7 +124,7 @@ def test_every_shape_of_the_robot_is_where_mujoco_has_it(name, layer, seed):
     compiled = mujoco.MjModel.from_xml_path(str(model.spec.mjcf))
     data = mujoco.MjData(compiled)
     frame = seed % motion.frames
-    data.qpos[:] = (motion.qpos if layer == "robot" else motion.ik_qpos)[frame]
+    data.qpos[:] = (motion.qpos if layer == "robot" else motion.stages[0].qpos)[frame]
     mujoco.mj_kinematics(compiled, data)
     expected = expected_shapes(compiled, data)
     parts = layer_of(subject, layer).parts
@@ -431,7 +434,7 @@ def test_two_peoples_robots_share_a_place_and_the_object():
 def test_only_different_people_with_the_same_objects_share_a_place():
     first, second = shown(1, "carry_table", person=0), shown(2, "carry_table", person=1)
     elsewhere = replace(second, motion=replace(second.motion, object_pos=second.motion.object_pos + 0.1))
-    other_clip = replace(second, motion=replace(second.motion, report=dict(second.motion.report) | {"clip": "other"}))
+    other_clip = replace(second, motion=replace(second.motion, report=replace(second.motion.report, clip="other")))
     assert (
         group_by_shared_objects([first, elsewhere])
         == group_by_shared_objects([first, other_clip])

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files.tensor_pickle import parse_tensors
+from hoi_retarget.files.torch_file import parse_tensors
 from parahome_writer import tensor_pickle
 
 VALUES = {

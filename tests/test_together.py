@@ -7,7 +7,7 @@ import pytest
 
 from hoi_retarget.cli import main
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.evaluate import hand_to_hand
+from hoi_retarget.evaluate import inter_robot_hand_errors
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.retarget.config import Config, Scaling
 from hoi_retarget.retarget.multi_person import retarget_people
@@ -22,7 +22,7 @@ CLIP = make("carry_table")
 
 @pytest.fixture(scope="module")
 def mixed():
-    return retarget_people(CLIP, [G1, H2], Config(), {})
+    return retarget_people(CLIP, [G1, H2], Config())
 
 
 def test_robots_of_one_kind_are_scaled_as_each_alone():
@@ -66,29 +66,29 @@ def test_two_kinds_of_robots_carry_one_table(mixed):
     np.testing.assert_array_equal(mixed[0].object_pos, mixed[1].object_pos)
     assert mixed[0].frames == mixed[1].frames == CLIP.frames and mixed[0].fps == mixed[1].fps
     for motion in mixed:
-        assert motion.report["figures"]["contact_gap_m"] < 0.005
-        assert motion.report["hand_to_hand"] == mixed[0].report["hand_to_hand"]
-    assert max(pair.max_m for pair in hand_to_hand(mixed, [G1, H2])) < 0.01
+        assert motion.report.figures["contact_gap_m"] < 0.005
+        assert motion.report.inter_robot_hand_errors == mixed[0].report.inter_robot_hand_errors
+    assert max(pair.max_m for pair in inter_robot_hand_errors(mixed, [G1, H2])) < 0.01
 
 
 def test_misplaced_hands_are_seen_from_each_other(mixed):
     """What one robot's table is shifted by is by how much its hands are misplaced; shifted alike, nothing is."""
-    before = hand_to_hand(mixed, [G1, H2])
+    before = inter_robot_hand_errors(mixed, [G1, H2])
     shift = np.array([0.0, 0.03, 0.0])
     one = replace(mixed[1], object_pos=mixed[1].object_pos + shift)
-    for pair, was in zip(hand_to_hand([mixed[0], one], [G1, H2]), before, strict=True):
+    for pair, was in zip(inter_robot_hand_errors([mixed[0], one], [G1, H2]), before, strict=True):
         assert abs(pair.mean_m - 0.03) <= was.max_m + 1e-9
     targets = [motion.contact_points + shift for motion in mixed]
     both = [replace(motion, contact_points=target) for motion, target in zip(mixed, targets, strict=True)]
-    for pair, was in zip(hand_to_hand(both, [G1, H2]), before, strict=True):
+    for pair, was in zip(inter_robot_hand_errors(both, [G1, H2]), before, strict=True):
         assert pair.mean_m == pytest.approx(was.mean_m, abs=1e-12)
-    assert hand_to_hand(mixed[:1], [G1]) == ()
+    assert inter_robot_hand_errors(mixed[:1], [G1]) == ()
 
 
 def test_numbers_of_robots_and_people_must_agree(tmp_path, capsys):
     assert [spec.name for spec in team("unitree_g1, unitree_h2")] == ["unitree_g1", "unitree_h2"]
     with pytest.raises(ArgumentError, match="3 robots are named for the 2 people"):
-        retarget_people(CLIP, [G1, H2, G1], Config(), {})
+        retarget_people(CLIP, [G1, H2, G1], Config())
     words = ["--robot", "unitree_g1,unitree_h2", "--out", str(tmp_path)]
     assert main(["run", "builtin:carry_box", *words]) == 2
     assert "2 robots are named for the 1 person" in capsys.readouterr().err

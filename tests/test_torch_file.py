@@ -14,8 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files.pickle_machine import MAXIMUM_DEPTH
-from hoi_retarget.files.torch_file import parse_torch, read_torch
+from hoi_retarget.files.reading import read_bytes
+from hoi_retarget.files.safe_pickle import MAXIMUM_DEPTH
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.files.torch_file import parse_torch
 from torch_writer import STORAGE_OF, Call, Storage, Tensor, archive, legacy_bytes, torch_bytes, torch_entries
 
 BOUNDED = settings(derandomize=True, deadline=None, max_examples=80, database=None)
@@ -152,7 +154,7 @@ def test_code_is_refused_by_name_and_not_executed(tmp_path):
         (b"cos\nsystem\n.", "os.system"),
         (b"\x8c\x02os\x8c\x06system\x93.", "os.system"),
         (b"c\xff\xfe\nx\n.", "import"),
-        (b"N\x8c\x06system\x93.", "something"),
+        (b"N\x8c\x06system\x93.", "damaged"),
         (b"ctorch\nFloatStorage\n.", "name"),
         (b"](ctorch\nFloatStorage\n\x85e.", "name of a function"),
         (b"ctorch._utils\n_rebuild_tensor_v2\n(t}b.", "not an open container"),
@@ -177,6 +179,17 @@ def test_code_is_refused_by_name_and_not_executed(tmp_path):
         (b"\x8a\xff" + b"\x01" * 255 + b".", "at most 16"),
         (b"cos", "cut off"),
         (b"\x82\x01.", "EXT1"),
+        (b"Px\n.", "PERSID"),
+        (b"(cos\nsystem\nN\x6f.", "os.system"),
+        (b"(ctorch\nFloatStorage\no.", "OBJ"),
+        (b"ctorch\nFloatStorage\n)}\x92.", "NEWOBJ_EX"),
+        (b"ctorch\nFloatStorage\n}\x8c\x04nameK\x01sb.", "not an open container"),
+        (b"ctorch\nFloatStorage\nNa.", "not an open container"),
+        (b"X\x01\x00\x00\x00aN(K\x01e.", "not an open container"),
+        (b"\x96\xff\xff\xff\xff\xff\xff\xff\x7f.", "cut off"),
+        (b"\x8e\xff\xff\xff\xff\xff\xff\x00\x00.", "cut off"),
+        (b"\x95\xff\xff\xff\xff\xff\xff\xff\xff", "cut off"),
+        (b"X\x03\x00\x00\x00\xed\xa0\x80.", "UTF-8"),
         (b"\xfe.", "no operation"),
         (b"]q\x00h\x00a.", "contains itself"),
         (b"}q\x00K\x01h\x00s.", "contains itself"),
@@ -185,6 +198,7 @@ def test_code_is_refused_by_name_and_not_executed(tmp_path):
         (b"})\x85K\x02s.", "key is a tuple"),
         (b"})K\x01s.", "key is a tuple"),
         (b"}]K\x01s.", "key is a list"),
+        (b"}\x8a\x09" + b"\x01" * 9 + b"Ns.", "more than 63 bits"),
         (b"N" + b"\x85" * 100_000 + b".", "nested"),
         (b"]" * 3 + b"aa" + b"]" * 70 + b"a" * 70 + b".", "nested"),
         (b"", "cut off"),
@@ -290,11 +304,11 @@ def test_overlapping_entries_are_refused():
 
 def test_missing_empty_foreign_and_cut_files(tmp_path):
     with pytest.raises(ReadError, match="no such file"):
-        read_torch(tmp_path / "absent.pt")
+        read_bytes(tmp_path / "absent.pt")
     with pytest.raises(ReadError, match="folder"):
-        read_torch(tmp_path)
+        read_bytes(tmp_path)
     with pytest.raises(ReadError, match=r"cannot be read|no such file"):
-        read_torch(Path("nul\0.pt"))
+        read_bytes(Path("nul\0.pt"))
     refused(b"", "empty")
     refused(b"hello world", "not a torch file", "hello")
     refused(pickle.dumps({"a": 1}), "not a torch file")
@@ -383,8 +397,8 @@ def test_real_files_hold_their_tensors():
     clips = sorted((SHARED / "data" / "omomo").glob("*.pt"))
     assert len(clips) == 33
     for path in clips:
-        assert read_torch(path).shape[1] == 591
+        assert SourceFile(path).torch.shape[1] == 591
     for path in (SHARED / "data" / "parahome").glob("*.pt"):
-        content = read_torch(path)
+        content = SourceFile(path).torch
         assert content["data"].shape[1] == 721
         assert len(content["objects"]) == 3

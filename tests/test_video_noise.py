@@ -148,9 +148,9 @@ def test_the_command_line_goes_from_the_file_to_the_motion(tmp_path, models, mes
     assert main(["run", str(path), *where, "--edits", str(edits), "--out", str(out)]) == 0
     assert "1 solved" in capsys.readouterr().out
     report = load_motion(out / f"{writer.VIDEO}.npz").report
-    assert report["source"]["format"] == "cari4d"
-    assert report["unreached_contacts"] == []
-    assert report["figures"]["contact_gap_m"] < CENTIMETRE
+    assert report.source.format == "cari4d"
+    assert report.unreached_contacts == ()
+    assert report.figures["contact_gap_m"] < CENTIMETRE
 
 
 # What drift leaves
@@ -205,12 +205,12 @@ def hand_motion(clip: Clip) -> dict[str, float]:
         palm = kinematics.site_position(G1.spec.part_sites[segment.part])[frames]
         points = se3.rotate_inverse(motion.object_quat[frames, 0], palm - motion.object_pos[frames, 0])
         speeds.append(np.linalg.norm(np.diff(points, axis=0), axis=1) * clip.fps)
-    figures = motion.report["figures"]
+    figures = motion.report.figures
     return {
         "slip": float(np.concatenate(speeds).mean()),
         "gap": figures["contact_gap_m"],
         "jerk": figures["body_jerk_mps3"],
-        "unreached": float(len(motion.report["unreached_contacts"])),
+        "unreached": float(len(motion.report.unreached_contacts)),
     }
 
 

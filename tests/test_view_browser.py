@@ -27,9 +27,9 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 def result(tmp_path_factory):
     clip = make("carry_box", seconds=4.0)
     motion = retarget(clip, MODELS["unitree_g1"], Config())
-    source = {**motion.report["source"], "path": ""}
+    source = replace(motion.report.source, path="")
     path = tmp_path_factory.mktemp("results") / "carry_box.npz"
-    save(replace(motion, report={**motion.report, "source": source}), path)
+    save(replace(motion, report=replace(motion.report, source=source)), path)
     return path, clip
 
 

@@ -1,4 +1,4 @@
-"""What a job depends on, as one digest: where it is the same, the result would be, and need not be made again."""
+"""The digest of all inputs of a job: while it stays the same, its result does too, and need not be made again."""
 
 import hashlib
 import json
@@ -17,7 +17,7 @@ from hoi_retarget.robots import robot, team
 
 
 class Contents:
-    """Digests of everything that jobs read, each file read once."""
+    """Digests of the inputs of jobs, each file read once."""
 
     def __init__(self) -> None:
         self.of_file = cache(digest_of_file)
@@ -67,7 +67,7 @@ class Contents:
 
 
 def digest_of_file(path: Path) -> str:
-    """Return the SHA-256 of a file, or why it cannot be read."""
+    """Return the SHA-256 of a file, or the kind of error where it cannot be read."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
@@ -77,7 +77,7 @@ def digest_of_file(path: Path) -> str:
 
 def _digest_of_robot(name: str) -> str:
     spec = robot(name)
-    # Where the package is installed does not matter, what it says does.
+    # The content of the package matters, not the folder that it is installed in.
     return _sha256(spec.mjcf.read_bytes() + repr(replace(spec, mjcf=Path(spec.mjcf.name))).encode())
 
 

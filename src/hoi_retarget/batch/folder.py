@@ -1,4 +1,4 @@
-"""The output folder while a batch works in it: locked against a second one, and cleared of what a crash left."""
+"""The output folder of a running batch: locked against a second one, and cleared of temporary files of a crash."""
 
 import fcntl
 import os
@@ -12,7 +12,7 @@ from hoi_retarget.errors import HoiRetargetError, WriteError
 
 LOCK = ".batch.lock"
 _TEMPORARY = re.compile(rf"\.(.+\.npz|{re.escape(MANIFEST)})\.[a-z0-9_]{{8}}")
-"""How `motion.write_together` calls files that are not complete."""
+"""Names that `files.atomic` gives to files that are not complete."""
 
 
 @contextmanager

@@ -24,13 +24,13 @@ class Job:
     """One clip for one robot in one variant; a value that any process can be given."""
 
     name: str
-    """Where its results are below the output folder, without the suffix: `<robot>/<clip>[-<variant>...]`."""
+    """The path of its results below the output folder, without the suffix: `<robot>/<clip>[-<variant>...]`."""
     clip: str
     """`builtin:<scene>` or an absolute path."""
     shown: str
-    """The clip as it was named: relative to the specification's folder, where it was."""
+    """The clip as the specification names it, which may be relative to the specification's folder."""
     reading: Mapping[str, Any]
-    """What the clip is read with, as `recordings.open_clip` takes it."""
+    """The options of `readers.open.open_clip`."""
     edits: Path | None
     robot: str
     scaling: Scaling
@@ -62,15 +62,15 @@ def jobs_of(specification: Specification) -> tuple[Job, ...]:
 
 
 @dataclass(frozen=True)
-class _Named:
-    """A clip and what its results are called."""
+class _NamedClip:
+    """A clip and the name of its results."""
 
     name: str
     clip: str
     shown: str
 
 
-def _variants(clip: _Named, specification: Specification) -> Iterator[Job]:
+def _variants(clip: _NamedClip, specification: Specification) -> Iterator[Job]:
     edits = specification.edits and _edits_of(clip, specification.edits)
     objects, models = specification.objects, specification.body_models
     reading = {
@@ -107,7 +107,7 @@ def _variants(clip: _Named, specification: Specification) -> Iterator[Job]:
         )
 
 
-def _edits_of(clip: _Named, folder: Path) -> Path | None:
+def _edits_of(clip: _NamedClip, folder: Path) -> Path | None:
     path = folder.absolute() / f"{clip.name}.edits.toml"
     try:
         return path if path.exists() else None
@@ -117,25 +117,25 @@ def _edits_of(clip: _Named, folder: Path) -> Path | None:
         raise ArgumentError(f"edits: {path}: cannot be read ({error.strerror}). Check its permissions.") from error
 
 
-def _clips(specification: Specification) -> Iterator[_Named]:
-    for named in specification.clips:
+def _clips(specification: Specification) -> Iterator[_NamedClip]:
+    for pattern in specification.clips:
         try:
-            yield from _named(specification, named)
+            yield from _matching(specification, pattern)
         except OSError as error:
-            where = specification.folder / named
+            where = specification.folder / pattern
             raise ArgumentError(f"clips: {where}: cannot be looked for ({error}). Check the path.") from error
 
 
-def _named(specification: Specification, named: str) -> Iterator[_Named]:
-    """Yield the clips that one name in the specification stands for."""
+def _matching(specification: Specification, named: str) -> Iterator[_NamedClip]:
+    """Yield the clips of one name or pattern in the specification."""
     scene = builtin_scene(named)
     path = specification.folder / named
     if scene is not None:
-        yield _Named(scene, named, named)
+        yield _NamedClip(scene, named, named)
     elif _WILD & set(named):
         steps = Path(named).parts
         fixed = next(index for index, step in enumerate(steps) if _WILD & set(step))
-        # Clips are called by their way from the first wildcard on, which must not lead out of the output folder.
+        # The name of a clip is its path from the first wildcard on, which must not lead out of the output folder.
         if any(step == ".." or ("**" in step and step != "**") for step in steps[fixed:]):
             raise ArgumentError(
                 f"clips: {named!r} is no pattern: '**' stands alone between slashes, and '..' only before the first "
@@ -146,11 +146,11 @@ def _named(specification: Specification, named: str) -> Iterator[_Named]:
         yield from _below(specification, Path(named), "**/*", named)
     else:
         for clip in _selected(path):
-            yield _Named(result_stem(clip), str(clip.absolute()), named.removesuffix(path.name) + clip.name)
+            yield _NamedClip(result_stem(clip), str(clip.absolute()), named.removesuffix(path.name) + clip.name)
 
 
-def _below(specification: Specification, folder: Path, pattern: str, named: str) -> Iterator[_Named]:
-    """Yield the clips in a folder that fit a pattern, called by their way from there."""
+def _below(specification: Specification, folder: Path, pattern: str, named: str) -> Iterator[_NamedClip]:
+    """Yield the clips in a folder that fit a pattern, named by their path from there."""
     root = specification.folder / folder
     found = recordings_below(root, pattern)
     if not found:
@@ -160,12 +160,13 @@ def _below(specification: Specification, folder: Path, pattern: str, named: str)
         )
     for path in found:
         for clip in _selected(path):
-            way = clip.relative_to(root)
-            yield _Named((way.parent / clip_stem(clip)).as_posix(), str(clip.absolute()), (folder / way).as_posix())
+            below = clip.relative_to(root)
+            name = (below.parent / clip_stem(clip)).as_posix()
+            yield _NamedClip(name, str(clip.absolute()), (folder / below).as_posix())
 
 
 def _selected(path: Path) -> tuple[Path, ...]:
-    """Return the names of all clips in a file; the file itself where it cannot be read, which its job will tell."""
+    """Return the names of all clips in a file; the file itself where it cannot be read: its job then reports why."""
     try:
         return clips_in(path)
     except ReadError:

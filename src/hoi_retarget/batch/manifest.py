@@ -1,4 +1,4 @@
-"""`manifest.jsonl`: one line of JSON for every job, whatever became of it.
+"""`manifest.jsonl`: one line of JSON for the outcome of every job.
 
 While a batch runs, lines are appended, each with one write; a later line of a job takes the place of an earlier one.
 At the start and at the end the file is written anew, one line a job. A line that a power cut tore is left out when
@@ -8,33 +8,67 @@ the file is read: its job is done again.
 import json
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path, PurePosixPath
 from types import TracebackType
-from typing import Any
+from typing import Any, Literal, get_args
+
+import msgspec
 
 from hoi_retarget.errors import ReadError, WriteError
 from hoi_retarget.files.atomic import write_atomically
 
 MANIFEST = "manifest.jsonl"
-STATUSES = ("solved", "loose", "failed", "timeout", "killed")
+Status = Literal["solved", "loose", "failed", "timeout", "killed"]
 """Solved; written without having converged; an error; too long; its process ended."""
-_PASSING = ("WriteError", "MemoryError", "OSError")
-"""Errors that come from the machine, not from the clip: the next run tries again."""
+STATUSES: tuple[Status, ...] = get_args(Status)
+_RETRIED = ("WriteError", "MemoryError", "OSError")
+"""Errors of the machine, not of the clip: the next run tries again."""
 
 
 @dataclass(frozen=True)
-class Entry:
-    """What became of one job; plain JSON values."""
+class ManifestSource:
+    """The recording of one job."""
+
+    path: str = ""
+    """The clip as the specification names it."""
+    sha256: str = ""
+    """Of the recording; this and all below is empty where the clip could not be read."""
+    format: str = ""
+    licence: str = ""
+    objects: tuple[str, ...] | None = None
+    """Names of the objects in it."""
+    files: tuple[str, ...] = ()
+    """Other files that it was read from."""
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ManifestResult:
+    """One result file of a job; raises `ValueError` when its path leads out of the output folder."""
+
+    path: str
+    """Below the output folder."""
+    sha256: str
+    figures: Mapping[str, Any] = field(default_factory=dict)
+    verdict: Mapping[str, Any] = field(default_factory=dict)
+    """The level, and its reasons."""
+
+    def __post_init__(self) -> None:
+        path = PurePosixPath(self.path)
+        if path.is_absolute() or ".." in path.parts or "\0" in self.path:
+            raise ValueError(f"{self.path!r} is no path below the output folder")
+
+
+@dataclass(frozen=True)
+class ManifestEntry:
+    """The outcome of one job; plain JSON values."""
 
     name: str
     """Of the job, and of its results below the output folder, without the suffix."""
-    status: str
-    """One of `STATUSES`."""
+    status: Status
     robot: str
-    source: Mapping[str, Any]
-    """The clip: `path` as it was named, `sha256`, `format`, `licence`, `objects`, other `files` that it was read from,
-    `notes`; what is known of it."""
+    source: ManifestSource
     scales: Mapping[str, Any]
     """`root`, `object` and `size_multiplier`: as asked for, and as they came out where there are results."""
     lineage: Mapping[str, Any]
@@ -53,8 +87,8 @@ class Entry:
     """What the job took [s]."""
     time_limit: float | None = None
     """What it was allowed to take [s]."""
-    results: tuple[Mapping[str, Any], ...] = ()
-    """One for each person: `path` below the output folder, `sha256`, `figures`, and `verdict` with its reasons."""
+    results: tuple[ManifestResult, ...] = ()
+    """One for each person."""
     key: str = ""
     """Digest of everything that the result depends on."""
 
@@ -67,10 +101,10 @@ class Entry:
         """Return whether doing the same again would end the same way."""
         if self.status == "timeout":
             return time_limit is not None and self.time_limit is not None and time_limit <= self.time_limit
-        return self.succeeded or (self.status == "failed" and self.error not in _PASSING)
+        return self.succeeded or (self.status == "failed" and self.error not in _RETRIED)
 
 
-def read_manifest(folder: Path) -> dict[str, Entry]:
+def read_manifest(folder: Path) -> dict[str, ManifestEntry]:
     """Return the entries of a folder's manifest by their names; none where there is no manifest.
 
     Lines that are not whole are left out. Raises `ReadError` when the file is there and cannot be read.
@@ -82,7 +116,7 @@ def read_manifest(folder: Path) -> dict[str, Entry]:
         return {}
     except OSError as error:
         raise ReadError(f"{path}: cannot be read ({error.strerror or error}). Choose another --out.") from error
-    entries = filter(None, map(_entry, content.splitlines()))
+    entries = filter(None, map(_parsed, content.splitlines()))
     return {entry.name: entry for entry in entries}
 
 
@@ -100,8 +134,8 @@ class Manifest:
         self._write_anew()
         self._file = os.open(self._path, os.O_WRONLY | os.O_APPEND)
 
-    def add(self, entry: Entry) -> None:
-        """Record what became of a job."""
+    def add(self, entry: ManifestEntry) -> None:
+        """Record the outcome of a job."""
         self.entries[entry.name] = entry
         self._unwritten += _line(entry)
         size = os.fstat(self._file).st_size
@@ -132,55 +166,18 @@ class Manifest:
         write_atomically(self._path, b"".join(map(_line, ordered)))
 
 
-def _line(entry: Entry) -> bytes:
+def _line(entry: ManifestEntry) -> bytes:
     return json.dumps(asdict(entry), allow_nan=False).encode() + b"\n"
 
 
-def _entry(line: bytes) -> Entry | None:
-    """Return what a line says; None where it is torn, of another version, or not of a batch."""
+def _parsed(line: bytes) -> ManifestEntry | None:
+    """Return the entry of a line; None where it is torn, of another version, or not of a batch."""
     try:
-        values = json.loads(line, parse_constant=_refused)
-        known: dict[str, Any] = {key: values[key] for key in _KEYS}
-        if not _is_sound(known):
-            return None
-        return Entry(**{**known, "results": tuple(known["results"])})
-    except (ValueError, KeyError, TypeError, RecursionError):
+        # Not msgspec's own parser: names of files may hold lone surrogates, which it refuses.
+        return msgspec.convert(json.loads(line, parse_constant=_refuse), ManifestEntry)
+    except (ValueError, RecursionError):
         return None
 
 
-def _refused(constant: str) -> float:
+def _refuse(constant: str) -> float:
     raise ValueError(f"{constant} is not JSON")
-
-
-def _is_sound(values: Mapping[str, Any]) -> bool:
-    """Return whether values have the types of an entry, and results are in the folder: outdated ones are removed."""
-    objects = values["source"].get("objects") if isinstance(values["source"], dict) else ()
-    return (
-        all(isinstance(values[key], kinds) for key, kinds in _KINDS.items())
-        and values["status"] in STATUSES
-        and (objects is None or _is_texts(objects))
-        and _is_texts(values["source"].get("files", []))
-        and all(_is_inside(result["path"]) and isinstance(result["sha256"], str) for result in values["results"])
-    )
-
-
-def _is_texts(values: Any) -> bool:
-    return isinstance(values, list) and all(isinstance(value, str) for value in values)
-
-
-def _is_inside(path: str) -> bool:
-    way = PurePosixPath(path)
-    return not way.is_absolute() and ".." not in way.parts and "\0" not in path
-
-
-_KEYS = tuple(field.name for field in fields(Entry))
-_KINDS: Mapping[str, Any] = {
-    **dict.fromkeys(("name", "status", "robot", "verdict", "reason", "error", "key"), str),
-    **dict.fromkeys(("source", "scales", "lineage"), dict),
-    **dict.fromkeys(("fps", "seconds"), int | float),
-    "frame": int | None,
-    "frames": int,
-    "time_limit": int | float | None,
-    "results": list,
-}
-"""Of what type the value of each key is."""

@@ -1,4 +1,4 @@
-"""A pool of processes on this machine that outlives its workers: one that dies or hangs costs its task alone.
+"""A pool of processes on this machine, in which a worker that dies or hangs costs its own task alone.
 
 Each worker has a pipe and one task at a time. When its pipe breaks, it is dead; when its time is up, it is killed.
 Either way the task is lost, with the reason, and another worker takes its place.
@@ -11,32 +11,31 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import wait
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 from hoi_retarget.batch.worker import READY, serve
 from hoi_retarget.errors import HoiRetargetError
 
-LOOK_SECONDS = 0.2  # How often time limits and the wish to stop are looked at.
-STARTS = 3  # Workers in a row that may die before they are ready.
+POLL_SECONDS = 0.2  # Between two looks at time limits and at `stopped`.
+FAILED_STARTS = 3  # Workers in a row that may die before they are ready.
 
 
 @dataclass(frozen=True)
 class Lost:
     """A task that ended without a value."""
 
-    status: str
-    """`killed` or `timeout`."""
+    status: Literal["killed", "timeout"]
     reason: str
     seconds: float
 
 
 @runtime_checkable
 class Pool(Protocol):
-    """Where tasks are done: on this machine, or elsewhere."""
+    """The machines that tasks run on: this one, or others."""
 
     @property
     def time_limit(self) -> float | None:
-        """What a task may take [s]."""
+        """Longest time for a task [s]."""
         ...
 
     def run(self, tasks: Sequence[Any], stopped: Callable[[], bool]) -> Generator[tuple[int, Any], None, None]:
@@ -49,49 +48,49 @@ class LocalPool:
     """Processes on this machine."""
 
     function: Callable[[Any], Any]
-    """What is done with a task, importable by name; it returns its failures instead of raising them."""
+    """Of a task, importable by name; it returns failures instead of raising them."""
     workers: int
     time_limit: float | None = None
-    """What a task may take [s]."""
+    """Longest time for a task [s]."""
     memory_limit: float | None = None
-    """What a worker may allocate [MB]."""
+    """Most memory that a worker may allocate [MB]."""
 
     def run(self, tasks: Sequence[Any], stopped: Callable[[], bool]) -> Generator[tuple[int, Any], None, None]:
         """Yield each task's index and its value, or `Lost`, as they end; end early when `stopped` says so.
 
         Raises `HoiRetargetError` when workers cannot be started.
         """
-        crew = _Crew(self, tasks)
+        workers = _Workers(self, tasks)
         try:
-            while crew.unfinished:
-                crew.fill_up()
+            while workers.unfinished:
+                workers.start_missing()
                 stopping = stopped()
-                yield from crew.collect(0.0 if stopping else LOOK_SECONDS)
+                yield from workers.collect(0.0 if stopping else POLL_SECONDS)
                 if stopping:
                     return
-                yield from crew.end_late_ones()
-                crew.hand_out()
+                yield from workers.end_late()
+                workers.hand_out()
         finally:
-            crew.end()
+            workers.end()
 
 
-class _Crew:
-    """The workers of one run, and which tasks wait for them."""
+class _Workers:
+    """The workers of one run, and the tasks that wait for them."""
 
     def __init__(self, pool: LocalPool, tasks: Sequence[Any]) -> None:
         self._pool = pool
         self._tasks = tasks
         self._waiting = deque(range(len(tasks)))
         self._workers: list[_Worker] = []
-        self._deaths = 0
+        self._failed_starts = 0
 
     @property
     def unfinished(self) -> int:
-        """How many tasks wait or are being done."""
+        """Number of tasks that wait or run."""
         return len(self._waiting) + sum(worker.task is not None for worker in self._workers)
 
-    def fill_up(self) -> None:
-        """Start workers where some are missing; those that are there go on where the system has room for no more."""
+    def start_missing(self) -> None:
+        """Start missing workers; where the system has room for no more, the present ones do the work."""
         while len(self._workers) < min(self._pool.workers, self.unfinished):
             try:
                 self._workers.append(_Worker(self._pool))
@@ -102,30 +101,30 @@ class _Crew:
                     f"no worker can be started: {error.strerror or error}. Free memory, or allow more processes."
                 ) from error
 
-    def collect(self, patience: float) -> Iterator[tuple[int, Any]]:
-        """Yield what workers finished or lost, waiting for it a while [s]."""
-        answering = wait([worker.connection for worker in self._workers], patience)
+    def collect(self, seconds: float) -> Iterator[tuple[int, Any]]:
+        """Yield finished and lost tasks; wait for the first one for some time [s]."""
+        answering = wait([worker.connection for worker in self._workers], seconds)
         for worker in [worker for worker in self._workers if worker.connection in answering]:
             task = worker.task
             try:
                 value = worker.receive()
             except (EOFError, OSError):
-                seconds, reason = worker.seconds, self._dismiss(worker)
-                self._count_death(worker, reason)
+                lost = Lost("killed", self._end(worker), worker.seconds)
+                self._check_start(worker, lost.reason)
                 if task is not None:
-                    yield task, Lost("killed", reason, seconds)
+                    yield task, lost
             else:
-                self._deaths = 0
+                self._failed_starts = 0
                 if task is not None:
                     yield task, value
 
-    def end_late_ones(self) -> Iterator[tuple[int, Any]]:
-        """End workers whose time is up, and yield what they lost."""
+    def end_late(self) -> Iterator[tuple[int, Any]]:
+        """End workers whose time is up, and yield their tasks as lost."""
         limit = self._pool.time_limit
         for worker in tuple(self._workers):
             if limit is not None and worker.task is not None and worker.seconds > limit:
                 lost = Lost("timeout", f"it took longer than the limit of {limit:g} s", worker.seconds)
-                self._dismiss(worker)
+                self._end(worker)
                 yield worker.task, lost
 
     def hand_out(self) -> None:
@@ -141,15 +140,15 @@ class _Crew:
         for worker in self._workers:
             worker.end()
 
-    def _dismiss(self, worker: "_Worker") -> str:
+    def _end(self, worker: "_Worker") -> str:
         self._workers.remove(worker)
         return worker.end()
 
-    def _count_death(self, worker: "_Worker", reason: str) -> None:
-        self._deaths += not worker.is_ready
-        if self._deaths == STARTS:
+    def _check_start(self, worker: "_Worker", reason: str) -> None:
+        self._failed_starts += not worker.is_ready
+        if self._failed_starts == FAILED_STARTS:
             raise HoiRetargetError(
-                f"{STARTS} workers in a row ended as they started: {reason}. Try fewer --workers, or a higher "
+                f"{FAILED_STARTS} workers in a row ended as they started: {reason}. Try fewer --workers, or a higher "
                 "--memory-limit."
             )
 
@@ -175,7 +174,7 @@ class _Worker:
 
     @property
     def seconds(self) -> float:
-        """How long it has had its task [s]."""
+        """Time since it was given its task [s]."""
         return time.monotonic() - self._since
 
     def send(self, index: int, task: Any) -> bool:
@@ -188,13 +187,13 @@ class _Worker:
         return True
 
     def receive(self) -> Any:
-        """Return the value of its task; the first answer says only that it is ready."""
+        """Return the value of its task; the first answer says only that the worker is ready."""
         value = self.connection.recv()
         self.task, self.is_ready = None, self.is_ready or value == READY
         return value
 
     def end(self) -> str:
-        """End it at once, whatever it does, and return what it died of."""
+        """End it at once, and return the cause of its death."""
         self._process.join(0.0)
         self._process.kill()
         self._process.join()

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any
 
-from hoi_retarget.batch.pool import LOOK_SECONDS, Lost
+from hoi_retarget.batch.pool import POLL_SECONDS, Lost
 from hoi_retarget.batch.worker import limit_memory
 from hoi_retarget.errors import HoiRetargetError
 
@@ -22,15 +22,15 @@ class RayPool:
     """
 
     function: Callable[[Any], Any]
-    """What is done with a task, importable by name on every machine; it returns its failures."""
+    """Of a task, importable by name on every machine; it returns failures instead of raising them."""
     workers: int | None = None
     """Tasks at a time; by default one for each core."""
     address: str | None = None
     """Of a cluster that runs; without one, Ray is started on this machine."""
     time_limit: float | None = None
-    """What a task may take [s]."""
+    """Longest time for a task [s]."""
     memory_limit: float | None = None
-    """What a worker may allocate [MB]."""
+    """Most memory that a worker may allocate [MB]."""
 
     def __post_init__(self) -> None:
         if find_spec("ray") is None:
@@ -54,7 +54,7 @@ class RayPool:
                     index = waiting.popleft()
                     reference = do.remote(self.function, tasks[index], self.memory_limit)
                     running[reference] = (index, time.monotonic())
-                done, _ = ray.wait(list(running), num_returns=1, timeout=LOOK_SECONDS)
+                done, _ = ray.wait(list(running), num_returns=1, timeout=POLL_SECONDS)
                 for reference in done:
                     index, since = running.pop(reference)
                     yield index, _value(ray, reference, since)

@@ -1,4 +1,4 @@
-"""A batch: what is not done yet is done, and the manifest tells what became of everything."""
+"""A batch: the jobs without a valid result are run, and the manifest keeps the outcome of every job."""
 
 import re
 import time
@@ -10,29 +10,29 @@ from pathlib import Path
 from hoi_retarget.batch.content import Contents, digest_of_file
 from hoi_retarget.batch.folder import locked, remove_temporaries
 from hoi_retarget.batch.jobs import Job, jobs_of
-from hoi_retarget.batch.manifest import Entry, Manifest
+from hoi_retarget.batch.manifest import Manifest, ManifestEntry
 from hoi_retarget.batch.pool import Lost, Pool
 from hoi_retarget.batch.specification import Specification
-from hoi_retarget.batch.work import Task, blank
+from hoi_retarget.batch.work import Task, entry_without_results
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.readers import has_companions
 
 _RESULT = re.compile(r"(\.p\d+)?\.npz$")
-"""How a result's name goes on after that of its job."""
+"""The end of a result's name, after the name of its job."""
 
 
 @dataclass(frozen=True)
 class Summary:
-    """How a batch ended."""
+    """The end of a batch."""
 
     jobs: int
-    """How many were asked for."""
-    entries: tuple[Entry, ...]
-    """Of those that were asked for and have ended, in order; those that were done before are among them."""
-    done_now: tuple[Entry, ...]
-    """Of those that this run did, as they ended."""
+    """Number of jobs in the specification."""
+    entries: tuple[ManifestEntry, ...]
+    """Of all jobs that have ended, in order, earlier runs included."""
+    done_now: tuple[ManifestEntry, ...]
+    """Of the jobs of this run, in the order of their ends."""
     seconds: float
-    """What it took [s]."""
+    """Duration of the run [s]."""
 
     @property
     def is_complete(self) -> bool:
@@ -40,24 +40,24 @@ class Summary:
         return len(self.entries) == self.jobs
 
 
-def run_batch(  # noqa: PLR0913 - all but three are to be told what happens
+def run_batch(  # noqa: PLR0913 - all but three are callbacks
     specification: Specification,
     out: Path,
     pool: Pool,
     *,
     planned: Callable[[int, int], None] = lambda _all, _todo: None,
-    ended: Callable[[Entry], None] = lambda _entry: None,
+    ended: Callable[[ManifestEntry], None] = lambda _entry: None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Summary:
-    """Do all jobs of a specification that are not done yet, and keep the manifest in `out`.
+    """Run all jobs of a specification that have no valid result yet, and keep the manifest in `out`.
 
     Args:
-        specification: What is asked for.
+        specification: Clips, robots and variants.
         out: Folder for results, `<robot>/<clip>...npz`, and the manifest; made when it does not exist.
-        pool: Where jobs are done; its function is `work.do`.
-        planned: Told how many jobs there are, and how many are to do.
-        ended: Told of each job that ends.
-        stopped: Asked whether to end early; what is finished by then is complete.
+        pool: The workers; its function is `work.run_job`.
+        planned: Called with the number of jobs, and the number of those to run.
+        ended: Called with the entry of each job that ends.
+        stopped: Returns whether to end early; finished jobs stay complete.
 
     Raises:
         ArgumentError: the specification asks for clips that are not there, or whose results would be written over one.
@@ -70,11 +70,11 @@ def run_batch(  # noqa: PLR0913 - all but three are to be told what happens
     with locked(out):
         remove_temporaries(out)
         contents = Contents()
-        done_now: list[Entry] = []
+        done_now: list[ManifestEntry] = []
         with Manifest(out, [job.name for job in jobs]) as manifest:
             todo = [job for job in jobs if not _is_done(job, manifest.entries.get(job.name), out, contents, pool)]
             for job in todo:
-                contents.key(job, None, ())  # What changes while the batch runs must not pass for what was read.
+                contents.key(job, None, ())  # Digests of the files now: they may change while the batch runs.
             planned(len(jobs), len(todo))
             with closing(pool.run([Task(job, out) for job in todo], stopped)) as outcomes:
                 for index, outcome in outcomes:
@@ -101,30 +101,29 @@ def _check_spared(jobs: Sequence[Job], out: Path) -> None:
             )
 
 
-def _is_done(job: Job, entry: Entry | None, out: Path, contents: Contents, pool: Pool) -> bool:
-    """Return whether doing a job again would give what is there."""
+def _is_done(job: Job, entry: ManifestEntry | None, out: Path, contents: Contents, pool: Pool) -> bool:
+    """Return whether running a job again would give the results that are there."""
     if entry is None or not entry.is_final(pool.time_limit) or entry.key != _key(job, entry, contents):
         return False
-    if "sha256" not in entry.source and has_companions(Path(job.clip)):
-        return False  # What it could not be read for may be there by now.
-    return all(digest_of_file(out / result["path"]) == result["sha256"] for result in entry.results)
+    if not entry.source.sha256 and has_companions(Path(job.clip)):
+        return False  # A companion file that was missing may be there by now.
+    return all(digest_of_file(out / result.path) == result.sha256 for result in entry.results)
 
 
-def _key(job: Job, entry: Entry, contents: Contents) -> str:
-    objects: Sequence[str] | None = entry.source.get("objects")
-    return contents.key(job, objects, entry.source.get("files", ()))
+def _key(job: Job, entry: ManifestEntry, contents: Contents) -> str:
+    return contents.key(job, entry.source.objects, entry.source.files)
 
 
-def _entry(job: Job, outcome: Entry | Lost, contents: Contents, time_limit: float | None) -> Entry:
+def _entry(job: Job, outcome: ManifestEntry | Lost, contents: Contents, time_limit: float | None) -> ManifestEntry:
     """Return the entry of a job for the manifest."""
     if isinstance(outcome, Lost):
-        outcome = replace(blank(job, outcome.status, outcome.reason), seconds=round(outcome.seconds, 3))
+        outcome = replace(entry_without_results(job, outcome.status, outcome.reason), seconds=round(outcome.seconds, 3))
     return replace(outcome, time_limit=time_limit, key=_key(job, outcome, contents))
 
 
-def _remove_outdated(out: Path, before: Entry | None, after: Entry) -> None:
-    """Remove results of an earlier run that the new one did not replace, for they are of something else."""
-    new = {result["path"] for result in after.results}
+def _remove_outdated(out: Path, before: ManifestEntry | None, after: ManifestEntry) -> None:
+    """Remove results of an earlier run that the new one did not replace: their inputs have changed."""
+    new = {result.path for result in after.results}
     for result in before.results if before else ():
-        if result["path"] not in new:
-            (out / result["path"]).unlink(missing_ok=True)
+        if result.path not in new:
+            (out / result.path).unlink(missing_ok=True)

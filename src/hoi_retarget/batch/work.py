@@ -1,4 +1,4 @@
-"""One job from its clip to its results, in whatever process: it always ends with an entry, never with an exception."""
+"""One job from its clip to its results, in any process: it ends with a manifest entry, never with an exception."""
 
 import hashlib
 import re
@@ -9,54 +9,54 @@ from pathlib import Path
 from typing import Any
 
 from hoi_retarget.batch.jobs import Job
-from hoi_retarget.batch.manifest import Entry
+from hoi_retarget.batch.manifest import ManifestEntry, ManifestResult, ManifestSource, Status
 from hoi_retarget.clip.augment import augment
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import apply, load
 from hoi_retarget.errors import GeometryError, HoiRetargetError, ReadError
 from hoi_retarget.evaluate.thresholds import verdict_of
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.report import Status
 from hoi_retarget.readers.open import open_clip
-from hoi_retarget.retarget.multi_person import STAGES, complaints, converged, result_paths, retarget_people, write
-from hoi_retarget.retarget.trajopt.solvers.base import Status
+from hoi_retarget.retarget.multi_person import result_paths, retarget_people, write
 from hoi_retarget.robots import robot, team
 from hoi_retarget.robots.model import RobotModel, load_model
 
-_OF_THE_INPUT = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)
-_FRAME = re.compile(r"\bframes? \(?(\d+)")  # As messages name them.
+_INPUT_ERRORS = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)
+_FRAME = re.compile(r"\bframes? \(?(\d+)")  # In messages.
 
 
 @dataclass(frozen=True)
 class Task:
-    """A job and where its results belong."""
+    """A job and the folder of its results."""
 
     job: Job
     out: Path
 
 
-def do(task: Task) -> Entry:
-    """Do one job and return what became of it; its results are there, all of them, or none is."""
+def run_job(task: Task) -> ManifestEntry:
+    """Run one job and return its manifest entry; all of its result files are written, or none."""
     start = time.monotonic()
-    return replace(_done(task), seconds=round(time.monotonic() - start, 3))
+    return replace(_run(task), seconds=round(time.monotonic() - start, 3))
 
 
-def blank(job: Job, status: str, reason: str) -> Entry:
-    """Return the entry of a job of which only the reason of its end is known."""
+def entry_without_results(job: Job, status: Status, reason: str) -> ManifestEntry:
+    """Return the manifest entry of a job whose clip was not read."""
     asked = job.scaling
-    return Entry(
+    return ManifestEntry(
         name=job.name,
         status=status,
         robot=job.robot,
-        source={"path": job.shown},
+        source=ManifestSource(job.shown),
         scales={"root": asked.root_scale, "object": asked.object_scale, "size_multiplier": asked.size_multiplier},
         lineage={**asdict(job.augmentation), "contact_edits": ""},
         reason=reason,
     )
 
 
-def _done(task: Task) -> Entry:
+def _run(task: Task) -> ManifestEntry:
     job = task.job
-    entry = blank(job, "failed", "")
+    entry = entry_without_results(job, "failed", "")
     try:
         start = time.process_time()
         clip = open_clip(job.clip, **job.reading)
@@ -69,7 +69,7 @@ def _done(task: Task) -> Entry:
         entry = replace(entry, lineage=lineage, frames=clip.frames)
         models = [_model(spec.name) for spec in team(job.robot)]
         seconds = time.process_time() - start
-        motions = retarget_people(clip, models, job.config, {"command": _command(job)})
+        motions = retarget_people(clip, models, job.config, command=_command(job))
         paths = result_paths(clip, Path(job.name).name, (task.out / job.name).parent)
         motions = write(motions, paths, read_seconds=seconds)
         return _finished(entry, task, motions, paths)
@@ -77,29 +77,29 @@ def _done(task: Task) -> Entry:
         return _failed(entry, error, str(error))
     except MemoryError as error:
         return _failed(entry, error, "the memory that a worker may use did not suffice")
-    except Exception as error:  # noqa: BLE001 - whatever a clip does costs that clip alone
+    except Exception as error:  # noqa: BLE001 - any fault of a clip costs that clip alone
         return _failed(entry, error, f"unexpected {type(error).__name__}: {error}")
 
 
-def _finished(entry: Entry, task: Task, motions: tuple[Motion, ...], paths: tuple[Path, ...]) -> Entry:
+def _finished(entry: ManifestEntry, task: Task, motions: tuple[Motion, ...], paths: tuple[Path, ...]) -> ManifestEntry:
     verdicts = [verdict_of(motion, _model(motion.robot)) for motion in motions]
     results = tuple(
-        {
-            "path": path.relative_to(task.out).as_posix(),
-            "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
-            "figures": motion.report["figures"],
-            "verdict": verdict.as_json(),
-        }
+        ManifestResult(
+            path=path.relative_to(task.out).as_posix(),
+            sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
+            figures=motion.report.figures,
+            verdict=verdict.as_json(),
+        )
         for path, motion, verdict in zip(paths, motions, verdicts, strict=True)
     )
-    scales = {"root": motions[0].report["root_scale"], "object": motions[0].object_scale.tolist()}
-    good = all(map(converged, motions))
-    told = () if good else [text for motion in motions for text in complaints(motion)]
+    scales = {"root": motions[0].report.root_scale, "object": motions[0].object_scale.tolist()}
+    good = all(motion.converged for motion in motions)
+    reasons = [] if good else [str(warning) for motion in motions for warning in motion.warnings]
     return replace(
         entry,
         status="solved" if good else "loose",
         verdict=str(max(verdict.level for verdict in verdicts)),
-        reason=told[0] if told else "",
+        reason=reasons[0] if reasons else "",
         frame=None if good else _first_loose_frame(motions),
         scales={**entry.scales, **scales},
         results=results,
@@ -107,48 +107,46 @@ def _finished(entry: Entry, task: Task, motions: tuple[Motion, ...], paths: tupl
 
 
 def _first_loose_frame(motions: tuple[Motion, ...]) -> int:
-    windows = (window for motion in motions for stage in STAGES.values() for window in motion.report[stage])
-    return min(window["start"] for window in windows if window["status"] != Status.SOLVED.name)
+    windows = (window for motion in motions for stage in motion.stages for window in stage.windows)
+    return min(window.start for window in windows if window.status is not Status.SOLVED)
 
 
-def _failed(entry: Entry, error: Exception, text: str) -> Entry:
+def _failed(entry: ManifestEntry, error: Exception, text: str) -> ManifestEntry:
     reason = " ".join(text.split())
     found = _FRAME.search(reason)
-    by_machine = isinstance(error, OSError) or (isinstance(error, ReadError | GeometryError) and _is_fault(error))
+    by_machine = isinstance(error, OSError) or (isinstance(error, ReadError | GeometryError) and _is_disk_error(error))
     kind = "OSError" if by_machine else type(error).__name__
     return replace(entry, reason=reason, error=kind, frame=int(found[1]) if found else None)
 
 
-def _is_fault(error: Exception) -> bool:
-    """Return whether a file could not be read although it is there, whole, and may be read."""
+def _is_disk_error(error: Exception) -> bool:
+    """Return whether the machine failed to read a file, not the file itself: it exists and may be read."""
     cause = error.__cause__
     # An error without a number is numpy's of damaged files.
-    return isinstance(cause, OSError) and cause.errno is not None and not isinstance(cause, _OF_THE_INPUT)
+    return isinstance(cause, OSError) and cause.errno is not None and not isinstance(cause, _INPUT_ERRORS)
 
 
-def _source(job: Job, clip: Clip) -> dict[str, Any]:
+def _source(job: Job, clip: Clip) -> ManifestSource:
     source = clip.source
-    return {
-        "path": job.shown,
-        "sha256": source.sha256,
-        "format": source.format,
-        "licence": source.licence,
-        "objects": [track.name for track in clip.objects],
-        "files": list(source.files),
-        "notes": [*source.notes, *source.doubts],
-    }
+    return ManifestSource(
+        path=job.shown,
+        sha256=source.sha256,
+        format=source.format,
+        licence=source.licence,
+        objects=tuple(track.name for track in clip.objects),
+        files=tuple(source.files),
+        notes=(*source.notes, *map(str, source.warnings)),
+    )
 
 
 def _command(job: Job) -> dict[str, Any]:
-    """Return what the report tells of the settings, as that of `run` does.
+    """Return the settings for the report, as `run` keeps them.
 
     No single `run` makes an augmented clip, so there it names no clips.
     """
     clips = {} if job.augmentation != type(job.augmentation)() else {"clips": [job.clip]}
     return clips | {
         "robot": job.robot,
-        **asdict(job.scaling),
-        "horizon": job.horizon,
         **{key: str(value) if isinstance(value, Path) else value for key, value in job.reading.items()},
         "edits": None if job.edits is None else str(job.edits),
     }

@@ -1,4 +1,4 @@
-"""What runs in a worker process: one task after the other, from a pipe and back into it."""
+"""The loop of a worker process: one task after the other, from a pipe and back into it."""
 
 import os
 import resource
@@ -38,4 +38,4 @@ def _end_with_parent() -> None:
     parent = parent_process()
     if parent is not None:
         parent.join()
-        os._exit(1)  # Whatever it does: nobody wants it any more.
+        os._exit(1)  # In the middle of its task: nobody is left to take the value.

@@ -1,4 +1,4 @@
-"""`hoi-retarget batch`: a set of results in one command, which can be ended and gone on with at any time."""
+"""`hoi-retarget batch`: a set of results in one command, which can be stopped and resumed at any time."""
 
 import math
 import os
@@ -11,12 +11,12 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from types import FrameType
 
-from hoi_retarget.batch.manifest import MANIFEST, STATUSES, Entry
+from hoi_retarget.batch.manifest import MANIFEST, STATUSES, ManifestEntry
 from hoi_retarget.batch.pool import LocalPool, Pool
 from hoi_retarget.batch.ray_pool import RayPool
 from hoi_retarget.batch.run import Summary, run_batch
 from hoi_retarget.batch.specification import Specification, of_folder, read_specification
-from hoi_retarget.batch.work import do
+from hoi_retarget.batch.work import run_job
 from hoi_retarget.cli.commands import Batch
 from hoi_retarget.cli.jobs import check_writable
 from hoi_retarget.cli.terminal import Working, fail, say, show_table
@@ -27,7 +27,7 @@ _TENTHS = 10  # Lines of progress where no bar can be drawn.
 
 
 def execute(command: Batch) -> int:
-    """Do what is not done yet; return 0 when every job has a result."""
+    """Run the jobs that have no valid result yet; return 0 when every job has one."""
     specification, pool = _specification(command), _pool(command)
     check_writable("--out", command.out)
     with _stopped_by_signals() as received, ExitStack() as shown:
@@ -70,10 +70,10 @@ def _pool(command: Batch) -> Pool:
             raise ArgumentError(f"{option} is {value:g}; it must be a positive number, which may be large.")
     if command.engine == "ray":
         _set_up_ray()
-        return RayPool(do, command.workers, command.address, command.time_limit, command.memory_limit)
+        return RayPool(run_job, command.workers, command.address, command.time_limit, command.memory_limit)
     if command.address is not None:
         raise ArgumentError(f"--address {command.address} is that of a Ray cluster. Add --engine ray.")
-    return LocalPool(do, command.workers or _cores(), command.time_limit, command.memory_limit)
+    return LocalPool(run_job, command.workers or _cores(), command.time_limit, command.memory_limit)
 
 
 def _set_up_ray() -> None:
@@ -123,7 +123,7 @@ class _Progress:
         if todo:
             self.working = self.shown.enter_context(Working("starting workers", todo))
 
-    def ended(self, entry: Entry) -> None:
+    def ended(self, entry: ManifestEntry) -> None:
         """Count a job; say at once when it failed."""
         assert self.working is not None
         self.finished += 1
@@ -157,7 +157,7 @@ def _show(summary: Summary, command: Batch) -> None:
     entries = summary.entries
     statuses = Counter(entry.status for entry in entries)
     verdicts = Counter(entry.verdict for entry in entries if entry.succeeded)
-    licences = Counter(entry.source.get("licence") or "unknown" for entry in entries if entry.succeeded)
+    licences = Counter(entry.source.licence or "unknown" for entry in entries if entry.succeeded)
     errors = Counter(entry.error or entry.status for entry in entries if not entry.succeeded)
     rows = [("", "jobs")]
     rows += [(status, str(statuses[status])) for status in STATUSES if status in statuses]
@@ -174,4 +174,4 @@ def _show(summary: Summary, command: Batch) -> None:
         say(f"{len(summary.done_now)} jobs done in {duration_text(summary.seconds)}: {pace}.")
     else:
         say("0 jobs done: nothing was left to do.")
-    say(f"What became of each: {command.out / MANIFEST}")
+    say(f"The outcome of each: {command.out / MANIFEST}")

@@ -6,7 +6,6 @@ from pathlib import Path
 from hoi_retarget.cli.commands import Bench
 from hoi_retarget.cli.terminal import Working, say, show_table
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.retarget.config import Config
 from hoi_retarget.retarget.multi_person import retarget_people, write
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
@@ -31,9 +30,9 @@ def execute(command: Bench) -> int:
     runs = []
     with tempfile.TemporaryDirectory() as folder, Working("timing", command.repeats) as working:
         for _ in range(command.repeats):
-            (motion,) = retarget_people(clip, [model], Config(), {})
+            (motion,) = retarget_people(clip, [model])
             (motion,) = write([motion], [Path(folder) / "bench.npz"])
-            runs.append(motion.report["cpu_seconds"])
+            runs.append(motion.report.cpu_seconds)
             working.advance()
     best = min(runs, key=lambda seconds: sum(seconds.values()))
     rows = [(title, *_texts(best.get(name, 0.0), clip.frames)) for name, title in STAGES.items()]

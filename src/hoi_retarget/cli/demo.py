@@ -6,7 +6,6 @@ from hoi_retarget.cli.commands import Demo
 from hoi_retarget.cli.figures import show_figures
 from hoi_retarget.cli.jobs import check_writable, describe_result, score
 from hoi_retarget.cli.terminal import Working, program, say
-from hoi_retarget.retarget.config import Config
 from hoi_retarget.retarget.multi_person import retarget_people, write
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
@@ -24,7 +23,7 @@ def execute(command: Demo) -> int:
     say(f"A built-in clip: a person of {clip.people[0].height:.2f} m walks to a box, lifts it, carries it round a")
     say(f"turn and sets it down ({clip.frames} frames). Now the same by a {spec.title}:")
     with Working("retargeting", None):
-        (motion,) = retarget_people(clip, [load_model(spec)], Config(), {})
+        (motion,) = retarget_people(clip, [load_model(spec)])
         (motion,) = write([motion], [path])
     describe_result(motion, path)
     say()

@@ -43,12 +43,12 @@ def execute(command: Edit) -> int:
 
     def save_result(edited: "Edited") -> tuple[Path, ...]:
         paths = result_paths(clip, stem, command.out)
-        write(with_report(edited.motions, {"command": settings}), paths)
+        write([with_report(motion, command=settings) for motion in edited.motions], paths)
         return paths
 
     count = len(edits.edits)
     say(f"Edits are saved to {path}{f', which has {count} already' if count else ''}; then:")
-    say(f"  {program()} {shlex.join(words_of(settings))}")
+    say(f"  {program()} {shlex.join(words_of(settings, config.as_json()))}")
     places = Places(path, save_result)
     serve_until_interrupted(
         f"contacts of {stem}",

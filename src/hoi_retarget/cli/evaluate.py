@@ -6,13 +6,12 @@ from pathlib import Path
 
 from hoi_retarget.cli.commands import Evaluate
 from hoi_retarget.cli.figures import show_figures
-from hoi_retarget.cli.jobs import FOREIGN_REPORT, check_writable, write_file
+from hoi_retarget.cli.jobs import check_writable, write_file
 from hoi_retarget.cli.jobs import score as score_of
 from hoi_retarget.cli.terminal import fail, program, say, warn
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
 from hoi_retarget.evaluate import Score, to_csv, to_json
 from hoi_retarget.motion.result_file import load
-from hoi_retarget.retarget.multi_person import complaints
 
 
 def execute(command: Evaluate) -> int:
@@ -45,8 +44,8 @@ def _scores(paths: Iterable[Path]) -> Iterator[Score]:
         except HoiRetargetError as error:
             fail(str(error))
             continue
-        for complaint in found:
-            warn(f"{path}: {complaint}")
+        for warning in found:
+            warn(f"{path}: {warning}")
         yield score
 
 
@@ -55,9 +54,4 @@ def _score(path: Path) -> tuple[Score, tuple[str, ...]]:
     if path.suffix.lower() in (".pt", ".pth") and os.path.isfile(path):  # noqa: PTH113  # raises nothing
         raise ReadError(f"{path}: this is a clip, not a result. Use `{program()} run` on it first.")
     motion = load(path)
-    try:
-        return score_of(motion, path), complaints(motion)
-    except FOREIGN_REPORT as error:
-        raise ReadError(
-            f"{path}: its report holds no figures of this version ({error}). Run the retarget again."
-        ) from error
+    return score_of(motion, path), tuple(map(str, motion.warnings))

@@ -5,12 +5,11 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 
 from hoi_retarget.cli.commands import Inspect
-from hoi_retarget.cli.jobs import FOREIGN_REPORT, reading_of
+from hoi_retarget.cli.jobs import reading_of
 from hoi_retarget.cli.terminal import NAME, fail, program, say, show_table, warn
 from hoi_retarget.evaluate.table import scales_text
-from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.motion import STAGE_TITLES, Motion
 from hoi_retarget.readers.describe import MOTION, Inspection, inspect
-from hoi_retarget.retarget.multi_person import STAGES, complaints
 
 
 def execute(command: Inspect) -> int:
@@ -31,7 +30,7 @@ def execute(command: Inspect) -> int:
     next_command = evaluate if facts.format == MOTION else facts.command
     if next_command:
         say(f"to run: {program()}{next_command.removeprefix(NAME)}")
-    for doubt in (*facts.warnings, *(() if facts.result is None else _complaints(facts.result))):
+    for doubt in (*facts.warnings, *(() if facts.result is None else map(str, facts.result.warnings))):
         warn(_naming(facts.path, doubt))
     for problem in facts.problems:
         fail(_naming(facts.path, problem))
@@ -60,34 +59,24 @@ def _facts(facts: Inspection) -> None:
 
 
 def _result(motion: Motion) -> Iterator[tuple[str, str]]:
-    """Yield what tells a result from others; a report of another version may lack any of it."""
+    """Yield what tells a result from others, as titles and texts."""
     report = motion.report
     yield "robot", motion.robot
     yield "object scale", scales_text(motion.object_scale)
-    for title, key in (("root scale", "root_scale"), ("clip", "clip")):
-        if key in report:
-            yield title, str(round(report[key], 3) if isinstance(report[key], float) else report[key])
-    for stage, key in STAGES.items():
-        windows = report.get(key)
-        if isinstance(windows, list):
-            counts = Counter(str(window.get("status")) if isinstance(window, dict) else "?" for window in windows)
-            counted = ", ".join(f"{count} {status.lower().replace('_', ' ')}" for status, count in counts.items())
-            yield "windows", f"{counted} ({stage})"
-    for title, key in (("unreached", "unreached_contacts"), ("turned over", "turned_over")):
-        if isinstance(report.get(key), list):
-            yield title, f"{len(report[key])} stretch(es)" if report[key] else "none"
-    source = report.get("source")
-    if isinstance(source, dict):
-        for title, key in (("source", "path"), ("source format", "format"), ("licence", "licence")):
-            if source.get(key):
-                yield title, str(source[key])
-
-
-def _complaints(motion: Motion) -> tuple[str, ...]:
-    try:
-        return complaints(motion)
-    except FOREIGN_REPORT:
-        return ("its report is not of this version; run the retarget again for figures and statuses.",)
+    if report.root_scale is not None:
+        yield "root scale", f"{report.root_scale:.3f}"
+    yield "clip", report.clip
+    for stage in motion.stages:
+        counts = Counter(window.status for window in stage.windows)
+        counted = ", ".join(f"{count} {status.name.lower().replace('_', ' ')}" for status, count in counts.items())
+        yield "windows", f"{counted} ({STAGE_TITLES.get(stage.name, stage.name)})"
+    for title, segments in (("unreached", report.unreached_contacts), ("flipped", report.orientation_flips)):
+        if segments is not None:
+            yield title, f"{len(segments)} stretch(es)" if segments else "none"
+    source = report.source
+    for title, text in (("source", source.path), ("source format", source.format), ("licence", source.licence)):
+        if text:
+            yield title, text
 
 
 def _objects(facts: Inspection) -> list[tuple[str, ...]]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from hoi_retarget.cli.commands import Reading, Solving
 from hoi_retarget.cli.terminal import say, warn
-from hoi_retarget.errors import ArgumentError, WriteError
+from hoi_retarget.errors import ArgumentError, ReadError, WriteError
 from hoi_retarget.evaluate import Figures, Score
 from hoi_retarget.evaluate.table import scales_text
 from hoi_retarget.files.atomic import write_atomically
@@ -17,10 +17,6 @@ from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers import own_layout
 from hoi_retarget.readers.open import result_stem
 from hoi_retarget.retarget.config import Config, Scaling, parse_horizon
-from hoi_retarget.retarget.multi_person import complaints
-
-FOREIGN_REPORT = (KeyError, TypeError, AttributeError, ValueError)
-"""What a report raises that another version wrote."""
 
 
 def check_writable(option: str, folder: Path) -> None:
@@ -79,27 +75,26 @@ def config_of(command: Solving) -> Config:
 
 def describe_result(motion: Motion, path: Path) -> None:
     """Print where a result is and what is not right with it."""
-    seconds = sum(motion.report["cpu_seconds"].values())
+    seconds = sum(motion.report.cpu_seconds.values())
     say(f"  {path}  ({motion.frames} frames, {seconds:.2f} s)")
-    say(f"  root scale {motion.report['root_scale']:.3f}, object scale {scales_text(motion.object_scale)}")
-    for complaint in complaints(motion):
-        warn(f"{path.name}: {complaint}")
+    say(f"  root scale {motion.report.root_scale:.3f}, object scale {scales_text(motion.object_scale)}")
+    for warning in motion.warnings:
+        warn(f"{path.name}: {warning}")
 
 
 def score(motion: Motion, path: Path) -> Score:
-    """Return the figures that a motion's report holds, as tables need them; raises one of `FOREIGN_REPORT`."""
-    figures = Figures(**{name: _number(value) for name, value in motion.report["figures"].items()})
+    """Return the figures that a motion's report holds, as tables need them; raises `ReadError` where it has none."""
+    report = motion.report
+    missing = [item.name for item in fields(Figures) if item.name not in report.figures]
+    if missing:
+        raise ReadError(f"{path}: its report lacks figures ({', '.join(missing)}). Run the retarget again.")
     return Score(
         path.stem,
-        figures,
+        report.figures,
         motion.frames,
-        sum(motion.report["cpu_seconds"].values()),
+        sum(report.cpu_seconds.values()),
         file=str(path),
         robot=motion.robot,
-        root_scale=_number(motion.report["root_scale"]),
+        root_scale=report.root_scale,
         object_scale=tuple(motion.object_scale.tolist()),
     )
-
-
-def _number(value: Any) -> float | None:
-    return None if value is None else float(value)

@@ -21,7 +21,7 @@ if _PLAIN and not _DECIDED:
 
 from hoi_retarget import __version__  # noqa: E402
 from hoi_retarget.cli.commands import COMMANDS, DESCRIPTION, Command, Render, Report, Robots, Share, Solving  # noqa: E402
-from hoi_retarget.cli.default_settings import defaults_of  # noqa: E402
+from hoi_retarget.cli.settings import words_of_config  # noqa: E402
 from hoi_retarget.cli.terminal import fail, say  # noqa: E402
 from hoi_retarget.errors import ArgumentError, HoiRetargetError  # noqa: E402
 
@@ -64,8 +64,9 @@ def _parsed(words: list[str]) -> Any:
             args=words,
             config=_TYRO,
         )
-    default = defaults_of(kind, words[1:]) if issubclass(kind, Solving) else None
-    return tyro.cli(kind, prog=f"hoi-retarget {words[0]}", args=words[1:], default=default, config=_TYRO)
+    # Options that come later win: those of the user stand behind those of the file that --config names.
+    settings = words_of_config(words[1:]) if issubclass(kind, Solving) else []
+    return tyro.cli(kind, prog=f"hoi-retarget {words[0]}", args=[*settings, *words[1:]], config=_TYRO)
 
 
 def _module(name: str) -> ModuleType:

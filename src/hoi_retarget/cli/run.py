@@ -13,13 +13,13 @@ from hoi_retarget.cli.terminal import Working, fail, say, warn
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import apply, load
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
-from hoi_retarget.evaluate import HandToHand, Score
+from hoi_retarget.evaluate import Score
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers import can_be_clip, recordings_below, why_no_clip
 from hoi_retarget.readers.object_files import known_objects
 from hoi_retarget.readers.open import open_clip, result_stem
 from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.multi_person import converged, result_paths, retarget_people, write
+from hoi_retarget.retarget.multi_person import result_paths, retarget_people, write
 from hoi_retarget.robots import team
 from hoi_retarget.robots.model import RobotModel, load_model
 
@@ -45,7 +45,7 @@ def execute(command: Run) -> int:
             try:
                 motions = _run_clip(path, command, models, config, working)
                 scores += [score(motion, out) for out, motion in motions.items()]
-                loose += not all(map(converged, motions.values()))
+                loose += not all(motion.converged for motion in motions.values())
             except HoiRetargetError as error:
                 failures.append(error)
                 with working.aside():
@@ -72,21 +72,21 @@ def _run_clip(
     read_seconds = time.process_time() - start
     with working.aside():
         _describe_clip(path, clip)
-        for doubt in clip.source.doubts:
-            warn(f"{path.name}: {doubt}")
-    motions = retarget_people(clip, models, config, {"command": settings_of(replace(command, clips=(path,)))})
+        for warning in clip.source.warnings:
+            warn(f"{path.name}: {warning}")
+    motions = retarget_people(clip, models, config, command=settings_of(replace(command, clips=(path,))))
     paths = result_paths(clip, result_stem(path), command.out)
     motions = write(motions, paths, read_seconds=read_seconds)
     with working.aside():
         for motion, out in zip(motions, paths, strict=True):
             describe_result(motion, out)
-        _describe_together(motions[0])
+        _describe_inter_robot_hand_errors(motions[0])
     return dict(zip(paths, motions, strict=True))
 
 
-def _describe_together(motion: Motion) -> None:
+def _describe_inter_robot_hand_errors(motion: Motion) -> None:
     """Print how people's hands are placed on what they hold together, which each of their results tells."""
-    pairs = [HandToHand(**pair) for pair in motion.report.get("hand_to_hand", ())]
+    pairs = motion.report.inter_robot_hand_errors
     for name in dict.fromkeys(pair.object for pair in pairs):
         held = [pair for pair in pairs if pair.object == name]
         mean = sum(pair.mean_m * pair.frames for pair in held) / sum(pair.frames for pair in held)

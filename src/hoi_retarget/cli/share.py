@@ -3,18 +3,16 @@
 import shlex
 from functools import partial
 from pathlib import Path, PureWindowsPath
-from typing import Any
 
 from hoi_retarget.cli.commands import Share
-from hoi_retarget.cli.jobs import FOREIGN_REPORT, check_writable, score
+from hoi_retarget.cli.jobs import check_writable, score
 from hoi_retarget.cli.run_arguments import words_of
 from hoi_retarget.cli.terminal import Working, say, warn
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
+from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.readers.open import clip_of
-from hoi_retarget.retarget.multi_person import complaints
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.viewers.scene.scene import Shown
@@ -59,21 +57,17 @@ def _clip(path: Path, motion: Motion, command: Share, working: Working) -> Clip 
 
 
 def _entry(path: Path, motion: Motion, model: RobotModel) -> GalleryEntry:
-    try:
-        told = score(motion, path), complaints(motion)
-    except FOREIGN_REPORT as error:
-        raise ReadError(
-            f"{path}: its report holds no figures of this version ({error}). Run the retarget again."
-        ) from error
-    return GalleryEntry(path.stem, motion, model.spec, *told, command=_made_by(motion))
+    warnings = tuple(map(str, motion.warnings))
+    return GalleryEntry(path.stem, motion, model.spec, score(motion, path), warnings, command=_made_by(motion))
 
 
 def _made_by(motion: Motion) -> str:
     """Return the command that makes a result again, paths cut to their last name."""
-    settings: Any = motion.report.get("command")
-    if not isinstance(settings, dict) or "clips" not in settings:
+    settings = motion.report.command
+    if "clips" not in settings:
         return ""
-    return shlex.join(["hoi-retarget", *words_of({**settings, "out": "results"}, shown=_last_name)])
+    words = words_of({**settings, "out": "results"}, motion.report.config, shown=_last_name)
+    return shlex.join(["hoi-retarget", *words])
 
 
 def _last_name(path: str) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
+from hoi_retarget.clip.quality_warning import QualityWarning
 from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import PARTS
@@ -74,8 +75,8 @@ class Source:
     """Text of the contact edits that were applied to the contacts as recorded; empty where none were."""
     augmentation: Augmentation = Augmentation()
     """What was done after that."""
-    doubts: tuple[str, ...] = ()
-    """What looks wrong but does not stop anybody, one sentence each."""
+    warnings: tuple[QualityWarning, ...] = ()
+    """What looks wrong but does not stop anybody."""
     files: tuple[str, ...] = ()
     """Other files that the clip was read from: companions and meshes; not the body models."""
 
@@ -119,6 +120,7 @@ class Clip:
         """Number of frames T."""
         return len(self.people[0].joint_positions)
 
-    def with_doubts(self, doubts: tuple[str, ...]) -> "Clip":
-        """Return the clip with more of its source's doubts."""
-        return replace(self, source=replace(self.source, doubts=(*self.source.doubts, *doubts))) if doubts else self
+    def with_warnings(self, code: str, texts: tuple[str, ...]) -> "Clip":
+        """Return the clip with more warnings of one kind, a sentence each."""
+        new = tuple(QualityWarning(code, text=text) for text in texts)
+        return replace(self, source=replace(self.source, warnings=(*self.source.warnings, *new))) if new else self

@@ -31,9 +31,9 @@ def on_floor(clip: Clip, *, at_zero: bool, floor: float | None = None) -> Clip:
     """
     if floor is not None:
         lowered = _lowered(clip, floor, f"The floor is at z = {floor:.3f} m in the recording, as was asked for.")
-        return lowered.with_doubts(_floor_doubts(lowered, floor))
+        return lowered.with_warnings("floor_elsewhere", _feet_elsewhere(lowered, floor))
     if at_zero:
-        return clip.with_doubts(_floor_doubts(clip, 0.0))
+        return clip.with_warnings("floor_elsewhere", _feet_elsewhere(clip, 0.0))
     height, frames = floor_height(clip)
     how = (
         f"{frames} frames of standing feet" if frames else "the lowest point of anybody's feet, which never stand still"
@@ -56,8 +56,8 @@ def floor_height(clip: Clip) -> tuple[float, int]:
     return float(np.percentile(soles[stands], FLOOR_PERCENTILE)), int(stands.sum())
 
 
-def _floor_doubts(clip: Clip, floor: float) -> tuple[str, ...]:
-    """Return a doubt where feet stand elsewhere than on the floor, which was put at zero from the height `floor`."""
+def _feet_elsewhere(clip: Clip, floor: float) -> tuple[str, ...]:
+    """Return a warning where feet stand elsewhere than on the floor, which was put at zero from the height `floor`."""
     height, frames = floor_height(clip)
     if not frames or abs(height) <= FLOOR_TOLERANCE:
         return ()

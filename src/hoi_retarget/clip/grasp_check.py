@@ -7,7 +7,7 @@ far where the object turns, hardly farther where it does not. What does not turn
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -89,24 +89,24 @@ def grasp_faults(figures: GraspFigures) -> tuple[str, ...]:
     fatal = fatal_fault(figures)
     if fatal:
         return (fatal,)
-    doubts: tuple[str, ...] = ()
+    texts: tuple[str, ...] = ()
     if figures.reach > LARGEST_REACH:
-        doubts += (
+        texts += (
             f"Parts that are said to touch are mostly {figures.reach:.2f} m or more from the object: contacts, "
             "positions or the object's size are wrong.",
         )
     best = min(figures.shifted, key=lambda seconds: figures.shifted[seconds])
     if _clearly_better(figures.shifted[best], figures.spread) and figures.spread > SUSPECT_SPREAD:
-        doubts += (
+        texts += (
             f"Contacts fit better {abs(best):g} s {'later' if best > 0 else 'earlier'}: points wander by "
             f"{figures.shifted[best]:.3f} m in the object's frame then, by {figures.spread:.3f} m as they are.",
         )
     elif figures.spread > LARGEST_SPREAD:
-        doubts += (
+        texts += (
             f"What is held slips: contact points wander by {figures.spread:.3f} m in the object's frame within one "
             f"contact, expected at most {LARGEST_SPREAD:g} m. The object's poses or the contacts are wrong.",
         )
-    return doubts
+    return texts
 
 
 def fatal_fault(figures: GraspFigures) -> str:
@@ -127,7 +127,7 @@ def fatal_fault(figures: GraspFigures) -> str:
 
 
 def checked(clip: Clip) -> Clip:
-    """Return a clip whose doubts tell what its grasps say against it.
+    """Return a clip with warnings of grasps that contradict its object's path.
 
     Raises `ClipError` where rotations or units are wrong beyond doubt.
     """
@@ -135,8 +135,8 @@ def checked(clip: Clip) -> Clip:
     fatal = fatal_fault(figures)
     if fatal:
         raise ClipError(f"{clip.source.path or clip.name}: {fatal}")
-    faults = tuple(fault for fault in grasp_faults(figures) if fault not in clip.source.doubts)
-    return replace(clip, source=replace(clip.source, doubts=(*clip.source.doubts, *faults))) if faults else clip
+    known = {str(warning) for warning in clip.source.warnings}
+    return clip.with_warnings("grasp", tuple(text for text in grasp_faults(figures) if text not in known))
 
 
 def _clearly_better(other: float, spread: float) -> bool:

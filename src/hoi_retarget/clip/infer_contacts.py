@@ -41,20 +41,22 @@ def with_contacts(clip: Clip, labels: Labels = "auto") -> Clip:
     if not clip.objects:
         return clip
     if clip.contacts and labels == "auto":
-        return clip.with_doubts(_untouched(clip))
+        return clip.with_warnings("untouched_object", _untouched(clip))
     rule = InterAct() if labels == "interact" else PROXIMITY
     near = nearness(clip)
-    doubts = _unheld(clip, near)
+    unheld = _unheld(clip, near)
     contacts = label_contacts(clip, rule=rule, near=near)
     why = "as was asked for" if clip.contacts else "as the source labels none"
     note = f"Contacts are found from distances between body and object ({type(rule).__name__}'s rule), {why}."
     source = replace(clip.source, notes=(*clip.source.notes, note))
     found = replace(clip, contacts=contacts, source=source)
-    return found.with_doubts(doubts or _untouched(found))
+    if unheld:
+        return found.with_warnings("unheld_object", unheld)
+    return found.with_warnings("untouched_object", _untouched(found))
 
 
 def _untouched(clip: Clip) -> tuple[str, ...]:
-    """Return a doubt where objects move and nothing is ever touched."""
+    """Return a warning where objects move and nothing is ever touched."""
     moving = {track.name: int(_moving(track, clip.fps).sum()) for track in clip.objects}
     moved = [f"{name} moves in {frames} frames" for name, frames in moving.items() if frames >= LEAST_MOVING]
     if not moved or any(track.active.any() for track in clip.contacts):
@@ -66,8 +68,8 @@ def _untouched(clip: Clip) -> tuple[str, ...]:
 
 
 def _unheld(clip: Clip, near: tuple[Nearness, ...]) -> tuple[str, ...]:
-    """Return a doubt for each object that moves with nobody near; raises `ClipError` where rotations are inverted."""
-    doubts: tuple[str, ...] = ()
+    """Return a warning for each object that moves with nobody near; raises `ClipError` where rotations are inverted."""
+    texts: tuple[str, ...] = ()
     for index, track in enumerate(clip.objects):
         moving = _moving(track, clip.fps)
         held = _held(near, index, moving)
@@ -81,11 +83,11 @@ def _unheld(clip: Clip, near: tuple[Nearness, ...]) -> tuple[str, ...]:
                 f"is at it in {held:.0%} of the frames in which it moves, with inverse rotations in {other:.0%}. "
                 "This copy of the data has another convention than its source."
             )
-        doubts += (
+        texts += (
             f"{track.name} moves in {moving.sum()} frames, in {1 - held:.0%} of them with no hand or foot within "
             "10 cm: its poses, its shape or the recording's alignment may be wrong.",
         )
-    return doubts
+    return texts
 
 
 def _moving(track: ObjectTrack, fps: float) -> Bool[np.ndarray, "T"]:

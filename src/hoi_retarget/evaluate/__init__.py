@@ -1,29 +1,24 @@
 """Figures of merit: how well a robot's motion keeps what the human did, and what it violates."""
 
 from hoi_retarget.evaluate.figures import Figures, evaluate, evaluate_kinematics
-from hoi_retarget.evaluate.multi_robot import HandToHand, hand_to_hand
+from hoi_retarget.evaluate.multi_robot import inter_robot_hand_errors
 from hoi_retarget.evaluate.soundness import Soundness, soundness
 from hoi_retarget.evaluate.table import COLUMNS, Column, Score, mean_values, table_rows, to_csv, to_json, worst_values
 from hoi_retarget.evaluate.unreached_contacts import (
-    UNREACHED_M,
-    UnreachedSegment,
     contact_residuals,
     unreached_contacts,
 )
 
 __all__ = [
     "COLUMNS",
-    "UNREACHED_M",
     "Column",
     "Figures",
-    "HandToHand",
     "Score",
     "Soundness",
-    "UnreachedSegment",
     "contact_residuals",
     "evaluate",
     "evaluate_kinematics",
-    "hand_to_hand",
+    "inter_robot_hand_errors",
     "mean_values",
     "soundness",
     "table_rows",

@@ -10,31 +10,11 @@ from jaxtyping import Bool, Float
 from hoi_retarget.evaluate.statistics import norms
 from hoi_retarget.evaluate.view import HAND_SITES, ModelLike
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.report import InterRobotHandError
 from hoi_retarget.numerics import se3
 
 
-@dataclass(frozen=True)
-class HandToHand:
-    """How far two robots' hands on one object are from where they should be, seen from each other."""
-
-    people: tuple[int, int]
-    links: tuple[str, str]
-    object: str
-    frames: int
-    """In which both touch it."""
-    mean_m: float
-    """Mean length of the difference between the hands' offset on the object and that of their targets [m]."""
-    max_m: float
-
-    def __str__(self) -> str:
-        first, second = (f"{link} of person {person}" for link, person in zip(self.links, self.people, strict=True))
-        return (
-            f"{first} and {second} on {self.object!r}, {self.frames} frames: {100 * self.mean_m:.1f} cm from their "
-            f"place relative to each other on average, {100 * self.max_m:.1f} cm at most"
-        )
-
-
-def hand_to_hand(motions: Sequence[Motion], models: Sequence[ModelLike]) -> tuple[HandToHand, ...]:
+def inter_robot_hand_errors(motions: Sequence[Motion], models: Sequence[ModelLike]) -> tuple[InterRobotHandError, ...]:
     """Return how each pair of hands of different robots is placed on each object that both touch at once.
 
     Args:
@@ -51,7 +31,7 @@ def hand_to_hand(motions: Sequence[Motion], models: Sequence[ModelLike]) -> tupl
                     continue
                 off = norms(ours.misplaced[both] - theirs.misplaced[both])
                 found.append(
-                    HandToHand(
+                    InterRobotHandError(
                         (one, other),
                         (ours.link, theirs.link),
                         ours.object,

@@ -6,11 +6,9 @@ Nothing is printed here; the command line does.
 import csv
 import io
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
-
-from hoi_retarget.evaluate.figures import Figures
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ class Score:
 
     name: str
     """Name of the result: the clip's, with the person where there are several."""
-    figures: Figures
+    figures: Mapping[str, float | None]
     frames: int
     compute_s: float | None = None
     """Time of the complete run [s], from the motion's report."""
@@ -88,7 +86,7 @@ class Score:
 
     def values(self) -> dict[str, float | None]:
         """Return all numbers by column name."""
-        return {**asdict(self.figures), "compute_s": self.compute_s}
+        return {**self.figures, "compute_s": self.compute_s}
 
 
 def mean_values(scores: Sequence[Score]) -> dict[str, float | None]:

@@ -15,6 +15,7 @@ from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.evaluate import COLUMNS, Column, soundness
 from hoi_retarget.evaluate.view import check_joints
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.report import OrientationFlip, Status, UnreachedContact
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import RobotModel, load_model
 
@@ -145,13 +146,13 @@ THRESHOLDS: tuple[Threshold, ...] = (
         "a joint step longer than the motor's limit; 5 rad/s beyond it no motor follows, and a joint has flipped",
     ),
     Threshold(
-        Column("turned_over_s", "turned over", "s", 1.0, 2, "lower"),
+        Column("orientation_flip_s", "turned over", "s", 1.0, 2, "lower"),
         0.0,
         0.2,
         "time in which a link points away from the human's; for a moment it is a wrist near its stop",
     ),
     Threshold(
-        Column("doubts", "doubts of the recording", "", 1.0, 0, "lower"),
+        Column("recording_warnings", "warnings of the recording", "", 1.0, 0, "lower"),
         0.0,
         5.0,
         "what speaks against the recording: grasps that slip, feet off the floor, objects that move untouched",
@@ -265,18 +266,15 @@ def verdict_of_figures(figures: Mapping[str, float | None]) -> Verdict:
 def judged_figures(motion: Motion, model: RobotModel | None = None) -> dict[str, float | None]:
     """Return the figures that a result's report holds, and those that only its verdict needs, by name.
 
-    What the report of another version does not hold is None.
+    What the report does not tell is None.
     """
-    report = motion.report
-    stored = report.get("figures")
-    figures = {name: number(value) for name, value in stored.items()} if isinstance(stored, Mapping) else {}
     return {
         **{threshold.name: None for threshold in THRESHOLDS},
-        **figures,
+        **motion.report.figures,
         **_of_kinematics(motion, model),
         "unreached_share": _unreached_share(motion),
-        "turned_over_s": _turned_over_s(motion),
-        "doubts": _doubts(motion),
+        "orientation_flip_s": _orientation_flip_s(motion),
+        "recording_warnings": float(len(motion.report.source.warnings)) if motion.report.clip else None,
         "unsolved_share": _unsolved_share(motion),
     }
 
@@ -297,44 +295,23 @@ def _model(name: str) -> RobotModel:
 
 
 def _unreached_share(motion: Motion) -> float | None:
-    contacts = int(motion.contact_flags.sum())
-    frames = _frames(motion.report.get("unreached_contacts"), "first_frame", "last_frame")
-    return frames / contacts if contacts and frames is not None else None
+    contacts, unreached = int(motion.contact_flags.sum()), motion.report.unreached_contacts
+    return _frames(unreached) / contacts if contacts and unreached is not None else None
 
 
-def _turned_over_s(motion: Motion) -> float | None:
-    frames = _frames(motion.report.get("turned_over"), "first_frame", "last_frame")
-    return frames / motion.fps if frames is not None else None
-
-
-def _doubts(motion: Motion) -> float | None:
-    source = motion.report.get("source")
-    doubts = source.get("doubts") if isinstance(source, Mapping) else None
-    return float(len(doubts)) if isinstance(doubts, Sequence) else None
+def _orientation_flip_s(motion: Motion) -> float | None:
+    flips = motion.report.orientation_flips
+    return _frames(flips) / motion.fps if flips is not None else None
 
 
 def _unsolved_share(motion: Motion) -> float | None:
-    windows = motion.report.get("windows")
-    if not isinstance(windows, Sequence):
+    windows = motion.stages[-1].windows
+    if not windows:
         return None
-    try:
-        unsolved = [window["stop"] - window["start"] for window in windows if window["status"] != "SOLVED"]
-        return min(1.0, sum(unsolved) / motion.frames)
-    except (KeyError, TypeError, OverflowError):
-        return None
+    unsolved = sum(window.frames for window in windows if window.status is not Status.SOLVED)
+    return min(1.0, unsolved / motion.frames)
 
 
-def _frames(segments: Any, first: str, last: str) -> float | None:
-    """Return how many frames all segments of a report have together; None where it does not say."""
-    try:
-        return float(sum(int(segment[last]) - int(segment[first]) + 1 for segment in segments))
-    except (KeyError, TypeError, ValueError, OverflowError):
-        return None
-
-
-def number(value: Any) -> float | None:
-    """Return an entry of a report as a number; None where it is something else, or too large to be one."""
-    try:
-        return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
-    except OverflowError:
-        return None
+def _frames(segments: Sequence[UnreachedContact] | Sequence[OrientationFlip]) -> float:
+    """Return how many frames all segments have together."""
+    return float(sum(segment.last_frame - segment.first_frame + 1 for segment in segments))

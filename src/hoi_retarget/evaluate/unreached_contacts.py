@@ -1,18 +1,14 @@
 """Contacts that the robot did not reach: named one by one, never hidden in a mean."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.evaluate.statistics import norms
 from hoi_retarget.evaluate.view import FOOT_SITES, HAND_SITES, KinematicsLike
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.report import UNREACHED_M, UnreachedContact
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
-
-UNREACHED_M = 0.02
-"""A link further from its target than this [m] does not reach it."""
 
 SHORTEST_UNREACHED = 3
 """Frames; a hand that takes one or two more to arrive did reach its contact."""
@@ -20,33 +16,9 @@ SHORTEST_UNREACHED = 3
 _SITES = {**HAND_SITES, **FOOT_SITES}
 
 
-@dataclass(frozen=True)
-class UnreachedSegment:
-    """A stretch of a contact in which the link stayed away from its target."""
-
-    link: str
-    """The contact link, as the motion names it."""
-    object: str
-    first_frame: int
-    """First such frame of the motion."""
-    last_frame: int
-    """Last such frame, included."""
-    mean_residual_m: float
-    """Mean distance between link and target [m]."""
-    max_residual_m: float
-    """Largest such distance [m]."""
-
-    def __str__(self) -> str:
-        return (
-            f"{self.link} on {self.object!r}, frames {self.first_frame} to {self.last_frame}: "
-            f"{100 * self.mean_residual_m:.1f} cm off its target on average, "
-            f"{100 * self.max_residual_m:.1f} cm at most"
-        )
-
-
 def unreached_contacts(
     motion: Motion, kinematics: KinematicsLike, *, limit_m: float = UNREACHED_M
-) -> tuple[UnreachedSegment, ...]:
+) -> tuple[UnreachedContact, ...]:
     """Return where contact links stay further than `limit_m` [m] from their targets, in order of link and time.
 
     The residual is the distance in the object's frame between a contact link and the target that the motion
@@ -67,7 +39,7 @@ def unreached_contacts(
             for first, end in _unreached_runs(touched == index, off):
                 lengths = residuals[first:end, column]
                 mean, largest = float(lengths.mean()), float(lengths.max())
-                found.append(UnreachedSegment(link, motion.object_names[index], first, end - 1, mean, largest))
+                found.append(UnreachedContact(link, motion.object_names[index], first, end - 1, mean, largest))
     return tuple(sorted(found, key=lambda segment: (motion.contact_links.index(segment.link), segment.first_frame)))
 
 

@@ -1,12 +1,11 @@
-"""Reads binary glTF 2.0 files (`.glb`) with their animations, through pygltflib: nodes over time, meshes, bind poses.
+"""Binary glTF 2.0 files (`.glb`) with their animations: nodes over time, meshes, bind poses.
 
-pygltflib gives the tables of a file; what they say of its bytes is checked and decoded here. Values are of the file's
-world: y up, metres.
+Such a file is a text in JSON, the tables, and bytes that they describe. Values are of the file's world: y up, metres.
 """
 
-import warnings
+import json
 from collections.abc import Iterator
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -18,15 +17,13 @@ from hoi_retarget.errors import ReadError
 from hoi_retarget.numerics import se3
 
 MAGIC = b"glTF"
-MISSING = (
-    '.glb files are read with pygltflib, which is not installed. In a clone: pip install ".[humoto]"; '
-    'otherwise: pip install "pygltflib>=1.16".'
-)
 ChannelPath = Literal["translation", "rotation", "scale"]
 """What of a node is animated, as glTF calls it."""
 
 _HEADER = 20  # Bytes before the text of a `.glb` file; the last eight tell the text's length and kind.
-_COMPONENTS = {5120: "i1", 5121: "u1", 5122: "i2", 5123: "u2", 5125: "u4", 5126: "f4"}
+_BYTES_HEADER = 8  # Likewise between the text and the bytes.
+# As text, like all that is looked up: a damaged file may have a list there.
+_COMPONENTS = {"5120": "i1", "5121": "u1", "5122": "i2", "5123": "u2", "5125": "u4", "5126": "f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _WIDTH_OF: dict[ChannelPath, int] = {"translation": 3, "rotation": 4, "scale": 3}
 _TRIANGLES = 4
@@ -42,6 +39,16 @@ def text_of(content: bytes) -> bytes:
     if not content.startswith(MAGIC):
         return b""
     return content[_HEADER : _HEADER + int.from_bytes(content[12:16], "little")]
+
+
+def _bytes_of(content: bytes) -> bytes:
+    """Return the bytes behind the text of a `.glb` file; empty where there are none."""
+    start = _HEADER + int.from_bytes(content[12:16], "little") + _BYTES_HEADER
+    return content[start : start + int.from_bytes(content[start - _BYTES_HEADER : start - 4], "little")]
+
+
+def _table(value: Any) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,17 +102,18 @@ class Gltf:
 
     def __init__(self, path: Path, content: bytes) -> None:
         self.path = path
-        document = _document(path, content)
-        self._blob = document.binary_blob() or b""
-        if getattr(document, "extensionsRequired", None):
-            raise self._wrong(f"it needs extensions of glTF ({document.extensionsRequired!s:.80})")
+        try:
+            document = _table(json.loads(text_of(content)))
+        except (ValueError, RecursionError) as error:
+            raise self._wrong(f"its text cannot be read ({error!s:.200})") from error
+        self._blob = _bytes_of(content)
+        if document.get("extensionsRequired"):
+            raise self._wrong(f"it needs extensions of glTF ({document['extensionsRequired']!s:.80})")
         self._nodes = self._list(document, "nodes")
         self._animations = self._list(document, "animations")
         self._meshes, self._skins = self._list(document, "meshes"), self._list(document, "skins")
         self._accessors, self._views = self._list(document, "accessors"), self._list(document, "bufferViews")
-        self.names = tuple(
-            str(getattr(node, "name", None) or f"node {index}") for index, node in enumerate(self._nodes)
-        )
+        self.names = tuple(str(node.get("name") or f"node {index}") for index, node in enumerate(self._nodes))
         self.parents = self._parents()
 
     # Nodes
@@ -127,7 +135,7 @@ class Gltf:
 
     def mesh_of(self, node: int) -> int | None:
         """Return the mesh that a node carries and nothing deforms; None without."""
-        mesh, skin = self._nodes[node].mesh, self._nodes[node].skin
+        mesh, skin = self._nodes[node].get("mesh"), self._nodes[node].get("skin")
         return None if mesh is None or skin is not None else mesh
 
     def poses(self, frames: Float[np.ndarray, "T"], rate: float) -> NodePoses:
@@ -161,8 +169,8 @@ class Gltf:
         return mean
 
     def _rest(self, node: int, path: ChannelPath) -> np.ndarray:
-        stored = getattr(self._nodes[node], path, None)
-        if getattr(self._nodes[node], "matrix", None) is not None:
+        stored = self._nodes[node].get(path)
+        if self._nodes[node].get("matrix") is not None:
             raise self._wrong(f"node {self.names[node]!r} has a matrix, expected translation, rotation and scale")
         default = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}[path]
         values = self._numbers(stored if stored is not None else default, f"{path} of node {self.names[node]!r}")
@@ -189,59 +197,63 @@ class Gltf:
         for animation in self._animations:
             samplers = self._list(animation, "samplers")
             for item in self._list(animation, "channels"):
-                node, path = getattr(item.target, "node", None), getattr(item.target, "path", None)
-                if path not in _WIDTH_OF or node is None:
+                target = _table(item.get("target"))
+                node, path = target.get("node"), target.get("path")
+                if not isinstance(path, str) or path not in _WIDTH_OF or node is None:
                     continue  # Weights of morph targets.
                 self._checked(node, self._nodes, "node")
                 if (node, path) in known:
                     raise self._wrong(f"the {path} of node {self.names[node]!r} is animated twice; export one action")
                 known.add((node, path))
-                channels.append(self._channel(node, path, self._checked(item.sampler, samplers, "sampler")))
+                channels.append(self._channel(node, path, self._checked(item.get("sampler"), samplers, "sampler")))
         return tuple(channels)
 
-    def _channel(self, node: int, path: ChannelPath, sampler: Any) -> Channel:
+    def _channel(self, node: int, path: ChannelPath, sampler: dict[str, Any]) -> Channel:
         what = f"the {path} of node {self.names[node]!r}"
-        if sampler.interpolation not in (None, "LINEAR", "STEP"):
-            raise self._wrong(f"{what} is interpolated by {sampler.interpolation!s:.20}, expected LINEAR or STEP")
-        times = self.array(sampler.input, 1, f"times of {what}")[:, 0].astype(float)
-        values = self.array(sampler.output, _WIDTH_OF[path], what).astype(float)
+        interpolation = sampler.get("interpolation")
+        if interpolation not in (None, "LINEAR", "STEP"):
+            raise self._wrong(f"{what} is interpolated by {interpolation!s:.20}, expected LINEAR or STEP")
+        times = self.array(sampler.get("input"), 1, f"times of {what}")[:, 0].astype(float)
+        values = self.array(sampler.get("output"), _WIDTH_OF[path], what).astype(float)
         if len(times) == 0 or len(times) != len(values):
             raise self._wrong(f"{what} has {len(times)} times and {len(values)} values")
         if (np.diff(times) <= 0).any():
             raise self._wrong(f"the times of {what} do not ascend")
         values = self._wxyz(values) if path == "rotation" else values
-        return Channel(node, path, times, values, steps=sampler.interpolation == "STEP")
+        return Channel(node, path, times, values, steps=interpolation == "STEP")
 
     # Meshes and skins
 
     def mesh(self, index: int) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "F 3"]]:
         """Return the vertices and triangles of a mesh, all its parts in one."""
         mesh = self._checked(index, self._meshes, "mesh")
+        name = f"mesh {mesh.get('name')!s:.40}"
         vertices, faces, count = [], [], 0
         for part in self._list(mesh, "primitives"):
-            if part.mode not in (None, _TRIANGLES):
-                raise self._wrong(f"mesh {mesh.name!s:.40} has points or lines, expected triangles")
-            corner = getattr(part.attributes, "POSITION", None)
-            points = self.array(corner, 3, f"vertices of mesh {mesh.name!s:.40}").astype(float)
+            if part.get("mode") not in (None, _TRIANGLES):
+                raise self._wrong(f"{name} has points or lines, expected triangles")
+            corner = _table(part.get("attributes")).get("POSITION")
+            points = self.array(corner, 3, f"vertices of {name}").astype(float)
             corners = np.arange(len(points))
-            if part.indices is not None:
-                corners = self.array(part.indices, 1, f"triangles of mesh {mesh.name!s:.40}")[:, 0].astype(np.int64)
+            if part.get("indices") is not None:
+                corners = self.array(part["indices"], 1, f"triangles of {name}")[:, 0].astype(np.int64)
             if len(corners) % 3 or (corners >= len(points)).any() or (corners < 0).any():
-                raise self._wrong(f"the triangles of mesh {mesh.name!s:.40} are of vertices that are not there")
+                raise self._wrong(f"the triangles of {name} are of vertices that are not there")
             vertices.append(points)
             faces.append(corners.reshape(-1, 3) + count)
             count += len(points)
         if not vertices or not sum(map(len, faces)):
-            raise self._wrong(f"mesh {mesh.name!s:.40} has no triangles")
+            raise self._wrong(f"{name} has no triangles")
         return np.concatenate(vertices), np.concatenate(faces)
 
     def skins(self) -> Iterator[tuple[tuple[int, ...], Float[np.ndarray, "J 4 4"]]]:
         """Yield the joints of each skin and the matrices that bring the bound mesh into their frames."""
         for skin in self._skins:
             joints = self._indices(skin, "joints")
-            if skin.inverseBindMatrices is None:
+            matrices = skin.get("inverseBindMatrices")
+            if matrices is None:
                 raise self._wrong("a skin has no inverse bind matrices; export it with its bind pose")
-            columns = self.array(skin.inverseBindMatrices, 16, "inverse bind matrices").astype(float)
+            columns = self.array(matrices, 16, "inverse bind matrices").astype(float)
             if len(columns) != len(joints):
                 raise self._wrong(f"a skin has {len(joints)} joints and {len(columns)} inverse bind matrices")
             yield joints, columns.reshape(-1, 4, 4).transpose(0, 2, 1)
@@ -251,21 +263,23 @@ class Gltf:
     def array(self, index: Any, width: int, meaning: str) -> np.ndarray:
         """Return what an accessor shows of the file's bytes, (count, width)."""
         accessor = self._checked(index, self._accessors, f"accessor of {meaning}")
-        if accessor.sparse is not None or accessor.bufferView is None:
+        if accessor.get("sparse") is not None or accessor.get("bufferView") is None:
             raise self._wrong(f"{meaning}: stored sparsely or compressed; export without compression")
-        kind = np.dtype(f"<{_COMPONENTS.get(accessor.componentType, 'V1')}")
-        if kind.kind == "V" or _WIDTHS.get(accessor.type) != width:
-            raise self._wrong(f"{meaning}: stored as {accessor.type!s:.10} of kind {accessor.componentType!s:.10}")
-        if kind.kind != "f" and accessor.normalized:
+        component, layout = str(accessor.get("componentType")), str(accessor.get("type"))
+        kind = np.dtype(f"<{_COMPONENTS.get(component, 'V1')}")
+        if kind.kind == "V" or _WIDTHS.get(layout) != width:
+            raise self._wrong(f"{meaning}: stored as {layout:.10} of kind {component:.10}")
+        if kind.kind != "f" and accessor.get("normalized"):
             raise self._wrong(f"{meaning}: stored as fractions in whole numbers; export without quantization")
-        view = self._checked(accessor.bufferView, self._views, "buffer view")
-        if view.buffer != 0:
+        view = self._checked(accessor["bufferView"], self._views, "buffer view")
+        if view.get("buffer") != 0:
             raise self._wrong(f"{meaning}: stored in another file; export one binary file")
         size = kind.itemsize * width
-        places = (accessor.count, view.byteStride or size, view.byteOffset or 0, accessor.byteOffset or 0)
+        offsets = view.get("byteOffset") or 0, accessor.get("byteOffset") or 0
+        places = (accessor.get("count"), view.get("byteStride") or size, *offsets)
         if not all(type(place) is int and place >= 0 for place in places) or places[1] < size:
             raise self._wrong(f"{meaning}: its place in the file is no number")
-        count, stride, first = *places[:2], sum(places[2:])
+        count, stride, first = *places[:2], sum(offsets)
         if count and first + stride * (count - 1) + size > len(self._blob):
             raise self._wrong(f"{meaning}: reaches beyond the file's {len(self._blob)} bytes of data; it is cut off")
         if not count:
@@ -290,16 +304,16 @@ class Gltf:
             raise self._wrong(f"the {what} is not finite, or absurdly large")
         return array
 
-    def _list(self, owner: Any, name: str) -> list:
-        values = getattr(owner, name, None)
+    def _list(self, owner: dict[str, Any], name: str) -> list[dict[str, Any]]:
+        values = owner.get(name)
         values = values if isinstance(values, list) else []
-        if not all(is_dataclass(value) for value in values):
+        if not all(isinstance(value, dict) for value in values):
             raise self._wrong(f"its {name} are no list of tables")
         return values
 
-    def _indices(self, owner: Any, name: str) -> tuple[int, ...]:
+    def _indices(self, owner: dict[str, Any], name: str) -> tuple[int, ...]:
         """Return nodes that something refers to."""
-        values = getattr(owner, name, None)
+        values = owner.get(name)
         values = tuple(values) if isinstance(values, list) else ()
         for value in values:
             self._checked(value, self._nodes, "node")
@@ -312,20 +326,3 @@ class Gltf:
 
     def _wrong(self, what: str) -> ReadError:
         return ReadError(f"{self.path}: not readable as binary glTF: {what}. Download it again.")
-
-
-def _document(path: Path, content: bytes) -> Any:
-    """Return pygltflib's tables of a file; raises `ReadError`."""
-    try:
-        import pygltflib  # noqa: PLC0415 # pyright: ignore[reportMissingImports] - optional
-    except ImportError as error:
-        raise ReadError(f"{path}: {MISSING}") from error
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            document = pygltflib.GLTF2.load_from_bytes(content)
-    except Exception as error:  # pygltflib and what it calls raise anything on damaged files
-        raise ReadError(f"{path}: not readable as binary glTF ({error!s:.200}). Download it again.") from error
-    if document is None:
-        raise ReadError(f"{path}: not readable as binary glTF: it has no text. Download it again.")
-    return document

@@ -1,4 +1,4 @@
-"""Arrays out of .npz files without numpy's own reader: checksums compared, nothing pickled, nothing evaluated."""
+"""Arrays out of .npz files without numpy's own reader: checksums compared, nothing evaluated, no pickle executed."""
 
 import io
 import lzma
@@ -6,8 +6,14 @@ import re
 import struct
 import zipfile
 import zlib
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+
+from hoi_retarget.errors import ReadError
+from hoi_retarget.files.numpy_pickle import ARRAYS, unpickle
+from hoi_retarget.files.safe_pickle import RefusedError, plain
 
 # The start of an .npy file as numpy writes it: matched, never evaluated.
 _NPY = re.compile(
@@ -44,6 +50,15 @@ def members(content: bytes) -> dict[str, bytes]:
         raise ValueError(str(error)) from error
 
 
+def names(path: Path) -> frozenset[str]:
+    """Return what the arrays of an .npz file are called, without reading them; empty where it is no such file."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return frozenset(name.removesuffix(".npy") for name in archive.namelist())
+    except _ARCHIVE_ERRORS:
+        return frozenset()
+
+
 def array(name: str, content: bytes, kinds: str) -> np.ndarray:
     """Return the array of an .npy file whose numbers are of one of `kinds`, or raise `ValueError`."""
     header = _NPY.match(content)
@@ -62,3 +77,30 @@ def array(name: str, content: bytes, kinds: str) -> np.ndarray:
     if values.dtype.kind == "U":
         values.tobytes().decode("utf-32-le")
     return values
+
+
+def object_or_array(path: Path, name: str, content: bytes) -> Any:
+    """Return what an `.npy` file holds: an array of numbers or text; of one object, this object; of several, a list.
+
+    Several sources keep a dictionary in an array of their `.npz` files, as `numpy.save(..., allow_pickle=True)` writes
+    them: one object, or a list of some. Nothing of it is executed.
+
+    Args:
+        path: the file that it is in, for errors.
+        name: what the array is called.
+        content: the bytes of the `.npy` file.
+
+    Raises:
+        ReadError: it is damaged, or holds anything else than plain values and arrays.
+    """
+    header = _NPY.match(content)
+    try:
+        if header is None or (header["kind"], header["fortran"]) != (b"O", b"False"):
+            return array(name, content, "fiubU")
+        values = plain(unpickle(content[header.end() :], ARRAYS), objects=True)
+    except (RefusedError, ValueError) as error:
+        raise ReadError(f"{path}: {name} cannot be read: {error}. Download the file again.") from error
+    single = not header["shape"].strip()
+    if not isinstance(values, list) or (single and len(values) != 1):
+        raise ReadError(f"{path}: {name} is no array of objects, although it says so. Download the file again.")
+    return values[0] if single else values

@@ -1,8 +1,6 @@
 """A recording as it is named: a file or a folder, perhaps one clip of several in it, read as far as somebody asks."""
 
 import hashlib
-import struct
-import zipfile
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
@@ -10,8 +8,9 @@ from typing import Any
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.files import npz
-from hoi_retarget.files.array_pickle import parse_pickle
-from hoi_retarget.files.torch_file import parse_torch, read_bytes
+from hoi_retarget.files.numpy_pickle import parse_pickle
+from hoi_retarget.files.reading import read_bytes
+from hoi_retarget.files.torch_file import parse_torch
 
 SELECTION = "#"
 """Stands between the path and the name of one clip in it."""
@@ -62,11 +61,7 @@ class SourceFile:
     @cached_property
     def array_names(self) -> frozenset[str]:
         """What the arrays of an `.npz` file are called, without reading them; empty where it is no such file."""
-        try:
-            with zipfile.ZipFile(self.path) as archive:
-                return frozenset(name.removesuffix(".npy") for name in archive.namelist())
-        except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile, struct.error):
-            return frozenset()
+        return npz.names(self.path)
 
     @cached_property
     def torch(self) -> Any:

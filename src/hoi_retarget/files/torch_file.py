@@ -1,10 +1,8 @@
-"""Reads torch's `.pt` and `.pth` files without torch and without executing what they hold.
+"""Torch's `.pt` and `.pth` files, and tensors in plain pickles, read without torch and without executing anything.
 
-A torch file is a pickle beside the raw bytes of its tensors; `pickle_machine` interprets the pickle.
-
-Formats: the zip archive of torch >= 1.6 (`<name>/data.pkl`, `<name>/data/<key>`,
-`<name>/byteorder`) and the older plain one (pickles, then each storage behind its length);
-both as `torch/serialization.py` writes them.
+Formats: the zip archive of torch >= 1.6 (`<name>/data.pkl`, `<name>/data/<key>`, `<name>/byteorder`) and the older
+plain one (pickles, then each storage behind its length), both as `torch/serialization.py` writes them. A plain pickle
+holds a whole file of the older format for each storage.
 """
 
 import io
@@ -15,62 +13,70 @@ import zlib
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files.pickle_machine import RESAVE, RefusedError, StorageType, damaged, interpret
+from hoi_retarget.files.numpy_pickle import ARRAYS, unpickle
+from hoi_retarget.files.safe_pickle import Function, Names, RefusedError, Unpickler, plain, refusals
+from hoi_retarget.files.torch_pickle import TENSORS, Storage, Storages
 
 _LEGACY_MAGIC = (0x1950A86A20F9469CFC6C).to_bytes(10, "little")
 _LEGACY_PROTOCOL = 1001
-
-
-def read_torch(path: Path) -> Any:
-    """Return what a torch file holds: tensors as read-only numpy arrays, in plain containers.
-
-    bfloat16 becomes float32; every other type keeps its own.
-
-    Raises:
-        ReadError: the file is missing, damaged, or holds anything but tensors, numbers, strings,
-            dictionaries, lists, tuples and None.
-    """
-    return parse_torch(read_bytes(path), path)
-
-
-def read_bytes(path: Path) -> bytes:
-    """Return the content of a regular file; raises `ReadError`."""
-    try:
-        if not path.exists():
-            raise ReadError(f"{path}: there is no such file. Check the path.")
-        if not path.is_file():
-            raise ReadError(f"{path}: not a file but a folder or a device. Name one file in it.")
-        return path.read_bytes()
-    except (OSError, ValueError) as error:
-        raise ReadError(f"{path}: cannot be read ({error}). Check the path and its permissions.") from error
+_PICKLE = b"\x80"
+_RESAVE = "Save plain tensors again with torch.save(tensor, path) where it was made, or download it again."
 
 
 def parse_torch(content: bytes, path: Path) -> Any:
-    """Return what the bytes of a torch file hold; `path` is only named in errors.
+    """Return what the bytes of a torch file hold: tensors as read-only arrays, in plain containers.
 
-    Raises `ReadError` as `read_torch` does.
+    bfloat16 becomes float32; every other type keeps its own. `path` is only named in errors.
+
+    Raises:
+        ReadError: the file is damaged, or holds anything but tensors, numbers, text, dictionaries, lists, tuples and
+            None.
     """
     if not content:
         raise ReadError(f"{path}: the file is empty, expected a torch file. Download it again.")
-    try:
+    with refusals(path, _RESAVE):
         if content.startswith(b"PK"):
-            return _parse_archive(content)
-        if content.startswith(b"\x80") and _LEGACY_MAGIC in content[:32]:
-            return _parse_legacy(content)
-    except RefusedError as error:
-        raise ReadError(f"{path}: {error}") from error
-    if content.startswith(b"\x80") and content.endswith(b"."):
+            return plain(_parse_archive(content))
+        if content.startswith(_PICKLE) and _LEGACY_MAGIC in content[:32]:
+            return plain(_parse_legacy(content)[0])
+    if content.startswith(_PICKLE) and content.endswith(b"."):
         raise ReadError(
             f"{path}: not a torch file but a plain Python pickle, refused{_first_import(content)}: it could run code. "
             "Save plain tensors with torch.save(tensor, path) where it was made."
         )
     raise ReadError(
         f"{path}: not a torch file: it starts with {content[:8]!r}, expected a zip archive "
-        f"(torch >= 1.6) or torch's older format. {RESAVE}"
+        f"(torch >= 1.6) or torch's older format. {_RESAVE}"
     )
+
+
+def parse_tensors(content: bytes, path: Path) -> Any:
+    """Return what a pickle of plain values, arrays and tensors holds, all of these as arrays.
+
+    Raises:
+        ReadError: it is damaged, or holds anything else, such as something that would be executed.
+    """
+    with refusals(path, "Download it again."):
+        return plain(unpickle(content, _ARRAYS_AND_TENSORS))
+
+
+def _load_from_bytes(unpickler: Unpickler, arguments: tuple) -> Storage:
+    """Return the only storage in a whole file of torch's older format."""
+    if len(arguments) != 1 or not isinstance(arguments[0], bytes):
+        raise RefusedError("a tensor's storage is made from something that is no bytes")
+    unpickler.spend(len(arguments[0]))
+    storage, count = _parse_legacy(arguments[0])
+    if not isinstance(storage, Storage) or count != 1:
+        raise RefusedError("the file inside, of a tensor's storage, holds something else")
+    return storage
+
+
+_ARRAYS_AND_TENSORS: Names = {
+    **ARRAYS,
+    **TENSORS,
+    ("torch.storage", "_load_from_bytes"): Function(_load_from_bytes),
+}
 
 
 def _first_import(content: bytes) -> str:
@@ -98,23 +104,21 @@ def _parse_archive(content: bytes) -> Any:
             entries = _archive_entries(archive, len(content))
             prefix = _archive_prefix(entries)
             byte_order = _byte_order(archive, entries.get(f"{prefix}/byteorder"))
-            storages: dict[str, tuple[StorageType, np.ndarray]] = {}
-
-            def storage(kind: StorageType, key: str, count: int) -> np.ndarray:
-                if key not in storages:
-                    entry = entries.get(f"{prefix}/data/{key}")
-                    if entry is None:
-                        raise damaged(f"a tensor's storage {key[:80]!r} is not in the archive")
-                    if count * kind.item_size > entry.file_size:
-                        raise damaged(
-                            f"storage {key!r} should hold {count} elements of {kind.item_size} bytes, "
-                            f"but the archive has {entry.file_size} bytes for it"
-                        )
-                    raw = _entry_bytes(archive, entry)[: count * kind.item_size]
-                    storages[key] = kind, kind.decode(raw, byte_order)
-                return _same_storage(storages[key], kind, key, count)
-
-            return interpret(_entry_bytes(archive, entries[f"{prefix}/data.pkl"]), storage)[0]
+            storages = Storages()
+            value = Unpickler(
+                _entry_bytes(archive, entries[f"{prefix}/data.pkl"]), TENSORS, refer=storages.refer
+            ).next()
+            for key, storage in storages.items():
+                entry = entries.get(f"{prefix}/data/{key}")
+                if entry is None:
+                    raise RefusedError(f"a tensor's storage {key[:80]!r} is not in the archive")
+                if storage.size > entry.file_size:
+                    raise RefusedError(
+                        f"storage {key[:80]!r} should hold {storage.count} elements of {storage.kind.item_size} bytes, "
+                        f"but the archive has {entry.file_size} bytes for it"
+                    )
+                storage.fill(_entry_bytes(archive, entry)[: storage.size], byte_order)
+            return value
     # zipfile raises all of these on damaged archives; RuntimeError is its word for encryption.
     except (
         zipfile.BadZipFile,
@@ -128,7 +132,7 @@ def _parse_archive(content: bytes) -> Any:
         RuntimeError,
         OverflowError,
     ) as error:
-        raise damaged(f"the archive is damaged or cut off ({error})") from error
+        raise RefusedError(f"the archive is damaged or cut off ({error})") from error
 
 
 def _archive_entries(archive: zipfile.ZipFile, available: int) -> dict[str, zipfile.ZipInfo]:
@@ -136,20 +140,20 @@ def _archive_entries(archive: zipfile.ZipFile, available: int) -> dict[str, zipf
     for entry in archive.infolist():
         parts = entry.filename.replace("\\", "/").split("/")
         if ".." in parts or parts[0] == "":
-            raise damaged(f"the archive's entry {entry.filename!r} points outside of the archive")
+            raise RefusedError(f"the archive's entry {entry.filename!r} points outside of the archive")
         if entry.filename in entries:
-            raise damaged(f"the archive holds {entry.filename!r} twice")
+            raise RefusedError(f"the archive holds {entry.filename!r} twice")
         entries[entry.filename] = entry
     # Entries that overlap could otherwise multiply a small file into any amount of memory.
     if sum(entry.compress_size for entry in entries.values()) > available:
-        raise damaged("the archive's entries claim more bytes than the file has")
+        raise RefusedError("the archive's entries claim more bytes than the file has")
     return entries
 
 
 def _entry_bytes(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
     # What is not compressed cannot unpack to more than the file has.
     if entry.compress_type != zipfile.ZIP_STORED or entry.file_size != entry.compress_size:
-        raise damaged(f"the archive's entry {entry.filename[:80]!r} is compressed, which torch does not do")
+        raise RefusedError(f"the archive's entry {entry.filename[:80]!r} is compressed, which torch does not do")
     return archive.read(entry)
 
 
@@ -157,7 +161,7 @@ def _archive_prefix(entries: dict[str, zipfile.ZipInfo]) -> str:
     prefixes = [name.removesuffix("/data.pkl") for name in entries if name.endswith("/data.pkl")]
     if len(prefixes) != 1:
         shown = ", ".join(repr(name[:60]) for name in list(entries)[:5]) or "nothing"
-        raise damaged(
+        raise RefusedError(
             f"a zip archive, but not one of torch: expected exactly one NAME/data.pkl, found {len(prefixes)}; "
             f"it holds {shown}"
         )
@@ -168,64 +172,36 @@ def _byte_order(archive: zipfile.ZipFile, entry: zipfile.ZipInfo | None) -> Lite
     # Archives from before torch 2.1 do not say; they are little endian on all machines in use.
     text = b"little" if entry is None else _entry_bytes(archive, entry)
     if text not in (b"little", b"big"):
-        raise damaged(f"its byte order is {text[:16]!r}, expected b'little' or b'big'")
+        raise RefusedError(f"its byte order is {text[:16]!r}, expected b'little' or b'big'")
     return "<" if text == b"little" else ">"
 
 
-def _same_storage(known: tuple[StorageType, np.ndarray], kind: StorageType, key: str, count: int) -> np.ndarray:
-    if known[0] != kind or len(known[1]) != count:
-        raise damaged(
-            f"two tensors disagree about storage {key!r}: {len(known[1])} of {known[0].name} or {count} of {kind.name}"
-        )
-    return known[1]
+def _parse_legacy(content: bytes) -> tuple[Any, int]:
+    """Return the object in a file of torch's format before 1.6, and how many storages it has.
 
-
-def _parse_legacy(content: bytes) -> Any:
-    """Read torch's format before 1.6.
-
-    Pickles of the magic number, the protocol, facts of the writing machine, the object, and the
-    list of its storages; then for each storage its number of elements and its bytes.
+    Pickles of the magic number, the protocol, facts of the writing machine, the object, and the list of its storages;
+    then for each storage its number of elements and its bytes.
     """
-
-    def no_storage(_kind: StorageType, _key: str, _count: int) -> None:
-        return None
-
-    _, position = interpret(content, no_storage)
-    protocol, position = interpret(content, no_storage, position)
-    machine, position = interpret(content, no_storage, position)
+    storages = Storages()
+    pickles = Unpickler(content, TENSORS, refer=storages.refer)
+    _, protocol, machine, value, keys = (pickles.next() for _ in range(5))
     if protocol != _LEGACY_PROTOCOL or not isinstance(machine, dict):
-        raise damaged(f"torch's older format, but not its protocol {_LEGACY_PROTOCOL}")
-    byte_order = "<" if machine.get("little_endian", True) else ">"
-
-    # The tensors come before their bytes: a first reading learns which storages there are.
-    kinds: dict[str, tuple[StorageType, int]] = {}
-
-    def note(kind: StorageType, key: str, count: int) -> None:
-        kinds.setdefault(key, (kind, count))
-
-    start = position
-    _, position = interpret(content, note, start)
-    keys, position = interpret(content, no_storage, position)
-    if not isinstance(keys, list):
-        raise damaged("the list of storages is missing")
-    storages: dict[str, tuple[StorageType, np.ndarray]] = {}
+        raise RefusedError(f"torch's older format, but not its protocol {_LEGACY_PROTOCOL}")
+    little = bool(machine.get("little_endian", True))
+    if not isinstance(keys, list) or not all(isinstance(key, str) for key in keys) or len(set(keys)) < len(keys):
+        raise RefusedError("the list of storages is missing, or names one twice")
+    position = pickles.source.position
     for key in keys:
-        if not isinstance(key, str) or key not in kinds or key in storages:
-            raise damaged("the list of storages does not fit the tensors")
-        kind, count = kinds[key]
-        end = position + 8 + count * kind.item_size
-        stated = int.from_bytes(content[position : position + 8], "little" if byte_order == "<" else "big")
-        if stated != count or end > len(content):
-            raise damaged(
-                f"storage {key[:80]!r} should hold {count} elements of {kind.item_size} bytes, "
-                f"but states {stated} and {max(0, len(content) - position - 8)} bytes follow"
-            )
-        storages[key] = kind, kind.decode(content[position + 8 : end], byte_order)
-        position = end
-
-    def storage(kind: StorageType, key: str, count: int) -> np.ndarray:
         if key not in storages:
-            raise damaged(f"a tensor's storage {key[:80]!r} is not in the file")
-        return _same_storage(storages[key], kind, key, count)
-
-    return interpret(content, storage, start)[0]
+            raise RefusedError("the list of storages does not fit the tensors")
+        storage = storages[key]
+        start, end = position + 8, position + 8 + storage.size
+        stated = int.from_bytes(content[position:start], "little" if little else "big")
+        if stated != storage.count or end > len(content):
+            raise RefusedError(
+                f"storage {key[:80]!r} should hold {storage.count} elements of {storage.kind.item_size} bytes, "
+                f"but states {stated} and {max(0, len(content) - start)} bytes follow"
+            )
+        storage.fill(content[start:end], "<" if little else ">")
+        position = end
+    return value, len(storages)

@@ -1,20 +1,35 @@
-"""The robot side of a clip: what a retarget produced, and its file.
+"""The robot side of a clip: what a retarget produced; body poses follow from `qpos` and are never stored."""
 
-The file is `<name>.npz` without pickled objects; body poses are derived from `qpos` by forward
-kinematics and never stored.
-"""
-
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from hoi_retarget.clip.quality_warning import QualityWarning, Severity
 from hoi_retarget.errors import ClipError
+from hoi_retarget.motion.report import Report, Status, Window
 from hoi_retarget.numerics.arrays import check_shape, frozen
 
 UNIT_TOLERANCE = 1e-3  # Of a quaternion's length: more is damage, not rounding.
+
+
+STAGE_TITLES = {"ik": "inverse kinematics", "trajectory": "trajectory"}
+"""What stages are called in sentences."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """A motion after one stage of a retarget, and how its windows were solved."""
+
+    name: str
+    qpos: Float[np.ndarray, "T nq"]
+    """Root position [m], root rotation wxyz, joints [rad]."""
+    windows: tuple[Window, ...] = ()
+    """None for a motion that was recorded or made elsewhere."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "qpos", frozen(self.qpos))
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,10 +43,8 @@ class Motion:
     robot: str
     fps: float
     joint_names: tuple[str, ...]
-    qpos: Float[np.ndarray, "T nq"]
-    """Root position [m], root rotation wxyz, joints [rad] in `joint_names` order."""
-    ik_qpos: Float[np.ndarray, "T nq"]
-    """The same after inverse kinematics alone."""
+    stages: tuple[Stage, ...]
+    """What the motion was after each stage of the retarget; the last one is the motion."""
     object_names: tuple[str, ...]
     object_pos: Float[np.ndarray, "T O 3"]
     object_quat: Float[np.ndarray, "T O 4"]
@@ -49,8 +62,8 @@ class Motion:
     """How many leading frames of the source were dropped."""
     human_height: float
     """[m]"""
-    report: Mapping[str, Any]
-    """Statuses, costs, figures, seconds, configuration, versions, source; plain JSON values."""
+    report: Report = Report()
+    """Figures, settings, versions, source, and what is wrong."""
 
     def __post_init__(self) -> None:
         kinds = {"contact_flags": bool, "stance_flags": bool, "contact_object": int}
@@ -64,11 +77,11 @@ class Motion:
         self._check_values()
 
     def _check_shapes(self) -> None:
+        if not self.stages:
+            raise ClipError("motion: there is no stage in it.")
         frames, n = len(self.qpos), len(self.joint_names)
         objects, links = len(self.object_names), len(self.contact_links)
         expected = {
-            "qpos": (frames, 7 + n),
-            "ik_qpos": (frames, 7 + n),
             "object_pos": (frames, objects, 3),
             "object_quat": (frames, objects, 4),
             "object_scale": (objects,),
@@ -77,16 +90,21 @@ class Motion:
             "contact_points": (frames, links, 3),
             "stance_flags": (frames, 2),
         }
+        for stage in self.stages:
+            check_shape("motion", f"{stage.name} qpos", stage.qpos, (frames, 7 + n))
         for name, shape in expected.items():
             check_shape("motion", name, getattr(self, name), shape)
         if frames == 0:
             raise ClipError("motion: there are no frames in it.")
 
     def _check_values(self) -> None:
-        for name in ("qpos", "ik_qpos", "object_pos", "object_quat", "object_scale"):
-            if not np.isfinite(getattr(self, name)).all():
+        numbers = {f"{stage.name} qpos": stage.qpos for stage in self.stages}
+        numbers |= {name: getattr(self, name) for name in ("object_pos", "object_quat", "object_scale")}
+        for name, values in numbers.items():
+            if not np.isfinite(values).all():
                 raise ClipError(f"motion: {name} holds numbers that are not finite.")
-        rotations = {"qpos": self.qpos[:, 3:7], "ik_qpos": self.ik_qpos[:, 3:7], "object_quat": self.object_quat}
+        rotations = {f"{stage.name} qpos": stage.qpos[:, 3:7] for stage in self.stages}
+        rotations |= {"object_quat": self.object_quat}
         for name, quats in rotations.items():
             lengths = np.linalg.norm(np.clip(quats, -2.0, 2.0), axis=-1)  # Damage may hold any number.
             if (np.abs(lengths - 1.0) > UNIT_TOLERANCE).any():
@@ -100,15 +118,40 @@ class Motion:
         return len(self.qpos)
 
     @property
+    def qpos(self) -> Float[np.ndarray, "T nq"]:
+        """The motion: root position [m], root rotation wxyz, joints [rad] in `joint_names` order."""
+        return self.stages[-1].qpos
+
+    @property
     def person(self) -> int:
-        """Which of the clip's people it follows, by its report: the first, where that does not say."""
-        person = self.report.get("person")
-        return person if isinstance(person, int) else 0
+        """Index of the clip's person that it follows."""
+        return self.report.person
+
+    @property
+    def converged(self) -> bool:
+        """Whether every window of every stage was solved to tolerance."""
+        return not any(True for _ in self._unsolved())
+
+    @property
+    def warnings(self) -> tuple[QualityWarning, ...]:
+        """What is not right with it: windows that did not converge, and the warnings of its report."""
+        unsolved = [
+            f"{STAGE_TITLES.get(stage.name, stage.name)}, frames {window.start} to {window.stop - 1}: "
+            f"{window.status.message}."
+            for stage, window in self._unsolved()
+        ]
+        return (*(QualityWarning("not_converged", Severity.ERROR, text) for text in unsolved), *self.report.warnings)
+
+    def with_qpos(self, qpos: Float[np.ndarray, "T nq"]) -> "Motion":
+        """Return the motion with another last stage."""
+        return replace(self, stages=(*self.stages[:-1], replace(self.stages[-1], qpos=qpos)))
+
+    def _unsolved(self) -> Iterator[tuple[Stage, Window]]:
+        for stage in self.stages:
+            yield from ((stage, window) for window in stage.windows if window.status is not Status.SOLVED)
 
 
 ARRAYS = (
-    "qpos",
-    "ik_qpos",
     "object_pos",
     "object_quat",
     "object_scale",

@@ -59,16 +59,14 @@ class Result:
     @cached_property
     def source(self) -> ResultSource:
         """What it was made from."""
-        told = _table(self.motion.report.get("source"))
+        told = self.motion.report.source
         # Folders of whoever ran it are nobody else's business.
-        name = PureWindowsPath(_text(told.get("path"))).name
-        licence = _text(told.get("licence")) or UNKNOWN
         return ResultSource(
-            name=name or UNKNOWN,
-            format=_text(told.get("format")),
-            sha256=_text(told.get("sha256")),
-            licence=licence,
-            augmentation=_table(told.get("augmentation")),
+            name=PureWindowsPath(told.path).name or UNKNOWN,
+            format=_text(told.format),
+            sha256=_text(told.sha256),
+            licence=_text(told.licence) or UNKNOWN,
+            augmentation=asdict(told.augmentation),
         )
 
     @cached_property
@@ -115,8 +113,3 @@ class Result:
 def _text(value: Any) -> str:
     """Return an entry of a report as text; question marks stand for what no text can hold."""
     return "" if value is None else str(value).encode("utf-8", "replace").decode()
-
-
-def _table(value: Any) -> Mapping[str, Any]:
-    """Return an entry of a report; one of another version may have anything there."""
-    return value if isinstance(value, Mapping) else {}

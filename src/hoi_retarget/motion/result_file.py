@@ -5,8 +5,9 @@ Body poses are derived from `qpos` by forward kinematics and never stored.
 
 import io
 import json
-from collections.abc import Mapping
-from dataclasses import fields
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, fields
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,12 @@ import numpy as np
 from hoi_retarget.errors import ClipError, ReadError
 from hoi_retarget.files import npz
 from hoi_retarget.files.atomic import write_atomically
-from hoi_retarget.motion.motion import ARRAYS, Motion
+from hoi_retarget.files.reading import read_bytes
+from hoi_retarget.motion.motion import ARRAYS, Motion, Stage
+from hoi_retarget.motion.report import Report, Window, windows_from_json
 
-SCHEMA = 1
+SCHEMA = 2
+_READABLE = (1, 2)
 _KINDS = {"contact_flags": "b", "stance_flags": "b", "contact_object": "i"}
 _NAMES = ("joint_names", "object_names", "contact_links")
 _ENTRIES = {"contact_points": "contact_targets"}  # Entries of the file that are not named as the motion's fields are.
@@ -33,19 +37,29 @@ def save(motion: Motion, path: Path) -> None:
 
 def encode(motion: Motion) -> bytes:
     """Return the content of a motion's file: the same bytes for the same motion."""
-    values: dict[str, Any] = {_entry(name): getattr(motion, name) for name in ARRAYS}
+    *earlier, last = motion.stages
+    stages = {stage.name: [_plain(window) for window in stage.windows] for stage in motion.stages}
+    report = motion.report.as_json() | {"stages": stages}
+    values: dict[str, Any] = {"qpos": last.qpos, **{f"{stage.name}_qpos": stage.qpos for stage in earlier}}
+    values |= {_ENTRIES.get(name, name): getattr(motion, name) for name in ARRAYS}
     values |= {name: np.array(getattr(motion, name), dtype=np.str_) for name in _NAMES}
     values |= {
+        "stage_names": np.array([stage.name for stage in motion.stages], dtype=np.str_),
         "schema": np.int64(SCHEMA),
         "robot": np.str_(motion.robot),
         "fps": np.float64(motion.fps),
         "first_source_frame": np.int64(motion.first_source_frame),
         "human_height": np.float64(motion.human_height),
-        "report": np.str_(json.dumps(motion.report, allow_nan=False)),
+        "report": np.str_(json.dumps(report, allow_nan=False, default=_plain)),
     }
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **values)
     return buffer.getvalue()
+
+
+def _plain(value: Any) -> Any:
+    """Return a value of a report as JSON has it."""
+    return value.value if isinstance(value, Enum) else asdict(value)
 
 
 def load(path: Path) -> Motion:
@@ -53,17 +67,11 @@ def load(path: Path) -> Motion:
 
     Raises `ReadError` when the file is missing, damaged, of another schema, or not a motion file.
     """
+    members = _members(path, read_bytes(path))
+    _check_entries(path, members)
     try:
-        content = path.read_bytes()
-    except FileNotFoundError as error:
-        raise ReadError(f"{path}: there is no such file. Check the path.") from error
-    except IsADirectoryError as error:
-        raise ReadError(f"{path}: this is a folder. Name the results in it, such as {path}/*.npz.") from error
-    except OSError as error:
-        raise ReadError(f"{path}: cannot be read ({error.strerror or error}).") from error
-    try:
-        return _motion(path, _members(path, content))
-    except (ClipError, ValueError, RecursionError) as error:
+        return _motion(members)
+    except (ClipError, ReadError, ValueError, RecursionError) as error:
         raise ReadError(f"{path}: the motion file is damaged ({error}). Run the retarget again.") from error
 
 
@@ -74,38 +82,54 @@ def _members(path: Path, content: bytes) -> dict[str, bytes]:
         raise ReadError(f"{path}: not a readable .npz motion file ({error}). Run the retarget again.") from error
 
 
-def _motion(path: Path, members: Mapping[str, bytes]) -> Motion:
+def _check_entries(path: Path, members: Mapping[str, bytes]) -> None:
     if "schema" not in members:
         raise ReadError(f"{path}: no 'schema' entry: not a motion file of hoi-retarget. It holds: {sorted(members)}.")
-    schema = int(_scalar("schema", members["schema"], "i"))
-    if schema != SCHEMA:
+    try:
+        schema = int(_scalar("schema", members["schema"], "i"))
+    except ValueError as error:
+        raise ReadError(f"{path}: the motion file is damaged ({error}). Run the retarget again.") from error
+    if schema not in _READABLE:
         raise ReadError(f"{path}: schema {schema}; this version reads {SCHEMA}. Run the retarget again.")
-    missing = [entry for field in fields(Motion) if (entry := _entry(field.name)) not in members]
+    expected = {"qpos", *(_ENTRIES.get(item.name, item.name) for item in fields(Motion))} - {"stages"}
+    expected |= {"stage_names"} if schema > 1 else {"ik_qpos"}
+    missing = [name for name in sorted(expected) if name not in members]
     if missing:
         raise ReadError(f"{path}: the motion file lacks {', '.join(missing)}. Run the retarget again.")
-    report = json.loads(str(_scalar("report", members["report"], "U")))
-    if not isinstance(report, dict):
-        raise ValueError("report is no JSON object")
-    values: dict[str, Any] = {name: _array(name, members) for name in ARRAYS}
+
+
+def _motion(members: Mapping[str, bytes]) -> Motion:
+    report = json.loads(str(_scalar("report", members["report"], "U")), parse_constant=_refuse)
+    windows = windows_from_json(report)
+    values: dict[str, Any] = {
+        name: npz.array(_ENTRIES.get(name, name), members[_ENTRIES.get(name, name)], _KINDS.get(name, "f"))
+        for name in ARRAYS
+    }
     values |= {name: tuple(npz.array(name, members[name], "U").ravel().tolist()) for name in _NAMES}
     return Motion(
         robot=str(_scalar("robot", members["robot"], "U")),
         fps=float(_scalar("fps", members["fps"], "if")),
+        stages=tuple(_stages(members, windows)),
         first_source_frame=int(_scalar("first_source_frame", members["first_source_frame"], "i")),
         human_height=float(_scalar("human_height", members["human_height"], "if")),
-        report=report,
+        report=Report.from_json(report),
         **values,
     )
 
 
-def _entry(field: str) -> str:
-    """Return the name in the file of a field of `Motion`."""
-    return _ENTRIES.get(field, field)
+def _stages(members: Mapping[str, bytes], windows: Mapping[str, tuple[Window, ...]]) -> Iterator[Stage]:
+    names = ("ik", "trajectory")  # Of files of schema 1.
+    if "stage_names" in members:
+        names = tuple(npz.array("stage_names", members["stage_names"], "U").ravel().tolist())
+    for name in names:
+        entry = "qpos" if name == names[-1] else f"{name}_qpos"
+        if entry not in members:
+            raise ReadError(f"it lacks {entry}")
+        yield Stage(name, npz.array(entry, members[entry], "f"), windows.get(name, ()))
 
 
-def _array(field: str, members: Mapping[str, bytes]) -> np.ndarray:
-    entry = _entry(field)
-    return npz.array(entry, members[entry], _KINDS.get(entry, "f"))
+def _refuse(constant: str) -> Any:
+    raise ValueError(f"its report holds {constant}, which is no number")
 
 
 def _scalar(name: str, content: bytes, kinds: str) -> Any:

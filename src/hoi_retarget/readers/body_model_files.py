@@ -13,7 +13,7 @@ import numpy as np
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.files import npz
 from hoi_retarget.files.body_pickle import read_body_pickle
-from hoi_retarget.files.torch_file import read_bytes
+from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.human.body_model import JOINT_COUNT, BodyModel, Family, Gender
 
 _EXPRESSIONS = 400

@@ -23,6 +23,7 @@ from jaxtyping import Float
 from hoi_retarget.clip.clip import Clip, Source
 from hoi_retarget.errors import ClipError, ReadError
 from hoi_retarget.files import npz
+from hoi_retarget.files.npz import object_or_array
 from hoi_retarget.files.source_file import FOLDER, SourceFile
 from hoi_retarget.human import kinematics
 from hoi_retarget.human.body_model import JOINT_COUNT
@@ -34,7 +35,6 @@ from hoi_retarget.readers.body_parameters import BodyParameters, constant_betas,
 from hoi_retarget.readers.companions import folder_of_tree, json_table, refuse_object_name
 from hoi_retarget.readers.fields import Fields
 from hoi_retarget.readers.npz_fields import check_frames
-from hoi_retarget.readers.object_arrays import object_or_array
 from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
 from hoi_retarget.readers.rigid import poses_of
 from hoi_retarget.readers.triangles import first_mesh

@@ -17,8 +17,9 @@ from jaxtyping import Bool, Float
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, ReadError
+from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.files.source_file import FOLDER, SELECTION, SourceFile
-from hoi_retarget.files.torch_file import parse_torch, read_bytes
+from hoi_retarget.files.torch_file import parse_torch
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINTS, PARTS
 from hoi_retarget.motion.motion import Motion
@@ -170,7 +171,7 @@ def inspect(path: Path, **reading: Any) -> Inspection:
 
 def _with_doubts(facts: Inspection, clip: Clip) -> Inspection:
     """Return the facts with what speaks against a clip, as warnings."""
-    return replace(facts, warnings=(*facts.warnings, *clip.source.doubts))
+    return replace(facts, warnings=(*facts.warnings, *map(str, clip.source.warnings)))
 
 
 def _described(path: Path, objects: Path | None, object_name: str | None) -> Inspection:

@@ -21,6 +21,7 @@ from jaxtyping import Bool, Float
 
 from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, ContactTrack, Source
 from hoi_retarget.errors import ClipError, ReadError
+from hoi_retarget.files.npz import object_or_array
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.body_model import Gender
 from hoi_retarget.human.person import Person
@@ -30,7 +31,6 @@ from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of
 from hoi_retarget.readers.companions import folder_of_tree, refuse_object_name
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.object_arrays import object_or_array
 from hoi_retarget.readers.reader import Outline, Reader, ReadOptions
 from hoi_retarget.readers.triangles import first_mesh
 from hoi_retarget.readers.upright import check_upright

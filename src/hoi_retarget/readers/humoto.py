@@ -181,7 +181,7 @@ def read_file(file: SourceFile, options: ReadOptions) -> Clip:
     """Return the clip of an opened file.
 
     Raises:
-        ReadError: the file is damaged, of another kind, or pygltflib is not installed.
+        ReadError: the file is damaged or of another kind.
         ClipError: bones are missing, or animations contradict each other or the format.
         GeometryError: an object's size changes, or is not one of metres.
         ArgumentError: an object's name is given.

@@ -22,8 +22,9 @@ from jaxtyping import Bool, Float
 
 from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, ContactTrack, Source
 from hoi_retarget.errors import ClipError, GeometryError, ReadError
+from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.files.torch_file import parse_torch, read_bytes
+from hoi_retarget.files.torch_file import parse_torch
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, LEFT_FINGERS, PARENT, PARTS, RIGHT_FINGERS
 from hoi_retarget.numerics import se3

@@ -25,8 +25,9 @@ from jaxtyping import Float
 
 from hoi_retarget.clip.clip import Clip, ContactTrack, Source
 from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, ReadError
+from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.files.torch_file import parse_torch, read_bytes
+from hoi_retarget.files.torch_file import parse_torch
 from hoi_retarget.human import rest_pose
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINTS, PARTS

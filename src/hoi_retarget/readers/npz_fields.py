@@ -7,9 +7,9 @@ from typing import Any
 from hoi_retarget.clip.clip import MINIMUM_FRAMES
 from hoi_retarget.errors import ClipError, ReadError
 from hoi_retarget.files import npz
+from hoi_retarget.files.npz import object_or_array
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.object_arrays import object_or_array
 
 
 def npz_fields(file: SourceFile, path: Path) -> Fields:

@@ -24,7 +24,7 @@ from jaxtyping import Float
 
 from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, Source
 from hoi_retarget.errors import ClipError, GeometryError, ReadError
-from hoi_retarget.files.large_pickle import read_large_pickle, starts_with
+from hoi_retarget.files.joblib_file import read_joblib, starts_with
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human import fingers, kinematics, rest_pose
 from hoi_retarget.human.person import Person
@@ -143,7 +143,7 @@ def _recordings(file: SourceFile) -> _Recordings:
 
 @lru_cache(maxsize=2)
 def _indexed(path: Path, *_changed: int) -> _Recordings:
-    values, sha256 = read_large_pickle(path)
+    values, sha256 = read_joblib(path)
     clips = {}
     for entry in values.values() if isinstance(values, dict) else ():
         name = entry.get("seq_name") if isinstance(entry, dict) else None

@@ -6,7 +6,7 @@ from typing import Any, get_args
 
 from hoi_retarget.clip import grasp_check
 from hoi_retarget.clip.augment import augment
-from hoi_retarget.clip.clip import Augmentation, Clip
+from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import ContactEdits, apply, from_text
 from hoi_retarget.clip.floor import on_floor
 from hoi_retarget.clip.infer_contacts import Labels, with_contacts
@@ -114,7 +114,7 @@ def clip_of(motion: Motion, *, name: Path | None = None, objects: Path | None = 
     except HoiRetargetError as error:
         raise ReadError(f"the result's contact edits no longer fit its clip: {error} {_ADVICE}") from error
     try:
-        return augment(clip, _augmentation(motion))
+        return augment(clip, motion.report.source.augmentation)
     except HoiRetargetError as error:
         raise ReadError(f"the result's clip cannot be augmented again as it was: {error} {_ADVICE}") from error
 
@@ -127,21 +127,19 @@ def recording_of(motion: Motion, *, name: Path | None = None, objects: Path | No
     Raises:
         ReadError: As `clip_of`.
     """
-    source = _table(motion.report, "source")
-    path = source.get("path") if name is None else str(name)
-    if not isinstance(path, str) or not path:
+    source = motion.report.source
+    path = source.path if name is None else str(name)
+    if not path:
         raise ReadError(f"the result does not say which clip it was made from. {_ADVICE}")
-    settings = _table(motion.report, "command")
     try:
-        clip = open_clip(path, **_read_with(settings, objects))
+        clip = open_clip(path, **_read_with(motion.report.command, objects))
     except HoiRetargetError as error:
         raise ReadError(f"the clip that the result was made from cannot be read again: {error} {_ADVICE}") from error
-    if name is None and clip.source.sha256 != source.get("sha256"):
+    if name is None and clip.source.sha256 != source.sha256:
         raise ReadError(f"{path}: the file has changed since the result was made from it. {_ADVICE}")
-    text = source.get("contact_edits")
-    if not text:
+    if not source.contact_edits:
         return clip, ContactEdits.of(clip)
-    return clip, from_text(str(text), "the result's contact edits")
+    return clip, from_text(source.contact_edits, "the result's contact edits")
 
 
 def _read_with(settings: Mapping[str, Any], objects: Path | None) -> dict[str, Any]:
@@ -156,20 +154,3 @@ def _read_with(settings: Mapping[str, Any], objects: Path | None) -> dict[str, A
         "floor": float(floor) if isinstance(floor, int | float) else None,
         "labels": labels if labels in get_args(Labels) else "auto",
     }
-
-
-def _augmentation(motion: Motion) -> Augmentation:
-    """Return what was done to a result's clip; raises `ReadError` when the report cannot be understood."""
-    done = _table(motion.report, "source").get("augmentation", {})
-    try:
-        return Augmentation(mirrored=bool(done["mirrored"]), speed=float(done["speed"])) if done else Augmentation()
-    except (KeyError, TypeError, ValueError, ArgumentError) as error:
-        raise ReadError(
-            f"the result does not say what was done to its clip: its report has {done!r} there. Run the retarget again."
-        ) from error
-
-
-def _table(report: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    """Return an entry of a report; one of another version may have anything there."""
-    value = report.get(key)
-    return value if isinstance(value, Mapping) else {}

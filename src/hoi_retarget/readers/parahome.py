@@ -31,7 +31,7 @@ from jaxtyping import Float, Int
 from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, Source
 from hoi_retarget.errors import BodyModelError, ClipError, GeometryError, ReadError
 from hoi_retarget.files.source_file import FOLDER, SourceFile
-from hoi_retarget.files.tensor_pickle import parse_tensors
+from hoi_retarget.files.torch_file import parse_tensors
 from hoi_retarget.human import kinematics, rest_pose
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS

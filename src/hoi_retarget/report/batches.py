@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hoi_retarget.batch.manifest import Entry, read_manifest
+from hoi_retarget.batch.manifest import ManifestEntry, read_manifest
 from hoi_retarget.report.rows import Row
 
 
@@ -25,7 +25,7 @@ def summarize_manifests(manifests: Sequence[Path]) -> ManifestSummary:
     missing: list[Row] = []
     for manifest in manifests:
         for entry in read_manifest(manifest.parent).values():
-            paths = [(manifest.parent / str(result.get("path"))).resolve() for result in entry.results]
+            paths = [(manifest.parent / result.path).resolve() for result in entry.results]
             lineages |= dict.fromkeys(paths, entry.lineage)
             if not entry.succeeded:
                 missing.append(_row(entry, entry.name, f"{entry.status}: {entry.reason}"))
@@ -37,5 +37,5 @@ def summarize_manifests(manifests: Sequence[Path]) -> ManifestSummary:
     return ManifestSummary(lineages, tuple(missing))
 
 
-def _row(entry: Entry, name: str, error: str) -> Row:
-    return Row(name, error=error, robot=entry.robot, licence=str(entry.source.get("licence") or ""))
+def _row(entry: ManifestEntry, name: str, error: str) -> Row:
+    return Row(name, error=error, robot=entry.robot, licence=entry.source.licence)

@@ -9,7 +9,8 @@ from jaxtyping import Bool, Float
 from hoi_retarget.evaluate import ground, limits, movement
 from hoi_retarget.evaluate.statistics import finite_min_or_none, max_or_none, mean_or_none
 from hoi_retarget.motion.check import ObjectPath
-from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.motion import Motion, Stage
+from hoi_retarget.motion.report import Report
 from hoi_retarget.robots.model import Kinematics, RobotModel
 
 STANDING_HEIGHT = 0.03
@@ -40,8 +41,7 @@ def motion_from_qpos(
         robot=model.spec.name,
         fps=fps,
         joint_names=model.joint_names,
-        qpos=qpos,
-        ik_qpos=qpos,
+        stages=(Stage("motion", qpos),),
         object_names=tuple(item.name for item in objects),
         object_pos=np.stack([item.pos for item in objects], axis=1) if objects else np.zeros((frames, 0, 3)),
         object_quat=np.stack([item.quat for item in objects], axis=1) if objects else np.zeros((frames, 0, 4)),
@@ -53,9 +53,8 @@ def motion_from_qpos(
         stance_flags=estimated_stance(kinematics, fps),
         first_source_frame=0,
         human_height=0.0,
-        report={},
     )
-    return replace(motion, report={"figures": _figures(motion, kinematics, model)})
+    return replace(motion, report=Report(figures=_figures(motion, kinematics, model)))
 
 
 def estimated_stance(kinematics: Kinematics, fps: float) -> Bool[np.ndarray, "T 2"]:

@@ -40,17 +40,11 @@ def picture_of(path: Path, foreign_robot: RobotModel, *, objects: Path | None = 
 
 def worst_frame(motion: Motion) -> int:
     """Return the middle of the longest stretch that the report complains of, else that of the longest contact."""
-    found = [*_segments(motion, "turned_over"), *_segments(motion, "unreached_contacts")]
-    first, last = max(found, key=lambda segment: segment[1] - segment[0], default=(-1, -1))
+    report = motion.report
+    found = [*(report.orientation_flips or ()), *(report.unreached_contacts or ())]
+    stretches = [(item.first_frame, item.last_frame) for item in found]
+    first, last = max(stretches, key=lambda segment: segment[1] - segment[0], default=(-1, -1))
     return (first + last) // 2 if 0 <= first <= last < motion.frames else representative_frame(motion)
-
-
-def _segments(motion: Motion, key: str) -> list[tuple[int, int]]:
-    segments = motion.report.get(key)
-    try:
-        return [(int(segment["first_frame"]), int(segment["last_frame"])) for segment in segments or ()]
-    except (KeyError, TypeError, ValueError):
-        return []
 
 
 def _clip(motion: Motion, objects: Path | None) -> Clip | None:

@@ -2,12 +2,12 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
 from hoi_retarget.errors import HoiRetargetError
-from hoi_retarget.evaluate.thresholds import THRESHOLDS, Level, Verdict, judged_figures, number, verdict_of_figures
+from hoi_retarget.evaluate.thresholds import THRESHOLDS, Level, Verdict, judged_figures, verdict_of_figures
 from hoi_retarget.report.discover import Found
 from hoi_retarget.report.load_any_motion import OWN_FORMAT, open_motion
 from hoi_retarget.robots.model import RobotModel
@@ -99,29 +99,24 @@ def read_row(found: Found, robot: RobotModel, lineage: Mapping[str, Any] | None 
         return Row(found.name, found.path, str(error).replace(str(found.path), found.path.name))
     motion = opened.motion
     figures = judged_figures(motion)
-    source = motion.report.get("source")
-    source = source if isinstance(source, Mapping) else {}
+    source = motion.report.source
     return Row(
         file=found.name,
         path=found.path,
         format=opened.format,
         robot=motion.robot,
         objects=motion.object_names,
-        clip=_text(motion.report.get("clip")),
+        clip=motion.report.clip,
         frames=motion.frames,
         fps=motion.fps,
-        root_scale=number(motion.report.get("root_scale")),
+        root_scale=motion.report.root_scale,
         object_scale=tuple(motion.object_scale.tolist()) if opened.format == OWN_FORMAT else (),
-        licence=_text(source.get("licence")),
-        lineage=_json(lineage if lineage is not None else source.get("augmentation")),
+        licence=source.licence,
+        lineage=_json(lineage if lineage is not None else asdict(source.augmentation)),
         notes=opened.notes,
         figures=figures,
         verdict=verdict_of_figures(figures),
     )
-
-
-def _text(value: Any) -> str:
-    return value if isinstance(value, str) else ""
 
 
 def _json(value: Mapping[str, Any] | None) -> str:

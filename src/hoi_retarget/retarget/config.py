@@ -246,11 +246,15 @@ class Config:
             if name == "horizon" and isinstance(value, str):
                 values[name] = parse_horizon(value)
             else:
-                values[name] = _solver(value, place) if name == "solver" else decode(_TABLES[name], value, place)
+                values[name] = (
+                    _solver(value, place)
+                    if name == "solver"
+                    else decode(type(_TABLES[name]), value, place, default=_TABLES[name])
+                )
         return cls(**values)
 
 
-_TABLES: Mapping[str, type] = {"scaling": Scaling, "weights": Weights, "ik": IkConfig, "horizon": Horizon}
+_TABLES = {"scaling": Scaling(), "weights": Weights(), "ik": IkConfig(), "horizon": Horizon()}
 SOLVERS: Mapping[str, type[Solver]] = {solver.__name__: solver for solver in (BandedInteriorPoint, KeepStart)}
 """Solvers that a table can name."""
 

@@ -3,13 +3,14 @@
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.motion.report import Window
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import fade, frames_in
 from hoi_retarget.retarget.config import Horizon, IkConfig
 from hoi_retarget.retarget.targets import Targets
 from hoi_retarget.retarget.trajopt.problem import Problem
 from hoi_retarget.retarget.trajopt.table import ik_terms
-from hoi_retarget.retarget.trajopt.windows import WindowReport, solve_windows
+from hoi_retarget.retarget.trajopt.windows import solve_windows
 from hoi_retarget.robots.model import RobotModel
 
 TWISTED = np.radians(60.0)  # Off a target by more, a limb may have gone the wrong way around.
@@ -18,7 +19,7 @@ TWIST_MARGIN_SECONDS = 0.17  # On either side, for such a limb to come back.
 
 def solve_ik(
     model: RobotModel, targets: Targets, config: IkConfig, horizon: Horizon
-) -> tuple[Float[np.ndarray, "T nq"], tuple[WindowReport, ...]]:
+) -> tuple[Float[np.ndarray, "T nq"], tuple[Window, ...]]:
     """Return the IK trajectory of a robot for its targets."""
     coarse = targets.every(config.stride)
     start, _ = _solve(model, coarse, config, horizon, _standing(model, coarse))
@@ -55,7 +56,7 @@ def _straighten(model: RobotModel, targets: Targets, qpos: np.ndarray) -> np.nda
 
 def _solve(
     model: RobotModel, targets: Targets, config: IkConfig, horizon: Horizon, start: np.ndarray
-) -> tuple[np.ndarray, tuple[WindowReport, ...]]:
+) -> tuple[np.ndarray, tuple[Window, ...]]:
     def problem_of(first: int, stop: int, pinned: int) -> Problem:
         return Problem(model, ik_terms(config.weights, targets.window(first, stop), model), targets.fps, pinned)
 

@@ -16,8 +16,8 @@ from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.numerics.filters import frames_in
 from hoi_retarget.retarget.config import PINNED, Config
-from hoi_retarget.retarget.pipeline import one_thread, retarget, scored, solve_trajectory
-from hoi_retarget.retarget.targets import Targets, make_targets, with_contacts_of
+from hoi_retarget.retarget.pipeline import one_thread, retarget_with_targets, scored, solve_trajectory
+from hoi_retarget.retarget.targets import Targets, with_contacts_of
 from hoi_retarget.retarget.trajopt.problem import Problem
 from hoi_retarget.retarget.trajopt.table import trajectory_terms
 from hoi_retarget.retarget.trajopt.windows import report_window
@@ -38,8 +38,8 @@ class Draft:
 
 def draft(clip: Clip, model: RobotModel, config: Config, *, person: int = 0) -> Draft:
     """Solve a whole clip; raises what `retarget` raises."""
-    targets = make_targets(clip, model, config.scaling, person=person)
-    return Draft(clip, person, targets, retarget(clip, model, config, person=person))
+    motion, targets = retarget_with_targets(clip, model, config, person=person)
+    return Draft(clip, person, targets, motion)
 
 
 def revise(before: Draft, clip: Clip, model: RobotModel, config: Config) -> Draft:
@@ -52,12 +52,11 @@ def revise(before: Draft, clip: Clip, model: RobotModel, config: Config) -> Draf
         qpos = before.motion.qpos.copy()
         for first, stop in _pieces(before.targets, targets):
             if stop - first > config.horizon.length:
-                qpos = solve_trajectory(model, targets, before.motion.ik_qpos, config)[0]
+                qpos = solve_trajectory(model, targets, before.motion.stages[0].qpos, config)[0]
                 break
-            qpos[first:stop] = _solve_piece(model, targets, before.motion.ik_qpos, qpos, config, first, stop)
+            qpos[first:stop] = _solve_piece(model, targets, before.motion.stages[0].qpos, qpos, config, first, stop)
         motion = replace(
-            before.motion,
-            qpos=qpos,
+            before.motion.with_qpos(qpos),
             contact_flags=targets.contact_flags,
             contact_object=targets.contact_object,
             contact_points=targets.contact_points,

@@ -1,26 +1,21 @@
-"""From a clip to result files, one a person, and what is not right with them by their own reports."""
+"""From a clip to result files, one for each person."""
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.evaluate import UNREACHED_M, HandToHand, UnreachedSegment, hand_to_hand
+from hoi_retarget.evaluate import inter_robot_hand_errors
 from hoi_retarget.files.atomic import write_together
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import encode
 from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.orientation_flips import TurnedSegment
 from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.retarget.targets import shared_scalings
-from hoi_retarget.retarget.trajopt.solvers.base import Status
 from hoi_retarget.robots.model import RobotModel
-
-STAGES = {"inverse kinematics": "ik_windows", "trajectory": "windows"}
-"""Where the report has the windows of each stage."""
 
 
 def result_paths(clip: Clip, stem: str, out: Path) -> tuple[Path, ...]:
@@ -31,7 +26,7 @@ def result_paths(clip: Clip, stem: str, out: Path) -> tuple[Path, ...]:
 
 
 def retarget_people(
-    clip: Clip, models: Sequence[RobotModel], config: Config, extra: Mapping[str, Any]
+    clip: Clip, models: Sequence[RobotModel], config: Config = Config(), *, command: Mapping[str, Any] | None = None
 ) -> tuple[Motion, ...]:
     """Return one motion per person of a clip, in one world with the same objects.
 
@@ -39,7 +34,7 @@ def retarget_people(
         clip: The recording.
         models: One robot for all people, or one for each.
         config: What else decides the motions.
-        extra: What their reports say beside.
+        command: How the clip was called and read, for the reports.
 
     Raises:
         ArgumentError: There are other numbers of robots and people.
@@ -56,14 +51,15 @@ def retarget_people(
         retarget(clip, model, replace(config, scaling=scaling), person=person)
         for person, (model, scaling) in enumerate(zip(team, shared_scalings(clip, team, config.scaling), strict=True))
     ]
-    if people > 1:
-        extra = {"hand_to_hand": [asdict(pair) for pair in hand_to_hand(motions, team)], **extra}
-    return with_report(motions, extra)
+    errors = inter_robot_hand_errors(motions, team)
+    # Scalings that make different robots share one world follow from what was asked for.
+    asked = {"config": config.as_json(), "command": command or {}, "inter_robot_hand_errors": errors}
+    return tuple(with_report(motion, **asked) for motion in motions)
 
 
-def with_report(motions: Iterable[Motion], extra: Mapping[str, Any]) -> tuple[Motion, ...]:
-    """Return motions whose reports also say what is in `extra`."""
-    return tuple(replace(motion, report={**motion.report, **extra}) for motion in motions)
+def with_report(motion: Motion, **fields: Any) -> Motion:
+    """Return a motion with other fields in its report."""
+    return replace(motion, report=replace(motion.report, **fields))
 
 
 def write(motions: Sequence[Motion], paths: Sequence[Path], *, read_seconds: float = 0.0) -> tuple[Motion, ...]:
@@ -80,27 +76,5 @@ def write(motions: Sequence[Motion], paths: Sequence[Path], *, read_seconds: flo
 def _timed(motion: Motion, read_seconds: float) -> Motion:
     start = time.process_time()
     encode(motion)
-    seconds = {"read": read_seconds, **motion.report["cpu_seconds"], "write": time.process_time() - start}
-    return replace(motion, report={**motion.report, "cpu_seconds": seconds})
-
-
-def converged(motion: Motion) -> bool:
-    """Return whether every window of both stages was solved to tolerance."""
-    return all(
-        window["status"] == Status.SOLVED.name for stage in ("ik_windows", "windows") for window in motion.report[stage]
-    )
-
-
-def complaints(motion: Motion) -> tuple[str, ...]:
-    """Return what is not right with a result, by its report: a sentence for each."""
-    found: list[str] = []
-    for stage, windows in STAGES.items():
-        for window in motion.report[windows]:
-            if window["status"] != Status.SOLVED.name:
-                message = Status[window["status"]].value
-                found.append(f"{stage}, frames {window['start']} to {window['stop'] - 1}: {message}.")
-    found += [f"not reached: {UnreachedSegment(**segment)}." for segment in motion.report["unreached_contacts"]]
-    pairs = (HandToHand(**pair) for pair in motion.report.get("hand_to_hand", ()))
-    found += [f"{pair}." for pair in pairs if pair.max_m > UNREACHED_M]
-    found += [f"{TurnedSegment(**segment)}." for segment in motion.report["turned_over"]]
-    return tuple(found)
+    seconds = {"read": read_seconds, **motion.report.cpu_seconds, "write": time.process_time() - start}
+    return with_report(motion, cpu_seconds=seconds)

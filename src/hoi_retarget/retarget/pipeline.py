@@ -13,24 +13,30 @@ from threadpoolctl import ThreadpoolController
 from hoi_retarget import __version__
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.evaluate import evaluate_kinematics, unreached_contacts
-from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.motion import Motion, Stage
+from hoi_retarget.motion.report import Report, Window
 from hoi_retarget.retarget.config import Config
 from hoi_retarget.retarget.ik import solve_ik
-from hoi_retarget.retarget.orientation_flips import turned_over
+from hoi_retarget.retarget.orientation_flips import orientation_flips
 from hoi_retarget.retarget.targets import Targets, make_targets
 from hoi_retarget.retarget.trajopt.problem import Problem
 from hoi_retarget.retarget.trajopt.table import trajectory_terms
-from hoi_retarget.retarget.trajopt.windows import WindowReport, solve_windows
+from hoi_retarget.retarget.trajopt.windows import solve_windows
 from hoi_retarget.robots.model import RobotModel
 
 _LINEAR_ALGEBRA = ThreadpoolController()
 
 
-def retarget(clip: Clip, model: RobotModel, config: Config, *, person: int = 0) -> Motion:
+def retarget(clip: Clip, model: RobotModel, config: Config = Config(), *, person: int = 0) -> Motion:
     """Return the motion of one robot for one person of a clip.
 
     Raises `SolveError` when a window ends without a usable trajectory.
     """
+    return retarget_with_targets(clip, model, config, person=person)[0]
+
+
+def retarget_with_targets(clip: Clip, model: RobotModel, config: Config, *, person: int = 0) -> tuple[Motion, Targets]:
+    """Do the same as `retarget`, and return the targets that the motion follows, too."""
     with one_thread():
         return _retarget(clip, model, config, person)
 
@@ -43,23 +49,31 @@ def one_thread() -> AbstractContextManager[Any]:
     return _LINEAR_ALGEBRA.limit(limits=1, user_api="blas")
 
 
-def _retarget(clip: Clip, model: RobotModel, config: Config, person: int) -> Motion:
+def _retarget(clip: Clip, model: RobotModel, config: Config, person: int) -> tuple[Motion, Targets]:
     clock = [time.process_time()]
     targets = make_targets(clip, model, config.scaling, person=person)
     clock.append(time.process_time())
-    ik_qpos, ik_reports = solve_ik(model, targets, config.ik, config.horizon)
+    ik_qpos, ik_windows = solve_ik(model, targets, config.ik, config.horizon)
     clock.append(time.process_time())
-    qpos, reports = solve_trajectory(model, targets, ik_qpos, config)
+    qpos, windows = solve_trajectory(model, targets, ik_qpos, config)
     clock.append(time.process_time())
-    seconds = dict(zip(("targets", "ik", "trajectory"), np.diff(clock).tolist(), strict=True))
-    report = _report(clip, targets, config, ik_reports, reports) | {"person": person, "cpu_seconds": seconds}
-    motion = replace(_motion(clip, model, targets, ik_qpos, qpos), report=report)
-    return scored(motion, targets, clip, model, person)
+    report = Report(
+        clip=clip.name,
+        person=person,
+        source=clip.source,
+        root_scale=targets.root_scale,
+        config=config.as_json(),
+        versions=_versions(),
+        cpu_seconds=dict(zip(("targets", "ik", "trajectory"), np.diff(clock).tolist(), strict=True)),
+    )
+    stages = (Stage("ik", ik_qpos, ik_windows), Stage("trajectory", qpos, windows))
+    motion = _motion(clip, model, targets, stages, report)
+    return scored(motion, targets, clip, model, person), targets
 
 
 def solve_trajectory(
     model: RobotModel, targets: Targets, ik_qpos: np.ndarray, config: Config
-) -> tuple[np.ndarray, tuple[WindowReport, ...]]:
+) -> tuple[np.ndarray, tuple[Window, ...]]:
     """Return the optimized trajectory (paper Sec. III-B) and how each window went."""
 
     def problem_of(first: int, stop: int, pinned: int) -> Problem:
@@ -75,20 +89,20 @@ def scored(motion: Motion, targets: Targets, clip: Clip, model: RobotModel, pers
     start = time.process_time()
     kinematics = model.forward(motion.qpos)
     figures = asdict(evaluate_kinematics(motion, clip, model, kinematics, person=person))
-    unreached = [asdict(segment) for segment in unreached_contacts(motion, kinematics)]
-    turned = [asdict(segment) for segment in turned_over(kinematics, targets)]
-    seconds = motion.report["cpu_seconds"] | {"metrics": time.process_time() - start}
-    found = {"figures": figures, "unreached_contacts": unreached, "turned_over": turned, "cpu_seconds": seconds}
-    return replace(motion, report=dict(motion.report) | found)
+    unreached, flips = unreached_contacts(motion, kinematics), orientation_flips(kinematics, targets)
+    seconds = {**motion.report.cpu_seconds, "metrics": time.process_time() - start}
+    report = replace(
+        motion.report, figures=figures, unreached_contacts=unreached, orientation_flips=flips, cpu_seconds=seconds
+    )
+    return replace(motion, report=report)
 
 
-def _motion(clip: Clip, model: RobotModel, targets: Targets, ik_qpos: np.ndarray, qpos: np.ndarray) -> Motion:
+def _motion(clip: Clip, model: RobotModel, targets: Targets, stages: tuple[Stage, ...], report: Report) -> Motion:
     return Motion(
         robot=model.spec.name,
         fps=clip.fps,
         joint_names=model.joint_names,
-        qpos=qpos,
-        ik_qpos=ik_qpos,
+        stages=stages,
         object_names=targets.object_names,
         object_pos=targets.object_pos,
         object_quat=targets.object_quat,
@@ -100,32 +114,14 @@ def _motion(clip: Clip, model: RobotModel, targets: Targets, ik_qpos: np.ndarray
         stance_flags=targets.stance_flags,
         first_source_frame=clip.first_source_frame,
         human_height=targets.human_height,
-        report={},
+        report=report,
     )
 
 
-def _report(
-    clip: Clip,
-    targets: Targets,
-    config: Config,
-    ik_reports: tuple[WindowReport, ...],
-    reports: tuple[WindowReport, ...],
-) -> dict[str, Any]:
+def _versions() -> dict[str, str]:
     return {
-        "clip": clip.name,
-        "source": asdict(clip.source),
-        "root_scale": targets.root_scale,
-        "config": asdict(config),
-        "versions": {
-            "hoi_retarget": __version__,
-            "mujoco": mujoco.__version__,
-            "numpy": np.__version__,
-            "scipy": scipy.__version__,
-        },
-        "ik_windows": [_window(report) for report in ik_reports],
-        "windows": [_window(report) for report in reports],
+        "hoi_retarget": __version__,
+        "mujoco": mujoco.__version__,
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
     }
-
-
-def _window(report: WindowReport) -> dict[str, Any]:
-    return asdict(report) | {"status": report.status.name}

@@ -14,6 +14,7 @@ from hoi_retarget.clip.edits.edits import ContactEdits, MadeFor
 from hoi_retarget.clip.edits.operations import OPERATIONS, Edit, edit_of, operation_name
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.files.atomic import write_atomically
+from hoi_retarget.files.reading import read_bytes
 
 SCHEMA = 1
 HEADER = """\
@@ -37,13 +38,7 @@ def load(path: Path) -> ContactEdits:
             value that means nothing.
     """
     try:
-        content = path.read_bytes()
-    except FileNotFoundError as error:
-        raise ReadError(f"{path}: there is no such file of contact edits.") from error
-    except OSError as error:
-        raise ReadError(f"{path}: cannot be read ({error.strerror or error}).") from error
-    try:
-        text = content.decode()
+        text = read_bytes(path).decode()
     except UnicodeDecodeError as error:
         raise ReadError(f"{path}: not a text file of contact edits ({error}).") from error
     return from_text(text, str(path))

@@ -11,7 +11,8 @@ from types import MappingProxyType
 from typing import Any
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files.array_pickle import read_pickle
+from hoi_retarget.files.numpy_pickle import parse_pickle
+from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.motion.formats import (
     asap,
     beyondmimic,
@@ -79,7 +80,7 @@ def read(path: Path) -> MotionFile:
 
 
 def _read_dictionary(path: Path) -> dict[str, Any]:
-    values = read_pickle(path)
+    values = parse_pickle(read_bytes(path), path)
     if not isinstance(values, dict):
         raise ReadError(f"{path}: it holds a {type(values).__name__}, expected a dictionary. {_known()}")
     return values

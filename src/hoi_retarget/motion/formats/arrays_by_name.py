@@ -9,7 +9,7 @@ import numpy as np
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.files import npz
-from hoi_retarget.files.torch_file import read_bytes
+from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.motion.formats.motion_file import Convention, MotionFile
 
 _KINDS = "biufU"

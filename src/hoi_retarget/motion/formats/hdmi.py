@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files.torch_file import read_bytes
+from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
 from hoi_retarget.motion.formats.body_arrays import body_arrays, object_arrays, read_bodies, with_object
 from hoi_retarget.motion.formats.encoding import to_json, to_npz

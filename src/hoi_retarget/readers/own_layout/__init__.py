@@ -14,8 +14,8 @@ from pathlib import Path
 from hoi_retarget.clip.clip import Clip, Source
 from hoi_retarget.errors import ArgumentError, ClipError, ReadError
 from hoi_retarget.files import npz
+from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.files.source_file import FOLDER, SourceFile
-from hoi_retarget.files.torch_file import read_bytes
 from hoi_retarget.readers.own_layout.arrays import Arrays
 from hoi_retarget.readers.own_layout.contacts import contacts_of
 from hoi_retarget.readers.own_layout.joints import BODY_JOINTS
@@ -158,8 +158,8 @@ def mesh_files(path: Path) -> tuple[Path, ...]:
     """Return the mesh files beside a clip that it may need, whether there or not; none where it cannot be read."""
     file = file_of(path)
     try:
-        return meshes_of(Arrays(file, npz.members(file.read_bytes())))
-    except (OSError, ValueError, ClipError):
+        return meshes_of(Arrays(file, npz.members(read_bytes(file))))
+    except (ReadError, ValueError, ClipError):
         return ()
 
 

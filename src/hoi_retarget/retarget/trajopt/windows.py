@@ -5,15 +5,15 @@ again; with more overlap than pinned frames a window looks ahead of what it keep
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.errors import SolveError
+from hoi_retarget.motion.report import Optimality, Status, Window
 from hoi_retarget.retarget.config import Horizon, Solver
 from hoi_retarget.retarget.trajopt.problem import Problem
-from hoi_retarget.retarget.trajopt.solvers.base import Optimality, Solution, Status, optimality
+from hoi_retarget.retarget.trajopt.solvers.base import Solution, optimality
 
 LARGEST_VIOLATION = 1e-6  # [rad]
 CATCH_UP = 15  # Frames over which a window's start bends from what is solved to what was given.
@@ -32,25 +32,12 @@ def windows_of(horizon: Horizon, frames: int) -> tuple[tuple[int, int, int], ...
     return tuple(found)
 
 
-@dataclass(frozen=True)
-class WindowReport:
-    """How one window was solved."""
-
-    start: int
-    stop: int
-    status: Status
-    iterations: int
-    cost: float
-    cost_by_term: dict[str, float]
-    optimality: Optimality
-
-
 def solve_windows(
     problem_of: Callable[[int, int, int], Problem],
     start: Float[np.ndarray, "T nq"],
     horizon: Horizon,
     solver: Solver,
-) -> tuple[Float[np.ndarray, "T nq"], tuple[WindowReport, ...]]:
+) -> tuple[Float[np.ndarray, "T nq"], tuple[Window, ...]]:
     """Return the trajectory found by solving `problem_of(start, stop, pinned)` window by window.
 
     Raises `SolveError` when a window fails or its trajectory breaks a joint range or a joint speed.
@@ -66,16 +53,14 @@ def solve_windows(
     return qpos, tuple(reports)
 
 
-def report_window(first: int, stop: int, problem: Problem, solution: Solution) -> WindowReport:
+def report_window(first: int, stop: int, problem: Problem, solution: Solution) -> Window:
     """Return how a window was solved.
 
     Raises `SolveError` when it failed or its trajectory breaks a joint range or a joint speed.
     """
     quality = optimality(problem, solution)
     _check(first, stop, solution.status, quality)
-    return WindowReport(
-        first, stop, solution.status, solution.iterations, solution.cost, solution.cost_by_term, quality
-    )
+    return Window(first, stop, solution.status, solution.iterations, solution.cost, solution.cost_by_term, quality)
 
 
 def _catch_up(qpos: np.ndarray, start: np.ndarray, solved: int, stop: int) -> None:
@@ -90,9 +75,9 @@ def _catch_up(qpos: np.ndarray, start: np.ndarray, solved: int, stop: int) -> No
 
 def _check(first: int, stop: int, status: Status, quality: Optimality) -> None:
     if status is Status.FAILED:
-        raise SolveError(f"frames {first} to {stop - 1}: {status.value}.")
+        raise SolveError(f"frames {first} to {stop - 1}: {status.message}.")
     if quality.violation > LARGEST_VIOLATION:
         raise SolveError(
-            f"frames {first} to {stop - 1}: {status.value}; a joint range or speed is exceeded by "
+            f"frames {first} to {stop - 1}: {status.message}; a joint range or speed is exceeded by "
             f"{quality.violation:.2g} rad, so nothing is kept. Try --horizon whole."
         )

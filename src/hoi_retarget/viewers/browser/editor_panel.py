@@ -227,7 +227,7 @@ def _figures_html(recorded: Edited, before: Edited, now: Edited) -> str:
     """Return the figures as recorded, before the last change, and now, for each person."""
     rows = []
     for person, name in enumerate(track.name for track in now.clip.people):
-        sides = [edited.motions[person].report["figures"] for edited in (recorded, before, now)]
+        sides = [edited.motions[person].report.figures for edited in (recorded, before, now)]
         if len(now.clip.people) > 1:
             rows.append(f'<tr><th colspan="4" style="text-align:left">{escape(name)}</th></tr>')
         for column in (column for column in COLUMNS if column.name in _FIGURES):

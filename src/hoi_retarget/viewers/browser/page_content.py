@@ -8,7 +8,6 @@ from pathlib import Path
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.evaluate import COLUMNS
-from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers.open import clip_of
@@ -89,7 +88,7 @@ def _shown(path: Path, find_clip: Callable[..., Clip], notices: list[str]) -> Sh
 
 def figures_html(shown: Sequence[Shown]) -> str:
     """Return the figures that results carry as a table, one column a result."""
-    reports = [_figures(item.motion) for item in shown if item.motion is not None]
+    reports = [item.motion.report.figures for item in shown if item.motion is not None]
     columns = [column for column in COLUMNS if any(column.name in report for report in reports)]
     head = "".join(f"<th>{escape(item.title)}</th>" for item in shown) if len(shown) > 1 else ""
     rows = [
@@ -99,10 +98,3 @@ def figures_html(shown: Sequence[Shown]) -> str:
         for column in columns
     ]
     return f'{_TABLE_STYLE}<table class="figures"><tr><td></td>{head}</tr>{"".join(rows)}</table>'
-
-
-def _figures(motion: Motion) -> dict[str, float]:
-    """Return the figures of a report; one of another version may have anything there."""
-    figures = motion.report.get("figures")
-    known = figures.items() if isinstance(figures, dict) else ()
-    return {name: value for name, value in known if isinstance(value, int | float)}

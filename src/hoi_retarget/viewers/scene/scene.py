@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter1d
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.evaluate.view import check_joints
-from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.motion import STAGE_TITLES, Motion, Stage
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.scene.drawing import Colour, Layer, Lines, Part, Scene, Shapes, Solid, Subject
 from hoi_retarget.viewers.scene.human_shapes import human_shapes
@@ -29,7 +29,7 @@ FREE_SPACE = 0.3  # Between what neighbours reach [m].
 _ARM_REACH = 0.8  # Of a body, around its pelvis [m].
 _OBJECT_LAYERS = ("object", "human's object")
 _IK_TINT: Colour = (60, 120, 225)
-_IK_OPACITY = 0.35
+_EARLIER_OPACITY = 0.35
 _CALM_SECONDS = 0.5  # What is shorter hardly moves a camera that follows.
 _NEAR = 1.0  # An object farther from the pelvis draws the camera no more than one that is so near [m].
 
@@ -134,8 +134,7 @@ def _share(a: Shown, b: Shown) -> bool:
 
 
 def _origin(motion: Motion) -> tuple[object, object]:
-    source = motion.report.get("source")
-    return motion.report.get("clip"), source.get("sha256") if isinstance(source, dict) else None
+    return motion.report.clip, motion.report.source.sha256
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,15 +161,20 @@ def _robot_side(item: Shown, motion: Motion, model: RobotModel) -> _Side:
     kinematics = model.forward(motion.qpos)
     poses = NodePoses.of(kinematics)
     robot = robot_shapes(model, poses) if item.meshes is None else robot_meshes(model, poses, item.meshes)
-    earlier = robot_shapes(model, NodePoses.of(model.forward(motion.ik_qpos)))
     layers = (
         Layer("robot", robot),
-        Layer("inverse kinematics", tuple(map(_tinted, earlier)), opacity=_IK_OPACITY, shown=False),
+        *(_earlier_stage(model, stage) for stage in motion.stages[:-1]),
         Layer("object", _robot_objects(motion, item.clip)),
         Layer("contacts", contact_marks(motion, kinematics)),
         Layer("stance", (stance_marks(motion, kinematics),)),
     )
     return _Side("robot", motion.fps, motion.qpos[:, :3], motion.object_pos, layers)
+
+
+def _earlier_stage(model: RobotModel, stage: Stage) -> Layer:
+    shapes = robot_shapes(model, NodePoses.of(model.forward(stage.qpos)))
+    title = STAGE_TITLES.get(stage.name, stage.name)
+    return Layer(title, tuple(map(_tinted, shapes)), opacity=_EARLIER_OPACITY, shown=False)
 
 
 def _robot_objects(motion: Motion, clip: Clip | None) -> tuple[Part, ...]:

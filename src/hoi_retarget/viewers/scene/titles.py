@@ -29,8 +29,7 @@ def _robot(_: Path, motion: Motion) -> str:
 
 
 def _edits(_: Path, motion: Motion) -> str:
-    source = motion.report.get("source")
-    return "edited" if isinstance(source, dict) and source.get("contact_edits") else "as recorded"
+    return "edited" if motion.report.source.contact_edits else "as recorded"
 
 
 def _folder(path: Path, _: Motion) -> str:

@@ -10,7 +10,6 @@ from html import escape
 from importlib.resources import files
 from pathlib import PureWindowsPath
 from string import Template
-from typing import Any
 
 from hoi_retarget import __version__
 from hoi_retarget.evaluate import COLUMNS, Score, mean_values
@@ -39,7 +38,7 @@ class GalleryEntry:
     motion: Motion
     spec: RobotSpec
     score: Score
-    complaints: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     """What is not right with it, a sentence each."""
     command: str = ""
     """How to make it again; empty where nobody knows."""
@@ -67,7 +66,7 @@ def clip_page(entry: GalleryEntry, *, scene: str, curves: str, gallery: str) -> 
     """
     script = _template("player.js")
     digest = base64.b64encode(sha256(script.encode()).digest()).decode("ascii")
-    warnings = "".join(f"<li>{escape(complaint)}</li>" for complaint in entry.complaints)
+    warnings = "".join(f"<li>{escape(warning)}</li>" for warning in entry.warnings)
     command = f"<h2>Made by</h2><pre>{escape(entry.command)}</pre>" if entry.command else ""
     return Template(_template("clip.html")).substitute(
         title=escape(entry.title),
@@ -109,7 +108,7 @@ def _card(entry: GalleryEntry, page: str, picture: str) -> str:
         for column in COLUMNS
         if column.name in _ON_CARDS
     )
-    licence = _source(entry.motion, "licence")
+    licence = entry.motion.report.source.licence
     return (
         f'<a class="card" href="{escape(page)}"><img src="{escape(picture)}" alt="">'
         f'<div><h2>{escape(entry.title)}</h2><p class="soft">{escape(_summary(entry))}</p><dl>{figures}</dl>'
@@ -150,10 +149,10 @@ def _facts(entry: GalleryEntry) -> str:
     stride = stride_of(motion.frames)
     facts = {
         "robot": entry.spec.title,
-        "recording": _last_name(_source(motion, "path")),
-        "format": _source(motion, "format"),
-        "licence": _source(motion, "licence"),
-        "contacts": "edited" if _source(motion, "contact_edits") else "",
+        "recording": _last_name(motion.report.source.path),
+        "format": motion.report.source.format,
+        "licence": motion.report.source.licence,
+        "contacts": "edited" if motion.report.source.contact_edits else "",
         "objects": ", ".join(motion.object_names),
         "object scale": scales_text(motion.object_scale) if motion.object_names else "",
         "root scale": f"{score.root_scale:.3f}" if score.root_scale is not None else "",
@@ -163,12 +162,6 @@ def _facts(entry: GalleryEntry) -> str:
     }
     rows = [f'<tr><th class="soft">{name}</th><td>{escape(text)}</td></tr>' for name, text in facts.items() if text]
     return f"<table>{''.join(rows)}</table>"
-
-
-def _source(motion: Motion, key: str) -> str:
-    """Return what the report says of the source; that of another version may have anything there."""
-    source: Any = motion.report.get("source")
-    return str(source.get(key) or "") if isinstance(source, dict) else ""
 
 
 def _last_name(path: str) -> str:

@@ -14,12 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.motion.report import Status
 from hoi_retarget.retarget.config import BandedInteriorPoint
 from hoi_retarget.retarget.trajopt.bounds import Bounds
 from hoi_retarget.retarget.trajopt.normal import assemble
 from hoi_retarget.retarget.trajopt.problem import Problem, cost_by_term
 from hoi_retarget.retarget.trajopt.rows import Rows
-from hoi_retarget.retarget.trajopt.solvers.base import FACTOR, SOLVE, Solution, Status
+from hoi_retarget.retarget.trajopt.solvers.base import FACTOR, SOLVE, Solution
 from hoi_retarget.robots.model import Kinematics
 
 _ROUNDING = 1e-12

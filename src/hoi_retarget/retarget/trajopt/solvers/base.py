@@ -1,26 +1,17 @@
 """What a solver returns, and how good that is, recomputed from the problem."""
 
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import get_lapack_funcs
 
+from hoi_retarget.motion.report import Optimality, Status
 from hoi_retarget.retarget.trajopt.bounds import Bounds
 from hoi_retarget.retarget.trajopt.normal import assemble
 from hoi_retarget.retarget.trajopt.problem import Problem, cost_by_term
 
 FACTOR, SOLVE = get_lapack_funcs(("pbtrf", "pbtrs"), dtype=np.float64)
-
-
-class Status(Enum):
-    """How a solve ended; the value is a message."""
-
-    SOLVED = "solved to tolerance"
-    STALLED = "no step decreased the merit function; the best trajectory so far is returned"
-    MAX_ITERATIONS = "stopped at the iteration limit"
-    FAILED = "the problem has no finite cost at the start"
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,20 +25,6 @@ class Solution:
     cost: float
     """Weighted sum of squares of all terms."""
     cost_by_term: dict[str, float]
-
-
-@dataclass(frozen=True)
-class Optimality:
-    """Residuals of the first-order conditions; all are zero at an optimum.
-
-    `stationarity` is the decrease of the cost, relative to it, that the quadratic model of the Lagrangian
-    promises for a free step; `complementarity`, is relative to the cost too.
-    """
-
-    stationarity: float
-    complementarity: float
-    violation: float
-    """Largest excess over a joint range [rad] or a joint step [rad]."""
 
 
 def optimality(problem: Problem, solution: Solution) -> Optimality:

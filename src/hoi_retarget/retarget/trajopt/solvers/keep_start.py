@@ -3,9 +3,10 @@
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.motion.report import Status
 from hoi_retarget.retarget.trajopt.bounds import Bounds
 from hoi_retarget.retarget.trajopt.problem import Problem, cost_by_term
-from hoi_retarget.retarget.trajopt.solvers.base import Solution, Status
+from hoi_retarget.retarget.trajopt.solvers.base import Solution
 
 
 def solve(problem: Problem, qpos: Float[np.ndarray, "T nq"]) -> Solution:

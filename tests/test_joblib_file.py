@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files.large_pickle import read_large_pickle, starts_with
+from hoi_retarget.files.joblib_file import read_joblib, starts_with
 from joblib_writer import joblib_bytes, write_joblib
 
 VALUES = {
@@ -38,7 +38,7 @@ def base_of(array: np.ndarray) -> object:
 @pytest.mark.parametrize("compressed", [False, True])
 def test_what_is_written_comes_back(tmp_path, protocol, alignment, compressed):
     path = write_joblib(tmp_path / "a.p", VALUES, protocol=protocol, alignment=alignment, compressed=compressed)
-    read = read_large_pickle(path)[0][0]
+    read = read_joblib(path)[0][0]
     assert list(read) == list(VALUES[0])
     for name, value in VALUES[0].items():
         if isinstance(value, np.ndarray):
@@ -73,4 +73,10 @@ def test_damaged_files_have_one_error(tmp_path):
     ):
         path.write_bytes(damaged)
         with pytest.raises(ReadError, match=words):
-            read_large_pickle(path)
+            read_joblib(path)
+
+
+def test_arrays_are_not_read_until_they_are_looked_at(tmp_path, monkeypatch):
+    path = write_joblib(tmp_path / "a.p", {"large": np.ones(1_000_000)})
+    monkeypatch.setattr(type(path), "read_bytes", lambda _: pytest.fail("the whole file is read"))
+    assert read_joblib(path)[0]["large"].sum() == 1_000_000

@@ -1,0 +1,25 @@
+"""Fuzz tests see both outcomes: a reader that refuses everything, or nothing, would pass otherwise."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+
+@contextmanager
+def both_outcomes(error: type[Exception], word: str) -> Iterator[Callable[..., Any]]:
+    """Yield a function that reads or is refused, with the word in the error; both must have occurred at the end."""
+    seen: Counter[str] = Counter()
+
+    def attempt(read: Callable[..., Any], *arguments: Any) -> Any:
+        try:
+            value = read(*arguments)
+        except error as refusal:
+            assert word in str(refusal)
+            seen["refused"] += 1
+            return None
+        seen["read"] += 1
+        return value
+
+    yield attempt
+    assert seen["read"] and seen["refused"], dict(seen)
