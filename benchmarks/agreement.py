@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 import tyro
-from common import Source, clip_files, model_of, pin_threads, show, write_json
+from casadi_problem import show_left_out, stated
+from common import Source, clip_files, pin_threads, show, write_json
 from ipopt import AGREEMENT, HORIZONS, POLISH, Ipopt
 
 from hoi_retarget import synthetic
@@ -21,6 +22,7 @@ from hoi_retarget.retarget.pipeline import solve_trajectory
 from hoi_retarget.retarget.targets import make_targets
 from hoi_retarget.retarget.trajopt.problem import Problem
 from hoi_retarget.retarget.trajopt.solvers.base import Solution
+from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 
 
@@ -43,13 +45,15 @@ class Arguments:
 
 @dataclass
 class Recorder:
-    """The package's solver, with the last problem, start and solution kept."""
+    """The package's solver on the terms that are stated in CasADi, with the last problem, start and solution kept."""
 
     solver: BandedInteriorPoint
     last: list[tuple[Problem, np.ndarray, Solution]] = field(default_factory=list)
 
     def solve(self, problem: Problem, qpos: np.ndarray) -> Solution:
         """Return the solver's solution."""
+        show_left_out(problem.terms)
+        problem = replace(problem, terms=stated(problem.terms))
         solution = self.solver.solve(problem, qpos)
         self.last = [(problem, qpos.copy(), solution)]
         return solution
@@ -85,7 +89,7 @@ def row_of(clip: str, stage: str, result: dict[str, Any]) -> tuple[str, ...]:
 
 
 def main(arguments: Arguments) -> None:
-    model, frames = model_of(arguments.robot), arguments.frames
+    model, frames = load_robot(arguments.robot), arguments.frames
     if arguments.data is None:
         sources = {name: Source(synthetic=name, frames=frames) for name in arguments.synthetic}
     else:

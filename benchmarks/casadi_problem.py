@@ -5,9 +5,12 @@ again from the model's tree arrays, every term type is translated by a function 
 derivatives are left to automatic differentiation. Unknowns of a frame are the base position, the
 base rotation as a rotation vector about a reference, `R = R_ref Exp(phi)`, and the joint angles:
 no unit-norm constraint is needed, and the map is smooth wherever `|phi| < pi`.
+
+The terms of the paper are stated here, and the floor's. Others need no translation: `stated` leaves
+them out, and `left_out` names them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import singledispatch
 from math import comb, factorial
@@ -17,7 +20,7 @@ import numpy as np
 from scipy import sparse
 
 from hoi_retarget.numerics import se3
-from hoi_retarget.retarget.trajopt.problem import Problem
+from hoi_retarget.retarget.trajopt.problem import Problem, Term
 from hoi_retarget.retarget.trajopt.terms.differences import Differences
 from hoi_retarget.retarget.trajopt.terms.floor_clearance import FloorClearance
 from hoi_retarget.retarget.trajopt.terms.object_contact import ObjectContact
@@ -101,6 +104,26 @@ def translate(term: object) -> FrameCost:
     Raises `TypeError` for a term type that has no translation here.
     """
     raise TypeError(f"benchmarks/casadi_problem.py states no {type(term).__name__} yet: register its translation.")
+
+
+def stated(terms: Iterable[Term]) -> tuple[Term, ...]:
+    """Return the terms that are stated here."""
+    return tuple(term for term in terms if _is_stated(term))
+
+
+def left_out(terms: Iterable[Term]) -> tuple[str, ...]:
+    """Return the names of the terms that are not."""
+    return tuple(term.name for term in terms if not _is_stated(term))
+
+
+def show_left_out(terms: Iterable[Term]) -> None:
+    """Say which terms are not compared."""
+    if names := left_out(terms):
+        print(f"Left out of both sides, for benchmarks/casadi_problem.py does not state them: {', '.join(names)}.")
+
+
+def _is_stated(term: object) -> bool:
+    return isinstance(term, Differences) or translate.dispatch(type(term)) is not translate.dispatch(object)
 
 
 @translate.register

@@ -20,10 +20,14 @@ from rich.text import Text
 from hoi_retarget import synthetic
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.readers.open import open_clip
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import RobotModel, load_model
 
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "IGL_NUM_THREADS",
+)
 
 
 @dataclass(frozen=True)
@@ -83,10 +87,6 @@ def peak_memory() -> float:
         return int(line.split()[1]) / 1024
     unit = 2**20 if sys.platform == "darwin" else 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
-
-
-def model_of(name: str) -> RobotModel:
-    return load_model(robot(name))
 
 
 def taken(clip: Clip, frames: np.ndarray) -> Clip:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import tyro
-from common import Source, clip_files, model_of, peak_memory, pin_threads, run_fresh, show, write_json
+from common import Source, clip_files, peak_memory, pin_threads, run_fresh, show, write_json
 
 from hoi_retarget import synthetic
 from hoi_retarget.motion.motion import Motion
@@ -19,6 +19,7 @@ from hoi_retarget.motion.report import Status
 from hoi_retarget.retarget.config import Config, Horizon, parse_horizon
 from hoi_retarget.retarget.pipeline import retarget
 from hoi_retarget.retarget.trajopt.windows import windows_of
+from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 
 FIGURES = (
@@ -82,7 +83,7 @@ def seam_jerk(motion: Motion, model: RobotModel, horizon: Horizon) -> tuple[np.n
 
 def measure(arguments: Arguments, name: str) -> dict[str, Any]:
     """Return times, memory, mean figures and seams of one horizon over all clips, in this process."""
-    model, horizon = model_of(arguments.robot), parse_horizon(name)
+    model, horizon = load_robot(arguments.robot), parse_horizon(name)
     config = Config(horizon=horizon)
     seconds, frames, windows, unsolved = {"ik": 0.0, "trajectory": 0.0}, 0, 0, 0
     figures: dict[str, list[float]] = {key: [] for key, *_ in FIGURES}

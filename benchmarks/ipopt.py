@@ -19,15 +19,17 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 import tyro
-from casadi_problem import Statement, parameters_of, start_of, structure_of, trajectory_of
-from common import Source, model_of, pin_threads, show, write_json
+from casadi_problem import Statement, parameters_of, show_left_out, start_of, stated, structure_of, trajectory_of
+from common import Source, pin_threads, show, write_json
 
 from hoi_retarget.retarget.config import BandedInteriorPoint, Config, Horizon
 from hoi_retarget.retarget.ik import solve_ik
-from hoi_retarget.retarget.pipeline import solve_trajectory
 from hoi_retarget.retarget.targets import Targets, make_targets
-from hoi_retarget.retarget.trajopt.problem import Problem, cost_by_term
+from hoi_retarget.retarget.trajopt.problem import Problem, Term, cost_by_term
 from hoi_retarget.retarget.trajopt.solvers.base import Optimality, Solution, Status
+from hoi_retarget.retarget.trajopt.table import trajectory_terms
+from hoi_retarget.retarget.trajopt.windows import solve_windows
+from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 
 Way = Literal["map", "expand", "blocks"]
@@ -148,19 +150,22 @@ class Case:
     @classmethod
     def of(cls, source: Source, robot: str) -> "Case":
         """Return the case of a clip and a robot."""
-        clip, model, config = source.read(), model_of(robot), Config()
+        clip, model, config = source.read(), load_robot(robot), Config()
         targets = make_targets(clip, model, config.scaling)
         return cls(model, targets, solve_ik(model, targets, config.ik, config.horizon)[0], config)
 
-    def problem(self) -> Problem:
-        """Return the pipeline's problem over the whole clip."""
-        seen = _Remember()
-        solve_trajectory(self.model, self.targets, self.ik_qpos, self._config(seen, HORIZONS["whole"]))
-        return seen.problems[0]
+    def problem(self, first: int, stop: int, pinned: int) -> Problem:
+        """Return the pipeline's problem over some frames, without the terms that CasADi is not told of."""
+        return Problem(self.model, stated(self.terms(first, stop)), self.targets.fps, pinned)
+
+    def terms(self, first: int, stop: int) -> tuple[Term, ...]:
+        """Return the pipeline's terms over some frames."""
+        reference = self.model.forward(self.ik_qpos[first:stop])
+        return trajectory_terms(self.config.weights, self.targets.window(first, stop), reference)
 
     def run(self, name: str, solver: Ipopt | Timed, horizon: Horizon, whole: Problem) -> Outcome:
         """Return how a solver does on the pipeline's windows."""
-        qpos, reports = solve_trajectory(self.model, self.targets, self.ik_qpos, self._config(solver, horizon))
+        qpos, reports = solve_windows(self.problem, self.ik_qpos, horizon, solver)
         qualities = [report.optimality for report in reports]
         return Outcome(
             name=name,
@@ -176,21 +181,6 @@ class Case:
             ),
             qpos=qpos,
         )
-
-    def _config(self, solver: Any, horizon: Horizon) -> Config:
-        return replace(self.config, solver=solver, horizon=horizon)
-
-
-@dataclass
-class _Remember:
-    """A solver that keeps the problems it is given and moves nothing."""
-
-    problems: list[Problem] = field(default_factory=list)
-
-    def solve(self, problem: Problem, qpos: np.ndarray) -> Solution:
-        self.problems.append(problem)
-        rows = np.zeros((4 * len(qpos) - 2, problem.model.n))
-        return Solution(qpos, rows, Status.SOLVED, 0, 0.0, {})
 
 
 def _cost(problem: Problem, qpos: np.ndarray) -> float:
@@ -283,7 +273,9 @@ def document_of(outcomes: list[Outcome]) -> list[dict[str, Any]]:
 
 def main(arguments: Arguments) -> None:
     case = Case.of(arguments.source, arguments.robot)
-    whole, frames = case.problem(), case.targets.frames
+    frames = case.targets.frames
+    whole = case.problem(0, frames, 0)
+    show_left_out(case.terms(0, frames))
     document: dict[str, Any] = {"frames": frames, "robot": arguments.robot}
     agreed = True
     for name in arguments.horizons:

@@ -14,13 +14,14 @@ from pathlib import Path
 import numpy as np
 import trimesh
 import tyro
-from common import model_of, pin_threads, show, tiled, write_json
+from common import pin_threads, show, tiled, write_json
 
 from hoi_retarget import synthetic
 from hoi_retarget.objects.mesh import Surface
 from hoi_retarget.readers.object_files import load_geometry
 from hoi_retarget.retarget.config import Config
 from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.robots import load_robot
 from hoi_retarget.viewers.scene.curves import curves_of
 
 HELP = """
@@ -74,7 +75,7 @@ def main(arguments: Arguments) -> None:
     ball = trimesh.creation.icosphere(subdivisions=arguments.subdivisions)
     surface = Surface(np.asarray(ball.vertices) * [0.3, 0.2, 0.4], np.asarray(ball.faces))
     points = 0.3 * np.random.default_rng(0).normal(size=(arguments.points, 3))
-    model = model_of("unitree_g1")
+    model = load_robot("unitree_g1")
     motion = retarget(tiled(synthetic.make("carry_box"), arguments.frames), model, Config())
     with tempfile.TemporaryDirectory() as folder:
         operations = {

@@ -22,8 +22,7 @@ from browser import chromium, open_page, scene_pixels, wait_until
 from hoi_retarget.clip.edits import ContactEdits, Move
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retarget.config import Config
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots import load_robot
 from hoi_retarget.viewers.browser.client_sessions import serve_sessions
 from hoi_retarget.viewers.browser.editing import Editing, solved
 from hoi_retarget.viewers.browser.editor import Editor, Places
@@ -51,7 +50,7 @@ COUNT_FRAMES = """async (seconds) => {
 def main() -> None:
     arguments = _arguments()
     clip = open_clip(arguments.clip, objects=arguments.objects)
-    model = load_model(robot("unitree_g1"))
+    model = load_robot("unitree_g1")
     start = solved(clip, model, Config(), ContactEdits.of(clip))
     print(f"{arguments.clip}: {clip.frames} frames at {clip.fps:g}/s")
     with chromium() as browser:

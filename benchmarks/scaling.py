@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 import tyro
-from common import Source, model_of, peak_memory, pin_threads, run_fresh, show, tiled, write_json
+from common import Source, peak_memory, pin_threads, run_fresh, show, tiled, write_json
 
 from hoi_retarget.retarget.config import Config, parse_horizon
 from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.robots import load_robot
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Arguments:
 def measure(arguments: Arguments, frames: int, horizon: str) -> dict[str, Any]:
     """Return CPU seconds by stage and peak memory [MB] in this process."""
     loaded = peak_memory()
-    model, clip = model_of(arguments.robot), tiled(arguments.source.read(), frames)
+    model, clip = load_robot(arguments.robot), tiled(arguments.source.read(), frames)
     start = time.process_time()
     result = retarget(clip, model, Config(horizon=parse_horizon(horizon)))
     total = time.process_time() - start

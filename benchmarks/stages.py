@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import tyro
-from common import clip_files, model_of, pin_threads, show, taken, write_json
+from common import clip_files, pin_threads, show, taken, write_json
 
 from hoi_retarget import synthetic
 from hoi_retarget.clip.clip import Clip
@@ -20,7 +20,7 @@ from hoi_retarget.motion.result_file import save
 from hoi_retarget.readers import read_clip
 from hoi_retarget.retarget.config import Config
 from hoi_retarget.retarget.pipeline import retarget
-from hoi_retarget.robots import ROBOTS
+from hoi_retarget.robots import ROBOTS, load_robot
 from hoi_retarget.robots.model import RobotModel
 
 STAGES = ("read", "targets", "ik", "trajectory", "metrics", "write")
@@ -91,7 +91,7 @@ def main(arguments: Arguments) -> None:
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)
         for robot in arguments.robots:
-            model = model_of(robot)
+            model = load_robot(robot)
             measure(lambda: synthetic.make("carry_box"), model, out, 20)  # Imports and caches are not counted.
             for name, readers in sources(arguments):
                 results = [

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import tyro
-from common import model_of, pin_threads, show, write_json
+from common import pin_threads, show, write_json
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import ContactEdits, Edit, FixAll, SnapAll, apply, segments_of
@@ -19,6 +19,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.retarget.config import Config
 from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.synthetic import make
 from hoi_retarget.synthetic.reconstruction import Noise, reconstructed
@@ -141,7 +142,7 @@ def main(arguments: Arguments) -> None:
             for row in places
         ],
     )
-    motions = robot_rows(model_of(arguments.robot), arguments.seeds)
+    motions = robot_rows(load_robot(arguments.robot), arguments.seeds)
     show(
         f"What the robot does, {arguments.robot}, carry_box",
         ("planted", "contacts", "slip [mm/s]", "wander [mm]", "gap [mm]", "largest", "jerk [m/s^3]", "not reached"),

@@ -10,8 +10,7 @@ import numpy as np
 
 from hoi_retarget.retarget.config import Config
 from hoi_retarget.retarget.multi_person import retarget_people
-from hoi_retarget.robots import team
-from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots import load_robot, team
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.offscreen import film
 from hoi_retarget.viewers.offscreen.robot_picture import png
@@ -37,7 +36,7 @@ def main() -> None:
 
 def results_of(scene: str, robots: str) -> list[Shown]:
     """Retarget a built-in clip, one robot for each of its people."""
-    clip, models = make(scene), [load_model(spec) for spec in team(robots)]
+    clip, models = make(scene), [load_robot(spec.name) for spec in team(robots)]
     motions = retarget_people(clip, models, Config(), {})
     pairs = zip(motions, models, strict=True)
     return [Shown(scene, motion, model, clip, person) for person, (motion, model) in enumerate(pairs)]

@@ -15,8 +15,7 @@ from browser import chromium
 from hoi_retarget.clip.edits import ContactEdits
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retarget.config import Config
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots import load_robot
 from hoi_retarget.viewers.browser.edit_page import serve_editor
 from hoi_retarget.viewers.browser.editing import solved
 from hoi_retarget.viewers.browser.editor import Places
@@ -32,7 +31,7 @@ COLOURS = 256  # Of a picture's palette: enough for these pages, in a third of t
 
 def main() -> None:
     """Write `images/viewer.png`, `images/editor_before.png` and `images/editor_after.png`."""
-    clip, model = open_clip("builtin:carry_box"), load_model(robot("unitree_g1"))
+    clip, model = open_clip("builtin:carry_box"), load_robot("unitree_g1")
     start = solved(clip, model, Config(), ContactEdits.of(clip))
     with chromium() as browser:
         server = open_server("hoi-retarget")

@@ -12,12 +12,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from hoi_retarget.evaluate import COLUMNS
 from hoi_retarget.retarget.config import Config
 from hoi_retarget.retarget.pipeline import retarget
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots import load_robot
 from hoi_retarget.synthetic import make
 
 clip = make("carry_box", height=1.75)  # for a recording: readers.read_clip(path, objects=folder)
-model = load_model(robot("unitree_g1"))
+model = load_robot("unitree_g1")
 motion = retarget(clip, model, Config())
 
 print(f"{motion.robot}: {motion.frames} frames, qpos of shape {motion.qpos.shape}")

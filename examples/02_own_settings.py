@@ -12,12 +12,11 @@ from dataclasses import replace
 
 from hoi_retarget.retarget.config import Config, Scaling, parse_horizon
 from hoi_retarget.retarget.pipeline import retarget
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots import load_robot
 from hoi_retarget.synthetic import make
 
 clip = make("carry_box")
-model = load_model(robot("unitree_g1"))
+model = load_robot("unitree_g1")
 config = Config(horizon=parse_horizon("windowed:60:10"))  # streams long clips in bounded memory
 
 print("size  contact gap [mm]  contacts not reached")

@@ -18,15 +18,14 @@ from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load, save
 from hoi_retarget.retarget.config import Config
 from hoi_retarget.retarget.pipeline import retarget
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots import load_robot
 from hoi_retarget.synthetic import make
 
 
 def main(path: Path) -> None:
     """Print what a result holds."""
     motion = load(path)
-    kinematics = load_model(robot(motion.robot)).forward(motion.qpos)
+    kinematics = load_robot(motion.robot).forward(motion.qpos)
     for column, link in enumerate(motion.contact_links):
         frames = np.flatnonzero(motion.contact_flags[:, column])
         if len(frames):
@@ -43,7 +42,7 @@ def main(path: Path) -> None:
 
 def make_one(path: Path) -> None:
     """Write a result of the built-in clip."""
-    motion: Motion = retarget(make("carry_box"), load_model(robot("unitree_g1")), Config())
+    motion: Motion = retarget(make("carry_box"), load_robot("unitree_g1"), Config())
     save(motion, path)
 
 

@@ -18,14 +18,13 @@ from hoi_retarget.motion.result import Result
 from hoi_retarget.motion.result_file import encode
 from hoi_retarget.retarget.config import Config
 from hoi_retarget.retarget.pipeline import retarget
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots import load_robot
 from hoi_retarget.synthetic import make
 
 
 def main() -> None:
     """Retarget the built-in clip, export it at 50 frames a second, and print what is in the file."""
-    clip, model = make("carry_box"), load_model(robot("unitree_g1"))
+    clip, model = make("carry_box"), load_robot("unitree_g1")
     motion = retarget(clip, model, Config())
     result = Result("carry_box", sha256(encode(motion)).hexdigest(), motion, model, clip)
     exported = export(result, format_named("mjlab"), name="carry_box.mjlab")

@@ -311,7 +311,7 @@ def test_another_program_or_robot_makes_all_again(quick, monkeypatch):
     batch()
     monkeypatch.setattr("hoi_retarget.batch.content.__version__", "99")
     assert len(names(batch())) == 2
-    changed = replace(work.robot("unitree_g1"), stature=1.5)
+    changed = replace(ROBOTS["unitree_g1"], stature=1.5)
     monkeypatch.setattr("hoi_retarget.batch.content.robot", lambda _: changed)
     assert len(names(batch())) == 2
 

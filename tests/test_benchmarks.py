@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 
 from hoi_retarget.readers import READERS, read_clip
 from hoi_retarget.retarget.trajopt.problem import Problem, cost_by_term
-from trajectories import MODELS, one_term_per_file, random_qpos
+from trajectories import MODELS, all_terms, sunk_qpos, term_classes, terms_by_class
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 MODEL = MODELS["unitree_g1"]
@@ -42,22 +43,23 @@ def casadi_problem(monkeypatch):
 
 
 def random_problem(seed: int) -> tuple[Problem, np.ndarray, np.ndarray]:
-    """Return a problem with a term of every kind, a reference and unknowns away from it."""
+    """Return a problem with terms of every kind, a reference and unknowns away from it."""
     rng = np.random.default_rng(seed)
-    terms = one_term_per_file(MODEL, FRAMES, rng)
-    reference = random_qpos(MODEL, FRAMES, rng)
+    terms = all_terms(MODEL, FRAMES, rng)
+    reference = sunk_qpos(MODEL, FRAMES, rng)
     away = 0.3 * rng.normal(size=(MODEL.nv, FRAMES))
     away[3:6, 0] = 3.0 * np.array([0.6, 0.0, 0.8])  # Nearly half a turn: the series must be exact there too.
-    return Problem(MODEL, tuple(terms.values()), 30.0), reference, away
+    return Problem(MODEL, terms, 30.0), reference, away
 
 
 @needs_casadi
-@pytest.mark.parametrize("name", one_term_per_file(MODEL, FRAMES, np.random.default_rng(0)))
-def test_every_term_costs_the_same_in_casadi(casadi_problem, name):
-    rng = np.random.default_rng(3)
-    term = one_term_per_file(MODEL, FRAMES, rng)[name]
+@pytest.mark.parametrize("name", term_classes())
+def test_every_stated_term_costs_the_same_in_casadi(casadi_problem, name):
+    term, *_ = terms_by_class(MODEL, FRAMES, np.random.default_rng(3))[name]
+    if not casadi_problem.stated([term]):
+        pytest.skip("not stated in CasADi")
     _, reference, away = random_problem(3)
-    if name == "differences":
+    if name == "Differences":
         away[3:6] *= 0.1  # Neighbours stay in one hemisphere, as the package makes them.
     problem = Problem(MODEL, (term,), 30.0)
     unknowns = casadi_problem.start_of(reference) + away
@@ -83,7 +85,30 @@ def test_hessian_in_blocks_is_the_one_of_automatic_differentiation(casadi_proble
 
 
 @needs_casadi
-def test_a_term_without_translation_is_refused(casadi_problem):
+def test_a_term_without_translation_is_left_out_and_named(casadi_problem, capsys):
+    @dataclass(frozen=True)
+    class Unstated:
+        name: str
+
+        def rows(self, kinematics):
+            return ()
+
+    problem, *_ = random_problem(0)
+    paper = {
+        "Posture",
+        "SitePosition",
+        "RelativeRotation",
+        "ObjectContact",
+        "SiteRotation",
+        "SiteHeight",
+        "Differences",
+    }
+    assert paper <= {type(term).__name__ for term in casadi_problem.stated(problem.terms)}
+    terms = (*problem.terms, Unstated("clearance"))
+    assert casadi_problem.stated(terms) == casadi_problem.stated(problem.terms)
+    assert casadi_problem.left_out(terms) == (*casadi_problem.left_out(problem.terms), "clearance")
+    casadi_problem.show_left_out(terms)
+    assert "clearance" in capsys.readouterr().out
     with pytest.raises(TypeError, match="states no object"):
         casadi_problem.translate(object())
 

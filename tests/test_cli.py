@@ -60,7 +60,7 @@ def run(recording, monkeypatch, capsys):
 
 def test_help_names_every_command_and_imports_nothing_heavy():
     code = "from hoi_retarget.cli import main\ntry: main(['--help'])\nexcept SystemExit as e: print(e.code)\n"
-    code += "import sys; print(*(m for m in ('numpy', 'scipy', 'mujoco', 'trimesh') if m in sys.modules))"
+    code += "import sys; print(*(m for m in ('numpy', 'scipy', 'mujoco', 'trimesh', 'igl') if m in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     *text, exit_code, heavy = done.stdout.split("\n")[:-1]
     assert exit_code == "0"

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.numerics import se3
-from hoi_retarget.numerics.filters import frames_in, smooth, smooth_quats
+from hoi_retarget.numerics.filters import frames_in, smooth, smooth_quats, steadied
 from hoi_retarget.retarget.foot_planting import (
     LARGEST_TILT,
     RAMP_SECONDS,
@@ -16,7 +16,6 @@ from hoi_retarget.retarget.foot_planting import (
     plant,
     resting_height,
     resting_tilt,
-    without_flicker,
 )
 from hoi_retarget.robots.spec import SIDES
 from trajectories import MODELS
@@ -199,6 +198,10 @@ def runs(flags: np.ndarray) -> list[tuple[bool, int, int]]:
     return [(bool(flags[a]), int(a), int(b)) for a, b in pairwise(edges)]
 
 
+def steady_stance(flags: np.ndarray, shortest: int) -> np.ndarray:
+    return steadied(flags, gap=shortest - 1, shortest=shortest)
+
+
 flag_lists = st.lists(st.booleans(), min_size=1, max_size=60).map(np.array)
 
 
@@ -206,28 +209,28 @@ flag_lists = st.lists(st.booleans(), min_size=1, max_size=60).map(np.array)
 @given(flags=flag_lists, shortest=st.integers(1, 6))
 def test_no_short_run_is_left_inside(flags, shortest):
     before = flags.copy()
-    steady = without_flicker(flags, shortest)
+    steady = steady_stance(flags, shortest)
     assert all(b - a >= shortest for _, a, b in runs(steady)[1:-1])
     np.testing.assert_array_equal(flags, before, err_msg="the input is left alone")
-    np.testing.assert_array_equal(without_flicker(steady, shortest), steady)
+    np.testing.assert_array_equal(steady_stance(steady, shortest), steady)
 
 
 @LAWS
 @given(flags=flag_lists, shortest=st.integers(1, 6))
 def test_long_runs_and_cut_ones_are_kept(flags, shortest):
-    steady = without_flicker(flags, shortest)
+    steady = steady_stance(flags, shortest)
     for state, first, stop in runs(flags):
         if state and stop - first >= shortest:
             assert steady[first:stop].all()
     if all(stop - first >= shortest for _, first, stop in runs(flags)[1:-1]):
         np.testing.assert_array_equal(steady, flags)
-    np.testing.assert_array_equal(without_flicker(flags, 1), flags)
+    np.testing.assert_array_equal(steady_stance(flags, 1), flags)
 
 
 def test_gaps_are_closed_before_runs_are_dropped():
     flags = np.array([0, 0, 0, 0, 1, 1, 0, 1, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0], dtype=bool)
     expected = np.array([0, 0, 0, 0, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0], dtype=bool)
-    np.testing.assert_array_equal(without_flicker(flags, 3), expected)
+    np.testing.assert_array_equal(steady_stance(flags, 3), expected)
 
 
 @every_foot

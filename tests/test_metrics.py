@@ -1,10 +1,13 @@
-"""Laws of the figures of merit, on small hand-made worlds: no solver, and mostly no robot model."""
+"""Laws of the figures of merit, on small hand-made worlds, without a solver."""
 
 import csv
 import dataclasses
+import functools
 import io
 import json
+import tempfile
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +19,7 @@ from hoi_retarget.evaluate import (
     Figures,
     Score,
     evaluate,
+    evaluate_kinematics,
     mean_values,
     table_rows,
     to_csv,
@@ -29,9 +33,10 @@ from hoi_retarget.human.skeleton import HANDS, JOINTS
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
-from hoi_retarget.robots import ROBOTS
-from hoi_retarget.robots.model import load_model
-from hoi_retarget.robots.spec import SIDES, SITES, SOLE_CORNERS
+from hoi_retarget.robots import ROBOTS, load_robot
+from hoi_retarget.robots.model import Kinematics, RobotModel, load_model
+from hoi_retarget.robots.parts import Attachments, Frame
+from hoi_retarget.robots.spec import SIDES, SITES, SOLE_CORNERS, SitePose
 
 FPS = 30.0
 FRAMES = 40
@@ -66,29 +71,47 @@ COMPARISONS = (
 """Figures that are zero for a robot that does exactly what the human does."""
 
 
+@functools.cache
+def two_joints() -> RobotModel:
+    """Return a robot of two joints, a and b, all of whose sites are on its root."""
+    hinges = "".join(
+        f'<body><joint name="{name}" axis="1 0 0" range="-{reach} {reach}"/><geom size="0.1"/></body>'
+        for name, reach in (("a", 1), ("b", 2))
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        mjcf = Path(folder) / "robot.xml"
+        mjcf.write_text(
+            '<mujoco><compiler angle="radian"/><worldbody><body name="base" pos="0 0 1"><freejoint/>'
+            f'<geom size="0.1"/>{hinges}</body></worldbody></mujoco>'
+        )
+        sites = {name: SitePose("base", (0.0, 0.0, 0.0)) for name in SITES}
+        speeds = {"a": 5.0, "b": 7.0}
+        spec = dataclasses.replace(ROBOTS["unitree_g1"], mjcf=mjcf, sites=sites, speed_limits=speeds, home={})
+        return load_model(spec)
+
+
 @dataclasses.dataclass(frozen=True)
-class StubKinematics:
+class RobotPoses:
+    """Sites and bodies of a robot that may be anywhere, whatever its joints do."""
+
     points: Mapping[str, np.ndarray]
     rotations: Mapping[str, np.ndarray]
     body_positions: np.ndarray
 
-    def site_position(self, name):
-        return self.points[name]
-
-    def site_rotation(self, name):
-        return self.rotations[name]
-
-
-@dataclasses.dataclass(frozen=True)
-class StubModel:
-    kinematics: StubKinematics
-    joint_names: tuple[str, ...] = ("a", "b")
-    lower: np.ndarray = dataclasses.field(default_factory=lambda: np.array([-1.0, -2.0]))
-    upper: np.ndarray = dataclasses.field(default_factory=lambda: np.array([1.0, 2.0]))
-    speed_limits: np.ndarray = dataclasses.field(default_factory=lambda: np.array([5.0, 7.0]))
-
-    def forward(self, qpos):
-        return self.kinematics
+    def real(self) -> Kinematics:
+        """Return them as kinematics, of a model in which every site and body has a node of its own."""
+        frames, bodies, _ = self.body_positions.shape
+        upright = np.tile(np.eye(3), (frames, 1, 1))
+        places = [*self.points.values(), *self.body_positions.swapaxes(0, 1)]
+        turns = [self.rotations.get(name, upright) for name in self.points] + [upright] * bodies
+        own = [Frame(node, np.zeros(3), np.eye(3)) for node in range(len(places))]
+        model = dataclasses.replace(
+            two_joints(),
+            sites=Attachments.named(zip(self.points, own[:-bodies], strict=True)),
+            bodies=Attachments.named((f"body{place.node}", place) for place in own[-bodies:]),
+        )
+        qpos = np.tile(model.home_qpos, (frames, 1))
+        return Kinematics(model, qpos, np.array(places).transpose(2, 0, 1), np.array(turns).transpose(2, 3, 0, 1))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,10 +120,11 @@ class World:
 
     clip: Clip
     motion: Motion
-    kinematics: StubKinematics
+    kinematics: RobotPoses
 
     def figures(self, person: int = 0) -> Figures:
-        return evaluate(self.motion, self.clip, StubModel(self.kinematics), person=person)
+        kinematics = self.kinematics.real()
+        return evaluate_kinematics(self.motion, self.clip, kinematics.model, kinematics, person=person)
 
 
 def smooth(rng, *shape, size=0.3, frames=FRAMES):
@@ -118,7 +142,7 @@ def smooth_quats(rng, *shape):
     return se3.exp(smooth(rng, *shape, 3, size=0.5))
 
 
-def exact_kinematics(person: Person, rng) -> StubKinematics:
+def exact_kinematics(person: Person, rng) -> RobotPoses:
     """A robot whose sites are the human's joints, with hand frames of its own."""
     points = {site: person.position(joint) for site, joint in SITE_OF_JOINT.items()}
     rotations = {site: se3.quat_to_matrix(person.quat(SITE_OF_JOINT[site])) for site in ("pelvis", "torso")}
@@ -132,7 +156,7 @@ def exact_kinematics(person: Person, rng) -> StubKinematics:
             place[:, 2] = 0.03 * number + 0.01 * np.sin(np.arange(len(place)))
             points[f"{side}_sole_{corner}"] = place
     assert set(points) == set(SITES)
-    return StubKinematics(points, rotations, np.stack(list(points.values()), axis=1))
+    return RobotPoses(points, rotations, np.stack(list(points.values()), axis=1))
 
 
 def make_world(seed: int = 0, *, objects: int = 1, people: int = 1, first_source_frame: int = 1) -> World:
@@ -362,7 +386,7 @@ def test_time_may_run_backwards():
             object_quat=motion.object_quat[::-1],
             stance_flags=motion.stance_flags[::-1],
         ),
-        StubKinematics(
+        RobotPoses(
             {name: place[::-1] for name, place in kinematics.points.items()},
             {name: turn[::-1] for name, turn in kinematics.rotations.items()},
             kinematics.body_positions[::-1],
@@ -646,7 +670,7 @@ def test_object_path_shrunk_to_four_fifths():
 
 def test_perfect_world_has_no_unreached_contact():
     world = make_world()
-    assert unreached_contacts(world.motion, world.kinematics) == ()
+    assert unreached_contacts(world.motion, world.kinematics.real()) == ()
 
 
 def test_unreached_segment_is_named_with_its_residual():
@@ -655,33 +679,33 @@ def test_unreached_segment_is_named_with_its_residual():
     palm[SEGMENT] += np.array([0.0, 0.03, 0.0])
     palm[SEGMENT.start] += np.array([0.0, 0.03, 0.0])
     world = move_sites(world, right_palm=palm)
-    (segment,) = unreached_contacts(world.motion, world.kinematics)
+    (segment,) = unreached_contacts(world.motion, world.kinematics.real())
     assert (segment.link, segment.object) == ("right_palm", "object0")
     assert (segment.first_frame, segment.last_frame) == (SEGMENT.start, SEGMENT.stop - 1)
     assert segment.mean_residual_m == pytest.approx((19 * 0.03 + 0.06) / 20)  # 3.15 cm
     assert segment.max_residual_m == pytest.approx(0.06)
     assert "right_palm on 'object0', frames 8 to 27: 3.2 cm" in str(segment)
-    assert unreached_contacts(world.motion, world.kinematics, limit_m=0.04) == ()
+    assert unreached_contacts(world.motion, world.kinematics.real(), limit_m=0.04) == ()
     parts = edit_motion(world, contact_links=HANDS)
-    assert [s.link for s in unreached_contacts(parts.motion, parts.kinematics)] == ["right_hand"]
+    assert [s.link for s in unreached_contacts(parts.motion, parts.kinematics.real())] == ["right_hand"]
 
 
 def test_a_stretch_of_a_long_contact_is_not_hidden_by_the_rest_of_it():
     world = make_world()
     palm = world.kinematics.points["right_palm"].copy()
     palm[SEGMENT.start + 4 : SEGMENT.start + 7] += np.array([0.0, 0.03, 0.0])
-    (stretch,) = unreached_contacts(world.motion, move_sites(world, right_palm=palm).kinematics)
+    (stretch,) = unreached_contacts(world.motion, move_sites(world, right_palm=palm).kinematics.real())
     assert (stretch.first_frame, stretch.last_frame) == (SEGMENT.start + 4, SEGMENT.start + 6)
     assert stretch.mean_residual_m == pytest.approx(0.03)
     palm[SEGMENT.start + 5] = world.kinematics.points["right_palm"][SEGMENT.start + 5]
-    assert unreached_contacts(world.motion, move_sites(world, right_palm=palm).kinematics) == ()
+    assert unreached_contacts(world.motion, move_sites(world, right_palm=palm).kinematics.real()) == ()
 
 
 def test_change_of_object_starts_a_new_segment():
     world = make_world(objects=2)
     touched = world.motion.contact_object.copy()
     touched[18:28] = 1
-    segments = unreached_contacts(edit_motion(world, contact_object=touched).motion, world.kinematics)
+    segments = unreached_contacts(edit_motion(world, contact_object=touched).motion, world.kinematics.real())
     assert [(s.link, s.object, s.first_frame, s.last_frame) for s in segments] == [
         ("left_palm", "object1", 18, 27),
         ("right_palm", "object1", 18, 27),
@@ -763,7 +787,7 @@ def test_runs_of_one_clip_can_be_told_apart():
 @pytest.mark.parametrize("name", sorted(ROBOTS))
 def test_robots_offer_what_the_figures_need(name):
     """A robot that stands still: every figure is defined, limits hold, links do not move."""
-    model, world = load_model(ROBOTS[name]), make_world()
+    model, world = load_robot(name), make_world()
     qpos = np.tile(model.home_qpos, (FRAMES, 1))
     motion = dataclasses.replace(
         world.motion, robot=name, joint_names=model.joint_names, stages=(Stage("trajectory", qpos),)

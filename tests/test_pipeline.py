@@ -12,13 +12,17 @@ from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import encode
 from hoi_retarget.numerics import se3
-from hoi_retarget.retarget.config import Config, Horizon, Scaling
+from hoi_retarget.retarget.config import Config, Horizon, IkWeights, KeepStart, Scaling, Weights
 from hoi_retarget.retarget.pipeline import retarget
-from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.retarget.targets import make_targets
+from hoi_retarget.retarget.trajopt.table import ik_terms, trajectory_terms
+from hoi_retarget.retarget.trajopt.terms.site_rotation import SiteRotation
+from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 from hoi_retarget.synthetic import make
 from hoi_retarget.synthetic.human import rest_offsets
 from test_targets import moved
+from tiny_robot import tiny_robot
 from trajectories import MODELS
 
 G1 = MODELS["unitree_g1"]
@@ -308,3 +312,40 @@ def test_the_rate_of_a_recording_changes_little():
     frames = np.arange(15, clip.frames - 15)
     positions = model.forward(slow.qpos).body_positions[frames]
     np.testing.assert_allclose(model.forward(fast.qpos).body_positions[2 * frames], positions, atol=0.02)
+
+
+def test_a_robot_whose_torso_is_its_root(tmp_path):
+    """No joint turns its torso against its base: that term has no columns, and costs nothing."""
+    model = tiny_robot(tmp_path)
+    motion = retarget(make("carry_box", seconds=2.0), model, Config())
+    assert np.isfinite(motion.qpos).all()
+    assert [window["status"] for window in motion.report["windows"]] == ["SOLVED"]
+    assert motion.report["windows"][0]["cost_by_term"]["torso_orientation"] == 0.0
+
+
+def test_palm_weight_and_dropped_rotations_are_the_robots_own(tmp_path):
+    def terms(**changes):
+        model = load_model(replace(G1.spec, **changes))
+        targets, reference = make_targets(scene(), model, Scaling()), model.forward(motion.ik_qpos)
+        tables = trajectory_terms(Weights(), targets, reference), ik_terms(IkWeights(), targets, model)
+        return {term.name: term for table in tables for term in table}
+
+    motion = result()
+    plain, light = terms(), terms(palm_weight=0.04)
+    rotations = {name for name, term in plain.items() if isinstance(term, SiteRotation)}
+    assert {"left_palm_orientation", "left_foot_stance_orientation", "left_wrist_rotation"} & rotations
+    for name in ("left_palm_orientation", "right_palm_orientation"):
+        np.testing.assert_allclose(light[name].weight, 0.04 * plain[name].weight)
+    dropped = terms(dropped_rotations=("left_palm", "left_wrist", "right_foot"))
+    missing = {"left_palm_orientation", "left_wrist_rotation", "right_stance_orientation"}
+    assert plain.keys() - dropped.keys() == missing
+
+
+@every_robot
+def test_any_solver_can_be_put_in(robot):
+    """One that keeps its start ends where inverse kinematics did."""
+    motion = retarget(scene(), MODELS[robot], Config(solver=KeepStart()))
+    np.testing.assert_array_equal(motion.qpos, motion.ik_qpos)
+    np.testing.assert_array_equal(motion.ik_qpos, result(robot).ik_qpos)
+    assert [window["iterations"] for window in motion.report["windows"]] == [0]
+    assert motion.report["config"]["solver"] == {"name": "KeepStart"}

@@ -1,4 +1,4 @@
-"""`robots.check` finds what is wrong: one broken description per finding."""
+"""`robots.check` finds what is wrong: one broken description per result."""
 
 import dataclasses
 from pathlib import Path
@@ -7,8 +7,10 @@ import pytest
 
 from hoi_retarget.errors import RobotError
 from hoi_retarget.robots import ROBOTS
-from hoi_retarget.robots.check import check, describe, has_errors
+from hoi_retarget.robots.check import check, has_errors
+from hoi_retarget.robots.model import load_model
 from hoi_retarget.robots.spec import SITES
+from hoi_retarget.robots.tables import joint_table, role_table
 
 G1 = ROBOTS["unitree_g1"]
 TEXT = G1.mjcf.read_text()
@@ -27,9 +29,9 @@ def broken(tmp_path, *changes):
 
 def troubles(subject):
     """Return what is not ok as (level, where, what), and check that each says what to do."""
-    findings = [finding for finding in check(subject) if finding.level != "ok"]
-    assert all(finding.advice for finding in findings)
-    return [(finding.level, finding.where, finding.what) for finding in findings]
+    results = [result for result in check(subject) if result.level != "ok"]
+    assert all(result.advice for result in results)
+    return [(result.level, result.where, result.what) for result in results]
 
 
 def only(found, level, where, what):
@@ -42,10 +44,10 @@ def only(found, level, where, what):
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_robots_of_the_package_are_in_order(name):
-    findings = check(ROBOTS[name])
-    assert [finding for finding in findings if finding.level != "ok"] == []
-    assert len(findings) == 10
-    assert not has_errors(findings)
+    results = check(ROBOTS[name])
+    assert [result for result in results if result.level != "ok"] == []
+    assert len(results) == 10
+    assert not has_errors(results)
 
 
 def test_file_on_its_own_is_told_what_a_specification_adds():
@@ -157,7 +159,7 @@ def test_rotation_offsets():
 
 
 def test_tables_of_joints_and_roles():
-    joints, roles = describe(G1)
+    joints, roles = joint_table(load_model(G1)), role_table(load_model(G1))
     assert len(joints) == 29 and joints[3].joint == "left_knee_joint"
     assert (joints[3].lower, joints[3].upper, joints[3].speed_limit, joints[3].effort) == (-0.087267, 2.8798, 20, 139)
     assert [row.site for row in roles] == list(SITES)
@@ -168,8 +170,8 @@ def test_tables_of_joints_and_roles():
 
 def test_table_of_a_broken_robot(tmp_path):
     with pytest.raises(RobotError, match="cannot compile"):
-        describe(broken(tmp_path, ('type="box"', 'type="bocks"')))
+        load_model(broken(tmp_path, ('type="box"', 'type="bocks"')))
     with pytest.raises(RobotError, match="no speed limit for left_hip_pitch_joint"):
-        describe(dataclasses.replace(G1, speed_limits={}))
+        load_model(dataclasses.replace(G1, speed_limits={}))
     effortless = broken(tmp_path, (' actuatorfrcrange="-88 88"', ""))
-    assert describe(effortless)[0][0].effort is None
+    assert joint_table(load_model(effortless))[0].effort is None

@@ -1,6 +1,6 @@
 """The solver against the optimality conditions of the problem, and windows against the whole."""
 
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.retarget.config import BandedInteriorPoint, Horizon, parse_horizon
+from hoi_retarget.retarget.config import SOLVERS, BandedInteriorPoint, Horizon, Solver, parse_horizon
 from hoi_retarget.retarget.trajopt.bounds import Bounds
-from hoi_retarget.retarget.trajopt.problem import Problem
+from hoi_retarget.retarget.trajopt.problem import Problem, cost_by_term
 from hoi_retarget.retarget.trajopt.solvers.base import Status, optimality
 from hoi_retarget.retarget.trajopt.terms.differences import Differences
 from hoi_retarget.retarget.trajopt.terms.posture import Posture
@@ -49,6 +49,61 @@ def beyond_bounds(frames: int) -> Problem:
     return Problem(MODEL, terms, 30.0)
 
 
+def standing(frames: int) -> np.ndarray:
+    return np.tile(MODEL.home_qpos, (frames, 1))
+
+
+GOAL = random_qpos(MODEL, 12, np.random.default_rng(6), wander=0.01)
+PROBLEMS = {
+    "tracking": (tracking(GOAL, 0, 12), standing(12)),
+    "no jerk": (tracking(GOAL, 0, 2), standing(2)),
+    "bounds": (beyond_bounds(12), standing(12)),
+    "pinned": (tracking(GOAL, 0, 12, pinned=3), GOAL),
+    "pinned on both sides": (replace(tracking(GOAL, 0, 12, pinned=3), pinned_after=2), GOAL),
+    "start outside the bounds": (tracking(GOAL, 0, 12), GOAL + np.r_[np.zeros(7), np.ones(MODEL.n)]),
+}
+"""Problems with a start of each."""
+
+
+NOT_FOR = {("KeepStart", "start outside the bounds")}
+
+
+def test_solvers_are_frozen_values():
+    assert all(isinstance(solver(), Solver) and solver() == solver() for solver in SOLVERS.values())
+    with pytest.raises(FrozenInstanceError):
+        BandedInteriorPoint().tolerance = 1.0
+
+
+@pytest.mark.parametrize(("name", "case"), [(a, b) for a in SOLVERS for b in PROBLEMS if (a, b) not in NOT_FOR])
+def test_contract_of_a_solver(name, case):
+    problem, start = PROBLEMS[case]
+    given = start.copy()
+    solution = SOLVERS[name]().solve(problem, start)
+    assert solution.status in {Status.SOLVED, Status.STALLED, Status.MAX_ITERATIONS} and solution.iterations >= 0
+    np.testing.assert_array_equal(start, given)
+    assert solution.qpos.shape == start.shape and solution.qpos is not start
+    kept = np.ones(len(start), dtype=bool)
+    kept[problem.unknown(len(start))] = False
+    np.testing.assert_array_equal(solution.qpos[kept], start[kept])
+    slack = Bounds.of(problem).values(solution.qpos[:, 7:])
+    assert slack.min() > -1e-9
+    assert solution.multipliers.shape == slack.shape and (solution.multipliers >= 0).all()
+    costs = cost_by_term(problem.linearize(MODEL.forward(solution.qpos)))
+    assert solution.cost_by_term == pytest.approx(costs) and solution.cost == pytest.approx(sum(costs.values()))
+    if case != "start outside the bounds":
+        at_start = cost_by_term(problem.linearize(MODEL.forward(start)))
+        assert solution.cost <= sum(at_start.values()) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_failure_is_a_status(name):
+    problem, start = PROBLEMS["tracking"]
+    endless = SitePosition("endless", "head", np.full((3, len(start)), np.inf), 1.0)
+    with np.errstate(invalid="ignore", over="ignore"):
+        solution = SOLVERS[name]().solve(replace(problem, terms=(*problem.terms, endless)), start)
+    assert solution.status is Status.FAILED
+
+
 def test_optimality_conditions_hold_where_bounds_are_active():
     problem = beyond_bounds(20)
     start = np.tile(MODEL.home_qpos, (20, 1))
@@ -67,8 +122,6 @@ def test_optimality_conditions_hold_where_bounds_are_active():
 def test_a_perturbed_solution_is_not_optimal():
     problem = beyond_bounds(8)
     solution = SOLVER.solve(problem, np.tile(MODEL.home_qpos, (8, 1)))
-    from dataclasses import replace
-
     moved = solution.qpos.copy()
     moved[3, 0] += 0.01
     assert optimality(problem, replace(solution, qpos=moved)).stationarity > 1e-7

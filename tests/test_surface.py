@@ -96,7 +96,104 @@ def test_the_nearest_point_of_a_nearest_point_is_itself(seed):
 
 
 def test_no_points():
-    assert soup(0).closest_points(np.zeros((0, 3))).shape == (0, 3)
+    surface = soup(0)
+    assert surface.closest_points(np.zeros((0, 3))).shape == (0, 3)
+    assert surface.distances(np.zeros((0, 3))).shape == surface.signed_distances(np.zeros((0, 3))).shape == (0,)
+
+
+@pytest.mark.parametrize("height", 10.0 ** np.arange(-9, 0))
+@pytest.mark.parametrize("corner", [0, 1, 2])
+def test_thin_triangles_lose_no_place(height, corner):
+    """Needles and caps of any thinness: their own places are as near as the arithmetic allows."""
+    rng = np.random.default_rng(corner)
+    for apex in (0.0, 0.3):  # Above an end of the long edge, and between its ends.
+        ends = rng.normal(size=(2, 3))
+        third = (1 - apex) * ends[0] + apex * ends[1] + height * rng.normal(size=3)
+        triangle = np.roll(np.concatenate([ends, third[None]]), corner, axis=0)
+        places = rng.dirichlet(np.ones(3), size=50) @ triangle
+        assert Surface(triangle, np.array([[0, 1, 2]])).distances(places).max() < 2e-5
+
+
+# Inside and outside
+
+
+SIZE = np.array([0.4, 0.6, 1.0])
+
+
+def crate(*, lid: bool = True, inside_out: bool = False) -> Surface:
+    """A box of `SIZE` about the origin, its triangles facing outwards; without a lid it is open at its top."""
+    box = trimesh.creation.box(SIZE)
+    faces = np.asarray(box.faces)[:, ::-1] if inside_out else np.asarray(box.faces)
+    is_lid = (np.asarray(box.vertices)[faces][:, :, 2] > 0).all(axis=1)
+    return Surface(np.asarray(box.vertices), faces if lid else faces[~is_lid])
+
+
+def box_distances(points: np.ndarray) -> np.ndarray:
+    """Signed distances from the box, by its formula."""
+    beyond = np.abs(points) - 0.5 * SIZE
+    return np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
+
+
+@pytest.mark.parametrize("inside_out", [False, True])
+def test_signed_distances_from_a_box(inside_out):
+    surface, rng = crate(inside_out=inside_out), np.random.default_rng(0)
+    points = rng.uniform(-1.0, 1.0, (2000, 3)) * SIZE
+    np.testing.assert_allclose(surface.signed_distances(points), box_distances(points), atol=1e-12)
+    assert 0.05 < (surface.signed_distances(points) < 0).mean() < 0.95
+
+
+@pytest.mark.parametrize("depth", [-1e-3, -1e-6, -1e-8, -1e-11, 1e-11, 1e-8, 1e-6, 1e-3])
+def test_the_side_of_a_point_beside_the_surface_is_known(depth):
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-0.4, 0.4, (200, 3)) * SIZE
+    points[:, 0] = 0.5 * SIZE[0] + depth
+    np.testing.assert_allclose(crate().signed_distances(points), depth, rtol=1e-3)
+
+
+def test_signed_distances_from_a_ball():
+    """On the rays of its vertices outside, and below the middles of its triangles inside, they are known exactly."""
+    radius = 0.5
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=radius)
+    surface = Surface(np.asarray(ball.vertices), np.asarray(ball.faces))
+    for height in (1e-9, 1e-3, 2.0):
+        above = surface.vertices * (1.0 + height / radius)
+        np.testing.assert_allclose(surface.signed_distances(above), height, atol=1e-9)
+    a, b, c = np.moveaxis(surface.triangles, 1, 0)
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    for depth in (1e-9, 1e-3, 0.1):
+        below = surface.triangles.mean(axis=1) - depth * normals
+        np.testing.assert_allclose(surface.signed_distances(below), -depth, atol=1e-9)
+    (middle,) = surface.signed_distances(np.zeros((1, 3)))
+    np.testing.assert_allclose(middle, -np.einsum("fi,fi->f", a, normals).min(), atol=1e-9)
+
+
+def test_an_open_box_holds_what_is_deep_in_it():
+    surface = crate(lid=False)
+    deep, above, beside = np.array([[0.0, 0.0, -0.2], [0.0, 0.0, 0.7], [0.3, 0.0, 0.0]])
+    found = surface.signed_distances(np.stack([deep, above, beside]))
+    np.testing.assert_allclose(found, [-0.2, np.hypot(0.2, 0.2), 0.1], atol=1e-12)
+    # In the middle of the opening, less than half of what is seen there is the box.
+    assert surface.signed_distances(np.array([[0.0, 0.0, 0.55]]))[0] > 0
+
+
+def test_triangles_without_area_and_overlapping_solids_change_no_side():
+    box, points = crate(), np.random.default_rng(0).uniform(-1.0, 1.0, (500, 3))
+    shift = np.array([0.1, 0.0, 0.0])
+    twice = Surface(
+        np.concatenate([box.vertices, box.vertices + shift]),
+        np.concatenate([box.faces, box.faces + len(box.vertices), [[0, 0, 0], [0, 1, 1]]]),
+    )
+    either = np.minimum(box_distances(points), box_distances(points - shift)) < 0
+    np.testing.assert_array_equal(twice.signed_distances(points) < 0, either)
+
+
+def test_hulls_have_an_inside_and_flat_ones_none():
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (500, 3))
+    hull = surface_of(ObjectGeometry(crate().vertices))
+    np.testing.assert_allclose(hull.signed_distances(points), box_distances(points), atol=1e-12)
+    flat = surface_of(ObjectGeometry(crate().vertices * [1.0, 1.0, 0.0]))
+    assert (flat.signed_distances(points) >= 0).all()
 
 
 @pytest.mark.parametrize("name", ["carry_box", "carry_table"])

@@ -1,21 +1,23 @@
-"""Random trajectories and the terms of every file in `terms/`, shared by the tests of the solver."""
+"""Random trajectories and every cost term there is, shared by the tests of terms and solvers."""
+
+import importlib
+import pkgutil
+from functools import cache
 
 import numpy as np
 
+import hoi_retarget.retarget.trajopt.terms as terms_package
 from hoi_retarget.numerics import se3
+from hoi_retarget.retarget.config import IkWeights, Scaling, Weights
+from hoi_retarget.retarget.targets import Targets, make_targets
 from hoi_retarget.retarget.trajopt.problem import Term
-from hoi_retarget.retarget.trajopt.terms.differences import Differences
-from hoi_retarget.retarget.trajopt.terms.floor_clearance import FloorClearance
-from hoi_retarget.retarget.trajopt.terms.object_contact import ObjectContact
-from hoi_retarget.retarget.trajopt.terms.posture import Posture
-from hoi_retarget.retarget.trajopt.terms.relative_rotation import RelativeRotation
-from hoi_retarget.retarget.trajopt.terms.site_height import SiteHeight
-from hoi_retarget.retarget.trajopt.terms.site_position import SitePosition
-from hoi_retarget.retarget.trajopt.terms.site_rotation import SiteRotation
-from hoi_retarget.robots import ROBOTS
-from hoi_retarget.robots.model import RobotModel, load_model
+from hoi_retarget.retarget.trajopt.table import ik_terms, trajectory_terms
+from hoi_retarget.robots import ROBOTS, load_robot
+from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.synthetic import make
 
-MODELS: dict[str, RobotModel] = {name: load_model(spec) for name, spec in ROBOTS.items()}
+MODELS: dict[str, RobotModel] = {name: load_robot(name) for name in ROBOTS}
+DEEP = np.array([0.0, 0.0, -3.0])  # [m] All of a robot is then under the floor.
 
 
 def random_qpos(model: RobotModel, frames: int, rng: np.random.Generator, *, wander: float = 0.05) -> np.ndarray:
@@ -28,24 +30,43 @@ def random_qpos(model: RobotModel, frames: int, rng: np.random.Generator, *, wan
     return np.concatenate([place, turn, theta], axis=1)
 
 
-def random_rotations(frames: int, rng: np.random.Generator) -> np.ndarray:
-    return se3.quat_to_matrix(se3.exp(rng.normal(size=(frames, 3)))).transpose(1, 2, 0)
+def sunk_qpos(model: RobotModel, frames: int, rng: np.random.Generator) -> np.ndarray:
+    """Return a random walk under the floor, where every term has a residual."""
+    qpos = random_qpos(model, frames, rng)
+    qpos[:, :3] += DEEP
+    return qpos
 
 
-def one_term_per_file(model: RobotModel, frames: int, rng: np.random.Generator) -> dict[str, Term]:
-    """Return, by file name, a term with random references and weights that vary over time."""
-    vectors = rng.normal(size=(3, frames))
-    weights = rng.uniform(0.0, 3.0, size=frames)
-    corners = tuple(f"left_sole_{corner}" for corner in ("heel_inner", "heel_outer", "toe_inner", "toe_outer"))
-    return {
-        "site_position": SitePosition("t", "left_palm", vectors, weights),
-        "site_rotation": SiteRotation("t", "right_palm", random_rotations(frames, rng), weights),
-        "object_contact": ObjectContact(
-            "t", "left_palm", vectors, rng.normal(size=(3, frames)), random_rotations(frames, rng), weights
-        ),
-        "site_height": SiteHeight("t", "right_foot", vectors[0], weights),
-        "floor_clearance": FloorClearance("t", corners, 2.0, 2.0),
-        "posture": Posture("t", rng.normal(size=(model.n, frames)), 1.7),
-        "relative_rotation": RelativeRotation("t", "torso", random_rotations(frames, rng), 0.6),
-        "differences": Differences("t", 3, 4.0),
-    }
+def term_classes() -> dict[str, type]:
+    """Return the classes of terms in the files of `terms/`, by name."""
+    found = {}
+    for info in pkgutil.iter_modules(terms_package.__path__):
+        module = importlib.import_module(f"{terms_package.__name__}.{info.name}")
+        found |= {name: kind for name, kind in vars(module).items() if _is_term(kind, module.__name__)}
+    return found
+
+
+def _is_term(kind: object, module: str) -> bool:
+    return isinstance(kind, type) and kind.__module__ == module and hasattr(kind, "rows")
+
+
+def all_terms(model: RobotModel, frames: int, rng: np.random.Generator) -> tuple[Term, ...]:
+    """Return the terms of both cost tables while a standing person grasps a box, by a random reference."""
+    window = _grasp(model, frames)
+    reference = model.forward(random_qpos(model, frames, rng))
+    return (*trajectory_terms(Weights(), window, reference), *ik_terms(IkWeights(), window, model))
+
+
+@cache
+def _grasp(model: RobotModel, frames: int) -> Targets:
+    targets = make_targets(make("carry_box"), model, Scaling())
+    first = int(np.argmax(targets.contact_flags[:, 0])) - frames // 2
+    return targets.window(first, first + frames)
+
+
+def terms_by_class(model: RobotModel, frames: int, rng: np.random.Generator) -> dict[str, list[Term]]:
+    """Return all those terms by the names of their classes."""
+    found: dict[str, list[Term]] = {}
+    for term in all_terms(model, frames, rng):
+        found.setdefault(type(term).__name__, []).append(term)
+    return found

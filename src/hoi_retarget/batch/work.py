@@ -4,7 +4,6 @@ import hashlib
 import re
 import time
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +15,10 @@ from hoi_retarget.clip.edits import apply, load
 from hoi_retarget.errors import GeometryError, HoiRetargetError, ReadError
 from hoi_retarget.evaluate.thresholds import verdict_of
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.motion.report import Status
+from hoi_retarget.motion.report import Status as SolveStatus
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retarget.multi_person import result_paths, retarget_people, write
-from hoi_retarget.robots import robot, team
-from hoi_retarget.robots.model import RobotModel, load_model
+from hoi_retarget.robots import load_robot, team
 
 _INPUT_ERRORS = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)
 _FRAME = re.compile(r"\bframes? \(?(\d+)")  # In messages.
@@ -67,7 +65,7 @@ def _run(task: Task) -> ManifestEntry:
         edits = clip.source.contact_edits
         lineage = {**entry.lineage, "contact_edits": edits and hashlib.sha256(edits.encode()).hexdigest()}
         entry = replace(entry, lineage=lineage, frames=clip.frames)
-        models = [_model(spec.name) for spec in team(job.robot)]
+        models = [load_robot(spec.name) for spec in team(job.robot)]
         seconds = time.process_time() - start
         motions = retarget_people(clip, models, job.config, command=_command(job))
         paths = result_paths(clip, Path(job.name).name, (task.out / job.name).parent)
@@ -82,7 +80,7 @@ def _run(task: Task) -> ManifestEntry:
 
 
 def _finished(entry: ManifestEntry, task: Task, motions: tuple[Motion, ...], paths: tuple[Path, ...]) -> ManifestEntry:
-    verdicts = [verdict_of(motion, _model(motion.robot)) for motion in motions]
+    verdicts = [verdict_of(motion, load_robot(motion.robot)) for motion in motions]
     results = tuple(
         ManifestResult(
             path=path.relative_to(task.out).as_posix(),
@@ -108,7 +106,7 @@ def _finished(entry: ManifestEntry, task: Task, motions: tuple[Motion, ...], pat
 
 def _first_loose_frame(motions: tuple[Motion, ...]) -> int:
     windows = (window for motion in motions for stage in motion.stages for window in stage.windows)
-    return min(window.start for window in windows if window.status is not Status.SOLVED)
+    return min(window.start for window in windows if window.status is not SolveStatus.SOLVED)
 
 
 def _failed(entry: ManifestEntry, error: Exception, text: str) -> ManifestEntry:
@@ -150,8 +148,3 @@ def _command(job: Job) -> dict[str, Any]:
         **{key: str(value) if isinstance(value, Path) else value for key, value in job.reading.items()},
         "edits": None if job.edits is None else str(job.edits),
     }
-
-
-@lru_cache(maxsize=8)
-def _model(name: str) -> RobotModel:
-    return load_model(robot(name))

@@ -7,8 +7,7 @@ from hoi_retarget.cli.commands import Bench
 from hoi_retarget.cli.terminal import Working, say, show_table
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.retarget.multi_person import retarget_people, write
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots import load_robot
 from hoi_retarget.synthetic import make
 
 SCENE = "carry_box"
@@ -25,7 +24,7 @@ def execute(command: Bench) -> int:
     """Time the pipeline and print a table."""
     if command.repeats < 1:
         raise ArgumentError(f"--repeats is {command.repeats}; at least one run is needed.")
-    model = load_model(robot(command.robot))
+    model = load_robot(command.robot)
     clip = make(SCENE, seconds=command.seconds)
     runs = []
     with tempfile.TemporaryDirectory() as folder, Working("timing", command.repeats) as working:

@@ -8,21 +8,20 @@ from hoi_retarget.cli.jobs import check_inputs_kept, check_writable, write_file
 from hoi_retarget.cli.terminal import say
 from hoi_retarget.motion.check import CheckedMotion, Finding, check
 from hoi_retarget.motion.formats import MotionFile, read
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots import load_robot
 
 _MARKS = {"ok": "ok", "note": "note", "unknown": "unknown", "contradiction": "WRONG"}
 
 
 def execute(command: CheckMotion) -> int:
     """Describe a file; return 1 when something contradicts what it claims."""
-    spec = robot(command.robot)
+    model = load_robot(command.robot)
     if command.json is not None:
         check_writable("--json", command.json.parent)
         read_from = command.file.iterdir() if command.file.is_dir() else [command.file]
         check_inputs_kept("--json", [command.json], read_from)
     file = read(command.file)
-    checked = check(file, load_model(spec))
+    checked = check(file, model)
     _describe(file, checked)
     for finding in checked.findings:
         _show(finding)

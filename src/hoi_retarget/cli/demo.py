@@ -7,8 +7,7 @@ from hoi_retarget.cli.figures import show_figures
 from hoi_retarget.cli.jobs import check_writable, describe_result, score
 from hoi_retarget.cli.terminal import Working, program, say
 from hoi_retarget.retarget.multi_person import retarget_people, write
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots import load_robot
 from hoi_retarget.synthetic import make
 
 SCENE = "carry_box"
@@ -16,14 +15,14 @@ SCENE = "carry_box"
 
 def execute(command: Demo) -> int:
     """Retarget the built-in clip and say what to try next."""
-    spec = robot(command.robot)
+    model = load_robot(command.robot)
     check_writable("--out", command.out)
     path = command.out / f"{SCENE}.npz"
     clip = make(SCENE)
     say(f"A built-in clip: a person of {clip.people[0].height:.2f} m walks to a box, lifts it, carries it round a")
-    say(f"turn and sets it down ({clip.frames} frames). Now the same by a {spec.title}:")
+    say(f"turn and sets it down ({clip.frames} frames). Now the same by a {model.spec.title}:")
     with Working("retargeting", None):
-        (motion,) = retarget_people(clip, [load_model(spec)])
+        (motion,) = retarget_people(clip, [model])
         (motion,) = write([motion], [path])
     describe_result(motion, path)
     say()

@@ -14,8 +14,7 @@ from hoi_retarget.cli.terminal import Working, program, say
 from hoi_retarget.clip.edits import ContactEdits, load
 from hoi_retarget.readers.open import open_clip, result_stem
 from hoi_retarget.retarget.multi_person import result_paths, with_report, write
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots import load_robot
 
 if TYPE_CHECKING:
     from hoi_retarget.viewers.browser.editing import Edited
@@ -28,7 +27,7 @@ def execute(command: Edit) -> int:
     from hoi_retarget.viewers.browser.editing import solved  # noqa: PLC0415
     from hoi_retarget.viewers.browser.editor import Places  # noqa: PLC0415
 
-    config, model = config_of(command), load_model(robot(command.robot))
+    config, model = config_of(command), load_robot(command.robot)
     stem = result_stem(command.clip)
     path = command.edits or Path(f"{stem}.edits.toml")
     check_writable("--edits", path.parent)

@@ -17,8 +17,7 @@ from hoi_retarget.motion.formats.dataset import CARD, FOLDER, write_dataset
 from hoi_retarget.motion.result import Result
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.readers.open import clip_of
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import RobotModel, load_model
+from hoi_retarget.robots import load_robot
 
 
 def execute(command: Export) -> int:
@@ -30,14 +29,13 @@ def execute(command: Export) -> int:
     format = format_named(command.to)
     targets = _targets(command, format)
     check_writable("--out", next(iter(targets.values())).parent)
-    models: dict[str, RobotModel] = {}
     failures: list[HoiRetargetError] = []
     notes: dict[str, None] = {}
     with Working("exporting", len(targets)) as working:
         for path, target in targets.items():
             working.describe(path.name)
             try:
-                result = _read(path, command, models, working)
+                result = _read(path, command, working)
                 exported = export(result, format, name=target.name, fps=command.fps, object_name=command.object_name)
                 contents = {target.parent / file: content for file, content in exported.files.items()}
                 check_inputs_kept("--out", contents, command.results)
@@ -64,13 +62,12 @@ def _export_dataset(command: Export) -> int:
         raise ArgumentError(f"--object {command.object_name}: a data set holds all objects. Leave the option out.")
     _check_folder(command.out)
     check_writable("--out", command.out)
-    models: dict[str, RobotModel] = {}
     results: list[Result] = []
     with Working("exporting", len(command.results)) as working:
         for path in command.results:
             working.describe(path.name)
             try:
-                results.append(_read(path, command, models, working))
+                results.append(_read(path, command, working))
             except HoiRetargetError as error:
                 raise type(error)(_naming(path, error)) from error
             working.advance()
@@ -131,12 +128,10 @@ def _check_stems(paths: Sequence[Path]) -> None:
             raise ArgumentError(f"{other} and {path} would both be written as {path.stem}. Export them one by one.")
 
 
-def _read(path: Path, command: Export, models: dict[str, RobotModel], working: Working) -> Result:
+def _read(path: Path, command: Export, working: Working) -> Result:
     """Return a result with the clip it was made from; a warning tells what is missing without that."""
     motion = load(path)
-    if motion.robot not in models:
-        models[motion.robot] = load_model(robot(motion.robot))
-    alone = Result(path.stem, sha256(path.read_bytes()).hexdigest(), motion, models[motion.robot])
+    alone = Result(path.stem, sha256(path.read_bytes()).hexdigest(), motion, load_robot(motion.robot))
     if not motion.object_names:
         return alone
     try:

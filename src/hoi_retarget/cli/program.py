@@ -26,7 +26,13 @@ from hoi_retarget.cli.terminal import fail, say  # noqa: E402
 from hoi_retarget.errors import ArgumentError, HoiRetargetError  # noqa: E402
 
 _TYRO = (tyro.conf.OmitSubcommandPrefixes,)
-_THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+_THREAD_VARIABLES = (
+    "OPENBLAS_NUM_THREADS",
+    "OMP_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "IGL_NUM_THREADS",
+)
 
 
 def run(arguments: Sequence[str]) -> int:

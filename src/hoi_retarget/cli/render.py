@@ -19,8 +19,7 @@ from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.readers.open import clip_of
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots import load_robot
 from hoi_retarget.viewers.offscreen import film
 from hoi_retarget.viewers.offscreen.robot_picture import png
 from hoi_retarget.viewers.scene.camera import CameraSettings
@@ -93,7 +92,7 @@ def _shown(path: Path, command: Render) -> Shown:
     if path.suffix.lower() in (".pt", ".pth") and os.path.isfile(path):  # noqa: PTH113  # raises nothing
         raise ReadError(f"{path}: this is a clip, not a result. Use `{program()} run` on it first.")
     motion = load(path)
-    model = load_model(robot(motion.robot))
+    model = load_robot(motion.robot)
     meshes = menagerie_meshes(model.spec) if command.meshes == MENAGERIE else command.meshes
     return Shown(path.stem, motion, model, _clip(path, motion, command), motion.person, meshes)
 

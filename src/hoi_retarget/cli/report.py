@@ -16,8 +16,8 @@ from hoi_retarget.report.index import to_csv, to_json, to_parquet
 from hoi_retarget.report.page import Picture, report_page
 from hoi_retarget.report.pictures import picture_of
 from hoi_retarget.report.rows import Row, read_row, worst_first
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import RobotModel, load_model
+from hoi_retarget.robots import load_robot
+from hoi_retarget.robots.model import RobotModel
 
 PICTURES, _PASSING_PICTURES = 6, 3
 _SHOWN = 10  # Files that are named in the terminal.
@@ -33,7 +33,7 @@ def execute(command: Report) -> int:
     # Of what is written, only the table can be a motion.
     check_inputs_kept("--out", [command.out / _TABLE], (file.path for file in files.motions))
     summary = summarize_manifests(files.manifests)
-    model = load_model(robot(command.robot))
+    model = load_robot(command.robot)
     rows = list(summary.missing)
     with Working("judging", len(files.motions)) as working:
         for file in files.motions:

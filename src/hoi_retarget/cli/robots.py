@@ -9,9 +9,10 @@ from hoi_retarget.cli.commands import CheckRobot, ListRobots, Robots, ShowRobot
 from hoi_retarget.cli.jobs import check_writable, write_file
 from hoi_retarget.cli.terminal import say, show_table
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.robots import ROBOTS, robot
-from hoi_retarget.robots.check import check, describe, has_errors
+from hoi_retarget.robots import ROBOTS, load_robot, robot
+from hoi_retarget.robots.check import check, has_errors
 from hoi_retarget.robots.spec import RobotSpec
+from hoi_retarget.robots.tables import joint_table, role_table
 
 MENAGERIE = Path("menagerie")
 
@@ -38,7 +39,7 @@ def _show(action: ShowRobot) -> int:
     spec = robot(action.name)
     if action.picture is not None:
         _check_picture(action.picture, action.meshes)
-    joints, roles = describe(spec)
+    model = load_robot(action.name)
     say(f"{spec.name}: {spec.title}")
     say(f"  {spec.provenance}")
     say(f"  {spec.mjcf}")
@@ -50,11 +51,14 @@ def _show(action: ShowRobot) -> int:
             *(f"{row.speed_limit:g}", "-" if row.effort is None else f"{row.effort:g}"),
             f"{degrees(spec.home.get(row.joint, 0.0)):.1f}",
         )
-        for index, row in enumerate(joints)
+        for index, row in enumerate(joint_table(model))
     ]
     show_table([header, *rows], words=(1,))
     say()
-    places = [(row.site, row.body, " ".join(f"{number:.4f}" for number in row.place), row.follows) for row in roles]
+    places = [
+        (row.site, row.body, " ".join(f"{number:.4f}" for number in row.place), row.follows)
+        for row in role_table(model)
+    ]
     show_table([("site", "on", "at [m]", "follows"), *places], words=(0, 1, 2, 3))
     if action.picture is not None:
         _draw(spec, action.picture, action.meshes)
@@ -84,7 +88,7 @@ def _draw(spec: RobotSpec, path: Path, meshes: Path | None) -> None:
 
 
 def _check(action: CheckRobot) -> int:
-    """Print every finding; return 0 unless one is an error."""
+    """Print every result; return 0 unless one is an error."""
     suffix = Path(action.subject).suffix.lower()
     is_file = suffix == ".xml"
     if not is_file and action.subject not in ROBOTS and (suffix or os.path.exists(action.subject)):  # noqa: PTH110
@@ -92,7 +96,7 @@ def _check(action: CheckRobot) -> int:
             f"{action.subject}: only MJCF files (.xml) can be checked. "
             "Load a URDF into MuJoCo once and save it as MJCF: mujoco.mj_saveLastXML('robot.xml', model)."
         )
-    findings = check(Path(action.subject) if is_file else robot(action.subject))
-    for finding in findings:
-        say(f"{finding.level:6}{finding.where}: {finding.what}" + (f". {finding.advice}" if finding.advice else ""))
-    return 1 if has_errors(findings) else 0
+    results = check(Path(action.subject) if is_file else robot(action.subject))
+    for result in results:
+        say(f"{result.level:6}{result.where}: {result.what}" + (f". {result.advice}" if result.advice else ""))
+    return 1 if has_errors(results) else 0

@@ -20,8 +20,8 @@ from hoi_retarget.readers.object_files import known_objects
 from hoi_retarget.readers.open import open_clip, result_stem
 from hoi_retarget.retarget.config import Config
 from hoi_retarget.retarget.multi_person import result_paths, retarget_people, write
-from hoi_retarget.robots import team
-from hoi_retarget.robots.model import RobotModel, load_model
+from hoi_retarget.robots import load_robot, team
+from hoi_retarget.robots.model import RobotModel
 
 
 def execute(command: Run) -> int:
@@ -35,7 +35,7 @@ def execute(command: Run) -> int:
     if command.edits is not None and len(command.clips) > 1:
         raise ArgumentError(f"--edits {command.edits} is for one clip, and {len(command.clips)} are named. Name one.")
     check_writable("--out", command.out)
-    models = [load_model(spec) for spec in specs]
+    models = [load_robot(spec.name) for spec in specs]
     scores: list[Score] = []
     failures: list[HoiRetargetError] = []
     loose = 0

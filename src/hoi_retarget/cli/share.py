@@ -13,8 +13,8 @@ from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.readers.open import clip_of
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import RobotModel, load_model
+from hoi_retarget.robots import load_robot
+from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.scene.scene import Shown
 from hoi_retarget.viewers.share.gallery import GalleryEntry
 from hoi_retarget.viewers.share.share import check_replaceable, gallery_in
@@ -26,14 +26,11 @@ def execute(command: Share) -> int:
         raise ArgumentError("no result is named. Usage: hoi-retarget share RESULT... --out DIR.")
     check_replaceable(command.out)
     check_writable("--out", command.out.parent)
-    models: dict[str, RobotModel] = {}
     with gallery_in(command.out, command.title) as gallery, Working("sharing", len(command.results)) as working:
         for path in command.results:
             working.describe(path.name)
             motion = load(path)
-            if motion.robot not in models:
-                models[motion.robot] = load_model(robot(motion.robot))
-            model = models[motion.robot]
+            model = load_robot(motion.robot)
             clip = _clip(path, motion, command, working)
             shown = Shown(path.stem, motion, model, clip, motion.person)
             gallery.add(_entry(path, motion, model), shown)

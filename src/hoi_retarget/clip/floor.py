@@ -10,9 +10,11 @@ import numpy as np
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.human.capsules import PART_CAPSULES, spheres
 from hoi_retarget.human.skeleton import FEET
+from hoi_retarget.numerics.filters import speeds
 
 STANDING_SPEED = 0.15
-"""[m/s]; a sole that is slower stands on something."""
+"""[m/s]; a sole that is slower stands on something. Stricter than `stance.STANCE_SPEED`: stance looks at the height
+over the floor, too, which is not known here."""
 FLOOR_PERCENTILE = 10.0
 """Of the heights of standing soles: low enough for people who also stand on things, above what noise reaches."""
 LEAST_STANDING = 5
@@ -47,9 +49,8 @@ def floor_height(clip: Clip) -> tuple[float, int]:
     for person in clip.people:
         for foot in FEET:
             balls = spheres(person, PART_CAPSULES[foot])
-            heights.append((balls.middles[..., 2] - balls.radii).min(axis=1))
-            speed = np.linalg.norm(np.gradient(balls.middles, axis=0), axis=-1).max(axis=1) * clip.fps
-            slow.append(speed < STANDING_SPEED)
+            heights.append(balls.lowest)
+            slow.append(speeds(balls.middles, clip.fps).max(axis=1) < STANDING_SPEED)
     soles, stands = np.concatenate(heights), np.concatenate(slow)
     if stands.sum() < LEAST_STANDING:
         return float(soles.min()), 0

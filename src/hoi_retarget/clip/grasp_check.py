@@ -6,11 +6,11 @@ recordings points wander by 0.8 to 7.2 cm within a contact, and farther with inv
 far where the object turns, hardly farther where it does not. What does not turn cannot be judged.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.errors import ClipError
@@ -34,11 +34,12 @@ CLEARLY_BY = 0.01
 SHIFTS_SECONDS = (-1.0, -0.5, 0.5, 1.0)
 """Contacts are tried this much earlier and later."""
 
-_READINGS: Mapping[str, str] = {
-    "inverse": "inverse rotations",
-    "scalar_last": "rotations in scalar-last order",
-    "scalar_first": "rotations in scalar-first order",
+_READINGS: Mapping[str, tuple[str, Callable[[np.ndarray], np.ndarray]]] = {
+    "inverse": ("inverse rotations", se3.quat_conjugate),
+    "scalar_last": ("rotations in scalar-last order", se3.quat_from_xyzw),
+    "scalar_first": ("rotations in scalar-first order", se3.quat_to_xyzw),
 }
+"""Other readings of an object's rotations: their names in words, and the rotations by them."""
 
 
 @dataclass(frozen=True)
@@ -61,26 +62,24 @@ def grasp_figures(clip: Clip) -> GraspFigures:
     """Return how rigid the grasps of a clip are."""
     least = max(2, round(SHORTEST_SECONDS * clip.fps))
     held = [track for track in clip.contacts if track.active.any()]
-    squares: dict[str, list[np.ndarray]] = {name: [] for name in ("as read", *_READINGS)}
-    for track in held:
-        item = clip.objects[track.object]
-        offsets = clip.people[track.person].part_position(track.part) - item.positions
-        quats = {
-            "as read": item.quats,
-            "inverse": se3.quat_conjugate(item.quats),
-            "scalar_last": se3.quat_from_xyzw(item.quats),
-            "scalar_first": se3.quat_to_xyzw(item.quats),
-        }
-        for name, rotations in quats.items():
-            points = se3.rotate_inverse(rotations, offsets)
-            squares[name] += [_deviations(points[a:b]) for a, b in track.segments if b - a >= least]
-    spreads = {name: _root_mean(parts) for name, parts in squares.items()}
+    points = [_points(clip, track) for track in held]
+    longer = [runs(track.active, least) for track in held]
+    deviations = _deviations(points, longer)
+
+    def shifted(frames: int) -> float:
+        moved = _deviations(points, [runs(_later(track.active, frames), least) for track in held])
+        # Where few frames of contact are left, nothing speaks for the shift.
+        return _root_mean(moved) if 2 * len(moved) > len(deviations) else float("inf")
+
     return GraspFigures(
-        frames=sum(map(len, squares["as read"])),
-        spread=spreads.pop("as read"),
-        other_readings=spreads,
-        shifted={seconds: _shifted_spread(clip, held, round(seconds * clip.fps), least) for seconds in SHIFTS_SECONDS},
-        reach=_reach(clip, held),
+        frames=len(deviations),
+        spread=_root_mean(deviations),
+        other_readings={
+            name: _root_mean(_deviations([_points(clip, track, reading) for track in held], longer))
+            for name, (_, reading) in _READINGS.items()
+        },
+        shifted={seconds: shifted(round(seconds * clip.fps)) for seconds in SHIFTS_SECONDS},
+        reach=_reach(clip, held, points),
     )
 
 
@@ -119,7 +118,7 @@ def fatal_fault(figures: GraspFigures) -> str:
     best = min(figures.other_readings, key=lambda name: figures.other_readings[name])
     if _clearly_better(figures.other_readings[best], figures.spread):
         return (
-            f"The objects' rotations are read wrongly: with {_READINGS[best]}, contact points wander by "
+            f"The objects' rotations are read wrongly: with {_READINGS[best][0]}, contact points wander by "
             f"{figures.other_readings[best]:.3f} m in the object's frame, as read by {figures.spread:.3f} m. What is "
             "held does not slip that far. Convert the clip again."
         )
@@ -143,33 +142,36 @@ def _clearly_better(other: float, spread: float) -> bool:
     return spread > CLEARLY * other and spread > other + CLEARLY_BY
 
 
-def _deviations(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-    return np.sum((points - points.mean(axis=0)) ** 2, axis=1)
+def _points(
+    clip: Clip, track: ContactTrack, reading: Callable[[np.ndarray], np.ndarray] | None = None
+) -> Float[np.ndarray, "T 3"]:
+    """Return a part's place in the frame of the object that it touches [m], with another reading of its rotations."""
+    item = clip.objects[track.object]
+    offsets = clip.people[track.person].part_position(track.part) - item.positions
+    return se3.rotate_inverse(reading(item.quats) if reading else item.quats, offsets)
 
 
-def _root_mean(parts: list[np.ndarray]) -> float:
-    return float(np.sqrt(np.concatenate(parts).mean())) if parts else 0.0
+def _deviations(points: list[np.ndarray], spans: list[tuple[tuple[int, int], ...]]) -> Float[np.ndarray, "n"]:
+    """Return the squared distances of points from their mean in each of their spans [m^2]."""
+    parts = [own[first:stop] for own, runs_of_it in zip(points, spans, strict=True) for first, stop in runs_of_it]
+    return np.concatenate([np.zeros(0), *(np.sum((part - part.mean(axis=0)) ** 2, axis=1) for part in parts)])
 
 
-def _shifted_spread(clip: Clip, held: list[ContactTrack], shift: int, least: int) -> float:
-    """Return the spread with contacts some frames later; frames that leave the clip are left out."""
-    parts = []
-    for track in held:
-        points = clip.objects[track.object].to_object(clip.people[track.person].part_position(track.part))
-        before = np.arange(len(points)) - shift
-        within = (before >= 0) & (before < len(points))
-        moved = within & track.active[np.where(within, before, 0)]
-        parts += [_deviations(points[a:b]) for a, b in runs(moved) if b - a >= least]
-    # Where few frames of contact are left, nothing speaks for the shift.
-    held_before = sum(b - a for track in held for a, b in track.segments if b - a >= least)
-    return _root_mean(parts) if 2 * sum(map(len, parts)) > held_before else float("inf")
+def _root_mean(squares: Float[np.ndarray, "n"]) -> float:
+    return float(np.sqrt(squares.mean())) if len(squares) else 0.0
 
 
-def _reach(clip: Clip, held: list[ContactTrack]) -> float:
+def _later(active: Bool[np.ndarray, "T"], frames: int) -> Bool[np.ndarray, "T"]:
+    """Return flags some frames later; those that leave the clip are left out."""
+    before = np.arange(len(active)) - frames
+    within = (before >= 0) & (before < len(active))
+    return within & active[np.where(within, before, 0)]
+
+
+def _reach(clip: Clip, held: list[ContactTrack], points: list[np.ndarray]) -> float:
     distances = []
-    for track in held:
-        item = clip.objects[track.object]
-        points = item.to_object(clip.people[track.person].part_position(track.part))[track.active]
-        low, high = item.geometry.points.min(axis=0), item.geometry.points.max(axis=0)
-        distances.append(np.linalg.norm(np.maximum(np.maximum(low - points, points - high), 0.0), axis=1))
+    for track, own in zip(held, points, strict=True):
+        corners = clip.objects[track.object].geometry.points
+        beyond = np.maximum(corners.min(axis=0) - own[track.active], own[track.active] - corners.max(axis=0))
+        distances.append(np.linalg.norm(np.maximum(beyond, 0.0), axis=1))
     return float(np.median(np.concatenate(distances))) if distances else 0.0

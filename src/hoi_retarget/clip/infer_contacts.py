@@ -13,12 +13,11 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.label_contacts import PROXIMITY, InterAct, Nearness, label_contacts, nearness
 from hoi_retarget.errors import ClipError
 from hoi_retarget.numerics import se3
-from hoi_retarget.objects.track import ObjectTrack
+from hoi_retarget.numerics.filters import speeds
+from hoi_retarget.objects.track import MOVING_SPEED, ObjectTrack
 
 Labels = Literal["auto", "proximity", "interact"]
 
-MOVING_SPEED = 0.15
-"""[m/s]; an object that is faster is moved by somebody, or falls."""
 LEAST_MOVING = 10
 """Frames of moving that an object's poses are judged from."""
 LEAST_HELD, CLEARLY_HELD = 0.5, 0.3
@@ -32,7 +31,7 @@ def with_contacts(clip: Clip, labels: Labels = "auto") -> Clip:
     Args:
         clip: its floor is at z = 0.
         labels: `auto` keeps the source's contacts where it has any; `proximity` and `interact` find them anew by the
-            rule of that name (`contact_labels.Proximity`, `contact_labels.InterAct`).
+            rule of that name (`label_contacts.Proximity`, `label_contacts.InterAct`).
 
     Raises:
         ClipError: objects move with nobody near, but not when their rotations are inverted.
@@ -95,7 +94,7 @@ def _moving(track: ObjectTrack, fps: float) -> Bool[np.ndarray, "T"]:
     points = track.geometry.points
     middle: Float[np.ndarray, "3"] = 0.5 * (points.min(axis=0) + points.max(axis=0))
     path = track.positions + se3.rotate(track.quats, middle)
-    return np.asarray(np.linalg.norm(np.gradient(path, axis=0), axis=1) * fps > MOVING_SPEED)
+    return speeds(path, fps) > MOVING_SPEED
 
 
 def _held(near: tuple[Nearness, ...], index: int, moving: Bool[np.ndarray, "T"]) -> float:

@@ -1,9 +1,7 @@
 """Contacts from geometry: which part touches which object, when, and where.
 
 A part is in contact while its surface, capsules around its bones, is nearer to the object's surface than a
-threshold. Distances are exact up to `FAR` and are taken only where they can matter: points outside
-the object's box by more than that are far, and of the others only those that a coarse search leaves as possibly
-the nearest of their frame are compared with triangles.
+threshold. Distances are exact up to `FAR`: points outside the object's box by more than that are far.
 """
 
 from collections.abc import Iterable
@@ -11,8 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
-from scipy.spatial import KDTree
+from jaxtyping import Bool, Float
 
 from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.errors import ArgumentError
@@ -22,13 +19,12 @@ from hoi_retarget.human.skeleton import FEET, PARTS
 from hoi_retarget.human.stance import stance
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
-from hoi_retarget.numerics.filters import nearest_active
+from hoi_retarget.numerics.filters import nearest_active, speeds, steadied
 from hoi_retarget.objects.mesh import Surface, surface_of
 from hoi_retarget.objects.track import ObjectTrack
 
 FAR = 0.10
 """[m]; what is farther from an object than this is only known to be."""
-_FINENESS = 0.01  # [m] of the coarse search's triangles, for objects up to a metre in size.
 GUESSED_FINGERS = 0.015
 """[m]; how much farther a hand may be whose fingers are not recorded: most hold with bent ones."""
 _CROSSING = 1e-6  # [m]; a middle that is nearer to the surface lies on it, and has no direction from it.
@@ -147,12 +143,12 @@ def nearness(clip: Clip) -> tuple[Nearness, ...]:
     Raises:
         GeometryError: an object's mesh cannot be read.
     """
-    coarse = [_Coarse.of(surface_of(track.geometry)) for track in clip.objects]
+    surfaces = [surface_of(track.geometry) for track in clip.objects]
     found = []
     for person, human in enumerate(clip.people):
         for index, track in enumerate(clip.objects):
             for part in PARTS:
-                near = (_of_capsules if human.shape is None else _of_skin)(human, part, track, coarse[index])
+                near = (_of_capsules if human.shape is None else _of_skin)(human, part, track, surfaces[index])
                 found.append(Nearness(person, index, part, *near))
     return tuple(found)
 
@@ -160,75 +156,37 @@ def nearness(clip: Clip) -> tuple[Nearness, ...]:
 # Distances
 
 
-@dataclass(frozen=True, eq=False)
-class _Coarse:
-    """A surface with points on it, none of whose own points is farther than `fineness` from one of them."""
-
-    surface: Surface
-    tree: KDTree
-    fineness: float
-
-    @classmethod
-    def of(cls, surface: Surface) -> "_Coarse":
-        size = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
-        limit = _FINENESS * max(1.0, size)
-        triangles = surface.triangles
-        done = []
-        while len(triangles):
-            edges = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=-1)
-            small = edges.max(axis=1) <= limit
-            done.append(triangles[small])
-            triangles = _halved(triangles[~small], edges[~small].argmax(axis=1))
-        triangles = np.concatenate(done)
-        middles = triangles.mean(axis=1)
-        fineness = float(np.linalg.norm(triangles - middles[:, None], axis=-1).max())
-        return cls(surface, KDTree(middles), fineness)
-
-
-def _halved(triangles: Float[np.ndarray, "F 3 3"], longest: Int[np.ndarray, "F"]) -> Float[np.ndarray, "G 3 3"]:
-    """Return triangles cut in two across their longest edge."""
-    order = (longest[:, None] + np.arange(3)) % 3
-    a, b, c = np.moveaxis(np.take_along_axis(triangles, order[..., None], axis=1), 1, 0)
-    middle = 0.5 * (a + b)
-    return np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
-
-
 _Near = tuple[Float[np.ndarray, "T"], Float[np.ndarray, "T 3"], Float[np.ndarray, "T 3"]]
 
 
-def _nearest(balls: Spheres, track: ObjectTrack, coarse: _Coarse) -> _Near:
+def _nearest(balls: Spheres, track: ObjectTrack, surface: Surface) -> _Near:
     """Return distance, point and direction of the sphere that is nearest in each frame."""
     middles = se3.rotate_inverse(track.quats[:, None], balls.middles - track.positions[:, None])
-    bound = _lower_bounds(middles, balls.radii, coarse)
-    distances = np.full(len(middles), np.inf)
+    radii = np.broadcast_to(balls.radii, middles.shape[:2])
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    outside = np.linalg.norm(np.maximum(np.maximum(low - middles, middles - high), 0.0), axis=-1)
+    near = outside - radii <= FAR
+    gaps = np.full(radii.shape, np.inf)
+    gaps[near] = surface.distances(middles[near]) - radii[near]
+    nearest = gaps.argmin(axis=1)[:, None]
+    distances = np.take_along_axis(gaps, nearest, axis=1)[:, 0]
+    known = distances <= FAR
+    distances[~known] = np.inf
+    middle = np.take_along_axis(middles, nearest[..., None], axis=1)[known, 0]
     points, directions = np.full((len(middles), 3), np.nan), np.full((len(middles), 3), np.nan)
-
-    def compare(candidates: Bool[np.ndarray, "T n"]) -> None:
-        frames, which = np.nonzero(candidates & (bound <= FAR))
-        middle = middles[frames, which]
-        closest = coarse.surface.closest_points(middle)
-        away = np.linalg.norm(middle - closest, axis=1)
-        gap = away - balls.radii[which]
-        order = np.lexsort((gap, frames))
-        best = order[np.unique(frames[order], return_index=True)[1]]
-        best = best[(gap[best] < distances[frames[best]]) & (gap[best] <= FAR)]
-        distances[frames[best]], points[frames[best]] = gap[best], closest[best]
-        apart = np.where(away[best] > _CROSSING, away[best], np.nan)[:, None]
-        directions[frames[best]] = (middle[best] - closest[best]) / apart
-
-    # The likeliest of each frame bounds all others; few of those are left to compare.
-    likeliest = np.arange(bound.shape[1]) == bound.argmin(axis=1)[:, None]
-    compare(likeliest)
-    compare(~likeliest & (bound < distances[:, None]))
+    points[known] = surface.closest_points(middle)
+    out = middle - points[known]
+    away = np.linalg.norm(out, axis=1, keepdims=True)
+    directions[known] = out / np.where(away > _CROSSING, away, np.nan)
     return distances, points, directions
 
 
-def _of_capsules(human: Person, part: str, track: ObjectTrack, coarse: _Coarse) -> _Near:
+def _of_capsules(human: Person, part: str, track: ObjectTrack, surface: Surface) -> _Near:
     """Return distance, point and direction of a part from its capsules."""
-    return _nearest(spheres(human, PART_CAPSULES[part]), track, coarse)
+    return _nearest(spheres(human, PART_CAPSULES[part]), track, surface)
 
 
-def _of_skin(human: Person, part: str, track: ObjectTrack, coarse: _Coarse) -> _Near:
+def _of_skin(human: Person, part: str, track: ObjectTrack, surface: Surface) -> _Near:
     """Return the same from a part's skin: its vertices are spheres without a size."""
     assert human.shape is not None, "asked before"
     joints = tuple({capsule.joint for capsule in PART_CAPSULES[part]})
@@ -238,24 +196,9 @@ def _of_skin(human: Person, part: str, track: ObjectTrack, coarse: _Coarse) -> _
         frames = slice(first, first + _SKIN_FRAMES)
         skin = human.shape.skin(human.joint_positions[frames], human.joint_quats[frames], vertices)
         piece = replace(track, positions=track.positions[frames], quats=track.quats[frames])
-        found.append(_nearest(Spheres(skin, np.zeros(len(vertices))), piece, coarse))
+        found.append(_nearest(Spheres(skin, np.zeros(len(vertices))), piece, surface))
     distances, points, directions = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return distances, points, directions
-
-
-def _lower_bounds(
-    middles: Float[np.ndarray, "T n 3"], radii: Float[np.ndarray, "n"], coarse: _Coarse
-) -> Float[np.ndarray, "T n"]:
-    """Return distances from the object's surface [m] that none of the spheres is nearer than."""
-    low, high = coarse.surface.vertices.min(axis=0), coarse.surface.vertices.max(axis=0)
-    outside = np.maximum(np.maximum(low - middles, middles - high), 0.0)
-    bound = np.linalg.norm(outside, axis=-1) - radii
-    near = bound <= FAR
-    # Beyond the search's reach the tree answers with infinity, which is as good.
-    reach = FAR + float(radii.max()) + coarse.fineness
-    away = np.asarray(coarse.tree.query(middles[near], distance_upper_bound=reach)[0])
-    bound[near] = np.maximum(bound[near], (away - coarse.fineness) - np.broadcast_to(radii, bound.shape)[near])
-    return bound
 
 
 # When
@@ -267,7 +210,7 @@ def touching(clip: Clip, near: Iterable[Nearness], rule: Proximity = PROXIMITY) 
     stands = [stance(person, clip.fps) for person in clip.people]
     found = []
     for item in near:
-        speed = np.linalg.norm(np.gradient(_part_points(clip, item), axis=0), axis=1) * clip.fps
+        speed = speeds(_part_points(clip, item), clip.fps)
         slack = 0.0 if clip.people[item.person].fingers_recorded or item.part in FEET else GUESSED_FINGERS
         made = (item.distances < rule.touch + slack) & (speed < rule.speed)
         lasting = item.distances < rule.release + slack
@@ -276,35 +219,22 @@ def touching(clip: Clip, near: Iterable[Nearness], rule: Proximity = PROXIMITY) 
         flags = np.zeros(clip.frames, dtype=bool)
         for first, stop in runs(lasting):
             flags[first:stop] = made[first:stop].any()
-        found.append(_steadied(flags, gap, shortest))
+        found.append(steadied(flags, gap=gap, shortest=shortest))
     return found
-
-
-def _steadied(flags: Bool[np.ndarray, "T"], gap: int, shortest: int) -> Bool[np.ndarray, "T"]:
-    """Return flags without interruptions up to `gap` frames, and then without runs of fewer than `shortest`."""
-    steady = flags.copy()
-    for first, stop in runs(~flags):
-        if first > 0 and stop < len(flags) and stop - first <= gap:
-            steady[first:stop] = True
-    for first, stop in runs(steady):
-        # What the clip's ends cut off may have been longer.
-        if first > 0 and stop < len(steady) and stop - first < shortest:
-            steady[first:stop] = False
-    return steady
 
 
 def _by_interact(clip: Clip, rule: InterAct) -> list[Bool[np.ndarray, "T"]]:
     found = []
     for human in clip.people:
         balls = spheres(human, BODY_CAPSULES)
-        lowest = float((balls.middles[..., 2] - balls.radii).min())
+        lowest = float(balls.lowest.min())
         for track in clip.objects:
-            coarse = _Coarse.of(surface_of(track.geometry))
+            surface = surface_of(track.geometry)
             by_joints = {
-                part: _unsigned(human, track, coarse, [c for c in capsules if c.joint in PARTS[part].label_joints])
+                part: _unsigned(human, track, surface, [c for c in capsules if c.joint in PARTS[part].label_joints])
                 for part, capsules in PART_CAPSULES.items()
             }
-            body = np.maximum(_nearest(balls, track, coarse)[0], 0.0)
+            body = np.maximum(_nearest(balls, track, surface)[0], 0.0)
             contact = _touched(clip.fps, track, body, lowest, rule)
             limit = np.where(contact, body + rule.margin, rule.alone)
             found += [distances < limit for distances in by_joints.values()]
@@ -312,10 +242,10 @@ def _by_interact(clip: Clip, rule: InterAct) -> list[Bool[np.ndarray, "T"]]:
 
 
 def _unsigned(
-    human: Person, track: ObjectTrack, coarse: _Coarse, capsules: Iterable[Capsule]
+    human: Person, track: ObjectTrack, surface: Surface, capsules: Iterable[Capsule]
 ) -> Float[np.ndarray, "T"]:
     """Return distances [m] as between two meshes' points, which know no inside."""
-    return np.maximum(_nearest(spheres(human, capsules), track, coarse)[0], 0.0)
+    return np.maximum(_nearest(spheres(human, capsules), track, surface)[0], 0.0)
 
 
 def _touched(

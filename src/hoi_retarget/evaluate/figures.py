@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.evaluate import contact, ground, limits, movement, pose
-from hoi_retarget.evaluate.view import Comparison, KinematicsLike, ModelLike, check_joints
+from hoi_retarget.evaluate.view import Comparison, check_joints
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.robots.model import Kinematics, RobotModel
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class Figures:
     """Smallest distance of a joint's speed to its limit [rad/s]; negative is a violation."""
 
 
-def evaluate(motion: Motion, clip: Clip, model: ModelLike, *, person: int = 0) -> Figures:
+def evaluate(motion: Motion, clip: Clip, model: RobotModel, *, person: int = 0) -> Figures:
     """Return the figures of a motion against the clip it was made from.
 
     Args:
@@ -67,7 +68,7 @@ def evaluate(motion: Motion, clip: Clip, model: ModelLike, *, person: int = 0) -
 
 
 def evaluate_kinematics(
-    motion: Motion, clip: Clip, model: ModelLike, kinematics: KinematicsLike, *, person: int = 0
+    motion: Motion, clip: Clip, model: RobotModel, kinematics: Kinematics, *, person: int = 0
 ) -> Figures:
     """Do the same as `evaluate` where `kinematics`, the model's `forward(motion.qpos)`, is at hand."""
     check_joints(motion, model)

@@ -4,7 +4,8 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.evaluate.statistics import mean_or_none, norms
-from hoi_retarget.evaluate.view import Comparison, KinematicsLike
+from hoi_retarget.evaluate.view import Comparison
+from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 
 
@@ -14,13 +15,13 @@ def stance_slide_mps(view: Comparison) -> float | None:
     return mean_or_none(speeds[view.stance[1:] & view.stance[:-1]])
 
 
-def foot_speeds(kinematics: KinematicsLike, fps: float) -> Float[np.ndarray, "steps 2"]:
+def foot_speeds(kinematics: Kinematics, fps: float) -> Float[np.ndarray, "steps 2"]:
     """Return the horizontal speed of each ankle [m/s] from each frame to the next."""
     ankles = np.stack([kinematics.site_position(f"{side}_foot")[:, :2] for side in SIDES], axis=1)
     return norms(np.diff(ankles, axis=0)) * fps
 
 
-def sole_heights(kinematics: KinematicsLike) -> Float[np.ndarray, "T 2"]:
+def sole_heights(kinematics: Kinematics) -> Float[np.ndarray, "T 2"]:
     """Return the height of the lowest sole corner of each foot above the floor [m]."""
     corners = [[kinematics.site_position(f"{side}_sole_{corner}")[:, 2] for corner in SOLE_CORNERS] for side in SIDES]
     return np.array(corners).min(axis=1).T

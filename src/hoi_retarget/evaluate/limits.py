@@ -7,26 +7,26 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.evaluate.statistics import finite_min_or_none
-from hoi_retarget.evaluate.view import ModelLike
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.robots.model import RobotModel
 
 
-def joint_range_margin_rad(motion: Motion, model: ModelLike) -> float | None:
+def joint_range_margin_rad(motion: Motion, model: RobotModel) -> float | None:
     """Return the smallest distance [rad] of any joint to the end of its range; negative where it is violated."""
     return finite_min_or_none(joint_range_margins(motion, model))
 
 
-def joint_speed_margin_radps(motion: Motion, model: ModelLike) -> float | None:
+def joint_speed_margin_radps(motion: Motion, model: RobotModel) -> float | None:
     """Return the smallest limit minus speed [rad/s] of any joint; negative where it is violated."""
     return finite_min_or_none(joint_speed_margins(motion, model))
 
 
-def joint_range_margins(motion: Motion, model: ModelLike) -> Float[np.ndarray, "T n"]:
+def joint_range_margins(motion: Motion, model: RobotModel) -> Float[np.ndarray, "T n"]:
     """Return the distance [rad] of every joint to the nearer end of its range, in every frame."""
     angles = motion.qpos[:, 7:]
     return np.minimum(angles - model.lower, model.upper - angles)
 
 
-def joint_speed_margins(motion: Motion, model: ModelLike) -> Float[np.ndarray, "steps n"]:
+def joint_speed_margins(motion: Motion, model: RobotModel) -> Float[np.ndarray, "steps n"]:
     """Return the limit minus speed [rad/s] of every joint, from each frame to the next."""
     return model.speed_limits - np.abs(np.diff(motion.qpos[:, 7:], axis=0)) * motion.fps

@@ -4,7 +4,8 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.evaluate.statistics import direction_angles_deg, max_or_none, mean_or_none, norms
-from hoi_retarget.evaluate.view import HAND_SITES, Comparison, KinematicsLike, ObjectPose
+from hoi_retarget.evaluate.view import HAND_SITES, Comparison, ObjectPose
+from hoi_retarget.robots.model import Kinematics
 
 MINIMUM_SPEED_MPS = 0.02
 """Below this speed [m/s] a direction means nothing (paper's table of metrics)."""
@@ -41,7 +42,7 @@ def _velocities_inside(
     return ObjectPose(pose.positions[1:], pose.rotations[1:]).vectors_inside(relative)
 
 
-def body_jerks(kinematics: KinematicsLike, fps: float) -> Float[np.ndarray, "J B"]:
+def body_jerks(kinematics: Kinematics, fps: float) -> Float[np.ndarray, "J B"]:
     """Return the magnitude of the third difference of all links with mass [m/s^3], from every frame over four."""
     positions = kinematics.body_positions
     # Written out: three passes of `numpy.diff` cost twice as much.

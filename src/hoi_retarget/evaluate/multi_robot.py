@@ -8,13 +8,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget.evaluate.statistics import norms
-from hoi_retarget.evaluate.view import HAND_SITES, ModelLike
+from hoi_retarget.evaluate.view import HAND_SITES
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.report import InterRobotHandError
 from hoi_retarget.numerics import se3
+from hoi_retarget.robots.model import RobotModel
 
 
-def inter_robot_hand_errors(motions: Sequence[Motion], models: Sequence[ModelLike]) -> tuple[InterRobotHandError, ...]:
+def inter_robot_hand_errors(motions: Sequence[Motion], models: Sequence[RobotModel]) -> tuple[InterRobotHandError, ...]:
     """Return how each pair of hands of different robots is placed on each object that both touch at once.
 
     Args:
@@ -54,7 +55,7 @@ class _Hand:
     """From the target to the hand, in the object's frame [m]."""
 
 
-def _hands(motion: Motion, model: ModelLike) -> Iterator[_Hand]:
+def _hands(motion: Motion, model: RobotModel) -> Iterator[_Hand]:
     kinematics = model.forward(motion.qpos)
     sites = set(HAND_SITES.values())
     for column, link in enumerate(motion.contact_links):

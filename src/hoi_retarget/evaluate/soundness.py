@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget.evaluate.statistics import max_or_none, mean_or_none, norms
-from hoi_retarget.evaluate.view import KinematicsLike
 from hoi_retarget.numerics import se3
+from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 
 FROZEN = 1e-7
@@ -38,7 +38,7 @@ class Soundness:
 def soundness(
     qpos: Float[np.ndarray, "T nq"],
     fps: float,
-    kinematics: KinematicsLike,
+    kinematics: Kinematics,
     stance: Bool[np.ndarray, "T 2"],
     standing_height: float,
 ) -> Soundness:
@@ -63,7 +63,7 @@ def soundness(
     )
 
 
-def sole_tilts_deg(kinematics: KinematicsLike) -> Float[np.ndarray, "T 2"]:
+def sole_tilts_deg(kinematics: Kinematics) -> Float[np.ndarray, "T 2"]:
     """Return the angle between the vertical and the normal of each foot's sole [deg]; 180 is upside down."""
     tilts = []
     for side in SIDES:

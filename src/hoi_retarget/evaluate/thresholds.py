@@ -8,7 +8,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import IntEnum
-from functools import cache
 from typing import Any
 
 from hoi_retarget.errors import HoiRetargetError
@@ -16,8 +15,8 @@ from hoi_retarget.evaluate import COLUMNS, Column, soundness
 from hoi_retarget.evaluate.view import check_joints
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.report import OrientationFlip, Status, UnreachedContact
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import RobotModel, load_model
+from hoi_retarget.robots import load_robot
+from hoi_retarget.robots.model import RobotModel
 
 
 class Level(IntEnum):
@@ -281,17 +280,12 @@ def judged_figures(motion: Motion, model: RobotModel | None = None) -> dict[str,
 
 def _of_kinematics(motion: Motion, model: RobotModel | None) -> dict[str, float | None]:
     try:
-        model = model or _model(motion.robot)
+        model = model or load_robot(motion.robot)
         check_joints(motion, model)
     except HoiRetargetError:
         return {}
     kinematics, height = model.forward(motion.qpos), float(model.home_qpos[2])
     return asdict(soundness(motion.qpos, motion.fps, kinematics, motion.stance_flags, height))
-
-
-@cache
-def _model(name: str) -> RobotModel:
-    return load_model(robot(name))
 
 
 def _unreached_share(motion: Motion) -> float | None:

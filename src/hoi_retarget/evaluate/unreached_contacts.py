@@ -4,11 +4,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.evaluate.statistics import norms
-from hoi_retarget.evaluate.view import FOOT_SITES, HAND_SITES, KinematicsLike
+from hoi_retarget.evaluate.view import FOOT_SITES, HAND_SITES
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.report import UNREACHED_M, UnreachedContact
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
+from hoi_retarget.robots.model import Kinematics
 
 SHORTEST_UNREACHED = 3
 """Frames; a hand that takes one or two more to arrive did reach its contact."""
@@ -17,7 +18,7 @@ _SITES = {**HAND_SITES, **FOOT_SITES}
 
 
 def unreached_contacts(
-    motion: Motion, kinematics: KinematicsLike, *, limit_m: float = UNREACHED_M
+    motion: Motion, kinematics: Kinematics, *, limit_m: float = UNREACHED_M
 ) -> tuple[UnreachedContact, ...]:
     """Return where contact links stay further than `limit_m` [m] from their targets, in order of link and time.
 
@@ -43,7 +44,7 @@ def unreached_contacts(
     return tuple(sorted(found, key=lambda segment: (motion.contact_links.index(segment.link), segment.first_frame)))
 
 
-def contact_residuals(motion: Motion, kinematics: KinematicsLike) -> Float[np.ndarray, "T C"]:
+def contact_residuals(motion: Motion, kinematics: Kinematics) -> Float[np.ndarray, "T C"]:
     """Return the distance on the object [m] of each contact link from its target; NaN where it touches nothing."""
     residuals = np.full(motion.contact_flags.shape, np.nan)
     for column, link in enumerate(motion.contact_links):

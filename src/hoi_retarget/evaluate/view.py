@@ -6,7 +6,6 @@ by name; the figures themselves are in the other files of this package.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -17,59 +16,13 @@ from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import HANDS
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
+from hoi_retarget.robots.model import Kinematics, RobotModel
 
 HAND_SITES = {"left_hand": "left_palm", "right_hand": "right_palm"}
 FOOT_SITES = {"left_foot": "left_foot", "right_foot": "right_foot"}
 
 # A recording's first frame is often a rest pose or a copy; all programs are compared from the second on.
 FIRST_COUNTED_SOURCE_FRAME = 1
-
-
-@runtime_checkable
-class KinematicsLike(Protocol):
-    """World poses of a robot over T frames; `robots.model` offers them."""
-
-    @property
-    def body_positions(self) -> Float[np.ndarray, "T B 3"]:
-        """World positions [m] of all links with mass."""
-        ...
-
-    def site_position(self, name: str, /) -> Float[np.ndarray, "T 3"]:
-        """Return the world position of a site [m]."""
-        ...
-
-    def site_rotation(self, name: str, /) -> Float[np.ndarray, "T 3 3"]:
-        """Return the world rotation of a site."""
-        ...
-
-
-@runtime_checkable
-class ModelLike(Protocol):
-    """What the figures need of a robot: its limits and its forward kinematics."""
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the n joints in the order of `qpos`."""
-        ...
-
-    @property
-    def lower(self) -> Float[np.ndarray, "n"]:
-        """Lower end of each joint's range [rad]."""
-        ...
-
-    @property
-    def upper(self) -> Float[np.ndarray, "n"]:
-        """Upper end of each joint's range [rad]."""
-        ...
-
-    @property
-    def speed_limits(self) -> Float[np.ndarray, "n"]:
-        """Largest speed of each joint [rad/s]."""
-        ...
-
-    def forward(self, qpos: Float[np.ndarray, "T nq"], /) -> KinematicsLike:
-        """Return the world poses of all frames."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +57,7 @@ class Comparison:
     motion: Motion
     clip: Clip
     person: int
-    kinematics: KinematicsLike
+    kinematics: Kinematics
 
     def __post_init__(self) -> None:
         people = len(self.clip.people)
@@ -204,7 +157,7 @@ class Comparison:
         return int(np.argmax(touched))
 
 
-def check_joints(motion: Motion, model: ModelLike) -> None:
+def check_joints(motion: Motion, model: RobotModel) -> None:
     """Raise `RobotError` unless the motion's joints are the model's, in its order."""
     if motion.joint_names != model.joint_names:
         strange = sorted(set(motion.joint_names) ^ set(model.joint_names)) or ["the same ones in another order"]

@@ -66,6 +66,11 @@ class Spheres:
     radii: Float[np.ndarray, "n"]
     """[m]"""
 
+    @property
+    def lowest(self) -> Float[np.ndarray, "T"]:
+        """Height of the lowest point in each frame [m]."""
+        return (self.middles[..., 2] - self.radii).min(axis=1)
+
 
 def spheres(person: Person, capsules: Iterable[Capsule]) -> Spheres:
     """Return a person's capsules as spheres a centimetre apart."""

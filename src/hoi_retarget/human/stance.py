@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from hoi_retarget.human.person import Person
+from hoi_retarget.numerics.filters import speeds
 
 STANCE_HEIGHT = 0.10  # [m] of the toe joint
 STANCE_HEIGHT_OVER_LOWEST = 0.04  # [m] over that toe's own lowest height
@@ -20,7 +21,7 @@ def stance(person: Person, fps: float) -> Bool[np.ndarray, "T 2"]:
     toes = [person.position(joint) for joint in ("left_foot", "right_foot")]
     floor = min(float(toe[:, 2].min()) for toe in toes)
     for toe in toes:
-        speed = np.linalg.norm(np.gradient(toe, axis=0), axis=1) * fps
+        speed = speeds(toe, fps)
         # A foot that is held up all the time has a lowest height, too, but does not stand there.
         lowest = min(float(toe[:, 2].min()), floor + LARGEST_DIFFERENCE)
         limit = max(STANCE_HEIGHT, lowest + STANCE_HEIGHT_OVER_LOWEST)

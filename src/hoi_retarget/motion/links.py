@@ -6,7 +6,6 @@ the joint, simulators built on PhysX tell the velocity of the centre of mass.
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -41,7 +40,7 @@ def link_states(model: RobotModel, trajectory: Trajectory) -> LinkStates:
     turn = kinematics.node_rotation[:, :, bodies.nodes]
     lever = np.einsum("ijkt,jk->ikt", turn, bodies.positions)
     rotation = np.einsum("ijkt,jlk->ilkt", turn, bodies.rotations)
-    to_com = np.einsum("ijkt,jk->ikt", rotation, mass_centres(model).T)
+    to_com = np.einsum("ijkt,jk->ikt", rotation, model.inertias.centres.T)
     spin = angular[:, bodies.nodes]
     velocity = linear[:, bodies.nodes] + np.cross(spin, lever, axis=0)
     quat = se3.quat_continuous(se3.matrix_to_quat(rotation.transpose(3, 2, 0, 1)))
@@ -53,12 +52,6 @@ def link_states(model: RobotModel, trajectory: Trajectory) -> LinkStates:
         com_lin_vel=frozen((velocity + np.cross(spin, to_com, axis=0)).transpose(2, 1, 0)),
         ang_vel=frozen(spin.transpose(2, 1, 0)),
     )
-
-
-def mass_centres(model: RobotModel) -> Float[np.ndarray, "B 3"]:
-    """Return the bodies' centres of mass in their own frames [m]."""
-    compiled = mujoco.MjModel.from_xml_path(str(model.spec.mjcf))
-    return compiled.body_ipos[[compiled.body(name).id for name in model.body_names]]
 
 
 def breadth_first(model: RobotModel) -> tuple[Int[np.ndarray, "B"], Int[np.ndarray, "n"]]:

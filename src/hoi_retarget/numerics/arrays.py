@@ -36,10 +36,10 @@ def describe_frames(frames: np.ndarray) -> str:
     return f"{len(frames)} frame{'s' if len(frames) != 1 else ''} ({shown}{', ...' if len(frames) > 5 else ''})"
 
 
-def runs(active: Bool[np.ndarray, "T"]) -> tuple[tuple[int, int], ...]:
-    """Return the contiguous runs of active frames as (first, one past the last)."""
+def runs(active: Bool[np.ndarray, "T"], shortest: int = 1) -> tuple[tuple[int, int], ...]:
+    """Return the contiguous runs of at least `shortest` active frames as (first, one past the last)."""
     edges = np.flatnonzero(np.diff(active.astype(np.int8), prepend=0, append=0))
-    return tuple((int(first), int(stop)) for first, stop in edges.reshape(-1, 2))
+    return tuple((int(first), int(stop)) for first, stop in edges.reshape(-1, 2) if stop - first >= shortest)
 
 
 def evenly_spaced(count: int, most: int) -> Int[np.ndarray, "K"]:

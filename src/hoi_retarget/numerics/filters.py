@@ -1,10 +1,11 @@
-"""Smoothing over time: captures jitter and labels switch from frame to frame, robots should not."""
+"""Filters over time: captures jitter and labels switch from frame to frame, robots should not."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.signal import savgol_filter
 
 from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.arrays import runs
 
 SMOOTHING_SECONDS, SMOOTHING_ORDER = 11 / 30, 3
 
@@ -19,6 +20,28 @@ def smooth(path: Float[np.ndarray, "T k"], fps: float) -> Float[np.ndarray, "T k
 def smooth_quats(quats: Float[np.ndarray, "T 4"], fps: float) -> Float[np.ndarray, "T 4"]:
     """Return rotations after the same filter."""
     return se3.quat_normalize(smooth(se3.quat_continuous(quats), fps))
+
+
+def speeds(path: Float[np.ndarray, "T *batch 3"], fps: float) -> Float[np.ndarray, "T *batch"]:
+    """Return the speed of points [m/s], by central differences."""
+    return np.linalg.norm(np.gradient(path, axis=0), axis=-1) * fps
+
+
+def steadied(active: Bool[np.ndarray, "T"], *, gap: int, shortest: int) -> Bool[np.ndarray, "T"]:
+    """Return flags without gaps of up to `gap` frames, and then without runs of fewer than `shortest`."""
+    steady = active.copy()
+    for first, stop in _inner_runs(~steady):
+        if stop - first <= gap:
+            steady[first:stop] = True
+    for first, stop in _inner_runs(steady):
+        if stop - first < shortest:
+            steady[first:stop] = False
+    return steady
+
+
+def _inner_runs(active: Bool[np.ndarray, "T"]) -> list[tuple[int, int]]:
+    """Return the runs that end within the clip on both sides; others may be longer than what is seen of them."""
+    return [(first, stop) for first, stop in runs(active) if first > 0 and stop < len(active)]
 
 
 def nearest_active(active: Bool[np.ndarray, "T"]) -> Int[np.ndarray, "T"]:

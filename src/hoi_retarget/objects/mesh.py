@@ -13,15 +13,16 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial import ConvexHull, KDTree, QhullError
+from scipy.spatial import ConvexHull, QhullError
 
 from hoi_retarget.errors import GeometryError
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.objects.track import ObjectGeometry
 
-_SIZE_CLASS = 2.0  # Triangles are searched together when their radii differ by less than this factor.
-_NEIGHBOURS = 8  # Triangles that bound the distance before the others are looked for.
-_PAIRS = 400_000  # Of a point and a triangle that are compared at once: bounds the memory.
+_THIN = 1e-3  # Sine of a triangle's smallest angle.
+_EDGES = ((0, 1), (1, 2), (2, 0))
+_HALF_A_TURN = 0.5  # Between the winding numbers of outside, 0, and inside, 1 or -1.
+_NEAR = 1e-5  # Of the surface's size: nearer, a point's side is told in double precision.
 
 # What trimesh raises for files that are no meshes.
 _MESH_ERRORS = (
@@ -72,53 +73,69 @@ class Surface:
         """Return, for each point, the nearest point of the surface [m]."""
         if len(points) == 0:
             return np.zeros((0, 3))
-        closest, distances = self._by_centroids(points)
-        for tree, members, radius in self._size_classes:
-            # A triangle is no farther away than its centroid less its radius.
-            reach = distances + radius + 1e-12
-            counts = tree.query_ball_point(points, reach, return_length=True)
-            for first, stop in _batches(np.asarray(counts)):
-                found = tree.query_ball_point(points[first:stop], reach[first:stop])
-                lengths = np.array([len(item) for item in found])
-                if lengths.sum() == 0:
-                    continue
-                which = np.repeat(np.arange(first, stop), lengths)
-                faces = members[np.concatenate(found).astype(int)]
-                _keep_nearest(points, which, self.triangles[faces], closest, distances)
-        return closest
+        tree, faces = self._tree
+        return tree.squared_distance(self.vertices, faces, np.asarray(points, dtype=float))[2]
 
     def distances(self, points: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K"]:
         """Return how far points are from the surface, inside or outside [m]."""
         return np.linalg.norm(points - self.closest_points(points), axis=-1)
 
-    def _by_centroids(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the nearest point on the triangles whose centroids are nearest, and how far it is [m]."""
-        tree, count = self._centroid_tree, min(_NEIGHBOURS, len(self.faces))
-        faces = np.asarray(tree.query(points, k=count)[1])
-        closest, distances = np.empty_like(points, dtype=float), np.full(len(points), np.inf)
-        which = np.repeat(np.arange(len(points)), count)
-        _keep_nearest(points, which, self.triangles[faces.reshape(-1)], closest, distances)
-        return closest, distances
+    def signed_distances(self, points: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K"]:
+        """Return how far points are from the surface [m], negative inside.
+
+        A point is inside where the surface winds around it more than half a time, either way (generalized winding
+        number; Jacobson et al., 2013). So a mesh need not be closed or manifold: an opening counts as closed where
+        the surface fills more than half of what is seen from the point; solids that overlap are one, and triangles
+        without area count for nothing. A flat surface has no inside, and neither have triangles that are not wound
+        alike. A hull is wound alike always.
+        """
+        distances = self.distances(points)
+        return np.where(np.abs(self._winding_numbers(points, distances)) > _HALF_A_TURN, -distances, distances)
+
+    def _winding_numbers(self, points: np.ndarray, distances: np.ndarray) -> Float[np.ndarray, "K"]:
+        import igl  # noqa: PLC0415  # as in `_tree`
+
+        if len(points) == 0:
+            return np.zeros(0)
+        numbers = self._winding_tree.winding_number(np.asarray(points, dtype=float))
+        # The tree has single precision, which tells no side this near to the surface.
+        near = distances < _NEAR * float(np.ptp(self.vertices, axis=0).max())
+        if near.any():
+            numbers[near] = igl.winding_number(self.vertices, self._wound_faces, points[near])
+        return numbers
 
     @functools.cached_property
-    def _centroids(self) -> np.ndarray:
-        return self.triangles.mean(axis=1)
+    def _tree(self) -> tuple[Any, Int[np.ndarray, "N 3"]]:
+        """A search tree (`igl.AABB`), and its triangles: the surface's, and the edges of thin ones."""
+        import igl  # noqa: PLC0415  # takes a fifth of a second, and only surfaces need it
+
+        along = np.roll(self.triangles, -1, axis=1) - self.triangles
+        lengths = np.sort(np.linalg.norm(along, axis=2), axis=1)
+        area = np.linalg.norm(np.cross(along[:, 0], along[:, 1]), axis=1)
+        # Places on a thin triangle lose digits; those on a triangle of two corners, which is an edge, do not.
+        thin = self.faces[area <= _THIN * lengths[:, 1] * lengths[:, 2]]
+        faces = np.concatenate([self.faces, *(thin[:, [first, second, second]] for first, second in _EDGES)])
+        tree = igl.AABB()
+        tree.init(self.vertices, faces)
+        return tree, faces
 
     @functools.cached_property
-    def _centroid_tree(self) -> KDTree:
-        return KDTree(self._centroids)
+    def _winding_tree(self) -> Any:
+        import igl  # noqa: PLC0415  # as above
+
+        tree = igl.FastWindingNumberBVH()
+        tree.init(self.vertices, self._wound_faces)
+        return tree
 
     @functools.cached_property
-    def _size_classes(self) -> tuple[tuple[KDTree, np.ndarray, float], ...]:
-        """Triangles of like size: a tree of their centroids, their indices and their largest radius [m]."""
-        radii = np.linalg.norm(self.triangles - self._centroids[:, None], axis=-1).max(axis=1)
-        smallest = max(float(radii.max()) * 1e-3, np.finfo(float).tiny)
-        classes = np.floor(np.log(np.maximum(radii, smallest)) / np.log(_SIZE_CLASS))
-        found = []
-        for value in np.unique(classes):
-            members = np.flatnonzero(classes == value)
-            found.append((KDTree(self._centroids[members]), members, float(radii[members].max())))
-        return tuple(found)
+    def _wound_faces(self) -> Int[np.ndarray, "F 3"]:
+        """The triangles wound alike: their own order, but a hull's, which has none, so that they face outwards."""
+        if self.exact:
+            return self.faces
+        a, b, c = np.moveaxis(self.triangles, 1, 0)
+        from_middle = (a + b + c) / 3 - self.vertices.mean(axis=0)
+        inward = np.einsum("fi,fi->f", np.cross(b - a, c - a), from_middle) < 0
+        return np.where(inward[:, None], self.faces[:, ::-1], self.faces)
 
 
 def surface_of(geometry: ObjectGeometry) -> Surface:
@@ -172,61 +189,3 @@ def _hull(points: Float[np.ndarray, "P 3"]) -> Surface:
         first, last = int(along[:, 0].argmin()), int(along[:, 0].argmax())
         faces = np.array([(first, last, last)])
     return Surface(points, faces, exact=False)
-
-
-def _batches(counts: Int[np.ndarray, "K"]) -> list[tuple[int, int]]:
-    """Return runs of points that have no more pairs together than are compared at once, at least one point each."""
-    edges, pairs = [0], 0
-    for index, count in enumerate(counts):
-        if pairs and pairs + count > _PAIRS:
-            edges.append(index)
-            pairs = 0
-        pairs += int(count)
-    edges.append(len(counts))
-    return list(itertools.pairwise(edges))
-
-
-def _keep_nearest(
-    points: np.ndarray, which: np.ndarray, triangles: np.ndarray, closest: np.ndarray, distances: np.ndarray
-) -> None:
-    """Replace `closest` and `distances` where one of the triangles, each for the point `which`, is nearer."""
-    candidates = _on_triangles(points[which], triangles)
-    away = np.linalg.norm(candidates - points[which], axis=1)
-    order = np.lexsort((away, which))
-    first = order[np.unique(which[order], return_index=True)[1]]
-    nearer = first[away[first] < distances[which[first]]]
-    closest[which[nearer]], distances[which[nearer]] = candidates[nearer], away[nearer]
-
-
-def _on_triangles(points: Float[np.ndarray, "N 3"], triangles: Float[np.ndarray, "N 3 3"]) -> Float[np.ndarray, "N 3"]:
-    """Return the nearest point of one triangle for each point: above its inside, or on one of its edges.
-
-    Triangles without area are their edges; edges without length are points.
-    """
-    a, b, c = np.moveaxis(triangles, 1, 0)
-    ab, ac, ap = b - a, c - a, points - a
-    d_bb, d_bc, d_cc = _dot(ab, ab), _dot(ab, ac), _dot(ac, ac)
-    d_b, d_c = _dot(ab, ap), _dot(ac, ap)
-    area = d_bb * d_cc - d_bc * d_bc
-    safe = np.where(area > 0, area, 1.0)
-    v, w = (d_cc * d_b - d_bc * d_c) / safe, (d_bb * d_c - d_bc * d_b) / safe
-    # Thin triangles lose all digits of their plane's coordinates: their edges are as near.
-    inside = (area > 1e-14 * d_bb * d_cc) & (v >= 0) & (w >= 0) & (v + w <= 1)
-    best = a + v[:, None] * ab + w[:, None] * ac
-    rest = np.flatnonzero(~inside)
-    best[rest] = _on_edges(points[rest], triangles[rest])
-    return best
-
-
-def _on_edges(points: Float[np.ndarray, "N 3"], triangles: Float[np.ndarray, "N 3 3"]) -> Float[np.ndarray, "N 3"]:
-    along = np.roll(triangles, -1, axis=1) - triangles
-    squared = np.einsum("nej,nej->ne", along, along)
-    reach = np.einsum("nej,nej->ne", points[:, None] - triangles, along)
-    fraction = np.clip(reach / np.where(squared > 0, squared, 1.0), 0.0, 1.0)
-    candidates = triangles + fraction[..., None] * along
-    nearest = np.linalg.norm(candidates - points[:, None], axis=-1).argmin(axis=1)
-    return candidates[np.arange(len(points)), nearest]
-
-
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.einsum("ni,ni->n", a, b)

@@ -10,8 +10,8 @@ from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
 from hoi_retarget.readers.open import clip_of
 from hoi_retarget.report.load_any_motion import open_motion
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import RobotModel, load_model
+from hoi_retarget.robots import load_robot
+from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.offscreen.thumbnail import representative_frame, thumbnail
 from hoi_retarget.viewers.scene.auto_camera import fit_camera
 from hoi_retarget.viewers.scene.scene import Shown, make_scene
@@ -29,7 +29,7 @@ def picture_of(path: Path, foreign_robot: RobotModel, *, objects: Path | None = 
     """
     try:
         motion = open_motion(path, foreign_robot).motion
-        model = load_model(robot(motion.robot))
+        model = load_robot(motion.robot)
         clip = _clip(motion, objects)
         scene = make_scene([Shown(path.stem, motion, model, clip, motion.person)])
         ahead = se3.rotate(motion.qpos[:, 3:7], np.array([1.0, 0.0, 0.0])).mean(axis=0)[:2]

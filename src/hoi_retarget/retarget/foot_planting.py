@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget.numerics import se3
-from hoi_retarget.numerics.arrays import runs
-from hoi_retarget.numerics.filters import fade, frames_in, smooth, smooth_quats
+from hoi_retarget.numerics.filters import fade, frames_in, smooth, smooth_quats, steadied
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SOLE_CORNERS
 
@@ -76,7 +75,8 @@ def plant(
     fps: float,
 ) -> tuple[Float[np.ndarray, "T 3"], Float[np.ndarray, "T 4"]]:
     """Return the contact site's position and rotation for a wanted toe path and foot rotation."""
-    steady = without_flicker(stands, frames_in(SHORTEST_STANCE_SECONDS, fps))
+    shortest = frames_in(SHORTEST_STANCE_SECONDS, fps)
+    steady = steadied(stands, gap=shortest - 1, shortest=shortest)
     standing = fade(steady, frames_in(RAMP_SECONDS, fps))
     toes, quats = smooth(toes, fps), smooth_quats(quats, fps)
     quats = se3.slerp(quats, _level(quats), standing)
@@ -87,17 +87,6 @@ def plant(
     free = np.maximum(positions[:, 2], -lowest)
     positions[:, 2] = free + standing * (-lowest - free)
     return positions, quats
-
-
-def without_flicker(stands: Bool[np.ndarray, "T"], shortest: int) -> Bool[np.ndarray, "T"]:
-    """Return the flags with gaps and runs shorter than `shortest` frames removed, in this order."""
-    steady = stands.copy()
-    for state in (False, True):
-        for first, stop in runs(steady == state):
-            # A run cut off by either end of the clip may be longer than what is seen of it.
-            if stop - first < shortest and first > 0 and stop < len(steady):
-                steady[first:stop] = not state
-    return steady
 
 
 def _level(quats: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, "T 4"]:

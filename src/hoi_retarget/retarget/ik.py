@@ -38,7 +38,7 @@ def _straighten(model: RobotModel, targets: Targets, qpos: np.ndarray) -> np.nda
     supports, sites = model.supports[1:].astype(bool), model.sites
     trunk = supports[:, sites.nodes[sites.index["torso"]]]
     straight = qpos.copy()
-    for column, row in enumerate(model.spec.ik):
+    for column, row in enumerate(model.spec.ik_rows):
         wanted = se3.quat_to_matrix(targets.site_quats[:, column])
         angles = se3.matrix_angle_between(kinematics.site_rotation(row.site), wanted)
         if row.rotation_weight == 0 or angles.max() < TWISTED:

@@ -15,7 +15,7 @@ FLIP_DEG = 100.0
 def orientation_flips(kinematics: Kinematics, targets: Targets) -> tuple[OrientationFlip, ...]:
     """Return where a site of the IK table is further than `FLIP_DEG` from the rotation it should follow."""
     found = []
-    for column, row in enumerate(kinematics.model.spec.ik):
+    for column, row in enumerate(kinematics.model.spec.ik_rows):
         if row.rotation_weight == 0:
             continue
         wanted = se3.quat_to_matrix(targets.site_quats[:, column])

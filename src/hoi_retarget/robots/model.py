@@ -9,7 +9,6 @@ node by a constant transform. A configuration is `q = (p_b, R_b, theta)`, stored
 its tangent is `(dp_world, dphi_body, dtheta)` with `6 + n` numbers (paper Sec. III).
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -20,22 +19,19 @@ from jaxtyping import Float, Int
 from hoi_retarget.errors import RobotError
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
+from hoi_retarget.robots.mjcf import compile_mjcf
+from hoi_retarget.robots.parts import (
+    Attachments,
+    Frame,
+    Geometries,
+    Inertias,
+    bodies_of,
+    geometries_of,
+    inertias_of,
+    sites_of,
+    tree_of,
+)
 from hoi_retarget.robots.spec import SITES, RobotSpec
-
-
-@dataclass(frozen=True, eq=False)
-class Attachments:
-    """Frames fixed to nodes: the node of each, and its constant place in the node's frame."""
-
-    names: tuple[str, ...]
-    nodes: Int[np.ndarray, "K"]
-    positions: Float[np.ndarray, "3 K"]
-    rotations: Float[np.ndarray, "3 3 K"]
-
-    @cached_property
-    def index(self) -> dict[str, int]:
-        """Return where each name stands."""
-        return {name: index for index, name in enumerate(self.names)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +45,8 @@ class RobotModel:
     upper: Float[np.ndarray, "n"]
     speed_limits: Float[np.ndarray, "n"]
     """[rad/s]"""
+    torque_limits: Float[np.ndarray, "n"]
+    """[N m]; infinite where the MJCF has none (`actuatorfrcrange`)."""
     home_qpos: Float[np.ndarray, "nq"]
     parents: Int[np.ndarray, "n"]
     """Parent node of hinge node `1 + j`."""
@@ -60,7 +58,14 @@ class RobotModel:
     """Hinge axis in its node's frame."""
     bodies: Attachments
     """Bodies with mass, in MuJoCo's order."""
+    inertias: Inertias
+    """Of those bodies."""
+    geometries: Geometries
     sites: Attachments
+    site_bodies: tuple[str, ...]
+    """Body that carries each site."""
+    body_frames: Attachments
+    """All bodies, those without mass included."""
     levels: tuple[Int[np.ndarray, "_"], ...]
     """Hinges by depth; all of one level can be computed at once."""
     supports: Float[np.ndarray, "N N"]
@@ -139,22 +144,34 @@ class Kinematics:
     qpos: Float[np.ndarray, "T nq"]
     node_position: Float[np.ndarray, "3 N T"]
     node_rotation: Float[np.ndarray, "3 3 N T"]
-    _points: dict[str, np.ndarray] = field(default_factory=dict, init=False, repr=False)
+    _points: dict[Frame, np.ndarray] = field(default_factory=dict, init=False, repr=False)
 
-    def point(self, site: str) -> Float[np.ndarray, "3 T"]:
-        """Return a site's world position [m], time last."""
-        if site not in self._points:
-            sites, k = self.model.sites, self._site(site)
-            node = sites.nodes[k]
-            offset = np.einsum("ijt,j->it", self.node_rotation[:, :, node], sites.positions[:, k])
-            self._points[site] = self.node_position[:, node] + offset
-        return self._points[site]
+    def frame(self, site: str | Frame) -> Frame:
+        """Return a site's frame by its name; a frame is returned as it is.
 
-    def orientation(self, site: str) -> Float[np.ndarray, "3 3 T"]:
-        """Return a site's world rotation, time last."""
-        k = self._site(site)
-        rotation = self.node_rotation[:, :, self.model.sites.nodes[k]]
-        return np.einsum("ijt,jk->ikt", rotation, self.model.sites.rotations[:, :, k])
+        Raises `RobotError` when there is no such site.
+        """
+        if isinstance(site, Frame):
+            return site
+        try:
+            return self.model.sites.frames[site]
+        except KeyError:
+            raise RobotError(
+                f"{self.model.spec.name}: no site {site!r}. Sites: {', '.join(self.model.site_names)}."
+            ) from None
+
+    def point(self, site: str | Frame) -> Float[np.ndarray, "3 T"]:
+        """Return the world position of a site or another frame [m], time last."""
+        frame = self.frame(site)
+        if frame not in self._points:
+            offset = np.einsum("ijt,j->it", self.node_rotation[:, :, frame.node], frame.position)
+            self._points[frame] = self.node_position[:, frame.node] + offset
+        return self._points[frame]
+
+    def orientation(self, site: str | Frame) -> Float[np.ndarray, "3 3 T"]:
+        """Return the world rotation of a site or another frame, time last."""
+        frame = self.frame(site)
+        return np.einsum("ijt,jk->ikt", self.node_rotation[:, :, frame.node], frame.rotation)
 
     def site_position(self, site: str) -> Float[np.ndarray, "T 3"]:
         """Return a site's world position [m]."""
@@ -187,100 +204,59 @@ class Kinematics:
         axes[:3, 6:] = _cross(lever, angular)
         return axes
 
-    def jacobian(self, site: str) -> Float[np.ndarray, "T 6 nv"]:
-        """Return how a site's world twist (linear, then angular) follows the tangent."""
-        node = self.model.sites.nodes[self._site(site)]
-        moved = np.concatenate([np.ones(6), self.model.supports[1:, node]])
+    def jacobian(self, site: str | Frame) -> Float[np.ndarray, "T 6 nv"]:
+        """Return how the world twist (linear, then angular) of a site or another frame follows the tangent."""
+        moved = np.concatenate([np.ones(6), self.model.supports[1:, self.frame(site).node]])
         axes = self.motion_axes * moved[:, None]
         lever = self.point(site) - self.node_position[:, 0]
         linear = axes[:3] + _cross(axes[3:], lever[:, None])
         return np.ascontiguousarray(np.concatenate([linear, axes[3:]]).transpose(2, 0, 1))
 
-    def _site(self, name: str) -> int:
-        try:
-            return self.model.sites.index[name]
-        except KeyError:
-            raise RobotError(
-                f"{self.model.spec.name}: no site {name!r}. Sites: {', '.join(self.model.site_names)}."
-            ) from None
-
 
 def load_model(spec: RobotSpec) -> RobotModel:
-    """Compile a robot's MJCF and return its kinematic tree.
+    """Compile a robot's MJCF and return its model.
 
     Raises `RobotError` when the file cannot be compiled or lacks a free root, a limited hinge,
     a speed limit or a site.
     """
-    try:
-        compiled = mujoco.MjModel.from_xml_path(str(spec.mjcf))
-    except ValueError as error:
-        raise RobotError(f"{spec.mjcf}: MuJoCo cannot compile it: {error}") from error
-    return _tree(spec, compiled)
-
-
-def _tree(spec: RobotSpec, compiled: mujoco.MjModel) -> RobotModel:
+    compiled = compile_mjcf(spec.mjcf, spec.sites)
     _check_joints(spec, compiled)
     hinges = np.flatnonzero(compiled.jnt_type == mujoco.mjtJoint.mjJNT_HINGE)
     names = tuple(compiled.joint(int(joint)).name for joint in hinges)
-    placed = _place_bodies(compiled)
-    parents, offsets, rotations, axes = [], [], [], []
-    for joint in hinges:
-        parent, position, rotation = placed.before[int(joint)]
-        axis = compiled.jnt_axis[joint]
-        parents.append(parent)
-        offsets.append(position)
-        axes.append(axis)
-        rotations.append(_hinge_rotation(rotation, axis, float(compiled.qpos0[compiled.jnt_qposadr[joint]])))
+    tree = tree_of(compiled)
+    bodies, sites = bodies_of(compiled, tree), sites_of(compiled, tree)
+    _check_names(spec, names, {name for name, _ in sites})
+    before = [tree.hinges[int(joint)] for joint in hinges]
+    axes = compiled.jnt_axis[hinges]
+    zeros = compiled.qpos0[compiled.jnt_qposadr[hinges]]
+    rotations = [
+        _hinge_rotation(frame.rotation, axis, zero) for frame, axis, zero in zip(before, axes, zeros, strict=True)
+    ]
+    parents = [frame.node for frame in before]
     depth = np.zeros(len(hinges) + 1, dtype=int)
     for hinge, parent in enumerate(parents):
         depth[hinge + 1] = depth[parent] + 1
-    home = np.concatenate([compiled.qpos0[:7], [spec.home.get(name, 0.0) for name in names]])
     return RobotModel(
         spec=spec,
         joint_names=names,
         lower=frozen(compiled.jnt_range[hinges, 0]),
         upper=frozen(compiled.jnt_range[hinges, 1]),
         speed_limits=frozen([spec.speed_limits[name] for name in names]),
-        home_qpos=frozen(home),
+        torque_limits=frozen(np.where(compiled.jnt_actfrclimited[hinges], compiled.jnt_actfrcrange[hinges, 1], np.inf)),
+        home_qpos=frozen(np.concatenate([compiled.qpos0[:7], [spec.home.get(name, 0.0) for name in names]])),
         parents=frozen(parents, int),
-        offsets=frozen(np.transpose(offsets)),
+        offsets=frozen(np.transpose([frame.position for frame in before])),
         hinge_rotations=frozen(np.transpose(rotations, (1, 2, 3, 0))),
-        axes=frozen(np.transpose(axes)),
-        bodies=_attach_bodies(compiled, placed),
-        sites=_attach_sites(spec, compiled, placed),
-        levels=tuple(np.flatnonzero(depth[1:] == level) for level in range(1, depth.max() + 1)),
+        axes=frozen(axes.T),
+        bodies=Attachments.named(frame for frame, mass in zip(bodies, compiled.body_mass[1:], strict=True) if mass > 0),
+        inertias=inertias_of(compiled),
+        geometries=geometries_of(compiled, tree),
+        sites=Attachments.named(sites),
+        site_bodies=tuple(compiled.body(body).name for body in compiled.site_bodyid),
+        body_frames=Attachments.named(bodies),
+        levels=tuple(frozen(np.flatnonzero(depth[1:] == level), int) for level in range(1, depth.max() + 1)),
         supports=frozen(_supports(parents)),
     )
-
-
-@dataclass(frozen=True)
-class _Placed:
-    """Where bodies hang: (node, position, rotation), and the same before each of their joints turns."""
-
-    body: list[tuple[int, np.ndarray, np.ndarray]]
-    before: dict[int, tuple[int, np.ndarray, np.ndarray]]
-
-
-def _place_bodies(compiled: mujoco.MjModel) -> _Placed:
-    body: list[tuple[int, np.ndarray, np.ndarray]] = [(0, np.zeros(3), np.eye(3))]
-    before: dict[int, tuple[int, np.ndarray, np.ndarray]] = {}
-    nodes = 0
-    for index in range(1, compiled.nbody):
-        node, position, rotation = body[compiled.body_parentid[index]]
-        first, count = compiled.body_jntadr[index], compiled.body_jntnum[index]
-        if count and compiled.jnt_type[first] == mujoco.mjtJoint.mjJNT_FREE:
-            body.append((0, np.zeros(3), np.eye(3)))
-            continue
-        position = position + rotation @ compiled.body_pos[index]
-        rotation = rotation @ se3.quat_to_matrix(compiled.body_quat[index])
-        for joint in range(first, first + count):
-            anchor = compiled.jnt_pos[joint]
-            before[joint] = (node, position + rotation @ anchor, rotation)
-            nodes += 1
-            # A node sits at its hinge's anchor: the body's origin is then at minus the anchor.
-            node, position, rotation = nodes, -anchor, np.eye(3)
-        body.append((node, position, rotation))
-    return _Placed(body, before)
 
 
 def _hinge_rotation(rotation: np.ndarray, axis: np.ndarray, zero: float) -> np.ndarray:
@@ -290,34 +266,6 @@ def _hinge_rotation(rotation: np.ndarray, axis: np.ndarray, zero: float) -> np.n
     cosine = across * np.cos(zero) - cross * np.sin(zero)
     sine = across * np.sin(zero) + cross * np.cos(zero)
     return np.stack([rotation @ along, rotation @ cosine, rotation @ sine])
-
-
-def _attach_bodies(compiled: mujoco.MjModel, placed: _Placed) -> Attachments:
-    massive = [index for index in range(1, compiled.nbody) if compiled.body_mass[index] > 0]
-    return _attachments((compiled.body(index).name, *placed.body[index]) for index in massive)
-
-
-def _attach_sites(spec: RobotSpec, compiled: mujoco.MjModel, placed: _Placed) -> Attachments:
-    rows = []
-    for index in range(compiled.nsite):
-        node, position, rotation = placed.body[compiled.site_bodyid[index]]
-        place = position + rotation @ compiled.site_pos[index]
-        turn = rotation @ se3.quat_to_matrix(compiled.site_quat[index])
-        rows.append((compiled.site(index).name, node, place, turn))
-    missing = [name for name in SITES if name not in {row[0] for row in rows}]
-    if missing:
-        raise RobotError(f"{spec.mjcf}: sites are missing: {', '.join(missing)}. Add them where docs/robots.md says.")
-    return _attachments(rows)
-
-
-def _attachments(rows: Iterable[tuple[str, int, np.ndarray, np.ndarray]]) -> Attachments:
-    names, nodes, positions, rotations = zip(*rows, strict=True)
-    return Attachments(
-        names=names,
-        nodes=frozen(nodes, int),
-        positions=frozen(np.transpose(positions)),
-        rotations=frozen(np.transpose(rotations, (1, 2, 0))),
-    )
 
 
 def _check_joints(spec: RobotSpec, compiled: mujoco.MjModel) -> None:
@@ -331,8 +279,15 @@ def _check_joints(spec: RobotSpec, compiled: mujoco.MjModel) -> None:
             raise RobotError(f"{spec.mjcf}: joint {name!r} is not a hinge; only hinges are supported.")
         if not compiled.jnt_limited[index]:
             raise RobotError(f"{spec.mjcf}: joint {name!r} has no range.")
-        if name not in spec.speed_limits:
-            raise RobotError(f"{spec.name}: no speed limit for joint {name!r}. Add it to the specification.")
+
+
+def _check_names(spec: RobotSpec, joints: tuple[str, ...], sites: set[str]) -> None:
+    unlimited = [name for name in joints if name not in spec.speed_limits]
+    if unlimited:
+        raise RobotError(f"{spec.name}: no speed limit for {', '.join(unlimited)}. Add it to the specification.")
+    missing = [name for name in SITES if name not in sites]
+    if missing:
+        raise RobotError(f"{spec.mjcf}: sites are missing: {', '.join(missing)}. Add them where docs/robots.md says.")
 
 
 def _supports(parents: list[int]) -> np.ndarray:

@@ -5,7 +5,7 @@ that inverse kinematics steers, the palms and feet that touch, the head, and the
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -44,6 +44,17 @@ class IkRow:
 
 
 @dataclass(frozen=True)
+class SitePose:
+    """A site that an MJCF lacks: its constant place on a body."""
+
+    body: str
+    position: tuple[float, float, float]
+    """In the body's frame [m]."""
+    quat: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    """wxyz"""
+
+
+@dataclass(frozen=True)
 class RobotSpec:
     """One robot: a module of data beside its MJCF."""
 
@@ -73,5 +84,18 @@ class RobotSpec:
         }
     )
     """Which site touches for which human part."""
+    palm_weight: float = 1.0
+    """Share of the cost table's `hand_orientation`: less where the arms cannot turn the palms freely."""
+    dropped_rotations: tuple[str, ...] = ()
+    """Sites whose rotations are not followed, because the joints before them cannot turn them freely."""
+    sites: Mapping[str, SitePose] = field(default_factory=dict)
+    """Sites that the MJCF lacks, by role."""
     meshes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Body name to the maker's mesh file names, for pictures where a user has those files."""
+
+    @property
+    def ik_rows(self) -> tuple[IkRow, ...]:
+        """The IK table without the rotations that are dropped."""
+        return tuple(
+            replace(row, rotation_weight=0.0) if row.site in self.dropped_rotations else row for row in self.ik
+        )

@@ -11,11 +11,10 @@ from hoi_retarget.motion.check.layout import UNIT_TOLERANCE, off_unit
 from hoi_retarget.motion.check.rates import differences
 from hoi_retarget.motion.formats import Convention, ObjectPoses
 from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import MOVING_SPEED
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
 
-_MOVES = 0.15
-"""Faster objects are moved by somebody [m/s]."""
 _ENOUGH = 8  # Frames of movement that tell anything.
 _FAR = 1.3
 """Hands of real retargets are within this of the origin of what they move [m]."""
@@ -70,7 +69,7 @@ def check_object(item: ObjectPoses, around: Surroundings) -> tuple[ObjectPath | 
     quat, pos = reading.rotation(raw_quat), reading.position(raw_pos)
     path = ObjectPath(item.name, pos, quat)
     speed = np.linalg.norm(differences(pos), axis=1) * fps
-    if (speed > _MOVES).sum() < _ENOUGH:
+    if (speed > MOVING_SPEED).sum() < _ENOUGH:
         return path, [Finding("unknown", "object", claim, f"{item.name} hardly moves: cannot be told")]
     kinematics = around.model.forward(around.qpos)
     palms = np.stack([kinematics.site_position(f"{side}_palm") for side in SIDES], axis=1)
@@ -98,7 +97,7 @@ def check_object(item: ObjectPoses, around: Surroundings) -> tuple[ObjectPath | 
 
 def _hold(palms: Float[np.ndarray, "T 2 3"], pos: np.ndarray, quat: np.ndarray, fps: float) -> _Hold:
     speed = np.linalg.norm(differences(pos), axis=1) * fps
-    moving = speed > _MOVES if (speed > _MOVES).any() else speed >= 0
+    moving = speed > MOVING_SPEED if (speed > MOVING_SPEED).any() else speed >= 0
     local = se3.rotate_inverse(quat[:, None], palms - pos[:, None])
     distance = np.linalg.norm(local, axis=-1).min(axis=1)[1:-1]
     slide = np.linalg.norm(differences(local), axis=-1).min(axis=1) * fps

@@ -1,10 +1,10 @@
 """Normal equations of a linearized problem, in the lower band storage of LAPACK.
 
-For one frame, `J^T W J` over all rows that depend on site poses is assembled the way a mass matrix
+For one frame, `J^T W J` over all rows that depend on the poses of frames is assembled the way a mass matrix
 is: each row gives a symmetric 6 x 6 matrix in the space of twists at the root, a subtree's matrices
 add up, and the entry of two hinges is one product of their motion axes with the matrix of the
 subtree they share (composite rigid bodies; Featherstone, Rigid Body Dynamics Algorithms, ch. 6).
-The cost per frame is then independent of how many sites a term table follows. Frames are coupled
+The cost per frame is then independent of how many frames the terms follow. Frames are coupled
 by difference rows alone, which reach a few frames back: the matrix is banded.
 """
 
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.retarget.trajopt.rows import Rows, SiteRows, StencilRows, TangentRows
+from hoi_retarget.retarget.trajopt.rows import FrameRows, Rows, StencilRows, TangentRows
 from hoi_retarget.robots.model import Kinematics
 
 
@@ -34,7 +34,7 @@ def assemble(kinematics: Kinematics, rows: Iterable[Rows], *, least_width: int =
     width = max([least_width, model.nv, *(_width(part, model.nv) for part in rows)])
     band = np.zeros((frames, model.nv, width))
     gradient = np.zeros((frames, model.nv))
-    _add_site_rows(band, gradient, kinematics, [part for part in rows if isinstance(part, SiteRows)])
+    _add_frame_rows(band, gradient, kinematics, [part for part in rows if isinstance(part, FrameRows)])
     for part in rows:
         if isinstance(part, StencilRows):
             _add_stencil_rows(band, gradient, part)
@@ -52,7 +52,7 @@ def _width(part: Rows, nv: int) -> int:
     return nv
 
 
-def _add_site_rows(band: np.ndarray, gradient: np.ndarray, kinematics: Kinematics, parts: list[SiteRows]) -> None:
+def _add_frame_rows(band: np.ndarray, gradient: np.ndarray, kinematics: Kinematics, parts: list[FrameRows]) -> None:
     if not parts:
         return
     model = kinematics.model
@@ -70,14 +70,13 @@ def _add_site_rows(band: np.ndarray, gradient: np.ndarray, kinematics: Kinematic
     band[:, column, row - column] += products[:, column, row]
 
 
-def _twist_space(kinematics: Kinematics, parts: list[SiteRows]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _twist_space(kinematics: Kinematics, parts: list[FrameRows]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the nodes with rows, their 6 x 6 matrices and their generalized forces at the root."""
-    sites, frames = kinematics.model.sites, len(kinematics.qpos)
-    node_of = [int(sites.nodes[sites.index[part.site]]) for part in parts]
-    nodes = sorted(set(node_of))
+    frames = len(kinematics.qpos)
+    nodes = sorted({part.frame.node for part in parts})
     matrices, forces = np.zeros((len(nodes), 6, 6, frames)), np.zeros((len(nodes), 6, frames))
-    for part, node in zip(parts, node_of, strict=True):
-        place = nodes.index(node)
+    for part in parts:
+        place = nodes.index(part.frame.node)
         columns, jacobian = _at_root(part, kinematics)
         weighted = jacobian * part.weight
         matrices[place, columns, columns] += np.einsum("mat,mbt->abt", weighted, jacobian)
@@ -85,15 +84,15 @@ def _twist_space(kinematics: Kinematics, parts: list[SiteRows]) -> tuple[np.ndar
     return np.array(nodes), matrices, forces
 
 
-def _at_root(part: SiteRows, kinematics: Kinematics) -> tuple[slice, np.ndarray]:
+def _at_root(part: FrameRows, kinematics: Kinematics) -> tuple[slice, np.ndarray]:
     """Return which coordinates of the twist at the root a row depends on, and its Jacobian by them.
 
-    The site's linear velocity is `v + omega x lever`, with v at the root.
+    The linear velocity of a frame is `v + omega x lever`, with v at the root.
     """
     if part.by_linear is None:
         assert part.by_angular is not None, "a row depends on something"
         return slice(3, 6), part.by_angular
-    lever = kinematics.point(part.site) - kinematics.node_position[:, 0]
+    lever = kinematics.point(part.frame) - kinematics.node_position[:, 0]
     jacobian = np.empty((len(part.residual), 6, lever.shape[1]))
     jacobian[:, :3] = part.by_linear
     (x, y, z), (by_x, by_y, by_z) = lever, part.by_linear.transpose(1, 0, 2)

@@ -1,4 +1,4 @@
-"""What a cost term hands to a solver: residuals and Jacobians for all frames at once.
+"""Residuals of a cost term and their Jacobians, for all frames of a trajectory at once.
 
 Time is the last axis. A term's cost is the sum over its rows of `weight * residual**2`, with the
 weights of the paper's table. Three kinds of rows exist, so that a solver can use their structure.
@@ -9,15 +9,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.robots.parts import Frame
+
 
 @dataclass(frozen=True, eq=False)
-class SiteRows:
-    """Residuals that depend on one site's pose: Jacobians with respect to its world twist."""
+class FrameRows:
+    """Residuals that depend on the pose of one frame fixed to a node: Jacobians with respect to its world twist."""
 
-    site: str
+    frame: Frame
     residual: Float[np.ndarray, "m T"]
     by_linear: Float[np.ndarray, "m 3 T"] | None
-    """By the site's linear velocity in world axes [m]; None where the residual does not depend on it."""
+    """By the linear velocity of its origin in world axes [m]; None where the residual does not depend on it."""
     by_angular: Float[np.ndarray, "m 3 T"] | None
     """By its angular velocity in world axes [rad]; None likewise."""
     weight: float | Float[np.ndarray, "T"]
@@ -50,7 +52,7 @@ class TangentRows:
     weight: float
 
 
-Rows = SiteRows | StencilRows | TangentRows
+Rows = FrameRows | StencilRows | TangentRows
 
 
 def cost(rows: Rows) -> float:

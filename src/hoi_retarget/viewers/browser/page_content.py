@@ -11,8 +11,7 @@ from hoi_retarget.evaluate import COLUMNS
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers.open import clip_of
-from hoi_retarget.robots import robot
-from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots import load_robot
 from hoi_retarget.viewers.scene.curve_chart import TITLES_HEIGHT_PX, chart_html
 from hoi_retarget.viewers.scene.curves import curves_of
 from hoi_retarget.viewers.scene.drawing import Scene
@@ -75,7 +74,7 @@ def page_content(shown: Sequence[Shown], notices: tuple[str, ...] = ()) -> PageC
 
 def _shown(path: Path, find_clip: Callable[..., Clip], notices: list[str]) -> Shown:
     motion = load(path)
-    spec = robot(motion.robot)
+    model = load_robot(motion.robot)
     try:
         clip = find_clip(motion)
         for track in clip.objects:
@@ -83,7 +82,7 @@ def _shown(path: Path, find_clip: Callable[..., Clip], notices: list[str]) -> Sh
     except HoiRetargetError as error:
         clip = None
         notices.append(f"{path.name}: shown without the human. {error}")
-    return Shown(path.stem, motion, load_model(spec), clip, motion.person)
+    return Shown(path.stem, motion, model, clip, motion.person)
 
 
 def figures_html(shown: Sequence[Shown]) -> str:

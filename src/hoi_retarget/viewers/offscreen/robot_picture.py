@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
+from hoi_retarget.robots.mjcf import read_mjcf
 from hoi_retarget.robots.spec import RobotSpec
 from hoi_retarget.viewers.offscreen import stage
 from hoi_retarget.viewers.scene.vendor_meshes import MESH_GROUP, attach_visual_meshes
@@ -55,7 +56,7 @@ def picture(
         HoiRetargetError: This machine has no way to draw without a screen.
     """
     width = round(0.62 * height)
-    description = mujoco.MjSpec.from_file(str(spec.mjcf))
+    description = read_mjcf(spec.mjcf, spec.sites)
     stage.add_floor_and_lights(description, width, height)
     if meshes is not None:
         attach_visual_meshes(description, spec, meshes)

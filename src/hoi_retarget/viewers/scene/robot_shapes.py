@@ -1,7 +1,6 @@
 """A robot as unit shapes, the primitives of its MJCF, or as its vendor meshes: world poses for all frames at once.
 
-Every geometry is fixed to a node of the kinematic tree. Where it lies there is read once, from
-MuJoCo's own kinematics in the home pose; the frames then follow from ours.
+Every geometry is fixed to a node of the kinematic tree.
 """
 
 from collections.abc import Iterator
@@ -9,17 +8,17 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.numerics import se3
+from hoi_retarget.robots.mjcf import read_mjcf
 from hoi_retarget.robots.model import Kinematics, RobotModel
+from hoi_retarget.robots.parts import Geometries, geometries_of, tree_of
 from hoi_retarget.viewers.scene.drawing import Colour, Kind, Shapes, Solid
 from hoi_retarget.viewers.scene.vendor_meshes import attach_visual_meshes
 
-_NO_COLOUR = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)  # What MuJoCo takes for none: the material's holds.
 _DRAWN_GROUPS = 3  # As in MuJoCo's own viewer; robots keep what only collides in the groups above.
 
 
@@ -78,24 +77,27 @@ def robot_meshes(model: RobotModel, poses: NodePoses, folder: Path) -> tuple[Sol
         RobotError: The robot's specification names no meshes.
         ReadError: A mesh file is missing, or MuJoCo cannot read it.
     """
-    description = mujoco.MjSpec.from_file(str(model.spec.mjcf))
+    description = read_mjcf(model.spec.mjcf, model.spec.sites)
     attach_visual_meshes(description, model.spec, folder)
     try:
         compiled = description.compile()
     except ValueError as error:
         raise ReadError(f"{folder}: MuJoCo cannot read the meshes of {model.spec.title}: {error}") from error
+    geometries = geometries_of(compiled, tree_of(compiled))
     solids = []
-    for place in _placed_geometries(model, compiled):
-        mesh = int(compiled.geom_dataid[place.geom])
-        if mesh < 0:
+    for geom in _drawn(geometries):
+        if not geometries.meshes[geom]:
             continue
+        frame, mesh = geometries.frames[geom], compiled.mesh(geometries.meshes[geom]).id
         vertices, faces = int(compiled.mesh_vertadr[mesh]), int(compiled.mesh_faceadr[mesh])
-        positions, quats = poses.place(np.array([place.node]), place.position[None], place.quat[None])
+        positions, quats = poses.place(
+            np.array([frame.node]), frame.position[None], se3.matrix_to_quat(frame.rotation)[None]
+        )
         solids.append(
             Solid(
                 vertices=compiled.mesh_vert[vertices : vertices + compiled.mesh_vertnum[mesh]].astype(float),
                 faces=compiled.mesh_face[faces : faces + compiled.mesh_facenum[mesh]].astype(int),
-                colour=place.colour,
+                colour=_colour(geometries, geom),
                 positions=positions[:, 0],
                 quats=quats[:, 0],
             )
@@ -120,72 +122,42 @@ def _moved(pieces: list[_Piece], poses: NodePoses) -> Shapes:
 
 @lru_cache(maxsize=8)
 def _pieces(model: RobotModel) -> tuple[_Piece, ...]:
-    compiled = mujoco.MjModel.from_xml_path(str(model.spec.mjcf))
+    geometries = model.geometries
     found: list[_Piece] = []
-    for place in _placed_geometries(model, compiled):
-        for kind, size, along in _unit_shapes(int(compiled.geom_type[place.geom]), compiled.geom_size[place.geom]):
-            position = place.position + se3.rotate(place.quat, np.array([0.0, 0.0, along]))
-            found.append(_Piece(kind, size, place.colour, place.node, position, place.quat))
+    for geom in _drawn(geometries):
+        frame = geometries.frames[geom]
+        for kind, size, along in _unit_shapes(geometries.types[geom], geometries.sizes[geom]):
+            centre = frame.of(np.array([0.0, 0.0, along]), np.eye(3))
+            quat = se3.matrix_to_quat(frame.rotation)
+            found.append(_Piece(kind, size, _colour(geometries, geom), frame.node, centre.position, quat))
     return tuple(found)
 
 
-@dataclass(frozen=True, eq=False)
-class _Placed:
-    """A geometry of a compiled model, fixed to a node of the tree."""
-
-    geom: int
-    colour: Colour
-    node: int
-    position: Float[np.ndarray, "3"]
-    quat: Float[np.ndarray, "4"]
-
-
-def _placed_geometries(model: RobotModel, compiled: mujoco.MjModel) -> Iterator[_Placed]:
+def _drawn(geometries: Geometries) -> Iterator[int]:
     """Yield the geometries that are to be seen."""
-    data = mujoco.MjData(compiled)
-    data.qpos[:] = model.home_qpos
-    mujoco.mj_kinematics(compiled, data)
-    home = model.forward(model.home_qpos[None])
-    for geom in range(compiled.ngeom):
-        colour, drawn = _colour(compiled, geom)
-        if drawn:
-            node = _node(compiled, int(compiled.geom_bodyid[geom]))
-            turned = home.node_rotation[:, :, node, 0].T
-            position = turned @ (data.geom_xpos[geom] - home.node_position[:, node, 0])
-            quat = se3.matrix_to_quat(turned @ data.geom_xmat[geom].reshape(3, 3))
-            yield _Placed(geom, colour, node, position, quat)
+    for geom, (group, colour) in enumerate(zip(geometries.groups, geometries.colours, strict=True)):
+        if group < _DRAWN_GROUPS and colour[3] > 0:
+            yield geom
 
 
-def _colour(compiled: mujoco.MjModel, geom: int) -> tuple[Colour, bool]:
-    """Return a geometry's colour, and whether it is to be seen at all."""
-    material, rgba = compiled.geom_matid[geom], compiled.geom_rgba[geom]
-    if material >= 0 and np.array_equal(rgba, _NO_COLOUR):
-        rgba = compiled.mat_rgba[material]
-    red, green, blue = (round(255 * float(share)) for share in rgba[:3])
-    return (red, green, blue), bool(rgba[3] > 0) and int(compiled.geom_group[geom]) < _DRAWN_GROUPS
+def _colour(geometries: Geometries, geom: int) -> Colour:
+    red, green, blue = (round(255 * float(share)) for share in geometries.colours[geom, :3])
+    return red, green, blue
 
 
-def _node(compiled: mujoco.MjModel, body: int) -> int:
-    """Return the node that carries a body: that of the last joint on the way to the root."""
-    while compiled.body_jntnum[body] == 0 and body:
-        body = int(compiled.body_parentid[body])
-    # The first joint is the root's free one, and every later one a hinge with a node of its own.
-    return int(compiled.body_jntadr[body] + compiled.body_jntnum[body] - 1) if body else 0
-
-
-def _unit_shapes(geom: int, size: np.ndarray) -> Iterator[tuple[Kind, np.ndarray, float]]:
+def _unit_shapes(geometry: str, size: np.ndarray) -> Iterator[tuple[Kind, np.ndarray, float]]:
     """Yield what a primitive is made of: kind, half extents, and how far along its axis it lies [m]."""
     radius, half = size[0], size[1]
-    match geom:
-        case mujoco.mjtGeom.mjGEOM_CAPSULE:
+    match geometry:
+        case "capsule":
             yield Kind.CYLINDER, np.array([radius, radius, half]), 0.0
             yield Kind.SPHERE, np.full(3, radius), float(half)
             yield Kind.SPHERE, np.full(3, radius), -float(half)
-        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+        case "cylinder":
             yield Kind.CYLINDER, np.array([radius, radius, half]), 0.0
-        case mujoco.mjtGeom.mjGEOM_SPHERE:
+        case "sphere":
             yield Kind.SPHERE, np.full(3, radius), 0.0
-        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+        case "ellipsoid":
             yield Kind.SPHERE, size.copy(), 0.0
-        case mujoco.mjtGeom.mjGEOM_BOX:
+        case "box":
             yield Kind.BOX, size.copy(), 0.0

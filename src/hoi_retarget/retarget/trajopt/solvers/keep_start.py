@@ -12,5 +12,7 @@ from hoi_retarget.retarget.trajopt.solvers.base import Solution
 def solve(problem: Problem, qpos: Float[np.ndarray, "T nq"]) -> Solution:
     """Return the starting trajectory as solved, with its cost; joint ranges and speeds stay broken where they are."""
     by_term = cost_by_term(problem.linearize(problem.model.forward(qpos)))
+    cost = sum(by_term.values())
     multipliers = np.zeros_like(Bounds.of(problem).values(qpos[:, 7:]))
-    return Solution(qpos, multipliers, Status.SOLVED, 0, sum(by_term.values()), by_term)
+    status = Status.SOLVED if np.isfinite(cost) else Status.FAILED
+    return Solution(qpos.copy(), multipliers, status, 0, cost, by_term)

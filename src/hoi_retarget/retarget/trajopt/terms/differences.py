@@ -1,13 +1,18 @@
 """Differences of the configuration over time: the paper's E^j, and the IK stage's smoothness."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import comb
 
 import numpy as np
 
 from hoi_retarget.numerics import se3
+from hoi_retarget.retarget.config import Weights
+from hoi_retarget.retarget.targets import Targets
 from hoi_retarget.retarget.trajopt.rows import StencilRows, TangentRows
 from hoi_retarget.robots.model import Kinematics
+
+PAPER_RATE = 30.0  # [frames/s] at which the paper's weights are given
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,3 +52,8 @@ _UNITS = np.eye(4)[1:]
 
 def _difference(values: np.ndarray, order: int) -> np.ndarray:
     return np.ascontiguousarray(np.diff(values, order, axis=0).T)
+
+
+def jerk_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[Differences]:
+    """Yield the third differences over time."""
+    yield Differences("joint_jerk", 3, weights.jerk * targets.fps**4 * (targets.fps / PAPER_RATE) ** 2)

@@ -1,11 +1,15 @@
 """Sole corners above the floor; the paper has no such term, and its soles sink by up to 2 cm."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from hoi_retarget.retarget.trajopt.rows import SiteRows
+from hoi_retarget.retarget.config import Weights
+from hoi_retarget.retarget.targets import Targets
+from hoi_retarget.retarget.trajopt.rows import FrameRows
 from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,8 +22,9 @@ class FloorClearance:
     """[m]"""
     weight: float
 
-    def rows(self, kinematics: Kinematics) -> tuple[SiteRows, ...]:
+    def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
         """Return one row per site, all written for the twist of the first."""
+        first = kinematics.frame(self.sites[0])
         points = np.stack([kinematics.point(site) for site in self.sites])
         depth = points[:, 2] - self.margin
         below = depth < 0.0
@@ -30,4 +35,11 @@ class FloorClearance:
         by_angular = np.zeros_like(by_linear)
         by_angular[:, 0] = below * lever[:, 1]
         by_angular[:, 1] = below * -lever[:, 0]
-        return (SiteRows(self.sites[0], np.where(below, depth, 0.0), by_linear, by_angular, self.weight),)
+        return (FrameRows(first, np.where(below, depth, 0.0), by_linear, by_angular, self.weight),)
+
+
+def floor_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[FloorClearance]:
+    """Yield the sole corners of each foot above the floor."""
+    for side in SIDES:
+        corners = tuple(f"{side}_sole_{corner}" for corner in SOLE_CORNERS)
+        yield FloorClearance(f"{side}_floor", corners, 0.0, weights.floor_clearance)

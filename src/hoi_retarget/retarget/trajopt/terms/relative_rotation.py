@@ -1,11 +1,14 @@
 """Rotation of a site in the frame of the robot's base: the paper's E^r for the torso."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.numerics import se3
+from hoi_retarget.retarget.config import Weights
+from hoi_retarget.retarget.targets import Targets
 from hoi_retarget.retarget.trajopt.rows import TangentRows
 from hoi_retarget.robots.model import Kinematics
 
@@ -20,10 +23,11 @@ class RelativeRotation:
     weight: float
 
     def rows(self, kinematics: Kinematics) -> tuple[TangentRows, ...]:
-        """Return the rows at a trajectory, by the hinges between base and site."""
+        """Return the rows at a trajectory, by the hinges between base and site; none where there is no hinge."""
         model = kinematics.model
-        node = model.sites.nodes[model.sites.index[self.site]]
-        hinges = np.flatnonzero(model.supports[1:, node])
+        hinges = np.flatnonzero(model.supports[1:, kinematics.frame(self.site).node])
+        if not hinges.size:
+            return ()
         base = kinematics.node_rotation[:, :, 0]
         relative = np.einsum("jit,jkt->ikt", base, kinematics.orientation(self.site))
         frames = relative.shape[-1]
@@ -38,3 +42,10 @@ class RelativeRotation:
 def _crosses(rotation: np.ndarray) -> np.ndarray:
     """Return, for each column c, the matrix of `a -> a x c`."""
     return -se3.skew(rotation.transpose(1, 2, 0)).transpose(0, 2, 3, 1)
+
+
+def torso_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[RelativeRotation]:
+    """Yield the torso's rotation in the base frame near that of inverse kinematics."""
+    base = reference.node_rotation[:, :, 0]
+    torso = np.einsum("jit,jkt->ikt", base, reference.orientation("torso"))
+    yield RelativeRotation("torso_orientation", "torso", torso, weights.torso_orientation)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.numerics import se3
-from hoi_retarget.retarget.trajopt.rows import SiteRows
+from hoi_retarget.retarget.trajopt.rows import FrameRows
 from hoi_retarget.robots.model import Kinematics
 
 
@@ -19,7 +19,7 @@ class SiteRotation:
     target: Float[np.ndarray, "3 3 T"]
     weight: float | Float[np.ndarray, "T"]
 
-    def rows(self, kinematics: Kinematics) -> tuple[SiteRows, ...]:
+    def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
         """Return the rows at a trajectory: nine, one column of the matrix after the other."""
         rotation = kinematics.orientation(self.site)
         frames = rotation.shape[-1]
@@ -27,4 +27,4 @@ class SiteRotation:
         # A column c of the matrix moves with omega x c.
         columns = rotation.transpose(1, 2, 0)
         by_angular = -se3.skew(columns).transpose(0, 2, 3, 1).reshape(9, 3, frames)
-        return (SiteRows(self.site, residual, None, by_angular, self.weight),)
+        return (FrameRows(kinematics.frame(self.site), residual, None, by_angular, self.weight),)
