@@ -13,7 +13,8 @@ from hashlib import sha256
 
 import numpy as np
 
-from hoi_retarget.motion.exporters import Result, export, format_named
+from hoi_retarget.motion.export import export, format_named
+from hoi_retarget.motion.result import Result
 from hoi_retarget.motion.result_file import encode
 from hoi_retarget.retarget.config import Config
 from hoi_retarget.retarget.pipeline import retarget

@@ -13,10 +13,10 @@ import motion_writers as writers
 from hoi_retarget.cli import main
 from hoi_retarget.cli.checkmotion import facts
 from hoi_retarget.errors import ClipError
-from hoi_retarget.motion import exporters
-from hoi_retarget.motion.check import Verdict, as_qpos, check
-from hoi_retarget.motion.exporters import Result
-from hoi_retarget.motion.formats import read
+from hoi_retarget.motion.check import CheckedMotion, as_qpos, check
+from hoi_retarget.motion.export import export, format_named
+from hoi_retarget.motion.formats import WRITABLE, read
+from hoi_retarget.motion.result import Result
 from hoi_retarget.numerics import se3
 from motion_writers import Content
 
@@ -24,12 +24,12 @@ EXPORTS = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "expo
 FORMATS = ("hoi-retarget", *writers.MAKERS)
 
 
-def verdict_of(name: str, folder: Path, spoil: Callable[[Content], None] | None = None) -> Verdict:
+def checked_as(name: str, folder: Path, spoil: Callable[[Content], None] | None = None) -> CheckedMotion:
     return check(read(writers.write(name, folder, spoil)), writers.model())
 
 
-def told(verdict: Verdict) -> str:
-    return "\n".join(f"{item.subject}: {item.numbers}" for item in verdict.contradictions)
+def told(checked: CheckedMotion) -> str:
+    return "\n".join(f"{item.subject}: {item.numbers}" for item in checked.contradictions)
 
 
 # Good files
@@ -37,28 +37,28 @@ def told(verdict: Verdict) -> str:
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_nothing_is_said_against_a_good_file(name, tmp_path):
-    verdict = verdict_of(name, tmp_path)
-    assert verdict.format == name
-    assert not verdict.contradictions, told(verdict)
-    assert verdict.frames == writers.motion().frames
+    checked = checked_as(name, tmp_path)
+    assert checked.format == name
+    assert not checked.contradictions, told(checked)
+    assert checked.frames == writers.motion().frames
 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_good_file_comes_back_as_it_was_written(name, tmp_path):
     source = writers.motion()
-    trajectory = as_qpos(read(writers.write(name, tmp_path)), writers.model())
-    known = np.array([joint not in trajectory.missing_joints for joint in source.joint_names])
-    assert trajectory.fps == (30.0 if name == "unitree-csv" else source.fps)
-    assert trajectory.fps_assumed == (name == "unitree-csv")
-    assert np.abs(trajectory.qpos[:, 7:][:, known] - source.qpos[:, 7:][:, known]).max() < 1e-5
-    assert np.abs(trajectory.qpos[:, :3] - source.qpos[:, :3]).max() < 1e-5
-    assert np.abs(se3.angle_between(trajectory.qpos[:, 3:7], source.qpos[:, 3:7])).max() < 1e-5
+    converted = as_qpos(read(writers.write(name, tmp_path)), writers.model())
+    known = np.array([joint not in converted.missing_joints for joint in source.joint_names])
+    assert converted.fps == (30.0 if name == "unitree-csv" else source.fps)
+    assert converted.fps_assumed == (name == "unitree-csv")
+    assert np.abs(converted.qpos[:, 7:][:, known] - source.qpos[:, 7:][:, known]).max() < 1e-5
+    assert np.abs(converted.qpos[:, :3] - source.qpos[:, :3]).max() < 1e-5
+    assert np.abs(se3.angle_between(converted.qpos[:, 3:7], source.qpos[:, 3:7])).max() < 1e-5
     assert known.all() == (name != "asap")
-    for path in trajectory.objects:
+    for path in converted.objects:
         assert np.abs(path.pos - source.object_pos[:, 0]).max() < 1e-5
         assert np.abs(se3.angle_between(path.quat, source.object_quat[:, 0])).max() < 1e-5
     with_object = {"hoi-retarget", "holosoma-wbt", "hdmi", "holosoma-retarget", "omniretarget", "sbto"}
-    assert len(trajectory.objects) == (1 if name in with_object else 0)
+    assert len(converted.objects) == (1 if name in with_object else 0)
 
 
 @pytest.mark.slow
@@ -68,8 +68,8 @@ def test_other_motions_and_robots_are_not_complained_about(scene, robot, tmp_pat
     source = writers.motion(scene, robot, 30.0)
     for name in ("gmr", "omniretarget"):
         path = writers.save(name, writers.MAKERS[name](source), tmp_path)
-        verdict = check(read(path), writers.model(robot))
-        assert not verdict.contradictions, told(verdict)
+        checked = check(read(path), writers.model(robot))
+        assert not checked.contradictions, told(checked)
 
 
 # Planted faults
@@ -379,11 +379,11 @@ FAULTS: dict[str, tuple[str, Callable[[Content], None], str, str]] = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_planted_fault_is_named_and_few_others(fault, tmp_path):
     name, spoil, subject, words = FAULTS[fault]
-    verdict = verdict_of(name, tmp_path, spoil)
-    found = [item for item in verdict.contradictions if item.subject == subject and words in item.numbers]
-    assert found, f"{subject} ({words}) is not among:\n{told(verdict)}"
-    assert all(item.advice for item in verdict.contradictions)
-    assert len({item.subject for item in verdict.contradictions}) <= 2, told(verdict)
+    checked = checked_as(name, tmp_path, spoil)
+    found = [item for item in checked.contradictions if item.subject == subject and words in item.numbers]
+    assert found, f"{subject} ({words}) is not among:\n{told(checked)}"
+    assert all(item.advice for item in checked.contradictions)
+    assert len({item.subject for item in checked.contradictions}) <= 2, told(checked)
 
 
 def test_twenty_kinds_of_faults_are_planted():
@@ -394,18 +394,18 @@ def test_twenty_kinds_of_faults_are_planted():
 def test_swapped_legs_are_named_where_the_robot_walks(tmp_path):
     content = writers.gmr(writers.motion("move_chair", fps=30.0))
     swap_legs(content)
-    verdict = check(read(writers.save("gmr", content, tmp_path)), writers.model())
-    assert [item.subject for item in verdict.contradictions] == ["left and right"], told(verdict)
-    assert "legs exchanged" in verdict.contradictions[0].numbers
+    checked = check(read(writers.save("gmr", content, tmp_path)), writers.model())
+    assert [item.subject for item in checked.contradictions] == ["left and right"], told(checked)
+    assert "legs exchanged" in checked.contradictions[0].numbers
 
 
 def test_what_this_motion_cannot_tell_is_said(tmp_path):
-    findings = [item for item in verdict_of("gmr", tmp_path).findings if item.level == "unknown"]
+    findings = [item for item in checked_as("gmr", tmp_path).findings if item.level == "unknown"]
     said = "\n".join(f"{item.subject}: {item.numbers}" for item in findings)
     assert "rate: no velocities" in said
     assert "left_wrist_roll_joint" in said
     assert "left_knee_joint" not in said
-    assert not [item for item in verdict_of("mjlab", tmp_path).findings if item.level == "unknown"]
+    assert not [item for item in checked_as("mjlab", tmp_path).findings if item.level == "unknown"]
 
 
 def test_a_file_that_contradicts_itself_is_not_converted(tmp_path):
@@ -414,8 +414,8 @@ def test_a_file_that_contradicts_itself_is_not_converted(tmp_path):
 
 
 def test_wrong_velocities_do_not_stop_a_conversion(tmp_path):
-    trajectory = as_qpos(read(writers.write("mjlab", tmp_path, angular_rotated_twice)), writers.model())
-    assert np.abs(trajectory.qpos - writers.motion().qpos).max() < 1e-5
+    converted = as_qpos(read(writers.write("mjlab", tmp_path, angular_rotated_twice)), writers.model())
+    assert np.abs(converted.qpos - writers.motion().qpos).max() < 1e-5
 
 
 @pytest.mark.parametrize(
@@ -423,7 +423,7 @@ def test_wrong_velocities_do_not_stop_a_conversion(tmp_path):
 )
 def test_what_the_numbers_say_is_the_motion_that_was_spoilt(fault, tmp_path):
     name, spoil, _, _ = FAULTS[fault]
-    qpos = verdict_of(name, tmp_path, spoil).qpos
+    qpos = checked_as(name, tmp_path, spoil).qpos
     source = writers.motion().qpos
     assert qpos is not None
     assert np.abs(np.delete(qpos - source, [3, 4, 5, 6], axis=1)).max() < 1e-6
@@ -435,7 +435,7 @@ def test_what_the_numbers_say_is_the_motion_that_was_spoilt(fault, tmp_path):
 
 @settings(derandomize=True, deadline=None, max_examples=12, database=None)
 @given(st.integers(0, 10_000), st.sampled_from([3, 4, 9, 40]), st.sampled_from([0.0, 1e-300, 1.0, 1e6]))
-def test_any_numbers_have_a_verdict(tmp_path_factory, seed, frames, size):
+def test_any_numbers_have_an_answer(tmp_path_factory, seed, frames, size):
     rng = np.random.default_rng(seed)
     folder = tmp_path_factory.mktemp("any")
     for name in ("gmr", "mjlab", "holosoma-wbt", "sbto"):
@@ -445,9 +445,9 @@ def test_any_numbers_have_a_verdict(tmp_path_factory, seed, frames, size):
             else value
             for key, value in writers.MAKERS[name](writers.motion()).items()
         }
-        verdict = check(read(writers.save(name, content, folder)), writers.model())
-        assert verdict.contradictions
-        assert json.dumps(facts(verdict), allow_nan=False)
+        checked = check(read(writers.save(name, content, folder)), writers.model())
+        assert checked.contradictions
+        assert json.dumps(facts(checked), allow_nan=False)
 
 
 # The command
@@ -486,13 +486,13 @@ def test_what_was_found_is_not_written_over_the_motion(name, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("robot", ["unitree_g1", pytest.param("unitree_h2", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("name", exporters.FORMATS)
+@pytest.mark.parametrize("name", WRITABLE)
 def test_our_exports_are_what_they_claim(name, robot, tmp_path):
     source = writers.motion(robot=robot)
-    chosen = exporters.format_named(name)
+    chosen = format_named(name)
     if chosen.robots and robot not in chosen.robots:
         pytest.skip("not a format for this robot")
-    for file, content in exporters.export(
+    for file, content in export(
         Result("clip", "0" * 64, source, writers.model(robot)), chosen, name="clip"
     ).files.items():
         path = tmp_path / file
@@ -500,8 +500,8 @@ def test_our_exports_are_what_they_claim(name, robot, tmp_path):
         path.write_bytes(content)
     inside = [path for path in sorted(tmp_path.iterdir()) if path.is_dir()]
     motions = [path for suffix in ("npz", "pkl", "csv") for path in tmp_path.glob(f"clip.{suffix}")]
-    verdict = check(read((inside or motions)[0]), writers.model(robot))
-    assert not verdict.contradictions, told(verdict)
+    checked = check(read((inside or motions)[0]), writers.model(robot))
+    assert not checked.contradictions, told(checked)
 
 
 # Other people's files
@@ -528,8 +528,8 @@ def test_our_exports_are_what_they_claim(name, robot, tmp_path):
 )
 def test_real_files(name, format_name, subjects):
     file = read(EXPORTS / name)
-    verdict = check(file, writers.model())
-    assert verdict.format == format_name
-    assert {item.subject for item in verdict.contradictions} == subjects, told(verdict)
-    trajectory = as_qpos(file, writers.model())
-    assert trajectory.qpos.shape == (file.frames, 36)
+    checked = check(file, writers.model())
+    assert checked.format == format_name
+    assert {item.subject for item in checked.contradictions} == subjects, told(checked)
+    converted = as_qpos(file, writers.model())
+    assert converted.qpos.shape == (file.frames, 36)

@@ -17,11 +17,13 @@ from scipy.spatial import ConvexHull
 from export_motions import LINKS, SOURCE, as_result
 from hoi_retarget import __version__
 from hoi_retarget.errors import ArgumentError, ClipError
-from hoi_retarget.motion.exporters import FORMATS, NAMES, Exported, Result, export, format_named
-from hoi_retarget.motion.exporters.encoding import to_pickle
-from hoi_retarget.motion.exporters.normals import outward_normals
+from hoi_retarget.motion.export import NAMES, Exported, export, format_named
+from hoi_retarget.motion.formats import WRITABLE
 from hoi_retarget.motion.formats import read as read_motion
+from hoi_retarget.motion.formats.encoding import to_pickle
+from hoi_retarget.motion.normals import outward_normals
 from hoi_retarget.motion.report import Report
+from hoi_retarget.motion.result import Result
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import Surface
 from hoi_retarget.retarget.config import Config
@@ -33,7 +35,7 @@ from trajectories import MODELS
 EXPORTS = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "exports"
 G1, H2 = MODELS["unitree_g1"], MODELS["unitree_h2"]
 LAWS = settings(max_examples=8, deadline=None, derandomize=True, database=None)
-every_format = pytest.mark.parametrize("name", FORMATS)
+every_format = pytest.mark.parametrize("name", WRITABLE)
 
 # Isaac Lab's order of the G1's joints, as programs that deploy BeyondMimic's policies list it.
 ISAAC_JOINTS = [
@@ -163,11 +165,11 @@ READERS: dict[str, Callable[[Path, RobotModel], Read]] = {
 
 def written(folder: Path, result: Result, name: str, **options) -> tuple[Path, Exported]:
     """Export and return the main file's path."""
-    exported = export(result, FORMATS[name], name="take", **options)
+    exported = export(result, WRITABLE[name], name="take", **options)
     for file, content in exported.files.items():
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
         (folder / file).write_bytes(content)
-    return folder / f"take{FORMATS[name].suffix}", exported
+    return folder / f"take{WRITABLE[name].suffix}", exported
 
 
 def fk(model: RobotModel, qpos: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -192,7 +194,7 @@ def assert_same_rotations(a: np.ndarray, b: np.ndarray, tolerance: float) -> Non
 @every_format
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
 def test_at_the_results_own_rate_reading_gives_the_configurations_back(name, model, tmp_path):
-    if FORMATS[name].robots and model.spec.name not in FORMATS[name].robots:
+    if WRITABLE[name].robots and model.spec.name not in WRITABLE[name].robots:
         pytest.skip("for the other robot alone")
     result = as_result(model, seed=1)
     path, _ = written(tmp_path, result, name, fps=30.0)
@@ -269,7 +271,7 @@ def test_the_rate_is_what_the_formats_readers_expect(name, tmp_path):
 
 
 @LAWS
-@given(fps=st.floats(5.0, 200.0), name=st.sampled_from([name for name in FORMATS if name != "unitree-csv"]))
+@given(fps=st.floats(5.0, 200.0), name=st.sampled_from([name for name in WRITABLE if name != "unitree-csv"]))
 def test_any_rate_is_told_to_the_last_digit(fps, name, tmp_path_factory):
     folder = tmp_path_factory.mktemp("rate")
     path, exported = written(folder, as_result(G1, frames=10), name, fps=fps)
@@ -287,7 +289,7 @@ def test_layouts_are_those_of_real_files():
     result = as_result(G1)
     real_hdmi = npz(EXPORTS / "hdmi_motion.npz")
     meta = json.loads((EXPORTS / "hdmi_meta.json").read_text())
-    files = export(result, FORMATS["hdmi"], name="take").files
+    files = export(result, WRITABLE["hdmi"], name="take").files
     ours_meta = json.loads(files["take/meta.json"])
     assert list(ours_meta) == list(meta) and ours_meta["joint_names"] == meta["joint_names"]
     assert ours_meta["body_names"][:-1] == meta["body_names"][:-1] and ours_meta["fps"] == meta["fps"]
@@ -295,26 +297,26 @@ def test_layouts_are_those_of_real_files():
     assert_layout(ours, real_hdmi, extra=())
 
     real = npz(EXPORTS / "holosoma_wbt_with_object.npz")
-    ours = arrays_in(export(result, FORMATS["holosoma"], name="take").files["take.npz"])
+    ours = arrays_in(export(result, WRITABLE["holosoma"], name="take").files["take.npz"])
     assert_layout(ours, real, extra=("contact_",), other_bodies=True)
     assert ours["joint_names"].tolist() == real["joint_names"].tolist()
     theirs = [name for name in real["body_names"].tolist() if name in ours["body_names"]]
     assert [*theirs, "thing_0_link"] == ours["body_names"].tolist(), "the same order"
     lacking = set(real["body_names"].tolist()) - set(theirs) - {"largebox_link"}
-    described = json.loads(export(result, FORMATS["holosoma"], name="take").files["take.meta.json"])
+    described = json.loads(export(result, WRITABLE["holosoma"], name="take").files["take.meta.json"])
     assert all(name in described["notes"][1] for name in lacking), "what is not there is told"
 
     real = npz(EXPORTS / "holosoma_retarget_with_object.npz")
-    ours = arrays_in(export(result, FORMATS["holosoma-qpos"], name="take").files["take.npz"])
+    ours = arrays_in(export(result, WRITABLE["holosoma-qpos"], name="take").files["take.npz"])
     for name in ("qpos", "fps"):
         assert ours[name].dtype == real[name].dtype and ours[name].shape[1:] == real[name].shape[1:]
 
     rows = (EXPORTS / "unitree_lafan_first300.csv").read_text().splitlines()
-    ours_rows = export(result, FORMATS["unitree-csv"], name="take").files["take.csv"].decode().splitlines()
+    ours_rows = export(result, WRITABLE["unitree-csv"], name="take").files["take.csv"].decode().splitlines()
     assert len(ours_rows[0].split(",")) == len(rows[0].split(",")) == 36
 
     names = {"fps", "root_pos", "root_rot", "dof_pos", "local_body_pos", "link_body_list"}
-    assert set(pickle.loads(export(result, FORMATS["gmr"], name="take").files["take.pkl"])) == names
+    assert set(pickle.loads(export(result, WRITABLE["gmr"], name="take").files["take.pkl"])) == names
     assert all(name.encode() in (EXPORTS / "gmr.pkl").read_bytes() for name in names)
 
 
@@ -348,7 +350,7 @@ def assert_layout(ours: dict, real: dict, *, extra: tuple[str, ...], other_bodie
 
 @pytest.mark.parametrize("name", ["beyondmimic", "mjlab"])
 def test_trackers_files_have_their_keys_in_single_precision(name):
-    arrays = arrays_in(export(as_result(G1), FORMATS[name], name="take").files["take.npz"])
+    arrays = arrays_in(export(as_result(G1), WRITABLE[name], name="take").files["take.npz"])
     shapes = {"joint_pos": (29,), "joint_vel": (29,), "body_pos_w": (30, 3), "body_quat_w": (30, 4)}
     shapes |= {"body_lin_vel_w": (30, 3), "body_ang_vel_w": (30, 3)}
     for key, shape in shapes.items():
@@ -360,7 +362,7 @@ def test_trackers_files_have_their_keys_in_single_precision(name):
 def test_the_two_trackers_orders_differ_as_they_should():
     result = as_result(G1)
     (isaac, mujoco_) = (
-        arrays_in(export(result, FORMATS[name], name="take").files["take.npz"]) for name in ("beyondmimic", "mjlab")
+        arrays_in(export(result, WRITABLE[name], name="take").files["take.npz"]) for name in ("beyondmimic", "mjlab")
     )
     bodies = ["pelvis", *("torso_link" if joint == "waist_pitch" else f"{joint}_link" for joint in ISAAC_JOINTS)]
     columns = [G1.body_names.index(body) for body in bodies]
@@ -371,7 +373,7 @@ def test_the_two_trackers_orders_differ_as_they_should():
 @every_format
 def test_the_same_result_makes_the_same_bytes(name):
     result = as_result(G1)
-    assert export(result, FORMATS[name], name="take").files == export(result, FORMATS[name], name="take").files
+    assert export(result, WRITABLE[name], name="take").files == export(result, WRITABLE[name], name="take").files
 
 
 def test_pickles_name_nothing_that_only_numpy_2_has():
@@ -388,9 +390,9 @@ def test_pickles_name_nothing_that_only_numpy_2_has():
 @every_format
 def test_contacts_are_in_the_file_or_beside_it(name):
     result = as_result(G1, objects=2)
-    options = {"object_name": "thing_1"} if FORMATS[name].place_for_object else {}
-    exported = export(result, FORMATS[name], name="take", fps=30.0, **options)
-    inside = FORMATS[name].contacts_inside
+    options = {"object_name": "thing_1"} if WRITABLE[name].place_for_object else {}
+    exported = export(result, WRITABLE[name], name="take", fps=30.0, **options)
+    inside = WRITABLE[name].contacts_inside
     assert ("take.contacts.npz" in exported.files) is not inside
     arrays = arrays_in(exported.files["take.npz" if inside else "take.contacts.npz"])
     motion = result.motion
@@ -406,7 +408,7 @@ def test_contacts_are_in_the_file_or_beside_it(name):
 
 def test_the_touching_point_of_a_body_is_the_contact_links_place():
     result = as_result(G1)
-    arrays = arrays_in(export(result, FORMATS["mjlab"], name="take", fps=30.0).files["take.npz"])
+    arrays = arrays_in(export(result, WRITABLE["mjlab"], name="take", fps=30.0).files["take.npz"])
     kinematics, places = G1.forward(result.motion.qpos), fk(G1, result.motion.qpos)
     for column, link in enumerate(LINKS):
         pos, quat = places[arrays["contact_bodies"][column]]
@@ -417,7 +419,7 @@ def test_the_touching_point_of_a_body_is_the_contact_links_place():
 def test_hdmis_contact_flag_is_that_of_the_object_in_the_file():
     result = as_result(G1, objects=2, seed=6)
     for index in range(2):
-        files = export(result, FORMATS["hdmi"], name="take", fps=50.0, object_name=f"thing_{index}").files
+        files = export(result, WRITABLE["hdmi"], name="take", fps=50.0, object_name=f"thing_{index}").files
         contacts, motion = arrays_in(files["take.contacts.npz"]), arrays_in(files["take/motion.npz"])
         touched = (contacts["contact_flags"] & (contacts["contact_object"] == index)).any(axis=1)
         np.testing.assert_array_equal(motion["object_contact"][:, 0], touched)
@@ -435,7 +437,7 @@ def test_motions_without_objects_are_exported_without_one(name, tmp_path):
 @every_format
 def test_the_description_says_what_the_file_does_not(name):
     result = as_result(G1, seed=7)
-    exported = export(result, FORMATS[name], name="take")
+    exported = export(result, WRITABLE[name], name="take")
     text = exported.files["take.meta.json"].decode()
     meta = json.loads(text)
     assert meta["format"] == name and meta["robot"] == "unitree_g1" and meta["hoi_retarget"] == __version__
@@ -451,16 +453,16 @@ def test_the_description_says_what_the_file_does_not(name):
 
 def test_names_in_the_description_are_in_the_files_order():
     result = as_result(G1)
-    meta = json.loads(export(result, FORMATS["beyondmimic"], name="take").files["take.meta.json"])
+    meta = json.loads(export(result, WRITABLE["beyondmimic"], name="take").files["take.meta.json"])
     assert meta["joint_names"] == [f"{joint}_joint" for joint in ISAAC_JOINTS]
     assert meta["body_names"][:4] == ["pelvis", "left_hip_pitch_link", "right_hip_pitch_link", "waist_yaw_link"]
-    meta = json.loads(export(result, FORMATS["mjlab"], name="take").files["take.meta.json"])
+    meta = json.loads(export(result, WRITABLE["mjlab"], name="take").files["take.meta.json"])
     assert meta["body_names"] == list(G1.body_names)
 
 
 def test_a_report_that_says_nothing_is_told_as_unknown():
     result = as_result(G1, report=Report())
-    meta = json.loads(export(result, FORMATS["gmr"], name="take").files["take.meta.json"])
+    meta = json.loads(export(result, WRITABLE["gmr"], name="take").files["take.meta.json"])
     assert meta["source"]["name"] == meta["source"]["licence"] == "unknown"
 
 
@@ -513,7 +515,7 @@ def carried() -> Result:
 
 
 def test_contacts_with_an_object_of_known_shape_have_normals(carried):
-    exported = export(carried, FORMATS["mjlab"], name="take")
+    exported = export(carried, WRITABLE["mjlab"], name="take")
     arrays = arrays_in(exported.files["take.npz"])
     flags, normals = arrays["contact_flags"], arrays["contact_normals"]
     assert flags.any() and np.isfinite(normals[flags]).all() and np.isnan(normals[~flags]).all()
@@ -532,7 +534,7 @@ def test_scaling_an_object_turns_no_normal(carried):
         contact_points=2.0 * carried.motion.contact_points,
     )
     a, b = (
-        arrays_in(export(result, FORMATS["mjlab"], name="take").files["take.npz"])["contact_normals"]
+        arrays_in(export(result, WRITABLE["mjlab"], name="take").files["take.npz"])["contact_normals"]
         for result in (carried, replace(carried, motion=bigger))
     )
     np.testing.assert_allclose(a, b, atol=1e-9)
@@ -550,24 +552,24 @@ def test_formats_that_do_not_exist_are_told_with_those_that_do():
 @pytest.mark.parametrize("name", ["beyondmimic", "unitree-csv"])
 def test_files_for_the_g1_alone_refuse_other_robots(name):
     with pytest.raises(ArgumentError, match=r"unitree_g1.*unitree_h2.*mjlab"):
-        export(as_result(H2), FORMATS[name], name="take")
+        export(as_result(H2), WRITABLE[name], name="take")
 
 
 @pytest.mark.parametrize("name", ["holosoma", "holosoma-qpos", "hdmi"])
 def test_several_objects_ask_for_one_of_them(name, tmp_path):
     result = as_result(G1, objects=3)
     with pytest.raises(ArgumentError, match=r"--object.*thing_0, thing_1, thing_2"):
-        export(result, FORMATS[name], name="take")
+        export(result, WRITABLE[name], name="take")
     with pytest.raises(ArgumentError, match=r"no such object.*thing_0, thing_1, thing_2"):
-        export(result, FORMATS[name], name="take", object_name="box")
-    meta = json.loads(export(result, FORMATS[name], name="take", object_name="thing_2").files["take.meta.json"])
+        export(result, WRITABLE[name], name="take", object_name="box")
+    meta = json.loads(export(result, WRITABLE[name], name="take", object_name="thing_2").files["take.meta.json"])
     assert [item["in_the_format"] for item in meta["objects"]] == [False, False, True]
 
 
 @pytest.mark.parametrize("name", ["beyondmimic", "mjlab", "gmr", "unitree-csv"])
 def test_formats_without_a_place_for_objects_say_so(name):
     with pytest.raises(ArgumentError, match="no place for an object"):
-        export(as_result(G1), FORMATS[name], name="take", object_name="thing_0")
+        export(as_result(G1), WRITABLE[name], name="take", object_name="thing_0")
 
 
 def test_results_that_are_not_the_robots_are_refused():
@@ -579,6 +581,6 @@ def test_results_that_are_not_the_robots_are_refused():
 
 
 def test_every_format_has_its_reader_here_and_its_table_in_the_documentation():
-    assert set(READERS) == set(FORMATS)
+    assert set(READERS) == set(WRITABLE)
     text = (Path(__file__).parents[1] / "docs" / "exports.md").read_text()
     assert all(f"## `{name}`" in text for name in NAMES)

@@ -10,7 +10,8 @@ import pytest
 from export_motions import smooth_motion
 from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import Source
-from hoi_retarget.motion.exporters import FORMATS, NAMES
+from hoi_retarget.motion.export import NAMES
+from hoi_retarget.motion.formats import WRITABLE
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.synthetic import LICENCE
 from trajectories import MODELS
@@ -42,21 +43,21 @@ def listing(folder) -> list[str]:
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", WRITABLE)
 def test_every_format_is_written_with_its_description(name, demo, export, tmp_path):
     code, out, err = export(demo, "--to", name, "--out", "motions")
     assert code == 0 and not err
     files = listing(tmp_path / "motions")
     assert f"carry_box.{name}.meta.json" in files
     main_files = (
-        [f"carry_box.{name}{FORMATS[name].suffix}"]
-        if FORMATS[name].suffix
+        [f"carry_box.{name}{WRITABLE[name].suffix}"]
+        if WRITABLE[name].suffix
         else [
             f"carry_box.{name}/meta.json",
             f"carry_box.{name}/motion.npz",
         ]
     )
-    beside = [] if FORMATS[name].contacts_inside else [f"carry_box.{name}.contacts.npz"]
+    beside = [] if WRITABLE[name].contacts_inside else [f"carry_box.{name}.contacts.npz"]
     assert files == sorted([*main_files, *beside, f"carry_box.{name}.meta.json"])
     assert f"licence of the source: {LICENCE}" in out and out.endswith("1 exported, 0 failed.\n")
     meta = json.loads((tmp_path / "motions" / f"carry_box.{name}.meta.json").read_text())
@@ -67,7 +68,7 @@ def test_every_format_is_written_with_its_description(name, demo, export, tmp_pa
 @pytest.mark.parametrize("name", ["beyondmimic", "mjlab", "holosoma", "hdmi"])
 def test_nothing_contradicts_what_a_file_claims(name, demo, export, tmp_path, capsys):
     assert export(demo, "--to", name, "--out", ".")[0] == 0
-    assert main(["check-motion", f"carry_box.{name}{FORMATS[name].suffix}"]) == 0
+    assert main(["check-motion", f"carry_box.{name}{WRITABLE[name].suffix}"]) == 0
     assert "Nothing contradicts what the file claims." in capsys.readouterr().out
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from export_motions import as_result
-from hoi_retarget.motion.exporters import dataset
-from hoi_retarget.motion.exporters.dataset import CARD, write_dataset
+from hoi_retarget.motion.formats import dataset
+from hoi_retarget.motion.formats.dataset import CARD, write_dataset
 from hoi_retarget.motion.report import Report
 from trajectories import MODELS
 

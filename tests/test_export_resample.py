@@ -11,10 +11,10 @@ from scipy.interpolate import CubicSpline
 
 from export_motions import smooth_motion
 from hoi_retarget.errors import ArgumentError, ClipError
-from hoi_retarget.motion.exporters.links import breadth_first, link_states
-from hoi_retarget.motion.exporters.resample import resample
-from hoi_retarget.motion.exporters.trajectory import Trajectory
+from hoi_retarget.motion.links import breadth_first, link_states
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.resample import resample
+from hoi_retarget.motion.trajectory import Trajectory
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 from trajectories import MODELS
@@ -107,16 +107,9 @@ def test_velocities_integrate_to_positions_and_rotations(seed):
 def test_moving_the_world_moves_the_export(yaw, tilt, seed):
     motion = smooth_motion(G1, objects=2, seed=seed)
     turn, shift = se3.exp(np.array([tilt, 0.0, yaw])), np.array([1.0, -2.0, 0.3])
+    root = [se3.rotate(turn, motion.qpos[:, :3]) + shift, se3.quat_multiply(turn, motion.qpos[:, 3:7])]
     moved = replace(
-        motion,
-        qpos=np.concatenate(
-            [
-                se3.rotate(turn, motion.qpos[:, :3]) + shift,
-                se3.quat_multiply(turn, motion.qpos[:, 3:7]),
-                motion.qpos[:, 7:],
-            ],
-            axis=1,
-        ),
+        motion.with_qpos(np.concatenate([*root, motion.qpos[:, 7:]], axis=1)),
         object_pos=se3.rotate(turn, motion.object_pos) + shift,
         object_quat=se3.quat_multiply(turn, motion.object_quat),
     )

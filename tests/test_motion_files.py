@@ -4,6 +4,7 @@ import json
 import os
 import pickle
 import zipfile
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 import motion_writers as writers
 from hoi_retarget.errors import ReadError
 from hoi_retarget.files.numpy_pickle import parse_pickle
+from hoi_retarget.motion import formats
 from hoi_retarget.motion.formats import MotionFile, read
 from hoi_retarget.motion.formats.arrays_by_name import read_npz
 
@@ -28,6 +30,18 @@ def refused(path: Path, *words: str) -> None:
         read(path)
     for word in (path.stem, *words):
         assert word in str(caught.value), str(caught.value)
+
+
+# The table
+
+
+def test_every_format_has_its_file_and_its_line():
+    folder = Path(formats.__file__).parent
+    modules = [import_module(f"{formats.__name__}.{path.stem}") for path in folder.glob("[!_]*.py")]
+    there = {module.FORMAT.name for module in modules if hasattr(module, "FORMAT")}
+    assert there == {format.name for format in formats.FORMATS}
+    assert len(formats.FORMATS) == len(there) == len({format.convention.name for format in formats.FORMATS})
+    assert {format.convention.name for format in formats.FORMATS} == set(FORMATS)
 
 
 # Reading

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from hoi_retarget.cli.commands import CheckMotion
 from hoi_retarget.cli.jobs import check_inputs_kept, check_writable, write_file
 from hoi_retarget.cli.terminal import say
-from hoi_retarget.motion.check import Finding, Verdict, check
+from hoi_retarget.motion.check import CheckedMotion, Finding, check
 from hoi_retarget.motion.formats import MotionFile, read
 from hoi_retarget.robots import load_robot
 
@@ -21,23 +21,23 @@ def execute(command: CheckMotion) -> int:
         read_from = command.file.iterdir() if command.file.is_dir() else [command.file]
         check_inputs_kept("--json", [command.json], read_from)
     file = read(command.file)
-    verdict = check(file, model)
-    _describe(file, verdict)
-    for finding in verdict.findings:
+    checked = check(file, model)
+    _describe(file, checked)
+    for finding in checked.findings:
         _show(finding)
     say()
-    say(_conclusion(verdict))
+    say(_conclusion(checked))
     if command.json is not None:
-        write_file("--json", command.json, (json.dumps(facts(verdict), indent=1) + "\n").encode())
+        write_file("--json", command.json, (json.dumps(facts(checked), indent=1) + "\n").encode())
         say(f"written: {command.json}")
-    return 1 if verdict.contradictions else 0
+    return 1 if checked.contradictions else 0
 
 
-def _describe(file: MotionFile, verdict: Verdict) -> None:
+def _describe(file: MotionFile, checked: CheckedMotion) -> None:
     rate = "no rate stated" if file.fps is None else f"{file.fps:g} frames/s stated"
-    say(f"{file.path}: {verdict.format}, {file.frames} frames, {rate}, as a motion of {verdict.robot}")
+    say(f"{file.path}: {checked.format}, {file.frames} frames, {rate}, as a motion of {checked.robot}")
     say(f"  holds     {', '.join(file.contents)}")
-    for item in verdict.objects:
+    for item in checked.objects:
         say(f"  object    {item.name}")
     if file.contacts is not None:
         share = ", ".join(
@@ -54,8 +54,8 @@ def _show(finding: Finding) -> None:
         say(f"{'':9}-> {finding.advice}")
 
 
-def _conclusion(verdict: Verdict) -> str:
-    wrong = verdict.contradictions
+def _conclusion(checked: CheckedMotion) -> str:
+    wrong = checked.contradictions
     if not wrong:
         return "Nothing contradicts what the file claims."
     subjects = ", ".join(dict.fromkeys(finding.subject for finding in wrong))
@@ -64,17 +64,17 @@ def _conclusion(verdict: Verdict) -> str:
     )
 
 
-def facts(verdict: Verdict) -> dict[str, object]:
-    """Return a verdict for machines."""
+def facts(checked: CheckedMotion) -> dict[str, object]:
+    """Return what was found, for machines."""
     return {
-        "file": verdict.path,
-        "robot": verdict.robot,
-        "format": verdict.format,
-        "frames": verdict.frames,
-        "stated_fps": verdict.stated_fps,
-        "implied_fps": verdict.implied_fps,
-        "objects": [item.name for item in verdict.objects],
-        "missing_joints": list(verdict.missing_joints),
-        "contradictions": len(verdict.contradictions),
-        "findings": [asdict(finding) for finding in verdict.findings],
+        "file": checked.path,
+        "robot": checked.robot,
+        "format": checked.format,
+        "frames": checked.frames,
+        "stated_fps": checked.stated_fps,
+        "implied_fps": checked.implied_fps,
+        "objects": [item.name for item in checked.objects],
+        "missing_joints": list(checked.missing_joints),
+        "contradictions": len(checked.contradictions),
+        "findings": [asdict(finding) for finding in checked.findings],
     }

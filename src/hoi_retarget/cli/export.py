@@ -11,8 +11,10 @@ from hoi_retarget.cli.jobs import check_inputs_kept, check_writable
 from hoi_retarget.cli.terminal import Working, fail, say, warn
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.files.atomic import write_together
-from hoi_retarget.motion.exporters import DATASET, FORMATS, Exported, Format, Result, export, format_named
-from hoi_retarget.motion.exporters.dataset import CARD, FOLDER, write_dataset
+from hoi_retarget.motion.export import DATASET, Exported, export, format_named
+from hoi_retarget.motion.formats import WRITABLE, Format
+from hoi_retarget.motion.formats.dataset import CARD, FOLDER, write_dataset
+from hoi_retarget.motion.result import Result
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.readers.open import clip_of
 from hoi_retarget.robots import load_robot
@@ -101,7 +103,7 @@ def _check_rows(results: Sequence[Result]) -> None:
 def _targets(command: Export, format: Format) -> dict[Path, Path]:
     """Return, for each result, the path of its export without suffix."""
     _check_stems(command.results)
-    a_file = command.out.suffix in {known.suffix for known in FORMATS.values()} - {""} and not command.out.is_dir()
+    a_file = command.out.suffix in {known.suffix for known in WRITABLE.values()} - {""} and not command.out.is_dir()
     single = a_file and command.out.suffix == format.suffix
     if a_file and not single:
         kind = f"files that end in {format.suffix}" if format.suffix else "folders"

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Int
 
 from hoi_retarget.errors import ClipError
 
@@ -40,6 +40,11 @@ def runs(active: Bool[np.ndarray, "T"], shortest: int = 1) -> tuple[tuple[int, i
     """Return the contiguous runs of at least `shortest` active frames as (first, one past the last)."""
     edges = np.flatnonzero(np.diff(active.astype(np.int8), prepend=0, append=0))
     return tuple((int(first), int(stop)) for first, stop in edges.reshape(-1, 2) if stop - first >= shortest)
+
+
+def evenly_spaced(count: int, most: int) -> Int[np.ndarray, "K"]:
+    """Return indices from the first to the last of `count`, evenly over them and at most so many."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).astype(int))
 
 
 def unit_quats(owner: str, name: str, quats: np.ndarray) -> np.ndarray:

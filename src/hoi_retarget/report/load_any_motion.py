@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hoi_retarget.motion.check import as_qpos
-from hoi_retarget.motion.formats import read
+from hoi_retarget.motion.formats import own_result, read
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.report.motion_from_qpos import motion_from_qpos
 from hoi_retarget.robots.model import RobotModel
 
-OWN_FORMAT = "hoi-retarget"
+OWN_FORMAT = own_result.FORMAT.name
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,15 +6,15 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.motion.check.body_poses import BodyReading, body_readings, claimed_places, fit_tree, implied_angles
-from hoi_retarget.motion.check.conventions import breadth_first_joints
 from hoi_retarget.motion.check.finding import Finding
 from hoi_retarget.motion.check.interpretation import Interpretation, joint_deviations, rotation_deviations
 from hoi_retarget.motion.check.layout import UNIT_TOLERANCE, Layout, off_unit
-from hoi_retarget.motion.formats import Bodies, MotionFile
-from hoi_retarget.motion.formats.tracking import BREADTH_FIRST, DEPTH_FIRST
+from hoi_retarget.motion.formats import Bodies, MotionFile, beyondmimic, mjlab
+from hoi_retarget.motion.links import breadth_first
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 
+BREADTH_FIRST, DEPTH_FIRST = beyondmimic.FORMAT.name, mjlab.FORMAT.name
 _ENOUGH = 0.3  # Penalty of a fit that leaves no question: 3 degrees or 3 cm.
 _PART = 0.7
 _SAME_ANGLE = 0.02  # [rad]
@@ -70,16 +70,16 @@ def _fitting(
     model: RobotModel, bodies: Bodies, readings: list[BodyReading], file: MotionFile
 ) -> tuple[BodyReading, list[Finding]]:
     fits = [fit_tree(model, there, bodies.pos, bodies.quat) for there in readings]
-    claimed = fits[0]
     # Where both orders are in use, neither contradicts the claim.
-    legal = [0] + [
-        i for i, there in enumerate(readings) if file.convention.order is None and _is_legal(there, readings[0])
-    ]
-    best = min(legal, key=lambda index: fits[index].penalty)
+    open_order = file.convention.order is None
+    legal = [0, *(i for i, there in enumerate(readings) if open_order and _is_legal(there, readings[0]))]
+    by_fit = sorted(range(len(fits)), key=lambda index: fits[index].penalty)
+    best = min(legal, key=by_fit.index)
     if fits[best].penalty > _ENOUGH:
-        other = min(range(len(fits)), key=lambda index: fits[index].penalty)
+        other = by_fit[0]
         if fits[other].penalty < _PART * fits[best].penalty:
-            return readings[other], _contradictions(readings, fits, other, best)
+            says = f"{fits[other]}; as claimed {fits[best]}"
+            return readings[other], _contradictions(readings[other], readings[best], says)
         says = f"{fits[best]} in the best of {len(fits)} readings"
         advice = "Are these bodies of this robot? Name another --robot."
         return readings[best], [
@@ -89,24 +89,23 @@ def _fitting(
     order = there.order or ("as the file names them" if file.body_names else "in MuJoCo's depth-first order")
     claim = f"quaternions {there.reading.quat_order}, bodies {order}"
     alternative = min((fit.penalty, str(fit)) for index, fit in enumerate(fits) if index != best)[1]
-    says = f"{fits[best]}; in the next best reading {alternative}" if claimed else ""
-    return there, [Finding("ok", "bodies", claim, says)]
+    return there, [Finding("ok", "bodies", claim, f"{fits[best]}; in the next best reading {alternative}")]
 
 
 def _is_legal(there: BodyReading, claimed: BodyReading) -> bool:
     return there.order.startswith("in ") and replace(there.reading, metres=1.0) == replace(claimed.reading, metres=1.0)
 
 
-def _contradictions(readings: list[BodyReading], fits: list, best: int, claimed: int) -> list[Finding]:
-    found, claim = readings[best], readings[claimed]
-    says = f"{fits[best]}; as claimed {fits[claimed]}"
-    findings = []
-    for deviation in rotation_deviations(claim.reading):
-        changed = deviation.reading
-        if (deviation.subject == "quaternion order") and found.reading.quat_order == changed.quat_order:
-            findings.append((deviation.subject, f"the bodies' quaternions are {deviation.is_}", deviation.advice))
-        if (deviation.subject == "quaternion inverse") and found.reading.inverted == changed.inverted:
-            findings.append((deviation.subject, f"the bodies' quaternions are {deviation.is_}", deviation.advice))
+def _contradictions(found: BodyReading, claim: BodyReading, says: str) -> list[Finding]:
+    changed = {
+        "quaternion order": found.reading.quat_order != claim.reading.quat_order,
+        "quaternion inverse": found.reading.inverted != claim.reading.inverted,
+    }
+    findings = [
+        (item.subject, f"the bodies' quaternions are {item.is_}", item.advice)
+        for item in rotation_deviations(claim.reading)
+        if changed[item.subject]
+    ]
     if found.order != claim.order and found.order:
         findings.append(("body order", f"the bodies are {found.order}", "Reorder the bodies."))
     return [
@@ -120,21 +119,19 @@ def _joints(
 ) -> tuple[Interpretation, str, list[Finding]]:
     """Return how the joints are to be read, what the format is, and how they compare with the bodies."""
     known = np.isfinite(implied).all(axis=0) & (np.array(there.reading.columns) >= 0)
-    reading = there.reading
 
     def errors(candidate: Interpretation) -> np.ndarray:
         difference = implied[:, known] - candidate.angles(layout.joint_pos)[:, known]
         with np.errstate(over="ignore"):
             wrapped = np.abs(np.angle(np.exp(1j * np.clip(difference, -1e6, 1e6))))
         # Angles that are far beyond a turn would look near by chance.
-        wrapped = np.where(np.abs(difference) > 7.0, np.pi, wrapped)
-        return np.sqrt(np.mean(wrapped**2, axis=0))
+        return _rms(np.where(np.abs(difference) > 7.0, np.pi, wrapped))
 
-    breadth = replace(reading, columns=tuple(int(i) for i in np.argsort(breadth_first_joints(model))))
-    name, claimed = file.format, reading
+    name, claimed, order = file.format, there.reading, "breadth" if "breadth" in there.order else "depth"
     if file.convention.order is None:
-        bodies_are = BREADTH_FIRST if "breadth" in there.order else DEPTH_FIRST
-        name, claimed = bodies_are, breadth if bodies_are == BREADTH_FIRST else reading
+        name = BREADTH_FIRST if order == "breadth" else DEPTH_FIRST
+        if order == "breadth":
+            claimed = replace(claimed, columns=tuple(np.argsort(breadth_first(model)[1]).tolist()))
     base = errors(claimed)
     words = "as the bodies' poses imply"
     if base.max(initial=0.0) < _SAME_ANGLE:
@@ -149,7 +146,6 @@ def _joints(
         )
         subject, advice = deviation.subject, deviation.advice
         if file.convention.order is None and subject == "joint order":
-            order = "breadth" if name == BREADTH_FIRST else "depth"
             words, subject = "joints and bodies in one order", "joint and body order"
             says = f"the bodies are in {order}-first order; {says}"
             advice = f"{DEPTH_FIRST} wants both in MuJoCo's depth-first order, {BREADTH_FIRST} both in Isaac Lab's."
@@ -163,25 +159,26 @@ def _single_joints(
 ) -> tuple[Interpretation, list[Finding]]:
     """Return which joints turn the other way round, and which are something else."""
     angles = claimed.angles(layout.joint_pos)
-    signs, negated, wrong = list(claimed.signs), [], []
-    for joint in np.flatnonzero(np.isfinite(implied).all(axis=0)):
-        straight = np.sqrt(np.mean((implied[:, joint] - angles[:, joint]) ** 2))
-        turned = np.sqrt(np.mean((implied[:, joint] + angles[:, joint]) ** 2))
-        if straight > _SAME_ANGLE:
-            if turned < 0.2 * straight:
-                signs[joint] = -signs[joint]
-                negated.append(model.joint_names[joint])
-            else:
-                wrong.append(f"{model.joint_names[joint]} by {np.degrees(straight):.1f} deg")
+    straight, turned = _rms(implied - angles), _rms(implied + angles)
+    off = straight > _SAME_ANGLE
+    negated = off & (turned < 0.2 * straight)
     words, findings = "as the bodies' poses imply", []
-    if negated:
-        says = f"negated for {', '.join(negated)}"
-        advice = f"Negate {', '.join(negated)}."
-        findings.append(Finding("contradiction", "joint sign", words, says, advice, "poses"))
-    if wrong:
+    if negated.any():
+        names = ", ".join(np.array(model.joint_names)[negated])
+        findings.append(
+            Finding("contradiction", "joint sign", words, f"negated for {names}", f"Negate {names}.", "poses")
+        )
+    if (off & ~negated).any():
+        wrong = (f"{model.joint_names[i]} by {np.degrees(straight[i]):.1f} deg" for i in np.flatnonzero(off & ~negated))
         advice = "Joints and bodies are of different motions or robots: write both from one configuration."
         findings.append(Finding("contradiction", "joints", words, f"they differ: {', '.join(wrong)}", advice, "poses"))
-    return replace(claimed, signs=tuple(signs)), findings
+    signs = np.where(negated, -1.0, 1.0) * np.array(claimed.signs)
+    return replace(claimed, signs=tuple(signs.tolist())), findings
+
+
+def _rms(difference: Float[np.ndarray, "T k"]) -> Float[np.ndarray, "k"]:
+    """Return the root of the mean square over time."""
+    return np.sqrt(np.mean(difference**2, axis=0))
 
 
 def _root(found: FoundBodies, pos: np.ndarray, quat: np.ndarray) -> list[Finding]:

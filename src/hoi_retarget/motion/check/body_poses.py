@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.motion.check.conventions import breadth_first_bodies, mirrored
-from hoi_retarget.motion.check.interpretation import Interpretation
+from hoi_retarget.motion.check.interpretation import Interpretation, mirrored
+from hoi_retarget.motion.links import breadth_first
 from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.arrays import evenly_spaced
 from hoi_retarget.robots.model import RobotModel
 
 _FRAMES = 200  # That are looked at, evenly over the clip.
@@ -80,7 +81,7 @@ def body_readings(
 def _other_orders(model: RobotModel, places: Places) -> Iterator[tuple[str, Places]]:
     columns = sorted(places.values())
     present = [name for name in model.body_names if name in places]
-    breadth = [model.body_names[index] for index in breadth_first_bodies(model) if model.body_names[index] in places]
+    breadth = [model.body_names[index] for index in breadth_first(model)[0] if model.body_names[index] in places]
     sides = mirrored(model.body_names)
     swapped = {model.body_names[index]: model.body_names[other] for index, other in enumerate(sides)}
     candidates = [
@@ -98,7 +99,7 @@ def _unit_of_length(model: RobotModel, places: Places, pos: Float[np.ndarray, "T
     pairs = [pair for pair in _neighbours(model, places) if np.linalg.norm(model.offsets[:, pair.hinge]) > 0.02]
     if not pairs:
         return 1.0
-    frames = _frames(len(pos))
+    frames = evenly_spaced(len(pos), _FRAMES)
     stored = np.array([np.median(np.linalg.norm(pos[frames, p.child] - pos[frames, p.parent], axis=-1)) for p in pairs])
     known = np.array([np.linalg.norm(model.offsets[:, pair.hinge]) for pair in pairs])
     magnitude = float(np.log10(max(float(np.median(stored / known)), 1e-9)))
@@ -128,15 +129,11 @@ def _neighbours(model: RobotModel, places: Places) -> Iterator[_Neighbours]:
             yield _Neighbours(hinge, parent_place, child_place, parent_body, child_body)
 
 
-def _frames(count: int) -> np.ndarray:
-    return np.unique(np.linspace(0, count - 1, min(_FRAMES, count)).astype(int))
-
-
 def fit_tree(
     model: RobotModel, there: BodyReading, pos: Float[np.ndarray, "T B 3"], quat: Float[np.ndarray, "T B 4"]
 ) -> TreeFit:
     """Return how well the poses fit the tree under one reading."""
-    frames = _frames(len(pos))
+    frames = evenly_spaced(len(pos), _FRAMES)
     turned, moved = [], []
     for pair in _neighbours(model, there.places):
         rotation, position = _relative(model, there, pair, pos[frames], quat[frames])

@@ -1,6 +1,5 @@
 """Looks at a robot-motion file from its numbers alone: what it is, and what contradicts what it claims."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,16 +13,16 @@ from hoi_retarget.motion.check.interpretation import Interpretation
 from hoi_retarget.motion.check.layout import UNIT_TOLERANCE, Layout, lay_out, off_unit
 from hoi_retarget.motion.check.objects import ObjectPath, Surroundings, check_object
 from hoi_retarget.motion.check.search import Poses, find_reading, find_up_axis, undecided
-from hoi_retarget.motion.check.velocities import Moving, check_velocities, moving_bodies, moving_point
-from hoi_retarget.motion.formats import MotionFile, ObjectPoses
+from hoi_retarget.motion.check.velocities import check_velocities
+from hoi_retarget.motion.formats import Bodies, MotionFile, ObjectPoses
 from hoi_retarget.robots.model import RobotModel
 
 _ASSUMED_FPS = 30.0  # Where nothing tells: only to compare speeds with one another.
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
-    """What a file is, and everything that was found."""
+class CheckedMotion:
+    """A motion file as its numbers were found to be, and everything that was found."""
 
     path: str
     robot: str
@@ -45,10 +44,11 @@ class Verdict:
         return contradictions(self.findings)
 
 
-def check(file: MotionFile, model: RobotModel) -> Verdict:
+def check(file: MotionFile, model: RobotModel) -> CheckedMotion:
     """Return what a file is and what contradicts what it claims."""
     layout, findings = lay_out(file, model)
-    claim = _claim(file, model, layout)
+    columns = layout.columns or (-1,) * model.n
+    claim = Interpretation(columns, (1.0,) * model.n, quat_order=file.convention.quat_order)
     found: FoundBodies | None = None
     if file.bodies is not None:
         found, more = read_bodies(file, file.bodies, model, layout, claim)
@@ -63,16 +63,15 @@ def check(file: MotionFile, model: RobotModel) -> Verdict:
         if found is None and not contradictions(findings):
             findings += undecided(poses, reading)
         qpos = reading.qpos(pos, quat, layout.joint_pos)
-    implied, more = check_velocities(file, reading, _moving(file, layout, reading, found))
+    implied, more = check_velocities(file, reading, _moving(file, layout, found))
     findings += more
     paths: list[ObjectPath] = []
     if qpos is not None:
         findings += [*check_floor(model, qpos), *check_ranges(model, qpos)]
         findings += check_continuity(model, qpos, implied or fps)
-        quat_first = file.convention.root_order == "quat_pos"
-        paths, more = _objects(file, Surroundings(model, qpos, reading, quat_first, implied or fps), found)
+        paths, more = _objects(file, Surroundings(model, qpos, reading, file.convention, implied or fps), found)
         findings += more
-    return Verdict(
+    return CheckedMotion(
         path=file.path,
         robot=model.spec.name,
         format=file.format if found is None else found.format,
@@ -82,18 +81,8 @@ def check(file: MotionFile, model: RobotModel) -> Verdict:
         findings=tuple(findings),
         qpos=qpos,
         objects=tuple(paths),
-        missing_joints=_missing(model, layout),
+        missing_joints=tuple(name for name, column in zip(model.joint_names, columns, strict=True) if column < 0),
     )
-
-
-def _claim(file: MotionFile, model: RobotModel, layout: Layout) -> Interpretation:
-    columns = layout.columns or (-1,) * model.n
-    return Interpretation(columns, (1.0,) * model.n, quat_order=file.convention.quat_order)
-
-
-def _missing(model: RobotModel, layout: Layout) -> tuple[str, ...]:
-    columns = layout.columns or (-1,) * model.n
-    return tuple(name for name, column in zip(model.joint_names, columns, strict=True) if column < 0)
 
 
 def _root(file: MotionFile, layout: Layout) -> tuple[np.ndarray | None, np.ndarray | None]:
@@ -105,22 +94,20 @@ def _root(file: MotionFile, layout: Layout) -> tuple[np.ndarray | None, np.ndarr
     return file.bodies.pos[:, 0], file.bodies.quat[:, 0]
 
 
-def _moving(file: MotionFile, layout: Layout, reading: Interpretation, found: FoundBodies | None) -> Sequence[Moving]:
+def _moving(file: MotionFile, layout: Layout, found: FoundBodies | None) -> list[tuple[str, Bodies]]:
+    """Return the bodies, the root and the objects with stored velocities, by name."""
     moving = []
-    if found is not None:
-        bodies = moving_bodies(file, reading, found.there)
-        moving += [bodies] if bodies is not None else []
+    if found is not None and file.bodies is not None:
+        moving.append(("bodies", file.bodies.only(list(found.there.places.values()))))
     if file.root_vel is not None and layout.pos is not None and layout.quat is not None:
         pos, quat = (found.pos, found.quat) if found is not None else (layout.pos, layout.quat)
-        lin, ang = reading.position(file.root_vel[:, :3]), reading.vector(file.root_vel[:, 3:])
-        moving.append(moving_point("the root", reading.position(pos), reading.rotation(quat), lin, ang))
+        velocity = file.root_vel[:, None]
+        moving.append(("the root", Bodies(pos[:, None], quat[:, None], velocity[..., :3], velocity[..., 3:])))
     for item in file.objects:
-        quat_first = file.convention.root_order == "quat_pos"
-        pos, quat = (item.pose[:, 4:], item.pose[:, :4]) if quat_first else (item.pose[:, :3], item.pose[:, 3:])
+        pos, quat = file.convention.split(item.pose[:, None])
         if off_unit(quat) < UNIT_TOLERANCE and (item.lin_vel is not None or item.ang_vel is not None):
-            lin = None if item.lin_vel is None else reading.position(item.lin_vel)
-            ang = None if item.ang_vel is None else reading.vector(item.ang_vel)
-            moving.append(moving_point(item.name, reading.position(pos), reading.rotation(quat), lin, ang))
+            lin, ang = (None if values is None else values[:, None] for values in (item.lin_vel, item.ang_vel))
+            moving.append((item.name, Bodies(pos, quat, lin, ang)))
     return moving
 
 

@@ -23,7 +23,7 @@ def check_continuity(model: RobotModel, qpos: Float[np.ndarray, "T nq"], fps: fl
     turn = se3.angle_between(qpos[:-1, 3:7], qpos[1:, 3:7])
     joints = np.abs(np.diff(qpos[:, 7:], axis=0))
     whole = root + turn + joints.max(axis=1, initial=0.0)
-    findings = [*_frozen(whole), *_jumps(model, root, turn, joints)]
+    findings = [*_frozen(whole), *_jumps(model, np.column_stack([root, turn, joints]))]
     if fps is not None:
         findings += _speeds(model, joints * fps)
     return findings or [Finding("ok", "continuity", "one movement", "no repeated frames, no jumps")]
@@ -49,17 +49,15 @@ def _frozen(step: Float[np.ndarray, "steps"]) -> list[Finding]:
     return [Finding("contradiction", "repeated frames", "one movement", says, advice, "rate")]
 
 
-def _jumps(
-    model: RobotModel,
-    root: Float[np.ndarray, "steps"],
-    turn: Float[np.ndarray, "steps"],
-    joints: Float[np.ndarray, "steps n"],
-) -> list[Finding]:
-    found = []
-    for name, step, least in (("the root", root, _LEAST_ROOT), ("the root's rotation", turn, _LEAST_TURN)):
-        found += [(frame, name) for frame in np.flatnonzero(_outliers(step, least))]
-    for index, name in enumerate(model.joint_names):
-        found += [(frame, name) for frame in np.flatnonzero(_outliers(joints[:, index], _LEAST_JOINT))]
+def _jumps(model: RobotModel, steps: Float[np.ndarray, "steps k"]) -> list[Finding]:
+    """Return jumps of the root, its rotation, and the joints, a column each."""
+    moving = ("the root", "the root's rotation", *model.joint_names)
+    least = (_LEAST_ROOT, _LEAST_TURN, *(_LEAST_JOINT,) * model.n)
+    found = [
+        (frame, name)
+        for name, step, limit in zip(moving, steps.T, least, strict=True)
+        for frame in np.flatnonzero(_outliers(step, limit))
+    ]
     if not found:
         return []
     frames = np.unique([frame + 1 for frame, _ in found])

@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.motion.check.finding import Finding
+from hoi_retarget.numerics.arrays import evenly_spaced
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 
@@ -16,8 +17,7 @@ _OUTSIDE, _OFTEN = 0.1, 0.1
 
 def check_floor(model: RobotModel, qpos: Float[np.ndarray, "T nq"]) -> list[Finding]:
     """Return whether the robot stands on z = 0."""
-    frames = np.unique(np.linspace(0, len(qpos) - 1, min(_FRAMES, len(qpos))).astype(int))
-    kinematics = model.forward(qpos[frames])
+    kinematics = model.forward(qpos[evenly_spaced(len(qpos), _FRAMES)])
     heights = np.min(
         [kinematics.site_position(f"{side}_sole_{corner}")[:, 2] for side in SIDES for corner in SOLE_CORNERS], axis=0
     )

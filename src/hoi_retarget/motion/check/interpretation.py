@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from hoi_retarget.motion.check.conventions import ARMS, LEGS, breadth_first_joints, is_sideways, mirrored
+from hoi_retarget.motion.links import breadth_first
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 
@@ -26,6 +26,10 @@ Subject = Literal[
 # The world of a file whose y axis points up, turned so that its z axis does.
 _Y_UP = se3.exp(np.array([0.5 * np.pi, 0.0, 0.0]))
 _SHIFTS = (-3, -2, -1, 1, 2, 3)
+_PARTS = {"legs": ("hip", "knee", "ankle"), "arms": ("shoulder", "elbow", "wrist"), "sides": ("",)}
+"""Of a robot, by name: what the names of their joints contain."""
+_SIDEWAYS = ("roll", "yaw")
+"""Joints that a mirrored motion turns the other way round: not pitch, knee and elbow."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +115,7 @@ def joint_deviations(claim: Interpretation, model: RobotModel) -> Iterator[Devia
     )
     columns, signs = np.array(claim.columns), np.array(claim.signs)
     if (columns >= 0).all():
-        breadth = breadth_first_joints(model)
+        _, breadth = breadth_first(model)
         place = np.argsort(breadth)
         yield _reordered(claim, "joint order", "in Isaac Lab's breadth-first order", columns[place])
         if not np.array_equal(columns, np.arange(len(columns))):
@@ -120,10 +124,10 @@ def joint_deviations(claim: Interpretation, model: RobotModel) -> Iterator[Devia
             side = "right" if shift > 0 else "left"
             words = f"shifted by {abs(shift)} column{'s' if abs(shift) > 1 else ''} to the {side}"
             yield _reordered(claim, "shifted columns", words, np.roll(columns, -shift))
-    for words, parts in (("legs", LEGS), ("arms", ARMS), ("sides", ("",))):
+    for words, parts in _PARTS.items():
         swapped = mirrored(model.joint_names, parts)
         yield _reordered(claim, "left and right", f"with left and right {words} exchanged", columns[swapped])
-        sideways = np.array([is_sideways(name) and any(part in name for part in parts) for name in model.joint_names])
+        sideways = np.array([_contains(name, _SIDEWAYS) and _contains(name, parts) for name in model.joint_names])
         flipped = tuple(np.where(sideways, -signs, signs))
         mirror = _reordered(claim, "left and right", f"with left and right {words} mirrored", columns[swapped])
         yield replace(mirror, reading=replace(mirror.reading, signs=flipped))
@@ -141,3 +145,19 @@ def sign_deviations(claim: Interpretation, model: RobotModel) -> Iterator[Deviat
 def _reordered(claim: Interpretation, subject: Subject, words: str, columns: np.ndarray) -> Deviation:
     reading = replace(claim, columns=tuple(int(column) for column in columns))
     return Deviation(subject, words, "Put the columns into the order that the format demands.", reading)
+
+
+def mirrored(names: tuple[str, ...], parts: tuple[str, ...] = ("",)) -> Int[np.ndarray, "n"]:
+    """Return where each name's counterpart on the other side is; only names that contain one of `parts` change."""
+    index = {name: place for place, name in enumerate(names)}
+    others = {"left": "right", "right": "left"}
+    places = []
+    for name in names:
+        side, _, rest = name.partition("_")
+        other = f"{others.get(side, side)}_{rest}"
+        places.append(index[other] if other in index and _contains(name, parts) else index[name])
+    return np.array(places)
+
+
+def _contains(name: str, parts: tuple[str, ...]) -> bool:
+    return any(part in name for part in parts)

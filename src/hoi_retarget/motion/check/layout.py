@@ -10,8 +10,6 @@ from hoi_retarget.motion.formats import MotionFile
 from hoi_retarget.robots.model import RobotModel
 
 UNIT_TOLERANCE = 0.01
-_REDUCED = ("wrist",)
-"""Joints that ASAP's files of 23 joints leave out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +46,7 @@ def _root(file: MotionFile) -> tuple[Layout, list[Finding]]:
     off = off_unit(flat[:, start : start + 4])
     if off < UNIT_TOLERANCE:
         says = f"these are unit quaternions within {off:.1g} in every frame"
-        return _split(flat, start, start), [Finding("ok", "root layout", claim, says)]
+        return _split(flat, start), [Finding("ok", "root layout", claim, says)]
     unit = [column for column in range(flat.shape[1] - 3) if off_unit(flat[:, column : column + 4]) < UNIT_TOLERANCE]
     says = f"their lengths differ from 1 by up to {off:.2g}"
     if not unit:
@@ -60,41 +58,47 @@ def _root(file: MotionFile) -> tuple[Layout, list[Finding]]:
     if found in (0, 3):
         order = "rotation before position" if found == 0 else "position before rotation"
         advice = f"The root is {order}: exchange the two."
-        return _split(flat, found, found), [Finding("contradiction", "root order", claim, says, advice, "poses")]
+        return _split(flat, found), [Finding("contradiction", "root order", claim, says, advice, "poses")]
     shift = found - start
     advice = f"All columns are shifted by {shift:+d}: remove or add what stands before them."
     finding = Finding("contradiction", "shifted columns", claim, says, advice, "poses")
     if shift < 0 or start == 0:
         return Layout(file.joint_pos, None), [finding]
-    return _split(flat[:, shift:], start, start), [finding]
+    return _split(flat[:, shift:], start), [finding]
 
 
-def _split(flat: np.ndarray, quat: int, start: int) -> Layout:
+def _split(flat: np.ndarray, start: int) -> Layout:
+    """Return columns whose first seven are the root's, with its rotation from `start` on."""
     pos = flat[:, 4:7] if start == 0 else flat[:, :3]
-    return Layout(flat[:, 7:], None, pos, flat[:, quat : quat + 4])
+    return Layout(flat[:, 7:], None, pos, flat[:, start : start + 4])
 
 
 def _columns(file: MotionFile, model: RobotModel, count: int) -> tuple[tuple[int, ...] | None, list[Finding]]:
     robot = f"{model.spec.name} has {model.n} joints"
     if file.joint_names is not None:
-        columns = tuple(file.joint_names.index(name) if name in file.joint_names else -1 for name in model.joint_names)
-        missing = [name for name, column in zip(model.joint_names, columns, strict=True) if column < 0]
+        missing = [name for name in model.joint_names if name not in file.joint_names]
         foreign = [name for name in file.joint_names if name not in model.joint_names]
         if len(missing) == model.n:
             says = f"none of the file's joint names is one of them: {', '.join(foreign[:4])}, ..."
             return None, [Finding("contradiction", "joint count", robot, says, "Name another --robot.", "poses")]
-        return columns, _missing(robot, missing, foreign)
+        return _places(model, file.joint_names), _missing(robot, missing, foreign)
     if count == model.n:
         says = f"the file has {count} columns of angles"
         return tuple(range(count)), [Finding("ok", "joint count", robot, says)]
-    reduced = [name for name in model.joint_names if not any(part in name for part in _REDUCED)]
-    if file.format == "asap" and count == len(reduced):
-        columns = tuple(reduced.index(name) if name in reduced else -1 for name in model.joint_names)
-        says = f"the file has {count}, which are all but the wrists"
-        return columns, [Finding("note", "joint count", robot, says, "Wrists are taken to be at zero.")]
+    part = file.convention.may_lack
+    reduced = tuple(name for name in model.joint_names if part and part not in name)
+    if reduced and count == len(reduced):
+        says = f"the file has {count}, which are all but the {part}s"
+        advice = f"{part.capitalize()}s are taken to be at zero."
+        return _places(model, reduced), [Finding("note", "joint count", robot, says, advice)]
     says = f"the file has {count} columns of angles, and no names that tell which"
     advice = "Name another --robot, or write all joints: a consumer would drive the wrong ones."
     return None, [Finding("contradiction", "joint count", robot, says, advice, "poses")]
+
+
+def _places(model: RobotModel, names: tuple[str, ...]) -> tuple[int, ...]:
+    """Return where each joint of the robot is among names; -1 for none."""
+    return tuple(names.index(name) if name in names else -1 for name in model.joint_names)
 
 
 def _missing(robot: str, missing: list[str], foreign: list[str]) -> list[Finding]:

@@ -9,7 +9,7 @@ from hoi_retarget.motion.check.finding import Finding
 from hoi_retarget.motion.check.interpretation import Interpretation
 from hoi_retarget.motion.check.layout import UNIT_TOLERANCE, off_unit
 from hoi_retarget.motion.check.rates import differences
-from hoi_retarget.motion.formats import ObjectPoses
+from hoi_retarget.motion.formats import Convention, ObjectPoses
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import MOVING_SPEED
 from hoi_retarget.robots.model import RobotModel
@@ -51,20 +51,19 @@ class Surroundings:
     model: RobotModel
     qpos: Float[np.ndarray, "T nq"]
     reading: Interpretation
-    quat_first: bool
+    convention: Convention
     fps: float
 
 
 def check_object(item: ObjectPoses, around: Surroundings) -> tuple[ObjectPath | None, list[Finding]]:
     """Return the object's path as the format demands, None where it has none, with what contradicts."""
-    reading, quat_first, fps = around.reading, around.quat_first, around.fps
+    reading, fps = around.reading, around.fps
     claim = f"the pose of {item.name} as the format demands"
-    raw_quat, raw_pos = (item.pose[:, :4], item.pose[:, 4:]) if quat_first else (item.pose[:, 3:], item.pose[:, :3])
+    raw_pos, raw_quat = around.convention.split(item.pose)
     off = off_unit(raw_quat)
     if off > UNIT_TOLERANCE:
-        other = off_unit(item.pose[:, 3:] if quat_first else item.pose[:, :4])
         says = f"the lengths of its quaternions differ from 1 by up to {off:.2g}"
-        if other < UNIT_TOLERANCE:
+        if min(off_unit(item.pose[:, 3:]), off_unit(item.pose[:, :4])) < UNIT_TOLERANCE:
             says += "; position and rotation are exchanged"
         return None, [Finding("contradiction", "object", claim, says, "Write a unit quaternion there.", "objects")]
     quat, pos = reading.rotation(raw_quat), reading.position(raw_pos)

@@ -5,12 +5,13 @@ were read correctly, and at least one is large for most ways to read them wrongl
 does not move, its sole is at one height, joints stay inside their ranges, elbows outside the trunk.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.arrays import evenly_spaced
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 
@@ -40,19 +41,12 @@ class Plausibility:
     """Fraction of elbows and frames inside the trunk."""
 
     @property
-    def penalties(self) -> dict[str, float]:
-        """Return each figure from 0 to 1: one half is a value that correct motions rarely reach."""
-        return {
-            field.name: abs(getattr(self, field.name)) / (abs(getattr(self, field.name)) + _HALF[field.name])
-            for field in fields(self)
-        }
-
-    @property
     def penalty(self) -> float:
-        """Return what speaks against the motion in one number, from 0 to 7."""
-        return sum(self.penalties.values())
+        """Return what speaks against the motion in one number, from 0 to 7: each figure counts from 0 to 1."""
+        return sum(abs(getattr(self, name)) / (abs(getattr(self, name)) + half) for name, half in _HALF.items())
 
 
+# Figures that count one half: correct motions rarely reach them.
 _HALF = {
     "upside_down": 0.2,
     "tilt": 20.0,
@@ -68,7 +62,7 @@ _TRUNK = 0.05
 
 def sampled(frames: int) -> np.ndarray:
     """Return pairs of neighbouring frames, evenly over a clip: the first ones, then those after them."""
-    first = np.unique(np.linspace(0, frames - 2, min(_PAIRS, frames - 1)).astype(int))
+    first = evenly_spaced(frames - 1, _PAIRS)
     return np.concatenate([first, first + 1])
 
 

@@ -47,7 +47,7 @@ def find_reading(poses: Poses, claim: Interpretation) -> tuple[Interpretation, l
     reading, findings = claim, []
     judged = poses.judged(claim)
     for _ in range(_ROUNDS):
-        best = _best(poses, reading, judged)
+        best = _best(poses, judged, _all(poses.model, reading))
         if best is None:
             break
         deviation, better = best
@@ -77,29 +77,24 @@ def undecided(poses: Poses, reading: Interpretation) -> list[Finding]:
 def find_up_axis(poses: Poses, claim: Interpretation) -> tuple[Interpretation, list[Finding]]:
     """Return the more plausible of z up and y up, where the poses themselves are known."""
     judged = poses.judged(claim)
-    for deviation in world_deviations(claim):
-        if deviation.subject == "up axis":
-            other = poses.judged(deviation.reading)
-            if _is_better(deviation, judged, other):
-                return deviation.reading, [_contradiction(deviation, judged, other)]
-    return claim, [Finding("ok", "up axis", "z up", f"the robot stands: {describe(judged)}")]
+    best = _best(poses, judged, [item for item in world_deviations(claim) if item.subject == "up axis"])
+    if best is None:
+        return claim, [Finding("ok", "up axis", "z up", f"the robot stands: {describe(judged)}")]
+    deviation, better = best
+    return deviation.reading, [_contradiction(deviation, judged, better)]
 
 
-def _best(poses: Poses, reading: Interpretation, judged: Plausibility) -> tuple[Deviation, Plausibility] | None:
-    candidates = [(item, poses.judged(item.reading)) for item in _all(poses.model, reading)]
+def _best(poses: Poses, judged: Plausibility, deviations: Iterable[Deviation]) -> tuple[Deviation, Plausibility] | None:
+    candidates = [(item, poses.judged(item.reading)) for item in deviations]
     better = [(item, other) for item, other in candidates if _is_better(item, judged, other)]
     return min(better, key=lambda pair: pair[1].penalty, default=None)
 
 
 def _all(model: RobotModel, reading: Interpretation) -> Iterator[Deviation]:
-    sources: tuple[Iterable[Deviation], ...] = (
-        world_deviations(reading),
-        rotation_deviations(reading),
-        joint_deviations(reading, model),
-        sign_deviations(reading, model),
-    )
-    for source in sources:
-        yield from source
+    yield from world_deviations(reading)
+    yield from rotation_deviations(reading)
+    yield from joint_deviations(reading, model)
+    yield from sign_deviations(reading, model)
 
 
 def _is_better(deviation: Deviation, judged: Plausibility, other: Plausibility) -> bool:

@@ -1,47 +1,56 @@
-"""Readers of robot motions in other programs' formats: what is in a file, as it is there.
+"""Robot motions in the files of this and other programs, read as they are there and written as they are to be.
 
-One module for each format. What the numbers mean, and whether they are what the format says, is decided by
-`hoi_retarget.motion.check`, which knows a robot.
+Each format is a file here that owns its order of joints and bodies, its quaternions, units, names and rate.
+Adding one is one file and one line in `FORMATS`. What the numbers of a file mean, and whether they are what the
+format says, is decided by `hoi_retarget.motion.check`, which knows a robot.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.files.numpy_pickle import parse_pickle
 from hoi_retarget.files.reading import read_bytes
-from hoi_retarget.motion.formats import asap, gmr, hdmi, holosoma_wbt, qpos_table, result, sbto, tracking, unitree_csv
-from hoi_retarget.motion.formats.arrays_by_name import read_npz
+from hoi_retarget.motion.formats import (
+    asap,
+    beyondmimic,
+    gmr,
+    hdmi,
+    holosoma,
+    holosoma_qpos,
+    mjlab,
+    omniretarget,
+    own_result,
+    sbto,
+    unitree_csv,
+)
+from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, read_npz
+from hoi_retarget.motion.formats.format import Format
 from hoi_retarget.motion.formats.motion_file import Bodies, ContactFlags, Convention, MotionFile, ObjectPoses
 
-__all__ = ["FORMATS", "Bodies", "ContactFlags", "Convention", "MotionFile", "ObjectPoses", "read"]
+__all__ = ["FORMATS", "WRITABLE", "Bodies", "ContactFlags", "Convention", "Format", "MotionFile", "ObjectPoses", "read"]
 
-FORMATS = (
-    result.FORMAT,
-    tracking.BREADTH_FIRST,
-    tracking.DEPTH_FIRST,
-    holosoma_wbt.FORMAT,
-    qpos_table.HOLOSOMA,
-    qpos_table.OMNIRETARGET,
+# A file's format is the first that holds its entries: those that ask for more come first.
+FORMATS: tuple[Format, ...] = (
+    own_result.FORMAT,
+    holosoma.FORMAT,
+    beyondmimic.FORMAT,
+    mjlab.FORMAT,
+    omniretarget.FORMAT,
+    holosoma_qpos.FORMAT,
     hdmi.FORMAT,
+    sbto.FORMAT,
     gmr.FORMAT,
     asap.FORMAT,
-    sbto.FORMAT,
     unitree_csv.FORMAT,
 )
-"""Names of the formats that can be read."""
-
-_Parser = Callable[[Path, Any], MotionFile]
-# The first whose keys are all there is taken: those that ask for more come first.
-_NPZ: tuple[tuple[frozenset[str], _Parser], ...] = (
-    (result.KEYS, result.parse),
-    (holosoma_wbt.KEYS, holosoma_wbt.parse),
-    (tracking.KEYS, tracking.parse),
-    (hdmi.KEYS, hdmi.parse),
-    (qpos_table.KEYS, qpos_table.parse),
+"""All formats of one motion a file."""
+WRITABLE: Mapping[str, Format] = MappingProxyType(
+    {format.name: format for format in FORMATS if format.write is not None}
 )
-_PICKLES: tuple[tuple[frozenset[str], _Parser], ...] = ((sbto.KEYS, sbto.parse), (gmr.KEYS, gmr.parse))
+"""By name, those to which results are exported."""
 
 
 def read(path: Path) -> MotionFile:
@@ -51,31 +60,31 @@ def read(path: Path) -> MotionFile:
         ReadError: The file is missing, damaged, of no known format, or holds numbers that are not finite.
     """
     if path.is_dir():
-        return hdmi.read_folder(path)
+        path /= hdmi.MOTION
+        return hdmi.read(ArraysByName(path, read_npz(path)))
     match path.suffix.lower():
-        case ".csv":
-            return unitree_csv.read(path)
         case ".npz":
-            arrays = read_npz(path)
-            return _parser(path, arrays, _NPZ)(path, arrays)
+            suffixes, values = (".npz", ""), read_npz(path)  # Also a folder's motion on its own.
         case ".pkl" | ".pickle" | ".joblib":
-            values = parse_pickle(read_bytes(path), path)
-            if not isinstance(values, dict):
-                raise ReadError(f"{path}: it holds a {type(values).__name__}, expected a dictionary. {_known()}")
-            if asap.holds(values):
-                return asap.parse(path, values)
-            return _parser(path, values, _PICKLES)(path, values)
-    kinds = "*.npz, *.pkl, *.csv, or a folder with motion.npz and meta.json"
-    raise ReadError(f"{path}: no robot motions are read from files of type {path.suffix!r}. Expected {kinds}.")
-
-
-def _parser(path: Path, values: Mapping[str, Any], parsers: tuple[tuple[frozenset[str], _Parser], ...]) -> _Parser:
-    for keys, parser in parsers:
-        if keys <= set(values):
-            return parser
+            suffixes, values = (".pkl",), _read_dictionary(path)
+        case ".csv":
+            suffixes, values = (".csv",), unitree_csv.read_table(path)
+        case _:
+            kinds = "*.npz, *.pkl, *.csv, or a folder with motion.npz and meta.json"
+            raise ReadError(f"{path}: no robot motions are read from files of type {path.suffix!r}. Expected {kinds}.")
+    for format in FORMATS:
+        if format.suffix in suffixes and format.holds(values):
+            return format.read(ArraysByName(path, values))
     there = ", ".join(sorted(map(str, values))[:20]) or "nothing"
     raise ReadError(f"{path}: no known robot motion: it holds {there}. {_known()}")
 
 
+def _read_dictionary(path: Path) -> dict[str, Any]:
+    values = parse_pickle(read_bytes(path), path)
+    if not isinstance(values, dict):
+        raise ReadError(f"{path}: it holds a {type(values).__name__}, expected a dictionary. {_known()}")
+    return values
+
+
 def _known() -> str:
-    return f"Formats that are known: {', '.join(FORMATS)}."
+    return f"Formats that are known: {', '.join(format.convention.name for format in FORMATS)}."

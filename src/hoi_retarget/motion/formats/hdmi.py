@@ -1,62 +1,49 @@
-"""HDMI's motions: `motion.npz` with bodies and joints, `meta.json` beside it with their names and the rate."""
+"""HDMI's folder of `motion.npz` and `meta.json`: joints and bodies by name, objects are bodies."""
 
 import json
 from pathlib import Path
-from typing import Any
+
+import numpy as np
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.files.reading import read_bytes
-from hoi_retarget.motion.formats.arrays_by_name import (
-    Arrays,
-    contents,
-    names,
-    numbers,
-    optional_numbers,
-    rate,
-    read_npz,
-)
-from hoi_retarget.motion.formats.motion_file import Bodies, ContactFlags, Convention, MotionFile
+from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
+from hoi_retarget.motion.formats.body_arrays import body_arrays, object_arrays, read_bodies, with_object
+from hoi_retarget.motion.formats.encoding import to_json, to_npz
+from hoi_retarget.motion.formats.format import Format, ResampledMotion, Written
+from hoi_retarget.motion.formats.motion_file import ContactFlags, Convention, MotionFile
 
-FORMAT = "hdmi"
-KEYS = frozenset({"joint_pos", "body_pos_w", "body_quat_w"})
-_MOTION, _META = "motion.npz", "meta.json"
+MOTION = "motion.npz"
+_META = "meta.json"
+# Every motion of a training set must have the same meta.json; HDMI's own have no waist links.
+_LEFT_OUT = ("waist_yaw_link", "waist_roll_link")
+_LOADED_AT = 50.0
 
 
-def read_folder(path: Path) -> MotionFile:
-    """Return what a folder with `motion.npz` and `meta.json` holds; raises `ReadError`."""
-    return parse(path / _MOTION, read_npz(path / _MOTION))
-
-
-def parse(path: Path, arrays: Arrays) -> MotionFile:
+def read(arrays: ArraysByName) -> MotionFile:
     """Return what the arrays hold, with the names and the rate of the meta file beside; raises `ReadError`."""
-    meta = _meta(path)
-    flags = optional_numbers(path, arrays, "object_contact")
-    if flags is not None and flags.ndim == 1:
-        flags = flags[:, None]
-    contacts = None
-    if flags is not None and flags.ndim == 2:
-        contacts = ContactFlags(tuple(f"object_contact{index}" for index in range(flags.shape[1])), flags > 0.5)
-    return MotionFile(
-        path=str(path),
-        format=FORMAT,
-        convention=Convention(order="names"),
-        contents=contents(arrays),
-        fps=rate(path, meta),
-        joint_pos=numbers(path, arrays, "joint_pos"),
-        joint_vel=optional_numbers(path, arrays, "joint_vel"),
-        bodies=Bodies(
-            numbers(path, arrays, "body_pos_w"),
-            numbers(path, arrays, "body_quat_w"),
-            optional_numbers(path, arrays, "body_lin_vel_w"),
-            optional_numbers(path, arrays, "body_ang_vel_w"),
-        ),
-        joint_names=names(path, meta, "joint_names"),
-        body_names=names(path, meta, "body_names"),
-        contacts=contacts,
+    meta = ArraysByName(arrays.path, _meta(arrays.path))
+    return arrays.motion(
+        FORMAT.convention,
+        fps=meta.rate(),
+        joint_pos=arrays.numbers("joint_pos"),
+        joint_vel=arrays.optional("joint_vel"),
+        bodies=read_bodies(arrays),
+        joint_names=meta.names("joint_names"),
+        body_names=meta.names("body_names"),
+        contacts=_contacts(arrays.optional("object_contact")),
     )
 
 
-def _meta(path: Path) -> dict[str, Any]:
+def _contacts(flags: np.ndarray | None) -> ContactFlags | None:
+    if flags is not None and flags.ndim == 1:
+        flags = flags[:, None]
+    if flags is None or flags.ndim != 2:
+        return None
+    return ContactFlags(tuple(f"object_contact{index}" for index in range(flags.shape[1])), flags > 0.5)
+
+
+def _meta(path: Path) -> dict:
     # motion.npz has meta.json beside it, walk_motion.npz has walk_meta.json.
     place = path.with_name(path.name.replace("motion", "meta")).with_suffix(".json")
     if not place.is_file():
@@ -71,3 +58,42 @@ def _meta(path: Path) -> dict[str, Any]:
     if not isinstance(meta, dict):
         raise ReadError(f"{place}: expected an object with body_names, joint_names and fps.")
     return meta
+
+
+def write(motion: ResampledMotion) -> Written:
+    """Return the folder of one motion."""
+    trajectory, links, thing = motion.trajectory, motion.links, object_arrays(motion)
+    kept = [index for index, name in enumerate(links.names) if name not in _LEFT_OUT]
+    names = [*(links.names[index] for index in kept), *([motion.object_name] if thing else [])]
+    bodies = {name: array[:, kept] for name, array in body_arrays(motion, FORMAT.linear_velocity_of).items()}
+    arrays = {"joint_pos": trajectory.qpos[:, 7:], "joint_vel": trajectory.joint_vel}
+    if thing:
+        touching = trajectory.contact_flags & (trajectory.contact_object == motion.object)
+        arrays["object_contact"] = touching.any(axis=1, keepdims=True)
+    meta = {"body_names": names, "joint_names": list(motion.model.joint_names), "fps": float(trajectory.fps)}
+    return Written(
+        files={f"/{MOTION}": to_npz({**with_object(bodies, thing), **arrays}), f"/{_META}": to_json(meta)},
+        joint_names=motion.model.joint_names,
+        body_names=tuple(names),
+        notes=_notes(trajectory.fps) if thing else (),
+    )
+
+
+def _notes(fps: float) -> tuple[str, ...]:
+    if fps == _LOADED_AT:
+        return ()
+    return (f"HDMI refuses files with contacts at {fps:g} frames a second: its loader interpolates none of them.",)
+
+
+FORMAT = Format(
+    name="hdmi",
+    convention=Convention("hdmi", order="names"),
+    holds=has("joint_pos", "body_pos_w", "body_quat_w"),
+    read=read,
+    suffix="",
+    write=write,
+    title="HDMI (Isaac Lab, mjlab)",
+    fps=_LOADED_AT,
+    place_for_object=True,
+    linear_velocity_of="centres of mass",
+)

@@ -3,8 +3,8 @@
 Shapes come from foreign files: they are checked here, with an error for the user, not by annotations.
 """
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
@@ -19,27 +19,44 @@ MINIMUM_FRAMES = 3  # A velocity in the middle of a frame takes its two neighbou
 class Convention:
     """What a format demands of its numbers; None where it leaves a choice."""
 
+    name: str
+    """Of the format."""
     quat_order: Literal["wxyz", "xyzw"] = "wxyz"
-    root_order: Literal["pos_quat", "quat_pos"] | None = "pos_quat"
-    """Whether a free joint's position or its rotation comes first; None where both are in use."""
-    order: Literal["depth_first", "names"] | None = "depth_first"
-    """Of joints and bodies: as in the MJCF, as the file's names say, or (None) that or Isaac Lab's."""
+    root_order: Literal["pos_quat", "quat_pos"] = "pos_quat"
+    """Whether a free joint's position or its rotation comes first."""
+    order: Literal["depth_first", "breadth_first", "names"] | None = "depth_first"
+    """Of joints and bodies: the MJCF's, Isaac Lab's, that of the file's names, or (None) one of the first two."""
     usual_fps: float | None = None
     """The rate that files have which do not state one [1/s]."""
+    may_lack: str = ""
+    """Part of the names of joints that some files leave out, at zero; empty where all joints are in every file."""
+
+    def split(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions and rotations of free joints (..., 7)."""
+        return (pose[..., 4:], pose[..., :4]) if self.root_order == "quat_pos" else (pose[..., :3], pose[..., 3:])
+
+
+@dataclass(frozen=True)
+class Stored:
+    """An array's meaning, and its shape after the frames: a letter stands for any size, the same one each time."""
+
+    meaning: str
+    shape: tuple[int | str, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
     """World poses and velocities of bodies; T frames, B bodies."""
 
-    pos: np.ndarray
-    """(T, B, 3)"""
-    quat: np.ndarray
-    """(T, B, 4)"""
-    lin_vel: np.ndarray | None = None
-    """(T, B, 3)"""
-    ang_vel: np.ndarray | None = None
-    """(T, B, 3)"""
+    pos: Annotated[np.ndarray, Stored("the bodies' positions", ("B", 3))]
+    quat: Annotated[np.ndarray, Stored("the bodies' rotations", ("B", 4))]
+    lin_vel: Annotated[np.ndarray | None, Stored("the bodies' linear velocities", ("B", 3))] = None
+    ang_vel: Annotated[np.ndarray | None, Stored("the bodies' angular velocities", ("B", 3))] = None
+
+    def only(self, columns: list[int]) -> "Bodies":
+        """Return some of them, in this order."""
+        lin_vel, ang_vel = (None if values is None else values[:, columns] for values in (self.lin_vel, self.ang_vel))
+        return Bodies(self.pos[:, columns], self.quat[:, columns], lin_vel, ang_vel)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +64,9 @@ class ObjectPoses:
     """One object's free joint, in the order in which the format writes the robot's root."""
 
     name: str
-    pose: np.ndarray
-    """(T, 7)"""
-    lin_vel: np.ndarray | None = None
-    """(T, 3)"""
-    ang_vel: np.ndarray | None = None
-    """(T, 3)"""
+    pose: Annotated[np.ndarray, Stored("the pose of {name}", (7,))]
+    lin_vel: Annotated[np.ndarray | None, Stored("the linear velocity of {name}", (3,))] = None
+    ang_vel: Annotated[np.ndarray | None, Stored("the angular velocity of {name}", (3,))] = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +74,7 @@ class ContactFlags:
     """Who touches when, by whatever names the file has for it."""
 
     names: tuple[str, ...]
-    flags: np.ndarray
-    """(T, C)"""
+    flags: Annotated[np.ndarray, Stored("the contact flags", ("C",))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,20 +85,17 @@ class MotionFile:
     """
 
     path: str
-    format: str
     convention: Convention
     contents: tuple[str, ...]
     """What the file holds: names, types and shapes."""
-    joint_pos: np.ndarray
-    """(T, n)"""
+    joint_pos: Annotated[np.ndarray, Stored("the joint angles", ("n",))]
     fps: float | None = None
     """As stated; None where the file does not state it [1/s]."""
-    root: np.ndarray | None = None
-    """(T, 7) The free joint; None where it is the first body."""
-    joint_vel: np.ndarray | None = None
-    """(T, n)"""
-    root_vel: np.ndarray | None = None
-    """(T, 6) Linear [m/s], then angular [rad/s]."""
+    root: Annotated[np.ndarray | None, Stored("the root's pose", (7,))] = None
+    """The free joint; None where it is the first body."""
+    joint_vel: Annotated[np.ndarray | None, Stored("the joint velocities", ("n",))] = None
+    root_vel: Annotated[np.ndarray | None, Stored("the root's velocity", (6,))] = None
+    """Linear [m/s], then angular [rad/s]."""
     bodies: Bodies | None = None
     joint_names: tuple[str, ...] | None = None
     body_names: tuple[str, ...] | None = None
@@ -95,70 +105,47 @@ class MotionFile:
     def __post_init__(self) -> None:
         if self.fps is not None and not (np.isfinite(self.fps) and 0 < self.fps < 1e5):
             raise ReadError(f"{self.path}: its rate is {self.fps:g} frames a second; it must be positive.")
-        for name, array, tail in self._arrays():
-            self._check(name, array, tail)
+        for owner in (self, self.bodies, *self.objects, self.contacts):
+            if owner is not None:
+                self._check_arrays(owner)
         self._check_names("joint", self.joint_names, self.joint_pos.shape[1])
         if self.bodies is not None:
             self._check_names("body", self.body_names, self.bodies.pos.shape[1])
         if self.frames < MINIMUM_FRAMES:
             raise ReadError(f"{self.path}: {self.frames} frames; at least {MINIMUM_FRAMES} are needed.")
-        for owner, name in self._owners():
-            value = getattr(owner, name)
-            if value is not None:
-                object.__setattr__(owner, name, frozen(value))
 
-    def _arrays(self) -> list[tuple[str, np.ndarray | None, tuple[int | None, ...]]]:
-        """Return every array with its name and its shape after the frames; None stands for any size."""
-        joints = self.joint_pos.shape[1] if self.joint_pos.ndim == 2 else None
-        arrays: list[tuple[str, np.ndarray | None, tuple[int | None, ...]]] = [
-            ("the joint angles", self.joint_pos, (joints,)),
-            ("the root's pose", self.root, (7,)),
-            ("the joint velocities", self.joint_vel, (joints,)),
-            ("the root's velocity", self.root_vel, (6,)),
-        ]
-        if self.bodies is not None:
-            count = self.bodies.pos.shape[1] if self.bodies.pos.ndim == 3 else None
-            arrays += [
-                ("the bodies' positions", self.bodies.pos, (count, 3)),
-                ("the bodies' rotations", self.bodies.quat, (count, 4)),
-                ("the bodies' linear velocities", self.bodies.lin_vel, (count, 3)),
-                ("the bodies' angular velocities", self.bodies.ang_vel, (count, 3)),
-            ]
-        for item in self.objects:
-            arrays += [
-                (f"the pose of {item.name}", item.pose, (7,)),
-                (f"the linear velocity of {item.name}", item.lin_vel, (3,)),
-                (f"the angular velocity of {item.name}", item.ang_vel, (3,)),
-            ]
-        if self.contacts is not None:
-            arrays.append(("the contact flags", self.contacts.flags, (len(self.contacts.names),)))
-        return arrays
-
-    def _owners(self) -> list[tuple[object, str]]:
-        owners: list[tuple[object, str]] = [(self, name) for name in ("joint_pos", "root", "joint_vel", "root_vel")]
-        if self.bodies is not None:
-            owners += [(self.bodies, name) for name in ("pos", "quat", "lin_vel", "ang_vel")]
-        return owners + [(item, name) for item in self.objects for name in ("pose", "lin_vel", "ang_vel")]
-
-    def _check(self, name: str, array: np.ndarray | None, tail: tuple[int | None, ...]) -> None:
-        if array is None:
-            return
+    def _check_arrays(self, owner: Any) -> None:
+        """Check the arrays of this or of a part of it, and make them read-only."""
         frames = len(self.joint_pos) if self.joint_pos.ndim else 0
-        expected = (frames, *tail)
-        if array.ndim != len(expected) or any(
-            b is not None and a != b for a, b in zip(array.shape, expected, strict=True)
-        ):
-            wanted = ", ".join("any" if size is None else str(size) for size in expected)
-            raise ReadError(f"{self.path}: {name} have shape {array.shape}, expected ({wanted}): a {self.format} file.")
-        if array.size:
-            table = array.reshape(frames, -1)
-            self._check_values(name, ~np.isfinite(table), "not finite")
-            self._check_values(name, np.abs(table) > LARGEST, f"beyond {LARGEST:g}")
+        sizes: dict[str, int | str] = {}
+        for field in fields(owner):
+            stored = next(iter(getattr(field.type, "__metadata__", ())), None)
+            array = getattr(owner, field.name)
+            if stored is None or array is None:
+                continue
+            name = stored.meaning.format(**vars(owner))
+            have = array.shape[1:] if array.ndim == 1 + len(stored.shape) else stored.shape
+            expected = (
+                frames,
+                *(
+                    sizes.setdefault(size, there) if isinstance(size, str) else size
+                    for size, there in zip(stored.shape, have, strict=True)
+                ),
+            )
+            if array.shape != expected:
+                wanted = ", ".join("any" if isinstance(size, str) else str(size) for size in expected)
+                raise ReadError(
+                    f"{self.path}: {name} have shape {array.shape}, expected ({wanted}): a {self.format} file."
+                )
+            self._check_values(name, array)
+            object.__setattr__(owner, field.name, frozen(array, array.dtype))
 
-    def _check_values(self, name: str, bad: np.ndarray, what: str) -> None:
-        if bad.any():
-            frames = describe_frames(np.flatnonzero(bad.any(axis=1)))
-            raise ReadError(f"{self.path}: {name} are {what} in {frames}. Make the file again.")
+    def _check_values(self, name: str, array: np.ndarray) -> None:
+        table = array.reshape(len(array), -1) if array.size else np.zeros((0, 0))
+        for bad, what in ((~np.isfinite(table), "not finite"), (np.abs(table) > LARGEST, f"beyond {LARGEST:g}")):
+            if bad.any():
+                frames = describe_frames(np.flatnonzero(bad.any(axis=1)))
+                raise ReadError(f"{self.path}: {name} are {what} in {frames}. Make the file again.")
 
     def _check_names(self, kind: str, names: tuple[str, ...] | None, count: int) -> None:
         if names is None:
@@ -168,6 +155,11 @@ class MotionFile:
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise ReadError(f"{self.path}: the {kind} names hold {', '.join(twice)} twice. Make the file again.")
+
+    @property
+    def format(self) -> str:
+        """Name of the format."""
+        return self.convention.name
 
     @property
     def frames(self) -> int:

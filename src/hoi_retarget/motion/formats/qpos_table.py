@@ -1,55 +1,51 @@
-"""Files that hold one table `qpos`: holosoma's retargets and the OmniRetarget data set.
+"""Files that hold one table `qpos`: the robot's free joint, its hinges, then the objects' free joints.
 
-Both have the robot's free joint, its hinges, then the objects' free joints. holosoma writes positions before
-rotations, the data set rotations before positions. Which columns are unit quaternions in every frame tells the
-objects from the hinges, and where the file does not say which of the two it is, that as well.
+Which columns are unit quaternions in every frame tells the objects from the hinges.
 """
 
-from pathlib import Path
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
-from hoi_retarget.motion.formats.arrays_by_name import Arrays, columns, contents, numbers, rate
+from hoi_retarget.motion.formats.arrays_by_name import ArraysByName
 from hoi_retarget.motion.formats.motion_file import Convention, MotionFile, ObjectPoses
 
-HOLOSOMA, OMNIRETARGET = "holosoma-retarget", "omniretarget"
-KEYS = frozenset({"qpos"})
 UNIT_TOLERANCE = 1e-3
 _LEAST = 8  # Columns: a free joint and a hinge.
 
 
-def parse(path: Path, arrays: Arrays) -> MotionFile:
+def read(arrays: ArraysByName, convention: Convention) -> MotionFile:
     """Return what the table of a file holds; raises `ReadError`."""
-    qpos = columns(path, "qpos", numbers(path, arrays, "qpos"), _LEAST)
+    qpos = arrays.table("qpos", _LEAST)
     end = qpos.shape[1]
     poses: list[np.ndarray] = []
     while end - 7 >= _LEAST and _is_pose(qpos[:, end - 7 : end]):
         end -= 7
         poses.insert(0, qpos[:, end : end + 7])
-    rotation_first = is_unit(qpos[:, :4]) and not is_unit(qpos[:, 3:7])
-    # holosoma's retargeter stores its cost; the data set does not.
-    name = OMNIRETARGET if rotation_first and "cost" not in arrays else HOLOSOMA
-    return MotionFile(
-        path=str(path),
-        format=name,
-        convention=Convention(root_order="quat_pos" if name == OMNIRETARGET else "pos_quat", usual_fps=30.0),
-        contents=contents(arrays),
-        fps=rate(path, arrays),
+    names = ["object"] if len(poses) == 1 else [f"object{index}" for index in range(len(poses))]
+    return arrays.motion(
+        convention,
         root=qpos[:, :7],
         joint_pos=qpos[:, 7:end],
-        objects=tuple(ObjectPoses(_name(index, len(poses)), pose) for index, pose in enumerate(poses)),
+        objects=tuple(ObjectPoses(name, pose) for name, pose in zip(names, poses, strict=True)),
     )
 
 
-def is_unit(quat: np.ndarray) -> bool:
+def is_rotation_first(values: Mapping[str, Any]) -> bool:
+    """Return whether a table's first four columns are the root's rotation, and not those after its position."""
+    qpos = values.get("qpos")
+    if not isinstance(qpos, np.ndarray) or qpos.dtype.kind not in "biuf" or qpos.ndim != 2 or qpos.shape[1] < _LEAST:
+        return False
+    return _is_unit(qpos[:, :4]) and not _is_unit(qpos[:, 3:7])
+
+
+def _is_unit(quat: np.ndarray) -> bool:
     """Return whether four columns are a unit quaternion in every frame."""
     with np.errstate(over="ignore", invalid="ignore"):
-        return bool(np.abs(np.linalg.norm(quat, axis=1) - 1.0).max(initial=0.0) < UNIT_TOLERANCE)
+        lengths = np.linalg.norm(quat.astype(float), axis=1)
+        return bool(np.abs(lengths - 1.0).max(initial=0.0) < UNIT_TOLERANCE)
 
 
 def _is_pose(table: np.ndarray) -> bool:
-    return is_unit(table[:, :4]) or is_unit(table[:, 3:])
-
-
-def _name(index: int, count: int) -> str:
-    return "object" if count == 1 else f"object{index}"
+    return _is_unit(table[:, :4]) or _is_unit(table[:, 3:])

@@ -1,34 +1,44 @@
 """Motion files of BeyondMimic (whole_body_tracking) and mjlab: the same arrays, in different orders.
 
-The joints and bodies of the first are in Isaac Lab's breadth-first order, those of the second in MuJoCo's
-depth-first one. Neither stores names, so only the numbers tell which of the two a file is.
+Neither stores names, so only the numbers tell which of the two a file is.
 """
 
-from pathlib import Path
+import numpy as np
 
-from hoi_retarget.motion.formats.arrays_by_name import Arrays, contents, numbers, optional_numbers, rate
-from hoi_retarget.motion.formats.motion_file import Bodies, Convention, MotionFile
+from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
+from hoi_retarget.motion.formats.body_arrays import body_arrays, read_bodies
+from hoi_retarget.motion.formats.encoding import to_npz
+from hoi_retarget.motion.formats.format import ResampledMotion, VelocityPoint, Written
+from hoi_retarget.motion.formats.motion_file import Convention, MotionFile
 
-FORMAT = "tracking"
-BREADTH_FIRST, DEPTH_FIRST = "beyondmimic", "mjlab"
-"""What a tracking file is, once its order is known."""
-KEYS = frozenset({"fps", "joint_pos", "joint_vel", "body_pos_w", "body_quat_w"})
+Columns = np.ndarray | slice
+
+OPEN = Convention("tracking", order=None)
+"""What both demand, as long as the order is not known."""
+
+holds = has("fps", "joint_pos", "joint_vel", "body_pos_w", "body_quat_w")
 
 
-def parse(path: Path, arrays: Arrays) -> MotionFile:
+def read(arrays: ArraysByName) -> MotionFile:
     """Return what the arrays of a tracking file hold; raises `ReadError`."""
-    return MotionFile(
-        path=str(path),
-        format=FORMAT,
-        convention=Convention(order=None),
-        contents=contents(arrays),
-        fps=rate(path, arrays),
-        joint_pos=numbers(path, arrays, "joint_pos"),
-        joint_vel=numbers(path, arrays, "joint_vel"),
-        bodies=Bodies(
-            numbers(path, arrays, "body_pos_w"),
-            numbers(path, arrays, "body_quat_w"),
-            optional_numbers(path, arrays, "body_lin_vel_w"),
-            optional_numbers(path, arrays, "body_ang_vel_w"),
-        ),
+    return arrays.motion(
+        OPEN,
+        joint_pos=arrays.numbers("joint_pos"),
+        joint_vel=arrays.numbers("joint_vel"),
+        bodies=read_bodies(arrays),
+    )
+
+
+def write(
+    motion: ResampledMotion, velocity_of: VelocityPoint, fps: int | float, *, bodies: Columns, joints: Columns
+) -> Written:
+    """Return the file of one motion, its bodies and joints in this order; only contacts in double precision."""
+    trajectory, model = motion.trajectory, motion.model
+    arrays = {"joint_pos": trajectory.qpos[:, 7:][:, joints], "joint_vel": trajectory.joint_vel[:, joints]}
+    arrays |= {name: array[:, bodies] for name, array in body_arrays(motion, velocity_of).items()}
+    single = {name: array.astype(np.float32) for name, array in arrays.items()}
+    return Written(
+        files={".npz": to_npz({"fps": np.array([fps]), **single, **motion.contacts})},
+        joint_names=tuple(np.array(model.joint_names)[joints].tolist()),
+        body_names=tuple(np.array(model.body_names)[bodies].tolist()),
     )

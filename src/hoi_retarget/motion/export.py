@@ -1,34 +1,21 @@
-"""Motions as the files that trackers and other tools read.
-
-Each format is a file here that owns its order of joints and bodies, its quaternions, units, names
-and rate. Adding one is one file and one line in `FORMATS`.
-"""
+"""Results exported: the files of a format, and those beside them that say what is in it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.motion.exporters import beyondmimic, dataset, gmr, hdmi, holosoma, holosoma_qpos, mjlab, unitree_csv
-from hoi_retarget.motion.exporters.contacts import contact_arrays
-from hoi_retarget.motion.exporters.encoding import to_json, to_npz
-from hoi_retarget.motion.exporters.format import Format, Take
-from hoi_retarget.motion.exporters.resample import resample
-from hoi_retarget.motion.exporters.result import Result
-from hoi_retarget.motion.exporters.sidecar import describe
+from hoi_retarget.motion.contacts import contact_arrays
+from hoi_retarget.motion.formats import WRITABLE, Format
+from hoi_retarget.motion.formats.dataset import NAME as DATASET
+from hoi_retarget.motion.formats.encoding import to_json, to_npz
+from hoi_retarget.motion.formats.format import ResampledMotion
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.resample import resample
+from hoi_retarget.motion.result import Result
+from hoi_retarget.motion.sidecar import describe
 
-__all__ = ["DATASET", "FORMATS", "NAMES", "Exported", "Format", "Result", "export", "format_named"]
-
-FORMATS: Mapping[str, Format] = MappingProxyType(
-    {
-        module.FORMAT.name: module.FORMAT
-        for module in (beyondmimic, mjlab, holosoma, holosoma_qpos, hdmi, gmr, unitree_csv)
-    }
-)
-DATASET = dataset.NAME
-NAMES: tuple[str, ...] = (*FORMATS, DATASET)
-"""Names of all formats, the last of which takes many results into one folder."""
+NAMES: tuple[str, ...] = (*WRITABLE, DATASET)
+"""Names of all formats that can be written, the last of which takes many results into one folder."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +32,9 @@ class Exported:
 
 def format_named(name: str) -> Format:
     """Return a format of one motion per file; raises `ArgumentError` that lists those there are."""
-    if name not in FORMATS:
+    if name not in WRITABLE:
         raise ArgumentError(f"--to {name}: there is no such format. Formats: {', '.join(NAMES)}.")
-    return FORMATS[name]
+    return WRITABLE[name]
 
 
 def export(
@@ -71,17 +58,18 @@ def export(
     if format.robots and motion.robot not in format.robots:
         raise ArgumentError(
             f"--to {format.name} is for {', '.join(format.robots)}, and the result is of {motion.robot}. For this "
-            f"robot: {', '.join(other.name for other in FORMATS.values() if not other.robots)}, {DATASET}."
+            f"robot: {', '.join(other.name for other in WRITABLE.values() if not other.robots)}, {DATASET}."
         )
     chosen = _object(motion, format, object_name)
     trajectory = resample(motion, model, format.fps if fps is None else fps)
     contacts = contact_arrays(motion, model, trajectory, result.surfaces)
-    take = Take(motion, model, trajectory, contacts, chosen)
-    written = format.write(take)
+    resampled = ResampledMotion(motion, model, trajectory, contacts, chosen)
+    assert format.write is not None
+    written = format.write(resampled)
     files = {f"{name}{suffix}": content for suffix, content in written.files.items()}
     if not format.contacts_inside:
         files[f"{name}.contacts.npz"] = to_npz(contacts)
-    files[f"{name}.meta.json"] = to_json(describe(result, take, format, written, list(files)))
+    files[f"{name}.meta.json"] = to_json(describe(result, resampled, format, written, list(files)))
     return Exported(files, trajectory.fps, trajectory.frames, written.notes)
 
 

@@ -6,14 +6,14 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.errors import ClipError
-from hoi_retarget.motion.check.check import Verdict, check
+from hoi_retarget.motion.check.check import check
 from hoi_retarget.motion.check.objects import ObjectPath
 from hoi_retarget.motion.formats import MotionFile
 from hoi_retarget.robots.model import RobotModel
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class ConvertedMotion:
     """One robot's motion, converted; its objects' poses in the same world."""
 
     fps: float
@@ -26,7 +26,7 @@ class Trajectory:
     """Whether the rate is the format's usual one, because the file states none."""
 
 
-def as_qpos(file: MotionFile, model: RobotModel, *, fps: float | None = None) -> Trajectory:
+def as_qpos(file: MotionFile, model: RobotModel, *, fps: float | None = None) -> ConvertedMotion:
     """Return a file's motion in the robot's joint order, quaternions wxyz.
 
     Velocities that are wrong do not matter here: none are returned.
@@ -39,21 +39,17 @@ def as_qpos(file: MotionFile, model: RobotModel, *, fps: float | None = None) ->
     Raises:
         ClipError: The numbers contradict what the file claims about poses, objects or the rate.
     """
-    return trajectory_of(check(file, model), file, fps=fps)
-
-
-def trajectory_of(verdict: Verdict, file: MotionFile, *, fps: float | None = None) -> Trajectory:
-    """Return the motion of a file that was checked; raises `ClipError` as `as_qpos` does."""
-    spoilt = [item for item in verdict.contradictions if item.spoils in ("poses", "rate", "objects")]
-    if spoilt or verdict.qpos is None:
+    checked = check(file, model)
+    spoilt = [item for item in checked.contradictions if item.spoils in ("poses", "rate", "objects")]
+    if spoilt or checked.qpos is None:
         first = f"{spoilt[0].subject}: {spoilt[0].numbers}" if spoilt else "its poses cannot be read"
         more = f" (and {len(spoilt) - 1} more)" if len(spoilt) > 1 else ""
         raise ClipError(
             f"{file.path}: the numbers contradict what the file claims: {first}{more}. "
-            f"See: hoi-retarget check-motion {file.path} --robot {verdict.robot}."
+            f"See: hoi-retarget check-motion {file.path} --robot {checked.robot}."
         )
     rate = file.fps or fps or file.convention.usual_fps
     if rate is None:
         raise ClipError(f"{file.path}: it states no rate, and its format has no usual one. Give the rate.")
     assumed = file.fps is None and fps is None
-    return Trajectory(rate, verdict.qpos, verdict.objects, verdict.missing_joints, assumed)
+    return ConvertedMotion(rate, checked.qpos, checked.objects, checked.missing_joints, assumed)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from hoi_retarget.motion.exporters.trajectory import Trajectory
+from hoi_retarget.motion.trajectory import Trajectory
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.robots.model import Kinematics, RobotModel

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.motion.exporters.normals import outward_normals
-from hoi_retarget.motion.exporters.trajectory import Trajectory
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.normals import outward_normals
+from hoi_retarget.motion.trajectory import Trajectory
 from hoi_retarget.objects.mesh import Surface
 from hoi_retarget.robots.model import RobotModel
 

@@ -1,28 +1,23 @@
 """Results of this package (`docs/results.md`): `qpos` with names, objects and contacts."""
 
-from pathlib import Path
-
 import numpy as np
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.motion.formats.arrays_by_name import Arrays, contents
+from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
+from hoi_retarget.motion.formats.format import Format
 from hoi_retarget.motion.formats.motion_file import ContactFlags, Convention, MotionFile, ObjectPoses
 from hoi_retarget.motion.result_file import load
 
-FORMAT = "hoi-retarget"
-KEYS = frozenset({"schema", "ik_qpos", "qpos", "joint_names"})
 
-
-def parse(path: Path, arrays: Arrays) -> MotionFile:
+def read(arrays: ArraysByName) -> MotionFile:
     """Return what a result holds; raises `ReadError`."""
-    motion = load(path)
+    motion = load(arrays.path)
     if motion.qpos.shape[1] < 7:
-        raise ReadError(f"{path}: its qpos has {motion.qpos.shape[1]} columns, expected a free joint and hinges.")
-    return MotionFile(
-        path=str(path),
-        format=FORMAT,
-        convention=Convention(order="names"),
-        contents=contents(arrays),
+        raise ReadError(
+            f"{arrays.path}: its qpos has {motion.qpos.shape[1]} columns, expected a free joint and hinges."
+        )
+    return arrays.motion(
+        FORMAT.convention,
         fps=motion.fps,
         root=motion.qpos[:, :7],
         joint_pos=motion.qpos[:, 7:],
@@ -33,3 +28,11 @@ def parse(path: Path, arrays: Arrays) -> MotionFile:
         ),
         contacts=ContactFlags(motion.contact_links, motion.contact_flags),
     )
+
+
+FORMAT = Format(
+    name="hoi-retarget",
+    convention=Convention("hoi-retarget", order="names"),
+    holds=has("schema", "ik_qpos", "qpos", "joint_names"),
+    read=read,
+)

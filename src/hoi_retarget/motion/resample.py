@@ -13,8 +13,8 @@ from jaxtyping import Bool, Float, Int
 from scipy.interpolate import CubicSpline
 
 from hoi_retarget.errors import ArgumentError, ClipError
-from hoi_retarget.motion.exporters.trajectory import Trajectory
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.trajectory import Trajectory
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 

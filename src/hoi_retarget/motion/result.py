@@ -7,6 +7,7 @@ from hashlib import sha256
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
+from hoi_retarget import __version__
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ClipError
 from hoi_retarget.motion.motion import Motion
@@ -93,6 +94,19 @@ class Result:
             "mesh": None if path is None else path.name,
             "mesh_sha256": None if path is None else sha256(path.read_bytes()).hexdigest(),
             "shape": "triangles" if self.surfaces[name].exact else "convex hull of points",
+        }
+
+    def origin(self) -> dict[str, Any]:
+        """Return where an export of it comes from as plain values."""
+        motion = self.motion
+        return {
+            "source": {
+                **asdict(self.source),
+                "person": motion.person,
+                "first_source_frame": motion.first_source_frame,
+            },
+            "result": {"name": f"{self.stem}.npz", "sha256": self.sha256, "fps": motion.fps},
+            "hoi_retarget": __version__,
         }
 
 

@@ -14,10 +14,9 @@ import numpy as np
 
 from hoi_retarget import __version__
 from hoi_retarget.errors import HoiRetargetError
-from hoi_retarget.motion.exporters.contacts import contact_arrays
-from hoi_retarget.motion.exporters.resample import resample
-from hoi_retarget.motion.exporters.result import Result
-from hoi_retarget.motion.exporters.sidecar import provenance
+from hoi_retarget.motion.contacts import contact_arrays
+from hoi_retarget.motion.resample import resample
+from hoi_retarget.motion.result import Result
 
 NAME = "dataset"
 TITLE = "datasets, pandas, polars: many motions in one table"
@@ -65,7 +64,7 @@ def write_dataset(results: Sequence[Result], fps: float | None) -> dict[str, byt
 def _row(result: Result, fps: float | None) -> dict[str, Any]:
     motion = result.motion
     trajectory = resample(motion, result.model, fps)
-    made_from = provenance(result)
+    made_from = result.origin()
     return {
         "name": result.stem,
         "robot": motion.robot,
@@ -88,12 +87,10 @@ def _parquet(rows: Sequence[dict[str, Any]]) -> bytes:
     import pyarrow as pa  # noqa: PLC0415 # pyright: ignore[reportMissingImports] - optional
     import pyarrow.parquet as pq  # noqa: PLC0415 # pyright: ignore[reportMissingImports] - optional
 
-    columns = {
-        name: _lists([row[name] for row in rows])
-        if isinstance(value, np.ndarray)
-        else pa.array([row[name] for row in rows])
-        for name, value in rows[0].items()
-    }
+    columns = {}
+    for name, value in rows[0].items():
+        values = [row[name] for row in rows]
+        columns[name] = _lists(values) if isinstance(value, np.ndarray) else pa.array(values)
     buffer = io.BytesIO()
     pq.write_table(pa.table(columns), buffer, compression="zstd")
     return buffer.getvalue()
@@ -104,19 +101,13 @@ def _lists(arrays: Sequence[np.ndarray]) -> Any:
     import pyarrow as pa  # noqa: PLC0415 # pyright: ignore[reportMissingImports] - optional
 
     flat = np.concatenate([array.reshape(-1) for array in arrays])
-    numbers = flat.dtype.kind == "f"
-    column = pa.array(flat.astype(np.float32) if numbers else flat.tolist(), type=None if numbers else _type_of(flat))
+    kinds = {"f": pa.float32(), "U": pa.string(), "b": pa.bool_(), "i": pa.int64()}
+    column = pa.array(flat.astype(np.float32) if flat.dtype.kind == "f" else flat, type=kinds[flat.dtype.kind])
     for axis in reversed(range(arrays[0].ndim)):
         lengths = [np.full(int(np.prod(array.shape[:axis])), array.shape[axis]) for array in arrays]
         offsets = np.concatenate([[0], np.cumsum(np.concatenate(lengths))])
         column = pa.ListArray.from_arrays(pa.array(offsets, type=pa.int32()), column)
     return column
-
-
-def _type_of(flat: np.ndarray) -> Any:
-    import pyarrow as pa  # noqa: PLC0415 # pyright: ignore[reportMissingImports] - optional
-
-    return {"U": pa.string(), "b": pa.bool_(), "i": pa.int64()}[flat.dtype.kind]
 
 
 def _card(results: Iterable[Result]) -> str:
