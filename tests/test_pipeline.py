@@ -1,7 +1,7 @@
 """From clip to motion: what holds for every result, and what must not change it."""
 
 import functools
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -291,7 +291,7 @@ def test_the_report_says_how_it_went():
     motion = result()
     report = motion.report
     figures = evaluate(motion, scene(), G1)
-    assert report.figures == asdict(figures)
+    assert report.figures == figures
     assert report.root_scale == pytest.approx(G1.spec.stature / scene().people[0].height)
     (window,) = motion.stages[-1].windows
     assert (window.start, window.stop) == (0, motion.frames)

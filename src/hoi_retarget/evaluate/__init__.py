@@ -1,9 +1,10 @@
 """Figures of merit: how well a robot's motion keeps what the human did, and what it violates."""
 
-from hoi_retarget.evaluate.figures import Figures, evaluate, evaluate_kinematics
+from hoi_retarget.evaluate.figure import Figure
+from hoi_retarget.evaluate.figures import FIGURES, evaluate, evaluate_kinematics
 from hoi_retarget.evaluate.multi_robot import inter_robot_hand_errors
 from hoi_retarget.evaluate.soundness import Soundness, soundness
-from hoi_retarget.evaluate.table import COLUMNS, Column, Score, mean_values, table_rows, to_csv, to_json, worst_values
+from hoi_retarget.evaluate.table import COLUMNS, Score, mean_values, table_rows, to_csv, to_json, worst_values
 from hoi_retarget.evaluate.unreached_contacts import (
     contact_residuals,
     unreached_contacts,
@@ -11,8 +12,8 @@ from hoi_retarget.evaluate.unreached_contacts import (
 
 __all__ = [
     "COLUMNS",
-    "Column",
-    "Figures",
+    "FIGURES",
+    "Figure",
     "Score",
     "Soundness",
     "contact_residuals",

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from hoi_retarget.evaluate.figure import Figure
 from hoi_retarget.evaluate.statistics import max_or_none, mean_or_none, norms
 from hoi_retarget.evaluate.view import HAND_SITES, Comparison
 from hoi_retarget.numerics import se3
@@ -28,10 +29,20 @@ def contact_slip_mps(view: Comparison) -> float | None:
     return mean_or_none(np.concatenate(speeds))
 
 
-def gap_summary(gaps: Float[np.ndarray, "K"]) -> tuple[float | None, float | None, float | None]:
-    """Return mean, 95th percentile and maximum [m]; None where there is no contact."""
-    p95 = float(np.percentile(gaps, 95)) if gaps.size else None
-    return mean_or_none(gaps), p95, max_or_none(gaps)
+def contact_gap_m(view: Comparison) -> float | None:
+    """Return the mean distance on the object between palm and human contact point [m]."""
+    return mean_or_none(view.once(contact_gaps))
+
+
+def contact_gap_p95_m(view: Comparison) -> float | None:
+    """Return the 95th percentile of that distance [m]."""
+    gaps = view.once(contact_gaps)
+    return float(np.percentile(gaps, 95)) if gaps.size else None
+
+
+def contact_gap_max_m(view: Comparison) -> float | None:
+    """Return the largest such distance [m]."""
+    return max_or_none(view.once(contact_gaps))
 
 
 def relative_hand_rotation_deg(view: Comparison) -> float | None:
@@ -59,3 +70,12 @@ def segment_starts(active: Bool[np.ndarray, "F"]) -> Int[np.ndarray, "K"]:
     begins[1:] &= ~active[:-1]
     latest = np.maximum.accumulate(np.where(begins, np.arange(len(active)), 0))
     return latest[active]
+
+
+CONTACT_GAP = Figure("contact_gap_m", "contact gap", "mm", 1e3, 1, "lower", contact_gap_m, in_paper=True)
+CONTACT_GAP_P95 = Figure("contact_gap_p95_m", "gap p95", "mm", 1e3, 1, "lower", contact_gap_p95_m)
+CONTACT_GAP_MAX = Figure("contact_gap_max_m", "gap max", "mm", 1e3, 1, "lower", contact_gap_max_m)
+CONTACT_SLIP = Figure("contact_slip_mps", "contact slip", "cm/s", 1e2, 1, "lower", contact_slip_mps)
+RELATIVE_HAND_ROTATION = Figure(
+    "relative_hand_rotation_deg", "hand rotation", "deg", 1.0, 1, "lower", relative_hand_rotation_deg, in_paper=True
+)

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.evaluate.figure import Figure
 from hoi_retarget.evaluate.statistics import mean_or_none, norms
 from hoi_retarget.evaluate.view import Comparison
 from hoi_retarget.robots.model import Kinematics
@@ -27,19 +28,28 @@ def sole_heights(kinematics: Kinematics) -> Float[np.ndarray, "T 2"]:
     return np.array(corners).min(axis=1).T
 
 
-def stance_sole_height_abs_m(view: Comparison, heights: Float[np.ndarray, "F 2"]) -> float | None:
+def stance_sole_height_abs_m(view: Comparison) -> float | None:
     """Return the mean distance [m] of the lowest sole corner from the floor, above or below, in stance."""
-    return mean_or_none(np.abs(heights[view.stance]))
+    return mean_or_none(np.abs(view.once(_counted_heights)[view.stance]))
 
 
-def stance_float_m(view: Comparison, heights: Float[np.ndarray, "F 2"]) -> float | None:
+def stance_float_m(view: Comparison) -> float | None:
     """Return the mean height [m] of the lowest sole corner in stance, a sunken sole counting as zero."""
-    return mean_or_none(np.maximum(heights[view.stance], 0.0))
+    return mean_or_none(np.maximum(view.once(_counted_heights)[view.stance], 0.0))
 
 
-def floor_penetration_max_m(heights: Float[np.ndarray, "F 2"]) -> float | None:
+def floor_penetration_max_m(view: Comparison) -> float | None:
     """Return the depth [m] of the deepest sole corner of the clip, in stance or not; zero if none is below."""
+    return deepest(view.once(_counted_heights))
+
+
+def deepest(heights: Float[np.ndarray, "F 2"]) -> float | None:
+    """Return the depth [m] of the deepest sole corner; zero if none is below the floor."""
     return float(np.maximum(-heights, 0.0).max()) if heights.size else None
+
+
+def _counted_heights(view: Comparison) -> Float[np.ndarray, "F 2"]:
+    return sole_heights(view.kinematics)[view.first :]
 
 
 def object_below_floor_m(view: Comparison) -> float | None:
@@ -51,3 +61,14 @@ def object_below_floor_m(view: Comparison) -> float | None:
         offsets = track.geometry.lowest_along(pose.rotations[:, 2])
         lowest = min(lowest, float((pose.positions[:, 2] + scale * offsets).min()))
     return max(0.0, -lowest)
+
+
+STANCE_SLIDE = Figure("stance_slide_mps", "foot slide", "cm/s", 1e2, 1, "lower", stance_slide_mps)
+STANCE_SOLE_HEIGHT_ABS = Figure(
+    "stance_sole_height_abs_m", "sole height", "mm", 1e3, 1, "lower", stance_sole_height_abs_m
+)
+STANCE_FLOAT = Figure("stance_float_m", "foot float", "mm", 1e3, 1, "lower", stance_float_m)
+FLOOR_PENETRATION_MAX = Figure(
+    "floor_penetration_max_m", "floor penetration", "mm", 1e3, 1, "lower", floor_penetration_max_m
+)
+OBJECT_BELOW_FLOOR = Figure("object_below_floor_m", "object below floor", "mm", 1e3, 1, "lower", object_below_floor_m)

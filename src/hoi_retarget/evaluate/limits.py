@@ -6,19 +6,21 @@ These two look at every frame, the first one too: a limit is a promise, not a co
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.evaluate.figure import Figure
 from hoi_retarget.evaluate.statistics import finite_min_or_none
+from hoi_retarget.evaluate.view import Comparison
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.robots.model import RobotModel
 
 
-def joint_range_margin_rad(motion: Motion, model: RobotModel) -> float | None:
+def joint_range_margin_rad(view: Comparison) -> float | None:
     """Return the smallest distance [rad] of any joint to the end of its range; negative where it is violated."""
-    return finite_min_or_none(joint_range_margins(motion, model))
+    return finite_min_or_none(joint_range_margins(view.motion, view.kinematics.model))
 
 
-def joint_speed_margin_radps(motion: Motion, model: RobotModel) -> float | None:
+def joint_speed_margin_radps(view: Comparison) -> float | None:
     """Return the smallest limit minus speed [rad/s] of any joint; negative where it is violated."""
-    return finite_min_or_none(joint_speed_margins(motion, model))
+    return finite_min_or_none(joint_speed_margins(view.motion, view.kinematics.model))
 
 
 def joint_range_margins(motion: Motion, model: RobotModel) -> Float[np.ndarray, "T n"]:
@@ -30,3 +32,9 @@ def joint_range_margins(motion: Motion, model: RobotModel) -> Float[np.ndarray, 
 def joint_speed_margins(motion: Motion, model: RobotModel) -> Float[np.ndarray, "steps n"]:
     """Return the limit minus speed [rad/s] of every joint, from each frame to the next."""
     return model.speed_limits - np.abs(np.diff(motion.qpos[:, 7:], axis=0)) * motion.fps
+
+
+JOINT_RANGE_MARGIN = Figure("joint_range_margin_rad", "range margin", "rad", 1.0, 3, "higher", joint_range_margin_rad)
+JOINT_SPEED_MARGIN = Figure(
+    "joint_speed_margin_radps", "speed margin", "rad/s", 1.0, 2, "higher", joint_speed_margin_radps
+)

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.evaluate.figure import Figure
 from hoi_retarget.evaluate.statistics import direction_angles_deg, max_or_none, mean_or_none, norms
 from hoi_retarget.evaluate.view import HAND_SITES, Comparison, ObjectPose
 from hoi_retarget.robots.model import Kinematics
@@ -50,9 +51,18 @@ def body_jerks(kinematics: Kinematics, fps: float) -> Float[np.ndarray, "J B"]:
     return norms(third) * fps**3
 
 
-def jerk_summary(jerks: Float[np.ndarray, "J B"]) -> tuple[float | None, float | None]:
-    """Return mean and maximum [m/s^3]; None for fewer than four counted frames."""
-    return mean_or_none(jerks), max_or_none(jerks)
+def body_jerk_mps3(view: Comparison) -> float | None:
+    """Return the mean third difference of the positions of all links with mass [m/s^3]."""
+    return mean_or_none(view.once(_counted_jerks))
+
+
+def body_jerk_max_mps3(view: Comparison) -> float | None:
+    """Return the largest such third difference [m/s^3]."""
+    return max_or_none(view.once(_counted_jerks))
+
+
+def _counted_jerks(view: Comparison) -> Float[np.ndarray, "J B"]:
+    return body_jerks(view.kinematics, view.clip.fps)[view.first :]
 
 
 def object_path_error_m(view: Comparison) -> float | None:
@@ -62,3 +72,20 @@ def object_path_error_m(view: Comparison) -> float | None:
         for robot, human in zip(view.robot_objects, view.human_objects, strict=True)
     ]
     return mean_or_none(np.array(distances))
+
+
+LINK_VELOCITY_DIRECTION = Figure(
+    "link_velocity_direction_deg",
+    "velocity direction",
+    "deg",
+    1.0,
+    1,
+    "lower",
+    link_velocity_direction_deg,
+    in_paper=True,
+)
+BODY_JERK = Figure("body_jerk_mps3", "jerk", "m/s^3", 1.0, 1, "lower", body_jerk_mps3, in_paper=True)
+BODY_JERK_MAX = Figure("body_jerk_max_mps3", "jerk max", "m/s^3", 1.0, 0, "lower", body_jerk_max_mps3)
+OBJECT_PATH_ERROR = Figure(
+    "object_path_error_m", "object path", "cm", 1e2, 1, "lower", object_path_error_m, in_paper=True
+)

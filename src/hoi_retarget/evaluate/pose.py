@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.evaluate.figure import Figure
 from hoi_retarget.evaluate.statistics import direction_angles_deg, mean_or_none
 from hoi_retarget.evaluate.view import Comparison
 from hoi_retarget.numerics import se3
@@ -66,3 +67,8 @@ def _bones_inside(
     """Return the bones of two chains of five points each, along the axes of `frame` [m]."""
     bones = np.diff(np.array(points), axis=1)
     return bones.reshape(8, -1, 3).transpose(1, 0, 2) @ frame
+
+
+BODY_POSE_DEVIATION = Figure(
+    "body_pose_deviation_deg", "pose", "deg", 1.0, 1, "lower", body_pose_deviation_deg, in_paper=True
+)

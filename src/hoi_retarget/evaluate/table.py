@@ -8,56 +8,13 @@ import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
+from hoi_retarget.evaluate.figure import Figure
+from hoi_retarget.evaluate.figures import FIGURES
 
-@dataclass(frozen=True)
-class Column:
-    """One figure as it is shown."""
-
-    name: str
-    """Name of the field of `Figures`, which ends in the unit of the stored number."""
-    title: str
-    unit: str
-    """Unit in which it is shown."""
-    scale: float
-    """Shown number over stored number."""
-    digits: int
-    """Digits after the point."""
-    better: Literal["lower", "higher"]
-    in_paper: bool = False
-    """Whether the paper's table of metrics defines it."""
-
-    @property
-    def header(self) -> str:
-        """Title and unit."""
-        return f"{self.title} [{self.unit}]"
-
-    def text(self, value: float | None) -> str:
-        """Return a stored number as it is shown; a dash where there is none."""
-        return "-" if value is None else f"{value * self.scale:.{self.digits}f}"
-
-
-COLUMNS: tuple[Column, ...] = (
-    Column("contact_gap_m", "contact gap", "mm", 1e3, 1, "lower", in_paper=True),
-    Column("contact_gap_p95_m", "gap p95", "mm", 1e3, 1, "lower"),
-    Column("contact_gap_max_m", "gap max", "mm", 1e3, 1, "lower"),
-    Column("contact_slip_mps", "contact slip", "cm/s", 1e2, 1, "lower"),
-    Column("body_pose_deviation_deg", "pose", "deg", 1.0, 1, "lower", in_paper=True),
-    Column("link_velocity_direction_deg", "velocity direction", "deg", 1.0, 1, "lower", in_paper=True),
-    Column("relative_hand_rotation_deg", "hand rotation", "deg", 1.0, 1, "lower", in_paper=True),
-    Column("body_jerk_mps3", "jerk", "m/s^3", 1.0, 1, "lower", in_paper=True),
-    Column("body_jerk_max_mps3", "jerk max", "m/s^3", 1.0, 0, "lower"),
-    Column("stance_slide_mps", "foot slide", "cm/s", 1e2, 1, "lower"),
-    Column("stance_sole_height_abs_m", "sole height", "mm", 1e3, 1, "lower"),
-    Column("stance_float_m", "foot float", "mm", 1e3, 1, "lower"),
-    Column("floor_penetration_max_m", "floor penetration", "mm", 1e3, 1, "lower"),
-    Column("object_below_floor_m", "object below floor", "mm", 1e3, 1, "lower"),
-    Column("object_path_error_m", "object path", "cm", 1e2, 1, "lower", in_paper=True),
-    Column("joint_range_margin_rad", "range margin", "rad", 1.0, 3, "higher"),
-    Column("joint_speed_margin_radps", "speed margin", "rad/s", 1.0, 2, "higher"),
-    Column("compute_s", "time", "s", 1.0, 2, "lower", in_paper=True),
-)
+COMPUTE_TIME = Figure("compute_s", "time", "s", 1.0, 2, "lower", in_paper=True)
+COLUMNS: tuple[Figure, ...] = (*FIGURES, COMPUTE_TIME)
 
 
 @dataclass(frozen=True)
@@ -102,7 +59,7 @@ def worst_values(scores: Sequence[Score]) -> dict[str, float | None]:
     return {name: worst[name](values) if values else None for name, values in present.items()}
 
 
-def table_rows(scores: Sequence[Score], columns: Sequence[Column] = COLUMNS) -> tuple[tuple[str, ...], ...]:
+def table_rows(scores: Sequence[Score], columns: Sequence[Figure] = COLUMNS) -> tuple[tuple[str, ...], ...]:
     """Return the table as text: a header row, a row per result, and with two and more their mean and worst.
 
     Results are named by their files where several bear the same name.
@@ -168,5 +125,5 @@ def _present(scores: Sequence[Score]) -> dict[str, list[float]]:
     return {column.name: [value for table in tables if (value := table[column.name]) is not None] for column in COLUMNS}
 
 
-def _texts(values: dict[str, float | None], columns: Sequence[Column]) -> tuple[str, ...]:
+def _texts(values: dict[str, float | None], columns: Sequence[Figure]) -> tuple[str, ...]:
     return tuple(column.text(values[column.name]) for column in columns)

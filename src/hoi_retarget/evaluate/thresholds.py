@@ -11,7 +11,7 @@ from enum import IntEnum
 from typing import Any
 
 from hoi_retarget.errors import HoiRetargetError
-from hoi_retarget.evaluate import COLUMNS, Column, soundness
+from hoi_retarget.evaluate import COLUMNS, Figure, soundness
 from hoi_retarget.evaluate.view import check_joints
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.report import OrientationFlip, Status, UnreachedContact
@@ -37,7 +37,7 @@ class Level(IntEnum):
 class Threshold:
     """Where one figure stops being good."""
 
-    column: Column
+    column: Figure
     """The figure: name, title, unit and which way is better."""
     warn: float
     """The last value that passes, in the unit of the figure's name."""
@@ -83,7 +83,7 @@ THRESHOLDS: tuple[Threshold, ...] = (
         "hands of real clips slide and roll by 16 cm/s at most; 20 is one that trembles on its object by a centimetre",
     ),
     Threshold(
-        Column("unreached_share", "unreached contact", "%", 1e2, 1, "lower"),
+        Figure("unreached_share", "unreached contact", "%", 1e2, 1, "lower"),
         0.02,
         0.10,
         "of all frames of all contacts; 2 % is a hand that arrives a tenth of a second late in a contact of five",
@@ -95,7 +95,7 @@ THRESHOLDS: tuple[Threshold, ...] = (
         "real clips have 6 degrees at most; a method that ignores how hands turn has 38 (paper)",
     ),
     Threshold(
-        Column("object_penetration_max_m", "object penetration", "mm", 1e3, 1, "lower"),
+        Figure("object_penetration_max_m", "object penetration", "mm", 1e3, 1, "lower"),
         0.010,
         0.030,
         "1 cm together with the contact gap is what users ask for; a simulator pushes apart what is deeper",
@@ -120,7 +120,7 @@ THRESHOLDS: tuple[Threshold, ...] = (
         "ankles of good motions move at up to 9 cm/s while toes stand; twice that is skating",
     ),
     Threshold(
-        Column("sole_tilt_deg", "sole tilt", "deg", 1.0, 1, "lower"),
+        Figure("sole_tilt_deg", "sole tilt", "deg", 1.0, 1, "lower"),
         3.0,
         10.0,
         "3 degrees is what users ask for; at 10 a foot of 20 cm has its edge 3 cm up",
@@ -145,49 +145,49 @@ THRESHOLDS: tuple[Threshold, ...] = (
         "a joint step longer than the motor's limit; 5 rad/s beyond it no motor follows, and a joint has flipped",
     ),
     Threshold(
-        Column("orientation_flip_s", "turned over", "s", 1.0, 2, "lower"),
+        Figure("orientation_flip_s", "turned over", "s", 1.0, 2, "lower"),
         0.0,
         0.2,
         "time in which a link points away from the human's; for a moment it is a wrist near its stop",
     ),
     Threshold(
-        Column("recording_warnings", "warnings of the recording", "", 1.0, 0, "lower"),
+        Figure("recording_warnings", "warnings of the recording", "", 1.0, 0, "lower"),
         0.0,
         5.0,
         "what speaks against the recording: grasps that slip, feet off the floor, objects that move untouched",
     ),
     Threshold(
-        Column("base_turn_max_radps", "base turn", "rad/s", 1.0, 1, "lower"),
+        Figure("base_turn_max_radps", "base turn", "rad/s", 1.0, 1, "lower"),
         15.0,
         25.0,
         "a spin kick has 15; a base that flips between two frames has 90 and more",
     ),
     Threshold(
-        Column("base_speed_max_mps", "base speed", "m/s", 1.0, 1, "lower"),
+        Figure("base_speed_max_mps", "base speed", "m/s", 1.0, 1, "lower"),
         5.0,
         10.0,
         "a fast runner; beyond 10 the base jumps",
     ),
     Threshold(
-        Column("base_height_max_share", "base height, highest", "%", 1e2, 0, "lower"),
+        Figure("base_height_max_share", "base height, highest", "%", 1e2, 0, "lower"),
         1.3,
         2.0,
         "of standing: a high jump, or a floor that is not at zero; twice is a wrong unit or axis",
     ),
     Threshold(
-        Column("base_height_min_share", "base height, lowest", "%", 1e2, 0, "higher"),
+        Figure("base_height_min_share", "base height, lowest", "%", 1e2, 0, "higher"),
         0.15,
         0.05,
         "of standing: sitting on the floor; lower than lying is in the floor",
     ),
     Threshold(
-        Column("frozen_share", "frozen frames", "%", 1e2, 1, "lower"),
+        Figure("frozen_share", "frozen frames", "%", 1e2, 1, "lower"),
         0.02,
         0.50,
         "frames that repeat the one before: recordings drop some; half of them is a wrong frame rate or a still",
     ),
     Threshold(
-        Column("unsolved_share", "unsolved frames", "%", 1e2, 0, "lower"),
+        Figure("unsolved_share", "unsolved frames", "%", 1e2, 0, "lower"),
         0.0,
         None,
         "frames of windows that did not converge; how good they still are, the other figures say",

@@ -4,8 +4,10 @@
 by name; the figures themselves are in the other files of this package.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -17,6 +19,8 @@ from hoi_retarget.human.skeleton import HANDS
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import Kinematics, RobotModel
+
+T = TypeVar("T")
 
 HAND_SITES = {"left_hand": "left_palm", "right_hand": "right_palm"}
 FOOT_SITES = {"left_foot": "left_foot", "right_foot": "right_foot"}
@@ -73,6 +77,16 @@ class Comparison:
                     f"clip {self.clip.name!r}: the motion has {robot_side} {what}, the clip {human_side}. "
                     "Evaluate a motion against the clip it was made from."
                 )
+
+    def once(self, compute: Callable[["Comparison"], T]) -> T:
+        """Return a function's value at this comparison, computed once for all figures that need it."""
+        if compute not in self._computed:
+            self._computed[compute] = compute(self)
+        return self._computed[compute]
+
+    @cached_property
+    def _computed(self) -> dict[Callable[["Comparison"], Any], Any]:
+        return {}
 
     @cached_property
     def first(self) -> int:

@@ -2,7 +2,7 @@
 
 import time
 from contextlib import AbstractContextManager
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -88,7 +88,7 @@ def scored(motion: Motion, targets: Targets, clip: Clip, model: RobotModel, pers
     """Return the motion with its figures and what went wrong in the report."""
     start = time.process_time()
     kinematics = model.forward(motion.qpos)
-    figures = asdict(evaluate_kinematics(motion, clip, model, kinematics, person=person))
+    figures = evaluate_kinematics(motion, clip, kinematics, person=person)
     unreached, flips = unreached_contacts(motion, kinematics), orientation_flips(kinematics, targets)
     seconds = {**motion.report.cpu_seconds, "metrics": time.process_time() - start}
     report = replace(
