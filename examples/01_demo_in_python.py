@@ -9,9 +9,9 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from hoi_retarget.evaluate import COLUMNS
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.evaluation import COLUMNS
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.robots import load_robot
 from hoi_retarget.synthetic import make
 

@@ -10,8 +10,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # see 01_demo_in_python.py
 
 from dataclasses import replace
 
-from hoi_retarget.retarget.config import Config, Scaling, parse_horizon
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.config import Config, Scaling, parse_horizon
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.robots import load_robot
 from hoi_retarget.synthetic import make
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load, save
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.robots import load_robot
 from hoi_retarget.synthetic import make
 

@@ -27,15 +27,15 @@ from hoi_retarget.clip.clip import Augmentation
 from hoi_retarget.clip.edits import ContactEdits, FixAll, save
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, WriteError
-from hoi_retarget.evaluate import FIGURES
+from hoi_retarget.evaluation import FIGURES
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers import own_layout
 from hoi_retarget.readers.open import clip_of, open_clip
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.multi_person import with_report
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.multi_person import with_report
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import make

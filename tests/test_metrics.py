@@ -14,7 +14,7 @@ import pytest
 
 from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.errors import ArgumentError, ClipError, RobotError
-from hoi_retarget.evaluate import (
+from hoi_retarget.evaluation import (
     COLUMNS,
     FIGURES,
     Score,
@@ -27,7 +27,7 @@ from hoi_retarget.evaluate import (
     unreached_contacts,
     worst_values,
 )
-from hoi_retarget.evaluate.pose import HUMAN_TO_ROBOT_AXES
+from hoi_retarget.evaluation.pose import HUMAN_TO_ROBOT_AXES
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import HANDS, JOINTS
 from hoi_retarget.motion.motion import Motion, Stage

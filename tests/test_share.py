@@ -21,7 +21,7 @@ from browser import chromium, wait_until
 from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import Source
 from hoi_retarget.errors import ArgumentError, DrawingError, HoiRetargetError
-from hoi_retarget.evaluate import FIGURES, Score
+from hoi_retarget.evaluation import FIGURES, Score
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.report import Report
 from hoi_retarget.motion.result_file import save

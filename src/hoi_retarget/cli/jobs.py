@@ -8,13 +8,13 @@ from pathlib import Path
 from hoi_retarget.cli.commands import Solving
 from hoi_retarget.cli.terminal import say, warn
 from hoi_retarget.errors import ArgumentError, ReadError, WriteError
-from hoi_retarget.evaluate import FIGURES, Score
-from hoi_retarget.evaluate.table import scales_text
+from hoi_retarget.evaluation import FIGURES, Score
+from hoi_retarget.evaluation.table import scales_text
 from hoi_retarget.files.atomic import write_atomically
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers import own_layout
 from hoi_retarget.readers.open import result_stem
-from hoi_retarget.retarget.config import Config, Scaling, parse_horizon
+from hoi_retarget.retargeting.config import Config, Scaling, parse_horizon
 
 
 def check_writable(option: str, folder: Path) -> None:

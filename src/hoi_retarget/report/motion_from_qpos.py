@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hoi_retarget.evaluate import ground, limits, movement
-from hoi_retarget.evaluate.statistics import finite_min_or_none, max_or_none, mean_or_none
+from hoi_retarget.evaluation import ground, limits, movement
+from hoi_retarget.evaluation.statistics import finite_min_or_none, max_or_none, mean_or_none
 from hoi_retarget.motion.check import ObjectPath
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.report import Report

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from hoi_retarget.evaluate import Figure
-from hoi_retarget.evaluate.thresholds import THRESHOLDS, Level, Threshold
+from hoi_retarget.evaluation import Figure
+from hoi_retarget.evaluation.thresholds import THRESHOLDS, Level, Threshold
 from hoi_retarget.report.histogram import histogram
 from hoi_retarget.report.rows import Row, worst_first
 from hoi_retarget.viewers.html import render, with_exponents
