@@ -3,6 +3,7 @@
 import ast
 import io
 import re
+import tomllib
 from contextlib import redirect_stderr, redirect_stdout
 from functools import cache
 from importlib import import_module
@@ -92,6 +93,23 @@ def test_relative_links_and_their_anchors_resolve(name):
         target = DOCUMENTS[name].parent / path if path else DOCUMENTS[name]
         assert target.exists(), link
         assert not anchor or anchor in anchors(target.read_text()), link
+
+
+# Dependencies
+
+
+def test_the_design_page_has_a_line_for_each_dependency_and_no_other():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    (table,) = re.findall(r"## Dependencies\n\n.*?\n\|---\|---\|\n(.*?)\n\n", TEXTS["design.md"], flags=re.DOTALL)
+    rows = [row.split("|")[1].strip() for row in table.splitlines()]
+    core = [row for row in rows if not row.startswith("*")]
+    assert sorted(core) == sorted(map(package, project["dependencies"]))
+    listed = {name for row in rows if row.startswith("*") for name in row.partition(": ")[2].split(", ")}
+    assert listed == {package(line) for lines in project["optional-dependencies"].values() for line in lines}
+
+
+def package(requirement: str) -> str:
+    return re.split(r"[\[>=<]", requirement)[0]
 
 
 # The command line
