@@ -51,6 +51,8 @@ def test_python_blocks_compile_and_their_imports_work(name):
                 assert node.module is not None
                 missing = [alias.name for alias in node.names if not exists(node.module, alias.name)]
                 assert not missing, f"{node.module} has no {', '.join(missing)}"
+            elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "hr":
+                assert exists("hoi_retarget", node.attr), f"hoi_retarget has no {node.attr}"
 
 
 @every_document
