@@ -6,6 +6,7 @@ import re
 import struct
 import zipfile
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,13 @@ def members(content: bytes) -> dict[str, bytes]:
             return {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
     except _ARCHIVE_ERRORS as error:
         raise ValueError(str(error)) from error
+
+
+def encode(arrays: Mapping[str, Any]) -> bytes:
+    """Return an uncompressed .npz file without pickled objects: the same bytes for the same arrays."""
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **dict(arrays))
+    return buffer.getvalue()
 
 
 def names(path: Path) -> frozenset[str]:

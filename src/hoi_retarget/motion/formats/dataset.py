@@ -63,20 +63,20 @@ def write_dataset(results: Sequence[Result], fps: float | None) -> dict[str, byt
 
 def _row(result: Result, fps: float | None) -> dict[str, Any]:
     motion = result.motion
-    trajectory = resample(motion, result.model, fps)
+    resampled = resample(motion, result.model, fps)
     made_from = result.origin()
     return {
         "name": result.stem,
         "robot": motion.robot,
         "licence": result.source.licence,
-        "fps": trajectory.fps,
-        "frames": trajectory.frames,
+        "fps": resampled.fps,
+        "frames": resampled.frames,
         "joint_names": np.array(motion.joint_names, dtype=np.str_),
-        "qpos": trajectory.qpos,
-        "root_lin_vel": trajectory.root_lin_vel,
-        "root_ang_vel": trajectory.root_ang_vel,
-        "joint_vel": trajectory.joint_vel,
-        **contact_arrays(motion, result.model, trajectory, result.surfaces),
+        "qpos": resampled.qpos,
+        "root_lin_vel": resampled.root_lin_vel,
+        "root_ang_vel": resampled.root_ang_vel,
+        "joint_vel": resampled.joint_vel,
+        **contact_arrays(resampled, result.surfaces),
         "objects": json.dumps([result.object_facts(index) for index in range(len(motion.object_names))]),
         "source": json.dumps(made_from["source"]),
         "result": json.dumps(made_from["result"]),
