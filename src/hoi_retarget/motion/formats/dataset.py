@@ -16,7 +16,7 @@ from hoi_retarget import __version__
 from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.motion.contacts import contact_arrays
 from hoi_retarget.motion.resample import resample
-from hoi_retarget.motion.result import Result
+from hoi_retarget.motion.result import UNKNOWN, Result
 
 NAME = "dataset"
 TITLE = "datasets, pandas, polars: many motions in one table"
@@ -68,7 +68,7 @@ def _row(result: Result, fps: float | None) -> dict[str, Any]:
     return {
         "name": result.stem,
         "robot": motion.robot,
-        "licence": result.source.licence,
+        "licence": result.licence,
         "fps": resampled.fps,
         "frames": resampled.frames,
         "joint_names": np.array(motion.joint_names, dtype=np.str_),
@@ -111,7 +111,8 @@ def _lists(arrays: Sequence[np.ndarray]) -> Any:
 
 
 def _card(results: Iterable[Result]) -> str:
-    terms = Counter((result.source.licence, result.source.format or "unknown") for result in results)
+    sources = [result.origin()["source"] for result in results]
+    terms = Counter((source["licence"], source["format"] or UNKNOWN) for source in sources)
     robots = Counter(result.motion.robot for result in results)
     size = sum(terms.values())
     scale = "n<1K" if size < 1000 else "1K<n<10K" if size < 10_000 else "10K<n<100K"
