@@ -20,7 +20,7 @@ from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.motion.export import NAMES, Exported, export, format_named
 from hoi_retarget.motion.formats import WRITABLE
 from hoi_retarget.motion.formats import read as read_motion
-from hoi_retarget.motion.formats.encoding import to_pickle
+from hoi_retarget.motion.formats.containers import to_pickle
 from hoi_retarget.motion.normals import outward_normals
 from hoi_retarget.motion.report import Report
 from hoi_retarget.motion.result import Result

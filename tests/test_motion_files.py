@@ -18,7 +18,7 @@ from hoi_retarget.errors import ReadError
 from hoi_retarget.files.numpy_pickle import parse_pickle
 from hoi_retarget.motion import formats
 from hoi_retarget.motion.formats import MotionFile, read
-from hoi_retarget.motion.formats.arrays_by_name import read_npz
+from hoi_retarget.motion.formats.containers import read_npz
 
 BOUNDED = settings(derandomize=True, deadline=None, max_examples=30, database=None)
 FORMATS = ("hoi-retarget", *writers.MAKERS)

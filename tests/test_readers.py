@@ -23,7 +23,7 @@ import parahome_writer
 from glb_writer import humoto
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import HoiRetargetError, ReadError
-from hoi_retarget.files import npz
+from hoi_retarget.files import archive
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.readers import READERS, can_be_clip, own_layout, read_clip, reader_of, recordings_below
 from hoi_retarget.synthetic import make
@@ -345,6 +345,6 @@ def test_tables_that_are_none_are_our_errors(copy, kind, name):
 
 def test_a_file_that_unpacks_to_more_than_memory_is_refused(copy, monkeypatch):
     recording = copy("behave")
-    monkeypatch.setattr(npz, "MAXIMUM_SIZE", 10_000)
+    monkeypatch.setattr(archive, "MAXIMUM_SIZE", 10_000)
     with pytest.raises(ReadError, match=r"would unpack to .* GB, expected at most 1e-05"):
         recording.read()

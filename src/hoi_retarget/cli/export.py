@@ -74,7 +74,7 @@ def _export_dataset(command: Export) -> int:
         _check_rows(results)
         files = write_dataset(results, command.fps)
         write_together({command.out / name: content for name, content in files.items()})
-    for licence in sorted({result.source.licence for result in results}):
+    for licence in sorted({result.licence for result in results}):
         say(f"licence of sources: {licence}")
     say(f"{len(results)} motion{'s' if len(results) > 1 else ''} in {command.out}")
     return 0
@@ -148,7 +148,7 @@ def _read(path: Path, command: Export, working: Working) -> Result:
 
 def _describe(result: Result, exported: Exported, target: str) -> None:
     say(f"{target}  ({exported.frames} frames at {exported.fps:g} frames/s)")
-    say(f"  licence of the source: {result.source.licence}")
+    say(f"  licence of the source: {result.licence}")
 
 
 def _naming(path: Path, error: HoiRetargetError) -> str:

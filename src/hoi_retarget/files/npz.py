@@ -1,17 +1,15 @@
 """Arrays out of .npz files without numpy's own reader: checksums compared, nothing evaluated, no pickle executed."""
 
 import io
-import lzma
 import re
-import struct
-import zipfile
-import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hoi_retarget.errors import ReadError
+from hoi_retarget.files.archive import unpacked
 from hoi_retarget.files.numpy_pickle import ARRAYS, unpickle
 from hoi_retarget.files.safe_pickle import RefusedError, plain
 
@@ -21,42 +19,18 @@ _NPY = re.compile(
     rb"'fortran_order': (?P<fortran>True|False), 'shape': \((?P<shape>[\d, ]*)\), \} *\n",
     re.DOTALL,
 )
-# What zipfile and its decompressors raise for damaged archives.
-_ARCHIVE_ERRORS = (
-    zipfile.BadZipFile,
-    zlib.error,
-    lzma.LZMAError,
-    struct.error,
-    EOFError,
-    KeyError,
-    OSError,
-    RuntimeError,
-    ValueError,
-)
-
-MAXIMUM_SIZE = 1 << 32
-"""Bytes that all arrays of a file may unpack to: a few megabytes of it can claim any memory."""
 
 
 def members(content: bytes) -> dict[str, bytes]:
     """Return the .npy files of an .npz by array name, their checksums compared; raises `ValueError`."""
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            size = sum(entry.file_size for entry in archive.infolist())
-            if size > MAXIMUM_SIZE:
-                raise ValueError(f"it would unpack to {size / 1e9:.3g} GB, expected at most {MAXIMUM_SIZE / 1e9:.3g}")
-            return {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
-    except _ARCHIVE_ERRORS as error:
-        raise ValueError(str(error)) from error
+    return {name.removesuffix(".npy"): entry for name, entry in unpacked(content).items()}
 
 
-def names(path: Path) -> frozenset[str]:
-    """Return what the arrays of an .npz file are called, without reading them; empty where it is no such file."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return frozenset(name.removesuffix(".npy") for name in archive.namelist())
-    except _ARCHIVE_ERRORS:
-        return frozenset()
+def encode(arrays: Mapping[str, Any]) -> bytes:
+    """Return an uncompressed .npz file without pickled objects: the same bytes for the same arrays."""
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **dict(arrays))
+    return buffer.getvalue()
 
 
 def array(name: str, content: bytes, kinds: str) -> np.ndarray:

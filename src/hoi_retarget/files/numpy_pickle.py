@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from hoi_retarget.files.archive import MAXIMUM_SIZE
 from hoi_retarget.files.safe_pickle import Class, Function, Names, RefusedError, StandIn, Unpickler, plain, refusals
 
-MAXIMUM_SIZE = 1 << 32
-"""Bytes that a compressed file may unpack to."""
 COMPRESSED = b"\x78"
 """How joblib's compressed pickles begin."""
 _KINDS = "biufU"

@@ -8,6 +8,7 @@ from typing import Any
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.files import npz
+from hoi_retarget.files.archive import entry_names
 from hoi_retarget.files.numpy_pickle import parse_pickle
 from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.files.torch_file import parse_torch
@@ -61,7 +62,7 @@ class SourceFile:
     @cached_property
     def array_names(self) -> frozenset[str]:
         """What the arrays of an `.npz` file are called, without reading them; empty where it is no such file."""
-        return npz.names(self.path)
+        return frozenset(name.removesuffix(".npy") for name in entry_names(self.path))
 
     @cached_property
     def torch(self) -> Any:

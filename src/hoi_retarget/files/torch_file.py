@@ -5,15 +5,12 @@ plain one (pickles, then each storage behind its length), both as `torch/seriali
 holds a whole file of the older format for each storage.
 """
 
-import io
 import pickletools
-import struct
-import zipfile
-import zlib
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from hoi_retarget.errors import ReadError
+from hoi_retarget.files.archive import unpacked
 from hoi_retarget.files.numpy_pickle import ARRAYS, unpickle
 from hoi_retarget.files.safe_pickle import Function, Names, RefusedError, Unpickler, plain, refusals
 from hoi_retarget.files.torch_pickle import TENSORS, Storage, Storages
@@ -100,64 +97,30 @@ def _first_import(content: bytes) -> str:
 
 def _parse_archive(content: bytes) -> Any:
     try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            entries = _archive_entries(archive, len(content))
-            prefix = _archive_prefix(entries)
-            byte_order = _byte_order(archive, entries.get(f"{prefix}/byteorder"))
-            storages = Storages()
-            value = Unpickler(
-                _entry_bytes(archive, entries[f"{prefix}/data.pkl"]), TENSORS, refer=storages.refer
-            ).next()
-            for key, storage in storages.items():
-                entry = entries.get(f"{prefix}/data/{key}")
-                if entry is None:
-                    raise RefusedError(f"a tensor's storage {key[:80]!r} is not in the archive")
-                if storage.size > entry.file_size:
-                    raise RefusedError(
-                        f"storage {key[:80]!r} should hold {storage.count} elements of {storage.kind.item_size} bytes, "
-                        f"but the archive has {entry.file_size} bytes for it"
-                    )
-                storage.fill(_entry_bytes(archive, entry)[: storage.size], byte_order)
-            return value
-    # zipfile raises all of these on damaged archives; RuntimeError is its word for encryption.
-    except (
-        zipfile.BadZipFile,
-        zlib.error,
-        struct.error,
-        EOFError,
-        OSError,
-        ValueError,
-        KeyError,
-        NotImplementedError,
-        RuntimeError,
-        OverflowError,
-    ) as error:
-        raise RefusedError(f"the archive is damaged or cut off ({error})") from error
+        entries = unpacked(content, stored=True)
+    except ValueError as error:
+        raise RefusedError(str(error)) from error
+    prefix = _archive_prefix(entries)
+    # Archives from before torch 2.1 do not say; they are little endian on all machines in use.
+    order = entries.get(f"{prefix}/byteorder", b"little")
+    if order not in (b"little", b"big"):
+        raise RefusedError(f"its byte order is {order[:16]!r}, expected b'little' or b'big'")
+    storages = Storages()
+    value = Unpickler(entries[f"{prefix}/data.pkl"], TENSORS, refer=storages.refer).next()
+    for key, storage in storages.items():
+        raw = entries.get(f"{prefix}/data/{key}")
+        if raw is None:
+            raise RefusedError(f"a tensor's storage {key[:80]!r} is not in the archive")
+        if storage.size > len(raw):
+            raise RefusedError(
+                f"storage {key[:80]!r} should hold {storage.count} elements of {storage.kind.item_size} bytes, "
+                f"but the archive has {len(raw)} bytes for it"
+            )
+        storage.fill(raw[: storage.size], "<" if order == b"little" else ">")
+    return value
 
 
-def _archive_entries(archive: zipfile.ZipFile, available: int) -> dict[str, zipfile.ZipInfo]:
-    entries: dict[str, zipfile.ZipInfo] = {}
-    for entry in archive.infolist():
-        parts = entry.filename.replace("\\", "/").split("/")
-        if ".." in parts or parts[0] == "":
-            raise RefusedError(f"the archive's entry {entry.filename!r} points outside of the archive")
-        if entry.filename in entries:
-            raise RefusedError(f"the archive holds {entry.filename!r} twice")
-        entries[entry.filename] = entry
-    # Entries that overlap could otherwise multiply a small file into any amount of memory.
-    if sum(entry.compress_size for entry in entries.values()) > available:
-        raise RefusedError("the archive's entries claim more bytes than the file has")
-    return entries
-
-
-def _entry_bytes(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
-    # What is not compressed cannot unpack to more than the file has.
-    if entry.compress_type != zipfile.ZIP_STORED or entry.file_size != entry.compress_size:
-        raise RefusedError(f"the archive's entry {entry.filename[:80]!r} is compressed, which torch does not do")
-    return archive.read(entry)
-
-
-def _archive_prefix(entries: dict[str, zipfile.ZipInfo]) -> str:
+def _archive_prefix(entries: dict[str, bytes]) -> str:
     prefixes = [name.removesuffix("/data.pkl") for name in entries if name.endswith("/data.pkl")]
     if len(prefixes) != 1:
         shown = ", ".join(repr(name[:60]) for name in list(entries)[:5]) or "nothing"
@@ -166,14 +129,6 @@ def _archive_prefix(entries: dict[str, zipfile.ZipInfo]) -> str:
             f"it holds {shown}"
         )
     return prefixes[0]
-
-
-def _byte_order(archive: zipfile.ZipFile, entry: zipfile.ZipInfo | None) -> Literal["<", ">"]:
-    # Archives from before torch 2.1 do not say; they are little endian on all machines in use.
-    text = b"little" if entry is None else _entry_bytes(archive, entry)
-    if text not in (b"little", b"big"):
-        raise RefusedError(f"its byte order is {text[:16]!r}, expected b'little' or b'big'")
-    return "<" if text == b"little" else ">"
 
 
 def _parse_legacy(content: bytes) -> tuple[Any, int]:

@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from hoi_retarget.errors import ArgumentError
+from hoi_retarget.files import npz
 from hoi_retarget.motion.contacts import contact_arrays
 from hoi_retarget.motion.formats import WRITABLE, Format
+from hoi_retarget.motion.formats.containers import to_json
 from hoi_retarget.motion.formats.dataset import NAME as DATASET
-from hoi_retarget.motion.formats.encoding import to_json, to_npz
-from hoi_retarget.motion.formats.format import ResampledMotion
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.resample import resample
 from hoi_retarget.motion.result import Result
@@ -61,16 +61,16 @@ def export(
             f"robot: {', '.join(other.name for other in WRITABLE.values() if not other.robots)}, {DATASET}."
         )
     chosen = _object(motion, format, object_name)
-    trajectory = resample(motion, model, format.fps if fps is None else fps)
-    contacts = contact_arrays(motion, model, trajectory, result.surfaces)
-    resampled = ResampledMotion(motion, model, trajectory, contacts, chosen)
+    resampled = resample(motion, model, format.fps if fps is None else fps, chosen)
+    contacts = contact_arrays(resampled, result.surfaces)
     assert format.write is not None
     written = format.write(resampled)
-    files = {f"{name}{suffix}": content for suffix, content in written.files.items()}
+    contents = format.container.encode({**written.values, **(contacts if format.contacts_inside else {})})
+    files = {f"{name}{suffix}": content for suffix, content in contents.items()}
     if not format.contacts_inside:
-        files[f"{name}.contacts.npz"] = to_npz(contacts)
+        files[f"{name}.contacts.npz"] = npz.encode(contacts)
     files[f"{name}.meta.json"] = to_json(describe(result, resampled, format, written, list(files)))
-    return Exported(files, trajectory.fps, trajectory.frames, written.notes)
+    return Exported(files, resampled.fps, resampled.frames, written.notes)
 
 
 def _object(motion: Motion, format: Format, name: str | None) -> int | None:

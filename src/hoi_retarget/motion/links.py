@@ -1,4 +1,4 @@
-"""Where all bodies of a robot are and how they move, over a whole trajectory.
+"""Where all bodies of a robot are and how they move, over a whole motion.
 
 Formats differ in the point whose linear velocity they store: MuJoCo's link frame has its origin at
 the joint, simulators built on PhysX tell the velocity of the centre of mass.
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from hoi_retarget.motion.trajectory import Trajectory
+from hoi_retarget.motion.resample import ResampledMotion
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.robots.model import Kinematics, RobotModel
@@ -32,15 +32,15 @@ class LinkStates:
     """[rad/s]"""
 
 
-def link_states(model: RobotModel, trajectory: Trajectory) -> LinkStates:
+def link_states(motion: ResampledMotion) -> LinkStates:
     """Return poses and velocities of all bodies, by forward kinematics."""
-    kinematics = model.forward(trajectory.qpos)
-    bodies = model.bodies
-    angular, linear = _node_twists(kinematics, trajectory)
+    kinematics = motion.model.forward(motion.qpos)
+    bodies = motion.model.bodies
+    angular, linear = _node_twists(kinematics, motion)
     turn = kinematics.node_rotation[:, :, bodies.nodes]
     lever = np.einsum("ijkt,jk->ikt", turn, bodies.positions)
     rotation = np.einsum("ijkt,jlk->ilkt", turn, bodies.rotations)
-    to_com = np.einsum("ijkt,jk->ikt", rotation, model.inertias.centres.T)
+    to_com = np.einsum("ijkt,jk->ikt", rotation, motion.model.inertias.centres.T)
     spin = angular[:, bodies.nodes]
     velocity = linear[:, bodies.nodes] + np.cross(spin, lever, axis=0)
     quat = se3.quat_continuous(se3.matrix_to_quat(rotation.transpose(3, 2, 0, 1)))
@@ -64,13 +64,13 @@ def breadth_first(model: RobotModel) -> tuple[Int[np.ndarray, "B"], Int[np.ndarr
     return np.argsort(depth[model.bodies.nodes], kind="stable"), hinges
 
 
-def _node_twists(kinematics: Kinematics, trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+def _node_twists(kinematics: Kinematics, motion: ResampledMotion) -> tuple[np.ndarray, np.ndarray]:
     """Return every node's angular velocity and that of its origin, (3, N, T)."""
     model, position = kinematics.model, kinematics.node_position
     angular, linear = np.empty_like(position), np.empty_like(position)
-    angular[:, 0], linear[:, 0] = trajectory.root_ang_vel.T, trajectory.root_lin_vel.T
+    angular[:, 0], linear[:, 0] = motion.root_ang_vel.T, motion.root_lin_vel.T
     axes = np.einsum("ijkt,jk->ikt", kinematics.node_rotation[:, :, 1:], model.axes)
-    turning = axes * trajectory.joint_vel.T
+    turning = axes * motion.joint_vel.T
     for hinges in model.levels:
         parents = model.parents[hinges]
         lever = position[:, hinges + 1] - position[:, parents]

@@ -1,4 +1,4 @@
-"""From a motion to a trajectory at any rate, with velocities that integrate to it.
+"""A motion at any rate, with velocities that integrate to it.
 
 Positions and joints follow cubic splines through the motion's frames. A rotation follows the cubic
 spline of its quaternion, scaled back to unit length: it meets every frame, its angular velocity is
@@ -7,6 +7,7 @@ of these same paths. At the motion's own rate, positions and rotations are its o
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,7 +15,6 @@ from scipy.interpolate import CubicSpline
 
 from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.motion.trajectory import Trajectory
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 
@@ -22,8 +22,58 @@ HIGHEST_RATE = 1000.0  # [frames/s]; what asks for more is a slip of the keyboar
 _ROUNDING = 1e-6  # Of a frame: what is that near to a frame is that frame.
 
 
-def resample(motion: Motion, model: RobotModel, fps: float | None = None) -> Trajectory:
-    """Return a motion at `fps` frames a second, by default its own.
+@dataclass(frozen=True, eq=False)
+class ResampledMotion:
+    """A robot and its objects at the rate of an export; T frames, O objects, C contact links, n joints.
+
+    Velocities are derivatives of the paths that positions and rotations are taken from, all in the
+    world's axes.
+    """
+
+    motion: Motion
+    model: RobotModel
+    fps: float
+    qpos: Float[np.ndarray, "T nq"]
+    """Root position [m], root rotation wxyz, joints [rad]."""
+    root_lin_vel: Float[np.ndarray, "T 3"]
+    """Of the root's origin [m/s]."""
+    root_ang_vel: Float[np.ndarray, "T 3"]
+    """[rad/s]"""
+    joint_vel: Float[np.ndarray, "T n"]
+    """[rad/s]"""
+    object_pos: Float[np.ndarray, "T O 3"]
+    object_quat: Float[np.ndarray, "T O 4"]
+    object_lin_vel: Float[np.ndarray, "T O 3"]
+    """Of the objects' origins [m/s]."""
+    object_ang_vel: Float[np.ndarray, "T O 3"]
+    contact_flags: Bool[np.ndarray, "T C"]
+    contact_object: Int[np.ndarray, "T C"]
+    """Index of the touched object, -1 for none."""
+    contact_points: Float[np.ndarray, "T C 3"]
+    """In the frame of the scaled object [m]; NaN where nothing is touched."""
+    stance_flags: Bool[np.ndarray, "T 2"]
+    object: int | None = None
+    """Index of the object that goes into a format's one place for it; None where there is no object."""
+
+    @property
+    def frames(self) -> int:
+        """Number of frames T."""
+        return len(self.qpos)
+
+    @property
+    def rate(self) -> int | float:
+        """Frames a second, as the whole number that they are in most files."""
+        return int(self.fps) if float(self.fps).is_integer() else float(self.fps)
+
+    @property
+    def object_name(self) -> str:
+        """Name of the object in the format's one place for it, which must be filled."""
+        assert self.object is not None
+        return self.motion.object_names[self.object]
+
+
+def resample(motion: Motion, model: RobotModel, fps: float | None = None, object: int | None = None) -> ResampledMotion:
+    """Return a motion at `fps` frames a second, by default its own, for a format with a place for this object.
 
     It begins with the motion's first frame and ends with its last one, or less than one new frame
     before it. Where a spline between two frames leaves a joint's range, the joint stays at the
@@ -46,8 +96,10 @@ def resample(motion: Motion, model: RobotModel, fps: float | None = None) -> Tra
     object_pos, object_lin_vel = _curve(motion.object_pos, place, motion.fps)
     object_quat, object_ang_vel = _turning(motion.object_quat, place, motion.fps)
     nearest = np.floor(place + 0.5).astype(int)
-    return Trajectory(
-        fps=fps,
+    return ResampledMotion(
+        motion,
+        model,
+        fps,
         qpos=motion.qpos if at_frames else np.concatenate([root_pos, root_quat, joints], axis=1),
         root_lin_vel=root_lin_vel,
         root_ang_vel=root_ang_vel,
@@ -60,6 +112,7 @@ def resample(motion: Motion, model: RobotModel, fps: float | None = None) -> Tra
         contact_object=motion.contact_object[nearest],
         contact_points=_contact_points(motion, place, nearest),
         stance_flags=motion.stance_flags[nearest],
+        object=object,
     )
 
 

@@ -18,19 +18,6 @@ from hoi_retarget.robots.model import RobotModel
 UNKNOWN = "unknown"
 
 
-@dataclass(frozen=True)
-class ResultSource:
-    """What a result was made from, by its report; `unknown` or empty where it does not say."""
-
-    name: str
-    """The recording's file name without its folders, or what a built-in clip is called."""
-    format: str
-    sha256: str
-    licence: str
-    augmentation: Mapping[str, Any]
-    """Whether it was mirrored, and at which speed; empty where it is as recorded."""
-
-
 @dataclass(frozen=True, eq=False)
 class Result:
     """One result file: its name without folder and suffix, its bytes' hash, and what it holds.
@@ -56,18 +43,10 @@ class Result:
         if absent:
             raise ClipError(f"its contact links {', '.join(absent)} are no sites of {model.spec.name}. Run it again.")
 
-    @cached_property
-    def source(self) -> ResultSource:
-        """What it was made from."""
-        told = self.motion.report.source
-        # Folders of whoever ran it are nobody else's business.
-        return ResultSource(
-            name=PureWindowsPath(told.path).name or UNKNOWN,
-            format=_text(told.format),
-            sha256=_text(told.sha256),
-            licence=_text(told.licence) or UNKNOWN,
-            augmentation=asdict(told.augmentation),
-        )
+    @property
+    def licence(self) -> str:
+        """Terms of the recording that it was made from; `unknown` where its report names none."""
+        return _text(self.motion.report.source.licence) or UNKNOWN
 
     @cached_property
     def geometries(self) -> Mapping[str, ObjectGeometry]:
@@ -98,10 +77,15 @@ class Result:
 
     def origin(self) -> dict[str, Any]:
         """Return where an export of it comes from as plain values."""
-        motion = self.motion
+        motion, source = self.motion, self.motion.report.source
         return {
             "source": {
-                **asdict(self.source),
+                # Folders of whoever ran it are nobody else's business.
+                "name": PureWindowsPath(source.path).name or UNKNOWN,
+                "format": _text(source.format),
+                "sha256": _text(source.sha256),
+                "licence": self.licence,
+                "augmentation": asdict(source.augmentation),
                 "person": motion.person,
                 "first_source_frame": motion.first_source_frame,
             },
@@ -110,6 +94,6 @@ class Result:
         }
 
 
-def _text(value: Any) -> str:
-    """Return an entry of a report as text; question marks stand for what no text can hold."""
-    return "" if value is None else str(value).encode("utf-8", "replace").decode()
+def _text(value: str) -> str:
+    """Return a text of a report with question marks for what no file can hold, such as half a character."""
+    return value.encode("utf-8", "replace").decode()

@@ -3,7 +3,6 @@
 Body poses are derived from `qpos` by forward kinematics and never stored.
 """
 
-import io
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, fields
@@ -52,9 +51,7 @@ def encode(motion: Motion) -> bytes:
         "human_height": np.float64(motion.human_height),
         "report": np.str_(json.dumps(report, allow_nan=False, default=_plain)),
     }
-    buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **values)
-    return buffer.getvalue()
+    return npz.encode(values)
 
 
 def _plain(value: Any) -> Any:

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
-from hoi_retarget.motion.formats.format import Format, ResampledMotion, Written
+from hoi_retarget.motion.formats.format import Format, Written
+from hoi_retarget.motion.resample import ResampledMotion
 from hoi_retarget.motion.result import Result
 
 UNITS = {"length": "m", "angle": "rad", "time": "s"}
@@ -13,16 +14,16 @@ def describe(
     result: Result, resampled: ResampledMotion, format: Format, written: Written, files: Sequence[str]
 ) -> dict[str, Any]:
     """Return the sidecar's content as plain values, without folders of the machine it was made on."""
-    motion, trajectory = result.motion, resampled.trajectory
+    motion, model = result.motion, result.model
     return {
         "format": format.name,
         "read_by": format.title,
         "files": list(files),
         "robot": motion.robot,
-        "fps": trajectory.fps,
-        "frames": trajectory.frames,
-        "seconds": (trajectory.frames - 1) / trajectory.fps,
-        "joint_names": list(written.joint_names),
+        "fps": resampled.fps,
+        "frames": resampled.frames,
+        "seconds": (resampled.frames - 1) / resampled.fps,
+        "joint_names": list(written.joint_names or model.joint_names),
         "body_names": list(written.body_names),
         "quaternions": format.convention.quat_order,
         "linear_velocity_of": format.linear_velocity_of,

@@ -1,12 +1,13 @@
 """Findings about bodies: in which order and convention they are, and whether joints and root agree with them."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.motion.check.body_poses import BodyReading, body_readings, claimed_places, fit_tree, implied_angles
-from hoi_retarget.motion.check.finding import Finding
+from hoi_retarget.motion.check.finding import Check, Finding
 from hoi_retarget.motion.check.interpretation import Interpretation, joint_deviations, rotation_deviations
 from hoi_retarget.motion.check.layout import UNIT_TOLERANCE, Layout, off_unit
 from hoi_retarget.motion.formats import Bodies, MotionFile, beyondmimic, mjlab
@@ -36,29 +37,30 @@ class FoundBodies:
 
 def read_bodies(
     file: MotionFile, bodies: Bodies, model: RobotModel, layout: Layout, claim: Interpretation
-) -> tuple[FoundBodies | None, list[Finding]]:
-    """Return how bodies and joints are to be read, None where the bodies do not tell, with what was found."""
+) -> Check[FoundBodies | None]:
+    """Return how bodies and joints are to be read, None where the bodies do not tell."""
     places = claimed_places(model, file.body_names, bodies.pos.shape[1])
     if model.body_names[0] not in places or len(places) < 3:
         says = f"{bodies.pos.shape[1]} bodies without names" if file.body_names is None else "other names"
         expected = f"{len(model.body_names)} bodies of {model.spec.name}"
-        return None, [Finding("unknown", "body order", expected, f"the file has {says}: not compared")]
+        yield Finding("unknown", "body order", expected, f"the file has {says}: not compared")
+        return None
     off = off_unit(bodies.quat[:, list(places.values())])
     if off > UNIT_TOLERANCE:
         says = f"their lengths differ from 1 by up to {off:.2g}"
         advice = "Normalize the quaternions, or write them at all."
-        return None, [Finding("contradiction", "quaternion order", "unit quaternions", says, advice, "poses")]
-    there, findings = _fitting(model, bodies, list(body_readings(model, places, claim, bodies.pos)), file)
+        yield Finding("contradiction", "quaternion order", "unit quaternions", says, advice, "poses")
+        return None
+    there = yield from _fitting(model, bodies, list(body_readings(model, places, claim, bodies.pos)), file)
     if there.reading.metres != 1.0:
-        findings.append(_unit(there.reading.metres))
+        yield _unit(there.reading.metres)
     implied = implied_angles(model, there, bodies.pos, bodies.quat)
-    reading, format_name, more = _joints(file, model, layout, there, implied)
-    findings += more
+    reading, format_name = yield from _joints(file, model, layout, there, implied)
     root = there.places[model.body_names[0]]
     found = FoundBodies(there, reading, bodies.pos[:, root], bodies.quat[:, root], format_name)
     if layout.pos is not None and layout.quat is not None:
-        findings += _root(found, layout.pos, layout.quat)
-    return found, findings
+        yield _root(found, layout.pos, layout.quat)
+    return found
 
 
 def _unit(metres: float) -> Finding:
@@ -66,9 +68,7 @@ def _unit(metres: float) -> Finding:
     return Finding("contradiction", "length unit", "metres", says, f"Multiply positions by {metres:g}.", "poses")
 
 
-def _fitting(
-    model: RobotModel, bodies: Bodies, readings: list[BodyReading], file: MotionFile
-) -> tuple[BodyReading, list[Finding]]:
+def _fitting(model: RobotModel, bodies: Bodies, readings: list[BodyReading], file: MotionFile) -> Check[BodyReading]:
     fits = [fit_tree(model, there, bodies.pos, bodies.quat) for there in readings]
     # Where both orders are in use, neither contradicts the claim.
     open_order = file.convention.order is None
@@ -79,45 +79,43 @@ def _fitting(
         other = by_fit[0]
         if fits[other].penalty < _PART * fits[best].penalty:
             says = f"{fits[other]}; as claimed {fits[best]}"
-            return readings[other], _contradictions(readings[other], readings[best], says)
+            yield from _contradictions(readings[other], readings[best], says)
+            return readings[other]
         says = f"{fits[best]} in the best of {len(fits)} readings"
         advice = "Are these bodies of this robot? Name another --robot."
-        return readings[best], [
-            Finding("contradiction", "bodies", f"bodies of {model.spec.name}", says, advice, "poses")
-        ]
+        yield Finding("contradiction", "bodies", f"bodies of {model.spec.name}", says, advice, "poses")
+        return readings[best]
     there = readings[best]
     order = there.order or ("as the file names them" if file.body_names else "in MuJoCo's depth-first order")
     claim = f"quaternions {there.reading.quat_order}, bodies {order}"
     alternative = min((fit.penalty, str(fit)) for index, fit in enumerate(fits) if index != best)[1]
-    return there, [Finding("ok", "bodies", claim, f"{fits[best]}; in the next best reading {alternative}")]
+    yield Finding("ok", "bodies", claim, f"{fits[best]}; in the next best reading {alternative}")
+    return there
 
 
 def _is_legal(there: BodyReading, claimed: BodyReading) -> bool:
     return there.order.startswith("in ") and replace(there.reading, metres=1.0) == replace(claimed.reading, metres=1.0)
 
 
-def _contradictions(found: BodyReading, claim: BodyReading, says: str) -> list[Finding]:
+def _contradictions(found: BodyReading, claim: BodyReading, says: str) -> Iterator[Finding]:
     changed = {
         "quaternion order": found.reading.quat_order != claim.reading.quat_order,
         "quaternion inverse": found.reading.inverted != claim.reading.inverted,
     }
-    findings = [
-        (item.subject, f"the bodies' quaternions are {item.is_}", item.advice)
-        for item in rotation_deviations(claim.reading)
-        if changed[item.subject]
-    ]
+    demand = "read as the format demands"
+    for item in rotation_deviations(claim.reading):
+        if changed[item.subject]:
+            what = f"the bodies' quaternions are {item.is_}: {says}"
+            yield Finding("contradiction", item.subject, demand, what, item.advice, "poses")
     if found.order != claim.order and found.order:
-        findings.append(("body order", f"the bodies are {found.order}", "Reorder the bodies."))
-    return [
-        Finding("contradiction", subject, "read as the format demands", f"{what}: {says}", advice, "poses")
-        for subject, what, advice in findings
-    ]
+        what = f"the bodies are {found.order}: {says}"
+        yield Finding("contradiction", "body order", demand, what, "Reorder the bodies.", "poses")
 
 
 def _joints(
     file: MotionFile, model: RobotModel, layout: Layout, there: BodyReading, implied: np.ndarray
-) -> tuple[Interpretation, str, list[Finding]]:
-    """Return how the joints are to be read, what the format is, and how they compare with the bodies."""
+) -> Check[tuple[Interpretation, str]]:
+    """Return how the joints are to be read, by what the bodies imply, and what the format is."""
     known = np.isfinite(implied).all(axis=0) & (np.array(there.reading.columns) >= 0)
 
     def errors(candidate: Interpretation) -> np.ndarray:
@@ -135,7 +133,8 @@ def _joints(
     base = errors(claimed)
     words = "as the bodies' poses imply"
     if base.max(initial=0.0) < _SAME_ANGLE:
-        return claimed, name, [Finding("ok", "joints", words, f"within {np.degrees(base.max(initial=0.0)):.2g} deg")]
+        yield Finding("ok", "joints", words, f"within {np.degrees(base.max(initial=0.0)):.2g} deg")
+        return claimed, name
     base = float(base.mean())
     candidates = [(float(errors(item.reading).mean()), item) for item in joint_deviations(claimed, model)]
     best, deviation = min(candidates, key=lambda pair: pair[0])
@@ -149,31 +148,29 @@ def _joints(
             words, subject = "joints and bodies in one order", "joint and body order"
             says = f"the bodies are in {order}-first order; {says}"
             advice = f"{DEPTH_FIRST} wants both in MuJoCo's depth-first order, {BREADTH_FIRST} both in Isaac Lab's."
-        return deviation.reading, name, [Finding("contradiction", subject, words, says, advice, "poses")]
-    reading, findings = _single_joints(model, layout, claimed, np.where(known, implied, np.nan))
-    return reading, name, findings
+        yield Finding("contradiction", subject, words, says, advice, "poses")
+        return deviation.reading, name
+    return (yield from _single_joints(model, layout, claimed, np.where(known, implied, np.nan))), name
 
 
 def _single_joints(
     model: RobotModel, layout: Layout, claimed: Interpretation, implied: Float[np.ndarray, "T n"]
-) -> tuple[Interpretation, list[Finding]]:
-    """Return which joints turn the other way round, and which are something else."""
+) -> Check[Interpretation]:
+    """Return the reading in which those joints are negated that turn the other way round."""
     angles = claimed.angles(layout.joint_pos)
     straight, turned = _rms(implied - angles), _rms(implied + angles)
     off = straight > _SAME_ANGLE
     negated = off & (turned < 0.2 * straight)
-    words, findings = "as the bodies' poses imply", []
+    words = "as the bodies' poses imply"
     if negated.any():
         names = ", ".join(np.array(model.joint_names)[negated])
-        findings.append(
-            Finding("contradiction", "joint sign", words, f"negated for {names}", f"Negate {names}.", "poses")
-        )
+        yield Finding("contradiction", "joint sign", words, f"negated for {names}", f"Negate {names}.", "poses")
     if (off & ~negated).any():
         wrong = (f"{model.joint_names[i]} by {np.degrees(straight[i]):.1f} deg" for i in np.flatnonzero(off & ~negated))
         advice = "Joints and bodies are of different motions or robots: write both from one configuration."
-        findings.append(Finding("contradiction", "joints", words, f"they differ: {', '.join(wrong)}", advice, "poses"))
+        yield Finding("contradiction", "joints", words, f"they differ: {', '.join(wrong)}", advice, "poses")
     signs = np.where(negated, -1.0, 1.0) * np.array(claimed.signs)
-    return replace(claimed, signs=tuple(signs.tolist())), findings
+    return replace(claimed, signs=tuple(signs.tolist()))
 
 
 def _rms(difference: Float[np.ndarray, "T k"]) -> Float[np.ndarray, "k"]:
@@ -181,7 +178,7 @@ def _rms(difference: Float[np.ndarray, "T k"]) -> Float[np.ndarray, "k"]:
     return np.sqrt(np.mean(difference**2, axis=0))
 
 
-def _root(found: FoundBodies, pos: np.ndarray, quat: np.ndarray) -> list[Finding]:
+def _root(found: FoundBodies, pos: np.ndarray, quat: np.ndarray) -> Finding:
     """Compare the root's own columns with the pose of the root's body."""
     base = replace(found.reading, quat_order="wxyz", inverted=False)
     body_pos, body_quat = found.reading.position(found.pos), found.reading.rotation(found.quat)
@@ -190,10 +187,10 @@ def _root(found: FoundBodies, pos: np.ndarray, quat: np.ndarray) -> list[Finding
     claim = "the root's pose is that of its body"
     says = f"{1000 * moved:.2g} mm and {np.degrees(turned):.2g} deg apart"
     if moved < _SAME_PLACE and turned < _SAME_TURN:
-        return [Finding("ok", "root", claim, says)]
+        return Finding("ok", "root", claim, says)
     for deviation in rotation_deviations(base):
         if float(np.median(se3.angle_between(deviation.reading.rotation(quat), body_quat))) < 0.2 * turned:
             says = f"the root's quaternions are {deviation.is_}: {np.degrees(turned):.2g} deg apart as claimed"
-            return [Finding("contradiction", deviation.subject, claim, says, deviation.advice, "poses")]
+            return Finding("contradiction", deviation.subject, claim, says, deviation.advice, "poses")
     advice = "Write the root and the bodies from one configuration."
-    return [Finding("contradiction", "root", claim, says, advice, "poses")]
+    return Finding("contradiction", "root", claim, says, advice, "poses")

@@ -7,12 +7,13 @@ from jaxtyping import Float
 
 from hoi_retarget.motion.check.bodies import FoundBodies, read_bodies
 from hoi_retarget.motion.check.continuity import check_continuity
-from hoi_retarget.motion.check.finding import Finding, contradictions
+from hoi_retarget.motion.check.finding import Finding, contradictions, noted
 from hoi_retarget.motion.check.ground import check_floor, check_ranges
 from hoi_retarget.motion.check.interpretation import Interpretation
 from hoi_retarget.motion.check.layout import UNIT_TOLERANCE, Layout, lay_out, off_unit
-from hoi_retarget.motion.check.objects import ObjectPath, Surroundings, check_object
-from hoi_retarget.motion.check.search import Poses, find_reading, find_up_axis, undecided
+from hoi_retarget.motion.check.objects import ObjectPath, check_object
+from hoi_retarget.motion.check.search import Poses, find_reading, undecided
+from hoi_retarget.motion.check.surroundings import Surroundings
 from hoi_retarget.motion.check.velocities import check_velocities
 from hoi_retarget.motion.formats import Bodies, MotionFile, ObjectPoses
 from hoi_retarget.robots.model import RobotModel
@@ -46,31 +47,30 @@ class CheckedMotion:
 
 def check(file: MotionFile, model: RobotModel) -> CheckedMotion:
     """Return what a file is and what contradicts what it claims."""
-    layout, findings = lay_out(file, model)
+    findings: list[Finding] = []
+    layout = noted(lay_out(file, model), findings)
     columns = layout.columns or (-1,) * model.n
     claim = Interpretation(columns, (1.0,) * model.n, quat_order=file.convention.quat_order)
     found: FoundBodies | None = None
     if file.bodies is not None:
-        found, more = read_bodies(file, file.bodies, model, layout, claim)
-        findings += more
+        found = noted(read_bodies(file, file.bodies, model, layout, claim), findings)
     pos, quat = (found.pos, found.quat) if found is not None else _root(file, layout)
     fps = file.fps or file.convention.usual_fps or _ASSUMED_FPS
     reading, qpos = found.reading if found is not None else claim, None
     if layout.columns is not None and pos is not None and quat is not None:
         poses = Poses(model, pos, quat, layout.joint_pos, fps)
-        reading, more = (find_up_axis if found is not None else find_reading)(poses, reading)
-        findings += more
+        reading = noted(find_reading(poses, reading, known=found is not None), findings)
         if found is None and not contradictions(findings):
             findings += undecided(poses, reading)
         qpos = reading.qpos(pos, quat, layout.joint_pos)
-    implied, more = check_velocities(file, reading, _moving(file, layout, found))
-    findings += more
-    paths: list[ObjectPath] = []
+    implied = noted(check_velocities(file, reading, _moving(file, layout, found)), findings)
+    paths: list[ObjectPath | None] = []
     if qpos is not None:
-        findings += [*check_floor(model, qpos), *check_ranges(model, qpos)]
-        findings += check_continuity(model, qpos, implied or fps)
-        paths, more = _objects(file, Surroundings(model, qpos, reading, file.convention, implied or fps), found)
-        findings += more
+        around = Surroundings(model, qpos, reading, file.convention, implied or fps)
+        for check_motion in (check_floor, check_ranges, check_continuity):
+            findings += check_motion(around)
+        items = file.objects or _other_bodies(file, model, found)
+        paths += [noted(check_object(item, around), findings) for item in items]
     return CheckedMotion(
         path=file.path,
         robot=model.spec.name,
@@ -80,7 +80,7 @@ def check(file: MotionFile, model: RobotModel) -> CheckedMotion:
         implied_fps=implied,
         findings=tuple(findings),
         qpos=qpos,
-        objects=tuple(paths),
+        objects=tuple(path for path in paths if path is not None),
         missing_joints=tuple(name for name, column in zip(model.joint_names, columns, strict=True) if column < 0),
     )
 
@@ -109,17 +109,6 @@ def _moving(file: MotionFile, layout: Layout, found: FoundBodies | None) -> list
             lin, ang = (None if values is None else values[:, None] for values in (item.lin_vel, item.ang_vel))
             moving.append((item.name, Bodies(pos, quat, lin, ang)))
     return moving
-
-
-def _objects(
-    file: MotionFile, around: Surroundings, found: FoundBodies | None
-) -> tuple[list[ObjectPath], list[Finding]]:
-    paths, findings = [], []
-    for item in file.objects or _other_bodies(file, around.model, found):
-        path, more = check_object(item, around)
-        findings += more
-        paths += [path] if path is not None else []
-    return paths, findings
 
 
 def _other_bodies(file: MotionFile, model: RobotModel, found: FoundBodies | None) -> list[ObjectPoses]:

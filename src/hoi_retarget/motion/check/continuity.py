@@ -1,9 +1,12 @@
 """Findings about time: frames that are repeated, and jumps between neighbours."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget.motion.check.finding import Finding
+from hoi_retarget.motion.check.surroundings import Surroundings
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import describe_frames, runs
 from hoi_retarget.robots.model import RobotModel
@@ -17,19 +20,21 @@ _LEAST_JOINT, _LEAST_ROOT, _LEAST_TURN = 0.15, 0.06, 0.15
 """Smaller steps are no jumps [rad, m, rad]."""
 
 
-def check_continuity(model: RobotModel, qpos: Float[np.ndarray, "T nq"], fps: float | None) -> list[Finding]:
-    """Return what is wrong with the steps from frame to frame."""
+def check_continuity(around: Surroundings) -> Iterator[Finding]:
+    """Yield what is wrong with the steps from frame to frame."""
+    model, qpos = around.model, around.qpos
     root = np.linalg.norm(np.diff(qpos[:, :3], axis=0), axis=1)
     turn = se3.angle_between(qpos[:-1, 3:7], qpos[1:, 3:7])
     joints = np.abs(np.diff(qpos[:, 7:], axis=0))
     whole = root + turn + joints.max(axis=1, initial=0.0)
-    findings = [*_frozen(whole), *_jumps(model, np.column_stack([root, turn, joints]))]
-    if fps is not None:
-        findings += _speeds(model, joints * fps)
-    return findings or [Finding("ok", "continuity", "one movement", "no repeated frames, no jumps")]
+    steps = np.column_stack([root, turn, joints])
+    findings = [_frozen(whole), _jumps(model, steps), _speeds(model, joints * around.fps)]
+    if not any(findings):
+        yield Finding("ok", "continuity", "one movement", "no repeated frames, no jumps")
+    yield from filter(None, findings)
 
 
-def _frozen(step: Float[np.ndarray, "steps"]) -> list[Finding]:
+def _frozen(step: Float[np.ndarray, "steps"]) -> Finding | None:
     still = step < _SAME
     found = []
     for first, stop in runs(still):
@@ -42,14 +47,14 @@ def _frozen(step: Float[np.ndarray, "steps"]) -> list[Finding]:
         if around > 0.3 * usual and around > 1e-3:
             found.append((first, stop))
     if not found:
-        return []
+        return None
     frames = np.concatenate([np.arange(first + 1, stop + 1) for first, stop in found])
     says = f"{describe_frames(frames)} repeat the one before, in the middle of a movement"
     advice = "Remove or interpolate them; was the motion resampled by repeating frames?"
-    return [Finding("contradiction", "repeated frames", "one movement", says, advice, "rate")]
+    return Finding("contradiction", "repeated frames", "one movement", says, advice, "rate")
 
 
-def _jumps(model: RobotModel, steps: Float[np.ndarray, "steps k"]) -> list[Finding]:
+def _jumps(model: RobotModel, steps: Float[np.ndarray, "steps k"]) -> Finding | None:
     """Return jumps of the root, its rotation, and the joints, a column each."""
     moving = ("the root", "the root's rotation", *model.joint_names)
     least = (_LEAST_ROOT, _LEAST_TURN, *(_LEAST_JOINT,) * model.n)
@@ -59,13 +64,13 @@ def _jumps(model: RobotModel, steps: Float[np.ndarray, "steps k"]) -> list[Findi
         for frame in np.flatnonzero(_outliers(step, limit))
     ]
     if not found:
-        return []
+        return None
     frames = np.unique([frame + 1 for frame, _ in found])
     names = list(dict.fromkeys(name for _, name in sorted(found)))
     shown = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
     says = f"jumps into {describe_frames(frames)}: {shown}; {_JUMP:g} times the steps around"
     advice = "Cut the clip there, or make it anew: a consumer would see enormous velocities."
-    return [Finding("contradiction", "jump", "one movement", says, advice, "poses")]
+    return Finding("contradiction", "jump", "one movement", says, advice, "poses")
 
 
 def _outliers(step: Float[np.ndarray, "steps"], least: float) -> Bool[np.ndarray, "steps"]:
@@ -80,12 +85,12 @@ def _outliers(step: Float[np.ndarray, "steps"], least: float) -> Bool[np.ndarray
     return (step > least) & (step > _JUMP * around)
 
 
-def _speeds(model: RobotModel, speeds: Float[np.ndarray, "steps n"]) -> list[Finding]:
+def _speeds(model: RobotModel, speeds: Float[np.ndarray, "steps n"]) -> Finding | None:
     ratio = speeds / model.speed_limits
     worst = np.unravel_index(int(ratio.argmax()), ratio.shape) if ratio.size else (0, 0)
     if not ratio.size or ratio[worst] <= 1.0:
-        return []
+        return None
     name = model.joint_names[int(worst[1])]
     says = f"{name} at {speeds[worst]:.1f} rad/s into frame {worst[0] + 1}"
     claim = f"its limit is {model.speed_limits[worst[1]]:.1f} rad/s"
-    return [Finding("note", "joint speed", claim, says, "Is the rate right? A robot cannot follow.")]
+    return Finding("note", "joint speed", claim, says, "Is the rate right? A robot cannot follow.")

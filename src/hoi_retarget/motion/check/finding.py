@@ -1,8 +1,8 @@
 """What was found in a file: what it claims, what its numbers say, what to do."""
 
-from collections.abc import Iterable
+from collections.abc import Generator, Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 Level = Literal["ok", "note", "unknown", "contradiction"]
 Spoils = Literal["poses", "rate", "velocities", "objects", "nothing"]
@@ -24,6 +24,20 @@ class Finding:
     """What to do; empty where there is nothing to do."""
     spoils: Spoils = "nothing"
     """What cannot be used as it is."""
+
+
+T = TypeVar("T")
+Check = Generator[Finding, None, T]
+"""Yields what it finds, and returns what the checks after it need."""
+
+
+def noted(check: Check[T], findings: list[Finding]) -> T:
+    """Run a check, add all that it finds, and return its value."""
+    while True:
+        try:
+            findings.append(next(check))
+        except StopIteration as end:
+            return end.value
 
 
 def contradictions(findings: Iterable[Finding]) -> tuple[Finding, ...]:

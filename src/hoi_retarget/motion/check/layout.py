@@ -1,11 +1,12 @@
 """Which column is what: the root's pose and the robot's joints in a file's columns."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.motion.check.finding import Finding
+from hoi_retarget.motion.check.finding import Check, Finding
 from hoi_retarget.motion.formats import MotionFile
 from hoi_retarget.robots.model import RobotModel
 
@@ -24,11 +25,11 @@ class Layout:
     quat: Float[np.ndarray, "T 4"] | None = None
 
 
-def lay_out(file: MotionFile, model: RobotModel) -> tuple[Layout, list[Finding]]:
-    """Return where the root and the joints are, and what contradicts the claim."""
-    layout, findings = _root(file)
-    columns, more = _columns(file, model, layout.joint_pos.shape[1])
-    return replace(layout, columns=columns), findings + more
+def lay_out(file: MotionFile, model: RobotModel) -> Check[Layout]:
+    """Return where the root and the joints are."""
+    layout = yield from _root(file)
+    columns = yield from _columns(file, model, layout.joint_pos.shape[1])
+    return replace(layout, columns=columns)
 
 
 def off_unit(quat: np.ndarray) -> float:
@@ -37,34 +38,35 @@ def off_unit(quat: np.ndarray) -> float:
         return float(np.abs(np.linalg.norm(quat, axis=-1) - 1.0).max())
 
 
-def _root(file: MotionFile) -> tuple[Layout, list[Finding]]:
+def _root(file: MotionFile) -> Check[Layout]:
     if file.root is None:
-        return Layout(file.joint_pos, None), []
+        return Layout(file.joint_pos, None)
     start = 0 if file.convention.root_order == "quat_pos" else 3
     flat = np.concatenate([file.root, file.joint_pos], axis=1)
     claim = f"{file.format} has the rotation in columns {start} to {start + 3} of the root"
     off = off_unit(flat[:, start : start + 4])
     if off < UNIT_TOLERANCE:
         says = f"these are unit quaternions within {off:.1g} in every frame"
-        return _split(flat, start), [Finding("ok", "root layout", claim, says)]
+        yield Finding("ok", "root layout", claim, says)
+        return _split(flat, start)
     unit = [column for column in range(flat.shape[1] - 3) if off_unit(flat[:, column : column + 4]) < UNIT_TOLERANCE]
     says = f"their lengths differ from 1 by up to {off:.2g}"
     if not unit:
         says += ", and no other four neighbouring columns are unit quaternions"
         advice = "Write the root's rotation as a unit quaternion."
-        return Layout(file.joint_pos, None), [Finding("contradiction", "root layout", claim, says, advice, "poses")]
+        yield Finding("contradiction", "root layout", claim, says, advice, "poses")
+        return Layout(file.joint_pos, None)
     found = unit[0]
     says += f"; columns {found} to {found + 3} are unit quaternions"
     if found in (0, 3):
         order = "rotation before position" if found == 0 else "position before rotation"
         advice = f"The root is {order}: exchange the two."
-        return _split(flat, found), [Finding("contradiction", "root order", claim, says, advice, "poses")]
+        yield Finding("contradiction", "root order", claim, says, advice, "poses")
+        return _split(flat, found)
     shift = found - start
     advice = f"All columns are shifted by {shift:+d}: remove or add what stands before them."
-    finding = Finding("contradiction", "shifted columns", claim, says, advice, "poses")
-    if shift < 0 or start == 0:
-        return Layout(file.joint_pos, None), [finding]
-    return _split(flat[:, shift:], start), [finding]
+    yield Finding("contradiction", "shifted columns", claim, says, advice, "poses")
+    return Layout(file.joint_pos, None) if shift < 0 or start == 0 else _split(flat[:, shift:], start)
 
 
 def _split(flat: np.ndarray, start: int) -> Layout:
@@ -73,27 +75,32 @@ def _split(flat: np.ndarray, start: int) -> Layout:
     return Layout(flat[:, 7:], None, pos, flat[:, start : start + 4])
 
 
-def _columns(file: MotionFile, model: RobotModel, count: int) -> tuple[tuple[int, ...] | None, list[Finding]]:
+def _columns(file: MotionFile, model: RobotModel, count: int) -> Check[tuple[int, ...] | None]:
     robot = f"{model.spec.name} has {model.n} joints"
     if file.joint_names is not None:
         missing = [name for name in model.joint_names if name not in file.joint_names]
         foreign = [name for name in file.joint_names if name not in model.joint_names]
         if len(missing) == model.n:
             says = f"none of the file's joint names is one of them: {', '.join(foreign[:4])}, ..."
-            return None, [Finding("contradiction", "joint count", robot, says, "Name another --robot.", "poses")]
-        return _places(model, file.joint_names), _missing(robot, missing, foreign)
+            yield Finding("contradiction", "joint count", robot, says, "Name another --robot.", "poses")
+            return None
+        yield from _missing(robot, missing, foreign)
+        return _places(model, file.joint_names)
     if count == model.n:
         says = f"the file has {count} columns of angles"
-        return tuple(range(count)), [Finding("ok", "joint count", robot, says)]
+        yield Finding("ok", "joint count", robot, says)
+        return tuple(range(count))
     part = file.convention.may_lack
     reduced = tuple(name for name in model.joint_names if part and part not in name)
     if reduced and count == len(reduced):
         says = f"the file has {count}, which are all but the {part}s"
         advice = f"{part.capitalize()}s are taken to be at zero."
-        return _places(model, reduced), [Finding("note", "joint count", robot, says, advice)]
+        yield Finding("note", "joint count", robot, says, advice)
+        return _places(model, reduced)
     says = f"the file has {count} columns of angles, and no names that tell which"
     advice = "Name another --robot, or write all joints: a consumer would drive the wrong ones."
-    return None, [Finding("contradiction", "joint count", robot, says, advice, "poses")]
+    yield Finding("contradiction", "joint count", robot, says, advice, "poses")
+    return None
 
 
 def _places(model: RobotModel, names: tuple[str, ...]) -> tuple[int, ...]:
@@ -101,13 +108,13 @@ def _places(model: RobotModel, names: tuple[str, ...]) -> tuple[int, ...]:
     return tuple(names.index(name) if name in names else -1 for name in model.joint_names)
 
 
-def _missing(robot: str, missing: list[str], foreign: list[str]) -> list[Finding]:
-    findings = []
+def _missing(robot: str, missing: list[str], foreign: list[str]) -> Iterator[Finding]:
     if missing:
         says = f"the file names {len(missing)} of them not: {', '.join(missing)}"
         advice = "Write all joints; here the missing ones are taken to be at zero."
-        findings.append(Finding("contradiction", "joint count", robot, says, advice, "poses"))
+        yield Finding("contradiction", "joint count", robot, says, advice, "poses")
     if foreign:
         says = f"the file has others, too: {', '.join(foreign)}"
-        findings.append(Finding("note", "joint count", robot, says, "They are left out."))
-    return findings or [Finding("ok", "joint count", robot, "the file names all of them")]
+        yield Finding("note", "joint count", robot, says, "They are left out.")
+    if not missing and not foreign:
+        yield Finding("ok", "joint count", robot, "the file names all of them")

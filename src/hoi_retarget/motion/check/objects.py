@@ -5,14 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.motion.check.finding import Finding
-from hoi_retarget.motion.check.interpretation import Interpretation
+from hoi_retarget.motion.check.finding import Check, Finding
 from hoi_retarget.motion.check.layout import UNIT_TOLERANCE, off_unit
 from hoi_retarget.motion.check.rates import differences
-from hoi_retarget.motion.formats import Convention, ObjectPoses
+from hoi_retarget.motion.check.surroundings import Surroundings
+from hoi_retarget.motion.formats import ObjectPoses
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import MOVING_SPEED
-from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
 
 _ENOUGH = 8  # Frames of movement that tell anything.
@@ -44,19 +43,8 @@ class _Hold:
         return f"nearer palm {self.distance:.2f} m away, sliding {self.slide:.2f} m/s in its frame"
 
 
-@dataclass(frozen=True, eq=False)
-class Surroundings:
-    """The robot's motion about an object, and how its pose is to be read."""
-
-    model: RobotModel
-    qpos: Float[np.ndarray, "T nq"]
-    reading: Interpretation
-    convention: Convention
-    fps: float
-
-
-def check_object(item: ObjectPoses, around: Surroundings) -> tuple[ObjectPath | None, list[Finding]]:
-    """Return the object's path as the format demands, None where it has none, with what contradicts."""
+def check_object(item: ObjectPoses, around: Surroundings) -> Check[ObjectPath | None]:
+    """Return the object's path as the format demands, None where it has none."""
     reading, fps = around.reading, around.fps
     claim = f"the pose of {item.name} as the format demands"
     raw_pos, raw_quat = around.convention.split(item.pose)
@@ -65,12 +53,14 @@ def check_object(item: ObjectPoses, around: Surroundings) -> tuple[ObjectPath | 
         says = f"the lengths of its quaternions differ from 1 by up to {off:.2g}"
         if min(off_unit(item.pose[:, 3:]), off_unit(item.pose[:, :4])) < UNIT_TOLERANCE:
             says += "; position and rotation are exchanged"
-        return None, [Finding("contradiction", "object", claim, says, "Write a unit quaternion there.", "objects")]
+        yield Finding("contradiction", "object", claim, says, "Write a unit quaternion there.", "objects")
+        return None
     quat, pos = reading.rotation(raw_quat), reading.position(raw_pos)
     path = ObjectPath(item.name, pos, quat)
     speed = np.linalg.norm(differences(pos), axis=1) * fps
     if (speed > MOVING_SPEED).sum() < _ENOUGH:
-        return path, [Finding("unknown", "object", claim, f"{item.name} hardly moves: cannot be told")]
+        yield Finding("unknown", "object", claim, f"{item.name} hardly moves: cannot be told")
+        return path
     kinematics = around.model.forward(around.qpos)
     palms = np.stack([kinematics.site_position(f"{side}_palm") for side in SIDES], axis=1)
     claimed = _hold(palms, pos, quat, fps)
@@ -88,11 +78,14 @@ def check_object(item: ObjectPoses, around: Surroundings) -> tuple[ObjectPath | 
     loose = claimed.slide > _LOOSE and best.slide < _PART * claimed.slide and best.distance < claimed.distance + 0.1
     if far or loose:
         says = f"{words}: {best}; as claimed {claimed}"
-        return path, [Finding("contradiction", "object", claim, says, "Write its pose in the world.", "objects")]
+        yield Finding("contradiction", "object", claim, says, "Write its pose in the world.", "objects")
+        return path
     if claimed.distance > _FAR:
         says = f"moves at {claimed.speed:.2f} m/s while no palm is near: {claimed}"
-        return path, [Finding("note", "object", claim, says, "Do object and robot share one world and one scale?")]
-    return path, [Finding("ok", "object", claim, f"{claimed}; if {words} {best}")]
+        yield Finding("note", "object", claim, says, "Do object and robot share one world and one scale?")
+        return path
+    yield Finding("ok", "object", claim, f"{claimed}; if {words} {best}")
+    return path
 
 
 def _hold(palms: Float[np.ndarray, "T 2 3"], pos: np.ndarray, quat: np.ndarray, fps: float) -> _Hold:

@@ -69,31 +69,30 @@ def sampled(frames: int) -> np.ndarray:
 def plausibility(model: RobotModel, qpos: Float[np.ndarray, "P nq"], fps: float) -> Plausibility:
     """Return what speaks against a motion, of frames that `sampled` chose."""
     kinematics = model.forward(qpos)
-    # Frames, feet, corners, axes.
-    soles = np.stack(
-        [
-            np.stack([kinematics.site_position(f"{side}_sole_{corner}") for corner in SOLE_CORNERS], axis=1)
-            for side in SIDES
-        ],
-        axis=1,
-    )
-    lowest = soles[..., 2].min(axis=2)
+    corners = soles(kinematics)
+    lowest = corners[..., 2].min(axis=2)
     heights = lowest.min(axis=1)
     half = len(qpos) // 2
-    steps = np.linalg.norm(soles[half:] - soles[:half], axis=-1).mean(axis=-1) * fps
+    steps = np.linalg.norm(corners[half:] - corners[:half], axis=-1).mean(axis=-1) * fps
     low, middle, high = np.quantile(heights, [0.05, 0.5, 0.95])
     up = se3.rotate(qpos[:, 3:7], np.array([0.0, 0.0, 1.0]))[:, 2]
     theta = qpos[:, 7:]
     outside = np.maximum(model.lower - theta, theta - model.upper) > _RANGE_TOLERANCE
     return Plausibility(
         upside_down=float(np.mean(up < 0.1)),
-        tilt=float(np.median(_tilts(soles)[np.arange(len(qpos)), lowest.argmin(axis=1)])),
+        tilt=float(np.median(_tilts(corners)[np.arange(len(qpos)), lowest.argmin(axis=1)])),
         slide=_slide(steps.min(axis=1), np.linalg.norm(qpos[half:, :3] - qpos[:half, :3], axis=1) * fps),
         unevenness=float(high - low),
         height=float(middle),
         outside=float(outside.mean()),
         elbows_inside=float(np.mean(_elbows_aside(kinematics) < _TRUNK * model.spec.stature)),
     )
+
+
+def soles(kinematics: Kinematics) -> Float[np.ndarray, "T 2 4 3"]:
+    """Return the corners of both soles [m]."""
+    feet = [[kinematics.site_position(f"{side}_sole_{corner}") for corner in SOLE_CORNERS] for side in SIDES]
+    return np.moveaxis(np.array(feet), 2, 0)
 
 
 def _slide(slower: Float[np.ndarray, "pairs"], pelvis: Float[np.ndarray, "pairs"]) -> float:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.motion.check.finding import Finding
+from hoi_retarget.motion.check.finding import Check, Finding
 from hoi_retarget.numerics import se3
 
 _RATE_TOLERANCE = 0.05
@@ -50,25 +50,27 @@ def implied_rate(of: str, change: np.ndarray, stored: np.ndarray) -> ImpliedRate
     return ImpliedRate(of, product / size[0], correlation)
 
 
-def check_rate(
-    stated: float | None, usual: float | None, implied: Iterable[ImpliedRate]
-) -> tuple[float | None, list[Finding]]:
-    """Return the rate that the numbers imply, None where they do not, with what contradicts the stated one."""
+def check_rate(stated: float | None, usual: float | None, implied: Iterable[ImpliedRate]) -> Check[float | None]:
+    """Return the rate that the numbers imply, None where they do not."""
     found = list(implied)
     claim = f"{stated:g} frames/s" if stated else f"no rate (usual: {usual:g})" if usual else "no rate"
     if not found:
         says = "no velocities that follow the poses are stored"
-        return None, [Finding("unknown", "rate", claim, f"{says}: cannot be told")]
+        yield Finding("unknown", "rate", claim, f"{says}: cannot be told")
+        return None
     rates = [rate.fps for rate in found]
     says = "; ".join(f"{rate.of} imply {rate.fps:.4g} (correlation {rate.correlation:.3f})" for rate in found)
     middle = float(np.median(rates))
     if max(rates) > (1 + 2 * _RATE_TOLERANCE) * min(rates):
         advice = "Compute all velocities from the poses, at the file's rate."
-        return None, [Finding("contradiction", "rate", claim, f"the velocities differ: {says}", advice, "velocities")]
+        yield Finding("contradiction", "rate", claim, f"the velocities differ: {says}", advice, "velocities")
+        return None
     if stated is None or abs(middle / stated - 1) <= _RATE_TOLERANCE:
-        return middle, [Finding("ok", "rate", claim, says)]
+        yield Finding("ok", "rate", claim, says)
+        return middle
     advice = f"Either the rate is {middle:.3g}, or the velocities were computed for another one: write both anew."
-    return middle, [Finding("contradiction", "rate", claim, says, advice, "rate")]
+    yield Finding("contradiction", "rate", claim, says, advice, "rate")
+    return middle
 
 
 def check_angular(
@@ -76,12 +78,12 @@ def check_angular(
     turn: Float[np.ndarray, "steps B 3"],
     quat: Float[np.ndarray, "steps B 4"],
     stored: Float[np.ndarray, "steps B 3"],
-) -> list[Finding]:
+) -> Finding:
     """Compare stored angular velocities with the turns of the poses, both in rad/s; the first body is the root."""
     base, speed = _size(turn - stored), _size(turn)
     claim = "world axes"
     if speed < _STILL and _size(stored) < _STILL:
-        return [Finding("unknown", of, claim, f"nothing turns (median {speed:.2g} rad/s): cannot be told")]
+        return Finding("unknown", of, claim, f"nothing turns (median {speed:.2g} rad/s): cannot be told")
     says = f"error {base:.2f} rad/s of {speed:.2f}"
     ways = {
         "in the body's own axes": se3.rotate_inverse(quat, turn),
@@ -93,18 +95,18 @@ def check_angular(
     if base < _WRONG * speed:
         way = min(errors, key=errors.__getitem__)
         if errors[way] < _PART * base and errors[way] < _EXPLAINED * speed:
-            return [_wrong(of, claim, f"{way}: {errors[way]:.2f} rad/s, as claimed {says}")]
+            return _wrong(of, claim, f"{way}: {errors[way]:.2f} rad/s, as claimed {says}")
         if errors["in the body's own axes"] < base + 0.1 * speed:
             says += "; as near in the body's own axes, so that the frame cannot be told"
-            return [Finding("unknown", of, claim, says)]
-        return [Finding("ok", of, claim, f"{says}; {errors[way]:.2f} if {way}")]
+            return Finding("unknown", of, claim, says)
+        return Finding("ok", of, claim, f"{says}; {errors[way]:.2f} if {way}")
     for found, whose in ((errors, ""), (root, "of the root ")):
         way = min(found, key=found.__getitem__)
         limit = speed if not whose else _size(turn[:, :1])
         if found[way] < _EXPLAINED * limit:
             tail = ", and the others follow from it" if whose else ""
-            return [_wrong(of, claim, f"{whose}{way}{tail}: {found[way]:.2g} rad/s left; as claimed {says}")]
-    return [_wrong(of, claim, says)]
+            return _wrong(of, claim, f"{whose}{way}{tail}: {found[way]:.2g} rad/s left; as claimed {says}")
+    return _wrong(of, claim, says)
 
 
 def check_linear(
@@ -113,11 +115,11 @@ def check_linear(
     turn: Float[np.ndarray, "steps B 3"],
     quat: Float[np.ndarray, "steps B 4"],
     stored: Float[np.ndarray, "steps B 3"],
-) -> list[Finding]:
+) -> Finding:
     """Compare stored linear velocities with the paths, in m/s; those of centres of mass count as right."""
     speed = _size(change)
     if speed < _STILL and _size(stored) < _STILL:
-        return [Finding("unknown", of, "world axes", f"nothing moves (median {speed:.2g} m/s): cannot be told")]
+        return Finding("unknown", of, "world axes", f"nothing moves (median {speed:.2g} m/s): cannot be told")
     at_origin = _size(change - stored)
     at_centre = _size(_at_centre(change, turn, quat, stored) - stored)
     base = min(at_origin, at_centre)
@@ -130,15 +132,15 @@ def check_linear(
     errors = {way: _size(value - stored) for way, value in ways.items()}
     way = min(errors, key=errors.__getitem__)
     if errors[way] < _PART * base and errors[way] < _WRONG * speed:
-        return [_wrong(of, "world axes", f"{way}: {errors[way]:.2f} m/s, as claimed {says}")]
+        return _wrong(of, "world axes", f"{way}: {errors[way]:.2f} m/s, as claimed {says}")
     if base > _WRONG * speed:
-        return [_wrong(of, "world axes", says)]
+        return _wrong(of, "world axes", says)
     if at_centre < _PART * at_origin and at_origin > 0.05 * speed:
         says = (
             f"those of points beside the bodies' origins, such as centres of mass: {says}, {at_origin:.2f} at origins"
         )
-        return [Finding("note", of, "velocities of the bodies' origins", says, "Fine where centres of mass are meant.")]
-    return [Finding("ok", of, "world axes", f"{says}; {errors[way]:.2f} if {way}")]
+        return Finding("note", of, "velocities of the bodies' origins", says, "Fine where centres of mass are meant.")
+    return Finding("ok", of, "world axes", f"{says}; {errors[way]:.2f} if {way}")
 
 
 def _wrong(of: str, claim: str, says: str) -> Finding:

@@ -1,12 +1,12 @@
 """The reading of a root's path and joint angles that looks most like the robot, and what that contradicts."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.motion.check.finding import Finding
+from hoi_retarget.motion.check.finding import Check, Finding
 from hoi_retarget.motion.check.interpretation import (
     Deviation,
     Interpretation,
@@ -42,52 +42,41 @@ class Poses:
         return plausibility(self.model, qpos, self.fps)
 
 
-def find_reading(poses: Poses, claim: Interpretation) -> tuple[Interpretation, list[Finding]]:
-    """Return the most plausible reading, and a finding for each way in which it differs from the claimed one."""
-    reading, findings = claim, []
-    judged = poses.judged(claim)
+def find_reading(poses: Poses, claim: Interpretation, *, known: bool) -> Check[Interpretation]:
+    """Return the most plausible reading; where the poses are known already, of z up and y up alone."""
+    reading, judged = claim, poses.judged(claim)
     for _ in range(_ROUNDS):
-        best = _best(poses, judged, _all(poses.model, reading))
-        if best is None:
+        deviations = _up_axes(reading) if known else _all(poses.model, reading)
+        candidates = [(item, poses.judged(item.reading)) for item in deviations]
+        better = [(item, other) for item, other in candidates if _is_better(item, judged, other)]
+        if not better:
             break
-        deviation, better = best
-        findings.append(_contradiction(deviation, judged, better))
-        reading, judged = deviation.reading, better
-    if not findings:
-        findings.append(Finding("ok", "poses", "read as the format demands", f"the robot stands: {describe(judged)}"))
-    return reading, findings
+        item, other = min(better, key=lambda pair: pair[1].penalty)
+        says = f"the numbers are {item.is_}: {describe(other)}; as claimed {describe(judged)}"
+        yield Finding("contradiction", item.subject, "read as the format demands", says, item.advice, "poses")
+        reading, judged = item.reading, other
+    if reading is claim:
+        subject, demand = ("up axis", "z up") if known else ("poses", "read as the format demands")
+        yield Finding("ok", subject, demand, f"the robot stands: {describe(judged)}")
+    return reading
 
 
-def undecided(poses: Poses, reading: Interpretation) -> list[Finding]:
-    """Return what else the numbers would allow."""
+def undecided(poses: Poses, reading: Interpretation) -> Iterator[Finding]:
+    """Yield what else the numbers would allow."""
     base = poses.judged(reading).penalty
     same = [item for item in _all(poses.model, reading) if poses.judged(item.reading).penalty - base < _UNDECIDED]
     whole = [item.is_ for item in same if item.subject != "joint sign"]
     signs = [item.is_.removeprefix("negated for ") for item in same if item.subject == "joint sign"]
-    findings = []
     if whole:
         says = f"as plausible if they were {', or '.join(whole)}"
-        findings.append(Finding("unknown", "poses", "cannot be told from this motion", says))
+        yield Finding("unknown", "poses", "cannot be told from this motion", says)
     if signs:
         says = f"as plausible with the opposite sign of {', '.join(signs)}"
-        findings.append(Finding("unknown", "joint sign", "cannot be told from this motion", says))
-    return findings
+        yield Finding("unknown", "joint sign", "cannot be told from this motion", says)
 
 
-def find_up_axis(poses: Poses, claim: Interpretation) -> tuple[Interpretation, list[Finding]]:
-    """Return the more plausible of z up and y up, where the poses themselves are known."""
-    judged = poses.judged(claim)
-    best = _best(poses, judged, [item for item in world_deviations(claim) if item.subject == "up axis"])
-    if best is None:
-        return claim, [Finding("ok", "up axis", "z up", f"the robot stands: {describe(judged)}")]
-    deviation, better = best
-    return deviation.reading, [_contradiction(deviation, judged, better)]
-
-
-def _best(poses: Poses, judged: Plausibility, deviations: Iterable[Deviation]) -> tuple[Deviation, Plausibility] | None:
-    candidates = [(item, poses.judged(item.reading)) for item in deviations]
-    better = [(item, other) for item, other in candidates if _is_better(item, judged, other)]
-    return min(better, key=lambda pair: pair[1].penalty, default=None)
+def _up_axes(reading: Interpretation) -> Iterator[Deviation]:
+    return (item for item in world_deviations(reading) if item.subject == "up axis")
 
 
 def _all(model: RobotModel, reading: Interpretation) -> Iterator[Deviation]:
@@ -100,11 +89,6 @@ def _all(model: RobotModel, reading: Interpretation) -> Iterator[Deviation]:
 def _is_better(deviation: Deviation, judged: Plausibility, other: Plausibility) -> bool:
     gain = _SIGN_GAIN if deviation.subject == "joint sign" else _GAIN
     return judged.penalty - other.penalty > gain and other.penalty < _PART * judged.penalty
-
-
-def _contradiction(deviation: Deviation, judged: Plausibility, other: Plausibility) -> Finding:
-    says = f"the numbers are {deviation.is_}: {describe(other)}; as claimed {describe(judged)}"
-    return Finding("contradiction", deviation.subject, "read as the format demands", says, deviation.advice, "poses")
 
 
 def describe(judged: Plausibility) -> str:

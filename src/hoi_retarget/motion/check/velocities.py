@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from hoi_retarget.motion.check.finding import Finding
+from hoi_retarget.motion.check.finding import Check, Finding
 from hoi_retarget.motion.check.interpretation import Interpretation
 from hoi_retarget.motion.check.rates import (
     CORRELATED,
@@ -20,8 +20,8 @@ from hoi_retarget.motion.formats import Bodies, MotionFile
 
 def check_velocities(
     file: MotionFile, reading: Interpretation, stored: Sequence[tuple[str, Bodies]]
-) -> tuple[float | None, list[Finding]]:
-    """Return the rate that velocities imply, None without any, and what contradicts.
+) -> Check[float | None]:
+    """Return the rate that velocities imply, None without any.
 
     Args:
         file: What was read.
@@ -35,23 +35,22 @@ def check_velocities(
         if item.lin_vel is not None:
             rate = implied_rate(f"linear velocities of {name}", differences(item.pos), item.lin_vel)
             rates += [rate] if rate is not None and rate.correlation > CORRELATED else []
-    implied, findings = check_rate(file.fps, file.convention.usual_fps, rates)
+    implied = yield from check_rate(file.fps, file.convention.usual_fps, rates)
     if joint_rate is not None and joint_rate.correlation < UNLIKE:
         claim, says = "in the order of the angles", f"correlation with their differences {joint_rate.correlation:.2f}"
         advice = "Compute them anew from the joint angles."
-        findings.append(Finding("contradiction", "joint velocities", claim, says, advice, "velocities"))
+        yield Finding("contradiction", "joint velocities", claim, says, advice, "velocities")
     fps = implied or file.fps or file.convention.usual_fps
     if fps is None:
-        return implied, findings
+        return implied
     for name, item in moving:
         turn, middle = fps * turns(item.quat), item.quat[1:-1]
         if item.ang_vel is not None:
-            subject = f"angular velocities of {name}"
-            findings += check_angular(subject, turn, middle, item.ang_vel[1:-1])
+            yield check_angular(f"angular velocities of {name}", turn, middle, item.ang_vel[1:-1])
         if item.lin_vel is not None:
             subject = f"linear velocities of {name}"
-            findings += check_linear(subject, fps * differences(item.pos), turn, middle, item.lin_vel[1:-1])
-    return implied, findings
+            yield check_linear(subject, fps * differences(item.pos), turn, middle, item.lin_vel[1:-1])
+    return implied
 
 
 def _joint_rate(file: MotionFile, reading: Interpretation) -> ImpliedRate | None:

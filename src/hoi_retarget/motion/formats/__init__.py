@@ -11,8 +11,6 @@ from types import MappingProxyType
 from typing import Any
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files.numpy_pickle import parse_pickle
-from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.motion.formats import (
     asap,
     beyondmimic,
@@ -26,7 +24,8 @@ from hoi_retarget.motion.formats import (
     sbto,
     unitree_csv,
 )
-from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, read_npz
+from hoi_retarget.motion.formats.arrays_by_name import ArraysByName
+from hoi_retarget.motion.formats.containers import FOLDER, MOTION
 from hoi_retarget.motion.formats.format import Format
 from hoi_retarget.motion.formats.motion_file import Bodies, ContactFlags, Convention, MotionFile, ObjectPoses
 
@@ -59,31 +58,28 @@ def read(path: Path) -> MotionFile:
     Raises:
         ReadError: The file is missing, damaged, of no known format, or holds numbers that are not finite.
     """
+    suffix = path.suffix.lower()
     if path.is_dir():
-        path /= hdmi.MOTION
-        return hdmi.read(ArraysByName(path, read_npz(path)))
-    match path.suffix.lower():
-        case ".npz":
-            suffixes, values = (".npz", ""), read_npz(path)  # Also a folder's motion on its own.
-        case ".pkl" | ".pickle" | ".joblib":
-            suffixes, values = (".pkl",), _read_dictionary(path)
-        case ".csv":
-            suffixes, values = (".csv",), unitree_csv.read_table(path)
-        case _:
-            kinds = "*.npz, *.pkl, *.csv, or a folder with motion.npz and meta.json"
-            raise ReadError(f"{path}: no robot motions are read from files of type {path.suffix!r}. Expected {kinds}.")
-    for format in FORMATS:
-        if format.suffix in suffixes and format.holds(values):
-            return format.read(ArraysByName(path, values))
+        path, suffix = path / MOTION, FOLDER
+    formats = [format for format in FORMATS if suffix in format.container.suffixes]
+    if not formats:
+        kinds = "*.npz, *.pkl, *.csv, or a folder with motion.npz and meta.json"
+        raise ReadError(f"{path}: no robot motions are read from files of type {path.suffix!r}. Expected {kinds}.")
+    values = formats[0].container.read(path)
+    if not isinstance(values, Mapping):
+        raise ReadError(f"{path}: it holds a {type(values).__name__}, expected a dictionary. {_known()}")
+    for format in formats:
+        if format.holds(values):
+            return _as_file(format, ArraysByName(path, values))
     there = ", ".join(sorted(map(str, values))[:20]) or "nothing"
     raise ReadError(f"{path}: no known robot motion: it holds {there}. {_known()}")
 
 
-def _read_dictionary(path: Path) -> dict[str, Any]:
-    values = parse_pickle(read_bytes(path), path)
-    if not isinstance(values, dict):
-        raise ReadError(f"{path}: it holds a {type(values).__name__}, expected a dictionary. {_known()}")
-    return values
+def _as_file(format: Format, arrays: ArraysByName) -> MotionFile:
+    fields: dict[str, Any] = {"convention": format.convention, **format.read(arrays)}
+    if "fps" not in fields:
+        fields["fps"] = arrays.rate()
+    return MotionFile(**{"path": str(arrays.path), "contents": arrays.contents(), **fields})
 
 
 def _known() -> str:

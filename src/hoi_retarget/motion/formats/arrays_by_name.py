@@ -8,11 +8,7 @@ from typing import Any
 import numpy as np
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files import npz
-from hoi_retarget.files.reading import read_bytes
-from hoi_retarget.motion.formats.motion_file import Convention, MotionFile
 
-_KINDS = "biufU"
 _BEYOND_RATES = 1e300  # A whole number may be too large for a float.
 
 
@@ -81,11 +77,6 @@ class ArraysByName:
             raise ReadError(f"{self.path}: '{name}' is no list of names. Make the file again.")
         return tuple(value)
 
-    def motion(self, convention: Convention, **arrays: Any) -> MotionFile:
-        """Return a motion file of some of these arrays, by field; with the stated rate, where no other is given."""
-        fields = {"contents": self.contents(), "fps": self.rate(), **arrays}
-        return MotionFile(path=str(self.path), convention=convention, **fields)
-
     def contents(self) -> tuple[str, ...]:
         """Return what is there, in words."""
         return tuple(
@@ -99,27 +90,6 @@ class ArraysByName:
 def has(*names: str) -> Callable[[Mapping[str, Any]], bool]:
     """Return whether all of these are among a file's entries, as a function of them."""
     return lambda values: set(names) <= set(values)
-
-
-def read_npz(path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of an .npz file that holds no Python objects; raises `ReadError`."""
-    content = read_bytes(path)
-    try:
-        packed = npz.members(content)
-    except ValueError as error:
-        raise ReadError(f"{path}: not a readable .npz file ({error}). Download or make it again.") from error
-    arrays = {}
-    for name, member in packed.items():
-        if b"'descr': '|O'" in member[:128]:
-            raise ReadError(
-                f"{path}: refused: {name} holds Python objects, which could run code when they are read. "
-                "Save numbers and text only: numpy.savez with arrays of these."
-            )
-        try:
-            arrays[name] = npz.array(name, member, _KINDS)
-        except ValueError as error:
-            raise ReadError(f"{path}: the file is damaged ({error}). Download or make it again.") from error
-    return arrays
 
 
 def _from_list(value: list | tuple) -> Any:

@@ -5,8 +5,9 @@ from typing import Any
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
+from hoi_retarget.motion.formats.containers import PICKLE
 from hoi_retarget.motion.formats.format import Format
-from hoi_retarget.motion.formats.motion_file import Convention, MotionFile
+from hoi_retarget.motion.formats.motion_file import Convention
 
 _is_motion = has("root_trans_offset", "root_rot", "dof")
 
@@ -16,7 +17,7 @@ def holds(values: Mapping[str, Any]) -> bool:
     return bool(values) and all(isinstance(motion, Mapping) and _is_motion(motion) for motion in values.values())
 
 
-def read(library: ArraysByName) -> MotionFile:
+def read(library: ArraysByName) -> dict[str, Any]:
     """Return the one motion of a library; raises `ReadError`, also when there are several."""
     motions = library.values
     if len(motions) != 1:
@@ -25,11 +26,12 @@ def read(library: ArraysByName) -> MotionFile:
             f"{library.path}: {len(motions)} motions ({shown}); expected one. Save each to a file of its own."
         )
     arrays = ArraysByName(library.path, next(iter(motions.values())))
-    return arrays.motion(
-        FORMAT.convention,
-        root=arrays.pose("root_trans_offset", "root_rot"),
-        joint_pos=arrays.numbers("dof"),
-    )
+    return {
+        "root": arrays.pose("root_trans_offset", "root_rot"),
+        "joint_pos": arrays.numbers("dof"),
+        "fps": arrays.rate(),
+        "contents": arrays.contents(),
+    }
 
 
 FORMAT = Format(
@@ -37,5 +39,5 @@ FORMAT = Format(
     convention=Convention("asap", quat_order="xyzw", usual_fps=30.0, may_lack="wrist"),
     holds=holds,
     read=read,
-    suffix=".pkl",
+    container=PICKLE,
 )

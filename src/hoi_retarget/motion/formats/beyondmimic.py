@@ -1,17 +1,16 @@
 """`motion.npz` of BeyondMimic's whole_body_tracking: joints and bodies in Isaac Lab's order."""
 
 from hoi_retarget.motion.formats import tracking
-from hoi_retarget.motion.formats.encoding import rate
-from hoi_retarget.motion.formats.format import Format, ResampledMotion, Written
+from hoi_retarget.motion.formats.format import Format, Written
 from hoi_retarget.motion.formats.motion_file import Convention
 from hoi_retarget.motion.links import breadth_first
+from hoi_retarget.motion.resample import ResampledMotion
 
 
 def write(motion: ResampledMotion) -> Written:
-    """Return the file of one motion."""
+    """Return one motion in Isaac Lab's order."""
     bodies, joints = breadth_first(motion.model)
-    fps = rate(motion.trajectory.fps)
-    return tracking.write(motion, FORMAT.linear_velocity_of, fps, bodies=bodies, joints=joints)
+    return tracking.write(motion, FORMAT.linear_velocity_of, motion.rate, bodies=bodies, joints=joints)
 
 
 FORMAT = Format(

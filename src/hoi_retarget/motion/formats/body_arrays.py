@@ -3,8 +3,10 @@
 import numpy as np
 
 from hoi_retarget.motion.formats.arrays_by_name import ArraysByName
-from hoi_retarget.motion.formats.format import ResampledMotion, VelocityPoint
+from hoi_retarget.motion.formats.format import VelocityPoint
 from hoi_retarget.motion.formats.motion_file import Bodies
+from hoi_retarget.motion.links import link_states
+from hoi_retarget.motion.resample import ResampledMotion
 
 
 def read_bodies(arrays: ArraysByName) -> Bodies:
@@ -19,7 +21,7 @@ def read_bodies(arrays: ArraysByName) -> Bodies:
 
 def body_arrays(motion: ResampledMotion, velocity_of: VelocityPoint) -> dict[str, np.ndarray]:
     """Return the arrays of all bodies in MuJoCo's order, (T, B, 3 or 4)."""
-    links = motion.links
+    links = link_states(motion)
     return {
         "body_pos_w": links.pos,
         "body_quat_w": links.quat,
@@ -33,12 +35,11 @@ def object_arrays(motion: ResampledMotion) -> dict[str, np.ndarray]:
     """Return the arrays of the object in the format's one place for it, (T, 3 or 4); none where there is none."""
     if motion.object is None:
         return {}
-    trajectory = motion.trajectory
     paths = {
-        "object_pos_w": trajectory.object_pos,
-        "object_quat_w": trajectory.object_quat,
-        "object_lin_vel_w": trajectory.object_lin_vel,
-        "object_ang_vel_w": trajectory.object_ang_vel,
+        "object_pos_w": motion.object_pos,
+        "object_quat_w": motion.object_quat,
+        "object_lin_vel_w": motion.object_lin_vel,
+        "object_ang_vel_w": motion.object_ang_vel,
     }
     return {name: path[:, motion.object] for name, path in paths.items()}
 

@@ -16,7 +16,7 @@ from hoi_retarget import __version__
 from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.motion.contacts import contact_arrays
 from hoi_retarget.motion.resample import resample
-from hoi_retarget.motion.result import Result
+from hoi_retarget.motion.result import UNKNOWN, Result
 
 NAME = "dataset"
 TITLE = "datasets, pandas, polars: many motions in one table"
@@ -63,20 +63,20 @@ def write_dataset(results: Sequence[Result], fps: float | None) -> dict[str, byt
 
 def _row(result: Result, fps: float | None) -> dict[str, Any]:
     motion = result.motion
-    trajectory = resample(motion, result.model, fps)
+    resampled = resample(motion, result.model, fps)
     made_from = result.origin()
     return {
         "name": result.stem,
         "robot": motion.robot,
-        "licence": result.source.licence,
-        "fps": trajectory.fps,
-        "frames": trajectory.frames,
+        "licence": result.licence,
+        "fps": resampled.fps,
+        "frames": resampled.frames,
         "joint_names": np.array(motion.joint_names, dtype=np.str_),
-        "qpos": trajectory.qpos,
-        "root_lin_vel": trajectory.root_lin_vel,
-        "root_ang_vel": trajectory.root_ang_vel,
-        "joint_vel": trajectory.joint_vel,
-        **contact_arrays(motion, result.model, trajectory, result.surfaces),
+        "qpos": resampled.qpos,
+        "root_lin_vel": resampled.root_lin_vel,
+        "root_ang_vel": resampled.root_ang_vel,
+        "joint_vel": resampled.joint_vel,
+        **contact_arrays(resampled, result.surfaces),
         "objects": json.dumps([result.object_facts(index) for index in range(len(motion.object_names))]),
         "source": json.dumps(made_from["source"]),
         "result": json.dumps(made_from["result"]),
@@ -111,7 +111,8 @@ def _lists(arrays: Sequence[np.ndarray]) -> Any:
 
 
 def _card(results: Iterable[Result]) -> str:
-    terms = Counter((result.source.licence, result.source.format or "unknown") for result in results)
+    sources = [result.origin()["source"] for result in results]
+    terms = Counter((source["licence"], source["format"] or UNKNOWN) for source in sources)
     robots = Counter(result.motion.robot for result in results)
     size = sum(terms.values())
     scale = "n<1K" if size < 1000 else "1K<n<10K" if size < 10_000 else "10K<n<100K"

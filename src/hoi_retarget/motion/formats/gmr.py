@@ -1,35 +1,34 @@
 """GMR's pickle of root and joints, scalar-last quaternions."""
 
+from typing import Any
+
 import numpy as np
 
 from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
-from hoi_retarget.motion.formats.encoding import rate, to_pickle
-from hoi_retarget.motion.formats.format import Format, ResampledMotion, Written
-from hoi_retarget.motion.formats.motion_file import Convention, MotionFile
+from hoi_retarget.motion.formats.containers import PICKLE
+from hoi_retarget.motion.formats.format import Format, Written
+from hoi_retarget.motion.formats.motion_file import Convention
+from hoi_retarget.motion.resample import ResampledMotion
 from hoi_retarget.numerics import se3
 
 
-def read(arrays: ArraysByName) -> MotionFile:
+def read(arrays: ArraysByName) -> dict[str, Any]:
     """Return what a GMR dictionary holds; raises `ReadError`."""
-    return arrays.motion(
-        FORMAT.convention,
-        root=arrays.pose("root_pos", "root_rot"),
-        joint_pos=arrays.numbers("dof_pos"),
-    )
+    return {"root": arrays.pose("root_pos", "root_rot"), "joint_pos": arrays.numbers("dof_pos")}
 
 
 def write(motion: ResampledMotion) -> Written:
-    """Return the file of one motion."""
-    qpos = motion.trajectory.qpos
-    content = {
-        "fps": rate(motion.trajectory.fps),
+    """Return one motion as GMR has it."""
+    qpos = motion.qpos
+    values = {
+        "fps": motion.rate,
         "root_pos": np.ascontiguousarray(qpos[:, :3]),
         "root_rot": se3.quat_to_xyzw(qpos[:, 3:7]),
         "dof_pos": np.ascontiguousarray(qpos[:, 7:]),
         "local_body_pos": None,
         "link_body_list": None,
     }
-    return Written(files={".pkl": to_pickle(content)}, joint_names=motion.model.joint_names)
+    return Written(values)
 
 
 FORMAT = Format(
@@ -37,7 +36,7 @@ FORMAT = Format(
     convention=Convention("gmr", quat_order="xyzw", usual_fps=30.0),
     holds=has("root_pos", "root_rot", "dof_pos"),
     read=read,
-    suffix=".pkl",
+    container=PICKLE,
     write=write,
     title="GMR, TWIST and what reads their files",
 )

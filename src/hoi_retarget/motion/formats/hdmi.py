@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -9,30 +10,28 @@ from hoi_retarget.errors import ReadError
 from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
 from hoi_retarget.motion.formats.body_arrays import body_arrays, object_arrays, read_bodies, with_object
-from hoi_retarget.motion.formats.encoding import to_json, to_npz
-from hoi_retarget.motion.formats.format import Format, ResampledMotion, Written
-from hoi_retarget.motion.formats.motion_file import ContactFlags, Convention, MotionFile
+from hoi_retarget.motion.formats.containers import META, NPZ_AND_JSON
+from hoi_retarget.motion.formats.format import Format, Written
+from hoi_retarget.motion.formats.motion_file import ContactFlags, Convention
+from hoi_retarget.motion.resample import ResampledMotion
 
-MOTION = "motion.npz"
-_META = "meta.json"
 # Every motion of a training set must have the same meta.json; HDMI's own have no waist links.
 _LEFT_OUT = ("waist_yaw_link", "waist_roll_link")
 _LOADED_AT = 50.0
 
 
-def read(arrays: ArraysByName) -> MotionFile:
+def read(arrays: ArraysByName) -> dict[str, Any]:
     """Return what the arrays hold, with the names and the rate of the meta file beside; raises `ReadError`."""
     meta = ArraysByName(arrays.path, _meta(arrays.path))
-    return arrays.motion(
-        FORMAT.convention,
-        fps=meta.rate(),
-        joint_pos=arrays.numbers("joint_pos"),
-        joint_vel=arrays.optional("joint_vel"),
-        bodies=read_bodies(arrays),
-        joint_names=meta.names("joint_names"),
-        body_names=meta.names("body_names"),
-        contacts=_contacts(arrays.optional("object_contact")),
-    )
+    return {
+        "fps": meta.rate(),
+        "joint_pos": arrays.numbers("joint_pos"),
+        "joint_vel": arrays.optional("joint_vel"),
+        "bodies": read_bodies(arrays),
+        "joint_names": meta.names("joint_names"),
+        "body_names": meta.names("body_names"),
+        "contacts": _contacts(arrays.optional("object_contact")),
+    }
 
 
 def _contacts(flags: np.ndarray | None) -> ContactFlags | None:
@@ -61,21 +60,20 @@ def _meta(path: Path) -> dict:
 
 
 def write(motion: ResampledMotion) -> Written:
-    """Return the folder of one motion."""
-    trajectory, links, thing = motion.trajectory, motion.links, object_arrays(motion)
-    kept = [index for index, name in enumerate(links.names) if name not in _LEFT_OUT]
-    names = [*(links.names[index] for index in kept), *([motion.object_name] if thing else [])]
+    """Return one motion as HDMI has it."""
+    thing, body_names = object_arrays(motion), motion.model.body_names
+    kept = [index for index, name in enumerate(body_names) if name not in _LEFT_OUT]
+    names = [*(body_names[index] for index in kept), *([motion.object_name] if thing else [])]
     bodies = {name: array[:, kept] for name, array in body_arrays(motion, FORMAT.linear_velocity_of).items()}
-    arrays = {"joint_pos": trajectory.qpos[:, 7:], "joint_vel": trajectory.joint_vel}
+    arrays = {"joint_pos": motion.qpos[:, 7:], "joint_vel": motion.joint_vel}
     if thing:
-        touching = trajectory.contact_flags & (trajectory.contact_object == motion.object)
+        touching = motion.contact_flags & (motion.contact_object == motion.object)
         arrays["object_contact"] = touching.any(axis=1, keepdims=True)
-    meta = {"body_names": names, "joint_names": list(motion.model.joint_names), "fps": float(trajectory.fps)}
+    meta = {"body_names": names, "joint_names": list(motion.model.joint_names), "fps": float(motion.fps)}
     return Written(
-        files={f"/{MOTION}": to_npz({**with_object(bodies, thing), **arrays}), f"/{_META}": to_json(meta)},
-        joint_names=motion.model.joint_names,
+        {**with_object(bodies, thing), **arrays, META: meta},
         body_names=tuple(names),
-        notes=_notes(trajectory.fps) if thing else (),
+        notes=_notes(motion.fps) if thing else (),
     )
 
 
@@ -90,7 +88,7 @@ FORMAT = Format(
     convention=Convention("hdmi", order="names"),
     holds=has("joint_pos", "body_pos_w", "body_quat_w"),
     read=read,
-    suffix="",
+    container=NPZ_AND_JSON,
     write=write,
     title="HDMI (Isaac Lab, mjlab)",
     fps=_LOADED_AT,

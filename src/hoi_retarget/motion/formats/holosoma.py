@@ -1,12 +1,14 @@
 """holosoma's whole-body tracking file: joints with the root before them, bodies by name, optionally one object."""
 
+from typing import Any
+
 import numpy as np
 
 from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
 from hoi_retarget.motion.formats.body_arrays import body_arrays, object_arrays, read_bodies, with_object
-from hoi_retarget.motion.formats.encoding import rate, to_npz
-from hoi_retarget.motion.formats.format import Format, ResampledMotion, Written
-from hoi_retarget.motion.formats.motion_file import Convention, MotionFile, ObjectPoses
+from hoi_retarget.motion.formats.format import Format, Written
+from hoi_retarget.motion.formats.motion_file import Convention, ObjectPoses
+from hoi_retarget.motion.resample import ResampledMotion
 from hoi_retarget.numerics import se3
 
 _WORLD = "world"  # MuJoCo's body 0, which holosoma's converter writes too.
@@ -23,7 +25,7 @@ _ABSENT_LINKS = (
 )
 
 
-def read(arrays: ArraysByName) -> MotionFile:
+def read(arrays: ArraysByName) -> dict[str, Any]:
     """Return what the arrays of a training file hold; raises `ReadError`."""
     joint_pos, joint_vel = arrays.table("joint_pos", 8), arrays.table("joint_vel", 7)
     body_names = arrays.names("body_names")
@@ -33,39 +35,32 @@ def read(arrays: ArraysByName) -> MotionFile:
         # The object's link is the last body.
         name = body_names[-1].removesuffix("_link") if body_names else "object"
         objects = (ObjectPoses(name, pose, arrays.optional("object_lin_vel_w"), arrays.optional("object_ang_vel_w")),)
-    return arrays.motion(
-        FORMAT.convention,
-        root=joint_pos[:, :7],
-        joint_pos=joint_pos[:, 7:],
-        joint_vel=joint_vel[:, 6:],
-        root_vel=joint_vel[:, :6],
-        joint_names=arrays.names("joint_names"),
-        body_names=body_names,
-        bodies=read_bodies(arrays),
-        objects=objects,
-    )
+    return {
+        "root": joint_pos[:, :7],
+        "joint_pos": joint_pos[:, 7:],
+        "joint_vel": joint_vel[:, 6:],
+        "root_vel": joint_vel[:, :6],
+        "joint_names": arrays.names("joint_names"),
+        "body_names": body_names,
+        "bodies": read_bodies(arrays),
+        "objects": objects,
+    }
 
 
 def write(motion: ResampledMotion) -> Written:
-    """Return the file of one motion."""
-    trajectory, thing = motion.trajectory, object_arrays(motion)
-    velocity = (trajectory.root_lin_vel, trajectory.root_ang_vel, trajectory.joint_vel)
-    names = (_WORLD, *motion.links.names, *([f"{motion.object_name}_link"] if thing else []))
+    """Return one motion as holosoma's trainer has it."""
+    thing = object_arrays(motion)
+    names = (_WORLD, *motion.model.body_names, *([f"{motion.object_name}_link"] if thing else []))
     arrays = {
-        "fps": np.array([rate(trajectory.fps)]),
-        "joint_pos": trajectory.qpos,
-        "joint_vel": np.concatenate(velocity, axis=1),
+        "fps": np.array([motion.rate]),
+        "joint_pos": motion.qpos,
+        "joint_vel": np.concatenate([motion.root_lin_vel, motion.root_ang_vel, motion.joint_vel], axis=1),
         **with_object(_with_world(body_arrays(motion, FORMAT.linear_velocity_of)), thing),
         **thing,
         "joint_names": np.array(motion.model.joint_names, dtype=np.str_),
         "body_names": np.array(names, dtype=np.str_),
     }
-    return Written(
-        files={".npz": to_npz({**arrays, **motion.contacts})},
-        joint_names=motion.model.joint_names,
-        body_names=names,
-        notes=_notes(motion),
-    )
+    return Written(arrays, body_names=names, notes=_notes(motion))
 
 
 def _with_world(bodies: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

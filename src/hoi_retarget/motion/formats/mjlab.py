@@ -3,13 +3,14 @@
 from dataclasses import replace
 
 from hoi_retarget.motion.formats import tracking
-from hoi_retarget.motion.formats.format import Format, ResampledMotion, Written
+from hoi_retarget.motion.formats.format import Format, Written
 from hoi_retarget.motion.formats.motion_file import Convention
+from hoi_retarget.motion.resample import ResampledMotion
 
 
 def write(motion: ResampledMotion) -> Written:
-    """Return the file of one motion."""
-    fps, as_they_are = float(motion.trajectory.fps), slice(None)
+    """Return one motion in MuJoCo's order."""
+    fps, as_they_are = float(motion.fps), slice(None)
     written = tracking.write(motion, FORMAT.linear_velocity_of, fps, bodies=as_they_are, joints=as_they_are)
     note = "mjlab does not look at the file's rate: it must be that of the environment, 50 in its tasks."
     return replace(written, notes=(note,))

@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from hoi_retarget.motion.formats import qpos_table
-from hoi_retarget.motion.formats.arrays_by_name import ArraysByName
 from hoi_retarget.motion.formats.format import Format
-from hoi_retarget.motion.formats.motion_file import Convention, MotionFile
+from hoi_retarget.motion.formats.motion_file import Convention
 
 
 def holds(values: Mapping[str, Any]) -> bool:
@@ -14,14 +13,9 @@ def holds(values: Mapping[str, Any]) -> bool:
     return "cost" not in values and qpos_table.is_rotation_first(values)
 
 
-def read(arrays: ArraysByName) -> MotionFile:
-    """Return what the table of a file holds; raises `ReadError`."""
-    return qpos_table.read(arrays, FORMAT.convention)
-
-
 FORMAT = Format(
     name="omniretarget",
     convention=Convention("omniretarget", root_order="quat_pos", usual_fps=30.0),
     holds=holds,
-    read=read,
+    read=qpos_table.read,
 )

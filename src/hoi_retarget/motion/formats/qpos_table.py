@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from hoi_retarget.motion.formats.arrays_by_name import ArraysByName
-from hoi_retarget.motion.formats.motion_file import Convention, MotionFile, ObjectPoses
+from hoi_retarget.motion.formats.motion_file import ObjectPoses
 
 UNIT_TOLERANCE = 1e-3
 _LEAST = 8  # Columns: a free joint and a hinge.
 
 
-def read(arrays: ArraysByName, convention: Convention) -> MotionFile:
+def read(arrays: ArraysByName) -> dict[str, Any]:
     """Return what the table of a file holds; raises `ReadError`."""
     qpos = arrays.table("qpos", _LEAST)
     end = qpos.shape[1]
@@ -24,12 +24,8 @@ def read(arrays: ArraysByName, convention: Convention) -> MotionFile:
         end -= 7
         poses.insert(0, qpos[:, end : end + 7])
     names = ["object"] if len(poses) == 1 else [f"object{index}" for index in range(len(poses))]
-    return arrays.motion(
-        convention,
-        root=qpos[:, :7],
-        joint_pos=qpos[:, 7:end],
-        objects=tuple(ObjectPoses(name, pose) for name, pose in zip(names, poses, strict=True)),
-    )
+    objects = tuple(ObjectPoses(name, pose) for name, pose in zip(names, poses, strict=True))
+    return {"root": qpos[:, :7], "joint_pos": qpos[:, 7:end], "objects": objects}
 
 
 def is_rotation_first(values: Mapping[str, Any]) -> bool:

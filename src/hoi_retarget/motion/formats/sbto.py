@@ -1,19 +1,18 @@
 """Pickles of SBTO: as GMR's, with the pose of an object (rotations xyzw)."""
 
+from typing import Any
+
+from hoi_retarget.motion.formats import gmr
 from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
+from hoi_retarget.motion.formats.containers import PICKLE
 from hoi_retarget.motion.formats.format import Format
-from hoi_retarget.motion.formats.motion_file import Convention, MotionFile, ObjectPoses
+from hoi_retarget.motion.formats.motion_file import Convention, ObjectPoses
 
 
-def read(arrays: ArraysByName) -> MotionFile:
+def read(arrays: ArraysByName) -> dict[str, Any]:
     """Return what an SBTO dictionary holds; raises `ReadError`."""
     thing = ObjectPoses("object", arrays.pose("object_root_pos", "object_rot"))
-    return arrays.motion(
-        FORMAT.convention,
-        objects=(thing,),
-        root=arrays.pose("root_pos", "root_rot"),
-        joint_pos=arrays.numbers("dof_pos"),
-    )
+    return {**gmr.read(arrays), "objects": (thing,)}
 
 
 FORMAT = Format(
@@ -21,5 +20,5 @@ FORMAT = Format(
     convention=Convention("sbto", quat_order="xyzw", usual_fps=30.0),
     holds=has("root_pos", "root_rot", "dof_pos", "object_root_pos", "object_rot"),
     read=read,
-    suffix=".pkl",
+    container=PICKLE,
 )

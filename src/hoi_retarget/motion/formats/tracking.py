@@ -3,13 +3,15 @@
 Neither stores names, so only the numbers tell which of the two a file is.
 """
 
+from typing import Any
+
 import numpy as np
 
 from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
 from hoi_retarget.motion.formats.body_arrays import body_arrays, read_bodies
-from hoi_retarget.motion.formats.encoding import to_npz
-from hoi_retarget.motion.formats.format import ResampledMotion, VelocityPoint, Written
-from hoi_retarget.motion.formats.motion_file import Convention, MotionFile
+from hoi_retarget.motion.formats.format import VelocityPoint, Written
+from hoi_retarget.motion.formats.motion_file import Convention
+from hoi_retarget.motion.resample import ResampledMotion
 
 Columns = np.ndarray | slice
 
@@ -19,26 +21,26 @@ OPEN = Convention("tracking", order=None)
 holds = has("fps", "joint_pos", "joint_vel", "body_pos_w", "body_quat_w")
 
 
-def read(arrays: ArraysByName) -> MotionFile:
+def read(arrays: ArraysByName) -> dict[str, Any]:
     """Return what the arrays of a tracking file hold; raises `ReadError`."""
-    return arrays.motion(
-        OPEN,
-        joint_pos=arrays.numbers("joint_pos"),
-        joint_vel=arrays.numbers("joint_vel"),
-        bodies=read_bodies(arrays),
-    )
+    return {
+        "convention": OPEN,
+        "joint_pos": arrays.numbers("joint_pos"),
+        "joint_vel": arrays.numbers("joint_vel"),
+        "bodies": read_bodies(arrays),
+    }
 
 
 def write(
     motion: ResampledMotion, velocity_of: VelocityPoint, fps: int | float, *, bodies: Columns, joints: Columns
 ) -> Written:
-    """Return the file of one motion, its bodies and joints in this order; only contacts in double precision."""
-    trajectory, model = motion.trajectory, motion.model
-    arrays = {"joint_pos": trajectory.qpos[:, 7:][:, joints], "joint_vel": trajectory.joint_vel[:, joints]}
+    """Return one motion, its bodies and joints in this order, in single precision."""
+    model = motion.model
+    arrays = {"joint_pos": motion.qpos[:, 7:][:, joints], "joint_vel": motion.joint_vel[:, joints]}
     arrays |= {name: array[:, bodies] for name, array in body_arrays(motion, velocity_of).items()}
     single = {name: array.astype(np.float32) for name, array in arrays.items()}
     return Written(
-        files={".npz": to_npz({"fps": np.array([fps]), **single, **motion.contacts})},
+        {"fps": np.array([fps]), **single},
         joint_names=tuple(np.array(model.joint_names)[joints].tolist()),
         body_names=tuple(np.array(model.body_names)[bodies].tolist()),
     )

@@ -1,0 +1,76 @@
+"""Zip archives, with limits: nothing unpacks to more than memory holds, is there twice, or leads out."""
+
+import io
+import lzma
+import struct
+import zipfile
+import zlib
+from pathlib import Path
+
+MAXIMUM_SIZE = 1 << 32
+"""Bytes that a compressed archive may unpack to: a few megabytes of it can claim any memory."""
+# What zipfile and its decompressors raise for damaged archives; RuntimeError is its word for encryption.
+_ERRORS = (
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    struct.error,
+    EOFError,
+    KeyError,
+    OSError,
+    OverflowError,
+    RuntimeError,
+    ValueError,
+)
+
+
+def unpacked(content: bytes, *, stored: bool = False) -> dict[str, bytes]:
+    """Return an archive's entries by name, their checksums compared.
+
+    Args:
+        content: The archive's bytes.
+        stored: Whether all entries must be uncompressed; otherwise they may unpack to `MAXIMUM_SIZE` bytes.
+
+    Raises:
+        ValueError: The archive is damaged, or beyond a limit.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            fault = _fault(archive, len(content), stored)
+            entries = {} if fault else {entry.filename: archive.read(entry) for entry in archive.infolist()}
+    except _ERRORS as error:
+        raise ValueError(f"the archive is damaged or cut off ({error})") from error
+    if fault:
+        raise ValueError(fault)
+    return entries
+
+
+def entry_names(path: Path) -> frozenset[str]:
+    """Return the names of an archive's entries, without reading them; empty where it is no such file."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return frozenset(archive.namelist())
+    except _ERRORS:
+        return frozenset()
+
+
+def _fault(archive: zipfile.ZipFile, available: int, stored: bool) -> str | None:
+    """Return the first limit that an archive's directory exceeds, in words."""
+    entries = archive.infolist()
+    known: set[str] = set()
+    for entry in entries:
+        parts = entry.filename.replace("\\", "/").split("/")
+        if ".." in parts or parts[0] == "":
+            return f"the archive's entry {entry.filename!r} points outside of the archive"
+        if entry.filename in known:
+            return f"the archive holds {entry.filename!r} twice"
+        if stored and (entry.compress_type != zipfile.ZIP_STORED or entry.file_size != entry.compress_size):
+            return f"the archive's entry {entry.filename[:80]!r} is compressed, expected plain bytes"
+        known.add(entry.filename)
+    # Entries that overlap could otherwise multiply a small file into any amount of memory.
+    if sum(entry.compress_size for entry in entries) > available:
+        return "the archive's entries claim more bytes than the file has"
+    size = sum(entry.file_size for entry in entries)
+    if not stored and size > MAXIMUM_SIZE:
+        return f"it would unpack to {size / 1e9:.3g} GB, expected at most {MAXIMUM_SIZE / 1e9:.3g}"
+    return None

@@ -1,0 +1,117 @@
+"""Containers of motion formats: how named values come out of a kind of file, and go into it as bytes."""
+
+import io
+import json
+import pickle
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hoi_retarget.errors import ReadError
+from hoi_retarget.files import npz
+from hoi_retarget.files.numpy_pickle import parse_pickle
+from hoi_retarget.files.reading import read_bytes
+
+FOLDER = "/"
+"""Stands for the ending of a folder's name."""
+TABLE = "table"
+"""The one array of a CSV file, which has no name in it."""
+MOTION, META = "motion.npz", "meta.json"
+"""Files of a folder: its arrays, and its value `META` as JSON."""
+_KINDS = "biufU"
+_LEAST_COLUMNS = 8  # A free joint and a hinge.
+_PICKLED_BY_NUMPY_2 = b"cnumpy._core.multiarray\n_reconstruct\n"
+_READ_BY_ALL_NUMPYS = b"cnumpy.core.multiarray\n_reconstruct\n"
+
+
+@dataclass(frozen=True, eq=False)
+class Container:
+    """A kind of file."""
+
+    suffixes: tuple[str, ...]
+    """Of names of files that are read so; the first is written."""
+    read: Callable[[Path], Any]
+    """Returns values by name, as far as the file has names; raises `ReadError`."""
+    encode: Callable[[Mapping[str, Any]], Mapping[str, bytes]]
+    """Returns files' bytes by what follows the export's name: the same bytes for the same values."""
+
+
+def read_npz(path: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of an .npz file that holds no Python objects; raises `ReadError`."""
+    content = read_bytes(path)
+    try:
+        packed = npz.members(content)
+    except ValueError as error:
+        raise ReadError(f"{path}: not a readable .npz file ({error}). Download or make it again.") from error
+    arrays = {}
+    for name, member in packed.items():
+        if b"'descr': '|O'" in member[:128]:
+            raise ReadError(
+                f"{path}: refused: {name} holds Python objects, which could run code when they are read. "
+                "Save numbers and text only: numpy.savez with arrays of these."
+            )
+        try:
+            arrays[name] = npz.array(name, member, _KINDS)
+        except ValueError as error:
+            raise ReadError(f"{path}: the file is damaged ({error}). Download or make it again.") from error
+    return arrays
+
+
+def _read_csv(path: Path) -> dict[str, np.ndarray]:
+    try:
+        lines = read_bytes(path).decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise ReadError(f"{path}: not a text file. Expected rows of numbers with commas between them.") from error
+    rows = [(number, line.split(",")) for number, line in enumerate(lines, 1) if line.strip()]
+    if not rows:
+        raise ReadError(f"{path}: the file is empty, expected rows of numbers with commas between them.")
+    width = len(rows[0][1])
+    if width < _LEAST_COLUMNS:
+        raise ReadError(f"{path}: {width} columns, expected a free joint (7) and the angles of hinges.")
+    table = np.zeros((len(rows), width))
+    for index, (number, cells) in enumerate(rows):
+        if len(cells) != width:
+            raise ReadError(f"{path}: line {number} has {len(cells)} columns, those before it {width}.")
+        try:
+            table[index] = [float(cell) for cell in cells]
+        except ValueError as error:
+            raise ReadError(f"{path}: line {number}: {error}. Expected numbers only, without a header.") from error
+    return {TABLE: table}
+
+
+def to_json(content: Mapping[str, Any]) -> bytes:
+    """Return an indented JSON file; question marks stand for what no text can hold, such as half a character."""
+    return (json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n").encode("utf-8", "replace")
+
+
+def to_pickle(content: Mapping[str, Any]) -> bytes:
+    """Return a pickled dict of plain values and arrays that numpy 1 and 2 both read."""
+    # Protocol 3 spells the names of functions as lines of text. numpy 2 has another name for the one
+    # that makes an array; numpy 1 knows only the older one, which numpy 2 knows too. It is spelled
+    # once, before any array's numbers.
+    return pickle.dumps(dict(content), protocol=3).replace(_PICKLED_BY_NUMPY_2, _READ_BY_ALL_NUMPYS, 1)
+
+
+def _to_csv(content: Mapping[str, Any]) -> bytes:
+    text = io.StringIO()
+    np.savetxt(text, content[TABLE], fmt="%.9f", delimiter=",")
+    return text.getvalue().encode()
+
+
+def _to_folder(content: Mapping[str, Any]) -> dict[str, bytes]:
+    arrays = {name: value for name, value in content.items() if name != META}
+    return {f"/{MOTION}": npz.encode(arrays), f"/{META}": to_json(content[META])}
+
+
+NPZ = Container((".npz",), read_npz, lambda values: {".npz": npz.encode(values)})
+PICKLE = Container(
+    (".pkl", ".pickle", ".joblib"),
+    lambda path: parse_pickle(read_bytes(path), path),
+    lambda values: {".pkl": to_pickle(values)},
+)
+CSV = Container((".csv",), _read_csv, lambda values: {".csv": _to_csv(values)})
+NPZ_AND_JSON = Container((FOLDER, ".npz"), read_npz, _to_folder)
+"""A folder of two files; its arrays are also read on their own."""
