@@ -53,11 +53,11 @@ class ViserScene:
         shown, self._frames = self._frames, [-1] * len(scene.subjects)
         self.show(max(shown))
 
-    def show_layer(self, subject: int, name: str, visible: bool) -> None:
-        """Show or hide a layer of a subject, if it has one of this name."""
-        node = self._layers.get((subject, name))
-        if node is not None:
-            node.visible = visible
+    def show_layer(self, name: str, visible: bool) -> None:
+        """Show or hide a layer of all subjects that have one of this name."""
+        for (_, own), node in self._layers.items():
+            if own == name:
+                node.visible = visible
 
     def show_subject(self, subject: int, visible: bool) -> None:
         """Show or hide a subject."""
