@@ -10,7 +10,7 @@ from hoi_retarget.cli.jobs import check_writable, write_file
 from hoi_retarget.cli.jobs import score as score_of
 from hoi_retarget.cli.terminal import fail, program, say, warn
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
-from hoi_retarget.evaluate import Score, to_csv, to_json
+from hoi_retarget.evaluation import Score, to_csv, to_json
 from hoi_retarget.motion.result_file import load
 
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hoi_retarget.evaluate import ground, limits, movement
-from hoi_retarget.evaluate.statistics import mean_or_none
+from hoi_retarget.evaluation import ground, limits, movement
+from hoi_retarget.evaluation.statistics import finite_min_or_none, max_or_none, mean_or_none
 from hoi_retarget.motion.check import ObjectPath
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.report import Report
@@ -75,14 +75,14 @@ def estimated_stance(kinematics: Kinematics, fps: float) -> Bool[np.ndarray, "T 
 
 def _figures(motion: Motion, kinematics: Kinematics, model: RobotModel) -> dict[str, float | None]:
     stance, heights = motion.stance_flags, ground.sole_heights(kinematics)
-    jerk, jerk_max = movement.jerk_summary(movement.body_jerks(kinematics, motion.fps))
+    jerks = movement.body_jerks(kinematics, motion.fps)
     speeds = ground.foot_speeds(kinematics, motion.fps)
     return {
-        "body_jerk_mps3": jerk,
-        "body_jerk_max_mps3": jerk_max,
+        "body_jerk_mps3": mean_or_none(jerks),
+        "body_jerk_max_mps3": max_or_none(jerks),
         "stance_slide_mps": mean_or_none(speeds[stance[1:] & stance[:-1]]),
         "stance_float_m": mean_or_none(np.maximum(heights[stance], 0.0)),
-        "floor_penetration_max_m": ground.floor_penetration_max_m(heights),
-        "joint_range_margin_rad": limits.joint_range_margin_rad(motion, model),
-        "joint_speed_margin_radps": limits.joint_speed_margin_radps(motion, model),
+        "floor_penetration_max_m": ground.deepest(heights),
+        "joint_range_margin_rad": finite_min_or_none(limits.joint_range_margins(motion, model)),
+        "joint_speed_margin_radps": finite_min_or_none(limits.joint_speed_margins(motion, model)),
     }

@@ -19,7 +19,7 @@ from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import frames_in
 from hoi_retarget.objects.mesh import surface_of
-from hoi_retarget.retarget.config import Config
+from hoi_retarget.retargeting.config import Config
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.browser.client_sessions import serve_sessions
 from hoi_retarget.viewers.browser.editing import Edited, Editing
