@@ -33,7 +33,7 @@ from hoi_retarget.motion.result_file import load
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers import own_layout
 from hoi_retarget.readers.open import clip_of, open_clip
-from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.config import Config, Weights
 from hoi_retarget.retargeting.multi_person import with_report
 from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.robots import ROBOTS
@@ -134,7 +134,7 @@ def names(summary) -> list[str]:
 
 def test_the_grid_is_every_combination_and_names_say_what_differs():
     grid = Specification(
-        ("builtin:carry_box",),
+        clips=("builtin:carry_box",),
         robots=("unitree_g1", "unitree_h2"),
         object_scales=("auto", 1.0),
         size_multipliers=(1.0, 0.75),
@@ -152,14 +152,17 @@ def test_clips_below_a_folder_are_called_by_their_way_from_there(folder):
     deep.parent.mkdir()
     deep.touch()
     ways = ["more/sub1_box_000", "sub1_box_000", "sub1_box_001"]
-    for specification in (of_folder(Path("clips")), Specification(("clips/**/*.pt",), folder)):
+    for specification in (of_folder(Path("clips")), Specification(clips=("clips/**/*.pt",), folder=folder)):
         assert [job.name for job in jobs_of(specification)] == [f"unitree_g1/{way}" for way in ways]
-    assert next(job.shown for job in jobs_of(Specification(("clips",), folder))) == "clips/more/sub1_box_000.pt"
+    assert (
+        next(job.shown for job in jobs_of(Specification(clips=("clips",), folder=folder)))
+        == "clips/more/sub1_box_000.pt"
+    )
     with pytest.raises(ArgumentError, match=r"sub1_box_000\.pt and .*sub1_box_000\.pt would both"):
-        jobs_of(Specification(("clips/sub1_box_000.pt", "clips/more/sub1_box_000.pt"), folder))
+        jobs_of(Specification(clips=("clips/sub1_box_000.pt", "clips/more/sub1_box_000.pt"), folder=folder))
     for nothing in ("clips/objects", "gone/*.pt"):
         with pytest.raises(ArgumentError, match="there are no clips"):
-            jobs_of(Specification((nothing,), folder))
+            jobs_of(Specification(clips=(nothing,), folder=folder))
 
 
 def test_a_specification_is_read_as_it_is_written(tmp_path):
@@ -180,26 +183,27 @@ object_scales = ["auto", 1]
 size_multipliers = [0.5, 1.0]
 mirrored = [true]
 speeds = [2]
+[config.weights]
+jerk = 2e-3
 """
     )
     wanted = Specification(
-        ("builtin:carry_box", "recordings"),
-        tmp_path,
-        ReadOptions(
-            objects=tmp_path / "objects",
-            object_name="box",
-            body_models=tmp_path / "models",
-            floor=-0.02,
-            labels="interact",
-        ),
-        Path("/elsewhere"),
-        ("unitree_h2",),
-        0.8,
-        "whole",
-        ("auto", 1.0),
-        (0.5, 1.0),
-        (True,),
-        (2.0,),
+        clips=("builtin:carry_box", "recordings"),
+        folder=tmp_path,
+        objects=tmp_path / "objects",
+        object_name="box",
+        body_models=tmp_path / "models",
+        floor=-0.02,
+        labels="interact",
+        edits=Path("/elsewhere"),
+        robots=("unitree_h2",),
+        config=Config(weights=Weights(jerk=2e-3)),
+        root_scale=0.8,
+        horizon="whole",
+        object_scales=("auto", 1.0),
+        size_multipliers=(0.5, 1.0),
+        mirrored=(True,),
+        speeds=(2.0,),
     )
     assert read_specification(path) == wanted
     assert all(getattr(wanted, field.name) != field.default for field in fields(wanted)), "each field is in the test"
@@ -210,7 +214,7 @@ speeds = [2]
     [
         ("clips = ", ReadError, "not a TOML file"),
         ("", ReadError, "'clips' is missing"),
-        ('clips = ["a"]\nrobot = "unitree_g1"', ReadError, "no 'robot'. Keys there: clips, .*robots"),
+        ('clips = ["a"]\nrobot = "unitree_g1"', ReadError, "no 'robot'. Keys there: .*clips, .*robots"),
         ('clips = "a"', ReadError, r"set\.toml: clips holds 'a'; expected a list"),
         ("clips = [1]", ReadError, r"clips\[0\] holds 1; expected a text"),
         ('clips = ["a"]\nspeeds = ["fast"]', ReadError, r"set\.toml: speeds\[0\] holds 'fast'; expected a number"),
@@ -298,7 +302,7 @@ def test_a_mesh_beside_a_clip_counts_as_the_clip_does(quick):
     own_layout.write(
         open_clip("clips/sub1_box_000.pt", ReadOptions(objects=Path("clips/objects"))), Path("clips/own.npz")
     )
-    only = {"clips": ("own.npz",), "reading": ReadOptions(), "mirrored": (True,)}
+    only = {"clips": ("own.npz",), "objects": None, "mirrored": (True,)}
     batch(**only)
     assert names(batch(**only)) == []
     mesh = Path("clips/objects/box/box.obj")
@@ -355,7 +359,7 @@ def test_faulty_clips_cost_themselves_alone(quick, columns):
 
 @pytest.mark.parametrize(("error", "again"), [(ZeroDivisionError("nothing"), 0), (MemoryError(), 2), (OSError(), 2)])
 def test_whatever_is_raised_ends_in_the_manifest(quick, monkeypatch, error, again):
-    def fail(*_):
+    def fail(*_, **__):
         raise error
 
     with monkeypatch.context() as patch:
@@ -469,13 +473,13 @@ def _without_mesh(track: ObjectTrack) -> ObjectTrack:
 )
 def test_what_cannot_name_clips_is_told_of(quick, clip, match):
     with pytest.raises(ArgumentError, match=match):
-        jobs_of(Specification((clip,)))
+        jobs_of(Specification(clips=(clip,)))
 
 
 def test_a_name_that_leaves_no_room_for_that_of_its_edits_has_none(quick, columns):
     name = 250 * "a"
     Path(f"clips/{name}.pt").write_bytes(torch_bytes(columns))
-    jobs = jobs_of(Specification((f"clips/{name}.pt",), edits=Path("clips")))
+    jobs = jobs_of(Specification(clips=(f"clips/{name}.pt",), edits=Path("clips")))
     assert [job.edits for job in jobs] == [None]
 
 

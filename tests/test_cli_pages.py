@@ -61,7 +61,7 @@ def test_the_editor_says_where_edits_go_and_which_run_makes_the_same(demo):
     words = ("edit", "builtin:carry_box", "--root-scale", "0.8", "--out", "there")
     with started(*words, folder=demo.parent) as (_, said):
         assert "carry_box.edits.toml" in said
-        assert "run builtin:carry_box --root-scale 0.8 --out there --edits carry_box.edits.toml" in said
+        assert "run builtin:carry_box --out there --edits carry_box.edits.toml --root-scale 0.8" in said
 
 
 def test_results_none_of_which_can_be_read_are_refused(tmp_path, capsys):

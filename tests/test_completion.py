@@ -93,7 +93,7 @@ def test_inverse_rotations_of_what_is_carried_are_refused_without_labels():
         with_contacts(wrong)
 
 
-def test_what_moves_alone_is_doubted():
+def test_what_moves_alone_is_warned_of():
     track = CLIP.objects[0]
     alone = replace(track, positions=track.positions + np.array([0.0, 0.0, 2.0]))
     labelled = tuple(replace(contact, object=1) for contact in CLIP.contacts)
@@ -101,8 +101,8 @@ def test_what_moves_alone_is_doubted():
         replace(CLIP, contacts=(), objects=(alone,)),
         replace(CLIP, contacts=labelled, objects=(alone, replace(track, name="other"))),
     ):
-        doubts = with_contacts(clip, "proximity").source.warnings
-        assert any("box moves in" in doubt and "no hand or foot within 10 cm" in doubt for doubt in doubts)
+        texts = [str(warning) for warning in with_contacts(clip, "proximity").source.warnings]
+        assert any("box moves in" in text and "no hand or foot within 10 cm" in text for text in texts)
 
 
 def test_results_open_their_clip_as_it_was_read(tmp_path, capsys):
@@ -119,15 +119,15 @@ def test_results_open_their_clip_as_it_was_read(tmp_path, capsys):
     assert "none in the file; found from distances" in capsys.readouterr().out
 
 
-def test_what_moves_untouched_and_feet_off_the_floor_are_doubts_that_run_tells(tmp_path, capsys):
+def test_what_moves_untouched_and_feet_off_the_floor_are_warnings_that_run_tells(tmp_path, capsys):
     none = tuple(replace(track, active=np.zeros(CLIP.frames, dtype=bool)) for track in CLIP.contacts)
-    (doubt,) = with_contacts(replace(CLIP, contacts=none)).source.warnings
-    assert "Nobody touches anything, although box moves in" in doubt
+    (warning,) = with_contacts(replace(CLIP, contacts=none)).source.warnings
+    assert "Nobody touches anything, although box moves in" in warning.text
     assert not with_contacts(CLIP).source.warnings
-    (doubt,) = on_floor(shifted(CLIP, 1.0), at_zero=True).source.warnings
-    assert "Feet stand at z = 0.97 m" in doubt and "--floor 0.97" in doubt
-    (doubt,) = on_floor(shifted(CLIP, 1.0), at_zero=False, floor=0.5).source.warnings
-    assert "--floor 0.97" in doubt
+    (warning,) = on_floor(shifted(CLIP, 1.0), at_zero=True).source.warnings
+    assert "Feet stand at z = 0.97 m" in warning.text and "--floor 0.97" in warning.text
+    (warning,) = on_floor(shifted(CLIP, 1.0), at_zero=False, floor=0.5).source.warnings
+    assert "--floor 0.97" in warning.text
     assert not on_floor(shifted(CLIP, 1.0), at_zero=False, floor=1.0).source.warnings
     path = tmp_path / "high.npz"
     own_layout.write(shifted(CLIP, 1.0), path)

@@ -132,7 +132,7 @@ def test_batches_take_folders_and_see_what_changes_in_them(folder):
     shutil.copytree(folder, folder.parent / "putting")
     first, second = jobs_of(of_folder(folder.parent))
     assert (first.name, second.name) == ("unitree_g1/lifting", "unitree_g1/putting")
-    assert jobs_of(Specification((str(folder),)))[0].clip == str(folder)
+    assert jobs_of(Specification(clips=(str(folder),)))[0].clip == str(folder)
     keys = [Contents().key(first, ["box"], ())]
     changed(folder / "clip.npz", fps=20.0)
     keys.append(Contents().key(first, ["box"], ()))

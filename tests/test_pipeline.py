@@ -73,7 +73,7 @@ def assert_agree(model: RobotModel, a: np.ndarray, b: np.ndarray, *, metres: flo
 def assert_sane(motion: Motion, model: RobotModel) -> None:
     """Check what every result must satisfy, whatever the clip."""
     statuses = {window.status for stage in motion.stages for window in stage.windows}
-    assert statuses == {"SOLVED"}
+    assert statuses == {Status.SOLVED}
     for qpos in (motion.qpos, motion.stages[0].qpos):
         assert np.isfinite(qpos).all()
         np.testing.assert_allclose(np.linalg.norm(qpos[:, 3:7], axis=1), 1.0, atol=1e-9)
@@ -259,8 +259,8 @@ def test_a_contact_out_of_reach_is_reported_with_link_frames_and_residual():
     assert {segment.link for segment in reported} == {"left_palm", "right_palm"}
     for segment in reported:
         column = motion.contact_links.index(segment.link)
-        assert motion.contact_flags[segment["first_frame"] : segment["last_frame"] + 1, column].all()
-        assert segment["mean_residual_m"] > 0.3, "half a metre is missing"
+        assert motion.contact_flags[segment.first_frame : segment.last_frame + 1, column].all()
+        assert segment.mean_residual_m > 0.3, "half a metre is missing"
     assert gaps(motion, G1).mean() > 0.3
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.readers import READERS, read_clip
 
@@ -73,10 +74,10 @@ def test_a_damaged_file_is_read_or_refused(tmp_path, sources, kind):
         folder.mkdir()
         recording = sources[name](folder, FRAMES)
         options = {"objects": recording.objects, "body_models": recording.body_models}
-        whole, refused, alike = read_clip(recording.path, **options), 0, 0
+        whole, refused, alike = read_clip(recording.path, ReadOptions(**options)), 0, 0
         for damage in damaged_files(folder):
             try:
-                clip = read_clip(recording.path, **options)
+                clip = read_clip(recording.path, ReadOptions(**options))
             except HoiRetargetError as error:
                 refused += 1
                 assert str(folder) in str(error)

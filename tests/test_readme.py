@@ -79,11 +79,3 @@ def test_the_robots_page_names_every_robot_and_every_site():
         side, _, rest = site.partition("_")
         names = (f"`{site}`", f"..._{rest.removeprefix('sole_')}`", f"`left_{rest}`, `right_{rest}`")
         assert any(name in text for name in names) or (side == "right" and "and right" in text), site
-
-
-def test_design_justifies_every_dependency():
-    text = (ROOT / "docs" / "design.md").read_text()
-    project = (ROOT / "pyproject.toml").read_text()
-    listed = re.findall(r'^    "([a-z-]+)[\[>]', project, flags=re.MULTILINE)
-    assert len(listed) > 10
-    assert all(name in text for name in listed)

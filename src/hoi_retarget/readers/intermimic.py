@@ -153,7 +153,8 @@ def _describe_columns(columns: int) -> str:
 def _is_multi_object(rows: Rows) -> bool:
     """Return whether the columns are those of the multi-object layout, which has 591 of them for one object."""
     used = rows.values[rows.first :, 318:526]
-    lengths = np.linalg.norm(used.reshape(len(used), 52, 4), axis=-1)
+    with np.errstate(over="ignore"):  # Damage may hold any number.
+        lengths = np.linalg.norm(used.reshape(len(used), 52, 4), axis=-1)
     return len(used) > 0 and bool((np.abs(lengths - 1.0) < 0.01).all())
 
 

@@ -42,6 +42,6 @@ def _is_result(path: Path) -> bool:
         return False
     try:
         with zipfile.ZipFile(path) as archive:
-            return {"schema.npy", "ik_qpos.npy"} <= set(archive.namelist())
+            return {"schema.npy", "contact_targets.npy"} <= set(archive.namelist())
     except (OSError, ValueError, zipfile.BadZipFile):
         return True

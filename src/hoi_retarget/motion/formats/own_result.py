@@ -33,6 +33,6 @@ def read(arrays: ArraysByName) -> MotionFile:
 FORMAT = Format(
     name="hoi-retarget",
     convention=Convention("hoi-retarget", order="names"),
-    holds=has("schema", "ik_qpos", "qpos", "joint_names"),
+    holds=has("schema", "contact_targets", "qpos", "joint_names"),
     read=read,
 )
