@@ -16,12 +16,11 @@ from hoi_retarget.clip.edits import ContactEdits
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.robots import load_robot
-from hoi_retarget.viewers.browser.edit_page import serve_editor
 from hoi_retarget.viewers.browser.editing import solved
-from hoi_retarget.viewers.browser.editor import Places
+from hoi_retarget.viewers.browser.editor import Places, serve_editor
 from hoi_retarget.viewers.browser.page_content import page_content
+from hoi_retarget.viewers.browser.player import serve_results
 from hoi_retarget.viewers.browser.server import address, open_server
-from hoi_retarget.viewers.browser.view_page import serve_results
 from hoi_retarget.viewers.scene.scene import Shown
 
 IMAGES = Path(__file__).parent / "images"

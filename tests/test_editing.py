@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hoi_retarget.clip.edits import ContactEdits, Delete, Fix, FixAll, Move, Retime, apply, load
+from hoi_retarget.clip.edits import ContactEdits, Delete, Fix, FixAll, Move, Retime, apply, load, save
 from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.pipeline import retarget
@@ -78,7 +78,7 @@ def test_the_whole_solved_is_what_the_pipeline_makes_to_the_bit(editing, recorde
     editing.take(editing.tried(FixAll()))
     editing.solve_all()
     assert editing.now.complete
-    editing.save(tmp_path / "edits.toml")
+    save(editing.now.edits, tmp_path / "edits.toml")
     motion = retarget(apply(recorded, load(tmp_path / "edits.toml")), MODEL, CONFIG)
     for name in ("qpos", "contact_points", "contact_flags"):
         assert getattr(editing.now.motions[0], name).tobytes() == getattr(motion, name).tobytes()

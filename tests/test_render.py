@@ -64,10 +64,10 @@ seen = {}
 for name, layer in parts.items():
     scene = Scene((Subject("s", 10.0, (layer,), np.zeros((2, 3))),))
     try:
-        with offscreen_renderer(scene, 96, 64) as drawing:
+        with offscreen_renderer(scene, 96, 64) as draw:
             for frame in (0, 1):
                 camera = Camera(np.array([0.0, 0.0, 1.0]), 4.0, 90.0, -10.0)
-                pixels = drawing.draw(frame, camera).astype(int)
+                pixels = draw(frame, camera).astype(int)
                 seen[f"{name} {frame}"] = [pixels[32, 48].tolist(), int(pixels.min()), pixels[60, 5].tolist()]
     except HoiRetargetError as error:
         sys.exit(f"cannot draw: {error}")

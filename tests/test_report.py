@@ -63,21 +63,21 @@ def folder(tmp_path: Path) -> Path:
 
 
 def rows_of(*paths: Path) -> tuple[Row, ...]:
-    return tuple(read_row(found, G1) for found in find(paths).motions)
+    return tuple(read_row(name, path, G1) for name, path in find(paths)[0].items())
 
 
 # Which files.
 
 
 def test_a_report_lists_every_file_once(folder: Path) -> None:
-    once = find([folder]).motions
-    assert [found.name for found in once] == ["a.npz", "b.npz", "damaged.npz", "deeper/bad.npz"]
-    assert find([folder, folder / "a.npz", folder / "deeper", folder / "deeper" / ".." / "b.npz"]).motions == once
+    once, _ = find([folder])
+    assert list(once) == ["a.npz", "b.npz", "damaged.npz", "deeper/bad.npz"]
+    assert find([folder, folder / "a.npz", folder / "deeper", folder / "deeper" / ".." / "b.npz"])[0] == once
 
 
 def test_files_are_named_from_the_folder_that_holds_them_all(folder: Path) -> None:
-    assert [found.name for found in find([folder / "deeper"]).motions] == ["bad.npz"]
-    assert [found.name for found in find([folder / "a.npz"]).motions] == ["a.npz"]
+    assert list(find([folder / "deeper"])[0]) == ["bad.npz"]
+    assert list(find([folder / "a.npz"])[0]) == ["a.npz"]
 
 
 def test_what_an_earlier_report_wrote_is_no_motion(folder: Path) -> None:

@@ -17,8 +17,8 @@ from trajectories import MODELS
 pytest.importorskip("viser", reason="viser is not installed")
 
 from hoi_retarget.viewers.browser.page_content import load_page_content
+from hoi_retarget.viewers.browser.player import serve_results
 from hoi_retarget.viewers.browser.server import address, open_server
-from hoi_retarget.viewers.browser.view_page import serve_results
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 

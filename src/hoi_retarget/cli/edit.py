@@ -23,9 +23,8 @@ if TYPE_CHECKING:
 def execute(command: Edit) -> int:
     """Serve the editor until Ctrl-C."""
     check_viser()
-    from hoi_retarget.viewers.browser.edit_page import serve_editor  # noqa: PLC0415 - need an extra
-    from hoi_retarget.viewers.browser.editing import solved  # noqa: PLC0415
-    from hoi_retarget.viewers.browser.editor import Places  # noqa: PLC0415
+    from hoi_retarget.viewers.browser.editing import solved  # noqa: PLC0415 - need an extra
+    from hoi_retarget.viewers.browser.editor import Places, serve_editor  # noqa: PLC0415
 
     config, model = config_of(command), load_robot(command.robot)
     stem = result_stem(command.clip)

@@ -10,7 +10,7 @@ from hoi_retarget.cli.terminal import Working, say, show_table, warn
 from hoi_retarget.errors import ArgumentError, DrawingError
 from hoi_retarget.evaluation.thresholds import Level
 from hoi_retarget.files.atomic import write_together
-from hoi_retarget.report.batches import summarize_manifests
+from hoi_retarget.report.batches import read_manifests
 from hoi_retarget.report.discover import find
 from hoi_retarget.report.index import to_csv, to_json, to_parquet
 from hoi_retarget.report.page import report_page
@@ -29,15 +29,14 @@ def execute(command: Report) -> int:
     if not command.paths:
         raise ArgumentError("nothing is named. Usage: hoi-retarget report DIR|FILE... --out DIR.")
     check_writable("--out", command.out)
-    files = find(command.paths)
+    motions, manifests = find(command.paths)
     # Of what is written, only the table can be a motion.
-    check_inputs_kept("--out", [command.out / _TABLE], (file.path for file in files.motions))
-    summary = summarize_manifests(files.manifests)
+    check_inputs_kept("--out", [command.out / _TABLE], motions.values())
+    lineages, rows = read_manifests(manifests)
     model = load_robot(command.robot)
-    rows = list(summary.missing)
-    with Working("judging", len(files.motions)) as working:
-        for file in files.motions:
-            rows.append(read_row(file, model, summary.lineages.get(file.path.resolve())))
+    with Working("judging", len(motions)) as working:
+        for name, path in motions.items():
+            rows.append(read_row(name, path, model, lineages.get(path.resolve())))
             working.advance()
         working.describe("drawing")
         try:

@@ -15,7 +15,7 @@ def execute(command: View) -> int:
         raise ArgumentError("no result is named. Usage: hoi-retarget view RESULT...")
     check_viser()
     from hoi_retarget.viewers.browser.page_content import PageContent, load_page_content  # noqa: PLC0415 - need an extra
-    from hoi_retarget.viewers.browser.view_page import serve_results  # noqa: PLC0415
+    from hoi_retarget.viewers.browser.player import serve_results  # noqa: PLC0415
 
     told: set[str] = set()
 

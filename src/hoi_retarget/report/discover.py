@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from hoi_retarget.errors import ArgumentError
@@ -16,27 +15,10 @@ _OWN = ("index.csv", "verdicts.json")
 """Beside each other they tell a folder that a report was written into."""
 
 
-@dataclass(frozen=True)
-class Found:
-    """A file that a report is about."""
+def find(named: Sequence[Path]) -> tuple[dict[str, Path], tuple[Path, ...]]:
+    """Return the motions and the batches' manifests of a report, each one once.
 
-    path: Path
-    name: str
-    """The path from the folder that holds all files, with forward slashes."""
-
-
-@dataclass(frozen=True)
-class Files:
-    """Motions and manifests of a report."""
-
-    motions: tuple[Found, ...]
-    """In order of their names."""
-    manifests: tuple[Path, ...]
-    """Of batches."""
-
-
-def find(named: Sequence[Path]) -> Files:
-    """Return the files of a report, each one once.
+    A motion has its path from the folder that holds all of them, with forward slashes, as its name.
 
     In folders, hidden files, what an earlier report wrote and contacts beside exports are left out, and of
     tables (.csv) those that begin with words: motions in them are numbers alone.
@@ -59,8 +41,8 @@ def find(named: Sequence[Path]) -> Files:
             f"{', '.join(map(str, named))}: there are no results in it ({', '.join(_SUFFIXES)}). Name another folder."
         )
     root = Path(os.path.commonpath([file.parent for file in paths])) if paths else Path()
-    found = (Found(path, resolved.relative_to(root).as_posix()) for resolved, path in paths.items())
-    return Files(tuple(sorted(found, key=lambda file: file.name)), tuple(sorted(manifests.values())))
+    motions = {resolved.relative_to(root).as_posix(): path for resolved, path in paths.items()}
+    return dict(sorted(motions.items())), tuple(sorted(manifests.values()))
 
 
 def _walk(folder: Path) -> Iterator[Path]:

@@ -22,56 +22,44 @@ def histogram(threshold: Threshold, values: Sequence[float]) -> str:
         threshold: The figure.
         values: Of each motion, in stored units; at least one.
     """
-    axis = _Axis(threshold, values)
-    levels = [threshold.level(value) for value in values]
-    bins = [axis.bin_of(value) for value in values]
+    sign = 1.0 if threshold.column.better == "lower" else -1.0
+    low, high, labels = _axis(threshold, sign, values)
+
+    def share(value: float) -> float:
+        return float(np.clip((sign * value - low) / (high - low), 0.0, 1.0))
+
+    bins = [min(_BINS - 1, int(share(value) * _BINS)) for value in values]
     counts = np.zeros((_BINS, len(Level)), dtype=int)
-    np.add.at(counts, (bins, levels), 1)
+    np.add.at(counts, (bins, [threshold.level(value) for value in values]), 1)
     limits = {Level.WARN: threshold.warn, Level.FAIL: threshold.fail}
-    low, high = axis.labels()
+    shares = {level: share(limit) for level, limit in limits.items() if limit is not None}
     return render(
         "report/page/histogram.svg.j2",
         header=threshold.column.header,
         **{"width": WIDTH, "height": HEIGHT, "top": _TOP, "base": HEIGHT - _BOTTOM},
-        **{"left": _LEFT, "right": WIDTH - _RIGHT, "low": low, "high": high},
+        **{"left": _LEFT, "right": WIDTH - _RIGHT, "low": labels[0], "high": labels[1]},
         bars=_bars(counts),
         marks=[
-            _mark(level, axis.share(limit))
-            for level, limit in limits.items()
-            if limit is not None and axis.share(limit) < 1.0
+            {"level": level, "x": _x(along), "side": "end" if along > 0.5 else ""}
+            for level, along in shares.items()
+            if along < 1.0
         ],
     )
 
 
-class _Axis:
-    """Axis of a histogram, good values at the left; its bad end may be cut."""
-
-    def __init__(self, threshold: Threshold, values: Sequence[float]) -> None:
-        self._column = threshold.column
-        self._sign = 1.0 if threshold.column.better == "lower" else -1.0
-        worse = self._sign * np.array(values)
-        warn, fail = self._sign * threshold.warn, threshold.fail
-        self._low = min(float(worse.min()), warn, 0.0)
-        high = max(float(worse.max()), warn)
-        self.cut = False
-        if fail is not None and high > warn:
-            farthest = _FARTHEST * self._sign * fail
-            self.cut = high > farthest > 0
-            high = farthest if self.cut else max(high, self._sign * fail)
-        self._high = self._low + _ROOM * (high - self._low) if high > self._low else self._low + 1.0
-
-    def share(self, value: float) -> float:
-        """Return how far along the axis a value lies, from 0 to 1, with the good ones at the left."""
-        return float(np.clip((self._sign * value - self._low) / (self._high - self._low), 0.0, 1.0))
-
-    def bin_of(self, value: float) -> int:
-        return min(_BINS - 1, int(self.share(value) * _BINS))
-
-    def labels(self) -> tuple[str, str]:
-        low, high = (
-            f"{float(f'{self._column.scale * self._sign * end + 0.0:.3g}'):g}" for end in (self._low, self._high)
-        )
-        return low, f"{high} and beyond" if self.cut else high
+def _axis(threshold: Threshold, sign: float, values: Sequence[float]) -> tuple[float, float, tuple[str, str]]:
+    """Return the ends of the axis, good values at the left, and what they are labelled; the bad end may be cut."""
+    worse = sign * np.array(values)
+    warn, fail = sign * threshold.warn, threshold.fail
+    low, high = min(float(worse.min()), warn, 0.0), max(float(worse.max()), warn)
+    beyond = ""
+    if fail is not None and high > warn:
+        farthest = _FARTHEST * sign * fail
+        beyond = " and beyond" if high > farthest > 0 else ""
+        high = farthest if beyond else max(high, sign * fail)
+    high = low + _ROOM * (high - low) if high > low else low + 1.0
+    first, last = (f"{float(f'{threshold.column.scale * sign * end + 0.0:.3g}'):g}" for end in (low, high))
+    return low, high, (first, last + beyond)
 
 
 def _x(share: float) -> float:
@@ -88,7 +76,3 @@ def _bars(counts: np.ndarray) -> Iterator[dict[str, Any]]:
                 height = max(2.0, room * of_levels[level] / tallest)
                 base -= height
                 yield {"level": level, "x": _x(0.0) + number * step, "y": base, "width": step - 1, "height": height}
-
-
-def _mark(level: Level, share: float) -> dict[str, Any]:
-    return {"level": level, "x": _x(share), "side": "end" if share > 0.5 else ""}

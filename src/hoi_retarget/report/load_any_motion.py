@@ -1,7 +1,6 @@
 """Loads a motion to be judged from any program's file."""
 
 import zipfile
-from dataclasses import dataclass
 from pathlib import Path
 
 from hoi_retarget.motion.check import as_qpos
@@ -14,18 +13,8 @@ from hoi_retarget.robots.model import RobotModel
 OWN_FORMAT = own_result.FORMAT.name
 
 
-@dataclass(frozen=True, eq=False)
-class Opened:
-    """A motion, and what else a report tells of its file."""
-
-    motion: Motion
-    format: str
-    notes: tuple[str, ...] = ()
-    """Assumptions, a clause each."""
-
-
-def open_motion(path: Path, robot: RobotModel) -> Opened:
-    """Return the motion in a file.
+def open_motion(path: Path, robot: RobotModel) -> tuple[Motion, str, tuple[str, ...]]:
+    """Return the motion in a file, the file's format, and the assumptions made to read it, a clause each.
 
     Args:
         path: A result, or a motion in another program's format.
@@ -36,7 +25,7 @@ def open_motion(path: Path, robot: RobotModel) -> Opened:
         ClipError: Its numbers contradict what it claims.
     """
     if _is_result(path):
-        return Opened(load(path), OWN_FORMAT)
+        return load(path), OWN_FORMAT, ()
     file = read(path)
     found = as_qpos(file, robot)
     notes = []
@@ -44,7 +33,7 @@ def open_motion(path: Path, robot: RobotModel) -> Opened:
         notes.append(f"{found.fps:g} frames a second are assumed")
     if found.missing_joints:
         notes.append(f"{len(found.missing_joints)} joints that the file does not have are taken to be at zero")
-    return Opened(motion_from_qpos(found.qpos, found.fps, robot, found.objects), file.format, tuple(notes))
+    return motion_from_qpos(found.qpos, found.fps, robot, found.objects), file.format, tuple(notes)
 
 
 def _is_result(path: Path) -> bool:

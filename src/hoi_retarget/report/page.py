@@ -60,34 +60,28 @@ def report_page(title: str, rows: Sequence[Row], pictures: Mapping[str, bytes]) 
     return render(
         "report/page/report.html.j2",
         title=title,
-        subtitle=_subtitle(judged, unread),
+        files=len(rows),
+        robots={row.robot for row in judged},
+        objects={name for row in judged for name in row.objects},
+        seconds=sum(row.seconds or 0.0 for row in judged),
         counts={**{str(level): sum(row.level is level for row in rows) for level in Level}, "unread": len(unread)},
         unread=Table("Without a motion", {"file": "", "reason": ""}, [(row.file, row.error) for row in unread]),
         reasons=_reasons(judged),
         histograms=[_histogram(threshold, judged) for threshold in _chosen(_DRAWN) if _values(judged, threshold.name)],
         cards_title="Nearest to a threshold" if all(row.level is Level.PASS for row in shown) else "Worst motions",
-        cards=[_card(row, pictures[row.file]) for row in shown],
+        cards=[(row, base64.b64encode(pictures[row.file]).decode("ascii")) for row in shown],
         groups=_groups(judged),
         levels=list(Level),
-        motion_heads=_motion_heads(thresholds),
-        motions=[_motion(row, thresholds) for row in judged],
+        motion_heads={
+            **dict.fromkeys(("verdict", "motion", "format", "robot", "object"), ""),
+            **dict.fromkeys(("scale", "seconds", *(threshold.column.header for threshold in thresholds)), "number"),
+            "why": "",
+        },
+        motions=[(row, [_figure(row, threshold) for threshold in thresholds]) for row in judged],
         licences=_licences(judged),
         not_judged=_not_judged(judged),
         thresholds=_thresholds(),
     )
-
-
-def _subtitle(judged: Sequence[Row], unread: Sequence[Row]) -> str:
-    robots = {row.robot for row in judged}
-    objects = {name for row in judged for name in row.objects}
-    seconds = sum(row.seconds or 0.0 for row in judged)
-    told = [
-        _plural(len(judged) + len(unread), "file"),
-        _plural(len(robots), "robot"),
-        _plural(len(objects), "object"),
-        f"{seconds / 60:.1f} minutes of motion" if seconds >= 120 else f"{seconds:.0f} seconds of motion",
-    ]
-    return " · ".join(told)
 
 
 def _reasons(rows: Sequence[Row]) -> Table:
@@ -108,17 +102,6 @@ def _histogram(threshold: Threshold, rows: Sequence[Row]) -> dict[str, str]:
     worst = max(values) if column.better == "lower" else min(values)
     told = f"median {column.text(float(np.median(values)))}, worst {column.text(worst)} {column.unit}"
     return {"title": column.title, "told": told, "svg": histogram(threshold, values)}
-
-
-def _card(row: Row, picture: bytes) -> dict[str, Any]:
-    assert row.verdict is not None
-    return {
-        "picture": base64.b64encode(picture).decode("ascii"),
-        "name": row.name,
-        "level": row.level,
-        "facts": " · ".join((row.robot, ", ".join(row.objects) or "no object", f"{row.seconds or 0.0:.1f} s")),
-        "reasons": [str(reason) for reason in row.verdict.reasons],
-    }
 
 
 def _groups(rows: Sequence[Row]) -> list[Table]:
@@ -145,34 +128,12 @@ def _group(head: str, rows: Sequence[Row], of: Callable[[Row], str]) -> Table:
     return Table(f"By {head}, with mean figures", {head: "", **dict.fromkeys(numbers, "number")}, lines)
 
 
-def _motion_heads(thresholds: Sequence[Threshold]) -> dict[str, str]:
-    words, numbers = ("verdict", "motion", "format", "robot", "object"), ("scale", "seconds")
-    figures = [threshold.column.header for threshold in thresholds]
-    return {**dict.fromkeys(words, ""), **dict.fromkeys((*numbers, *figures), "number"), "why": ""}
-
-
-def _motion(row: Row, thresholds: Sequence[Threshold]) -> dict[str, Any]:
-    assert row.verdict is not None
-    levels = {reason.threshold.name: reason.level for reason in row.verdict.reasons}
-    scales = " ".join(f"{scale:.3f}" for scale in row.object_scale)
-    numbers = [
-        _number(row.object_scale[0] if row.object_scale else None, scales or "-"),
-        _number(row.seconds, "-" if row.seconds is None else f"{row.seconds:.1f}"),
-    ]
-    for threshold in thresholds:
-        value = row.figures.get(threshold.name)
-        numbers.append(_number(value, threshold.column.text(value), str(levels.get(threshold.name, ""))))
-    return {
-        "level": row.verdict.level,
-        "words": (row.file, row.format, row.robot, ", ".join(row.objects) or "-"),
-        "numbers": numbers,
-        "why": "; ".join((*map(str, row.verdict.reasons), *row.notes)),
-    }
-
-
-def _number(value: float | None, text: str, level: str = "") -> dict[str, str]:
+def _figure(row: Row, threshold: Threshold) -> tuple[str, str, str]:
+    """Return a figure as it is shown, the number that it is sorted by, and its level where it is not good."""
+    value = row.figures.get(threshold.name)
+    levels = {reason.threshold.name: str(reason.level) for reason in row.verdict.reasons} if row.verdict else {}
     sorted_by = "" if value is None or not np.isfinite(value) else repr(float(value))
-    return {"text": text, "sorted_by": sorted_by, "level": level}
+    return threshold.column.text(value), sorted_by, levels.get(threshold.name, "")
 
 
 def _licences(rows: Sequence[Row]) -> Table:
@@ -221,7 +182,3 @@ def _values(rows: Sequence[Row], name: str) -> list[float]:
 
 def _chosen(names: Sequence[str]) -> list[Threshold]:
     return [threshold for threshold in THRESHOLDS if threshold.name in names]
-
-
-def _plural(count: int, word: str) -> str:
-    return f"{count} {word}{'s' if count != 1 else ''}"

@@ -8,7 +8,6 @@ from typing import Any
 
 from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.evaluation.thresholds import THRESHOLDS, Level, Verdict, judged_figures, verdict_of_figures
-from hoi_retarget.report.discover import Found
 from hoi_retarget.report.load_any_motion import OWN_FORMAT, open_motion
 from hoi_retarget.robots.model import RobotModel
 
@@ -85,35 +84,35 @@ def worst_first(rows: Sequence[Row]) -> tuple[Row, ...]:
     return tuple(sorted(judged, key=lambda row: row.badness, reverse=True))
 
 
-def read_row(found: Found, robot: RobotModel, lineage: Mapping[str, Any] | None = None) -> Row:
+def read_row(name: str, path: Path, robot: RobotModel, lineage: Mapping[str, Any] | None = None) -> Row:
     """Return what a file holds; one that cannot be read gives a row with the reason.
 
     Args:
-        found: The file.
+        name: Of the file in the report.
+        path: The file.
         robot: The robot of files that do not say which.
         lineage: What was done to the recording, where it is known from elsewhere.
     """
     try:
-        opened = open_motion(found.path, robot)
+        motion, kind, notes = open_motion(path, robot)
     except HoiRetargetError as error:
-        return Row(found.name, found.path, str(error).replace(str(found.path), found.path.name))
-    motion = opened.motion
+        return Row(name, path, str(error).replace(str(path), path.name))
     figures = judged_figures(motion)
     source = motion.report.source
     return Row(
-        file=found.name,
-        path=found.path,
-        format=opened.format,
+        file=name,
+        path=path,
+        format=kind,
         robot=motion.robot,
         objects=motion.object_names,
         clip=motion.report.clip,
         frames=motion.frames,
         fps=motion.fps,
         root_scale=motion.report.root_scale,
-        object_scale=tuple(motion.object_scale.tolist()) if opened.format == OWN_FORMAT else (),
+        object_scale=tuple(motion.object_scale.tolist()) if kind == OWN_FORMAT else (),
         licence=source.licence,
         lineage=_json(lineage if lineage is not None else asdict(source.augmentation)),
-        notes=opened.notes,
+        notes=notes,
         figures=figures,
         verdict=verdict_of_figures(figures),
     )

@@ -2,10 +2,9 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.clip.edits import ContactEdits, Edit, Segment, apply, save, segments_of
+from hoi_retarget.clip.edits import ContactEdits, Edit, Segment, apply, segments_of
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.retargeting.config import Config
@@ -42,12 +41,8 @@ class Editing:
         self._recorded, self._model, self._config = recorded, model, config
         self._past: list[Edited] = []
         self._taken_back: list[Edited] = []
-        self._now = start
-
-    @property
-    def now(self) -> Edited:
+        self.now = start
         """The current state of the work."""
-        return self._now
 
     @property
     def before(self) -> Edited | None:
@@ -61,41 +56,37 @@ class Editing:
             ClipError: The edit cannot be done.
             SolveError: The frames around it end without a usable trajectory.
         """
-        return self._revised(self._now.edits.adding(edit))
+        return self._revised(self.now.edits.adding(edit))
 
     def take(self, edited: Edited) -> None:
         """Go on from what was tried."""
-        self._past.append(self._now)
+        self._past.append(self.now)
         self._taken_back.clear()
-        self._now = edited
+        self.now = edited
 
     def undo(self) -> None:
         """Take the last edit back; raises `ArgumentError` when there is none."""
-        if not self._now.edits.edits:
+        if not self.now.edits.edits:
             raise ArgumentError("there is no contact edit to take back.")
         # Edits that were made before, and read from a file, were never solved one by one.
-        before = self._past.pop() if self._past else self._revised(self._now.edits.without_last())
-        self._taken_back.append(self._now)
-        self._now = before
+        before = self._past.pop() if self._past else self._revised(self.now.edits.without_last())
+        self._taken_back.append(self.now)
+        self.now = before
 
     def redo(self) -> None:
         """Do again what was taken back; raises `ArgumentError` when there is nothing."""
         if not self._taken_back:
             raise ArgumentError("there is nothing to do again.")
-        self._past.append(self._now)
-        self._now = self._taken_back.pop()
+        self._past.append(self.now)
+        self.now = self._taken_back.pop()
 
     def solve_all(self) -> None:
         """Solve the whole clip, as the command line does with the same edits."""
-        self._now = solved(self._recorded, self._model, self._config, self._now.edits)
-
-    def save(self, path: Path) -> None:
-        """Write the edits; raises `WriteError`, and a previous file at `path` is then intact."""
-        save(self._now.edits, path)
+        self.now = solved(self._recorded, self._model, self._config, self.now.edits)
 
     def _revised(self, edits: ContactEdits) -> Edited:
         clip = apply(self._recorded, edits)
-        drafts = tuple(revise(item, clip, self._model, self._config) for item in self._now.drafts)
+        drafts = tuple(revise(item, clip, self._model, self._config) for item in self.now.drafts)
         return Edited(edits, clip, drafts, complete=False)
 
 

@@ -13,18 +13,22 @@ import numpy as np
 import viser
 from jaxtyping import Float
 
-from hoi_retarget.clip.edits import Add, Edit, FixAll, Move, Retime, Segment, SnapAll, describe
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.edits import Add, Edit, FixAll, Move, Retime, Segment, SnapAll, describe, save
 from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import frames_in
 from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.retargeting.config import Config
 from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.viewers.browser.client_sessions import serve_sessions
 from hoi_retarget.viewers.browser.editing import Edited, Editing
 from hoi_retarget.viewers.browser.editor_panel import PANEL_WIDTH_PX, EditorPanel
 from hoi_retarget.viewers.browser.editor_points import EditorPoints
 from hoi_retarget.viewers.browser.page_content import PageContent, page_content
 from hoi_retarget.viewers.browser.player import Player
 from hoi_retarget.viewers.browser.segment_strip import strip_height_px, strip_html
+from hoi_retarget.viewers.browser.server import PageServer
 from hoi_retarget.viewers.browser.worker import Worker
 from hoi_retarget.viewers.scene.scene import Shown
 
@@ -40,6 +44,19 @@ class Places:
     """The edits' file."""
     save_result: Callable[[Edited], tuple[Path, ...]]
     """Writes the motions and says where; raises `WriteError`."""
+
+
+def serve_editor(  # noqa: PLR0913, PLR0917 - what an editor needs
+    server: PageServer, recorded: Clip, model: RobotModel, config: Config, start: Edited, places: Places
+) -> None:
+    """Let every browser edit the contacts of a clip on its own, from what was saved last."""
+    latest = start
+
+    def keep(saved: Edited) -> None:
+        nonlocal latest
+        latest = saved
+
+    serve_sessions(server, lambda client: Editor(client, Editing(recorded, model, config, latest), model, places, keep))
 
 
 class Editor:
@@ -70,10 +87,16 @@ class Editor:
             typed=self.typed,
             add=self.add,
             commands=(
-                {"One point each": lambda: self.commit(FixAll()), "All to surface": lambda: self.commit(SnapAll())},
-                {"Undo": self.undo, "Redo": self.redo},
-                {"Solve whole clip": self.solve_all},
-                {"Save edits": self.save_edits, "Save result": self.save_result},
+                {
+                    "One point each": self._asked(lambda: self._commit(FixAll())),
+                    "All to surface": self._asked(lambda: self._commit(SnapAll())),
+                },
+                {
+                    "Undo": self._asked(lambda: self._go(editing.undo, "Taken back.")),
+                    "Redo": self._asked(lambda: self._go(editing.redo, "Done again.")),
+                },
+                {"Solve whole clip": self._asked(lambda: self._go(editing.solve_all, "The whole clip is solved."))},
+                {"Save edits": self._asked(self._save_edits), "Save result": self._asked(self._save_result)},
             ),
         )
         self._player.attach(self._points.show_frame)
@@ -123,17 +146,14 @@ class Editor:
         """Change the chosen segment once nothing has been typed for a moment."""
         self._worker.do_later(lambda: self._guarded(lambda: self._change(edit_of)), _TYPING_SECONDS)
 
-    def commit(self, edit: Edit) -> None:
-        """Make an edit that names its contacts itself."""
-        self._do(lambda: self._commit(edit))
-
     def add(self, person: int, part: str, item: int) -> None:
         """Add a contact with an object from this frame on, where the robot's part is nearest to its surface."""
 
         def task() -> None:
             clip, frame = self._editing.now.clip, self.frame
             free = [seg for seg in self._editing.now.segments if (seg.person, seg.part) == (person, part)]
-            stop = min([frame + frames_in(_NEW_SECONDS, clip.fps), clip.frames, *_starts_after(free, frame)])
+            later = [segment.start for segment in free if segment.start > frame]
+            stop = min([frame + frames_in(_NEW_SECONDS, clip.fps), clip.frames, *later])
             point = tuple(self._nearest_point(person, part, item, frame).tolist())
             self._commit(Add(part, frame, stop, point, person=person, object=clip.objects[item].name))
             self._chosen = (person, part, frame)
@@ -148,43 +168,25 @@ class Editor:
         else:
             self._worker.do_latest(lambda: self._guarded(lambda: self._drag(point, released=False)))
 
-    def undo(self) -> None:
-        """Take the last edit back."""
-        self._do(lambda: self._go(self._editing.undo, "Taken back."))
-
-    def redo(self) -> None:
-        """Do again what was taken back."""
-        self._do(lambda: self._go(self._editing.redo, "Done again."))
-
-    def solve_all(self) -> None:
-        """Solve the whole clip."""
-        self._do(lambda: self._go(self._editing.solve_all, "The whole clip is solved."))
-
-    def save_edits(self) -> None:
-        """Write the edits' file."""
-
-        def task() -> None:
-            self._editing.save(self._places.edits)
-            self._saved(self._editing.now)
-            self._panel.say(f"Saved {len(self._editing.now.edits.edits)} edits to {self._places.edits}.")
-
-        self._do(task)
-
-    def save_result(self) -> None:
-        """Solve the whole clip and write its motions."""
-
-        def task() -> None:
-            if not self._editing.now.complete:
-                self._editing.solve_all()
-            paths = self._places.save_result(self._editing.now)
-            self._show(f"Saved {', '.join(map(str, paths))}.")
-
-        self._do(task)
-
     # What is done about it, in the worker's thread.
 
     def _do(self, task: Callable[[], None]) -> None:
         self._worker.do(lambda: self._guarded(task))
+
+    def _asked(self, task: Callable[[], None]) -> Callable[[], None]:
+        return lambda: self._do(task)
+
+    def _save_edits(self) -> None:
+        save(self._editing.now.edits, self._places.edits)
+        self._saved(self._editing.now)
+        self._panel.say(f"Saved {len(self._editing.now.edits.edits)} edits to {self._places.edits}.")
+
+    def _save_result(self) -> None:
+        """Solve the whole clip and write its motions."""
+        if not self._editing.now.complete:
+            self._editing.solve_all()
+        paths = self._places.save_result(self._editing.now)
+        self._show(f"Saved {', '.join(map(str, paths))}.")
 
     def _change(self, edit_of: Callable[[Segment], Edit]) -> None:
         segment = self.chosen
@@ -273,7 +275,3 @@ class Editor:
         height = plain.extra_height_px + strip_height_px(segments)
         # The editor's own panel has the figures.
         return replace(plain, chart=strip + plain.chart, extra_height_px=height, figures="")
-
-
-def _starts_after(segments: Sequence[Segment], frame: int) -> list[int]:
-    return [segment.start for segment in segments if segment.start > frame]

@@ -140,28 +140,22 @@ class EditorPanel:
         self._point = gui.add_vector3("Point [m]", (0.0, 0.0, 0.0), step=0.001, hint="In the object's frame")
         self._point.on_update(self._on_point)
         self._surface = gui.add_checkbox("On surface", False, hint="A dragged point stays on the object's surface")
-        self._add_choices(
+        for edits in (
             {
                 "Start here": lambda s: Retime(s.part, s.start, self._frame(), s.stop, s.person),
                 "End here": lambda s: Retime(s.part, s.start, s.start, self._frame() + 1, s.person),
             },
-            self._change,
-        )
-        self._add_choices(
             {
                 "Split here": lambda s: Split(s.part, s.start, self._frame(), s.person),
                 "Merge with next": lambda s: Merge(s.part, s.start, s.person),
             },
-            self._change,
-        )
-        self._add_choices(
             {
                 "One point": lambda s: Fix(s.part, s.start, person=s.person),
                 "To surface": lambda s: Snap(s.part, s.start, s.person),
                 "Delete": lambda s: Delete(s.part, s.start, s.person),
             },
-            self._change,
-        )
+        ):
+            self._add_choices(edits, self._change)
 
     def _add_new(self, edited: Edited) -> None:
         gui, clip = self._gui, edited.clip

@@ -13,8 +13,10 @@ import numpy as np
 import viser
 from jaxtyping import Float
 
+from hoi_retarget.viewers.browser.client_sessions import serve_sessions
 from hoi_retarget.viewers.browser.clock import Clock
 from hoi_retarget.viewers.browser.page_content import PageContent
+from hoi_retarget.viewers.browser.server import PageServer
 from hoi_retarget.viewers.browser.viser_scene import ViserScene
 from hoi_retarget.viewers.html import render
 from hoi_retarget.viewers.scene.auto_camera import fit_window
@@ -145,7 +147,7 @@ class Player:
         gui = self._client.gui
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_CONTROLS_WIDTH_PX)
-        show_notices(self._client, content)
+        _show_notices(self._client, content)
         with gui.add_folder("Playback"):
             self._button = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="Space")
             self._slider = gui.add_slider("Frame", 0, max(1, self._scene.frames - 1), 1, 0, hint="Arrows, Home, End")
@@ -167,20 +169,10 @@ class Player:
         gui, subjects = self._client.gui, self._scene.subjects
         for name, shown in {layer.name: layer.shown for subject in subjects for layer in subject.layers}.items():
             box = gui.add_checkbox(name, shown)
-
-            def show_layer(event: viser.GuiEvent[viser.GuiCheckboxHandle], name: str = name) -> None:
-                for index in range(len(subjects)):
-                    self._drawn.show_layer(index, name, event.target.value)
-
-            box.on_update(show_layer)
-        if len(subjects) > 1:
-            for index, subject in enumerate(subjects):
-                box = gui.add_checkbox(subject.title, True)
-
-                def show_subject(event: viser.GuiEvent[viser.GuiCheckboxHandle], index: int = index) -> None:
-                    self._drawn.show_subject(index, event.target.value)
-
-                box.on_update(show_subject)
+            box.on_update(lambda event, name=name: self._drawn.show_layer(name, event.target.value))
+        for index, subject in enumerate(subjects) if len(subjects) > 1 else ():
+            box = gui.add_checkbox(subject.title, True)
+            box.on_update(lambda event, index=index: self._drawn.show_subject(index, event.target.value))
 
     def _add_keys(self) -> None:
         gui, last = self._client.gui, self._scene.frames - 1
@@ -224,8 +216,20 @@ class Player:
         return html, cursor
 
 
-def show_notices(client: viser.ClientHandle, content: PageContent) -> None:
-    """Show the notices of a page."""
+def serve_results(server: PageServer, load: Callable[[], PageContent]) -> None:
+    """Let a server show every browser that connects what `load` returns then, in a player of its own."""
+
+    def receive(client: viser.ClientHandle) -> Player | None:
+        content = load()
+        if content.scene is None:
+            _show_notices(client, content)
+            return None
+        return Player(client, content)
+
+    serve_sessions(server, receive)
+
+
+def _show_notices(client: viser.ClientHandle, content: PageContent) -> None:
     for notice in content.notices:
         client.gui.add_html(render(MESSAGE, kind="notice", text=notice))
 

@@ -117,9 +117,9 @@ def opened(
         def draw(time: float) -> Picture:
             picture = np.full((height, width, 3), _EMPTY, dtype=np.uint8)
             drawn = zip(filmed, renderers, placed, captions, cells, strict=True)
-            for scene, ready, camera, caption, ((top, bottom), (left, right)) in drawn:
+            for scene, draw_scene, camera, caption, ((top, bottom), (left, right)) in drawn:
                 frame = min(round(time * scene.fps), scene.frames - 1)
-                picture[top:bottom, left:right] = _titled(ready.draw(frame, camera(frame)), caption)
+                picture[top:bottom, left:right] = _titled(draw_scene(frame, camera(frame)), caption)
             return picture
 
         yield draw

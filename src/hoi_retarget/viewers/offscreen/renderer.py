@@ -4,9 +4,8 @@ The model that MuJoCo compiles holds the stage and the meshes; all else is added
 unit shapes. Nothing is simulated.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -15,7 +14,7 @@ from jaxtyping import Float, UInt8
 from hoi_retarget.numerics import se3
 from hoi_retarget.viewers.offscreen import stage
 from hoi_retarget.viewers.scene.camera import Camera
-from hoi_retarget.viewers.scene.drawing import Kind, Lines, Part, Scene, Shapes, Solid
+from hoi_retarget.viewers.scene.drawing import Kind, Lines, Scene, Shapes, Solid
 
 Picture = UInt8[np.ndarray, "H W 3"]
 
@@ -29,70 +28,50 @@ _TYPES = {
 
 
 @contextmanager
-def offscreen_renderer(scene: Scene, width: int, height: int) -> Iterator["OffscreenRenderer"]:
-    """Open what draws the shown layers of a scene in pictures of a size [px], and close it again.
+def offscreen_renderer(scene: Scene, width: int, height: int) -> Iterator[Callable[[int, Camera], Picture]]:
+    """Open a function that draws a frame of a scene's shown layers, in a picture of a size [px].
 
     Raises:
         DrawingError: This machine has no way to draw without a screen.
     """
-    items = [
-        _Item(number, part, layer.opacity)
-        for number, subject in enumerate(scene.subjects)
-        for layer in subject.layers
-        if layer.shown
-        for part in layer.parts
-        if not (isinstance(part, Solid) and _area(part) < _LEAST_AREA)
+    stage.check_can_draw()
+    layers = [
+        (number, layer) for number, subject in enumerate(scene.subjects) for layer in subject.layers if layer.shown
+    ]
+    items = [(number, part, layer.opacity) for number, layer in layers for part in layer.parts]
+    solids = [
+        (number, part, opacity)
+        for number, part, opacity in items
+        if isinstance(part, Solid) and _area(part) >= _LEAST_AREA
     ]
     spec = mujoco.MjSpec()
     stage.add_floor_and_lights(spec, width, height)
-    solids = [item for item in items if isinstance(item.part, Solid)]
-    for number, item in enumerate(solids):
-        _add_mesh(spec, f"solid_{number}", item)
+    for index, (_, solid, opacity) in enumerate(solids):
+        _add_mesh(spec, f"solid_{index}", solid, opacity)
     compiled = spec.compile()
-    room = 100 + 2 * sum(item.part.count for item in items)
-    with stage.renderer(compiled, width, height, most_geoms=room) as renderer:
-        yield OffscreenRenderer(scene, items, compiled, renderer)
+    data, options = mujoco.MjData(compiled), mujoco.MjvOption()
+    options.geomgroup[:] = 1
+    room = 100 + 2 * sum(part.count for _, part, _ in items)
+    with mujoco.Renderer(compiled, height, width, max_geom=room) as renderer:
 
+        def draw(frame: int, camera: Camera) -> Picture:
+            frames = [scene.frame_of(subject, frame) for subject in scene.subjects]
+            for index, (number, solid, _) in enumerate(solids):
+                data.mocap_pos[index] = solid.positions[frames[number]]
+                data.mocap_quat[index] = solid.quats[frames[number]]
+            mujoco.mj_kinematics(compiled, data)
+            mujoco.mj_camlight(compiled, data)
+            renderer.update_scene(data, _mujoco_camera(camera), options)
+            for number, part, opacity in items:
+                match part:
+                    case Shapes():
+                        _add_shapes(renderer.scene, part, frames[number], opacity)
+                    case Lines():
+                        _add_lines(renderer.scene, part, frames[number], opacity)
+            stage.illuminate(renderer.scene, camera.azimuth)
+            return renderer.render().copy()
 
-@dataclass(frozen=True, eq=False)
-class _Item:
-    """One part of a scene, of which subject, and how it is drawn."""
-
-    subject: int
-    part: Part
-    opacity: float
-
-
-class OffscreenRenderer:
-    """Draws frames of one scene; made by `offscreen_renderer`."""
-
-    def __init__(self, scene: Scene, items: list[_Item], compiled: mujoco.MjModel, renderer: mujoco.Renderer) -> None:
-        self._scene, self._items, self._compiled, self._renderer = scene, items, compiled, renderer
-        self._data = mujoco.MjData(compiled)
-        self._options = mujoco.MjvOption()
-        self._options.geomgroup[:] = 1
-
-    def draw(self, frame: int, camera: Camera) -> Picture:
-        """Draw a frame of the scene."""
-        frames = [self._scene.frame_of(subject, frame) for subject in self._scene.subjects]
-        mocap = 0
-        for item in self._items:
-            if isinstance(item.part, Solid):
-                self._data.mocap_pos[mocap] = item.part.positions[frames[item.subject]]
-                self._data.mocap_quat[mocap] = item.part.quats[frames[item.subject]]
-                mocap += 1
-        mujoco.mj_kinematics(self._compiled, self._data)
-        mujoco.mj_camlight(self._compiled, self._data)
-        self._renderer.update_scene(self._data, _mujoco_camera(camera), self._options)
-        drawn = self._renderer.scene
-        for item in self._items:
-            match item.part:
-                case Shapes():
-                    _add_shapes(drawn, item.part, frames[item.subject], item.opacity)
-                case Lines():
-                    _add_lines(drawn, item.part, frames[item.subject], item.opacity)
-        stage.illuminate(drawn, camera.azimuth)
-        return self._renderer.render().copy()
+        yield draw
 
 
 def _mujoco_camera(camera: Camera) -> mujoco.MjvCamera:
@@ -102,16 +81,14 @@ def _mujoco_camera(camera: Camera) -> mujoco.MjvCamera:
     return placed
 
 
-def _add_mesh(spec: mujoco.MjSpec, name: str, item: _Item) -> None:
+def _add_mesh(spec: mujoco.MjSpec, name: str, solid: Solid, opacity: float) -> None:
     """Add a mesh on a body that is put where the frame has it."""
-    part = item.part
-    assert isinstance(part, Solid)
     # A single triangle has fewer vertices than MuJoCo wants.
-    vertices = np.concatenate([part.vertices, part.vertices[-1:].repeat(max(0, 4 - len(part.vertices)), axis=0)])
-    mesh = spec.add_mesh(name=name, uservert=np.ravel(vertices), userface=np.ravel(part.faces))
+    vertices = np.concatenate([solid.vertices, solid.vertices[-1:].repeat(max(0, 4 - len(solid.vertices)), axis=0)])
+    mesh = spec.add_mesh(name=name, uservert=np.ravel(vertices), userface=np.ravel(solid.faces))
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # Objects are not all closed.
     body = spec.worldbody.add_body(name=name, mocap=True)
-    rgba = [*(share / 255 for share in part.colour), item.opacity]
+    rgba = [*(share / 255 for share in solid.colour), opacity]
     body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, rgba=rgba, contype=0, conaffinity=0, group=0)
 
 

@@ -50,8 +50,8 @@ def picture(
     robot = Layer("robot", robot_parts(model, model.forward(pose[None]), meshes))
     scene = Scene((Subject(spec.title, 1.0, (robot,), pose[None, :3]),))
     width = round(_ASPECT * height)
-    with offscreen_renderer(scene, width, height) as renderer:
-        panels = [renderer.draw(0, cameras([scene], view, _ASPECT)[0](0)) for view in views]
+    with offscreen_renderer(scene, width, height) as draw:
+        panels = [draw(0, cameras([scene], view, _ASPECT)[0](0)) for view in views]
     return np.concatenate(panels, axis=1)
 
 

@@ -1,12 +1,10 @@
-"""The stage on which MuJoCo draws off-screen: floor, sky, lights and the renderer.
+"""The stage on which MuJoCo draws off-screen: floor, sky, lights, and whether anything can be drawn.
 
 MuJoCo reads how to draw (`MUJOCO_GL`: egl, osmesa or glfw) from the environment when it is imported;
 whoever starts the program chooses it, nothing here does.
 """
 
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cache
 
 import mujoco
@@ -112,30 +110,19 @@ def _cast_shadows(scene: mujoco.MjvScene, sun: Float[np.ndarray, "3"]) -> None:
         scene.ngeom += 1
 
 
-@contextmanager
-def renderer(compiled: mujoco.MjModel, width: int, height: int, *, most_geoms: int = 1000) -> Iterator[mujoco.Renderer]:
-    """Open MuJoCo's renderer and close it again.
-
-    Raises:
-        DrawingError: This machine has no way to draw without a screen.
-    """
-    trouble = _trouble()
-    if trouble:
+def check_can_draw() -> None:
+    """Raise `DrawingError` where this machine has no way to draw without a screen."""
+    if trouble := _trouble():
         raise DrawingError(
             "This machine cannot draw without a screen. Install EGL (Debian: apt-get install libegl1 libgl1-mesa-dri) "
             "and set MUJOCO_GL=egl, or install OSMesa (libosmesa6) and set MUJOCO_GL=osmesa, before the program "
             f"starts. MuJoCo says: {trouble}"
         )
-    opened = mujoco.Renderer(compiled, height, width, max_geom=most_geoms)
-    try:
-        yield opened
-    finally:
-        opened.close()
 
 
 @cache
 def _trouble() -> str:
-    """Return why nothing can be drawn here, or nothing where it can.
+    """Return why nothing can be drawn here; empty where it can.
 
     It is tried once: asked again after it has failed, MuJoCo ends the whole program.
     """

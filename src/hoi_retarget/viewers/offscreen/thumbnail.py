@@ -16,8 +16,8 @@ def thumbnail(scene: Scene, frame: int, fitted: FittedCamera) -> bytes:
     Raises:
         DrawingError: This machine has no way to draw without a screen.
     """
-    with offscreen_renderer(scene, WIDTH, HEIGHT) as renderer:
-        return png(renderer.draw(frame, fitted.camera(scene, frame, WIDTH / HEIGHT)))
+    with offscreen_renderer(scene, WIDTH, HEIGHT) as draw:
+        return png(draw(frame, fitted.camera(scene, frame, WIDTH / HEIGHT)))
 
 
 def representative_frame(motion: Motion) -> int:

@@ -81,24 +81,25 @@ def _chart(group: str, curves: Sequence[tuple[int, Curve]], seconds: float, seve
     """Return what the template draws of a group of curves, each with the number of its result."""
     names = list(dict.fromkeys(curve.name for _, curve in curves))
     low, high = _range([curve.values for _, curve in curves])
-    paths = []
-    for index, curve in curves:
-        number = names.index(curve.name)
-        look = _Look(_colour(index), _DASHES[number % len(_DASHES)]) if several else _Look(_colour(number))
-        for values, width in _passes(curve):
-            path = _path(values, curve.fps, seconds, low, high)
-            if path:
-                paths.append((path, look, width))
-    # Of several results, the legend tells the dashes; the colours stand above all charts.
-    looks = [_Look("#444", _DASHES[n % len(_DASHES)]) if several else _Look(_colour(n)) for n in range(len(names))]
+
+    def look(name: str, colour: str) -> _Look:
+        number = names.index(name)
+        return _Look(colour, _DASHES[number % len(_DASHES)]) if several else _Look(_colour(number))
+
+    drawn = [
+        (_path(values, curve.fps, seconds, low, high), look(curve.name, _colour(index)), width)
+        for index, curve in curves
+        for values, width in _passes(curve)
+    ]
     return {
         "group": group,
         "unit": curves[0][1].unit,
         "low": f"{low:g}",
         "high": f"{high:g}",
         "zero": f"{_HEIGHT * high / (high - low):.0f}",
-        "paths": paths,
-        "legend": {name.replace("_", " "): look for name, look in zip(names, looks, strict=True)},
+        "paths": [stroke for stroke in drawn if stroke[0]],
+        # Of several results, the legend tells the dashes; the colours stand above all charts.
+        "legend": {name.replace("_", " "): look(name, "#444") for name in names},
     }
 
 

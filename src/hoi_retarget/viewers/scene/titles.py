@@ -8,19 +8,16 @@ from hoi_retarget.motion.motion import Motion
 
 def titles_of(results: Sequence[tuple[Path, Motion]]) -> tuple[str, ...]:
     """Return a name for each result: its file's stem, with robot, edits or folder where others bear the same."""
-    named: list[str] = []
-    for index, (path, _) in enumerate(results):
-        group = [other for other, (there, _) in enumerate(results) if there.stem == path.stem]
-        named.append(path.stem if len(group) == 1 else _told_apart(index, group, results))
-    return tuple(named)
+    return tuple(_title(result, [other for other in results if other[0].stem == result[0].stem]) for result in results)
 
 
-def _told_apart(index: int, group: Sequence[int], results: Sequence[tuple[Path, Motion]]) -> str:
-    path = results[index][0]
-    for tell in (_robot, _edits, _folder):
-        told = {member: tell(*results[member]) for member in group}
-        if len(set(told.values())) == len(group):
-            return f"{path.stem}, {told[index]}"
+def _title(result: tuple[Path, Motion], namesakes: Sequence[tuple[Path, Motion]]) -> str:
+    path, motion = result
+    if len(namesakes) == 1:
+        return path.stem
+    for differing in (_robot, _edits, _folder):
+        if len({differing(*other) for other in namesakes}) == len(namesakes):
+            return f"{path.stem}, {differing(path, motion)}"
     return str(path)
 
 
