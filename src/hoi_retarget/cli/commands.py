@@ -56,8 +56,12 @@ class Solving:
     horizon: Annotated[str, arg(metavar="HORIZON")] = "auto"
     """How many frames are solved at once: auto, whole, per-frame, or windowed:LENGTH[:OVERLAP]."""
     weights: Weights = Weights()
+    """Weights of the cost table (paper Table II); each multiplies the square of a residual, which is in metres,
+    radians, or the Frobenius norm of a difference of rotations."""
     ik: IkConfig = IkConfig()
+    """Settings of inverse kinematics."""
     solver: BandedInteriorPoint = BandedInteriorPoint()
+    """Settings of the interior-point Gauss-Newton solver; `trajopt/solvers/banded.py` is its method."""
 
 
 @dataclass(frozen=True, kw_only=True)

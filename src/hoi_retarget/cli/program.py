@@ -78,10 +78,13 @@ def _parsed(words: list[str]) -> Any:
 
 def _check_named(word: str, command: Command) -> None:
     """Raise `ArgumentError` where a command is given none of the files that it is for."""
-    for name in ("clips", "results", "paths"):
+    for name, noun, shown in (
+        ("clips", "clip", "CLIP"),
+        ("results", "result", "RESULT"),
+        ("paths", "file", "DIR|FILE"),
+    ):
         if getattr(command, name, None) == ():
-            noun = "file or folder" if name == "paths" else name.removesuffix("s")
-            raise ArgumentError(f"no {noun} is named. `hoi-retarget {word} --help` shows how to.")
+            raise ArgumentError(f"no {noun} is named. Usage: hoi-retarget {word} {shown}... (see --help).")
 
 
 def _module(name: str) -> ModuleType:
