@@ -16,12 +16,12 @@ from common import Source, clip_files, pin_threads, show, write_json
 from ipopt import AGREEMENT, HORIZONS, POLISH, Ipopt
 
 from hoi_retarget import synthetic
-from hoi_retarget.retarget.config import BandedInteriorPoint, Config
-from hoi_retarget.retarget.ik import solve_ik
-from hoi_retarget.retarget.pipeline import solve_trajectory
-from hoi_retarget.retarget.targets import make_targets
-from hoi_retarget.retarget.trajopt.problem import Problem
-from hoi_retarget.retarget.trajopt.solvers.base import Solution
+from hoi_retarget.retargeting.config import BandedInteriorPoint, Config
+from hoi_retarget.retargeting.ik import solve_ik
+from hoi_retarget.retargeting.pipeline import solve_trajectory
+from hoi_retarget.retargeting.targets import make_targets
+from hoi_retarget.retargeting.trajopt.problem import Problem
+from hoi_retarget.retargeting.trajopt.solvers.base import Solution
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 

@@ -20,15 +20,15 @@ import numpy as np
 from scipy import sparse
 
 from hoi_retarget.numerics import se3
-from hoi_retarget.retarget.trajopt.problem import Problem, Term
-from hoi_retarget.retarget.trajopt.terms.differences import Differences
-from hoi_retarget.retarget.trajopt.terms.floor_clearance import FloorClearance
-from hoi_retarget.retarget.trajopt.terms.object_contact import ObjectContact
-from hoi_retarget.retarget.trajopt.terms.posture import Posture
-from hoi_retarget.retarget.trajopt.terms.relative_rotation import RelativeRotation
-from hoi_retarget.retarget.trajopt.terms.site_height import SiteHeight
-from hoi_retarget.retarget.trajopt.terms.site_position import SitePosition
-from hoi_retarget.retarget.trajopt.terms.site_rotation import SiteRotation
+from hoi_retarget.retargeting.trajopt.problem import Problem, Term
+from hoi_retarget.retargeting.trajopt.terms.differences import Differences
+from hoi_retarget.retargeting.trajopt.terms.floor_clearance import FloorClearance
+from hoi_retarget.retargeting.trajopt.terms.object_contact import ObjectContact
+from hoi_retarget.retargeting.trajopt.terms.posture import Posture
+from hoi_retarget.retargeting.trajopt.terms.relative_rotation import RelativeRotation
+from hoi_retarget.retargeting.trajopt.terms.site_height import SiteHeight
+from hoi_retarget.retargeting.trajopt.terms.site_position import SitePosition
+from hoi_retarget.retargeting.trajopt.terms.site_rotation import SiteRotation
 from hoi_retarget.robots.model import RobotModel
 
 EXPONENTIAL_ORDER = 11  # Terms of the series: exact to rounding for rotation vectors up to pi.

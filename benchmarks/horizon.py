@@ -16,9 +16,9 @@ from common import Source, clip_files, peak_memory, pin_threads, run_fresh, show
 from hoi_retarget import synthetic
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.report import Status
-from hoi_retarget.retarget.config import Config, Horizon, parse_horizon
-from hoi_retarget.retarget.pipeline import retarget
-from hoi_retarget.retarget.trajopt.windows import windows_of
+from hoi_retarget.retargeting.config import Config, Horizon, parse_horizon
+from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.trajopt.windows import windows_of
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 

@@ -22,13 +22,13 @@ import tyro
 from casadi_problem import Statement, parameters_of, show_left_out, start_of, stated, structure_of, trajectory_of
 from common import Source, pin_threads, show, write_json
 
-from hoi_retarget.retarget.config import BandedInteriorPoint, Config, Horizon
-from hoi_retarget.retarget.ik import solve_ik
-from hoi_retarget.retarget.targets import Targets, make_targets
-from hoi_retarget.retarget.trajopt.problem import Problem, Term, cost_by_term
-from hoi_retarget.retarget.trajopt.solvers.base import Optimality, Solution, Status
-from hoi_retarget.retarget.trajopt.table import trajectory_terms
-from hoi_retarget.retarget.trajopt.windows import solve_windows
+from hoi_retarget.retargeting.config import BandedInteriorPoint, Config, Horizon
+from hoi_retarget.retargeting.ik import solve_ik
+from hoi_retarget.retargeting.targets import Targets, make_targets
+from hoi_retarget.retargeting.trajopt.problem import Problem, Term, cost_by_term
+from hoi_retarget.retargeting.trajopt.solvers.base import Optimality, Solution, Status
+from hoi_retarget.retargeting.trajopt.table import trajectory_terms
+from hoi_retarget.retargeting.trajopt.windows import solve_windows
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 

@@ -19,8 +19,8 @@ from common import pin_threads, show, tiled, write_json
 from hoi_retarget import synthetic
 from hoi_retarget.objects.mesh import Surface
 from hoi_retarget.readers.object_files import load_geometry
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.robots import load_robot
 from hoi_retarget.viewers.scene.curves import curves_of
 

@@ -22,7 +22,7 @@ from browser import chromium, open_page, scene_pixels, wait_until
 from hoi_retarget.clip.edits import ContactEdits, Move
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.readers.open import open_clip
-from hoi_retarget.retarget.config import Config
+from hoi_retarget.retargeting.config import Config
 from hoi_retarget.robots import load_robot
 from hoi_retarget.viewers.browser.client_sessions import serve_sessions
 from hoi_retarget.viewers.browser.editing import Editing, solved

@@ -14,8 +14,8 @@ import numpy as np
 import tyro
 from common import Source, peak_memory, pin_threads, run_fresh, show, tiled, write_json
 
-from hoi_retarget.retarget.config import Config, parse_horizon
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.config import Config, parse_horizon
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.robots import load_robot
 
 

@@ -19,8 +19,8 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.readers import read_clip
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.robots import ROBOTS, load_robot
 from hoi_retarget.robots.model import RobotModel
 

@@ -17,8 +17,8 @@ from hoi_retarget.clip.edits import ContactEdits, Edit, FixAll, SnapAll, apply, 
 from hoi_retarget.clip.label_contacts import label_contacts
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.synthetic import make

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.multi_person import retarget_people
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.multi_person import retarget_people
 from hoi_retarget.robots import load_robot, team
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.offscreen import film

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from browser import chromium
 from hoi_retarget.clip.edits import ContactEdits
 from hoi_retarget.readers.open import open_clip
-from hoi_retarget.retarget.config import Config
+from hoi_retarget.retargeting.config import Config
 from hoi_retarget.robots import load_robot
 from hoi_retarget.viewers.browser.edit_page import serve_editor
 from hoi_retarget.viewers.browser.editing import solved

@@ -9,17 +9,12 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from hoi_retarget.evaluate import COLUMNS
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.pipeline import retarget
-from hoi_retarget.robots import load_robot
-from hoi_retarget.synthetic import make
+import hoi_retarget as hr
 
-clip = make("carry_box", height=1.75)  # for a recording: readers.read_clip(path, objects=folder)
-model = load_robot("unitree_g1")
-motion = retarget(clip, model, Config())
+clip = hr.open_clip("builtin:carry_box")  # for a recording: hr.open_clip(path, hr.ReadOptions(objects=folder))
+robot = hr.load_robot("unitree_g1")
+motion = hr.retarget(clip, robot)
 
 print(f"{motion.robot}: {motion.frames} frames, qpos of shape {motion.qpos.shape}")
-for column in COLUMNS:
-    if column.name in motion.report.figures:
-        print(f"{column.header:28} {column.text(motion.report.figures[column.name])}")
+for figure in hr.FIGURES:
+    print(f"{figure.header:28} {figure.text(motion.report.figures[figure.name])}")

@@ -14,18 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from hoi_retarget.motion.motion import Motion
-from hoi_retarget.motion.result_file import load, save
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.pipeline import retarget
-from hoi_retarget.robots import load_robot
-from hoi_retarget.synthetic import make
+import hoi_retarget as hr
 
 
 def main(path: Path) -> None:
     """Print what a result holds."""
-    motion = load(path)
-    kinematics = load_robot(motion.robot).forward(motion.qpos)
+    motion = hr.load(path)
+    kinematics = hr.load_robot(motion.robot).forward(motion.qpos)
     for column, link in enumerate(motion.contact_links):
         frames = np.flatnonzero(motion.contact_flags[:, column])
         if len(frames):
@@ -37,13 +32,13 @@ def main(path: Path) -> None:
         report = json.loads(str(arrays["report"]))
         print("arrays:", ", ".join(f"{name} {arrays[name].shape}" for name in arrays.files if arrays[name].ndim))
     print("source:", report["source"]["format"], "- licence:", report["source"]["licence"])
-    print("status of each window:", [window["status"] for window in report["windows"]])
+    for stage, windows in report["stages"].items():
+        print(f"status of each window of {stage}:", [window["status"] for window in windows])
 
 
 def make_one(path: Path) -> None:
     """Write a result of the built-in clip."""
-    motion: Motion = retarget(make("carry_box"), load_robot("unitree_g1"), Config())
-    save(motion, path)
+    hr.save(hr.retarget(hr.open_clip("builtin:carry_box"), hr.load_robot("unitree_g1")), path)
 
 
 if __name__ == "__main__":

@@ -10,8 +10,7 @@ import tempfile
 from collections import Counter
 from pathlib import Path
 
-from hoi_retarget.batch.manifest import read_manifest
-from hoi_retarget.cli import main as hoi_retarget
+import hoi_retarget as hr
 
 SPECIFICATION = """
 clips = {clips}
@@ -29,9 +28,9 @@ def main(folder: Path | None, work: Path) -> None:
     (work / "set.toml").write_text(SPECIFICATION.format(clips=json.dumps(clips), objects=json.dumps(objects)))
 
     # As often as you like: what is done is not done again.
-    hoi_retarget(["batch", str(work / "set.toml"), "--out", str(work / "results")])
+    hr.main(["batch", str(work / "set.toml"), "--out", str(work / "results")])
 
-    entries = read_manifest(work / "results").values()
+    entries = hr.read_manifest(work / "results").values()
     print("\nverdicts:", dict(Counter(entry.verdict or entry.status for entry in entries)))
     for entry in entries:
         for result in entry.results:
@@ -43,7 +42,7 @@ def main(folder: Path | None, work: Path) -> None:
         str(work / "results" / result.path) for entry in entries if entry.verdict == "pass" for result in entry.results
     ]
     print()
-    hoi_retarget(["export", *good, "--to", "mjlab", "--out", str(work / "mjlab")])
+    hr.main(["export", *good, "--to", "mjlab", "--out", str(work / "mjlab")])
     print("\nlicences in the set:", {entry.source.licence for entry in entries if entry.verdict == "pass"})
     print("files:", *sorted(path.name for path in (work / "mjlab").iterdir()), sep="\n  ")
 

@@ -8,14 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from hoi_retarget.cli import main as hoi_retarget
-from hoi_retarget.human.skeleton import JOINTS
-from hoi_retarget.synthetic import make
+import hoi_retarget as hr
 
 
 def write_clip(path: Path) -> None:
     """Write one person and one object; put your own arrays in the place of the recording's."""
-    recording = make("carry_box")
+    recording = hr.open_clip("builtin:carry_box")
     person, box = recording.people[0], recording.objects[0]
     np.savez(
         path,
@@ -25,7 +23,7 @@ def write_clip(path: Path) -> None:
         up="z",
         unit="m",
         fps=recording.fps,
-        joint_names=np.array(JOINTS),
+        joint_names=np.array(hr.JOINTS),
         joint_pos=person.joint_positions[:, None],  # (T, P, J, 3): one person
         joint_quat=person.joint_quats[:, None],  # wxyz
         object_names=np.array(["box"]),
@@ -39,5 +37,5 @@ def write_clip(path: Path) -> None:
 
 with tempfile.TemporaryDirectory() as folder:
     write_clip(Path(folder) / "my_clip.npz")
-    hoi_retarget(["inspect", f"{folder}/my_clip.npz"])
-    hoi_retarget(["run", f"{folder}/my_clip.npz", "--out", f"{folder}/results"])
+    hr.main(["inspect", f"{folder}/my_clip.npz"])
+    hr.main(["run", f"{folder}/my_clip.npz", "--out", f"{folder}/results"])

@@ -15,8 +15,8 @@ from hoi_retarget import synthetic
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import encode
 from hoi_retarget.numerics import se3
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.model import RobotModel, load_model
 

@@ -27,15 +27,15 @@ from hoi_retarget.clip.clip import Augmentation
 from hoi_retarget.clip.edits import ContactEdits, FixAll, save
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, WriteError
-from hoi_retarget.evaluate import Figures
+from hoi_retarget.evaluation import FIGURES
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers import own_layout
 from hoi_retarget.readers.open import clip_of, open_clip
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.multi_person import with_report
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.multi_person import with_report
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import make
@@ -259,7 +259,7 @@ def test_the_manifest_tells_where_each_result_is_from(folder):
     assert first.lineage["mirrored"] is True and first.lineage["speed"] == 0.8
     assert first.lineage["contact_edits"] and not second.lineage["contact_edits"]
     assert first.verdict in ("pass", "warn", "fail") and first.results[0].verdict["level"] == first.verdict
-    assert set(first.results[0].figures) == {field.name for field in fields(Figures)}
+    assert set(first.results[0].figures) == {figure.name for figure in FIGURES}
     motion = load(OUT / first.results[0].path)
     again = clip_of(motion)
     assert again.source.augmentation == Augmentation(mirrored=True, speed=0.8)

@@ -14,7 +14,7 @@ import pytest
 
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.readers import READERS, read_clip
-from hoi_retarget.retarget.trajopt.problem import Problem, cost_by_term
+from hoi_retarget.retargeting.trajopt.problem import Problem, cost_by_term
 from trajectories import MODELS, all_terms, sunk_qpos, term_classes, terms_by_class
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"

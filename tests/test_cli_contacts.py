@@ -33,8 +33,8 @@ from hoi_retarget.clip.edits import (
 from hoi_retarget.motion.result_file import load as load_motion
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.readers.open import clip_of, open_clip
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import make

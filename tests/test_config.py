@@ -13,7 +13,7 @@ from hoi_retarget.cli.commands import Run
 from hoi_retarget.cli.jobs import config_of
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.motion.result_file import load, save
-from hoi_retarget.retarget.config import (
+from hoi_retarget.retargeting.config import (
     SOLVERS,
     BandedInteriorPoint,
     Config,
@@ -25,7 +25,7 @@ from hoi_retarget.retarget.config import (
     Weights,
     parse_horizon,
 )
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import make

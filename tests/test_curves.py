@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.errors import RobotError
-from hoi_retarget.evaluate import unreached_contacts
+from hoi_retarget.evaluation import unreached_contacts
 from hoi_retarget.motion.motion import Motion, Stage
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.scene.curve_chart import LARGEST_POINTS, chart_html
 from hoi_retarget.viewers.scene.curves import Curve, curves_of

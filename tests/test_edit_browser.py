@@ -12,7 +12,7 @@ from hoi_retarget.motion.result_file import load as load_motion
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.numerics import se3
 from hoi_retarget.readers.open import open_clip
-from hoi_retarget.retarget.config import Config
+from hoi_retarget.retargeting.config import Config
 from trajectories import MODELS
 
 pytest.importorskip("viser", reason="viser is not installed")

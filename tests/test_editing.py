@@ -5,8 +5,8 @@ import pytest
 
 from hoi_retarget.clip.edits import ContactEdits, Delete, Fix, FixAll, Move, Retime, apply, load
 from hoi_retarget.errors import ArgumentError, ClipError
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.browser.editing import Edited, Editing, solved
 from hoi_retarget.viewers.browser.segment_strip import ROW_HEIGHT_PX, strip_height_px, strip_html

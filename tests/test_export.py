@@ -26,8 +26,8 @@ from hoi_retarget.motion.report import Report
 from hoi_retarget.motion.result import Result
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import Surface
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.synthetic import make
 from trajectories import MODELS

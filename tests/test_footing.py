@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import frames_in, smooth, smooth_quats, steadied
-from hoi_retarget.retarget.foot_planting import (
+from hoi_retarget.retargeting.foot_planting import (
     LARGEST_TILT,
     RAMP_SECONDS,
     Foot,

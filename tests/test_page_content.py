@@ -6,8 +6,8 @@ import pytest
 
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.objects.track import ObjectGeometry
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.browser.page_content import load_page_content
 from trajectories import MODELS

@@ -1,23 +1,23 @@
 """From clip to motion: what holds for every result, and what must not change it."""
 
 import functools
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.evaluate import evaluate
+from hoi_retarget.evaluation import evaluate
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.report import Status
 from hoi_retarget.motion.result_file import encode
 from hoi_retarget.numerics import se3
-from hoi_retarget.retarget.config import Config, Horizon, IkWeights, KeepStart, Scaling, Weights
-from hoi_retarget.retarget.pipeline import retarget
-from hoi_retarget.retarget.targets import make_targets
-from hoi_retarget.retarget.trajopt.table import ik_terms, trajectory_terms
-from hoi_retarget.retarget.trajopt.terms.site_rotation import SiteRotation
+from hoi_retarget.retargeting.config import Config, Horizon, IkWeights, KeepStart, Scaling, Weights
+from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.targets import make_targets
+from hoi_retarget.retargeting.trajopt.table import ik_terms, trajectory_terms
+from hoi_retarget.retargeting.trajopt.terms.site_rotation import SiteRotation
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 from hoi_retarget.synthetic import make
@@ -291,7 +291,7 @@ def test_the_report_says_how_it_went():
     motion = result()
     report = motion.report
     figures = evaluate(motion, scene(), G1)
-    assert report.figures == asdict(figures)
+    assert report.figures == figures
     assert report.root_scale == pytest.approx(G1.spec.stature / scene().people[0].height)
     (window,) = motion.stages[-1].windows
     assert (window.start, window.stop) == (0, motion.frames)

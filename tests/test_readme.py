@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hoi_retarget.retarget.config import Weights
+from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.spec import SITES
 
@@ -68,7 +68,7 @@ def test_the_method_lists_the_papers_weights_and_ours_as_they_are():
     rows = re.findall(r"^\|[^|]*\|[^|]*\| `(\w+)` \| ([\d.e-]+) \| `(\w+)` \|$", text, flags=re.MULTILINE)
     listed = {name: float(value) for name, value, _ in rows}
     assert len(listed) >= 10 and listed.items() <= dataclasses.asdict(Weights()).items()
-    terms = {path.stem for path in (ROOT / "src/hoi_retarget/retarget/trajopt/terms").glob("[a-z]*.py")}
+    terms = {path.stem for path in (ROOT / "src/hoi_retarget/retargeting/trajopt/terms").glob("[a-z]*.py")}
     assert {term for _, _, term in rows} <= terms
 
 

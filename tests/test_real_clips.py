@@ -9,8 +9,8 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers.open import open_clip
-from hoi_retarget.retarget.config import Config, Scaling
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.config import Config, Scaling
+from hoi_retarget.retargeting.pipeline import retarget
 from test_pipeline import SETTLING, assert_agree, assert_sane, cut
 from trajectories import MODELS
 

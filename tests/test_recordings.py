@@ -15,8 +15,8 @@ from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load, save
 from hoi_retarget.readers.open import clip_of, open_clip, recording_of, result_stem
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import SCENES, make

@@ -19,7 +19,7 @@ from hoi_retarget.batch.manifest import ManifestEntry, ManifestSource
 from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import Source
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.evaluate.thresholds import THRESHOLDS, Level, judged_figures, verdict_of_figures
+from hoi_retarget.evaluation.thresholds import THRESHOLDS, Level, judged_figures, verdict_of_figures
 from hoi_retarget.motion.check import ObjectPath
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.report import OrientationFlip, Report, UnreachedContact

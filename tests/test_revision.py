@@ -7,10 +7,10 @@ import pytest
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import Add, ContactEdits, apply
-from hoi_retarget.retarget.config import Config, Horizon
-from hoi_retarget.retarget.local_resolve import Draft, changed_frames, draft, revise
-from hoi_retarget.retarget.pipeline import retarget
-from hoi_retarget.retarget.targets import make_targets
+from hoi_retarget.retargeting.config import Config, Horizon
+from hoi_retarget.retargeting.local_resolve import Draft, changed_frames, draft, revise
+from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.targets import make_targets
 from hoi_retarget.synthetic import make
 from trajectories import MODELS
 

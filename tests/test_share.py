@@ -21,7 +21,7 @@ from browser import chromium, wait_until
 from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import Source
 from hoi_retarget.errors import ArgumentError, DrawingError, HoiRetargetError
-from hoi_retarget.evaluate import Figures, Score
+from hoi_retarget.evaluation import FIGURES, Score
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.report import Report
 from hoi_retarget.motion.result_file import save
@@ -172,7 +172,7 @@ def carried_scene() -> Scene:
 
 
 def entry(motion: Motion, *, title: str = "carry", **more) -> GalleryEntry:
-    nothing = dict.fromkeys(Figures.__dataclass_fields__)
+    nothing = dict.fromkeys([figure.name for figure in FIGURES])
     return GalleryEntry(title, motion, G1.spec, Score(title, nothing, motion.frames, root_scale=0.75), **more)
 
 

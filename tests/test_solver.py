@@ -9,15 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.retarget.config import SOLVERS, BandedInteriorPoint, Horizon, Solver, parse_horizon
-from hoi_retarget.retarget.trajopt.bounds import Bounds
-from hoi_retarget.retarget.trajopt.problem import Problem, cost_by_term
-from hoi_retarget.retarget.trajopt.solvers.base import Status, optimality
-from hoi_retarget.retarget.trajopt.terms.differences import Differences
-from hoi_retarget.retarget.trajopt.terms.posture import Posture
-from hoi_retarget.retarget.trajopt.terms.site_position import SitePosition
-from hoi_retarget.retarget.trajopt.terms.site_rotation import SiteRotation
-from hoi_retarget.retarget.trajopt.windows import solve_windows, windows_of
+from hoi_retarget.retargeting.config import SOLVERS, BandedInteriorPoint, Horizon, Solver, parse_horizon
+from hoi_retarget.retargeting.trajopt.bounds import Bounds
+from hoi_retarget.retargeting.trajopt.problem import Problem, cost_by_term
+from hoi_retarget.retargeting.trajopt.solvers.base import Status, optimality
+from hoi_retarget.retargeting.trajopt.terms.differences import Differences
+from hoi_retarget.retargeting.trajopt.terms.posture import Posture
+from hoi_retarget.retargeting.trajopt.terms.site_position import SitePosition
+from hoi_retarget.retargeting.trajopt.terms.site_rotation import SiteRotation
+from hoi_retarget.retargeting.trajopt.windows import solve_windows, windows_of
 from trajectories import MODELS, random_qpos
 
 MODEL = MODELS["unitree_g1"]

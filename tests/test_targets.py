@@ -13,8 +13,8 @@ from hoi_retarget.errors import ArgumentError
 from hoi_retarget.human.stance import stance
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import smooth, smooth_quats
-from hoi_retarget.retarget.config import Scaling
-from hoi_retarget.retarget.targets import MAXIMUM_SINK, Targets, make_targets
+from hoi_retarget.retargeting.config import Scaling
+from hoi_retarget.retargeting.targets import MAXIMUM_SINK, Targets, make_targets
 from hoi_retarget.robots.spec import SIDES
 from hoi_retarget.synthetic import SCENES, make
 from trajectories import MODELS

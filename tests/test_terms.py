@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.retarget.config import Weights
-from hoi_retarget.retarget.trajopt.normal import assemble
-from hoi_retarget.retarget.trajopt.problem import Term, cost_by_term
-from hoi_retarget.retarget.trajopt.rows import FrameRows, Rows, StencilRows, cost
+from hoi_retarget.retargeting.config import Weights
+from hoi_retarget.retargeting.trajopt.normal import assemble
+from hoi_retarget.retargeting.trajopt.problem import Term, cost_by_term
+from hoi_retarget.retargeting.trajopt.rows import FrameRows, Rows, StencilRows, cost
 from hoi_retarget.robots.model import Kinematics
 from trajectories import MODELS, all_terms, sunk_qpos, term_classes, terms_by_class
 

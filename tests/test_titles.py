@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from hoi_retarget.clip.edits import ContactEdits, FixAll, apply
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.scene.titles import titles_of
 from trajectories import MODELS

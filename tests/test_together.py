@@ -7,11 +7,11 @@ import pytest
 
 from hoi_retarget.cli import main
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.evaluate import inter_robot_hand_errors
+from hoi_retarget.evaluation import inter_robot_hand_errors
 from hoi_retarget.motion.result_file import load
-from hoi_retarget.retarget.config import Config, Scaling
-from hoi_retarget.retarget.multi_person import retarget_people
-from hoi_retarget.retarget.targets import make_targets, shared_scalings
+from hoi_retarget.retargeting.config import Config, Scaling
+from hoi_retarget.retargeting.multi_person import retarget_people
+from hoi_retarget.retargeting.targets import make_targets, shared_scalings
 from hoi_retarget.robots import team
 from hoi_retarget.synthetic import make
 from trajectories import MODELS

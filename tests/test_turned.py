@@ -6,9 +6,9 @@ import numpy as np
 
 from hoi_retarget.motion.report import OrientationFlip
 from hoi_retarget.numerics import se3
-from hoi_retarget.retarget.config import Scaling
-from hoi_retarget.retarget.orientation_flips import orientation_flips
-from hoi_retarget.retarget.targets import Targets, make_targets
+from hoi_retarget.retargeting.config import Scaling
+from hoi_retarget.retargeting.orientation_flips import orientation_flips
+from hoi_retarget.retargeting.targets import Targets, make_targets
 from hoi_retarget.synthetic import make
 from trajectories import MODELS, random_qpos
 

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.clip.augment import mirrored
-from hoi_retarget.evaluate import Figures, Soundness, soundness
-from hoi_retarget.evaluate.thresholds import (
+from hoi_retarget.evaluation import FIGURES, Soundness, soundness
+from hoi_retarget.evaluation.thresholds import (
     THRESHOLDS,
     Level,
     Threshold,
@@ -23,8 +23,8 @@ from hoi_retarget.evaluate.thresholds import (
 from hoi_retarget.motion.motion import Stage
 from hoi_retarget.motion.report import OrientationFlip, Report, Status, UnreachedContact
 from hoi_retarget.numerics import se3
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.synthetic import make
 from test_curves import G1, carried
 from trajectories import MODELS, random_qpos
@@ -172,7 +172,7 @@ def test_a_robot_that_is_not_known_leaves_the_rest_to_be_judged():
 
 
 def test_every_judged_figure_is_one_that_somebody_computes():
-    known = {field.name for kind in (Figures, Soundness) for field in fields(kind)}
+    known = {figure.name for figure in FIGURES} | {field.name for field in fields(Soundness)}
     later = {
         "unreached_share",
         "orientation_flip_s",

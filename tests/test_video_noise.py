@@ -17,8 +17,8 @@ from hoi_retarget.motion.result_file import load as load_motion
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers.open import open_clip
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.synthetic import make
 from hoi_retarget.synthetic.reconstruction import Noise, reconstructed
 from source_people import write_models

@@ -9,8 +9,8 @@ import pytest
 from browser import chromium, frame_box, open_page, scene_pixels, shown_frame, wait_until
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.motion.result_file import save
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.pipeline import retarget
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.synthetic import make
 from trajectories import MODELS
 

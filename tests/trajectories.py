@@ -6,12 +6,12 @@ from functools import cache
 
 import numpy as np
 
-import hoi_retarget.retarget.trajopt.terms as terms_package
+import hoi_retarget.retargeting.trajopt.terms as terms_package
 from hoi_retarget.numerics import se3
-from hoi_retarget.retarget.config import IkWeights, Scaling, Weights
-from hoi_retarget.retarget.targets import Targets, make_targets
-from hoi_retarget.retarget.trajopt.problem import Term
-from hoi_retarget.retarget.trajopt.table import ik_terms, trajectory_terms
+from hoi_retarget.retargeting.config import IkWeights, Scaling, Weights
+from hoi_retarget.retargeting.targets import Targets, make_targets
+from hoi_retarget.retargeting.trajopt.problem import Term
+from hoi_retarget.retargeting.trajopt.table import ik_terms, trajectory_terms
 from hoi_retarget.robots import ROBOTS, load_robot
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.synthetic import make

@@ -1,5 +1,106 @@
-"""Human-object interaction recordings to humanoid robot motions."""
+"""Human-object interaction recordings to humanoid robot motions.
 
+    import hoi_retarget as hr
+
+    clip = hr.open_clip("builtin:carry_box")
+    robot = hr.load_robot("unitree_g1")
+    motion = hr.retarget(clip, robot, hr.Config(weights=hr.Weights(jerk=2e-3)))
+    hr.save(motion, "carry_box.npz")
+
+Names are imported when they are first asked for; `docs/api.md` has a line on each.
+"""
+
+from importlib import import_module
 from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+# ruff: noqa: F401, PLE0604  # names that other programs import, and that `_HOMES` lists once
+if TYPE_CHECKING:
+    from hoi_retarget.batch.manifest import read_manifest as read_manifest
+    from hoi_retarget.cli import main as main
+    from hoi_retarget.clip.augment import augment as augment
+    from hoi_retarget.clip.clip import Augmentation as Augmentation
+    from hoi_retarget.clip.clip import Clip as Clip
+    from hoi_retarget.clip.clip import ContactTrack as ContactTrack
+    from hoi_retarget.clip.edits import ContactEdits as ContactEdits
+    from hoi_retarget.clip.edits import apply as apply_edits
+    from hoi_retarget.clip.quality_warning import QualityWarning as QualityWarning
+    from hoi_retarget.clip.read_options import ReadOptions as ReadOptions
+    from hoi_retarget.errors import HoiRetargetError as HoiRetargetError
+    from hoi_retarget.evaluation.figures import FIGURES as FIGURES
+    from hoi_retarget.evaluation.figures import evaluate as evaluate
+    from hoi_retarget.evaluation.thresholds import verdict_of as verdict_of
+    from hoi_retarget.human.person import Person as Person
+    from hoi_retarget.human.skeleton import JOINTS as JOINTS
+    from hoi_retarget.motion.motion import Motion as Motion
+    from hoi_retarget.motion.motion import Stage as Stage
+    from hoi_retarget.motion.report import Report as Report
+    from hoi_retarget.motion.result_file import load as load
+    from hoi_retarget.motion.result_file import save as save
+    from hoi_retarget.motion.write_export import write_export as export
+    from hoi_retarget.objects.track import ObjectGeometry as ObjectGeometry
+    from hoi_retarget.objects.track import ObjectTrack as ObjectTrack
+    from hoi_retarget.readers.open import clip_of as clip_of
+    from hoi_retarget.readers.open import open_clip as open_clip
+    from hoi_retarget.retargeting.config import BandedInteriorPoint as BandedInteriorPoint
+    from hoi_retarget.retargeting.config import Config as Config
+    from hoi_retarget.retargeting.config import Horizon as Horizon
+    from hoi_retarget.retargeting.config import IkConfig as IkConfig
+    from hoi_retarget.retargeting.config import KeepStart as KeepStart
+    from hoi_retarget.retargeting.config import Scaling as Scaling
+    from hoi_retarget.retargeting.config import Weights as Weights
+    from hoi_retarget.retargeting.multi_person import retarget_people as retarget_people
+    from hoi_retarget.retargeting.pipeline import retarget as retarget
+    from hoi_retarget.robots import ROBOTS as ROBOTS
+    from hoi_retarget.robots import load_robot as load_robot
+    from hoi_retarget.robots.model import RobotModel as RobotModel
+    from hoi_retarget.robots.spec import RobotSpec as RobotSpec
 
 __version__ = version("hoi-retarget")
+
+_HOMES = {
+    "batch.manifest": ("read_manifest",),
+    "cli": ("main",),
+    "clip.augment": ("augment",),
+    "clip.clip": ("Augmentation", "Clip", "ContactTrack"),
+    "clip.edits": ("ContactEdits", "apply_edits"),
+    "clip.quality_warning": ("QualityWarning",),
+    "clip.read_options": ("ReadOptions",),
+    "errors": ("HoiRetargetError",),
+    "evaluation.figures": ("FIGURES", "evaluate"),
+    "evaluation.thresholds": ("verdict_of",),
+    "human.person": ("Person",),
+    "human.skeleton": ("JOINTS",),
+    "motion.motion": ("Motion", "Stage"),
+    "motion.report": ("Report",),
+    "motion.result_file": ("load", "save"),
+    "motion.write_export": ("export",),
+    "objects.track": ("ObjectGeometry", "ObjectTrack"),
+    "readers.open": ("clip_of", "open_clip"),
+    "retargeting.config": (
+        *("BandedInteriorPoint", "Config", "Horizon", "IkConfig", "KeepStart", "Scaling", "Weights"),
+    ),
+    "retargeting.multi_person": ("retarget_people",),
+    "retargeting.pipeline": ("retarget",),
+    "robots": ("ROBOTS", "load_robot"),
+    "robots.model": ("RobotModel",),
+    "robots.spec": ("RobotSpec",),
+}
+"""Where each public name is defined."""
+_MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
+_RENAMED = {"apply_edits": "apply", "export": "write_export"}
+
+__all__ = ["__version__", *sorted(_MODULE_OF)]  # pyright: ignore[reportUnsupportedDunderAll]  # names of `_HOMES`
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first asked for: the command line's help needs none of them."""
+    if name not in _MODULE_OF:
+        raise AttributeError(f"hoi_retarget has no {name!r}. It has: {', '.join(__all__)}.")
+    value = getattr(import_module(f"hoi_retarget.{_MODULE_OF[name]}"), _RENAMED.get(name, name))
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

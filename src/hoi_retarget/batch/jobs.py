@@ -14,7 +14,7 @@ from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.files.source_file import FOLDER
 from hoi_retarget.readers import SUFFIXES, can_be_clip, clips_in, recordings_below
 from hoi_retarget.readers.open import builtin_scene, clip_stem, result_stem
-from hoi_retarget.retarget.config import Config
+from hoi_retarget.retargeting.config import Config
 
 _WILD = frozenset("*?[")
 

@@ -9,7 +9,7 @@ from hoi_retarget.clip.clip import Augmentation
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.files.tables import check_keys, decode, read_toml
-from hoi_retarget.retarget.config import Config, Scaling, parse_horizon, read_config
+from hoi_retarget.retargeting.config import Config, Scaling, parse_horizon, read_config
 from hoi_retarget.robots import team
 
 Scale = float | Literal["auto"]

@@ -13,11 +13,11 @@ from hoi_retarget.clip.augment import augment
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import apply, load
 from hoi_retarget.errors import GeometryError, HoiRetargetError, ReadError
-from hoi_retarget.evaluate.thresholds import verdict_of
+from hoi_retarget.evaluation.thresholds import verdict_of
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.report import Status as SolveStatus
 from hoi_retarget.readers.open import open_clip
-from hoi_retarget.retarget.multi_person import result_paths, retarget_people, write
+from hoi_retarget.retargeting.multi_person import result_paths, retarget_people, write
 from hoi_retarget.robots import load_robot, team
 
 _INPUT_ERRORS = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)

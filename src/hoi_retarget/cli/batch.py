@@ -22,7 +22,7 @@ from hoi_retarget.cli.settings import config_in
 from hoi_retarget.cli.terminal import Working, fail, say, show_table
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.retarget.config import Config
+from hoi_retarget.retargeting.config import Config
 
 _STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _TENTHS = 10  # Lines of progress where no bar can be drawn.

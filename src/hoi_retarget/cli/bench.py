@@ -6,7 +6,7 @@ from pathlib import Path
 from hoi_retarget.cli.commands import Bench
 from hoi_retarget.cli.terminal import Working, say, show_table
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.retarget.multi_person import retarget_people, write
+from hoi_retarget.retargeting.multi_person import retarget_people, write
 from hoi_retarget.robots import load_robot
 from hoi_retarget.synthetic import make
 

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, get_args
 from tyro.conf import Positional, arg, subcommand
 
 from hoi_retarget.clip.read_options import Labels, ReadOptions
-from hoi_retarget.retarget.config import BandedInteriorPoint, IkConfig, Weights
+from hoi_retarget.retargeting.config import BandedInteriorPoint, IkConfig, Weights
 
 DESCRIPTION = (
     "Human-object interaction recordings to humanoid robot motions that touch the object in the same place "

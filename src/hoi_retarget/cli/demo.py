@@ -6,7 +6,7 @@ from hoi_retarget.cli.commands import Demo
 from hoi_retarget.cli.figures import show_figures
 from hoi_retarget.cli.jobs import check_writable, describe_result, score
 from hoi_retarget.cli.terminal import Working, program, say
-from hoi_retarget.retarget.multi_person import retarget_people, write
+from hoi_retarget.retargeting.multi_person import retarget_people, write
 from hoi_retarget.robots import load_robot
 from hoi_retarget.synthetic import make
 

@@ -13,7 +13,7 @@ from hoi_retarget.cli.serving import check_viser, serve_until_interrupted
 from hoi_retarget.cli.terminal import Working, program, say
 from hoi_retarget.clip.edits import ContactEdits, load
 from hoi_retarget.readers.open import open_clip, result_stem
-from hoi_retarget.retarget.multi_person import result_paths, with_report, write
+from hoi_retarget.retargeting.multi_person import result_paths, with_report, write
 from hoi_retarget.robots import load_robot
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from hoi_retarget.cli.commands import Evaluate
 from hoi_retarget.cli.figures import show_figures
 from hoi_retarget.cli.jobs import check_writable, do_for_each, load_result, score, write_file
 from hoi_retarget.cli.terminal import say, warn
-from hoi_retarget.evaluate import Score, to_csv, to_json
+from hoi_retarget.evaluation import Score, to_csv, to_json
 
 
 def execute(command: Evaluate) -> int:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from hoi_retarget.cli.terminal import say, show_table
-from hoi_retarget.evaluate import COLUMNS, Score, mean_values, table_rows, worst_values
+from hoi_retarget.evaluation import COLUMNS, Score, mean_values, table_rows, worst_values
 
 FEW = 4  # Results that stand side by side, one a column.
 _SHORT = (

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from hoi_retarget.cli.commands import Inspect
 from hoi_retarget.cli.jobs import with_file
 from hoi_retarget.cli.terminal import NAME, fail, program, say, show_table, warn
-from hoi_retarget.evaluate.table import scales_text
+from hoi_retarget.evaluation.table import scales_text
 from hoi_retarget.motion.motion import STAGE_TITLES, Motion
 from hoi_retarget.readers.describe import MOTION, Inspection, inspect
 

@@ -3,22 +3,21 @@
 import os
 import tempfile
 from collections.abc import Callable, Collection, Iterable
-from dataclasses import fields
 from pathlib import Path
 
 from hoi_retarget.cli.commands import MadeFrom, Solving
 from hoi_retarget.cli.terminal import Working, fail, program, say, warn
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, WriteError
-from hoi_retarget.evaluate import Figures, Score
-from hoi_retarget.evaluate.table import scales_text
+from hoi_retarget.evaluation import FIGURES, Score
+from hoi_retarget.evaluation.table import scales_text
 from hoi_retarget.files.atomic import write_atomically
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers import own_layout
 from hoi_retarget.readers.open import clip_of, result_stem
-from hoi_retarget.retarget.config import Config, Scaling, parse_horizon
+from hoi_retarget.retargeting.config import Config, Scaling, parse_horizon
 
 
 def check_writable(option: str, folder: Path) -> None:
@@ -153,7 +152,7 @@ def describe_result(motion: Motion, path: Path) -> None:
 def score(motion: Motion, path: Path) -> Score:
     """Return the figures that a motion's report holds, as tables need them; raises `ReadError` where it has none."""
     report = motion.report
-    missing = [item.name for item in fields(Figures) if item.name not in report.figures]
+    missing = [figure.name for figure in FIGURES if figure.name not in report.figures]
     if missing:
         raise ReadError(f"{path}: its report lacks figures ({', '.join(missing)}). Run the retarget again.")
     return Score(

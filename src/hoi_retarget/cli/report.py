@@ -8,7 +8,7 @@ from hoi_retarget.cli.commands import Report
 from hoi_retarget.cli.jobs import check_inputs_kept, check_writable
 from hoi_retarget.cli.terminal import Working, say, show_table, warn
 from hoi_retarget.errors import DrawingError
-from hoi_retarget.evaluate.thresholds import Level
+from hoi_retarget.evaluation.thresholds import Level
 from hoi_retarget.files.atomic import write_together
 from hoi_retarget.report.batches import summarize_manifests
 from hoi_retarget.report.discover import find

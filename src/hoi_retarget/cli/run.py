@@ -22,13 +22,13 @@ from hoi_retarget.cli.terminal import say, warn
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import apply, load
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.evaluate import Score
+from hoi_retarget.evaluation import Score
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers import can_be_clip, recordings_below, why_no_clip
 from hoi_retarget.readers.object_files import known_objects
 from hoi_retarget.readers.open import open_clip, result_stem
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.multi_person import result_paths, retarget_people, write
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.multi_person import result_paths, retarget_people, write
 from hoi_retarget.robots import load_robot, team
 from hoi_retarget.robots.model import RobotModel
 

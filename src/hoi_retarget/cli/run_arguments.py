@@ -8,7 +8,7 @@ from typing import Any
 from hoi_retarget.cli.commands import Run, Solving
 from hoi_retarget.cli.settings import setting_words
 from hoi_retarget.errors import HoiRetargetError
-from hoi_retarget.retarget.config import Config
+from hoi_retarget.retargeting.config import Config
 
 _IN_CONFIG = {item.name for item in fields(Solving)} - {"robot"}
 _PATHS = ("objects", "body_models", "edits", "out")

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.retarget.config import BandedInteriorPoint, Config, read_config
+from hoi_retarget.retargeting.config import BandedInteriorPoint, Config, read_config
 
 
 def words_of_config(words: Sequence[str]) -> list[str]:

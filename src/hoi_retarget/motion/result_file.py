@@ -27,12 +27,12 @@ _NAMES = ("joint_names", "object_names", "contact_links")
 _ENTRIES = {"contact_points": "contact_targets"}  # Entries of the file that are not named as the motion's fields are.
 
 
-def save(motion: Motion, path: Path) -> None:
+def save(motion: Motion, path: Path | str) -> None:
     """Write a motion atomically: to a temporary file beside `path`, then renamed over it.
 
     Raises `WriteError`; a previous file at `path` is then intact.
     """
-    write_atomically(path, encode(motion))
+    write_atomically(Path(path), encode(motion))
 
 
 def encode(motion: Motion) -> bytes:
@@ -62,11 +62,12 @@ def _plain(value: Any) -> Any:
     return value.value if isinstance(value, Enum) else asdict(value)
 
 
-def load(path: Path) -> Motion:
+def load(path: Path | str) -> Motion:
     """Read a motion file.
 
     Raises `ReadError` when the file is missing, damaged, of another schema, or not a motion file.
     """
+    path = Path(path)
     members = _members(path, read_bytes(path))
     _check_entries(path, members)
     try:

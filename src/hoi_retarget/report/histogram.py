@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from hoi_retarget.evaluate.thresholds import Level, Threshold
+from hoi_retarget.evaluation.thresholds import Level, Threshold
 from hoi_retarget.viewers.html import render
 
 WIDTH, HEIGHT = 264, 124  # [px]

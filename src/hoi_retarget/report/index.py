@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from hoi_retarget.evaluate.thresholds import THRESHOLDS, Level
+from hoi_retarget.evaluation.thresholds import THRESHOLDS, Level
 from hoi_retarget.report.rows import Row
 
 _COLUMNS: Mapping[str, tuple[type, Callable[[Row], Any]]] = {

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hoi_retarget.evaluate import ground, limits, movement
-from hoi_retarget.evaluate.statistics import finite_min_or_none, max_or_none, mean_or_none
+from hoi_retarget.evaluation import ground, limits, movement
+from hoi_retarget.evaluation.statistics import finite_min_or_none, max_or_none, mean_or_none
 from hoi_retarget.motion.check import ObjectPath
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.report import Report
@@ -82,7 +82,7 @@ def _figures(motion: Motion, kinematics: Kinematics, model: RobotModel) -> dict[
         "body_jerk_max_mps3": max_or_none(jerks),
         "stance_slide_mps": mean_or_none(speeds[stance[1:] & stance[:-1]]),
         "stance_float_m": mean_or_none(np.maximum(heights[stance], 0.0)),
-        "floor_penetration_max_m": ground.floor_penetration_max_m(heights),
+        "floor_penetration_max_m": ground.deepest(heights),
         "joint_range_margin_rad": finite_min_or_none(limits.joint_range_margins(motion, model)),
         "joint_speed_margin_radps": finite_min_or_none(limits.joint_speed_margins(motion, model)),
     }

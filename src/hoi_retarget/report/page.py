@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from hoi_retarget.evaluate import Column
-from hoi_retarget.evaluate.thresholds import THRESHOLDS, Level, Threshold
+from hoi_retarget.evaluation import Figure
+from hoi_retarget.evaluation.thresholds import THRESHOLDS, Level, Threshold
 from hoi_retarget.report.histogram import histogram
 from hoi_retarget.report.rows import Row, worst_first
 from hoi_retarget.viewers.html import render, with_exponents
@@ -210,7 +210,7 @@ def _limit(threshold: Threshold, limit: float | None) -> str:
     return f"{'>' if threshold.column.better == 'lower' else '<'} {threshold.column.scale * limit:g}"
 
 
-def _mean(column: Column, values: Sequence[float]) -> str:
+def _mean(column: Figure, values: Sequence[float]) -> str:
     return column.text(float(np.mean(values)) if values else None)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path, PureWindowsPath
 from typing import Any
 
 from hoi_retarget.errors import HoiRetargetError
-from hoi_retarget.evaluate.thresholds import THRESHOLDS, Level, Verdict, judged_figures, verdict_of_figures
+from hoi_retarget.evaluation.thresholds import THRESHOLDS, Level, Verdict, judged_figures, verdict_of_figures
 from hoi_retarget.report.discover import Found
 from hoi_retarget.report.load_any_motion import OWN_FORMAT, open_motion
 from hoi_retarget.robots.model import RobotModel

@@ -1,7 +1,7 @@
 """The editor's page: every browser that opens it edits on its own, from what was saved last."""
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.retarget.config import Config
+from hoi_retarget.retargeting.config import Config
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.browser.client_sessions import serve_sessions
 from hoi_retarget.viewers.browser.editing import Edited, Editing

@@ -8,8 +8,8 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import ContactEdits, Edit, Segment, apply, save, segments_of
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.retarget.config import Config
-from hoi_retarget.retarget.local_resolve import Draft, draft, revise
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.local_resolve import Draft, draft, revise
 from hoi_retarget.robots.model import RobotModel
 
 

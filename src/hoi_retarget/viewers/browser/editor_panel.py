@@ -19,7 +19,7 @@ from hoi_retarget.clip.edits import (
     Split,
     part_text,
 )
-from hoi_retarget.evaluate import COLUMNS, contact_residuals
+from hoi_retarget.evaluation import COLUMNS, contact_residuals
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.browser.editing import Edited
 from hoi_retarget.viewers.browser.player import MESSAGE

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import HoiRetargetError
-from hoi_retarget.evaluate import COLUMNS
+from hoi_retarget.evaluation import COLUMNS
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers.open import clip_of

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hoi_retarget.evaluate import contact_residuals, ground, limits, movement
-from hoi_retarget.evaluate.view import check_joints
+from hoi_retarget.evaluation import contact_residuals, ground, limits, movement
+from hoi_retarget.evaluation.view import check_joints
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.robots.model import RobotModel

@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.evaluate.view import check_joints
+from hoi_retarget.evaluation.view import check_joints
 from hoi_retarget.motion.motion import STAGE_TITLES, Motion, Stage
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel

@@ -5,8 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PureWindowsPath
 
-from hoi_retarget.evaluate import COLUMNS, Score, mean_values
-from hoi_retarget.evaluate.table import scales_text
+from hoi_retarget.evaluation import COLUMNS, Score, mean_values
+from hoi_retarget.evaluation.table import scales_text
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.robots.spec import RobotSpec
 from hoi_retarget.viewers.html import render

@@ -1,0 +1,81 @@
+"""What a robot's motion says of itself, without the clip it was made from: is it one that a robot can make?
+
+These look at every frame, as the joint margins do. Undefined ones are None.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from hoi_retarget.evaluation.statistics import max_or_none, mean_or_none, norms
+from hoi_retarget.numerics import se3
+from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
+
+FROZEN = 1e-7
+"""A frame in which no number changes by more than this [m, rad, 1] repeats the one before it."""
+
+
+@dataclass(frozen=True)
+class Soundness:
+    """One number per figure."""
+
+    sole_tilt_deg: float | None
+    """Median angle between sole and floor in stance, both feet pooled [deg]."""
+    frozen_share: float | None
+    """Share of the frames that repeat the one before them."""
+    base_speed_max_mps: float | None
+    """Largest speed of the base [m/s]."""
+    base_turn_max_radps: float | None
+    """Largest turning speed of the base [rad/s]."""
+    base_height_min_share: float | None
+    """Lowest height of the base, over that of standing."""
+    base_height_max_share: float | None
+    """Greatest height of the base, over that of standing."""
+
+
+def soundness(
+    qpos: Float[np.ndarray, "T nq"],
+    fps: float,
+    kinematics: Kinematics,
+    stance: Bool[np.ndarray, "T 2"],
+    standing_height: float,
+) -> Soundness:
+    """Return the figures of a motion.
+
+    Args:
+        qpos: Root position [m], root rotation wxyz, joints [rad].
+        fps: Frames a second.
+        kinematics: The model's `forward(qpos)`.
+        stance: Left and right foot on the floor.
+        standing_height: Of the base, in the robot's home pose [m].
+    """
+    tilts = sole_tilts_deg(kinematics)[stance]
+    heights = qpos[:, 2] / standing_height
+    return Soundness(
+        sole_tilt_deg=float(np.median(tilts)) if tilts.size else None,
+        frozen_share=mean_or_none(frozen(qpos).astype(float)),
+        base_speed_max_mps=max_or_none(norms(np.diff(qpos[:, :3], axis=0)) * fps),
+        base_turn_max_radps=max_or_none(se3.angle_between(qpos[1:, 3:7], qpos[:-1, 3:7]) * fps),
+        base_height_min_share=float(heights.min()) if heights.size else None,
+        base_height_max_share=max_or_none(heights),
+    )
+
+
+def sole_tilts_deg(kinematics: Kinematics) -> Float[np.ndarray, "T 2"]:
+    """Return the angle between the vertical and the normal of each foot's sole [deg]; 180 is upside down."""
+    tilts = []
+    for side in SIDES:
+        heel_inner, heel_outer, toe_inner, toe_outer = (
+            kinematics.site_position(f"{side}_sole_{corner}") for corner in SOLE_CORNERS
+        )
+        normals = np.cross(toe_inner - heel_outer, toe_outer - heel_inner)
+        up = normals[:, 2] if side == "left" else -normals[:, 2]  # Inner and outer corners are mirrored.
+        tilts.append(np.degrees(np.arctan2(norms(normals[:, :2]), up)))
+    return np.stack(tilts, axis=1)
+
+
+def frozen(qpos: Float[np.ndarray, "T nq"]) -> Bool[np.ndarray, "steps"]:
+    """Return whether each frame from the second on repeats the one before it."""
+    return np.abs(np.diff(qpos, axis=0)).max(axis=1) <= FROZEN

@@ -1,0 +1,272 @@
+"""Everything that decides a result beside the clip and the robot, in one place.
+
+Every field can be set from Python, on the command line (`--weights.jerk 2e-3`) and in a TOML file
+(`[weights]`, `jerk = 2e-3`), and is kept in the result. Nothing heavy is imported here, so that the
+command line's help, which is derived from these classes, is quick.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, is_dataclass
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
+
+from hoi_retarget.errors import ArgumentError, ReadError
+from hoi_retarget.files.tables import check_keys, decode, read_toml
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from hoi_retarget.retargeting.trajopt.problem import Problem
+    from hoi_retarget.retargeting.trajopt.solvers.base import Solution
+
+SHORTEST_WINDOW = 20  # Of those that pin frames.
+PINNED = 3  # The reach of a third difference.
+LOOK_AHEAD = 15  # Shared frames with which seams can no longer be seen.
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """How the human and the objects are made to fit the robot."""
+
+    root_scale: float | Literal["auto"] = "auto"
+    """Human size to robot size; auto divides the robot's stature by the mean height of the clip's people."""
+    object_scale: float | Literal["auto"] = "auto"
+    """Size of the object; 1.0 keeps it, auto shrinks or keeps it, as suits the robot."""
+    size_multiplier: float = 1.0
+    """On top of the object scale, to make several motions of one clip."""
+    body_scale: float | Literal["root"] = "root"
+    """Human to robot: the size of the body; it differs from the root scale where different robots share one world."""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not isinstance(value, str) and not (isfinite(value) and value > 0):
+                raise ArgumentError(f"{name.replace('_', '-')} is {value}; it must be a positive number.")
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Weights of the cost table (paper Table II); each multiplies the square of a residual.
+
+    Units are those of the residual: metres, radians, or the Frobenius norm of a difference of rotations.
+    """
+
+    joint_position: float = 1.0
+    """E^theta [1/rad^2]"""
+    base_position: float = 1.0
+    """E^b [1/m^2]"""
+    head_position: float = 1.0
+    """E^h [1/m^2]"""
+    feet_position: float = 100.0
+    """E^f [1/m^2]"""
+    torso_orientation: float = 1.0
+    """E^r"""
+    object_contact: float = 1000.0
+    """E^c [1/m^2]"""
+    hand_orientation: float = 5.0
+    """E^ho"""
+    stance_height: float = 2000.0
+    """E^fz [1/m^2]"""
+    stance_orientation: float = 10.0
+    """E^fo"""
+    jerk: float = 1e-3
+    """E^j [s^4]: multiplies the squared third difference of q divided by dt^2, at 30 frames a second.
+
+    At other rates it is scaled so that its share of the cost stays what it is at 30.
+    """
+    floor_clearance: float = 2000.0
+    """Sole corners under the floor [1/m^2]; not in the paper."""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (isfinite(value) and value >= 0):
+                raise ArgumentError(f"weight {name} is {value}; it must be a number of at least 0.")
+
+
+@dataclass(frozen=True)
+class Horizon:
+    """How many frames are solved at once."""
+
+    length: int = 1000
+    """Frames in a window; a clip that is no longer is solved whole."""
+    overlap: int = 60
+    """Frames that a window shares with the one before."""
+    pinned: int = PINNED
+    """Leading frames of a window that keep what the one before found; three carry the jerk over."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.pinned <= self.overlap < self.length:
+            raise ArgumentError(
+                f"horizon: length {self.length}, overlap {self.overlap}, pinned {self.pinned}; "
+                "they must satisfy 0 <= pinned <= overlap < length."
+            )
+
+    @property
+    def text(self) -> str:
+        """The shortest text that `parse_horizon` reads as this horizon."""
+        for name, preset in _PRESETS.items():
+            if self == preset:
+                return name
+        numbers = (self.length, self.overlap) if self.pinned == PINNED else (self.length, self.overlap, self.pinned)
+        return ":".join(map(str, ("windowed", *numbers)))
+
+
+# One new frame cannot pay for a third difference: with three pinned frames it would extrapolate. A window
+# of two has no such row, and each frame follows its predecessor through the speed limits alone.
+_PRESETS = {"auto": Horizon(), "whole": Horizon(length=10**9), "per-frame": Horizon(2, 1, 1)}
+
+
+def parse_horizon(text: str) -> Horizon:
+    """Return the horizon for `auto`, `whole`, `per-frame` or `windowed:LENGTH[:OVERLAP[:PINNED]]`.
+
+    Raises `ArgumentError` for anything else.
+    """
+    kind, *numbers = text.split(":")
+    if not numbers and kind in _PRESETS:
+        return _PRESETS[kind]
+    if kind == "windowed" and len(numbers) == 3 and all(n.isascii() and n.isdecimal() for n in numbers):
+        return Horizon(*map(int, numbers))
+    if kind == "windowed" and 1 <= len(numbers) <= 2 and all(n.isascii() and n.isdecimal() for n in numbers):
+        length, overlap = int(numbers[0]), int(numbers[1]) if len(numbers) == 2 else LOOK_AHEAD
+        if length >= SHORTEST_WINDOW and PINNED <= overlap < length:
+            return Horizon(length, overlap, PINNED)
+        raise ArgumentError(
+            f"horizon {text!r}: LENGTH must be at least {SHORTEST_WINDOW} frames, for shorter windows extrapolate the "
+            f"jerk of the {PINNED} frames they keep; OVERLAP at least {PINNED} and less than LENGTH."
+        )
+    raise ArgumentError(f"horizon {text!r}: expected auto, whole, per-frame or windowed:LENGTH[:OVERLAP].")
+
+
+@runtime_checkable
+class Solver(Protocol):
+    """A frozen value whose fields are its options."""
+
+    def solve(self, problem: "Problem", qpos: "np.ndarray") -> "Solution":
+        """Return a solution from a starting trajectory; failure is a status, never an exception."""
+        ...
+
+
+@dataclass(frozen=True)
+class BandedInteriorPoint:
+    """The options of the interior-point Gauss-Newton solver; `trajopt/solvers/banded.py` is its method."""
+
+    max_iterations: int = 60
+    """Iterations after which the solve stops."""
+    tolerance: float = 3e-4
+    """Predicted decrease and complementarity gap, relative to the cost, at which it is solved."""
+    step_tolerance: float = 10.0
+    """Largest last step of any coordinate [m, rad] with which it is solved: where costs stay large, a small relative
+    decrease can still be a large step. Ten is no limit."""
+    fraction_to_boundary: float = 0.995
+    """Largest part of the way to a bound taken in one step."""
+
+    def __post_init__(self) -> None:
+        if self.max_iterations < 1:
+            raise ArgumentError(f"max-iterations is {self.max_iterations}; it must be at least 1.")
+        for name in ("tolerance", "step_tolerance"):
+            if not (isfinite(getattr(self, name)) and getattr(self, name) > 0):
+                raise ArgumentError(f"{name.replace('_', '-')} is {getattr(self, name)}; it must be positive.")
+        if not 0 < self.fraction_to_boundary < 1:
+            raise ArgumentError(f"fraction-to-boundary is {self.fraction_to_boundary}; it must lie between 0 and 1.")
+
+    def solve(self, problem: "Problem", qpos: "np.ndarray") -> "Solution":
+        """Return the solution from a starting trajectory; joints outside their range are moved in."""
+        from hoi_retarget.retargeting.trajopt.solvers.banded import solve  # noqa: PLC0415  # scipy, when it is needed
+
+        return solve(self, problem, qpos)
+
+
+@dataclass(frozen=True)
+class KeepStart:
+    """The solver that keeps its start: the pipeline around a solver is tested with it in milliseconds."""
+
+    def solve(self, problem: "Problem", qpos: "np.ndarray") -> "Solution":
+        """Return the starting trajectory as solved."""
+        from hoi_retarget.retargeting.trajopt.solvers.keep_start import solve  # noqa: PLC0415  # as above
+
+        return solve(problem, qpos)
+
+
+@dataclass(frozen=True)
+class IkWeights:
+    """Weights of the IK stage on top of the robot's own table."""
+
+    smoothness: float = 5.0
+    """First differences of q [1/frame^2]."""
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.smoothness) and self.smoothness >= 0):
+            raise ArgumentError(f"IK weight smoothness is {self.smoothness}; it must be a number of at least 0.")
+
+
+@dataclass(frozen=True)
+class IkConfig:
+    """Options of the IK stage."""
+
+    weights: IkWeights = IkWeights()
+    stride: int = 10
+    """The first solve sees every n-th frame; the second starts from its interpolation."""
+    solver: BandedInteriorPoint = BandedInteriorPoint(tolerance=1e-3, step_tolerance=2e-2)
+
+    def __post_init__(self) -> None:
+        if self.stride < 1:
+            raise ArgumentError(f"stride is {self.stride}; it must be at least 1 frame.")
+
+
+@dataclass(frozen=True)
+class Config:
+    """Everything that decides a result beside the clip and the robot."""
+
+    scaling: Scaling = Scaling()
+    weights: Weights = Weights()
+    ik: IkConfig = IkConfig()
+    solver: Solver = BandedInteriorPoint()
+    """Of the trajectory; any value with a `solve` method."""
+    horizon: Horizon = Horizon()
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain JSON values, which `from_table` reads again."""
+        name = type(self.solver).__name__
+        options = asdict(self.solver) if is_dataclass(self.solver) and not isinstance(self.solver, type) else {}
+        plain = {item.name: asdict(getattr(self, item.name)) for item in fields(self) if item.name != "solver"}
+        return {**plain, "solver": {"name": name, **options}}
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any], owner: str) -> "Config":
+        """Return the configuration of a table; what the table leaves out is as by default.
+
+        Raises:
+            ReadError: A key does not exist, or a value is not of its field's type.
+            ArgumentError: A value is out of its range.
+        """
+        check_keys(cls, table, owner)
+        values: dict[str, Any] = {}
+        for name, value in table.items():
+            place = f"{owner}: {name}"
+            if name == "horizon" and isinstance(value, str):
+                values[name] = parse_horizon(value)
+            else:
+                values[name] = (
+                    _solver(value, place)
+                    if name == "solver"
+                    else decode(type(_TABLES[name]), value, place, default=_TABLES[name])
+                )
+        return cls(**values)
+
+
+_TABLES = {"scaling": Scaling(), "weights": Weights(), "ik": IkConfig(), "horizon": Horizon()}
+SOLVERS: Mapping[str, type[Solver]] = {solver.__name__: solver for solver in (BandedInteriorPoint, KeepStart)}
+"""Solvers that a table can name."""
+
+
+def _solver(table: Any, owner: str) -> Solver:
+    name = table.get("name", BandedInteriorPoint.__name__) if isinstance(table, Mapping) else table
+    if name not in SOLVERS:
+        raise ReadError(f"{owner}: there is no solver {name!r} here. Solvers: {', '.join(SOLVERS)}.")
+    options = {key: value for key, value in table.items() if key != "name"} if isinstance(table, Mapping) else {}
+    return decode(SOLVERS[name], options, owner)
+
+
+def read_config(path: Path) -> Config:
+    """Return the configuration of a TOML file; raises what `Config.from_table` raises."""
+    return Config.from_table(read_toml(path), str(path))

@@ -1,0 +1,98 @@
+"""Solves a clip again after its contacts changed, but only around the frames in which they did.
+
+Contacts enter the trajectory's optimization alone: targets of the body and inverse kinematics stay as
+they are. The frames around a change are solved again between pinned ones, which takes as long as the
+change is, not as the clip is. What comes out is a preview: the whole clip solved at once may differ by
+what the optimum gains from moving the pinned frames too.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import binary_dilation
+
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.numerics.arrays import runs
+from hoi_retarget.numerics.filters import frames_in
+from hoi_retarget.retargeting.config import PINNED, Config
+from hoi_retarget.retargeting.pipeline import one_thread, retarget_with_targets, scored, solve_trajectory
+from hoi_retarget.retargeting.targets import Targets, with_contacts_of
+from hoi_retarget.retargeting.trajopt.problem import Problem
+from hoi_retarget.retargeting.trajopt.table import trajectory_terms
+from hoi_retarget.retargeting.trajopt.windows import report_window
+from hoi_retarget.robots.model import RobotModel
+
+MARGIN_SECONDS = 1.0  # On either side of a change: what an arm needs to get from one place to another.
+
+
+@dataclass(frozen=True, eq=False)
+class Draft:
+    """One robot's motion for one person of a clip, and what is needed to revise it."""
+
+    clip: Clip
+    person: int
+    targets: Targets
+    motion: Motion
+
+
+def draft(clip: Clip, model: RobotModel, config: Config, *, person: int = 0) -> Draft:
+    """Solve a whole clip; raises what `retarget` raises."""
+    motion, targets = retarget_with_targets(clip, model, config, person=person)
+    return Draft(clip, person, targets, motion)
+
+
+def revise(before: Draft, clip: Clip, model: RobotModel, config: Config) -> Draft:
+    """Return the draft for a clip that is equal to the draft's own but for its contacts.
+
+    Raises `SolveError` when the frames around a change end without a usable trajectory.
+    """
+    with one_thread():
+        targets = with_contacts_of(before.targets, clip, model, person=before.person)
+        qpos = before.motion.qpos.copy()
+        for first, stop in _pieces(before.targets, targets):
+            if stop - first > config.horizon.length:
+                qpos = solve_trajectory(model, targets, before.motion.stages[0].qpos, config)[0]
+                break
+            qpos[first:stop] = _solve_piece(model, targets, before.motion.stages[0].qpos, qpos, config, first, stop)
+        motion = replace(
+            before.motion.with_qpos(qpos),
+            contact_flags=targets.contact_flags,
+            contact_object=targets.contact_object,
+            contact_points=targets.contact_points,
+        )
+        return Draft(clip, before.person, targets, scored(motion, targets, clip, model, before.person))
+
+
+def _pieces(before: Targets, after: Targets) -> tuple[tuple[int, int], ...]:
+    """Return the frames to solve again as (first, one past the last): those that changed, and a margin."""
+    margin = frames_in(MARGIN_SECONDS, after.fps) + PINNED
+    changed = changed_frames(before, after)
+    return runs(binary_dilation(changed, np.ones(2 * margin + 1)))
+
+
+def changed_frames(before: Targets, after: Targets) -> np.ndarray:
+    """Return in which frames the contacts ask for something else, T booleans."""
+    asked = (before.contact_weights > 0) | (after.contact_weights > 0)
+    moved = (before.carried_contact_points != after.carried_contact_points).any(axis=2)
+    exchanged = before.carried_contact_object != after.carried_contact_object
+    weighed = before.contact_weights != after.contact_weights
+    turned = before.contact_rotation_weights != after.contact_rotation_weights
+    return ((asked & (moved | exchanged)) | weighed | turned).any(axis=1)
+
+
+def _solve_piece(  # noqa: PLR0913, PLR0917 - what a problem is made of
+    model: RobotModel,
+    targets: Targets,
+    ik_qpos: np.ndarray,
+    qpos: np.ndarray,
+    config: Config,
+    first: int,
+    stop: int,
+) -> np.ndarray:
+    terms = trajectory_terms(config.weights, targets.window(first, stop), model.forward(ik_qpos[first:stop]))
+    pinned, pinned_after = (PINNED if first > 0 else 0), (PINNED if stop < len(qpos) else 0)
+    problem = Problem(model, terms, targets.fps, pinned, pinned_after)
+    solution = config.solver.solve(problem, qpos[first:stop])
+    report_window(first, stop, problem, solution)
+    return solution.qpos

@@ -1,0 +1,282 @@
+"""What one robot is asked to do for one person of a clip: the only place that scales and grounds.
+
+`make_targets` scales the human to the robot, the object by one of two rules (paper Sec. III-A),
+carries the contact points along in the object's frame (Eq. 1), plants standing feet on the floor
+by the robot's own soles, and smooths the object's path and rotation.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.stance import LARGEST_DIFFERENCE, stance
+from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.arrays import frozen
+from hoi_retarget.numerics.filters import fade, frames_in, nearest_active, smooth, smooth_quats
+from hoi_retarget.objects.track import ObjectTrack
+from hoi_retarget.retargeting.config import Scaling
+from hoi_retarget.retargeting.foot_planting import Foot, plant, resting_height, resting_tilt
+from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.robots.spec import SIDES
+
+# Contact labels switch from frame to frame; hands come and go, and turn, over these times.
+CONTACT_RAMP_SECONDS, ROTATION_RAMP_SECONDS = 1 / 30, 2 / 30
+MAXIMUM_SINK = 0.005  # [m] of a smoothed object under its own unsmoothed height
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """Inputs of both optimization stages; T frames, K rows of the IK table, O objects, C contact links."""
+
+    fps: float
+    root_scale: float
+    human_height: float
+    """[m]"""
+    site_positions: Float[np.ndarray, "T K 3"]
+    """World positions for the rows of the robot's IK table [m]."""
+    site_quats: Float[np.ndarray, "T K 4"]
+    foot_positions: Float[np.ndarray, "T 2 3"]
+    """World positions of the left and right foot's contact site [m]: on the floor in stance."""
+    foot_quats: Float[np.ndarray, "T 2 4"]
+    palm_quats: Float[np.ndarray, "T 2 4"]
+    """World rotations of the left and right palm, as the human's hands turn."""
+    object_names: tuple[str, ...]
+    object_scale: Float[np.ndarray, "O"]
+    object_pos: Float[np.ndarray, "T O 3"]
+    object_quat: Float[np.ndarray, "T O 4"]
+    contact_links: tuple[str, ...]
+    """Sites that can touch."""
+    contact_flags: Bool[np.ndarray, "T C"]
+    contact_object: Int[np.ndarray, "T C"]
+    """Index of the touched object, -1 for none."""
+    contact_points: Float[np.ndarray, "T C 3"]
+    """In the frame of the scaled object [m]; NaN where inactive."""
+    stance_flags: Bool[np.ndarray, "T 2"]
+    carried_contact_object: Int[np.ndarray, "T C"]
+    """Index of the object each link is at or nearest in time to; 0 where it never touches."""
+    carried_contact_points: Float[np.ndarray, "T C 3"]
+    """Contact targets, carried on before and after a contact [m]; finite everywhere."""
+    contact_weights: Float[np.ndarray, "T C"]
+    """1 in contact, fading to 0 around it."""
+    contact_rotation_weights: Float[np.ndarray, "T C"]
+    """The same for the links' rotations, which need longer."""
+
+    @property
+    def frames(self) -> int:
+        """Number of frames T."""
+        return len(self.site_positions)
+
+    def window(self, start: int, stop: int) -> "Targets":
+        """Return the targets of some consecutive frames."""
+        return self._take(slice(start, stop))
+
+    def every(self, stride: int) -> "Targets":
+        """Return the targets of every `stride`-th frame, at the lower rate."""
+        return replace(self._take(slice(None, None, stride)), fps=self.fps / stride)
+
+    def _take(self, frames: slice) -> "Targets":
+        over_time = {
+            field.name: getattr(self, field.name)[frames]
+            for field in fields(self)
+            if isinstance(getattr(self, field.name), np.ndarray) and field.name != "object_scale"
+        }
+        return replace(self, **over_time)
+
+
+def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int = 0) -> Targets:
+    """Return the targets of one robot for one person of a clip."""
+    human = clip.people[person]
+    root_scale = _root_scale(clip, model, scaling)
+    geometry_scale = _geometry_scale(model, scaling, root_scale)
+    stands = stance(human, clip.fps)
+    feet = tuple(Foot.of(model, side) for side in SIDES)
+    body_scale = root_scale if scaling.body_scale == "root" else scaling.body_scale
+    goals = _site_targets(human, model, body_scale, feet, stands)
+    # A body of its own size goes where the root scale puts everybody.
+    goals.positions[..., :2] += (root_scale - body_scale) * human.position("pelvis")[:, None, :2]
+    goals, foot_positions, foot_quats = _with_planted_feet(goals, feet, stands, clip.fps)
+    tracks = [_scale_track(track, root_scale, geometry_scale, clip.fps) for track in clip.objects]
+    return Targets(
+        fps=clip.fps,
+        root_scale=root_scale,
+        human_height=human.height,
+        site_positions=frozen(goals.positions),
+        site_quats=frozen(goals.quats),
+        foot_positions=frozen(foot_positions),
+        foot_quats=frozen(foot_quats),
+        palm_quats=frozen(_palm_quats(model, goals)),
+        object_names=tuple(track.name for track in clip.objects),
+        object_scale=frozen(np.full(len(clip.objects), geometry_scale)),
+        object_pos=frozen(np.stack(tracks, axis=1) if tracks else np.zeros((clip.frames, 0, 3))),
+        object_quat=frozen(
+            np.stack([smooth_quats(track.quats, clip.fps) for track in clip.objects], axis=1)
+            if tracks
+            else np.zeros((clip.frames, 0, 4))
+        ),
+        contact_links=tuple(model.spec.part_sites.values()),
+        stance_flags=frozen(stands, bool),
+        **_contact_fields(clip, model, person, geometry_scale),
+    )
+
+
+def with_contacts_of(targets: Targets, clip: Clip, model: RobotModel, *, person: int = 0) -> Targets:
+    """Return targets with the contacts of another clip, which is equal to the first one but for its contacts."""
+    scale = float(targets.object_scale[0]) if len(targets.object_scale) else 1.0
+    return replace(targets, **_contact_fields(clip, model, person, scale))
+
+
+def shared_scalings(clip: Clip, models: Sequence[RobotModel], scaling: Scaling) -> tuple[Scaling, ...]:
+    """Return the scaling of each robot of a clip, such that all move in one world and share its objects.
+
+    Robots of one kind are scaled as each alone would be. Of different ones the mean stature makes the root scale, each
+    keeps a body of its own size, and objects have the size that suits the one that needs them smallest.
+    """
+    if len({model.spec.name for model in models}) == 1:
+        return (scaling,) * len(models)
+    heights = float(np.mean([person.height for person in clip.people]))
+    root = scaling.root_scale
+    if root == "auto":
+        root = float(np.mean([model.spec.stature for model in models])) / heights
+    geometry = scaling.object_scale
+    if geometry == "auto":
+        geometry = min(_geometry_scale(model, replace(scaling, size_multiplier=1.0), root) for model in models)
+    together = replace(scaling, root_scale=root, object_scale=geometry)
+    return tuple(replace(together, body_scale=model.spec.stature / heights) for model in models)
+
+
+def _root_scale(clip: Clip, model: RobotModel, scaling: Scaling) -> float:
+    """Return the human's scale: one for all people of a clip, so that they share one object."""
+    if scaling.root_scale != "auto":
+        return scaling.root_scale
+    return model.spec.stature / float(np.mean([person.height for person in clip.people]))
+
+
+def _geometry_scale(model: RobotModel, scaling: Scaling, root_scale: float) -> float:
+    if scaling.object_scale != "auto":
+        return scaling.object_scale * scaling.size_multiplier
+    return (root_scale if model.spec.object_size == "root" else 1.0) * scaling.size_multiplier
+
+
+@dataclass(frozen=True, eq=False)
+class _SiteTargets:
+    """Goals of the IK table's rows, T x K."""
+
+    sites: list[str]
+    positions: np.ndarray
+    quats: np.ndarray
+
+    def row(self, site: str) -> int:
+        return self.sites.index(site)
+
+
+def _site_targets(
+    human: Person, model: RobotModel, body_scale: float, feet: tuple[Foot, ...], stands: np.ndarray
+) -> _SiteTargets:
+    """Return positions and rotations for the IK table, with the body lowered to stand on the floor."""
+    rows = model.spec.ik
+    root = human.position("pelvis")
+    positions = np.stack(
+        [body_scale * (root + row.scale * (human.position(row.human_joint) - root)) for row in rows], axis=1
+    )
+    offsets = np.array([row.rotation_offset for row in rows])
+    quats = se3.quat_multiply(np.stack([human.quat(row.human_joint) for row in rows], axis=1), offsets)
+    goals = _SiteTargets([row.site for row in rows], positions, se3.quat_normalize(quats))
+    toes = [goals.row(f"{side}_toe") for side in SIDES]
+    rests = [resting_height(positions[:, toe, 2], stands[:, side]) for side, toe in enumerate(toes)]
+    # A foot that never stands has no resting height of its own: it rides as the other one does.
+    rests = [min(rest, min(rests) + body_scale * LARGEST_DIFFERENCE) for rest in rests]
+    standing = [foot.toe_height for foot in feet]
+    lowered = np.mean(standing) - np.mean(rests)
+    positions[:, :, 2] += lowered
+    # The two feet ride at different heights in many captures: each gets its own correction.
+    positions[:, toes, 2] += np.subtract(standing, rests) - lowered
+    return goals
+
+
+def _with_planted_feet(
+    goals: _SiteTargets, feet: tuple[Foot, ...], stands: np.ndarray, fps: float
+) -> tuple[_SiteTargets, np.ndarray, np.ndarray]:
+    """Return the goals with the toes' rows replaced, and positions and rotations of the feet's contact sites."""
+    positions, quats = goals.positions.copy(), goals.quats.copy()
+    foot_positions, foot_quats = np.empty((len(positions), 2, 3)), np.empty((len(positions), 2, 4))
+    for side, foot in enumerate(feet):
+        toe, standing = goals.row(f"{SIDES[side]}_toe"), stands[:, side]
+        turned = se3.quat_multiply(quats[:, toe], resting_tilt(quats[:, toe], standing))
+        place, turn = plant(foot, positions[:, toe], turned, standing, fps)
+        foot_positions[:, side], foot_quats[:, side] = place, turn
+        positions[:, toe], quats[:, toe] = place + se3.rotate(turn, foot.toe), turn
+    return _SiteTargets(goals.sites, positions, quats), foot_positions, foot_quats
+
+
+def _palm_quats(model: RobotModel, goals: _SiteTargets) -> np.ndarray:
+    """Return the palms' rotations when the wrists follow their IK targets exactly."""
+    sites = model.sites
+    palms = []
+    for side in SIDES:
+        wrist, palm = (sites.rotations[:, :, sites.index[f"{side}_{name}"]] for name in ("wrist", "palm"))
+        palms.append(se3.quat_multiply(goals.quats[:, goals.row(f"{side}_wrist")], se3.matrix_to_quat(wrist.T @ palm)))
+    return np.stack(palms, axis=1)
+
+
+def _scale_track(track: ObjectTrack, root_scale: float, geometry_scale: float, fps: float) -> Float[np.ndarray, "T 3"]:
+    """Return the object's path: scaled about the world's origin, its lowest point's height included.
+
+    With geometry scaled by the root scale this is the paper's rule; with captured size it is
+    `z' = s z + (1 - s) d`, where `d` is the origin's height over the object's lowest point.
+    """
+    drop = -track.geometry.lowest_along(se3.quat_to_matrix(track.quats)[:, 2])
+    lowest = root_scale * (track.positions[:, 2] - drop)
+    height = np.maximum(lowest, 0.0) + geometry_scale * drop
+    path = np.column_stack([root_scale * track.positions[:, :2], height])
+    path_smooth = smooth(path, fps)
+    path_smooth[:, 2] = np.maximum(path_smooth[:, 2], path[:, 2] - MAXIMUM_SINK)
+    return path_smooth
+
+
+def _contact_fields(clip: Clip, model: RobotModel, person: int, geometry_scale: float) -> dict[str, np.ndarray]:
+    """Return the fields of `Targets` that follow from the clip's contacts."""
+    flags, touched, points = _contacts(clip, model, person, geometry_scale)
+    carried_object, carried_points = _carried(flags, touched, points)
+    ramp, rotation_ramp = frames_in(CONTACT_RAMP_SECONDS, clip.fps), frames_in(ROTATION_RAMP_SECONDS, clip.fps)
+    return {
+        "contact_flags": frozen(flags, bool),
+        "contact_object": frozen(touched, int),
+        "contact_points": frozen(points),
+        "carried_contact_object": frozen(carried_object, int),
+        "carried_contact_points": frozen(carried_points),
+        "contact_weights": frozen(np.stack([fade(active, ramp) for active in flags.T], axis=1)),
+        "contact_rotation_weights": frozen(np.stack([fade(active, rotation_ramp) for active in flags.T], axis=1)),
+    }
+
+
+def _contacts(
+    clip: Clip, model: RobotModel, person: int, geometry_scale: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    links = list(model.spec.part_sites)
+    flags = np.zeros((clip.frames, len(links)), dtype=bool)
+    touched = np.full((clip.frames, len(links)), -1)
+    points = np.full((clip.frames, len(links), 3), np.nan)
+    for track in clip.contacts:
+        if track.person != person or track.part not in links:
+            continue
+        link = links.index(track.part)
+        # One object a link and frame: the first that the clip names.
+        new = track.active & ~flags[:, link]
+        flags[new, link] = True
+        touched[new, link] = track.object
+        points[new, link] = geometry_scale * track.contact_points[new]
+    return flags, touched, points
+
+
+def _carried(flags: np.ndarray, touched: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the object and the point of the contact that is nearest in time, for every link and frame."""
+    carried_object, carried_points = np.zeros_like(touched), np.zeros_like(points)
+    for link, active in enumerate(flags.T):
+        if active.any():
+            nearest = nearest_active(active)
+            carried_object[:, link], carried_points[:, link] = touched[nearest, link], points[nearest, link]
+    return carried_object, carried_points

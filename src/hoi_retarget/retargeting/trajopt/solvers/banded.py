@@ -1,0 +1,214 @@
+"""Primal-dual interior-point Gauss-Newton method on a banded normal matrix.
+
+The inequalities get slacks `s` and multipliers `z`; Newton's equations for
+
+    J^T W r - A^T z = 0,   s z = mu,   c(theta) - s = 0
+
+are reduced to the tangent coordinates, where the inequalities add only to the diagonal and to one
+off-diagonal of the band. A predictor step sets how far `mu` falls (Mehrotra, SIAM J. Optim. 2,
+1992); a backtracking line search on a merit function makes the method converge from far away.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.motion.report import Status
+from hoi_retarget.retargeting.config import BandedInteriorPoint
+from hoi_retarget.retargeting.trajopt.bounds import Bounds
+from hoi_retarget.retargeting.trajopt.normal import assemble
+from hoi_retarget.retargeting.trajopt.problem import Problem, cost_by_term
+from hoi_retarget.retargeting.trajopt.rows import Rows
+from hoi_retarget.retargeting.trajopt.solvers.base import FACTOR, SOLVE, Solution
+from hoi_retarget.robots.model import Kinematics
+
+_ROUNDING = 1e-12
+_FEASIBLE = 1e-7  # [rad]
+_START_GAP = 0.1  # Complementarity gap at the start, relative to the cost.
+_START_MARGIN = 3e-2  # Of a joint's range: a start is moved that far away from its ends.
+_LEAST_SLACK = 1e-3  # Of a bound's interval: less than this counts as outside.
+# Levenberg-Marquardt damping, relative to the diagonal: it grows when steps are cut short.
+_LONGEST_SEARCH = 8  # Halvings of a step.
+_LEAST_DAMPING, _FIRST_DAMPING, _LARGEST_DAMPING = 1e-9, 1e-3, 1e3
+_SMALLEST_COST = 1e-9  # What accuracies relative to the cost are measured against when it vanishes.
+
+
+def solve(options: BandedInteriorPoint, problem: Problem, qpos: Float[np.ndarray, "T nq"]) -> Solution:
+    """Return the solution from a starting trajectory; joints outside their range are moved in."""
+    bounds = Bounds.of(problem)
+    state = _start(problem, bounds, qpos)
+    if not np.isfinite(state.point.half_cost):
+        return state.solution(Status.FAILED, 0)
+    for iteration in range(1, options.max_iterations + 1):
+        step = _newton_step(options, problem, bounds, state)
+        moved = None if step is None else _line_search(problem, bounds, state, step)
+        if step is None or moved is None:
+            if state.damping > _LARGEST_DAMPING:
+                return state.solution(Status.STALLED, iteration)
+            state = replace(state, damping=max(10.0 * state.damping, _FIRST_DAMPING))
+            continue
+        state = moved
+        if _solved(options, state, step):
+            return state.solution(Status.SOLVED, iteration)
+    return state.solution(Status.MAX_ITERATIONS, options.max_iterations)
+
+
+def _solved(options: BandedInteriorPoint, state: "_State", step: "_Step") -> bool:
+    accuracy = options.tolerance * max(state.point.half_cost, _SMALLEST_COST)
+    return (
+        step.predicted_decrease < accuracy
+        and step.primal_length * float(np.abs(step.tangent).max(initial=0.0)) < options.step_tolerance
+        and float(np.sum(state.slack * state.multiplier)) < 10 * accuracy
+        and state.damping < _FIRST_DAMPING
+        and float(np.abs(state.slack - state.point.values).max(initial=0.0)) < _FEASIBLE
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """A trajectory with everything that is computed from it once."""
+
+    kinematics: Kinematics
+    rows: list[Rows]
+    half_cost: float
+    by_term: dict[str, float]
+    values: np.ndarray
+    """Slacks of the inequalities."""
+
+    @classmethod
+    def at(cls, problem: Problem, bounds: Bounds, qpos: np.ndarray) -> "_Point":
+        kinematics = problem.model.forward(qpos)
+        linearization = problem.linearize(kinematics)
+        by_term = cost_by_term(linearization)
+        rows = [part for parts in linearization.values() for part in parts]
+        return cls(kinematics, rows, 0.5 * sum(by_term.values()), by_term, bounds.values(qpos[:, 7:]))
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Where the iteration stands."""
+
+    point: _Point
+    slack: np.ndarray
+    multiplier: np.ndarray
+    damping: float
+
+    def solution(self, status: Status, iterations: int) -> Solution:
+        return Solution(
+            qpos=self.point.kinematics.qpos,
+            multipliers=self.multiplier,
+            status=status,
+            iterations=iterations,
+            cost=2.0 * self.point.half_cost,
+            cost_by_term=self.point.by_term,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    tangent: np.ndarray
+    """(U, nv): of the frames that are not pinned."""
+    slack: np.ndarray
+    multiplier: np.ndarray
+    primal_length: float
+    dual_length: float
+    barrier: float
+    slope: float
+    """Derivative of the half cost and its barrier along the step."""
+
+    @property
+    def predicted_decrease(self) -> float:
+        return abs(self.slope)
+
+
+def _start(problem: Problem, bounds: Bounds, qpos: np.ndarray) -> _State:
+    """Return the start, with unknown joint angles well inside their ranges."""
+    model = problem.model
+    margin = _START_MARGIN * (model.upper - model.lower)
+    inside = qpos.copy()
+    unknown = inside[problem.unknown(len(inside)), 7:]
+    np.clip(unknown, model.lower + margin, model.upper - margin, out=unknown)
+    point = _Point.at(problem, bounds, inside)
+    slack = np.maximum(point.values, _LEAST_SLACK * bounds.widths(len(point.values)))
+    multiplier = max(_START_GAP * point.half_cost / slack.size, _SMALLEST_COST) / slack
+    return _State(point, slack, multiplier, _LEAST_DAMPING)
+
+
+def _newton_step(options: BandedInteriorPoint, problem: Problem, bounds: Bounds, state: _State) -> _Step | None:
+    """Return the predictor-corrector step, or None where the matrix is not positive definite."""
+    point, slack, multiplier = state.point, state.slack, state.multiplier
+    normal = assemble(point.kinematics, point.rows, least_width=bounds.width)
+    unknown = problem.unknown(len(normal.band))
+    band, gradient = normal.band[unknown], normal.gradient[unknown]
+    band[:, :, 0] *= 1.0 + state.damping
+    ratio = multiplier / slack
+    bounds.add_normal(band, ratio)
+    factor, info = FACTOR(band.reshape(gradient.size, -1).T, lower=1, overwrite_ab=1)
+    if info != 0:
+        return None
+    infeasible = point.values - slack
+
+    def direction(centre: np.ndarray | float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        force = -gradient
+        force[:, 6:] += bounds.apply_transposed(centre / slack - ratio * infeasible)
+        tangent = SOLVE(factor, force.reshape(-1), lower=1)[0].reshape(force.shape)
+        slack_step = bounds.apply(tangent[:, 6:]) + infeasible
+        return tangent, slack_step, centre / slack - multiplier - ratio * slack_step
+
+    mean = float(np.mean(slack * multiplier))
+    _, slack_step, multiplier_step = direction(0.0)
+    primal, dual = _length(slack, slack_step, 1.0), _length(multiplier, multiplier_step, 1.0)
+    reached = float(np.mean((slack + primal * slack_step) * (multiplier + dual * multiplier_step)))
+    # Below the gap that is asked for, slacks would drown in rounding and multipliers with them.
+    least = 0.1 * options.tolerance * max(point.half_cost, _SMALLEST_COST) / slack.size
+    barrier = max(mean * min(1.0, reached / mean) ** 3, least)
+    tangent, slack_step, multiplier_step = direction(barrier - slack_step * multiplier_step)
+    return _Step(
+        tangent=tangent,
+        slack=slack_step,
+        multiplier=multiplier_step,
+        primal_length=_length(slack, slack_step, options.fraction_to_boundary),
+        dual_length=_length(multiplier, multiplier_step, options.fraction_to_boundary),
+        barrier=barrier,
+        slope=float(np.sum(gradient * tangent)) - barrier * float(np.sum(slack_step / slack)),
+    )
+
+
+def _line_search(problem: Problem, bounds: Bounds, state: _State, step: _Step) -> _State | None:
+    """Return the state after the longest acceptable step, or None."""
+    penalty = 2.0 * float(np.abs(step.multiplier).max(initial=0.0))
+
+    def merit(point: _Point, slack: np.ndarray) -> float:
+        infeasible = float(np.abs(point.values - slack).sum())
+        return point.half_cost - step.barrier * float(np.log(slack).sum()) + penalty * infeasible
+
+    start, slope = merit(state.point, state.slack), min(step.slope, 0.0)
+    qpos = state.point.kinematics.qpos
+    unknown = problem.unknown(len(qpos))
+    length = step.primal_length
+    for _ in range(_LONGEST_SEARCH):
+        moved = qpos.copy()
+        moved[unknown] = problem.model.integrate(qpos[unknown], length * step.tangent)
+        trial = _Point.at(problem, bounds, moved)
+        slack = state.slack + length * step.slack
+        # Once a slack has met its inequality the two are the same number: no drift by rounding.
+        met = (np.abs(slack - trial.values) < _ROUNDING) & (trial.values > 0)
+        slack = np.where(met, trial.values, slack)
+        if trial.half_cost < np.inf and merit(trial, slack) <= start + 1e-4 * length * slope:
+            multiplier = state.multiplier + step.dual_length * step.multiplier
+            return _State(trial, slack, multiplier, _next_damping(state.damping, length))
+        length *= 0.5
+    return None
+
+
+def _next_damping(damping: float, length: float) -> float:
+    if length < 0.25:
+        return max(10.0 * damping, _FIRST_DAMPING)
+    return max(0.1 * damping, _LEAST_DAMPING) if length > 0.75 else damping
+
+
+def _length(values: np.ndarray, change: np.ndarray, fraction: float) -> float:
+    """Return the longest step up to 1 that keeps the values above `1 - fraction` of what they are."""
+    ratio = float((change / values).min(initial=0.0))
+    return min(1.0, -fraction / ratio) if ratio < 0 else 1.0

@@ -1,0 +1,56 @@
+"""The cost tables of trajectory optimization and of inverse kinematics.
+
+A file of `terms/` declares a kind of residual, and a function that builds its terms of the trajectory
+with the weights of the paper's Table II. `docs/design.md` says why there are costs that are not in
+the paper.
+"""
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.numerics import se3
+from hoi_retarget.retargeting.config import IkWeights, Weights
+from hoi_retarget.retargeting.targets import Targets
+from hoi_retarget.retargeting.trajopt.problem import Term
+from hoi_retarget.retargeting.trajopt.terms.differences import PAPER_RATE, Differences, jerk_terms
+from hoi_retarget.retargeting.trajopt.terms.floor_clearance import floor_terms
+from hoi_retarget.retargeting.trajopt.terms.object_contact import contact_terms
+from hoi_retarget.retargeting.trajopt.terms.posture import Posture, posture_terms
+from hoi_retarget.retargeting.trajopt.terms.relative_rotation import torso_terms
+from hoi_retarget.retargeting.trajopt.terms.site_height import stance_terms
+from hoi_retarget.retargeting.trajopt.terms.site_position import SitePosition, position_terms
+from hoi_retarget.retargeting.trajopt.terms.site_rotation import SiteRotation
+from hoi_retarget.robots.model import Kinematics, RobotModel
+
+COSTS: tuple[Callable[[Weights, Targets, Kinematics], Iterable[Term]], ...] = (
+    posture_terms,
+    position_terms,
+    torso_terms,
+    contact_terms,
+    stance_terms,
+    jerk_terms,
+    floor_terms,
+)
+
+
+def trajectory_terms(weights: Weights, targets: Targets, reference: Kinematics) -> tuple[Term, ...]:
+    """Return the terms of all costs against an IK reference; those that would be empty are left out."""
+    return tuple(term for cost in COSTS for term in cost(weights, targets, reference))
+
+
+def ik_terms(weights: IkWeights, targets: Targets, model: RobotModel) -> tuple[Term, ...]:
+    """Return the rows of the robot's IK table; a rotation's Frobenius norm is twice its squared angle."""
+    terms: list[Term] = []
+    rotations = se3.quat_to_matrix(targets.site_quats).transpose(1, 2, 3, 0)
+    for k, row in enumerate(model.spec.ik_rows):
+        if row.position_weight > 0:
+            goal: Float[np.ndarray, "3 T"] = targets.site_positions[:, k].T
+            terms.append(SitePosition(f"{row.site}_position", row.site, goal, row.position_weight**2))
+        if row.rotation_weight > 0:
+            terms.append(SiteRotation(f"{row.site}_rotation", row.site, rotations[k], 0.5 * row.rotation_weight**2))
+    home = np.repeat(model.home_qpos[7:, None], targets.frames, axis=1)
+    terms.append(Posture("posture", home, model.spec.posture_weight))
+    terms.append(Differences("smoothness", 1, weights.smoothness * (targets.fps / PAPER_RATE) ** 2))
+    return tuple(terms)

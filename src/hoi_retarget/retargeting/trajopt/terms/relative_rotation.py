@@ -1,0 +1,51 @@
+"""Rotation of a site in the frame of the robot's base: the paper's E^r for the torso."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.numerics import se3
+from hoi_retarget.retargeting.config import Weights
+from hoi_retarget.retargeting.targets import Targets
+from hoi_retarget.retargeting.trajopt.rows import TangentRows
+from hoi_retarget.robots.model import Kinematics
+
+
+@dataclass(frozen=True, eq=False)
+class RelativeRotation:
+    """`|R^b - R^b*|_F^2` of one site, where `R^b` is its rotation in the base frame."""
+
+    name: str
+    site: str
+    target_base: Float[np.ndarray, "3 3 T"]
+    weight: float
+
+    def rows(self, kinematics: Kinematics) -> tuple[TangentRows, ...]:
+        """Return the rows at a trajectory, by the hinges between base and site; none where there is no hinge."""
+        model = kinematics.model
+        hinges = np.flatnonzero(model.supports[1:, kinematics.frame(self.site).node])
+        if not hinges.size:
+            return ()
+        base = kinematics.node_rotation[:, :, 0]
+        relative = np.einsum("jit,jkt->ikt", base, kinematics.orientation(self.site))
+        frames = relative.shape[-1]
+        axes = np.einsum("jit,jkt->ikt", base, kinematics.motion_axes[3:, 6 + hinges])
+        # Column c of the matrix moves with axis x c.
+        moved = np.einsum("cjit,ikt->cjkt", _crosses(relative), axes)
+        residual = (relative - self.target_base).transpose(1, 0, 2).reshape(9, frames)
+        jacobian = moved.reshape(1, 9, len(hinges), frames)
+        return (TangentRows(tuple(int(hinge) + 6 for hinge in hinges), residual, jacobian, self.weight),)
+
+
+def _crosses(rotation: np.ndarray) -> np.ndarray:
+    """Return, for each column c, the matrix of `a -> a x c`."""
+    return -se3.skew(rotation.transpose(1, 2, 0)).transpose(0, 2, 3, 1)
+
+
+def torso_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[RelativeRotation]:
+    """Yield the torso's rotation in the base frame near that of inverse kinematics."""
+    base = reference.node_rotation[:, :, 0]
+    torso = np.einsum("jit,jkt->ikt", base, reference.orientation("torso"))
+    yield RelativeRotation("torso_orientation", "torso", torso, weights.torso_orientation)
