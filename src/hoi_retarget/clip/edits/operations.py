@@ -243,7 +243,7 @@ def operation_name(edit: Edit) -> str:
 
 def fields_of(kind: type[Operation]) -> list["Field[Any]"]:
     """Return the fields of an operation in the order in which files have them: the person last."""
-    return sorted(fields(kind), key=lambda item: item.kw_only)  # pyright: ignore[reportArgumentType]  # a dataclass
+    return sorted(fields(kind), key=lambda item: bool(item.kw_only))  # pyright: ignore[reportArgumentType]  # a dataclass
 
 
 def describe(edit: Edit) -> str:
