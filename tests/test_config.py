@@ -117,7 +117,7 @@ def test_every_setting_is_an_option_and_a_key(place, tmp_path):
         ({"weights": {"jerk": -1.0}}, ArgumentError, ["jerk is -1.0"]),
         ({"weights": 3}, ReadError, ["it: weights is 3; expected a table"]),
         ({"ik": {"solver": {"tol": 1}}}, ReadError, ["it: ik.solver: there is no 'tol'", "tolerance"]),
-        ({"ik": {"solver": {"max_iterations": 1.5}}}, ReadError, ["it: ik: solver.max_iterations holds 1.5", "a whole number"]),
+        ({"ik": {"solver": {"max_iterations": 1.5}}}, ReadError, ["max_iterations holds 1.5", "a whole number"]),
         ({"solver": {"name": "Ipopt"}}, ReadError, ["no solver 'Ipopt'", *SOLVERS]),
         ({"solver": "Ipopt"}, ReadError, ["no solver 'Ipopt'", *SOLVERS]),
         ({"horizon": "all"}, ArgumentError, ["horizon 'all'", "whole"]),
