@@ -139,6 +139,7 @@ def test_a_result_carries_source_settings_and_seconds(run, recording):
     assert report.source.licence == intermimic.LICENCE
     assert report.config["scaling"]["size_multiplier"] == 1.1
     assert report.config["horizon"]["length"] == 60
+    assert report.config["horizon"]["overlap"] == 10
     assert report.command["clips"] == [f"{NAME}.pt"]
     assert set(report.versions) >= {"hoi_retarget", "numpy", "scipy", "mujoco"}
     assert set(report.cpu_seconds) == {"read", "targets", "ik", "trajectory", "metrics", "write"}

@@ -131,8 +131,7 @@ class _Progress:
         self.finished += 1
         if not entry.succeeded:
             self.failed += 1
-            with self.working.aside():
-                fail(f"{entry.name}: {entry.status}: {entry.reason}")
+            fail(f"{entry.name}: {entry.status}: {entry.reason}")
         self.working.describe(self._pace())
         self.working.advance()
         tenth = _TENTHS * self.finished // self.todo > _TENTHS * (self.finished - 1) // self.todo

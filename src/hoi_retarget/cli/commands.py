@@ -1,8 +1,10 @@
 """What can be asked for on the command line: one frozen dataclass a command, a docstring per field."""
 
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from tyro.conf import Positional, arg, subcommand
 
@@ -20,6 +22,8 @@ Folder = Annotated[Path, arg(metavar="DIR")]
 OptionalFolder = Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="")]
 ObjectName = Annotated[str | None, arg(name="object", aliases=["--object-name"], metavar="NAME", help_behavior_hint="")]
 Meshes = Annotated[Path | None, arg(metavar="DIR|menagerie", help_behavior_hint="")]
+ResultFiles = Annotated[Positional[tuple[Path, ...]], arg(metavar="RESULT...", help_behavior_hint="(required)")]
+ConfigFile = Annotated[Path | None, arg(metavar="FILE.toml|RESULT.npz", help_behavior_hint="")]
 OptionalFile = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
 
 
@@ -39,7 +43,7 @@ class Solving:
 
     robot: RobotName = "unitree_g1"
     """A robot's name, or one for each person with commas between; `hoi-retarget robots list` shows those there are."""
-    config: Annotated[Path | None, arg(metavar="FILE.toml|RESULT.npz", help_behavior_hint="")] = None
+    config: ConfigFile = None
     """Settings to begin with, from a TOML file or from a result; the options below change single ones of them."""
     root_scale: Scale = "auto"
     """Human size to robot size; auto divides the robot's stature by the person's height."""
@@ -52,8 +56,12 @@ class Solving:
     horizon: Annotated[str, arg(metavar="HORIZON")] = "auto"
     """How many frames are solved at once: auto, whole, per-frame, or windowed:LENGTH[:OVERLAP]."""
     weights: Weights = Weights()
+    """Weights of the cost table (paper Table II); each multiplies the square of a residual, which is in metres,
+    radians, or the Frobenius norm of a difference of rotations."""
     ik: IkConfig = IkConfig()
+    """Settings of inverse kinematics."""
     solver: BandedInteriorPoint = BandedInteriorPoint()
+    """Settings of the interior-point Gauss-Newton solver; `trajopt/solvers/banded.py` is its method."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,6 +79,34 @@ class Reading(ReadOptions):
     labels: Labels = "auto"
     """Where contacts come from: auto keeps the recording's own and finds them from distances where it has none;
     proximity and interact find them anew, by the rule of that name."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OneClip(Reading):
+    """A clip, and what it is read with."""
+
+    clip: Annotated[Positional[Path], arg(metavar="CLIP")]
+    """A recording, or a built-in clip such as builtin:carry_box."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MadeFrom:
+    """What results were made from."""
+
+    clip: Annotated[Path | None, arg(metavar="CLIP", help_behavior_hint="")] = None
+    """The clip they were made from, where it is not where it was: it knows the human and the objects' surfaces."""
+    objects: OptionalFolder = None
+    """Folder with the objects' geometry, as for run, where it is not where it was."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Served:
+    """Where a page is served."""
+
+    host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1"
+    """Address to listen at; by default only this machine can see the page."""
+    port: Annotated[int | None, arg(metavar="PORT", help_behavior_hint="")] = None
+    """Port to listen at; by default the first free one from 8080 on."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +135,7 @@ class Batch:
     """Folder with SMPL-X or SMPL-H models, for a folder of clips."""
     labels: Labels = "auto"
     """Where contacts of a folder of clips come from, as for run."""
-    config: Annotated[Path | None, arg(metavar="FILE.toml|RESULT.npz", help_behavior_hint="")] = None
+    config: ConfigFile = None
     """Settings for a folder of clips, as for run."""
     workers: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: the number of cores)")] = None
     """How many clips are worked on at a time."""
@@ -117,7 +153,7 @@ class Batch:
 class Evaluate:
     """Show the figures of merit of results, per clip and their mean."""
 
-    results: Annotated[Positional[tuple[Path, ...]], arg(metavar="RESULT...", help_behavior_hint="(required)")]
+    results: ResultFiles
     """Result files (.npz); the figures are those that the run stored in them."""
     json: OptionalFile = None
     """Write the figures to this file as JSON."""
@@ -134,11 +170,9 @@ class Inspect(Reading):
 
 
 @dataclass(frozen=True)
-class Convert(Reading):
+class Convert(OneClip):
     """Write a clip in the project's own layout: one file with all that is needed, object shapes included."""
 
-    clip: Annotated[Positional[Path], arg(metavar="CLIP")]
-    """A recording, or a built-in clip such as builtin:carry_box."""
     out: Annotated[Path, arg(metavar="FILE")]
     """File to write (.npz)."""
 
@@ -200,11 +234,9 @@ class Sample:
 
 
 @dataclass(frozen=True)
-class Contacts(Reading):
+class Contacts(OneClip):
     """Show the contacts of a clip, and edit them: who touches what, where and when."""
 
-    clip: Annotated[Positional[Path], arg(metavar="CLIP")]
-    """A recording, or a built-in clip such as builtin:carry_box."""
     edits: OptionalFile = None
     """Begin with the contact edits in this file. Those of the options below follow, in the order they have here."""
     delete: Annotated[tuple[str, ...], arg(metavar="PART:FRAME...", help_behavior_hint="")] = ()
@@ -228,54 +260,32 @@ class Contacts(Reading):
     """Write the edits to this file, for `hoi-retarget run CLIP --edits FILE`."""
 
 
-OptionalClip = Annotated[Path | None, arg(metavar="CLIP", help_behavior_hint="")]
-Port = Annotated[int | None, arg(metavar="PORT", help_behavior_hint="")]
-
-
 @dataclass(frozen=True)
-class Edit(Reading, Solving):
+class Edit(Served, OneClip, Solving):
     """Edit the contacts of a clip in a browser: drag, retime, split, add; the motion follows at once."""
 
-    clip: Annotated[Positional[Path], arg(metavar="CLIP")]
-    """A recording, or a built-in clip such as builtin:carry_box."""
     edits: OptionalFile = None
     """Where the edits are saved, by default <clip's stem>.edits.toml here; those in it already are gone on from."""
     out: Folder = Path("results")
     """Folder that results are saved into; made when it does not exist."""
-    host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1"
-    """Address to listen at; by default only this machine can see the page."""
-    port: Port = None
-    """Port to listen at; by default the first free one from 8080 on."""
 
 
 @dataclass(frozen=True)
-class View:
+class View(Served, MadeFrom):
     """Show results in a browser: robot, human, object, contacts, and curves of what is wrong when."""
 
-    results: Annotated[Positional[tuple[Path, ...]], arg(metavar="RESULT...", help_behavior_hint="(required)")]
+    results: ResultFiles
     """Result files (.npz), side by side; reloading the page reads them again."""
-    clip: OptionalClip = None
-    """The clip they were made from, where it is not where it was."""
-    objects: OptionalFolder = None
-    """Folder with the objects' geometry, as for run, where it is not where it was."""
-    host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1"
-    """Address to listen at; by default only this machine can see the page."""
-    port: Port = None
-    """Port to listen at; by default the first free one from 8080 on."""
 
 
 @dataclass(frozen=True)
-class Share:
+class Share(MadeFrom):
     """Write results as a folder of pages that play them in any browser, without a server or the internet."""
 
-    results: Annotated[Positional[tuple[Path, ...]], arg(metavar="RESULT...", help_behavior_hint="(required)")]
+    results: ResultFiles
     """Result files (.npz), a page each."""
     out: Folder
     """Folder to write; one that `share` wrote before is replaced."""
-    clip: OptionalClip = None
-    """The clip they were made from, where it is not where it was."""
-    objects: OptionalFolder = None
-    """Folder with the objects' geometry, as for run, where it is not where it was."""
     title: str = "Retargeted motions"
     """Title of the gallery."""
 
@@ -299,10 +309,10 @@ class Report:
 
 
 @dataclass(frozen=True)
-class Export:
+class Export(MadeFrom):
     """Write results as the files that trackers and other tools read."""
 
-    results: Annotated[Positional[tuple[Path, ...]], arg(metavar="RESULT...", help_behavior_hint="(required)")]
+    results: ResultFiles
     """Result files (.npz)."""
     to: Annotated[str, arg(metavar="FORMAT")]
     """beyondmimic, mjlab, holosoma, holosoma-qpos, hdmi, gmr, unitree-csv, or dataset: many results in one folder."""
@@ -312,24 +322,16 @@ class Export:
     """Frames a second; by default what the format's readers expect, mostly 50."""
     object_name: ObjectName = None
     """Which object goes into a format that has one place for it, where there are several."""
-    clip: OptionalClip = None
-    """The clip they were made from, where it is not where it was; it knows the objects' surfaces."""
-    objects: OptionalFolder = None
-    """Folder with the objects' geometry, as for run, where it is not where it was."""
 
 
 @dataclass(frozen=True)
-class Render:
+class Render(MadeFrom):
     """Draw results, human and robot beside each other, as a picture or a film."""
 
-    results: Annotated[Positional[tuple[Path, ...]], arg(metavar="RESULT...", help_behavior_hint="(required)")]
+    results: ResultFiles
     """Result files (.npz)."""
     out: Annotated[Path, arg(metavar="FILE")]
     """File to write: a film (.mp4, or .gif that repeats) or a picture (.png)."""
-    clip: OptionalClip = None
-    """The clip they were made from, where it is not where it was."""
-    objects: OptionalFolder = None
-    """Folder with the objects' geometry, as for run, where it is not where it was."""
     only: Literal["robot", "human", "both"] = "both"
     """Whom to draw."""
     meshes: Meshes = None
@@ -364,43 +366,27 @@ class CheckMotion:
     """Write what was found to this file as JSON."""
 
 
-COMMANDS = {
-    "demo": Demo,
-    "run": Run,
-    "batch": Batch,
-    "evaluate": Evaluate,
-    "inspect": Inspect,
-    "convert": Convert,
-    "robots": Robots,
-    "bench": Bench,
-    "sample": Sample,
-    "view": View,
-    "edit": Edit,
-    "export": Export,
-    "check-motion": CheckMotion,
-    "render": Render,
-    "share": Share,
-    "contacts": Contacts,
-    "report": Report,
-}
-"""What the first word of the command line may be."""
-
 Command = (
-    Annotated[Demo, subcommand("demo")]
-    | Annotated[Run, subcommand("run")]
-    | Annotated[Batch, subcommand("batch")]
-    | Annotated[Evaluate, subcommand("evaluate")]
-    | Annotated[Inspect, subcommand("inspect")]
-    | Annotated[Convert, subcommand("convert")]
-    | Annotated[Robots, subcommand("robots")]
-    | Annotated[Bench, subcommand("bench")]
-    | Annotated[Sample, subcommand("sample")]
-    | Annotated[View, subcommand("view")]
-    | Annotated[Edit, subcommand("edit")]
-    | Annotated[Export, subcommand("export")]
-    | Annotated[CheckMotion, subcommand("check-motion")]
-    | Annotated[Render, subcommand("render")]
-    | Annotated[Share, subcommand("share")]
-    | Annotated[Contacts, subcommand("contacts")]
-    | Annotated[Report, subcommand("report")]
+    Demo
+    | Run
+    | Batch
+    | Evaluate
+    | Inspect
+    | Convert
+    | Robots
+    | Bench
+    | Sample
+    | View
+    | Edit
+    | Export
+    | CheckMotion
+    | Render
+    | Share
+    | Contacts
+    | Report
 )
+
+COMMANDS: Mapping[str, type[Command]] = {
+    re.sub("(?<=[a-z])(?=[A-Z])", "-", kind.__name__).lower(): kind for kind in get_args(Command)
+}
+"""What the first word of the command line may be: `demo`, ..., `check-motion`."""

@@ -7,53 +7,50 @@ from hashlib import sha256
 from pathlib import Path
 
 from hoi_retarget.cli.commands import Export
-from hoi_retarget.cli.jobs import check_inputs_kept, check_writable
-from hoi_retarget.cli.terminal import Working, fail, say, warn
+from hoi_retarget.cli.jobs import (
+    check_inputs_kept,
+    check_stems,
+    check_writable,
+    clip_or_warning,
+    do_for_each,
+    exit_code,
+    load_result,
+    with_file,
+)
+from hoi_retarget.cli.terminal import Working, say
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.files.atomic import write_together
-from hoi_retarget.motion.export import DATASET, Exported, export, format_named
+from hoi_retarget.motion.export import DATASET, export, format_named
 from hoi_retarget.motion.formats import WRITABLE, Format
 from hoi_retarget.motion.formats.dataset import CARD, FOLDER, write_dataset
 from hoi_retarget.motion.result import Result
-from hoi_retarget.motion.result_file import load
-from hoi_retarget.readers.open import clip_of
 from hoi_retarget.robots import load_robot
 
 
 def execute(command: Export) -> int:
     """Export every result; return 0 when all succeeded."""
-    if not command.results:
-        raise ArgumentError("no result is named. Usage: hoi-retarget export RESULT... --to FORMAT --out PATH.")
     if command.to == DATASET:
         return _export_dataset(command)
     format = format_named(command.to)
     targets = _targets(command, format)
     check_writable("--out", next(iter(targets.values())).parent)
-    failures: list[HoiRetargetError] = []
     notes: dict[str, None] = {}
-    with Working("exporting", len(targets)) as working:
-        for path, target in targets.items():
-            working.describe(path.name)
-            try:
-                result = _read(path, command, working)
-                exported = export(result, format, name=target.name, fps=command.fps, object_name=command.object_name)
-                contents = {target.parent / file: content for file, content in exported.files.items()}
-                check_inputs_kept("--out", contents, command.results)
-                write_together(contents)
-                notes |= dict.fromkeys(exported.notes)
-                with working.aside():
-                    _describe(result, exported, f"{target}{format.suffix}")
-            except HoiRetargetError as error:
-                failures.append(error)
-                with working.aside():
-                    fail(_naming(path, error))
-            working.advance()
+
+    def export_one(path: Path) -> None:
+        result, target = _read(path, command), targets[path]
+        exported = export(result, format, name=target.name, fps=command.fps, object_name=command.object_name)
+        contents = {target.parent / file: content for file, content in exported.files.items()}
+        check_inputs_kept("--out", contents, command.results)
+        write_together(contents)
+        notes.update(dict.fromkeys(exported.notes))
+        say(f"{target}{format.suffix}  ({exported.frames} frames at {exported.fps:g} frames/s)")
+        say(f"  licence of the source: {result.licence}")
+
+    failures = do_for_each("exporting", targets, export_one)
     for note in notes:
         say(f"note: {note}")
     say(f"{len(targets) - len(failures)} exported, {len(failures)} failed.")
-    if not failures:
-        return 0
-    return 2 if len(failures) == len(targets) and all(isinstance(error, ArgumentError) for error in failures) else 1
+    return exit_code(failures, len(targets))
 
 
 def _export_dataset(command: Export) -> int:
@@ -64,13 +61,11 @@ def _export_dataset(command: Export) -> int:
     check_writable("--out", command.out)
     results: list[Result] = []
     with Working("exporting", len(command.results)) as working:
-        for path in command.results:
-            working.describe(path.name)
+        for path in working.through(command.results):
             try:
-                results.append(_read(path, command, working))
+                results.append(_read(path, command))
             except HoiRetargetError as error:
-                raise type(error)(_naming(path, error)) from error
-            working.advance()
+                raise type(error)(with_file(path, error)) from error
         _check_rows(results)
         files = write_dataset(results, command.fps)
         write_together({command.out / name: content for name, content in files.items()})
@@ -102,7 +97,7 @@ def _check_rows(results: Sequence[Result]) -> None:
 
 def _targets(command: Export, format: Format) -> dict[Path, Path]:
     """Return, for each result, the path of its export without suffix."""
-    _check_stems(command.results)
+    check_stems(command.results, lambda path: path.stem, "as {}. Export them one by one.")
     a_file = command.out.suffix in {known.suffix for known in WRITABLE.values()} - {""} and not command.out.is_dir()
     single = a_file and command.out.suffix == format.suffix
     if a_file and not single:
@@ -120,38 +115,11 @@ def _targets(command: Export, format: Format) -> dict[Path, Path]:
     return {path: command.out.with_suffix("")}
 
 
-def _check_stems(paths: Sequence[Path]) -> None:
-    seen: dict[str, Path] = {}
-    for path in paths:
-        other = seen.setdefault(path.stem, path)
-        if other is not path:
-            raise ArgumentError(f"{other} and {path} would both be written as {path.stem}. Export them one by one.")
-
-
-def _read(path: Path, command: Export, working: Working) -> Result:
-    """Return a result with the clip it was made from; a warning tells what is missing without that."""
-    motion = load(path)
+def _read(path: Path, command: Export) -> Result:
+    """Return a result with the clip it was made from, where that is to be had."""
+    motion = load_result(path)
     alone = Result(path.stem, sha256(path.read_bytes()).hexdigest(), motion, load_robot(motion.robot))
     if not motion.object_names:
         return alone
-    try:
-        result = replace(alone, clip=clip_of(motion, name=command.clip, objects=command.objects))
-        _ = result.surfaces  # Read now: a mesh may be damaged.
-    except HoiRetargetError as error:
-        if command.clip is not None:
-            raise
-        with working.aside():
-            warn(f"{path.name}: contacts are written without surface normals. {error}")
-        return alone
-    return result
-
-
-def _describe(result: Result, exported: Exported, target: str) -> None:
-    say(f"{target}  ({exported.frames} frames at {exported.fps:g} frames/s)")
-    say(f"  licence of the source: {result.licence}")
-
-
-def _naming(path: Path, error: HoiRetargetError) -> str:
-    """Return an error's text, which names the result's file."""
-    text = str(error)
-    return text if path.name in text else f"{path}: {text}"
+    without = "contacts are written without surface normals."
+    return replace(alone, clip=clip_or_warning(path, motion, command, without, surfaces=True))

@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 
 from hoi_retarget.cli.commands import Inspect
+from hoi_retarget.cli.jobs import with_file
 from hoi_retarget.cli.terminal import NAME, fail, program, say, show_table, warn
 from hoi_retarget.evaluation.table import scales_text
 from hoi_retarget.motion.motion import STAGE_TITLES, Motion
@@ -30,14 +31,10 @@ def execute(command: Inspect) -> int:
     if next_command:
         say(f"to run: {program()}{next_command.removeprefix(NAME)}")
     for doubt in (*facts.warnings, *(() if facts.result is None else map(str, facts.result.warnings))):
-        warn(_naming(facts.path, doubt))
+        warn(with_file(facts.path, doubt))
     for problem in facts.problems:
-        fail(_naming(facts.path, problem))
+        fail(with_file(facts.path, problem))
     return 1 if facts.problems else 0
-
-
-def _naming(path: str, problem: str) -> str:
-    return problem if path in problem else f"{path}: {problem}"
 
 
 def _facts(facts: Inspection) -> None:

@@ -1,19 +1,22 @@
-"""What commands share: where they may write, what they ask for, and what they say about a result."""
+"""Parts of several commands: checks of places to write, results with their clips, and work on many files."""
 
 import os
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 
-from hoi_retarget.cli.commands import Solving
-from hoi_retarget.cli.terminal import say, warn
-from hoi_retarget.errors import ArgumentError, ReadError, WriteError
+from hoi_retarget.cli.commands import MadeFrom, Solving
+from hoi_retarget.cli.terminal import Working, fail, program, say, warn
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, WriteError
 from hoi_retarget.evaluation import FIGURES, Score
 from hoi_retarget.evaluation.table import scales_text
 from hoi_retarget.files.atomic import write_atomically
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.result_file import load
+from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers import own_layout
-from hoi_retarget.readers.open import result_stem
+from hoi_retarget.readers.open import clip_of, result_stem
 from hoi_retarget.retargeting.config import Config, Scaling, parse_horizon
 
 
@@ -64,6 +67,77 @@ def config_of(command: Solving) -> Config:
     """Return the configuration that a command asks for; raises `ArgumentError`."""
     scaling = Scaling(command.root_scale, command.object_scale, command.size_multiplier, command.body_scale)
     return Config(scaling, command.weights, command.ik, command.solver, parse_horizon(command.horizon))
+
+
+def load_result(path: Path) -> Motion:
+    """Return the motion in a result file; raises `ReadError`, which for a clip says so."""
+    if path.suffix.lower() in (".pt", ".pth") and os.path.isfile(path):  # noqa: PTH113  # raises nothing
+        raise ReadError(f"{path}: this is a clip, not a result. Use `{program()} run` on it first.")
+    return load(path)
+
+
+def clip_or_warning(
+    path: Path, motion: Motion, command: MadeFrom, without: str, *, surfaces: bool = False
+) -> Clip | None:
+    """Return the clip that a result was made from; None, with a warning, where it is not to be had.
+
+    Args:
+        path: The result's file.
+        motion: The result.
+        command: What the user says about the clip.
+        without: What the warning says is done without the clip.
+        surfaces: Whether the objects' surfaces must be readable, too.
+
+    Raises:
+        HoiRetargetError: The user names the clip, and it is not to be had.
+    """
+    try:
+        clip = clip_of(motion, name=command.clip, objects=command.objects)
+        if surfaces:
+            for track in clip.objects:
+                if track.name in motion.object_names:
+                    surface_of(track.geometry)
+    except HoiRetargetError as error:
+        if command.clip is not None:
+            raise
+        warn(f"{path.name}: {without} {error}")
+        return None
+    return clip
+
+
+def do_for_each(what: str, paths: Collection[Path], do: Callable[[Path], None]) -> list[HoiRetargetError]:
+    """Do something for every file, with a bar; print and return the errors of those that fail."""
+    failures: list[HoiRetargetError] = []
+    with Working(what, len(paths)) as working:
+        for path in working.through(paths):
+            try:
+                do(path)
+            except HoiRetargetError as error:
+                failures.append(error)
+                fail(with_file(path, error))
+    return failures
+
+
+def with_file(path: Path | str, problem: object) -> str:
+    """Return the text of an error or a warning, which names its file."""
+    text = str(problem)
+    return text if Path(path).name in text else f"{path}: {text}"
+
+
+def exit_code(failures: Collection[HoiRetargetError], total: int) -> int:
+    """Return 0 for no failure, 2 where all of a total fail by their arguments, else 1."""
+    if not failures:
+        return 0
+    return 2 if len(failures) == total and all(isinstance(error, ArgumentError) for error in failures) else 1
+
+
+def check_stems(paths: Iterable[Path], stem_of: Callable[[Path], str], target: str) -> None:
+    """Raise `ArgumentError` where two files would be written to one; `target` says where, and what to do."""
+    seen: dict[str, Path] = {}
+    for path in paths:
+        stem = stem_of(path)
+        if (other := seen.setdefault(stem, path)) is not path:
+            raise ArgumentError(f"{other} and {path} would both be written {target.format(stem)}")
 
 
 def describe_result(motion: Motion, path: Path) -> None:

@@ -48,6 +48,7 @@ def run(arguments: Sequence[str]) -> int:
     _use_one_thread()
     try:
         command = _parsed(words)
+        _check_named(words[0], command)
         if isinstance(command, Render | Report | Robots | Share):
             _draw_without_a_screen()
         return _module(type(command).__name__.lower()).execute(command)
@@ -73,6 +74,17 @@ def _parsed(words: list[str]) -> Any:
     # Options that come later win: those of the user stand behind those of the file that --config names.
     settings = words_of_config(words[1:]) if issubclass(kind, Solving) else []
     return tyro.cli(kind, prog=f"hoi-retarget {words[0]}", args=[*settings, *words[1:]], config=_TYRO)
+
+
+def _check_named(word: str, command: Command) -> None:
+    """Raise `ArgumentError` where a command is given none of the files that it is for."""
+    for name, noun, shown in (
+        ("clips", "clip", "CLIP"),
+        ("results", "result", "RESULT"),
+        ("paths", "file", "DIR|FILE"),
+    ):
+        if getattr(command, name, None) == ():
+            raise ArgumentError(f"no {noun} is named. Usage: hoi-retarget {word} {shown}... (see --help).")
 
 
 def _module(name: str) -> ModuleType:

@@ -1,8 +1,7 @@
 """`hoi-retarget render`: results as a picture or a film."""
 
-import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
 from math import isfinite
@@ -11,13 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from hoi_retarget.cli.commands import Render
-from hoi_retarget.cli.jobs import check_writable, write_file
-from hoi_retarget.cli.robots import MENAGERIE
-from hoi_retarget.cli.terminal import Working, program, say, warn
-from hoi_retarget.clip.clip import Clip
-from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
-from hoi_retarget.motion.motion import Motion
-from hoi_retarget.motion.result_file import load
+from hoi_retarget.cli.jobs import check_writable, clip_or_warning, load_result, write_file
+from hoi_retarget.cli.robots import vendor_meshes
+from hoi_retarget.cli.terminal import Working, say
+from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.readers.open import clip_of
 from hoi_retarget.robots import load_robot
 from hoi_retarget.viewers.offscreen import film
@@ -26,13 +22,19 @@ from hoi_retarget.viewers.scene.camera import CameraSettings
 from hoi_retarget.viewers.scene.drawing import Scene
 from hoi_retarget.viewers.scene.scene import Shown
 from hoi_retarget.viewers.scene.titles import titles_of
-from hoi_retarget.viewers.scene.vendor_meshes import menagerie_meshes
 
 _SHEET_FRAMES = 6  # Of a contact sheet, where nothing else is asked for.
 _PANEL = {".mp4": (640, 720), ".gif": (320, 360), ".png": (640, 720)}  # By kind of file: width, height [px].
 _SHEET_PANEL = (290, 340)
 _LEAST_SIDE, _MOST_SIDE = 64, 8192  # [px]
-_MOST_FRAMES, _MOST_FPS, _MOST_DISTANCE = 28, 240, 50
+_NUMBERS: Mapping[str, tuple[Callable[[float], bool], str]] = {
+    **{
+        name: (lambda value, most=most: 0 < value <= most, f"a positive number up to {most}")
+        for name, most in (("frames", 28), ("fps", 240), ("distance", 50))
+    },
+    **dict.fromkeys(("azimuth", "elevation"), (isfinite, "a number of degrees")),
+}
+"""Options that are numbers: which ones fit."""
 _GIF_RATE, _VIDEO_RATE = 15.0, 60.0  # The most pictures a second, where nothing else is asked for.
 
 
@@ -52,34 +54,23 @@ def execute(command: Render) -> int:
 
 def _check(command: Render) -> str:
     """Return the kind of file to write; raise `ArgumentError` for what cannot be drawn, before anything is read."""
-    if not command.results:
-        raise ArgumentError("no result is named. Usage: hoi-retarget render RESULT... --out FILE.")
     kind = command.out.suffix.lower()
     if kind not in _PANEL:
         raise ArgumentError(f"--out {command.out}: name a file that ends in .mp4, .gif or .png.")
     if kind == ".mp4" and find_spec("imageio_ffmpeg") is None:
         raise HoiRetargetError(film.VIDEO_MISSING)
-    for_films, for_pictures = {"--fps": command.fps}, {"--frame": command.frame, "--frames": command.frames}
-    for option, value in (for_films if kind == ".png" else for_pictures).items():
-        if value is not None:
-            fitting = ".mp4 and .gif" if kind == ".png" else ".png"
-            raise ArgumentError(f"{option} {value}: this is for {fitting} files; --out names a {kind} file.")
+    others, fitting = (("fps",), ".mp4 and .gif") if kind == ".png" else (("frame", "frames"), ".png")
+    for name in others:
+        if (value := getattr(command, name)) is not None:
+            raise ArgumentError(f"--{name} {value}: this is for {fitting} files; --out names a {kind} file.")
     if command.frame is not None and command.frames is not None:
         raise ArgumentError("both --frame and --frames are given: the one draws one frame, the other so many.")
-    _check_numbers(command)
+    for name, (fits, expected) in _NUMBERS.items():
+        value = getattr(command, name)
+        if isinstance(value, int | float) and not fits(value):
+            raise ArgumentError(f"--{name} {value}: it must be {expected}.")
     check_writable("--out", command.out.parent)
     return kind
-
-
-def _check_numbers(command: Render) -> None:
-    most = {"--frames": (command.frames, _MOST_FRAMES), "--fps": (command.fps, _MOST_FPS)}
-    most["--distance"] = (command.distance, _MOST_DISTANCE)
-    for option, (value, limit) in most.items():
-        if isinstance(value, int | float) and not 0 < value <= limit:
-            raise ArgumentError(f"{option} {value}: it must be a positive number up to {limit}.")
-    for option, value in (("--azimuth", command.azimuth), ("--elevation", command.elevation)):
-        if isinstance(value, int | float) and not isfinite(value):
-            raise ArgumentError(f"{option} {value}: it must be a number of degrees.")
 
 
 def _titled(results: Sequence[Path], shown: Sequence[Shown]) -> list[Shown]:
@@ -89,23 +80,13 @@ def _titled(results: Sequence[Path], shown: Sequence[Shown]) -> list[Shown]:
 
 
 def _shown(path: Path, command: Render) -> Shown:
-    if path.suffix.lower() in (".pt", ".pth") and os.path.isfile(path):  # noqa: PTH113  # raises nothing
-        raise ReadError(f"{path}: this is a clip, not a result. Use `{program()} run` on it first.")
-    motion = load(path)
+    motion = load_result(path)
     model = load_robot(motion.robot)
-    meshes = menagerie_meshes(model.spec) if command.meshes == MENAGERIE else command.meshes
-    return Shown(path.stem, motion, model, _clip(path, motion, command), motion.person, meshes)
-
-
-def _clip(path: Path, motion: Motion, command: Render) -> Clip | None:
-    """Return the clip that a result was made from; None, with a warning, where it is not to be had."""
-    try:
-        return clip_of(motion, name=command.clip, objects=command.objects)
-    except HoiRetargetError as error:
-        if command.clip is not None or command.only == "human":
-            raise
-        warn(f"{path.name}: drawn without the human, and the object as its axes. {error}")
-        return None
+    if command.only == "human":
+        clip = clip_of(motion, name=command.clip, objects=command.objects)
+    else:
+        clip = clip_or_warning(path, motion, command, "drawn without the human, and the object as its axes.")
+    return Shown(path.stem, motion, model, clip, motion.person, vendor_meshes(model.spec, command.meshes))
 
 
 def _picture(command: Render, filmed: Sequence[Scene], view: CameraSettings) -> bytes:

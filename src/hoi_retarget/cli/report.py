@@ -7,7 +7,7 @@ from pathlib import Path
 from hoi_retarget.cli.commands import Report
 from hoi_retarget.cli.jobs import check_inputs_kept, check_writable
 from hoi_retarget.cli.terminal import Working, say, show_table, warn
-from hoi_retarget.errors import ArgumentError, DrawingError
+from hoi_retarget.errors import DrawingError
 from hoi_retarget.evaluation.thresholds import Level
 from hoi_retarget.files.atomic import write_together
 from hoi_retarget.report.batches import read_manifests
@@ -26,8 +26,6 @@ _PAGE, _TABLE, _PARQUET = "report.html", "index.csv", "index.parquet"
 
 def execute(command: Report) -> int:
     """Write the report; return 1 when `--strict` is given and a file fails or cannot be read."""
-    if not command.paths:
-        raise ArgumentError("nothing is named. Usage: hoi-retarget report DIR|FILE... --out DIR.")
     check_writable("--out", command.out)
     motions, manifests = find(command.paths)
     # Of what is written, only the table can be a motion.
@@ -43,8 +41,7 @@ def execute(command: Report) -> int:
             pictures = _pictures(rows, model, command.objects)
         except DrawingError as error:
             pictures = {}
-            with working.aside():
-                warn(f"The page has no pictures. {error}")
+            warn(f"The page has no pictures. {error}")
     rows.sort(key=lambda row: row.file)
     _write(command.out, command.title, rows, pictures)
     _summarize(rows)

@@ -79,12 +79,17 @@ def _check_picture(path: Path, meshes: Path | None) -> None:
 def _draw(spec: RobotSpec, path: Path, meshes: Path | None) -> None:
     # What draws is imported only where something is drawn.
     from hoi_retarget.viewers.offscreen.robot_picture import picture, png  # noqa: PLC0415
-    from hoi_retarget.viewers.scene.vendor_meshes import menagerie_meshes  # noqa: PLC0415
 
-    folder = menagerie_meshes(spec) if meshes == MENAGERIE else meshes
-    write_file("--picture", path, png(picture(spec, meshes=folder)))
+    write_file("--picture", path, png(picture(spec, meshes=vendor_meshes(spec, meshes))))
     say()
     say(f"written: {path}")
+
+
+def vendor_meshes(spec: RobotSpec, folder: Path | None) -> Path | None:
+    """Return the folder of vendor meshes that `--meshes` names, of a package where it says `menagerie`."""
+    from hoi_retarget.viewers.scene.vendor_meshes import menagerie_meshes  # noqa: PLC0415
+
+    return menagerie_meshes(spec) if folder == MENAGERIE else folder
 
 
 def _check(action: CheckRobot) -> int:

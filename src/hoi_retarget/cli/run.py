@@ -7,12 +7,21 @@ from pathlib import Path
 
 from hoi_retarget.cli.commands import Run
 from hoi_retarget.cli.figures import show_figures
-from hoi_retarget.cli.jobs import check_spared, check_writable, config_of, describe_result, score
+from hoi_retarget.cli.jobs import (
+    check_spared,
+    check_stems,
+    check_writable,
+    config_of,
+    describe_result,
+    do_for_each,
+    exit_code,
+    score,
+)
 from hoi_retarget.cli.run_arguments import settings_of
-from hoi_retarget.cli.terminal import Working, fail, say, warn
+from hoi_retarget.cli.terminal import say, warn
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import apply, load
-from hoi_retarget.errors import ArgumentError, HoiRetargetError
+from hoi_retarget.errors import ArgumentError
 from hoi_retarget.evaluation import Score
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers import can_be_clip, recordings_below, why_no_clip
@@ -37,50 +46,39 @@ def execute(command: Run) -> int:
     check_writable("--out", command.out)
     models = [load_robot(spec.name) for spec in specs]
     scores: list[Score] = []
-    failures: list[HoiRetargetError] = []
-    loose = 0
-    with Working("retargeting", len(command.clips)) as working:
-        for path in command.clips:
-            working.describe(path.name)
-            try:
-                motions = _run_clip(path, command, models, config, working)
-                scores += [score(motion, out) for out, motion in motions.items()]
-                loose += not all(motion.converged for motion in motions.values())
-            except HoiRetargetError as error:
-                failures.append(error)
-                with working.aside():
-                    fail(_naming(path, error))
-            working.advance()
+    converged: list[bool] = []
+
+    def run_one(path: Path) -> None:
+        motions = _run_clip(path, command, models, config)
+        scores.extend(score(motion, out) for out, motion in motions.items())
+        converged.append(all(motion.converged for motion in motions.values()))
+
+    failures = do_for_each("retargeting", command.clips, run_one)
     if scores:
         say()
         show_figures(scores)
         say()
-    written = len(command.clips) - len(failures)
-    unconverged = f", {loose} written without having converged" if loose else ""
-    say(f"{written - loose} solved{unconverged}, {len(failures)} failed.")
-    return _exit_code(failures, written)
+    unconverged = f", {converged.count(False)} written without having converged" if not all(converged) else ""
+    say(f"{converged.count(True)} solved{unconverged}, {len(failures)} failed.")
+    return exit_code(failures, len(command.clips))
 
 
-def _run_clip(
-    path: Path, command: Run, models: Sequence[RobotModel], config: Config, working: Working
-) -> dict[Path, Motion]:
+def _run_clip(path: Path, command: Run, models: Sequence[RobotModel], config: Config) -> dict[Path, Motion]:
     """Retarget all people of one clip, then write their results; return what is where."""
     start = time.process_time()
     clip = open_clip(path, command)
     if command.edits is not None:
         clip = apply(clip, load(command.edits))
     read_seconds = time.process_time() - start
-    with working.aside():
-        _describe_clip(path, clip)
-        for warning in clip.source.warnings:
-            warn(f"{path.name}: {warning}")
+    _describe_clip(path, clip)
+    for warning in clip.source.warnings:
+        warn(f"{path.name}: {warning}")
     motions = retarget_people(clip, models, config, command=settings_of(replace(command, clips=(path,))))
     paths = result_paths(clip, result_stem(path), command.out)
     motions = write(motions, paths, read_seconds=read_seconds)
-    with working.aside():
-        for motion, out in zip(motions, paths, strict=True):
-            describe_result(motion, out)
-        _describe_inter_robot_hand_errors(motions[0])
+    for motion, out in zip(motions, paths, strict=True):
+        describe_result(motion, out)
+    _describe_inter_robot_hand_errors(motions[0])
     return dict(zip(paths, motions, strict=True))
 
 
@@ -97,20 +95,12 @@ def _describe_inter_robot_hand_errors(motion: Motion) -> None:
 
 
 def _check_clips(clips: Sequence[Path]) -> None:
-    if not clips:
-        raise ArgumentError("no clip is named. Usage: hoi-retarget run CLIP... --out DIR.")
-    seen: dict[str, Path] = {}
     for path in clips:
         if _is_folder(path) and not can_be_clip(path):
             below = recordings_below(path)
             hint = f"Name clips in it, such as {below[0]}, or use batch." if below else why_no_clip(path)
             raise ArgumentError(f"{path} is a folder. {hint}")
-        stem = result_stem(path)
-        other = seen.setdefault(stem, path)
-        if other is not path:
-            raise ArgumentError(
-                f"{other} and {path} would both be written to {stem}.npz. Run them into different folders."
-            )
+    check_stems(clips, result_stem, "to {}.npz. Run them into different folders.")
 
 
 def _is_folder(path: Path) -> bool:
@@ -142,15 +132,3 @@ def _describe_clip(path: Path, clip: Clip) -> None:
     begins = f", from frame {clip.first_source_frame} of the recording" if clip.first_source_frame else ""
     noun = "objects" if len(clip.objects) > 1 else "object"
     say(f"{path.name}: {clip.frames} frames at {clip.fps:g} frames/s{people}, {noun}: {objects}{begins}")
-
-
-def _naming(path: Path, error: HoiRetargetError) -> str:
-    """Return an error's text, which names the clip's file."""
-    text = str(error)
-    return text if path.name in text else f"{path}: {text}"
-
-
-def _exit_code(failures: Sequence[HoiRetargetError], solved: int) -> int:
-    if not failures:
-        return 0
-    return 2 if not solved and all(isinstance(error, ArgumentError) for error in failures) else 1

@@ -1,18 +1,13 @@
 """`hoi-retarget share`: results as a folder of pages that anybody can open."""
 
 import shlex
-from functools import partial
 from pathlib import Path, PureWindowsPath
 
 from hoi_retarget.cli.commands import Share
-from hoi_retarget.cli.jobs import check_writable, score
+from hoi_retarget.cli.jobs import check_writable, clip_or_warning, load_result, score
 from hoi_retarget.cli.run_arguments import words_of
 from hoi_retarget.cli.terminal import Working, say, warn
-from hoi_retarget.clip.clip import Clip
-from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.motion.result_file import load
-from hoi_retarget.readers.open import clip_of
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.scene.scene import Shown
@@ -22,37 +17,20 @@ from hoi_retarget.viewers.share.share import check_replaceable, gallery_in
 
 def execute(command: Share) -> int:
     """Write the gallery; nothing is written when a result cannot be read."""
-    if not command.results:
-        raise ArgumentError("no result is named. Usage: hoi-retarget share RESULT... --out DIR.")
     check_replaceable(command.out)
     check_writable("--out", command.out.parent)
     with gallery_in(command.out, command.title) as gallery, Working("sharing", len(command.results)) as working:
-        for path in command.results:
-            working.describe(path.name)
-            motion = load(path)
+        for path in working.through(command.results):
+            motion = load_result(path)
             model = load_robot(motion.robot)
-            clip = _clip(path, motion, command, working)
+            clip = clip_or_warning(path, motion, command, "its page shows the robot without the human.")
             shown = Shown(path.stem, motion, model, clip, motion.person)
             gallery.add(_entry(path, motion, model), shown)
-            working.advance()
     if gallery.without_pictures:
         warn(f"The cards have no pictures. {gallery.without_pictures}")
     count = len(command.results)
     say(f"{count} motion{'s' if count > 1 else ''} in {command.out}: open {command.out / 'index.html'} in a browser.")
     return 0
-
-
-def _clip(path: Path, motion: Motion, command: Share, working: Working) -> Clip | None:
-    """Return the clip that a result was made from; a warning tells where it is not to be had."""
-    find = partial(clip_of, name=command.clip, objects=command.objects)
-    try:
-        return find(motion)
-    except HoiRetargetError as error:
-        if command.clip is not None:
-            raise
-        with working.aside():
-            warn(f"{path.name}: its page shows the robot without the human. {error}")
-        return None
 
 
 def _entry(path: Path, motion: Motion, model: RobotModel) -> GalleryEntry:

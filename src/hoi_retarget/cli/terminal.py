@@ -3,7 +3,7 @@
 import shlex
 import shutil
 import sys
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Timer
@@ -32,17 +32,20 @@ def program() -> str:
 
 def say(text: str = "") -> None:
     """Print a line."""
-    print(text, flush=True)
+    with _without_bar():
+        print(text, flush=True)
 
 
 def warn(text: str) -> None:
     """Print a warning on stderr."""
-    print(f"warning: {text}", file=sys.stderr, flush=True)
+    with _without_bar():
+        print(f"warning: {text}", file=sys.stderr, flush=True)
 
 
 def fail(text: str) -> None:
     """Print an error on stderr, in one line."""
-    print(f"error: {' '.join(text.split())}", file=sys.stderr, flush=True)
+    with _without_bar():
+        print(f"error: {' '.join(text.split())}", file=sys.stderr, flush=True)
 
 
 def show_table(rows: Sequence[Sequence[str]], *, words: Collection[int] = (0,)) -> None:
@@ -98,8 +101,11 @@ def _widths(part: Sequence[int], full: Sequence[int], least: Sequence[int], room
 class Working:
     """A bar on stderr that appears when the work takes longer than two seconds.
 
-    It is drawn on terminals only, and steps aside while a line is printed.
+    It is drawn on terminals only, and goes away while a line is printed.
     """
+
+    shown: "Progress | None" = None
+    """The bar of the work that is going on."""
 
     def __init__(self, what: str, total: int | None) -> None:
         console = Console(stderr=True, highlight=False)
@@ -115,12 +121,14 @@ class Working:
         self._timer.daemon = True
 
     def __enter__(self) -> "Working":
+        Working.shown = self._progress
         if self._visible:
             self._timer.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._timer.cancel()
+        Working.shown = None
         if self._progress.live.is_started:
             self._progress.stop()
 
@@ -132,12 +140,21 @@ class Working:
         """Count one piece of work as done."""
         self._progress.advance(self._task)
 
-    @contextmanager
-    def aside(self) -> Iterator[None]:
-        """Take the bar away while lines are printed."""
-        shown = self._progress.live.is_started
-        if shown:
-            self._progress.stop()
-        yield
-        if shown:
-            self._progress.start()
+    def through(self, paths: Iterable[Path]) -> Iterator[Path]:
+        """Yield paths, each of which is named while it is worked on and then counted as done."""
+        for path in paths:
+            self.describe(path.name)
+            yield path
+            self.advance()
+
+
+@contextmanager
+def _without_bar() -> Iterator[None]:
+    """Take the bar away while a line is printed."""
+    bar = Working.shown
+    drawn = bar is not None and bar.live.is_started
+    if bar is not None and drawn:
+        bar.stop()
+    yield
+    if bar is not None and drawn:
+        bar.start()

@@ -5,14 +5,11 @@ from functools import partial
 from hoi_retarget.cli.commands import View
 from hoi_retarget.cli.serving import check_viser, serve_until_interrupted
 from hoi_retarget.cli.terminal import fail, warn
-from hoi_retarget.errors import ArgumentError
 from hoi_retarget.readers.open import clip_of
 
 
 def execute(command: View) -> int:
     """Serve the viewer until Ctrl-C; return 1 when no result can be read."""
-    if not command.results:
-        raise ArgumentError("no result is named. Usage: hoi-retarget view RESULT...")
     check_viser()
     from hoi_retarget.viewers.browser.page_content import PageContent, load_page_content  # noqa: PLC0415 - need an extra
     from hoi_retarget.viewers.browser.player import serve_results  # noqa: PLC0415

@@ -45,13 +45,15 @@ _FREE_REACH = 0.95
 """A holding hand must stay within this part of the arm's length, beyond it goals are shortened."""
 
 Triple = tuple[float, float, float]
+Span = tuple[float, float]
+"""From touch to release [s]."""
 Keys = tuple[tuple[float, float], ...]
 _STILL: Keys = ((0.0, 0.0),)
 
 
 @dataclass(frozen=True)
 class Grip:
-    """One hand holds one place of one object from `touch` to `release`."""
+    """One hand holds one place of one object for a span of time."""
 
     side: int
     """0 left, 1 right."""
@@ -61,10 +63,8 @@ class Grip:
     """Unit normal of the surface there, in the object's frame: where the hand comes from."""
     fingers: Triple
     """Direction in which the hand points from wrist to fingers, in the object's frame."""
-    touch: float
-    """[s]"""
-    release: float
-    """[s]"""
+    span: Span
+    """From touch to release [s]."""
     palm: Triple | None = None
     """Direction that the palm faces, in the object's frame; None: against `outward`."""
     curl: float = 0.15
@@ -78,18 +78,20 @@ class Grip:
 
     def closeness(self, times: Times) -> Scalars:
         """Return 1 while the hand holds, falling to 0 before and after."""
-        rise = minimum_jerk(times, self.touch - _APPROACH_SECONDS, self.touch)
-        return rise * (1.0 - minimum_jerk(times, self.release, self.release + _APPROACH_SECONDS))
+        touch, release = self.span
+        rise = minimum_jerk(times, touch - _APPROACH_SECONDS, touch)
+        return rise * (1.0 - minimum_jerk(times, release, release + _APPROACH_SECONDS))
 
     def standoff(self, times: Times) -> Scalars:
         """Return how far the hand still is from its contact point [m]."""
-        closed = minimum_jerk(times, self.touch - _CLOSING_SECONDS, self.touch)
-        opened = minimum_jerk(times, self.release, self.release + _CLOSING_SECONDS)
+        touch, release = self.span
+        closed = minimum_jerk(times, touch - _CLOSING_SECONDS, touch)
+        opened = minimum_jerk(times, release, release + _CLOSING_SECONDS)
         return _STANDOFF * (1.0 - closed + opened)
 
     def active(self, times: Times) -> np.ndarray:
         """Return the frames in which the hand holds."""
-        return (times >= self.touch) & (times <= self.release)
+        return (times >= self.span[0]) & (times <= self.span[1])
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,18 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.synthetic.acting import Actor, Grip
 from hoi_retarget.synthetic.objects import Shape, shape
-from hoi_retarget.synthetic.staging import Carry, Span, StagedScene, arc, before, dips, holds, moved, rounded, upright
+from hoi_retarget.synthetic.staging import (
+    Span,
+    StagedScene,
+    arc,
+    before,
+    carries_of,
+    dips,
+    holds,
+    moved,
+    rounded,
+    upright,
+)
 from hoi_retarget.synthetic.timing import Times, keyed
 from hoi_retarget.synthetic.walking import Place, Walk
 
@@ -43,10 +54,7 @@ def carry_box(height: float, seed: int) -> StagedScene:
     spans = ((touch, release), (touch_again, release_again))
     spots = (pick.ahead(at_rest), put.ahead(at_rest), pick.ahead(at_rest, turn=2 * np.pi))
     raised = 0.53 * height - box.half[2]
-    carries = tuple(
-        Carry((start + 0.1, start + 1.25), (end - 1.25, end - 0.1), spots[index], spots[index + 1], raised)
-        for index, (start, end) in enumerate(spans)
-    )
+    carries = carries_of(spans, spots, take=(0.1, 1.25), put=(1.25, 0.1), raised=raised)
     grips = tuple(_box_grip(box, side, span) for span in spans for side in range(2))
     actor = Actor("person", height, walk, grips, crouch=dips(spans, 1.0, down=1.25), gaze=dips(spans, 0.2))
     anchor = before(walk, height, at_body)
@@ -60,8 +68,7 @@ def _box_grip(box: Shape, side: int, span: Span) -> Grip:
         surface=(-0.06 * float(box.half[0]), sign * float(box.half[1]), 0.1 * float(box.half[2])),
         outward=(0.0, sign, 0.0),
         fingers=(1.0, 0.0, -1.1),
-        touch=span[0],
-        release=span[1],
+        span=span,
     )
 
 
@@ -86,10 +93,7 @@ def push_table(height: float, seed: int) -> StagedScene:
 
     spans = ((touch, release), (touch_again, release_again))
     spots = (begin.ahead(distance), far.ahead(distance), begin.ahead(distance))
-    carries = tuple(
-        Carry((start + 0.05, start + 0.25), (end - 0.1, end), spots[index], spots[index + 1])
-        for index, (start, end) in enumerate(spans)
-    )
+    carries = carries_of(spans, spots, take=(0.05, 0.25), put=(0.1, 0.0))
     grips = tuple(_edge_grip(table, side, span, height) for span in spans for side in range(2))
     lean = (*holds(spans[:1], 0.55, down=1.1, up=1.0), *holds(spans[1:], 0.45, down=1.1, up=1.0)[1:])
     actor = Actor("person", height, walk, grips, crouch=holds(spans, 0.30), lean=lean, gaze=holds(spans, 0.18))
@@ -105,8 +109,7 @@ def _edge_grip(table: Shape, side: int, span: Span, height: float) -> Grip:
         surface=(-float(table.half[0]) + 0.011 * height, _sign(side) * 0.125 * height, float(table.half[2])),
         outward=(-float(np.cos(pitch)), 0.0, float(np.sin(pitch))),
         fingers=(float(np.sin(pitch)), 0.0, float(np.cos(pitch))),
-        touch=span[0],
-        release=span[1],
+        span=span,
         curl=0.25,
     )
 
@@ -162,8 +165,7 @@ def _handle_grip(suitcase: Shape, span: Span) -> Grip:
         surface=(float(suitcase.half[0]), 0.0, float(suitcase.half[2])),
         outward=(cosine, 0.0, sine),
         fingers=(sine, 0.0, -cosine),
-        touch=span[0],
-        release=span[1],
+        span=span,
         curl=0.6,
     )
 
@@ -190,10 +192,7 @@ def move_chair(height: float, seed: int) -> StagedScene:
     spans = ((touch, release), (touch_again, release_again))
     turn, raised = -np.pi / 2, height * vary(0.055, 0.01)
     spots = tuple(place.ahead(distance, turn=turn) for place in (begin, far, begin))
-    carries = tuple(
-        Carry((start + 0.1, start + 0.9), (end - 0.8, end - 0.1), spots[index], spots[index + 1], raised)
-        for index, (start, end) in enumerate(spans)
-    )
+    carries = carries_of(spans, spots, take=(0.1, 0.9), put=(0.8, 0.1), raised=raised)
     grips = tuple(_chair_grip(chair, side, span, height) for span in spans for side in range(2))
     actor = Actor(
         "person",
@@ -213,20 +212,11 @@ def _chair_grip(chair: Shape, side: int, span: Span, height: float) -> Grip:
     # The chair's +x is the person's right and its +y is ahead of the person: one hand presses on the
     # back from behind, the other on the front of the seat.
     x, y, z = (float(value) for value in chair.half)
-    touch, release = span
     if side == 0:
-        return Grip(
-            0,
-            (-x, -y + 0.011 * height, 0.385 * height - z),
-            (-1.0, 0.0, 0.0),
-            (0.0, 1.0, -0.15),
-            touch,
-            release,
-            curl=0.2,
-        )
-    return Grip(
-        1, (x, -y + 0.06 * height, 0.247 * height - z), (1.0, 0.0, 0.0), (0.0, 1.0, -0.5), touch, release, curl=0.2
-    )
+        back = (-x, -y + 0.011 * height, 0.385 * height - z)
+        return Grip(0, back, outward=(-1.0, 0.0, 0.0), fingers=(0.0, 1.0, -0.15), span=span, curl=0.2)
+    seat = (x, -y + 0.06 * height, 0.247 * height - z)
+    return Grip(1, seat, outward=(1.0, 0.0, 0.0), fingers=(0.0, 1.0, -0.5), span=span, curl=0.2)
 
 
 def carry_table(height: float, seed: int) -> StagedScene:
@@ -254,10 +244,7 @@ def carry_table(height: float, seed: int) -> StagedScene:
 
     raised = 0.125 * height
     spots = (Place(0.0, 0.0), Place(0.0, aside), Place(0.0, 0.0))
-    carries = tuple(
-        Carry((start + 0.1, start + 1.1), (end - 1.0, end - 0.1), spots[index], spots[index + 1], raised)
-        for index, (start, end) in enumerate(spans)
-    )
+    carries = carries_of(spans, spots, take=(0.1, 1.1), put=(1.0, 0.1), raised=raised)
 
     def objects(times: Times) -> tuple[ObjectTrack, ...]:
         paths = [before(walk, tall, 0.0)(times) for walk, tall in zip(walks, heights, strict=True)]
@@ -288,8 +275,7 @@ def _end_grip(table: Shape, person: int, side: int, span: Span, height: float) -
         surface=(-facing * (float(table.half[0]) - 0.03 * height), facing * _sign(side) * 0.115 * height, underside),
         outward=(0.0, 0.0, -1.0),
         fingers=(facing, 0.0, 0.0),
-        touch=span[0],
-        release=span[1],
+        span=span,
         curl=0.2,
     )
 

@@ -1,20 +1,19 @@
 """What the scenes are written with: paths to walk, key times of bending, and objects that are moved."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectTrack
-from hoi_retarget.synthetic.acting import Actor, Keys
+from hoi_retarget.synthetic.acting import Actor, Keys, Span
 from hoi_retarget.synthetic.human import Quats, Scalars
 from hoi_retarget.synthetic.objects import Shape
 from hoi_retarget.synthetic.timing import Times, minimum_jerk
 from hoi_retarget.synthetic.walking import Place, Walk, ground_of
 
-Span = tuple[float, float]
-"""From touch to release [s]."""
 Anchor = Callable[[Times], tuple[Scalars, Scalars, Scalars]]
 """A place over time: x [m], y [m], yaw [rad]."""
 
@@ -43,6 +42,24 @@ class Carry:
     goal: Place
     raised: float = 0.0
     """Height above the resting height while carried [m]."""
+
+
+def carries_of(
+    spans: Sequence[Span], spots: Sequence[Place], *, take: Span, put: Span, raised: float = 0.0
+) -> tuple[Carry, ...]:
+    """Return a carry for every span, from one spot to the next.
+
+    Args:
+        spans: When the object is held.
+        spots: Where it rests before, between and after.
+        take: Begin and end of taking it, after the touch [s].
+        put: Begin and end of putting it down, before the release [s].
+        raised: Height above the resting height while carried [m].
+    """
+    return tuple(
+        Carry((touch + take[0], touch + take[1]), (release - put[0], release - put[1]), origin, goal, raised)
+        for (touch, release), (origin, goal) in zip(spans, pairwise(spots), strict=True)
+    )
 
 
 def moved(shape: Shape, carries: tuple[Carry, ...], anchor: Anchor, times: Times) -> ObjectTrack:

@@ -5,7 +5,7 @@ toe travels and lands flat. The body's place on the floor is the mean of the fee
 over two steps, so that it moves at a nearly even speed and leads the feet as people do.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -94,16 +94,8 @@ class Walk:
 
         The first and the last step are half as long as the others, `side` makes the first one.
         """
-        steps = [
-            Step(
-                (side + index) % 2,
-                start + index * seconds,
-                start + (index + LANDED) * seconds,
-                path(min((index + 1) / (count - 1), 1.0)),
-            )
-            for index in range(count)
-        ]
-        return replace(self, steps=(*self.steps, *steps))
+        places = [path(min((index + 1) / (count - 1), 1.0)) for index in range(count)]
+        return self._followed_by(places, start, side, seconds)
 
     def to(self, goal: Place, *, start: float, count: int, side: int = 0, seconds: float = STEP_SECONDS) -> "Walk":
         """Return this walk followed by `count` steps straight to a place."""
@@ -115,14 +107,14 @@ class Walk:
     def sidestep(self, goal: Place, *, start: float, pairs: int, side: int, seconds: float = STEP_SECONDS) -> "Walk":
         """Return this walk followed by steps to the side: the leading foot goes out, the other one follows."""
         begin = self.place
+        places = [begin.toward(goal, (index // 2 + 1) / pairs) for index in range(2 * pairs)]
+        return self._followed_by(places, start, side, seconds)
+
+    def _followed_by(self, places: Sequence[Place], start: float, side: int, seconds: float) -> "Walk":
+        """Return this walk followed by a step to each place, by one foot and the other in turn."""
         steps = [
-            Step(
-                (side + index) % 2,
-                start + index * seconds,
-                start + (index + LANDED) * seconds,
-                begin.toward(goal, (index // 2 + 1) / pairs),
-            )
-            for index in range(2 * pairs)
+            Step((side + index) % 2, start + index * seconds, start + (index + LANDED) * seconds, place)
+            for index, place in enumerate(places)
         ]
         return replace(self, steps=(*self.steps, *steps))
 

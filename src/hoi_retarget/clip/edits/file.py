@@ -5,16 +5,17 @@ Numbers are written with as many digits as they have, so that what is read is wh
 
 import json
 import tomllib
-from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, Field, fields
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
 from hoi_retarget.clip.edits.edits import ContactEdits, MadeFor
-from hoi_retarget.clip.edits.operations import OPERATIONS, Edit, edit_of, operation_name
+from hoi_retarget.clip.edits.operations import OPERATIONS, Edit, edit_of, fields_of, operation_name
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.files.atomic import write_atomically
 from hoi_retarget.files.reading import read_bytes
+from hoi_retarget.files.tables import decode
 
 SCHEMA = 1
 HEADER = """\
@@ -50,7 +51,7 @@ def to_text(edits: ContactEdits) -> str:
     lines += [f"{field.name} = {_written(getattr(edits.made_for, field.name))}" for field in fields(MadeFor)]
     for edit in edits.edits:
         lines += ["", "[[edit]]", f'operation = "{operation_name(edit)}"']
-        values = ((field, getattr(edit, field.name)) for field in fields(edit))
+        values = ((field, getattr(edit, field.name)) for field in fields_of(type(edit)))
         lines += [f"{field.name} = {_written(value)}" for field, value in values if value != field.default]
     return "\n".join(lines) + "\n"
 
@@ -84,17 +85,12 @@ def from_text(text: str, owner: str) -> ContactEdits:
 def _made_for(owner: str, table: Any) -> MadeFor:
     if not isinstance(table, dict):
         raise ReadError(f"{owner} is no table.")
-    names = tuple(field.name for field in fields(MadeFor))
+    names = [item.name for item in fields(MadeFor)]
     _check_keys(owner, table, names, names)
-    kinds = {"name": str, "frames": int, "fps": (int, float), "people": int, "objects": list, "contacts": str}
-    for name, kind in kinds.items():
-        if not isinstance(table[name], kind) or isinstance(table[name], bool):
-            raise ReadError(f"{owner} {name} is {table[name]!r}, which is of the wrong type.")
-    if not all(isinstance(name, str) for name in table["objects"]):
-        raise ReadError(f"{owner} objects is {table['objects']!r}; expected names.")
-    if not 0 < table["fps"] < 1e6:
-        raise ReadError(f"{owner} fps is {table['fps']}; expected frames a second.")
-    return MadeFor(**(table | {"fps": float(table["fps"]), "objects": tuple(table["objects"])}))
+    made_for = decode(MadeFor, table, owner)
+    if not 0 < made_for.fps < 1e6:
+        raise ReadError(f"{owner} fps is {made_for.fps}; expected frames a second.")
+    return made_for
 
 
 def _edits(owner: str, entries: list[Any]) -> Iterator[Edit]:
@@ -107,21 +103,17 @@ def _edits(owner: str, entries: list[Any]) -> Iterator[Edit]:
         if kind is None:
             problem = "says no operation" if "operation" not in entry else f"there is no operation {name!r}"
             raise ReadError(f"{here}: {problem}. Operations: {', '.join(OPERATIONS)}.")
-        known = fields(kind)
-        names = tuple(field.name for field in known)
         values = {key: value for key, value in entry.items() if key != "operation"}
-        _check_keys(f"{here} ({name})", values, names, tuple(field.name for field in known if _is_required(field)))
+        known = fields_of(kind)
+        required = [item.name for item in known if item.default is MISSING]
+        _check_keys(f"{here} ({name})", values, [item.name for item in known], required)
         try:
             yield edit_of(kind, values)
         except ArgumentError as error:
             raise ReadError(f"{here} ({name}): {error}") from error
 
 
-def _is_required(field: "Field[Any]") -> bool:
-    return field.default is MISSING
-
-
-def _check_keys(owner: str, table: Mapping[str, Any], known: tuple[str, ...], required: tuple[str, ...]) -> None:
+def _check_keys(owner: str, table: Mapping[str, Any], known: Sequence[str], required: Sequence[str]) -> None:
     unknown, missing = [key for key in table if key not in known], [key for key in required if key not in table]
     keys = f"Keys there can be: {', '.join(known) or 'none'}."
     if unknown:

@@ -5,10 +5,11 @@ thing at a time, so no more is needed. Points and offsets are in the object's fr
 """
 
 import operator
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import Field, dataclass, field, fields
 from types import MappingProxyType
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -34,91 +35,99 @@ LARGEST_COORDINATE = 100.0
 """[m]; points farther from an object's origin are another unit or a slip."""
 
 
-class _Settled:
-    """An operation whose fields are checked when it is made."""
+class Operation:
+    """An operation on the segments of a clip; its fields are checked, and numbers made plain, when it is made."""
 
     def __post_init__(self) -> None:
-        _settle(self)  # pyright: ignore[reportArgumentType]  # every operation is one of `Edit`
-
-
-@dataclass(frozen=True)
-class Move(_Settled):
-    """Shift all points of a segment alike."""
-
-    part: str
-    frame: int
-    """Any frame of the segment."""
-    offset: Point
-    """[m]"""
-    person: int = 0
+        for item in fields_of(type(self)):
+            value = getattr(self, item.name)
+            if value is not None or item.default is not None:
+                object.__setattr__(self, item.name, _CHECKS[item.name](item.name, value))
+        if isinstance(self, Add | Retime) and self.start >= self.stop:
+            raise ArgumentError(
+                f"start is {self.start} and stop {self.stop}: no frame is left. Stop is one past the last frame."
+            )
 
     def on(self, clip: Clip, segments: Segments) -> Segments:
-        """Return the segments after it; raises `ClipError` when its segment is not there."""
-        segment = segment_at(clip, segments, self.person, self.part, self.frame)
-        return exchanged(clip, segments, [segment], [segment.changed(points=segment.points + self.offset)])
+        """Return the segments after the operation.
+
+        Raises:
+            ClipError: the segment is not there, or a new one overlaps another or leaves the clip.
+            GeometryError: the object's surface is needed and cannot be had.
+        """
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class Retime(_Settled):
-    """Let a segment begin and end elsewhere: it is cut, or held with the nearest of its points."""
+class SegmentOperation(Operation):
+    """An operation that replaces one segment."""
 
     part: str
     frame: int
     """Any frame of the segment as it is now."""
+    person: int = field(default=0, kw_only=True)
+
+    def on(self, clip: Clip, segments: Segments) -> Segments:
+        """Return the segments after the operation."""
+        segment = segment_at(clip, segments, self.person, self.part, self.frame)
+        return exchanged(clip, segments, [segment], self._replacements(clip, segment))
+
+    def _replacements(self, clip: Clip, segment: Segment) -> Sequence[Segment]:
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Move(SegmentOperation):
+    """Shift all points of a segment alike."""
+
+    offset: Point
+    """[m]"""
+
+    def _replacements(self, clip: Clip, segment: Segment) -> Sequence[Segment]:
+        return [segment.changed(points=segment.points + self.offset)]
+
+
+@dataclass(frozen=True)
+class Retime(SegmentOperation):
+    """Let a segment begin and end elsewhere: it is cut, or held with the nearest of its points."""
+
     start: int
     """Its new first frame."""
     stop: int
     """One past its new last frame."""
-    person: int = 0
 
-    def on(self, clip: Clip, segments: Segments) -> Segments:
-        """Return the segments after it; raises `ClipError` when it overlaps another or leaves the clip."""
-        segment = segment_at(clip, segments, self.person, self.part, self.frame)
+    def _replacements(self, clip: Clip, segment: Segment) -> Sequence[Segment]:
         check_frames(clip, self.start, self.stop)
         nearest = np.clip(np.arange(self.start, self.stop), segment.start, segment.stop - 1)
-        points = segment.points[nearest - segment.start]
-        retimed = segment.changed(start=self.start, stop=self.stop, points=points)
-        return exchanged(clip, segments, [segment], [retimed])
+        return [segment.changed(start=self.start, stop=self.stop, points=segment.points[nearest - segment.start])]
 
 
 @dataclass(frozen=True)
-class Split(_Settled):
+class Split(SegmentOperation):
     """Make two segments of one."""
 
-    part: str
-    frame: int
-    """Any frame of the segment."""
     at: int
     """First frame of the second of the two."""
-    person: int = 0
 
-    def on(self, clip: Clip, segments: Segments) -> Segments:
-        """Return the segments after it; raises `ClipError` when there would be nothing on one side."""
-        segment = segment_at(clip, segments, self.person, self.part, self.frame)
+    def _replacements(self, clip: Clip, segment: Segment) -> Sequence[Segment]:
         if not segment.start < self.at < segment.stop:
             choice = f"Choose one of frames {segment.start + 1} to {segment.stop - 1}." if segment.frames > 1 else ""
             raise ClipError(
                 f"the segment is {segment}: splitting it at {self.at} leaves nothing on one side. {choice}".rstrip()
             )
         length = self.at - segment.start
-        halves = (
+        return [
             segment.changed(stop=self.at, points=segment.points[:length]),
             segment.changed(start=self.at, points=segment.points[length:]),
-        )
-        return exchanged(clip, segments, [segment], halves)
+        ]
 
 
 @dataclass(frozen=True)
-class Merge(_Settled):
+class Merge(SegmentOperation):
     """Make one segment of this and the part's next one on the same object; points between are interpolated."""
 
-    part: str
-    frame: int
-    """Any frame of the first of the two."""
-    person: int = 0
-
     def on(self, clip: Clip, segments: Segments) -> Segments:
-        """Return the segments after it; raises `ClipError` when there is no next one, or another thing between."""
+        """Return the segments after the operation: one in the place of two."""
         segment = segment_at(clip, segments, self.person, self.part, self.frame)
         own = of_part(clip, segments, self.person, self.part)
         later = [item for item in own if item.start >= segment.stop and item.object == segment.object]
@@ -135,21 +144,15 @@ class Merge(_Settled):
 
 
 @dataclass(frozen=True)
-class Delete(_Settled):
+class Delete(SegmentOperation):
     """Remove a segment: the part no longer touches the object there."""
 
-    part: str
-    frame: int
-    """Any frame of the segment."""
-    person: int = 0
-
-    def on(self, clip: Clip, segments: Segments) -> Segments:
-        """Return the segments after it; raises `ClipError` when its segment is not there."""
-        return exchanged(clip, segments, [segment_at(clip, segments, self.person, self.part, self.frame)], [])
+    def _replacements(self, clip: Clip, segment: Segment) -> Sequence[Segment]:
+        return []
 
 
 @dataclass(frozen=True)
-class Add(_Settled):
+class Add(Operation):
     """Make a new segment with one fixed point."""
 
     part: str
@@ -161,10 +164,10 @@ class Add(_Settled):
     """[m]"""
     object: str | None = None
     """The object's name; may be left out where the clip has one object."""
-    person: int = 0
+    person: int = field(default=0, kw_only=True)
 
     def on(self, clip: Clip, segments: Segments) -> Segments:
-        """Return the segments after it; raises `ClipError` when it overlaps another or leaves the clip."""
+        """Return the segments after the operation."""
         check_person(clip, self.person)
         check_frames(clip, self.start, self.stop)
         points = np.tile(self.point, (self.stop - self.start, 1))
@@ -183,73 +186,49 @@ class Add(_Settled):
 
 
 @dataclass(frozen=True)
-class Fix(_Settled):
+class Fix(SegmentOperation):
     """Give a segment one point for all of its frames, so that the hand does not slip (paper Sec. III-C)."""
 
-    part: str
-    frame: int
-    """Any frame of the segment."""
     point: Point | None = None
     """[m]; the mean of the segment's points where none is given."""
-    person: int = 0
 
-    def on(self, clip: Clip, segments: Segments) -> Segments:
-        """Return the segments after it; raises `ClipError` when its segment is not there."""
-        segment = segment_at(clip, segments, self.person, self.part, self.frame)
-        return exchanged(clip, segments, [segment], [_fixed(segment, self.point)])
+    def _replacements(self, clip: Clip, segment: Segment) -> Sequence[Segment]:
+        return [_fixed(segment, self.point)]
 
 
 @dataclass(frozen=True)
-class FixAll:
+class FixAll(Operation):
     """Give every segment of the clip one point, the mean of its own."""
 
     def on(self, clip: Clip, segments: Segments) -> Segments:
-        """Return the segments after it."""
+        """Return the segments after the operation."""
         return tuple(_fixed(segment, None) for segment in segments)
 
 
 @dataclass(frozen=True)
-class Snap(_Settled):
+class Snap(SegmentOperation):
     """Move every point of a segment to the nearest point of the object's surface."""
 
-    part: str
-    frame: int
-    """Any frame of the segment."""
-    person: int = 0
-
-    def on(self, clip: Clip, segments: Segments) -> Segments:
-        """Return the segments after it; raises `ClipError`, and `GeometryError` when the surface cannot be had."""
-        segment = segment_at(clip, segments, self.person, self.part, self.frame)
-        return exchanged(clip, segments, [segment], [_snapped(clip, segment)])
+    def _replacements(self, clip: Clip, segment: Segment) -> Sequence[Segment]:
+        return [_snapped(clip, segment)]
 
 
 @dataclass(frozen=True)
-class SnapAll:
+class SnapAll(Operation):
     """Move every point of every segment of the clip to the nearest point of the object's surface."""
 
     def on(self, clip: Clip, segments: Segments) -> Segments:
-        """Return the segments after it; raises `GeometryError` when a surface cannot be had."""
+        """Return the segments after the operation."""
         return tuple(_snapped(clip, segment) for segment in segments)
 
 
 Edit = Move | Retime | Split | Merge | Delete | Add | Fix | FixAll | Snap | SnapAll
 
 OPERATIONS: Mapping[str, type[Edit]] = MappingProxyType(
-    {
-        "move": Move,
-        "retime": Retime,
-        "split": Split,
-        "merge": Merge,
-        "delete": Delete,
-        "add": Add,
-        "fix": Fix,
-        "fix_all": FixAll,
-        "snap": Snap,
-        "snap_all": SnapAll,
-    }
+    {re.sub("(?<=[a-z])(?=[A-Z])", "_", kind.__name__).lower(): kind for kind in get_args(Edit)}
 )
-"""The operations by their names in files."""
-_NAMES = {kind: name for name, kind in OPERATIONS.items()}
+"""The operations by their names in files: `move`, ..., `snap_all`."""
+_NAMES: Mapping[type, str] = {kind: name for name, kind in OPERATIONS.items()}
 
 
 def edit_of(kind: type[Edit], values: Mapping[str, Any]) -> Edit:
@@ -260,6 +239,11 @@ def edit_of(kind: type[Edit], values: Mapping[str, Any]) -> Edit:
 def operation_name(edit: Edit) -> str:
     """Return an edit's name in `OPERATIONS`."""
     return _NAMES[type(edit)]
+
+
+def fields_of(kind: type[Operation]) -> list["Field[Any]"]:
+    """Return the fields of an operation in the order in which files have them: the person last."""
+    return sorted(fields(kind), key=lambda item: bool(item.kw_only))  # pyright: ignore[reportArgumentType]  # a dataclass
 
 
 def describe(edit: Edit) -> str:
@@ -286,18 +270,6 @@ def _fixed(segment: Segment, point: Point | None) -> Segment:
 def _snapped(clip: Clip, segment: Segment) -> Segment:
     surface = surface_of(clip.objects[segment.object].geometry)
     return segment.changed(points=surface.closest_points(segment.points))
-
-
-def _settle(edit: Edit) -> None:
-    """Check an edit's fields, and make numbers plain ones; raises `ArgumentError`."""
-    for field in fields(edit):
-        value = getattr(edit, field.name)
-        if value is not None or field.default is not None:
-            object.__setattr__(edit, field.name, _CHECKS[field.name](field.name, value))
-    if isinstance(edit, Add | Retime) and edit.start >= edit.stop:
-        raise ArgumentError(
-            f"start is {edit.start} and stop {edit.stop}: no frame is left. Stop is one past the last frame."
-        )
 
 
 def _part(name: str, value: Any) -> str:

@@ -231,7 +231,7 @@ class Editor:
             geometry = self._editing.now.clip.objects[segment.object].geometry
             point = surface_of(geometry).closest_points(point[None])[0]
         offset = point - segment.points.mean(axis=0)
-        edit = Move(segment.part, segment.start, tuple(offset.tolist()), segment.person)
+        edit = Move(segment.part, segment.start, tuple(offset.tolist()), person=segment.person)
         if released:
             self._commit(edit)
         else:

@@ -142,17 +142,17 @@ class EditorPanel:
         self._surface = gui.add_checkbox("On surface", False, hint="A dragged point stays on the object's surface")
         for edits in (
             {
-                "Start here": lambda s: Retime(s.part, s.start, self._frame(), s.stop, s.person),
-                "End here": lambda s: Retime(s.part, s.start, s.start, self._frame() + 1, s.person),
+                "Start here": lambda s: Retime(s.part, s.start, self._frame(), s.stop, person=s.person),
+                "End here": lambda s: Retime(s.part, s.start, s.start, self._frame() + 1, person=s.person),
             },
             {
-                "Split here": lambda s: Split(s.part, s.start, self._frame(), s.person),
-                "Merge with next": lambda s: Merge(s.part, s.start, s.person),
+                "Split here": lambda s: Split(s.part, s.start, self._frame(), person=s.person),
+                "Merge with next": lambda s: Merge(s.part, s.start, person=s.person),
             },
             {
                 "One point": lambda s: Fix(s.part, s.start, person=s.person),
-                "To surface": lambda s: Snap(s.part, s.start, s.person),
-                "Delete": lambda s: Delete(s.part, s.start, s.person),
+                "To surface": lambda s: Snap(s.part, s.start, person=s.person),
+                "Delete": lambda s: Delete(s.part, s.start, person=s.person),
             },
         ):
             self._add_choices(edits, self._change)
@@ -186,7 +186,7 @@ class EditorPanel:
     def _on_frames(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
             first, last = event.target.value
-            self._typed(lambda s: Retime(s.part, s.start, int(first), int(last) + 1, s.person))
+            self._typed(lambda s: Retime(s.part, s.start, int(first), int(last) + 1, person=s.person))
 
     def _on_point(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
@@ -198,7 +198,7 @@ def _moved_to(segment: Segment, point: Float[np.ndarray, "3"]) -> Edit:
     middle = segment.points.mean(axis=0)
     # What was shown rounded, and not typed over, stays.
     offset = np.where(point == np.round(middle, _DIGITS), 0.0, np.round(point - middle, _DIGITS + 2))
-    return Move(segment.part, segment.start, tuple(offset.tolist()), segment.person)
+    return Move(segment.part, segment.start, tuple(offset.tolist()), person=segment.person)
 
 
 def _figures_html(recorded: Edited, before: Edited, now: Edited) -> str:
