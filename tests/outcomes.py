@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import wraps
 from typing import Any
 
 
@@ -23,3 +24,29 @@ def both_outcomes(error: type[Exception], word: str) -> Iterator[Callable[..., A
 
     yield attempt
     assert seen["read"] and seen["refused"], dict(seen)
+
+
+_SEEN: Counter[str] = Counter()
+
+
+@contextmanager
+def outcome(error: type[Exception]) -> Iterator[None]:
+    """Count whether what follows is read or refused with an error of ours."""
+    try:
+        yield
+    except error:
+        _SEEN["refused"] += 1
+    else:
+        _SEEN["read"] += 1
+
+
+def sees_both_outcomes(test: Callable[..., None]) -> Callable[..., None]:
+    """Return a test that fails unless both outcomes occurred among its examples."""
+
+    @wraps(test)
+    def run(*arguments: Any, **keywords: Any) -> None:
+        _SEEN.clear()
+        test(*arguments, **keywords)
+        assert _SEEN["read"] and _SEEN["refused"], dict(_SEEN)
+
+    return run

@@ -2,7 +2,6 @@
 
 import json
 import struct
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +20,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.readers import can_be_clip, read_clip, reader_of
 from hoi_retarget.readers import humoto as reader
 from hoi_retarget.synthetic import make
+from outcomes import outcome, sees_both_outcomes
 from source_people import assert_same_objects, assert_same_people
 
 CLIP = make("move_chair", seconds=1.5)
@@ -333,6 +333,7 @@ SHORT = humoto(make("move_chair", seconds=0.2))
 TABLES = json.dumps(SHORT.tables)
 
 
+@sees_both_outcomes
 @settings(derandomize=True, deadline=None, max_examples=50, database=None)
 @given(st.data())
 def test_whatever_is_in_the_tables_only_our_errors_come(tmp_path_factory, data):
@@ -354,18 +355,5 @@ def test_whatever_is_in_the_tables_only_our_errors_come(tmp_path_factory, data):
                 break
             place = place[key]
     path = glb.write(tmp_path_factory.getbasetemp() / "fuzz.glb")
-    with suppress(HoiRetargetError):
+    with outcome(HoiRetargetError):
         read_clip(path)
-
-
-@settings(derandomize=True, deadline=None, max_examples=12, database=None)
-@given(place=st.integers(0, 10**6), byte=st.integers(0, 255), cut=st.booleans())
-def test_damaged_bytes_give_our_errors(tmp_path_factory, place, byte, cut):
-    content = bytearray(SHORT.content())
-    content[place % len(content)] = byte
-    path = tmp_path_factory.getbasetemp() / "bytes.glb"
-    path.write_bytes(bytes(content[: place % len(content)] if cut else content))
-    with suppress(HoiRetargetError):
-        read_clip(path)
-    with suppress(HoiRetargetError):
-        reader.READER.outline(SourceFile(path))

@@ -1,6 +1,5 @@
 """InterMimic's clips of several objects: written and read back, real ones, and files that are damaged."""
 
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -158,19 +157,6 @@ def test_whatever_the_numbers_only_our_errors_come(tmp_path_factory, data):
             task()
         except HoiRetargetError as error:
             assert str(path) in str(error) or "clip" in str(error) or "object" in str(error)
-
-
-@settings(derandomize=True, deadline=None, max_examples=30, database=None)
-@given(st.integers(0, 10**6), st.integers(0, 255))
-def test_damaged_bytes_give_our_errors(tmp_path_factory, place, byte):
-    folder = tmp_path_factory.getbasetemp() / "bytes_objects"
-    for name in ("box", "cup"):
-        write_box(folder / "objects", name)
-    content = bytearray(torch_bytes(dictionary_of(clip_of_two(frames=4))))
-    content[place % len(content)] = byte
-    (folder / "clip.pt").write_bytes(bytes(content)[: None if place % 3 else place % len(content)])
-    with suppress(HoiRetargetError):
-        read_clip(folder / "clip.pt", ReadOptions(objects=folder / "objects"))
 
 
 @NEEDS_SHARED
