@@ -165,6 +165,7 @@ def sources(monkeypatch):
     return importlib.import_module("sources").SOURCES
 
 
+@pytest.mark.slow
 def test_clips_of_every_format_are_there_to_be_measured(tmp_path, sources):
     formats = {}
     for name, write in sources.items():

@@ -681,6 +681,7 @@ def test_write_clip_is_what_these_tests_use(recording, columns):
     assert (recording / "again.pt").read_bytes() == torch_bytes(columns)
 
 
+@pytest.mark.slow
 def test_robots_show_draws_a_picture(tmp_path):
     picture = tmp_path / "new" / "g1.png"
     words = [sys.executable, "-m", "hoi_retarget", "robots", "show", "unitree_g1", "--picture", str(picture)]

@@ -221,6 +221,7 @@ def test_nothing_touched(call):
     assert code == 0 and out.endswith("Nothing is touched.\n")
 
 
+@pytest.mark.slow
 def test_results_of_one_clip_are_written_together_or_not_at_all(call, tmp_path, monkeypatch):
     assert call("run", "builtin:carry_table", "--out", "out")[0] == 0
     before = {path: path.read_bytes() for path in (tmp_path / "out").iterdir()}

@@ -105,6 +105,7 @@ def test_what_moves_alone_is_warned_of():
         assert any("box moves in" in text and "no hand or foot within 10 cm" in text for text in texts)
 
 
+@pytest.mark.slow
 def test_results_open_their_clip_as_it_was_read(tmp_path, capsys):
     path = tmp_path / "bare.npz"
     own_layout.write(replace(shifted(CLIP, 0.3), contacts=()), path)

@@ -145,6 +145,7 @@ def test_clips_without_contacts_pass():
     assert checked(clip) is clip
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not REAL, reason="no real recordings here")
 def test_all_recordings_pass_and_planted_faults_do_not():
     found = dict.fromkeys((*ROTATIONS, *UNITS, "inverse pose", "late", "early"), 0)

@@ -102,6 +102,7 @@ def test_clips_are_run_by_their_names_alone_or_all_by_a_batch(many_clips, tmp_pa
     assert names == ["unitree_g1/sub3_box_000", "unitree_g1/sub3_box_001"]
 
 
+@pytest.mark.slow
 def test_a_batch_makes_anew_what_any_file_of_a_recording_changed(tmp_path, capsys):
     """And tries again what lacked a file, which is not known until it is there."""
     clip = make("carry_box", seconds=1.0)

@@ -44,6 +44,7 @@ def test_ci_runs_exactly_the_readmes_test_command():
         assert any(line.startswith(f".venv/bin/{tool}") for line in lines)
 
 
+@pytest.mark.slow
 def test_the_readmes_commands_run_in_its_order(tmp_path):
     (demo,) = block("demo")
     uses = [demo, *block("")]

@@ -261,6 +261,7 @@ def decoded(path: Path, size: tuple[int, int]) -> tuple[np.ndarray, str]:
     return np.frombuffer(done.stdout, np.uint8).reshape(-1, size[1], size[0], 3), done.stderr.decode()
 
 
+@pytest.mark.slow
 def test_an_mp4_has_the_pictures_and_the_rate(tmp_path):
     path = tmp_path / "film.mp4"
     path.write_bytes(film.mp4(iter(coloured(12)), 24.0))

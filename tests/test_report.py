@@ -439,6 +439,7 @@ def test_report_of_nothing_is_refused(tmp_path: Path, capsys, words) -> None:
 # In a browser.
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_the_page_sorts_and_filters_without_a_network(tmp_path: Path) -> None:
     rows = list(nasty_rows())

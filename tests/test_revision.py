@@ -74,6 +74,7 @@ def test_nothing_changed_solves_nothing(before):
     assert not changed_frames(before.targets, again.targets).any()
 
 
+@pytest.mark.slow
 def test_a_change_longer_than_the_horizon_is_solved_in_windows(before):
     config = Config(horizon=Horizon(60, 15, 3))
     clip = shifted(before.clip, 0)
