@@ -12,12 +12,13 @@ _PROBE = "import mujoco; mujoco.Renderer(mujoco.MjSpec().compile(), 16, 16).clos
 
 def need_drawing(backend: str) -> None:
     """Skip the test unless MuJoCo draws with a backend; this asks MuJoCo alone, nothing of the project."""
-    if trouble := _trouble(backend):
-        pytest.skip(f"MuJoCo cannot draw with MUJOCO_GL={backend} here: {trouble}")
+    if why := trouble(backend):
+        pytest.skip(f"MuJoCo cannot draw with MUJOCO_GL={backend} here: {why}")
 
 
 @cache
-def _trouble(backend: str) -> str:
+def trouble(backend: str) -> str:
+    """Return why MuJoCo cannot draw with a backend; nothing where it can."""
     done = subprocess.run(
         [sys.executable, "-c", _PROBE],
         env={**os.environ, "MUJOCO_GL": backend},

@@ -12,6 +12,7 @@ import pytest
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.spec import SITES
+from offscreen import trouble
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -47,14 +48,17 @@ def test_ci_runs_exactly_the_readmes_test_command():
 @pytest.mark.slow
 def test_the_readmes_commands_run_in_its_order(tmp_path):
     (demo,) = block("demo")
-    uses = [demo, *block("")]
+    drawn = not trouble("egl") or not trouble("osmesa")
+    uses = [demo, *(line for line in block("") if drawn or " render " not in line)]
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     for line in uses:
         done = subprocess.run(after_installation(line), cwd=tmp_path, capture_output=True, text=True, check=False)
         assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
     assert (tmp_path / "out" / "carry_box.npz").is_file()
-    assert (tmp_path / "carry_box.png").is_file() and (tmp_path / "gallery" / "index.html").is_file()
-    assert (tmp_path / "report" / "report.html").is_file()
+    assert (tmp_path / "gallery" / "index.html").is_file() and (tmp_path / "report" / "report.html").is_file()
+    if not drawn:
+        pytest.skip("all commands ran but `render`: MuJoCo cannot draw here")
+    assert (tmp_path / "carry_box.png").is_file()
 
 
 @pytest.mark.parametrize("document", ["README.md", *(f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md"))])
