@@ -123,7 +123,7 @@ class Run(Reading, Solving):
 
 @dataclass(frozen=True)
 class Batch:
-    """Make a set of results of a folder of clips, or as a file declares; the same command goes on after any end."""
+    """Retarget every clip of a folder, or as a file declares; run again, the same command resumes."""
 
     source: Annotated[Positional[Path], arg(metavar="SPEC.toml|DIR")]
     """A file that declares clips, robots, sizes, mirror images and speeds, or a folder: every clip in it, once."""
@@ -265,7 +265,7 @@ class Edit(Served, OneClip, Solving):
     """Edit the contacts of a clip in a browser: drag, retime, split, add; the motion follows at once."""
 
     edits: OptionalFile = None
-    """Where the edits are saved, by default <clip's stem>.edits.toml here; those in it already are gone on from."""
+    """Where the edits are saved, by default <clip's stem>.edits.toml here; those already in it are loaded."""
     out: Folder = Path("results")
     """Folder that results are saved into; made when it does not exist."""
 

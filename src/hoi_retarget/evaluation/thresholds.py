@@ -145,7 +145,7 @@ THRESHOLDS: tuple[Threshold, ...] = (
         "a joint step longer than the motor's limit; 5 rad/s beyond it no motor follows, and a joint has flipped",
     ),
     Threshold(
-        Figure("orientation_flip_s", "turned over", "s", 1.0, 2, "lower"),
+        Figure("orientation_flip_s", "orientation flip", "s", 1.0, 2, "lower"),
         0.0,
         0.2,
         "time in which a link points away from the human's; for a moment it is a wrist near its stop",

@@ -180,7 +180,7 @@ class Report:
 
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:
-        """Contacts that were not reached, hands that were misplaced, links that were turned over."""
+        """Unreached contacts, misplaced hands, orientation flips."""
         unreached = [("unreached_contact", f"not reached: {item}.") for item in self.unreached_contacts or ()]
         misplaced = [
             ("inter_robot_hand_error", f"{item}.") for item in self.inter_robot_hand_errors if item.max_m > UNREACHED_M

@@ -39,7 +39,7 @@ def picture_of(path: Path, foreign_robot: RobotModel, *, objects: Path | None = 
 
 
 def worst_frame(motion: Motion) -> int:
-    """Return the middle of the longest stretch that the report complains of, else that of the longest contact."""
+    """Return the middle of the longest unreached contact or orientation flip, else that of the longest contact."""
     report = motion.report
     found = [*(report.orientation_flips or ()), *(report.unreached_contacts or ())]
     stretches = [(item.first_frame, item.last_frame) for item in found]

@@ -1,4 +1,4 @@
-"""Links that ended up turned over against the human's: the classic wrong optimum of inverse kinematics."""
+"""Orientation flips: links that point away from the human's, the classic wrong optimum of inverse kinematics."""
 
 import numpy as np
 

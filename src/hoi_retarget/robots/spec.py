@@ -91,7 +91,7 @@ class RobotSpec:
     sites: Mapping[str, SitePose] = field(default_factory=dict)
     """Sites that the MJCF lacks, by role."""
     meshes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Body name to the maker's mesh file names, for pictures where a user has those files."""
+    """Body name to the vendor's mesh file names, for pictures where a user has those files."""
 
     @property
     def ik_rows(self) -> tuple[IkRow, ...]:
