@@ -211,6 +211,7 @@ def test_what_is_missing_is_named(root, models):
         read_clip(folder, ReadOptions(body_models=models))
 
 
+@pytest.mark.slow
 @sees_both_outcomes
 @settings(derandomize=True, deadline=None, max_examples=40, database=None)
 @given(st.data())

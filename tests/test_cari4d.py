@@ -372,6 +372,7 @@ SHORT = {
 }
 
 
+@pytest.mark.slow
 @sees_both_outcomes
 @settings(derandomize=True, deadline=None, max_examples=50, database=None)
 @given(st.data())

@@ -128,6 +128,7 @@ def test_every_option_of_edits_is_a_field():
     assert fields[first : first + len(options)] == options, "help shows them in the order in which they are done"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["carry_box", "carry_table"])
 def test_run_gives_to_the_bit_what_python_gives(scene, call, tmp_path):
     clip = open_clip(f"builtin:{scene}")

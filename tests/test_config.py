@@ -160,6 +160,7 @@ def test_any_solver_can_be_passed_in():
     assert shifted.report.config["solver"] == {"name": "Shifted", "by": 0.02}
 
 
+@pytest.mark.slow
 def test_a_results_own_configuration_makes_it_again(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my.toml").write_text(

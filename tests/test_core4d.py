@@ -254,6 +254,7 @@ def test_nothing_pickled_is_executed(copy):
         read_clip(sequence)
 
 
+@pytest.mark.slow
 @sees_both_outcomes
 @settings(derandomize=True, deadline=None, max_examples=50, database=None)
 @given(st.data())

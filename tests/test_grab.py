@@ -252,6 +252,7 @@ def test_what_would_be_executed_is_refused(root, models):
         read_clip(path, ReadOptions(body_models=models))
 
 
+@pytest.mark.slow
 @sees_both_outcomes
 @settings(derandomize=True, deadline=None, max_examples=50, database=None)
 @given(st.data())

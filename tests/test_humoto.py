@@ -333,6 +333,7 @@ SHORT = humoto(make("move_chair", seconds=0.2))
 TABLES = json.dumps(SHORT.tables)
 
 
+@pytest.mark.slow
 @sees_both_outcomes
 @settings(derandomize=True, deadline=None, max_examples=50, database=None)
 @given(st.data())

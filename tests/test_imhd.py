@@ -249,6 +249,7 @@ def test_too_few_frames_are_refused(recording):
         read_clip(path, ReadOptions(body_models=models))
 
 
+@pytest.mark.slow
 @settings(derandomize=True, deadline=None, max_examples=60, database=None)
 @given(st.data())
 def test_whatever_is_in_the_file_only_our_errors_come(tmp_path_factory, written, data):

@@ -203,6 +203,7 @@ def _seeds() -> dict[str, bytes]:
     return {".pt": torch_bytes(columns_of(random_clip(frames=4))), "multi.pt": torch_bytes(multi(frames=4))}
 
 
+@pytest.mark.slow
 @settings(derandomize=True, deadline=None, max_examples=100, database=None)
 @given(st.data())
 def test_damaged_bytes_are_described_or_refused(tmp_path_factory, data):

@@ -317,6 +317,7 @@ def test_the_digest_is_of_all_files(sequence):
     assert read_clip(place, ReadOptions(body_models=models)).source.sha256 != before
 
 
+@pytest.mark.slow
 @settings(derandomize=True, deadline=None, max_examples=60, database=None)
 @given(st.data())
 def test_whatever_is_in_the_files_only_our_errors_come(tmp_path_factory, written, data):

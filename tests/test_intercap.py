@@ -181,6 +181,7 @@ def test_other_pickles_are_not_ours(tmp_path, results):
         read_clip(path)
 
 
+@pytest.mark.slow
 @sees_both_outcomes
 @settings(derandomize=True, deadline=None, max_examples=30, database=None)
 @given(st.data())

@@ -254,6 +254,7 @@ def test_other_files_are_refused_with_what_is_supported(folder):
             read_clip(folder / name)
 
 
+@pytest.mark.slow
 @settings(derandomize=True, deadline=None, max_examples=150, database=None)
 @given(st.data())
 def test_whatever_the_numbers_only_our_errors_come(tmp_path_factory, data):

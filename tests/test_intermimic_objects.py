@@ -133,6 +133,7 @@ def test_what_must_be_told_is_told(folder):
         read_clip(written(folder, twice), ReadOptions(objects=folder / "objects"))
 
 
+@pytest.mark.slow
 @settings(derandomize=True, deadline=None, max_examples=50, database=None)
 @given(st.data())
 def test_whatever_the_numbers_only_our_errors_come(tmp_path_factory, data):

@@ -249,6 +249,7 @@ def test_files_that_are_not_held(tmp_path):
         read_clip(other)
 
 
+@pytest.mark.slow
 @sees_both_outcomes
 @settings(derandomize=True, deadline=None, max_examples=50, database=None)
 @given(st.data())

@@ -266,6 +266,7 @@ def test_other_archives_are_told_apart(tmp_path):
     assert "--objects DIR" in inspect(tmp_path / "clip.npz").missing[0]
 
 
+@pytest.mark.slow
 @sees_both_outcomes
 @settings(derandomize=True, deadline=None, max_examples=80, database=None)
 @given(st.data())

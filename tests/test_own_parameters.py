@@ -244,6 +244,7 @@ def test_a_clip_with_nobody_in_it(clip):
         read_clip(path, ReadOptions(body_models=models))
 
 
+@pytest.mark.slow
 @sees_both_outcomes
 @settings(derandomize=True, deadline=None, max_examples=50, database=None)
 @given(st.data())

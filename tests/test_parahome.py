@@ -358,6 +358,7 @@ def test_rows_by_joint_and_arrays_of_numpy(copy):
     assert_same_people(read_clip(chosen(copy), ReadOptions(body_models=models_of(copy))), cut(WRITTEN))
 
 
+@pytest.mark.slow
 @sees_both_outcomes
 @settings(derandomize=True, deadline=None, max_examples=50, database=None)
 @given(st.data())

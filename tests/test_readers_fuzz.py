@@ -67,6 +67,7 @@ def _arrays(clip: Clip) -> list[np.ndarray]:
     return [value for part in parts for value in vars(part).values() if isinstance(value, np.ndarray)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", READERS)
 def test_a_damaged_file_is_read_or_refused(tmp_path, sources, kind):
     for name in [name for name in sources if name.startswith(kind)]:
