@@ -90,6 +90,7 @@ def test_an_edit_that_cannot_be_done_changes_nothing(editing, start):
     assert editing.now is start
 
 
+@pytest.mark.slow
 def test_each_persons_robot_follows_its_own_contacts():
     recorded = make("carry_table", fps=15.0)
     editing = Editing(recorded, MODEL, CONFIG, solved(recorded, MODEL, CONFIG, ContactEdits.of(recorded)))

@@ -96,6 +96,7 @@ def test_several_results_are_written_beside_each_other_and_a_bad_one_stops_none(
     ]
 
 
+@pytest.mark.slow
 def test_two_people_become_two_files_in_one_world(export, tmp_path, capsys):
     assert main(["run", "builtin:carry_table", "--out", "."]) == 0
     capsys.readouterr()

@@ -226,6 +226,7 @@ def test_pages_load_nothing() -> None:
 # Pictures.
 
 
+@pytest.mark.slow
 def test_a_machine_that_cannot_draw_makes_the_same_pages_without_pictures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
