@@ -33,7 +33,7 @@ from hoi_retarget.motion.result_file import load
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers import own_layout
 from hoi_retarget.readers.open import clip_of, open_clip
-from hoi_retarget.retargeting.config import Config, Weights
+from hoi_retarget.retargeting.config import Config, KeepStart, Weights
 from hoi_retarget.retargeting.multi_person import with_report
 from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.robots import ROBOTS
@@ -207,6 +207,34 @@ jerk = 2e-3
     )
     assert read_specification(path) == wanted
     assert all(getattr(wanted, field.name) != field.default for field in fields(wanted)), "each field is in the test"
+
+
+def test_a_configuration_may_be_a_file_whose_settings_its_own_keys_override(tmp_path):
+    (tmp_path / "my.toml").write_text('horizon = "whole"\n[weights]\njerk = 2e-3\n[scaling]\nroot_scale = 0.7\n')
+    (tmp_path / "set.toml").write_text('clips = ["builtin:carry_box"]\nconfig = "my.toml"\nroot_scale = 0.9\n')
+    (job,) = jobs_of(read_specification(tmp_path / "set.toml"))
+    assert (job.config.weights.jerk, job.config.horizon.text, job.config.scaling.root_scale) == (2e-3, "whole", 0.9)
+    (tmp_path / "my.toml").write_text("[weights]\njrk = 1\n")
+    with pytest.raises(ReadError, match=r"my\.toml: weights: there is no 'jrk'"):
+        read_specification(tmp_path / "set.toml")
+
+
+def test_another_setting_makes_the_jobs_anew(quick):
+    batch()
+    assert names(batch()) == []
+    heavier = Config(weights=Weights(jerk=2e-3))
+    assert len(names(batch(config=heavier))) == 2
+    assert names(batch(config=heavier)) == []
+    assert len(names(batch(config=Config(solver=KeepStart())))) == 2, "a solver without options is another one"
+
+
+def test_the_command_line_takes_a_configuration_for_a_folder(quick, capsys):
+    Path("my.toml").write_text("[weights]\njerk = 2e-3\n")
+    assert main(["batch", "clips", "--config", "my.toml", "--out", "set"]) == 0
+    assert main(["batch", "clips", "--out", "set"]) == 0
+    (Path("set.toml")).write_text('clips = ["clips"]\n')
+    assert main(["batch", "set.toml", "--config", "my.toml", "--out", "set"]) == 2
+    assert "--config my.toml is for a folder of clips" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

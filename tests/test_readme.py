@@ -61,18 +61,10 @@ def test_the_readmes_commands_run_in_its_order(tmp_path):
     assert (tmp_path / "carry_box.png").is_file()
 
 
-@pytest.mark.parametrize("document", ["README.md", *(f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md"))])
-def test_links_lead_somewhere(document):
-    path = ROOT / document
-    links = re.findall(r"\]\(([^)#]+)\)", path.read_text())
-    assert all((path.parent / link).exists() for link in links if "://" not in link)
-
-
-def test_the_method_lists_the_papers_weights_and_ours_as_they_are():
+def test_the_method_lists_every_weight_as_it_is():
     text = (ROOT / "docs" / "method.md").read_text()
     rows = re.findall(r"^\|[^|]*\|[^|]*\| `(\w+)` \| ([\d.e-]+) \| `(\w+)` \|$", text, flags=re.MULTILINE)
-    listed = {name: float(value) for name, value, _ in rows}
-    assert len(listed) >= 10 and listed.items() <= dataclasses.asdict(Weights()).items()
+    assert {name: float(value) for name, value, _ in rows} == dataclasses.asdict(Weights())
     terms = {path.stem for path in (ROOT / "src/hoi_retarget/retargeting/trajopt/terms").glob("[a-z]*.py")}
     assert {term for _, _, term in rows} <= terms
 

@@ -46,7 +46,7 @@ class Contents:
             "reading": replace(job.reading, objects=None).as_json(),
             "edits": self.of_file(job.edits) if job.edits else "",
             "robot": [self._of_robot(spec.name) for spec in team(job.robot)],
-            "config": asdict(job.config),
+            "config": job.config.as_json(),
             "augmentation": asdict(job.augmentation),
         }
         return _sha256(json.dumps(parts, sort_keys=True).encode())

@@ -39,7 +39,7 @@ def unpacked(content: bytes, *, stored: bool = False) -> dict[str, bytes]:
             fault = _fault(archive, len(content), stored)
             entries = {} if fault else {entry.filename: archive.read(entry) for entry in archive.infolist()}
     except _ERRORS as error:
-        raise ValueError(f"the archive is damaged or cut off ({error})") from error
+        raise ValueError(f"damaged or cut off: {error}") from error
     if fault:
         raise ValueError(fault)
     return entries

@@ -6,7 +6,6 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from enum import Enum
-from types import MappingProxyType
 from typing import Any
 
 import msgspec
@@ -135,9 +134,6 @@ class InterRobotHandError:
             f"{first} and {second} on {self.object!r}, {self.frames} frames: {100 * self.mean_m:.1f} cm from their "
             f"place relative to each other on average, {100 * self.max_m:.1f} cm at most"
         )
-
-
-_NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclass(frozen=True)

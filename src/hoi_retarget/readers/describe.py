@@ -137,7 +137,7 @@ def _content(file: SourceFile) -> str:
     try:
         names = list(npz.members(file.content))
     except ValueError as error:
-        raise ReadError(f"{file.path}: not a readable .npz archive ({error}). Write it again.") from error
+        raise ReadError(f"{file.path}: not a readable .npz file ({error}). Write it again.") from error
     return f"a .npz archive of other arrays: {', '.join(map(ascii, names[:10]))[:400]}"
 
 

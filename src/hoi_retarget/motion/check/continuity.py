@@ -13,8 +13,6 @@ from hoi_retarget.robots.model import RobotModel
 
 _SAME = 1e-7
 _NEAR = 4  # Steps before and after, to compare with.
-_MOVING = 5.0
-"""A frozen stretch interrupts a movement when the steps around it are this much beyond what rounding makes."""
 _JUMP = 8.0  # Times the steps around it.
 _LEAST_JOINT, _LEAST_ROOT, _LEAST_TURN = 0.15, 0.06, 0.15
 """Smaller steps are no jumps [rad, m, rad]."""

@@ -19,7 +19,6 @@ from hoi_retarget.motion.resample import resample
 from hoi_retarget.motion.result import UNKNOWN, Result
 
 NAME = "dataset"
-TITLE = "datasets, pandas, polars: many motions in one table"
 ROWS_PER_FILE = 500
 FOLDER = "data"
 CARD = "README.md"
