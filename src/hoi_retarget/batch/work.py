@@ -18,7 +18,7 @@ from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.report import Status as SolveStatus
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.multi_person import result_paths, retarget_people, write
-from hoi_retarget.robots import load_robot, team
+from hoi_retarget.robots import load_robot, load_team
 
 _INPUT_ERRORS = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)
 _FRAME = re.compile(r"\bframes? \(?(\d+)")  # In messages.
@@ -65,7 +65,7 @@ def _run(task: Task) -> ManifestEntry:
         edits = clip.source.contact_edits
         lineage = {**entry.lineage, "contact_edits": edits and hashlib.sha256(edits.encode()).hexdigest()}
         entry = replace(entry, lineage=lineage, frames=clip.frames)
-        models = [load_robot(spec.name) for spec in team(job.robot)]
+        models = load_team(job.robot)
         seconds = time.process_time() - start
         motions = retarget_people(clip, models, job.config, command=_command(job))
         paths = result_paths(clip, Path(job.name).name, (task.out / job.name).parent)

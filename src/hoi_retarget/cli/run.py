@@ -29,14 +29,14 @@ from hoi_retarget.readers.object_files import known_objects
 from hoi_retarget.readers.open import open_clip, result_stem
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.multi_person import result_paths, retarget_people, write
-from hoi_retarget.robots import load_robot, team
+from hoi_retarget.robots import load_team
 from hoi_retarget.robots.model import RobotModel
 
 
 def execute(command: Run) -> int:
     """Retarget every clip; return 0 when all succeeded."""
     config = config_of(command)
-    specs = team(command.robot)
+    models = load_team(command.robot)
     _check_clips(command.clips)
     for path in command.clips:
         check_spared(path, command.out)
@@ -44,7 +44,6 @@ def execute(command: Run) -> int:
     if command.edits is not None and len(command.clips) > 1:
         raise ArgumentError(f"--edits {command.edits} is for one clip, and {len(command.clips)} are named. Name one.")
     check_writable("--out", command.out)
-    models = [load_robot(spec.name) for spec in specs]
     scores: list[Score] = []
     converged: list[bool] = []
 

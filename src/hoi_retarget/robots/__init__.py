@@ -17,6 +17,11 @@ def team(names: str) -> tuple[RobotSpec, ...]:
     return tuple(robot(name.strip()) for name in names.split(","))
 
 
+def load_team(names: str) -> tuple[RobotModel, ...]:
+    """Return the models of the robots of the people of a clip; raises as `robot`."""
+    return tuple(load_robot(spec.name) for spec in team(names))
+
+
 def robot(name: str) -> RobotSpec:
     """Return the robot called `name`.
 
