@@ -443,7 +443,7 @@ def test_tables_break_no_word(width, count, results, monkeypatch, capsys):
 
 def test_clips_and_results_are_told_apart(results, recording, capsys):
     assert main(["evaluate", str(recording / f"{NAME}.pt")]) == 1
-    assert "this is a clip, not a result. Use `hoi-retarget run`" in capsys.readouterr().err
+    assert f"this is a clip, not a result. Use `{terminal.program()} run`" in capsys.readouterr().err
     assert main(["run", str(results[0]), "--out", str(recording / "out")]) == 1
     assert "not a clip. Use `hoi-retarget evaluate`" in capsys.readouterr().err
 
