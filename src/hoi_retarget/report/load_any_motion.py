@@ -32,7 +32,7 @@ def open_motion(path: Path, robot: RobotModel) -> tuple[Motion, str, tuple[str, 
     if found.fps_assumed:
         notes.append(f"{found.fps:g} frames a second are assumed")
     if found.missing_joints:
-        notes.append(f"{len(found.missing_joints)} joints that the file does not have are taken to be at zero")
+        notes.append(f"joints that the file lacks are held still at 0 rad: {', '.join(found.missing_joints)}")
     return motion_from_qpos(found.qpos, found.fps, robot, found.objects), file.format, tuple(notes)
 
 

@@ -116,7 +116,9 @@ def _joints(
     file: MotionFile, model: RobotModel, layout: Layout, there: BodyReading, implied: np.ndarray
 ) -> Check[tuple[Interpretation, str]]:
     """Return how the joints are to be read, by what the bodies imply, and what the format is."""
-    known = np.isfinite(implied).all(axis=0) & (np.array(there.reading.columns) >= 0)
+    there_are = np.array(there.reading.columns) >= 0
+    yield from _held(model, np.where(there_are, 0.0, implied))
+    known = np.isfinite(implied).all(axis=0) & there_are
 
     def errors(candidate: Interpretation) -> np.ndarray:
         difference = implied[:, known] - candidate.angles(layout.joint_pos)[:, known]
@@ -151,6 +153,16 @@ def _joints(
         yield Finding("contradiction", subject, words, says, advice, "poses")
         return deviation.reading, name
     return (yield from _single_joints(model, layout, claimed, np.where(known, implied, np.nan))), name
+
+
+def _held(model: RobotModel, implied: Float[np.ndarray, "T n"]) -> Iterator[Finding]:
+    """Compare joints that the file lacks, which are held still, with what the bodies imply."""
+    off = np.nan_to_num(_rms(implied))
+    if (off > _SAME_ANGLE).any():
+        turned = (f"{model.joint_names[i]} by {np.degrees(off[i]):.1f} deg" for i in np.flatnonzero(off > _SAME_ANGLE))
+        says = f"the bodies turn joints that the file lacks: {', '.join(turned)}"
+        advice = "Write these joints, too, or the bodies of the robot with its joints held still."
+        yield Finding("contradiction", "joint count", "joints that the file lacks are at 0 rad", says, advice, "poses")
 
 
 def _single_joints(

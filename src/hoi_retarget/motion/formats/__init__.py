@@ -27,9 +27,27 @@ from hoi_retarget.motion.formats import (
 from hoi_retarget.motion.formats.arrays_by_name import ArraysByName
 from hoi_retarget.motion.formats.containers import FOLDER, MOTION
 from hoi_retarget.motion.formats.format import Format
-from hoi_retarget.motion.formats.motion_file import Bodies, ContactFlags, Convention, MotionFile, ObjectPoses
+from hoi_retarget.motion.formats.motion_file import (
+    WITHOUT_WRISTS,
+    Bodies,
+    ContactFlags,
+    Convention,
+    MotionFile,
+    ObjectPoses,
+)
 
-__all__ = ["FORMATS", "WRITABLE", "Bodies", "ContactFlags", "Convention", "Format", "MotionFile", "ObjectPoses", "read"]
+__all__ = [
+    "FORMATS",
+    "WITHOUT_WRISTS",
+    "WRITABLE",
+    "Bodies",
+    "ContactFlags",
+    "Convention",
+    "Format",
+    "MotionFile",
+    "ObjectPoses",
+    "read",
+]
 
 # A file's format is the first that holds its entries: those that ask for more come first.
 FORMATS: tuple[Format, ...] = (

@@ -73,9 +73,14 @@ class ArraysByName:
         value = self.values.get(name)
         if isinstance(value, np.ndarray) and value.dtype.kind == "U":
             value = value.ravel().tolist()
-        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+        if not isinstance(value, list | tuple) or not all(isinstance(item, str) for item in value):
             raise ReadError(f"{self.path}: '{name}' is no list of names. Make the file again.")
         return tuple(value)
+
+    def joint_names(self) -> tuple[str, ...] | None:
+        """Return the names of the joints' columns, by either of the keys that are in use; None without them."""
+        keys = (key for key in ("joint_names", "dof_names") if self.values.get(key) is not None)
+        return next((self.names(key) for key in keys), None)
 
     def contents(self) -> tuple[str, ...]:
         """Return what is there, in words."""

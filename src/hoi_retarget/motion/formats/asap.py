@@ -7,7 +7,7 @@ from hoi_retarget.errors import ReadError
 from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
 from hoi_retarget.motion.formats.containers import PICKLE
 from hoi_retarget.motion.formats.format import Format
-from hoi_retarget.motion.formats.motion_file import Convention
+from hoi_retarget.motion.formats.motion_file import WITHOUT_WRISTS, Convention
 
 _is_motion = has("root_trans_offset", "root_rot", "dof")
 
@@ -36,7 +36,7 @@ def read(library: ArraysByName) -> dict[str, Any]:
 
 FORMAT = Format(
     name="asap",
-    convention=Convention("asap", quat_order="xyzw", usual_fps=30.0, may_lack="wrist"),
+    convention=Convention("asap", quat_order="xyzw", usual_fps=30.0, usual_joints=WITHOUT_WRISTS),
     holds=holds,
     read=read,
     container=PICKLE,

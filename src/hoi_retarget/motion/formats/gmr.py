@@ -7,14 +7,18 @@ import numpy as np
 from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
 from hoi_retarget.motion.formats.containers import PICKLE
 from hoi_retarget.motion.formats.format import Format, Written
-from hoi_retarget.motion.formats.motion_file import Convention
+from hoi_retarget.motion.formats.motion_file import WITHOUT_WRISTS, Convention
 from hoi_retarget.motion.resample import ResampledMotion
 from hoi_retarget.numerics import se3
 
 
 def read(arrays: ArraysByName) -> dict[str, Any]:
     """Return what a GMR dictionary holds; raises `ReadError`."""
-    return {"root": arrays.pose("root_pos", "root_rot"), "joint_pos": arrays.numbers("dof_pos")}
+    return {
+        "root": arrays.pose("root_pos", "root_rot"),
+        "joint_pos": arrays.numbers("dof_pos"),
+        "joint_names": arrays.joint_names(),
+    }
 
 
 def write(motion: ResampledMotion) -> Written:
@@ -33,7 +37,7 @@ def write(motion: ResampledMotion) -> Written:
 
 FORMAT = Format(
     name="gmr",
-    convention=Convention("gmr", quat_order="xyzw", usual_fps=30.0),
+    convention=Convention("gmr", quat_order="xyzw", usual_fps=30.0, usual_joints=WITHOUT_WRISTS),
     holds=has("root_pos", "root_rot", "dof_pos"),
     read=read,
     container=PICKLE,

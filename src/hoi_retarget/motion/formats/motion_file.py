@@ -13,6 +13,7 @@ from hoi_retarget.numerics.arrays import describe_frames, frozen
 
 LARGEST = 1e9  # In any unit: larger numbers are damage.
 MINIMUM_FRAMES = 3  # A velocity in the middle of a frame takes its two neighbours.
+WITHOUT_WRISTS = "all but the wrists, as GMT, TWIST and ASAP have them"
 
 
 @dataclass(frozen=True)
@@ -28,8 +29,8 @@ class Convention:
     """Of joints and bodies: the MJCF's, Isaac Lab's, that of the file's names, or (None) one of the first two."""
     usual_fps: float | None = None
     """The rate that files have which do not state one [1/s]."""
-    may_lack: str = ""
-    """Part of the names of joints that some files leave out, at zero; empty where all joints are in every file."""
+    usual_joints: str = ""
+    """Which joints files without names have where they have fewer than the robot, such as `WITHOUT_WRISTS`."""
 
     def split(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return positions and rotations of free joints (..., 7)."""

@@ -6,7 +6,7 @@ from hoi_retarget.motion.formats import gmr
 from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
 from hoi_retarget.motion.formats.containers import PICKLE
 from hoi_retarget.motion.formats.format import Format
-from hoi_retarget.motion.formats.motion_file import Convention, ObjectPoses
+from hoi_retarget.motion.formats.motion_file import WITHOUT_WRISTS, Convention, ObjectPoses
 
 
 def read(arrays: ArraysByName) -> dict[str, Any]:
@@ -17,7 +17,7 @@ def read(arrays: ArraysByName) -> dict[str, Any]:
 
 FORMAT = Format(
     name="sbto",
-    convention=Convention("sbto", quat_order="xyzw", usual_fps=30.0),
+    convention=Convention("sbto", quat_order="xyzw", usual_fps=30.0, usual_joints=WITHOUT_WRISTS),
     holds=has("root_pos", "root_rot", "dof_pos", "object_root_pos", "object_rot"),
     read=read,
     container=PICKLE,
