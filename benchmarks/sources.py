@@ -20,13 +20,16 @@ import intermimic_writer
 import omomo_writer
 import own_layout_writer
 import parahome_writer
+import people_writer
 from hoi_retarget import synthetic
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.readers import (
+    amass,
     behave,
     cari4d,
     core4d,
     grab,
+    gvhmr,
     hodome,
     humoto,
     imhd,
@@ -166,6 +169,16 @@ def _parahome(folder: Path, frames: int) -> Recording:
     )
 
 
+def _amass(folder: Path, frames: int) -> Recording:
+    path, models = people_writer.write_amass(folder, scene("carry_box", frames), "smplh")
+    return Recording(path, body_models=models)
+
+
+def _gvhmr(folder: Path, frames: int) -> Recording:
+    path, models = people_writer.write_gvhmr(folder, scene("carry_box", frames))
+    return Recording(path, body_models=models)
+
+
 SOURCES: Mapping[str, Callable[[Path, int], Recording]] = {
     intermimic.FORMAT: _intermimic,
     intermimic_objects.FORMAT: _intermimic_objects,
@@ -182,5 +195,7 @@ SOURCES: Mapping[str, Callable[[Path, int], Recording]] = {
     omomo.FORMAT: _omomo,
     humoto.FORMAT: _humoto,
     parahome.FORMAT: _parahome,
+    amass.FORMAT: _amass,
+    gvhmr.FORMAT: _gvhmr,
 }
 """What writes so many frames of each format into a folder of their own; people are two where the format has two."""

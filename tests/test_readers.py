@@ -20,6 +20,7 @@ import interact_writer
 import intercap_writer
 import omomo_writer
 import parahome_writer
+import people_writer
 from glb_writer import humoto
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import HoiRetargetError, ReadError
@@ -132,6 +133,8 @@ WRITERS: dict[str, Callable[[Path], Path]] = {
     "omomo": _omomo,
     "humoto": lambda root: humoto(CHAIR).write(root / "chair.glb"),
     "parahome": _parahome,
+    "amass": lambda root: people_writer.write_amass(root, CHAIR, "smplh")[0],
+    "gvhmr": lambda root: people_writer.write_gvhmr(root, CHAIR)[0],
 }
 """Format, perhaps with a word on which kind -> what writes a recording with its models and meshes."""
 MAIN = {
@@ -290,6 +293,7 @@ PLACES = {
     "interact-canonical": (("human.npz", "poses"), ("human.npz", "gender"), ("object.npz", "name")),
     "hodome": (("", "frame_ids"), ("", "transl")),
     "imhd": (("", "smplShape"), ("", "objectRot")),
+    "amass": (("", "trans"), ("", "poses"), ("", "betas"), ("", "gender"), ("", "mocap_framerate")),
     "omomo": (("", "trans"), ("", "rest_offsets"), ("", "seq_name"), ("", "obj_scale")),
     "parahome": (("joint_positions.pkl", ""), ("object_transformations.pkl", "3"), ("object_transformations.pkl", "")),
     "hoi-retarget-clip": (("", "joint_pos"), ("", "object_names"), ("", "contact_part")),

@@ -70,7 +70,7 @@ def object_or_array(path: Path, name: str, content: bytes) -> Any:
     header = _NPY.match(content)
     try:
         if header is None or (header["kind"], header["fortran"]) != (b"O", b"False"):
-            return array(name, content, "fiubU")
+            return array(name, content, "fiubUS")
         values = plain(unpickle(content[header.end() :], ARRAYS), objects=True)
     except (RefusedError, ValueError) as error:
         raise ReadError(f"{path}: {name} cannot be read: {error}. Download the file again.") from error

@@ -12,10 +12,12 @@ from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.files.source_file import FOLDER, SELECTION, SourceFile
 from hoi_retarget.readers import (
+    amass,
     behave,
     cari4d,
     core4d,
     grab,
+    gvhmr,
     hodome,
     humoto,
     imhd,
@@ -47,6 +49,8 @@ READERS: Mapping[str, Reader] = MappingProxyType(
             omomo,
             humoto,
             parahome,
+            amass,
+            gvhmr,
         )
     }
 )

@@ -28,6 +28,7 @@ _CHILDREN = [JOINT_INDEX[joint] for joint, parent in PARENT.items() if parent is
 _PARENTS = [JOINT_INDEX[parent] for parent in PARENT.values() if parent is not None]
 _BODY = 66
 """Numbers of the pose of the body, before those of the hands."""
+FLAT_HANDS = "The recording has no hand poses; the hands are flat."
 TITLES: Mapping[Family, str] = MappingProxyType({"smplx": "SMPL-X", "smplh": "SMPL-H"})
 
 

@@ -74,8 +74,9 @@ class Fields:
     def text(self, name: str, meaning: str) -> str:
         """Return a text; raises `ClipError`."""
         value = self._value(name, meaning)
-        if isinstance(value, np.ndarray) and value.size == 1 and value.dtype.kind == "U":
+        if isinstance(value, np.ndarray) and value.size == 1 and value.dtype.kind in "US":
             value = value.reshape(()).item()
+            value = value.decode("utf-8", "backslashreplace") if isinstance(value, bytes) else value
         if not isinstance(value, str):
             raise ClipError(f"{self._where(name, meaning)} is {type(value).__name__}, expected a text.")
         return value

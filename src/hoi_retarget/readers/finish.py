@@ -50,7 +50,7 @@ def _clip(format_name: str, recording: Recording, file: SourceFile, options: Rea
     world = recording.world(people[0])
     people = tuple(world.turned_person(person) for person in people)
     for person in people:
-        check_upright(file.path, person, world.up)
+        check_upright(file.path, person, world.up, may_lie=recording.may_lie)
     objects = tuple(world.turned_object(track) for track in tracks.objects)
     notes = (*recording.notes, *filter(None, [world.note]), *shape_notes, *tracks.notes)
     return Clip(

@@ -13,7 +13,7 @@ from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
 from hoi_retarget.files.source_file import FOLDER, SourceFile
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.readers import READERS, read_clip
+from hoi_retarget.readers import READERS, gvhmr, read_clip
 from hoi_retarget.synthetic import BUILTIN, SCENES, make
 
 _ADVICE = "Pass --clip to name it."
@@ -68,6 +68,8 @@ def result_stem(name: Path | str) -> str:
     parents = Path(name).absolute().parts[:-1]
     if stem == "res":
         return "_".join(parents[-3:])
+    if stem == gvhmr.RESULTS:
+        return parents[-1]
     return f"{parents[-1]}_{stem}" if stem.isdecimal() or stem.startswith("gt_") else stem
 
 

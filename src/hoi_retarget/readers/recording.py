@@ -55,6 +55,8 @@ class Recording:
     """Whether it tells the names of its objects, so that the user cannot."""
     first_frame: int = 0
     """How many frames of the source are before its first one."""
+    may_lie: bool = False
+    """Whether it may be of people who never stand upright, lying on a floor near 0."""
     sha256: str = ""
     """Where its bytes were not read by way of `SourceFile`."""
 

@@ -11,15 +11,20 @@ from hoi_retarget.human.skeleton import JOINT_INDEX
 
 SHORTEST, TALLEST = 0.5, 3.0
 """[m]; people whose skeleton is smaller or larger are given in another unit."""
+FLOOR_RANGE = (-0.05, 0.3)
+"""[m]; heights of the lowest joint of a person on the floor, be it lying."""
+LEAST_ON_FLOOR = 0.8
+"""Of the frames in which a person who does not stand upright is on the floor."""
 
 
-def check_upright(path: Path, person: Person, up_axis: str) -> None:
+def check_upright(path: Path, person: Person, up_axis: str, *, may_lie: bool = False) -> None:
     """Raise `ClipError` unless a person has a person's size and is upright in most frames.
 
     Args:
         path: the recording, for errors.
         person: in a world with z up.
         up_axis: the recording's own axis that became z, for errors.
+        may_lie: whether the person may as well be on a floor near 0.
     """
     if not SHORTEST <= person.height <= TALLEST:
         raise ClipError(
@@ -27,11 +32,17 @@ def check_upright(path: Path, person: Person, up_axis: str) -> None:
             "than metres, or its body is of another model. Check the betas and the model."
         )
     axis = standing_axis(person.joint_positions)
-    if axis != "z":
+    if axis != "z" and not (may_lie and share_on_floor(person) >= LEAST_ON_FLOOR):
         raise ClipError(
             f"{path}: person {person.name!r} stands along {axis}, turned to z up from {up_axis} up as the format has "
             "it: this copy has another axis up. Turn it as its makers give it."
         )
+
+
+def share_on_floor(person: Person) -> float:
+    """Return the part of the frames in which the lowest joint is as near to z = 0 as that of a person on the floor."""
+    lowest = person.joint_positions[..., 2].min(axis=1)
+    return float(np.mean((lowest >= FLOOR_RANGE[0]) & (lowest <= FLOOR_RANGE[1])))
 
 
 def standing_axis(positions: Float[np.ndarray, "T 52 3"]) -> str:

@@ -11,12 +11,7 @@ from hoi_retarget.readers.body_parameters import TITLES
 from hoi_retarget.readers.own_layout import joints, parameters
 from hoi_retarget.readers.own_layout.arrays import Arrays
 from hoi_retarget.readers.own_layout.layout import DOCUMENT
-from hoi_retarget.readers.upright import SHORTEST, TALLEST, standing_axis
-
-FLOOR_RANGE = (-0.05, 0.3)
-"""[m]; heights of the lowest joint of a person on the floor, be it lying."""
-LEAST_ON_FLOOR = 0.8
-"""Of the frames in which a person who does not stand upright is on the floor."""
+from hoi_retarget.readers.upright import LEAST_ON_FLOOR, SHORTEST, TALLEST, share_on_floor, standing_axis
 
 
 def people_of(arrays: Arrays, body_models: Path | None) -> tuple[tuple[Person, ...], tuple[str, ...]]:
@@ -73,9 +68,9 @@ def _check(path: Path, person: Person) -> None:
         )
         raise ClipError(f"{path}: person {person.name!r} would be {height:.4g} m tall. {advice} {DOCUMENT}")
     axis = standing_axis(person.joint_positions)
-    lowest = person.joint_positions[..., 2].min(axis=1)
-    on_floor = float(np.mean((lowest >= FLOOR_RANGE[0]) & (lowest <= FLOOR_RANGE[1])))
+    on_floor = share_on_floor(person)
     if axis != "z" and on_floor < LEAST_ON_FLOOR:
+        lowest = person.joint_positions[..., 2].min(axis=1)
         raise ClipError(
             f"{path}: person {person.name!r} stands along {axis}, the lowest joint mostly at z = "
             f"{np.median(lowest):.2f} m and near 0 in {on_floor:.0%} of the frames, but z is up and the floor at 0. "
