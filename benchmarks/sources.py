@@ -40,6 +40,8 @@ from hoi_retarget.readers import (
     omomo,
     own_layout,
     parahome,
+    physhoi,
+    theia,
 )
 from mesh_writer import write_mesh
 from source_people import write_models
@@ -79,6 +81,19 @@ def _intermimic_objects(folder: Path, frames: int) -> Recording:
     clip = called(replace(clip, objects=(*clip.objects, table)), "box", "table")
     (folder / "clip.pt").write_bytes(torch_bytes(intermimic_writer.dictionary_of(clip)))
     return Recording(folder / "clip.pt", objects=_meshes(folder, clip))
+
+
+def _theia(folder: Path, frames: int) -> Recording:
+    clip = scene("carry_box", frames)
+    clip = called(replace(clip, objects=2 * clip.objects), "cup", "kettle")
+    (folder / "sub1_cup+kettle_000.pt").write_bytes(torch_bytes(intermimic_writer.theia_columns_of(clip)))
+    return Recording(folder / "sub1_cup+kettle_000.pt", objects=_meshes(folder, clip))
+
+
+def _physhoi(folder: Path, frames: int) -> Recording:
+    clip = scene("carry_box", frames)
+    (folder / "toss.pt").write_bytes(torch_bytes(intermimic_writer.physhoi_columns_of(clip)))
+    return Recording(folder / "toss.pt")
 
 
 def _meshes(folder: Path, clip: Clip) -> Path:
@@ -182,6 +197,8 @@ def _gvhmr(folder: Path, frames: int) -> Recording:
 SOURCES: Mapping[str, Callable[[Path, int], Recording]] = {
     intermimic.FORMAT: _intermimic,
     intermimic_objects.FORMAT: _intermimic_objects,
+    theia.FORMAT: _theia,
+    physhoi.FORMAT: _physhoi,
     own_layout.FORMAT: _joints,
     f"{own_layout.FORMAT}, parameters": _parameters,
     core4d.FORMAT: _core4d,

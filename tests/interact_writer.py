@@ -29,7 +29,7 @@ def write_sequence(
         subset: what its bodies are, where the folder's name does not tell.
         parts: object -> what it is called instead, as `drawer_part1`; all objects then have a file each.
     """
-    subset = subset or SUBSETS[folder.split("_", maxsplit=1)[0]]
+    subset = subset or SUBSETS.get(folder) or SUBSETS[folder.split("_", maxsplit=1)[0]]
     place = root / folder / "sequences_canonical" / "s1_clip"
     place.mkdir(parents=True, exist_ok=True)
     recorded = in_world(clip, "y")

@@ -1,4 +1,4 @@
-"""Writes clips of one person in InterMimic's layouts, 591 columns or a dictionary of several objects, for tests."""
+"""Writes clips of one person in InterMimic's layouts and those like them, as tensors or dictionaries, for tests."""
 
 from pathlib import Path
 
@@ -9,6 +9,7 @@ from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT, PARTS
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
+from hoi_retarget.readers import physhoi, theia
 from hoi_retarget.readers.intermimic import FIELDS
 from hoi_retarget.readers.intermimic_rows import BODIES, UPRIGHT_QUAT
 from torch_writer import torch_bytes
@@ -70,6 +71,44 @@ def dictionary_of(clip: Clip, turned: bool = True) -> dict:
                     labels[contact.active, JOINT_INDEX[joint]] = 1.0
         block[:, 12], block[:, 13:65] = (labels == 1).any(axis=1), labels[:, BODY_ORDER]
     return {"data": data, "objects": [track.name for track in clip.objects], "joints": {}}
+
+
+def theia_columns_of(clip: Clip) -> np.ndarray:
+    """Return the (T, 594) tensor of a clip whose left hand holds the first of two objects, its right hand the other."""
+    single = columns_of(clip)
+    matrix = np.zeros((clip.frames, theia.COLUMNS), dtype=np.float32)
+    matrix[:, :318], matrix[:, theia.FIELDS["body rotations"]] = single[:, :318], single[:, FIELDS["body rotations"]]
+    labels = np.zeros((clip.frames, len(JOINTS)))
+    for k, (track, side) in enumerate(zip(clip.objects, theia.SIDES, strict=True), 1):
+        matrix[:, theia.FIELDS[f"object {k} position"]] = track.positions
+        matrix[:, theia.FIELDS[f"object {k} rotation"]] = se3.quat_to_xyzw(track.quats)
+        for contact in clip.contacts:
+            if contact.part == f"{side}_hand" and contact.object == k - 1:
+                labels[:, [JOINT_INDEX[joint] for joint in PARTS[contact.part].label_joints]] = contact.active[:, None]
+                matrix[:, theia.FIELDS[f"object {k} contact label"]] = contact.active[:, None]
+    matrix[:, theia.FIELDS["body contact labels"]] = labels[:, BODY_ORDER]
+    return matrix
+
+
+def physhoi_columns_of(clip: Clip) -> np.ndarray:
+    """Return the (T, 331) tensor of a clip of one object, which any hand touches where one of the contacts is."""
+    person, track = clip.people[0], clip.objects[0]
+    parents = [JOINT_INDEX[PARENT[name]] for name in BODIES[1:]]
+    local = se3.quat_multiply(se3.quat_conjugate(person.joint_quats[:, parents]), person.joint_quats[:, BODY_ORDER[1:]])
+    values = {
+        "root position": person.position("pelvis"),
+        "root angles": se3.log(person.quat("pelvis")),
+        "root angles again": se3.log(person.quat("pelvis")),
+        "joint angles": se3.log(local),
+        "body positions": person.joint_positions[:, BODY_ORDER],
+        "ball position": track.positions,
+        "ball angles": -se3.log(track.quats),
+        "contact label": np.any([contact.active for contact in clip.contacts], axis=0),
+    }
+    matrix = np.zeros((clip.frames, physhoi.COLUMNS), dtype=np.float32)
+    for name, value in values.items():
+        matrix[:, physhoi.FIELDS[name]] = np.asarray(value).reshape(clip.frames, -1)
+    return matrix
 
 
 def write_clip(clip: Clip, path: Path, late_fingers: bool = False) -> None:

@@ -162,7 +162,7 @@ def test_results_are_described(folder):
 def test_files_of_no_known_format(folder):
     np.savez(folder / "other.npz", a=np.zeros(3))
     (folder / "table.csv").write_text("a,b\n1,2\n")
-    (folder / "theia.pt").write_bytes(torch_bytes(np.zeros((4, 594))))
+    (folder / "skillmimic.pt").write_bytes(torch_bytes(np.zeros((4, 337))))
     (folder / "flat.pt").write_bytes(torch_bytes(np.zeros(4)))
     (folder / "list.pt").write_bytes(torch_bytes([1, 2]))
     (folder / "dict.pt").write_bytes(torch_bytes({**multi(), "objects": ["one"]}))
@@ -170,7 +170,7 @@ def test_files_of_no_known_format(folder):
     for name, words in (
         ("other.npz", "'a'"),
         ("table.csv", "8 bytes"),
-        ("theia.pt", "Theia"),
+        ("skillmimic.pt", "SkillMimic"),
         ("flat.pt", "(4,)"),
         ("list.pt", "a list"),
         ("dict.pt", "dictionary"),

@@ -19,6 +19,7 @@ from interact_writer import GENDER, write_sequence
 from npz_changes import changed, damage
 from short_clips import cut
 from source_people import assert_same_objects, assert_same_people
+from torch_writer import torch_bytes
 
 SUITCASE = make("drag_suitcase")
 DRAGGED = cut(SUITCASE, 130, first=100)
@@ -332,3 +333,17 @@ def test_whatever_is_in_the_files_only_our_errors_come(tmp_path_factory, written
         READER.outline(SourceFile(place))
     except HoiRetargetError as error:
         assert str(place) in str(error) or "suitcase" in str(error) or "object" in str(error)
+
+
+@pytest.mark.parametrize(
+    "name", ["CoRoleHOI.zip", "CoRoleHOI/seq1/motion.npz", "corolehoi/seq1/clip.pt", "CoRoleHOI/seq1"]
+)
+def test_an_undocumented_data_set_is_refused_with_the_ways_that_are_open(tmp_path, name):
+    path = tmp_path / name
+    if path.suffix:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(torch_bytes(np.zeros((3, 3))))
+    else:
+        path.mkdir(parents=True)
+    with pytest.raises(ReadError, match=r"omomo_corole/sequences_canonical/ID, and clips of two people"):
+        read_clip(path)

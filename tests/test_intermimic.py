@@ -108,6 +108,7 @@ def test_disagreeing_labels_are_counted(folder):
         ("sub1_sub2_3_000.pt", None, "sub2_3"),
         ("anything.pt", "box", "box"),
         ("sub1_other_000.pt", "box", "box"),
+        ("scaled_sub1_box_2_000.pt", None, "box_2"),
     ],
 )
 def test_the_object_is_named_by_argument_or_file(folder, file, name, expected):
@@ -142,7 +143,7 @@ def test_other_content_than_one_tensor(folder):
 
 @pytest.mark.parametrize(
     ("columns", "words"),
-    [(594, "Theia"), (656, "2 objects"), (721, "3 objects"), (100, "no layout known"), (0, "0 columns")],
+    [(337, "SkillMimic"), (656, "2 objects"), (721, "3 objects"), (100, "no layout known"), (0, "0 columns")],
 )
 def test_other_numbers_of_columns(folder, columns, words):
     refused(folder, np.zeros((10, columns)), ReadError, f"has {columns} columns", words, "expected one tensor of 591")
@@ -328,3 +329,31 @@ def test_joint_orders_cover_each_other():
     matrix = columns_of(random_clip())
     assert matrix.shape[1] == 591
     assert sorted(JOINT_INDEX[name] for name in JOINTS) == list(range(52))
+
+
+@pytest.mark.parametrize(
+    ("name", "stature"),
+    [
+        ("sub1_largebox_000", "subject 1 1.66 m"),
+        ("scaled_sub17_largebox_000", "subject 17 1.74 m"),
+        ("sub8_largebox_000", ""),
+        ("sub18_largebox_000", ""),
+        ("sub1_ball_000", ""),
+    ],
+)
+def test_a_skeleton_of_another_stature_than_the_subject_is_noted(folder, name, stature):
+    for item in ("largebox", "ball"):
+        write_box(folder / "objects", item)
+    write_clip(random_clip(), folder / f"{name}.pt")  # 1.89 m tall; subject 8 is 1.845 m.
+    notes = read_clip(folder / f"{name}.pt", ReadOptions(objects=folder / "objects")).source.notes
+    said = " ".join(note for note in notes if "m tall" in note)
+    assert (stature in said) if stature else not said
+
+
+def test_first_frames_with_labels_alone_hold_no_data(folder):
+    matrix = columns_of(random_clip())
+    empty = np.zeros_like(matrix[:1])
+    empty[:, FIELDS["body contact labels"]] = -1.0
+    (folder / "sub1_box_000.pt").write_bytes(torch_bytes(np.concatenate((empty, matrix))))
+    clip = read_clip(folder / "sub1_box_000.pt", ReadOptions(objects=folder / "objects"))
+    assert (clip.frames, clip.first_source_frame) == (len(matrix), 1)

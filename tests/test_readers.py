@@ -1,6 +1,7 @@
 """All readers beside each other: every source's recordings are of exactly one, and of none when they are damaged."""
 
 import pickle
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -28,7 +29,7 @@ from hoi_retarget.files import archive
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.readers import READERS, can_be_clip, own_layout, read_clip, reader_of, recordings_below
 from hoi_retarget.synthetic import make
-from intermimic_writer import dictionary_of, write_clip
+from intermimic_writer import dictionary_of, physhoi_columns_of, theia_columns_of, write_clip
 from joblib_writer import write_joblib
 from mesh_writer import write_mesh
 from short_clips import cut
@@ -68,6 +69,22 @@ def _several(root: Path) -> Path:
     path = root / "several.pt"
     path.write_bytes(torch_bytes(dictionary_of(BOX)))
     write_mesh(root / "meshes" / "box" / "box.obj", BOX.objects[0].geometry)
+    return path
+
+
+def _theia(root: Path) -> Path:
+    box = BOX.objects[0]
+    clip = replace(BOX, objects=(box, replace(box, name="other")), contacts=())
+    path = root / "sub1_box+other_001.pt"
+    path.write_bytes(torch_bytes(theia_columns_of(clip)))
+    for track in clip.objects:
+        write_mesh(root / "meshes" / track.name / f"{track.name}.obj", track.geometry)
+    return path
+
+
+def _physhoi(root: Path) -> Path:
+    path = root / "toss.pt"
+    path.write_bytes(torch_bytes(physhoi_columns_of(BOX)))
     return path
 
 
@@ -119,6 +136,8 @@ def _parahome(root: Path) -> Path:
 WRITERS: dict[str, Callable[[Path], Path]] = {
     "intermimic-591": _intermimic,
     "intermimic-multi-object": _several,
+    "theia-594": _theia,
+    "physhoi-331": _physhoi,
     "hoi-retarget-clip": lambda root: _own(root / "own.npz"),
     "hoi-retarget-clip, a folder": lambda root: _own(root / "own" / own_layout.CLIP_FILE).parent,
     "core4d": lambda root: core4d_writer.write_world(root, make("carry_table", fps=15.0))[0],
@@ -219,7 +238,7 @@ def test_a_file_of_something_else_is_held_by_nobody(copy, kind):
             assert holding(recording.path) == []
         except ReadError as error:
             assert recording.path.name in str(error)
-        with pytest.raises(HoiRetargetError, match=recording.path.stem):
+        with pytest.raises(HoiRetargetError, match=re.escape(recording.path.stem)):
             recording.read()
 
 
@@ -239,7 +258,7 @@ def test_a_file_that_is_cut_off_is_refused(copy, kind):
     content = main.read_bytes()
     for keep in (0.0, 0.01, 0.5, 0.99):
         main.write_bytes(content[: int(keep * len(content))])
-        with pytest.raises(HoiRetargetError, match=recording.path.stem):
+        with pytest.raises(HoiRetargetError, match=re.escape(recording.path.stem)):
             recording.read()
 
 

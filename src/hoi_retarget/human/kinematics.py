@@ -8,10 +8,10 @@ from jaxtyping import Float
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
 from hoi_retarget.numerics import se3
 
-BODY_PARENTS: tuple[int, ...] = tuple(
-    -1 if PARENT[joint] is None else JOINT_INDEX[str(PARENT[joint])] for joint in JOINTS[:22]
-)
-"""Of the 22 joints of the body, in the order of `skeleton.JOINTS`, which is also SMPL-X's; -1 for the root."""
+PARENTS: tuple[int, ...] = tuple(-1 if PARENT[joint] is None else JOINT_INDEX[str(PARENT[joint])] for joint in JOINTS)
+"""Of the joints in the order of `skeleton.JOINTS`; -1 for the root."""
+BODY_PARENTS = PARENTS[:22]
+"""Of those of the body, whose order is also SMPL-X's."""
 
 
 def world_quats(pose: Float[np.ndarray, "T J 3"], parents: Sequence[int]) -> Float[np.ndarray, "T J 4"]:

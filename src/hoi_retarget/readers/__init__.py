@@ -28,6 +28,8 @@ from hoi_retarget.readers import (
     omomo,
     own_layout,
     parahome,
+    physhoi,
+    theia,
 )
 from hoi_retarget.readers.reader import Reader
 
@@ -37,6 +39,8 @@ READERS: Mapping[str, Reader] = MappingProxyType(
         for module in (
             intermimic,
             intermimic_objects,
+            theia,
+            physhoi,
             own_layout,
             core4d,
             cari4d,
@@ -65,6 +69,12 @@ _EXPLAINING: Mapping[str, Reader] = {
     ".fbx": humoto.READER,
 }
 """Readers that say best what a file is not, where nobody reads it."""
+_UNDOCUMENTED = {
+    "corolehoi": "CoRoleHOI's own files are documented nowhere, so they are not read. Two ways are open: InterAct's "
+    "canonical layout, each of the two people in a folder omomo_corole/sequences_canonical/ID, and clips of two people "
+    "in the layout of your own clips (docs/sources.md).",
+}
+"""Name of a data set in a path, in small letters -> why its files are not read, and what to do."""
 _SHOWN = 12  # Names of clips that an error lists.
 
 
@@ -101,6 +111,8 @@ def reader_of(file: SourceFile) -> Reader:
     for reader in fitting:
         if reader.holds(file):
             return reader
+    if text := undocumented(file.path):
+        raise ReadError(f"{file.name}: {text}")
     if file.suffix in _EXPLAINING:
         return _EXPLAINING[file.suffix]
     if file.suffix == FOLDER:
@@ -116,6 +128,11 @@ def reader_of(file: SourceFile) -> Reader:
     )
     kind = file.suffix or "without suffix"
     raise ReadError(f"{file.name}: files of type {kind!r} are not supported: {supported}.")
+
+
+def undocumented(path: Path) -> str:
+    """Return why the files of a data set that a path names are not read; empty where it names none of these."""
+    return next((text for name, text in _UNDOCUMENTED.items() if name in str(path.absolute()).lower()), "")
 
 
 def clips_in(path: Path) -> tuple[Path, ...]:
@@ -138,6 +155,8 @@ def recordings_below(folder: Path, pattern: str = "**/*") -> tuple[Path, ...]:
 
 def why_no_clip(folder: Path) -> str:
     """Return why a folder is not one clip: what it lacks, where some of its files tell what it should be."""
+    if text := undocumented(folder):
+        return text
     fitting = [reader for reader in READERS.values() if FOLDER in reader.suffixes]
     for reader in fitting:
         missing = [name for name in reader.parts if not (folder / name).is_file()]

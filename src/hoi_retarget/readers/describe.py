@@ -25,6 +25,7 @@ from hoi_retarget.readers import (
     reader_of,
     recordings_below,
     select,
+    undocumented,
     why_no_clip,
 )
 from hoi_retarget.readers.open import open_clip
@@ -121,7 +122,7 @@ def inspect(path: Path, options: ReadOptions = ReadOptions()) -> Inspection:
         return _describe_recording(file, reader, options)
     if file.suffix == ".npz" and "schema" in file.array_names:
         return _describe_result(path, load(path))
-    problem = (
+    problem = undocumented(path) or (
         f"No reader fits. Supported: {', '.join(READERS)}. docs/sources.md tells what each reads, and how to "
         "write a clip of your own."
     )

@@ -128,6 +128,13 @@ SUBSETS: Mapping[str, Subset] = MappingProxyType(
             "count them from flat ones.",
         ),
         "omomo": Subset("OMOMO", f"MIT; by way of {LICENCE}", "smplx", 16),
+        "omomo_corole": Subset(
+            "CoRoleHOI",
+            f"CC BY 4.0, as others state it; by way of {LICENCE}",
+            "smplx",
+            16,
+            note="It is one of two people: each is a sequence of its own, the other one is not in it.",
+        ),
         "grab": Subset(
             "GRAB",
             _RESEARCH,
@@ -147,7 +154,8 @@ SUBSETS: Mapping[str, Subset] = MappingProxyType(
         ),
     }
 )
-"""First word of the data set's folder in small letters -> the data set."""
+"""First words of the data set's folder in small letters -> the data set; data sets of others that were converted as
+one of InterAct's own have its word first (leggedrobotics/hoi-retarget docs/INTERACT.md)."""
 
 
 def holds(file: SourceFile) -> bool:
@@ -252,7 +260,8 @@ def _subset(place: Path, human: Fields) -> tuple[Subset, str]:
     width, betas = _poses(human).shape[1], len(_betas(human))
     folder = place.parents[1].name
     found = _body_text(width, betas)
-    named = SUBSETS.get(folder.split("_", maxsplit=1)[0].lower())
+    words = folder.lower().split("_")
+    named = SUBSETS.get("_".join(words[:2])) or SUBSETS.get(words[0])
     if named is not None:
         if not named.fits(width, betas):
             raise ClipError(

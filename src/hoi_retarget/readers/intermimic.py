@@ -56,7 +56,17 @@ _LABELS = "-1 (far), 0 (near) or 1 (contact)"
 _FIRST_FINGER = JOINT_INDEX["left_index1"]
 _LATE = 3  # jaw, left eye and right eye come between wrists and fingers in SMPL-X
 _THUMB = ("thumb1", "thumb2", "thumb3")
-_FILE_NAME = re.compile(r"sub\d+_(?P<object>.+)_\d+")
+_FILE_NAME = re.compile(r"(?:.*?_)??sub(?P<subject>\d+)_(?P<object>.+)_\d+")
+# Of OMOMO's subjects 1 to 17 [m], as amazon-far/holosoma has them; a skeleton gives them within 2.2 cm.
+_STATURES = (
+    *(1.664, 1.844, 1.941, 1.790, 1.817, 1.762, 1.808, 1.845, 1.753),
+    *(1.651, 1.767, 1.803, 1.811, 1.826, 1.685, 1.723, 1.737),
+)
+_SAME_STATURE = 0.05  # [m]
+_OMOMO_OBJECTS = (
+    *("clothesstand", "floorlamp", "largebox", "largetable", "monitor", "mop", "plasticbox", "smallbox"),
+    *("smalltable", "suitcase", "trashcan", "tripod", "vacuum", "whitechair", "woodchair"),
+)
 
 
 def holds(file: SourceFile) -> bool:
@@ -99,11 +109,12 @@ def read_file(file: SourceFile, options: ReadOptions) -> Clip:
         )
     track = ObjectTrack(name, *rows.track("object position", "object rotation"), load_geometry(options.objects, name))
     labels = rows.labels("body contact labels")
+    person = Person("person", positions, quats)
     notes = (
         f"The object's name is from {'the argument' if options.object_name else 'the file name'}.",
         *_notes(labels, rows.used("object contact label")[:, 0], late),
+        *_stature_notes(file.path, name, person),
     )
-    person = Person("person", positions, quats)
     source = Source(str(file.path), file.sha256, FORMAT, LICENCE, notes)
     return clip_of(rows, person, (track,), (labels,), source)
 
@@ -140,8 +151,11 @@ def describe(value: Any) -> str:
 
 
 def _describe_columns(columns: int) -> str:
-    if columns == 594:
-        return "it has 594 columns and looks like Theia's layout with two objects, which is not supported"
+    if columns == 337:
+        return (
+            "it has 337 columns and looks like SkillMimic's layout, whose 53 bodies are of a humanoid of its own; "
+            "PhysHOI's, with 331 columns and SMPL-X's bodies, is read"
+        )
     if count := object_count(columns):
         return (
             f"it has {columns} columns and looks like InterMimic's multi-object layout "
@@ -204,6 +218,18 @@ def _notes(
     if (item & ~body).any():
         notes += (f"{(item & ~body).sum()} frame(s) label the object in contact, but no body.",)
     return notes
+
+
+def _stature_notes(path: Path, name: str, person: Person) -> tuple[str, ...]:
+    """Return whether the skeleton is another one than that of OMOMO's subject, whom the file's name tells."""
+    match = _FILE_NAME.fullmatch(path.stem)
+    number = int(match["subject"]) if match and name in _OMOMO_OBJECTS else 0
+    if not 0 < number <= len(_STATURES) or abs(person.height - _STATURES[number - 1]) <= _SAME_STATURE:
+        return ()
+    return (
+        f"The skeleton is {person.height:.2f} m tall, OMOMO's subject {number} {_STATURES[number - 1]:.2f} m: the "
+        "motion was put onto another body. All sizes follow the skeleton in the file.",
+    )
 
 
 READER = Reader(

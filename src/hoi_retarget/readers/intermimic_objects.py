@@ -25,16 +25,13 @@ from hoi_retarget.clip.clip import Clip, Source
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, GeometryError
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.human import rest_pose
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINTS, PARTS
-from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.companions import refuse_object_name
 from hoi_retarget.readers.intermimic_rows import (
     CONTACT_LABEL,
     PERSON,
-    UPRIGHT_QUAT,
     Rows,
     clip_of,
     object_count,
@@ -92,8 +89,7 @@ def read_file(file: SourceFile, options: ReadOptions) -> Clip:
         raise ClipError(f"{file.path}: two of its objects have one name ({', '.join(names)}). Convert the clip again.")
     rows = _rows(file)
     rows.check((-1, 6), _LABELS)
-    positions, quats, turned = _person(rows)
-    rows.check_hands(positions)
+    positions, quats, turned = rows.person()
     if options.objects is None:
         wanted = ", ".join(f"{_mesh_name(name)}/{_mesh_name(name)}.obj" for name in names)
         raise GeometryError(
@@ -130,24 +126,6 @@ def _rows(file: SourceFile) -> Rows:
         start = _FIRST_OBJECT + _WIDTH * index
         fields |= {f"{name}: {what}": slice(start + at.start, start + at.stop) for what, at in _OBJECT.items()}
     return Rows(file.path, file.torch["data"].astype(float), fields)
-
-
-def _person(rows: Rows) -> tuple[Float[np.ndarray, "T 52 3"], Float[np.ndarray, "T 52 4"], bool]:
-    """Return joint positions, joint rotations, and whether the file had these turned by the fixed rotation.
-
-    Raises `ClipError` where limbs fit neither reading.
-    """
-    positions, stored = rows.vectors("body positions"), rows.rotations("body rotations")
-    readings = (stored, se3.quat_multiply(stored, UPRIGHT_QUAT))
-    fits = [rest_pose.agreement(positions, quats) for quats in readings]
-    turned = fits[1] > fits[0]
-    if max(fits) < rest_pose.LEAST_AGREEMENT:
-        raise ClipError(
-            f"{rows.path}: body rotations (columns 318:526) do not fit the body positions (columns 162:318): in its "
-            f"parent's frame a knee or an elbow lies {np.rad2deg(np.arccos(np.clip(max(fits), -1, 1))):.0f} deg from "
-            "where SMPL-X's T-pose has it. Convert the clip again."
-        )
-    return positions, readings[turned], turned
 
 
 def _geometry(objects: Path, name: str) -> ObjectGeometry:

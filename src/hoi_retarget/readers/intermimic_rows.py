@@ -1,4 +1,4 @@
-"""Rows of InterMimic's `.pt` clips, which both of its layouts share: what columns mean, and what they must hold.
+"""Rows of InterMimic's `.pt` clips and their relatives: what columns mean, and what they must hold.
 
 A row is a frame, 30 a second: the root, angles and body positions up to column 318, then bodies' rotations, objects and
 labels, in another order in each layout. z-up, in metres, with scalar-last quaternions. The layout is what
@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float
 
 from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, ContactTrack, Source
 from hoi_retarget.errors import ClipError
+from hoi_retarget.human import rest_pose
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, LEFT_FINGERS, PARENT, PARTS, RIGHT_FINGERS
 from hoi_retarget.numerics import se3
@@ -33,7 +34,7 @@ PERSON: Mapping[str, slice] = {
     "joint angles": slice(9, 162),
     "body positions": slice(162, 318),
 }
-"""The columns that both layouts begin with."""
+"""The columns that InterMimic's layouts begin with."""
 
 BODIES: tuple[str, ...] = (
     "pelvis",
@@ -77,10 +78,15 @@ class Rows:
     fields: Mapping[str, slice]
 
     @cached_property
+    def filled(self) -> Bool[np.ndarray, "T"]:
+        """Which frames have data: poses that are not zero throughout. Labels alone are none."""
+        poses = [field for name, field in self.fields.items() if not name.endswith(("label", "labels"))]
+        return np.any([self.values[:, field].any(axis=1) for field in poses], axis=0)
+
+    @cached_property
     def first(self) -> int:
-        """Number of frames at the beginning that are zero throughout, as some conversions begin with one."""
-        filled = np.flatnonzero(self.values.any(axis=1))
-        return int(filled[0]) if len(filled) else len(self.values)
+        """Number of frames without data at the beginning, as some conversions begin with one."""
+        return int(self.filled.argmax()) if self.filled.any() else len(self.values)
 
     def used(self, name: str) -> Float[np.ndarray, "T columns"]:
         """Return a field in the frames from `first` on."""
@@ -93,6 +99,30 @@ class Rows:
     def rotations(self, name: str) -> Float[np.ndarray, "T 52 4"]:
         """Return a field of the bodies in the order of `skeleton.JOINTS`, wxyz, from `first` on."""
         return se3.quat_from_xyzw(self.used(name).reshape(-1, len(BODIES), 4)[:, JOINT_ORDER])
+
+    def person(self) -> tuple[Float[np.ndarray, "T 52 3"], Float[np.ndarray, "T 52 4"], bool]:
+        """Return joint positions, joint rotations, and whether the file had these turned by the fixed rotation.
+
+        Raises `ClipError` where limbs fit neither reading, or fingers are far from their wrists.
+        """
+        positions, stored = self.vectors("body positions"), self.rotations("body rotations")
+        readings = (stored, se3.quat_multiply(stored, UPRIGHT_QUAT))
+        fits = [rest_pose.agreement(positions, quats) for quats in readings]
+        turned = fits[1] > fits[0]
+        self.check_limbs(max(fits), "body rotations")
+        self.check_hands(positions)
+        return positions, readings[turned], turned
+
+    def check_limbs(self, agreement: float, rotations: str) -> None:
+        """Raise `ClipError` where rotations, a field, leave limbs elsewhere than the T-pose has them."""
+        if agreement < rest_pose.LEAST_AGREEMENT:
+            positions = self.fields["body positions"]
+            raise ClipError(
+                f"{self._naming(rotations)} do not fit the body positions (columns {positions.start}:"
+                f"{positions.stop}): in its parent's frame a knee or an elbow lies "
+                f"{np.rad2deg(np.arccos(np.clip(agreement, -1, 1))):.0f} deg from where SMPL-X's T-pose has it. "
+                "Convert the clip again."
+            )
 
     def labels(self, name: str) -> Float[np.ndarray, "T 52"]:
         """Return a field of the bodies' labels in the order of `skeleton.JOINTS`, from `first` on."""
@@ -117,7 +147,9 @@ class Rows:
         for name in self.fields:
             if name.endswith(("label", "labels")):
                 self._check_labels(name, labels, meaning)
-        self._check_root()
+        self._check_root_position()
+        if "body rotations" in self.fields:
+            self._check_root_rotation()
 
     def _check_frames(self) -> None:
         frames = len(self.values)
@@ -127,7 +159,7 @@ class Rows:
                 f"{self.path}: {frames} frame(s){zero}; at least {MINIMUM_FRAMES} usable ones are needed. "
                 "Use a longer recording."
             )
-        zero = ~_any_in_frame(self.values != 0)
+        zero = ~self.filled
         zero[: self.first] = False
         last = int(np.flatnonzero(~zero)[-1])
         if zero[last:].any() and not zero[:last].any():
@@ -175,8 +207,7 @@ class Rows:
                 "Convert the clip again."
             )
 
-    def _check_root(self) -> None:
-        """Raise `ClipError` where the root's pose is not that of the pelvis."""
+    def _check_root_position(self) -> None:
         body = self.fields["body positions"].start
         apart = np.linalg.norm(self.used("root position") - self.used("body positions")[:, :3], axis=1)
         if (apart > ROOT_TOLERANCE).any():
@@ -185,6 +216,8 @@ class Rows:
                 f"up to {apart.max():.3g} m apart in {_frames(apart > ROOT_TOLERANCE, self.first)}, expected the same "
                 "point: the file contradicts itself. Convert the clip again."
             )
+
+    def _check_root_rotation(self) -> None:
         body = self.fields["body rotations"].start
         angle = se3.angle_between(
             se3.quat_from_xyzw(self.used("root rotation")), se3.quat_from_xyzw(self.used("body rotations")[:, :4])
