@@ -209,7 +209,7 @@ def _with_clip(facts: Inspection, clip: Clip) -> Inspection:
 def _describe_object(track: ObjectTrack) -> ObjectFacts:
     geometry = track.geometry
     of = f", {len(geometry.faces)} triangles" if geometry.faces is not None else ""
-    found = f"found: {geometry.mesh_path or f'in the file, {len(geometry.points)} points{of}'}"
+    found = f"found: {geometry.mesh_path or f'with the clip, {len(geometry.points)} points{of}'}"
     return ObjectFacts(track.name, _moved(track.positions), float(track.lowest.min()), found, True)
 
 
