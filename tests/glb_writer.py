@@ -123,6 +123,7 @@ def humoto(
     first: int = 1,
     bound: Mapping[str, np.ndarray] | None = None,
     turned: np.ndarray = se3.IDENTITY_QUAT,
+    height: float | None = None,
 ) -> Glb:
     """The first person and all objects of a clip in HUMOTO's layout.
 
@@ -132,10 +133,11 @@ def humoto(
         first: the frame that it begins with.
         bound: how joints are turned from the T-pose while the mesh is bound; not at all by default.
         turned: of the armature's node, under which the bones are turned back.
+        height: from the toes to the top of the head while the mesh is bound [m]; by default the person's.
     """
     world, glb = in_world(clip, "y"), Glb()
     times = (first + np.arange(clip.frames)) / stamp
-    _body(glb, world, times, bound or {}, turned)
+    _body(glb, world, times, bound or {}, turned, height)
     for track in world.objects:
         vertices, faces = track.geometry.points, track.geometry.faces
         assert faces is not None
@@ -159,7 +161,14 @@ def humoto(
     return glb
 
 
-def _body(glb: Glb, world: Clip, times: np.ndarray, bound: Mapping[str, np.ndarray], turned: np.ndarray) -> None:
+def _body(
+    glb: Glb,
+    world: Clip,
+    times: np.ndarray,
+    bound: Mapping[str, np.ndarray],
+    turned: np.ndarray,
+    height: float | None,
+) -> None:
     person, frames = world.people[0], world.frames
     own = bind_quats()
     rest = _bound_joints(rest_joints(person, "smplh"), bound)
@@ -198,6 +207,10 @@ def _body(glb: Glb, world: Clip, times: np.ndarray, bound: Mapping[str, np.ndarr
     ends = [glb.node(f"{PREFIX}{name}", parent=nodes["head"], translation=[0.0, 10.0, 0.0]) for name in ENDS]
     glb.tables["animations"].append(animation)
     inverse = np.tile(np.eye(4), (len(JOINTS) + len(ENDS), 1, 1))
+    lowest = min(place[1] for place in rest.values())
+    head_top = np.array([rest["head"][0], lowest + (height or person.height), rest["head"][2]])
+    inverse[len(JOINTS), :3] *= 1 / CENTIMETRE
+    inverse[len(JOINTS), :3, 3] = -se3.rotate_inverse(turned, head_top) / CENTIMETRE
     for index, joint in enumerate(JOINTS):
         turn = se3.quat_to_matrix(se3.quat_multiply(se3.quat_conjugate(turned), own[joint]))
         inverse[index, :3, :3] = turn.T / CENTIMETRE

@@ -3,6 +3,7 @@
 import json
 import struct
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,13 +18,17 @@ from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human import rest_pose
 from hoi_retarget.human.skeleton import JOINT_INDEX
 from hoi_retarget.numerics import se3
-from hoi_retarget.readers import can_be_clip, read_clip, reader_of
+from hoi_retarget.readers import can_be_clip, own_layout, read_clip, reader_of
 from hoi_retarget.readers import humoto as reader
+from hoi_retarget.readers.open import open_clip
 from hoi_retarget.synthetic import make
 from outcomes import outcome, sees_both_outcomes
 from source_people import assert_same_objects, assert_same_people
 
 CLIP = make("move_chair", seconds=1.5)
+REAL = sorted((Path(__file__).resolve().parents[1].parent / "shared" / "data" / "foreign" / "humoto").glob("*.glb"))
+FURNITURE = ("side_table", "floor_lamp", "dining_chair", "shelf", "organizer_medium", "basket")
+"""Objects that stand on the floor in the first frame."""
 CLOSE = 2e-6
 """[m]; files hold single precision, bones in centimetres."""
 
@@ -44,7 +49,6 @@ def test_a_clip_is_read_as_it_was_written(tmp_path, scene):
     assert_same_objects(new, clip, tolerance=CLOSE)
     assert (new.name, new.fps, new.frames, new.contacts) == (f"{scene}-012", 30.0, clip.frames, ())
     assert (new.source.format, new.source.licence) == (reader.FORMAT, reader.LICENCE)
-    assert not reader.READER.floor_at_zero
     assert rest_pose.agreement(new.people[0].joint_positions, new.people[0].joint_quats) > 0.999
 
 
@@ -63,6 +67,25 @@ def test_a_bind_pose_near_the_t_pose_is_accounted_for(tmp_path, degrees):
     clip = read(tmp_path, humoto(CLIP, bound=bound_arms_down(degrees)))
     assert_same_people(clip, CLIP, tolerance=CLOSE)
     assert any(f"up to {degrees:.0f} deg" in note for note in clip.source.notes)
+
+
+@pytest.mark.parametrize("height", [1.55, 1.85])
+@pytest.mark.parametrize("above", [0.0, 0.04])
+def test_the_floor_is_at_zero_and_the_height_is_that_of_the_top_of_the_head(tmp_path, height, above):
+    """Whatever feet and limbs say: people whose toe joints lie on the floor do not lower it."""
+    up = np.array([0.0, 0.0, above])
+    people = tuple(replace(person, joint_positions=person.joint_positions + up) for person in CLIP.people)
+    clip = open_clip(humoto(replace(CLIP, people=people), height=height).write(tmp_path / "clip.glb"))
+    assert_same_objects(clip, CLIP, tolerance=CLOSE)
+    assert clip.people[0].height == pytest.approx(height, abs=1e-5)
+    own_layout.write(clip, tmp_path / "clip.npz")
+    assert read_clip(tmp_path / "clip.npz").people[0].height == clip.people[0].height
+
+
+def test_without_the_top_of_the_head_the_height_is_estimated(tmp_path):
+    glb = humoto(CLIP, height=1.2)
+    node_named(glb, reader.HEAD_TOP)["name"] = "mixamorig:Hat"
+    assert read(tmp_path, glb).people[0].height == pytest.approx(CLIP.people[0].height, abs=1e-5)
 
 
 @pytest.mark.parametrize("axis", [(np.pi / 2, 0, 0), (0, np.pi / 2, 0), (0, 0, np.pi), (np.pi, 0, 0)])
@@ -309,6 +332,11 @@ def test_another_pose_than_the_t_pose_is_refused(tmp_path):
         read(tmp_path, humoto(CLIP, bound=bound_arms_down(75.0)))
 
 
+def test_a_giant_is_refused(tmp_path):
+    with pytest.raises(ClipError, match="3.5 m tall"):
+        read(tmp_path, humoto(CLIP, height=3.5))
+
+
 @pytest.mark.parametrize("stamp", [25.0, 60.0, 7.3])
 def test_other_rates_are_refused(tmp_path, stamp):
     with pytest.raises(ClipError, match="expected one for every frame, 24 or 30 a second"):
@@ -325,6 +353,18 @@ def test_rotations_are_not_those_of_the_bones_themselves(tmp_path):
     bound = se3.matrix_to_quat(columns[JOINT_INDEX["left_elbow"], :3, :3].astype(float) * 0.01)
     assert np.rad2deg(se3.angle_between(bound[None], se3.IDENTITY_QUAT)) > 20.0
     assert se3.angle_between(clip.people[0].quat("left_elbow"), CLIP.people[0].quat("left_elbow")).max() < 1e-5
+
+
+# Real files
+
+
+@pytest.mark.skipif(not REAL, reason="HUMOTO's own files are not there")
+@pytest.mark.parametrize("path", REAL, ids=lambda path: path.stem[-3:])
+def test_real_files_have_their_floor_at_zero_and_a_person_of_157_cm(path):
+    clip = open_clip(path)
+    assert clip.people[0].height == pytest.approx(1.572, rel=0.02)
+    resting = [track.lowest[0] for track in clip.objects if track.name in FURNITURE]
+    np.testing.assert_allclose(resting, 0.0, atol=0.01)
 
 
 # Whatever is in the file

@@ -27,6 +27,8 @@ class Person:
     """Whether the finger joints are the person's own; otherwise they are straight and made up."""
     shape: BodyShape | None = None
     """The person's skin, where the source tells it and its body model is at hand."""
+    stature: float | None = None
+    """Standing height [m], where the source tells it; otherwise it is estimated."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joint_positions", frozen(self.joint_positions))
@@ -54,7 +56,9 @@ class Person:
 
     @property
     def height(self) -> float:
-        """Standing height [m], estimated from the skeleton's legs, their mean, and its trunk."""
+        """Standing height [m]: the source's, or estimated from the skeleton's legs, their mean, and its trunk."""
+        if self.stature is not None:
+            return self.stature
         legs = [self._length(f"{side}_hip", f"{side}_knee", f"{side}_ankle") for side in ("left", "right")]
         trunk = self._length("pelvis", "spine1", "spine2", "spine3", "neck", "head")
         return HEIGHT_OVER_CHAIN * (float(np.mean(legs)) + trunk)

@@ -11,6 +11,10 @@ Rotations of Mixamo's bones are counted from its bind pose and from axes of its 
 `skeleton`: the T-pose is where thighs and shins hang down and upper arms and forearms point sideways, whatever the bind
 pose is, as long as that is near. There are no labels of contacts.
 
+The floor is at y = 0: in the bind pose, which stands on it, the skin's lowest point is 2 mm below, and furniture stands
+within 5 mm of it in most files. Mixamo's toe joints lie on the sole, not inside the foot, and its head ends at
+`HeadTop_End`: the stature is what is between them.
+
 Cites: arXiv 2504.10414 (30 frames a second, one rig); adobe-research/humoto `README.md` and files; Jiaxin-Lu/humoto
 `scripts/blender_helper.py` (30 frames a second).
 """
@@ -43,6 +47,7 @@ FPS = 30.0
 STAMPED_FPS = (24.0, 30.0)
 """Keys a second that files say; each key is one frame of the capture."""
 PREFIX = "mixamorig:"
+HEAD_TOP = f"{PREFIX}HeadTop_End"
 FBX = ".fbx"
 FARTHEST_FROM_T_POSE = 60.0
 """[deg]; limbs of a bind pose that are farther from a T-pose's are of another pose."""
@@ -184,9 +189,9 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
 
     def read_tracks() -> Tracks:
         poses = capture.scene.poses(frames, rate)
-        person, note = _person(capture, poses)
+        person, notes = _person(capture, poses)
         objects = tuple(_object(capture, poses, node) for node in capture.objects)
-        return Tracks(people=(person,), objects=objects, notes=(note,))
+        return Tracks(people=(person,), objects=objects, notes=notes)
 
     return Recording(
         name=file.path.stem,
@@ -225,22 +230,47 @@ def _part_notes(capture: _Capture) -> tuple[str, ...]:
 # The person
 
 
-def _person(capture: _Capture, poses: NodePoses) -> tuple[Person, str]:
+@dataclass(frozen=True, eq=False)
+class _BindPose:
+    """Where the bones are while the mesh is bound to them, in the mesh's frame."""
+
+    positions: Float[np.ndarray, "52 3"]
+    quats: Float[np.ndarray, "52 4"]
+    """wxyz"""
+    head_top: Float[np.ndarray, "3"] | None
+    """Where the head ends; None where the skin has no such bone."""
+
+
+def _person(capture: _Capture, poses: NodePoses) -> tuple[Person, tuple[str, ...]]:
     joints = list(capture.joints)
-    turns, largest = _turns_from_t_pose(capture)
-    quats = se3.quat_multiply(poses.quats[:, joints], turns)
-    note = f"Limbs of the bind pose are up to {largest:.0f} deg from those of a T-pose, which is accounted for."
-    return Person("person", poses.positions[:, joints], quats), note
+    bound = _bind_pose(capture)
+    body = _body_axes(capture.path, bound.positions)
+    turns, largest = _turns_from_t_pose(capture.path, bound, body)
+    positions, quats = poses.positions[:, joints], se3.quat_multiply(poses.quats[:, joints], turns)
+    notes = (f"Limbs of the bind pose are up to {largest:.0f} deg from those of a T-pose, which is accounted for.",)
+    stature = None
+    if bound.head_top is not None:
+        height = se3.rotate_inverse(body, bound.head_top)[1] - se3.rotate_inverse(body, bound.positions)[:, 1].min()
+        # The mesh may be in another unit than the bones.
+        stature = float(height * _limbs_length(positions) / _limbs_length(bound.positions))
+        notes += (f"The person is {stature:.3f} m tall, from the toes to {HEAD_TOP} in the bind pose.",)
+    return Person("person", positions, quats, stature=stature), notes
 
 
-def _turns_from_t_pose(capture: _Capture) -> tuple[Float[np.ndarray, "52 4"], float]:
+def _limbs_length(positions: Float[np.ndarray, "*T 52 3"]) -> float:
+    """Return the length of all limbs together, its mean over time."""
+    starts, ends = [JOINT_INDEX[joint] for joint in _LIMBS], [JOINT_INDEX[end] for end, _ in _LIMBS.values()]
+    return float(np.linalg.norm(positions[..., ends, :] - positions[..., starts, :], axis=-1).sum(axis=-1).mean())
+
+
+def _turns_from_t_pose(
+    path: Path, bound: _BindPose, body: Float[np.ndarray, "4"]
+) -> tuple[Float[np.ndarray, "52 4"], float]:
     """Return what to turn each bone by, in its own frame, to get its joint's rotation from the T-pose, wxyz.
 
     Beside it, how far the bind pose's limbs are from those of the T-pose [deg].
     """
-    positions, quats = _bind_pose(capture)
-    body = _body_axes(capture.path, positions)
-    standing = se3.rotate_inverse(body, positions)
+    standing = se3.rotate_inverse(body, bound.positions)
     swings = np.tile(se3.IDENTITY_QUAT, (len(JOINTS), 1))
     for joint, (end, axis) in _LIMBS.items():
         bone = standing[JOINT_INDEX[end]] - standing[JOINT_INDEX[joint]]
@@ -249,28 +279,32 @@ def _turns_from_t_pose(capture: _Capture) -> tuple[Float[np.ndarray, "52 4"], fl
     largest = float(angles.max())
     if largest > FARTHEST_FROM_T_POSE:
         raise ClipError(
-            f"{capture.path}: the skeleton's bind pose is no T-pose: its {JOINTS[int(angles.argmax())]} is "
+            f"{path}: the skeleton's bind pose is no T-pose: its {JOINTS[int(angles.argmax())]} is "
             f"{largest:.0f} deg away from one. Export the file with Mixamo's bind pose."
         )
     for side, fingers in (("left", LEFT_FINGERS), ("right", RIGHT_FINGERS)):
         # In a bind pose hands are straight: they go with the forearms.
         for joint in (f"{side}_wrist", *fingers):
             swings[JOINT_INDEX[joint]] = swings[JOINT_INDEX[f"{side}_elbow"]]
-    return se3.quat_multiply(se3.quat_conjugate(quats), se3.quat_multiply(body, swings)), largest
+    return se3.quat_multiply(se3.quat_conjugate(bound.quats), se3.quat_multiply(body, swings)), largest
 
 
-def _bind_pose(capture: _Capture) -> tuple[Float[np.ndarray, "52 3"], Float[np.ndarray, "52 4"]]:
-    """Return where the bones are while the mesh is bound to them, in the mesh's frame; raises `ClipError`."""
+def _bind_pose(capture: _Capture) -> _BindPose:
+    """Return the bind pose; raises `ClipError` where no skin has all bones."""
+    names = capture.scene.names
     for joints, inverse in capture.scene.skins():
         places = {node: index for index, node in enumerate(joints)}
         if set(capture.joints) <= set(places):
-            order = [places[node] for node in capture.joints]
+            head_top = next((place for node, place in places.items() if names[node] == HEAD_TOP), None)
+            order = [places[node] for node in capture.joints] + ([] if head_top is None else [head_top])
             sizes = np.cbrt(np.abs(np.linalg.det(inverse[order, :3, :3])))
             if not (sizes > 1e-9).all():
                 break
             turns = inverse[order, :3, :3] / sizes[:, None, None]
             quats = se3.quat_conjugate(quats_of(capture.path, "inverseBindMatrices", turns))
-            return -se3.rotate(quats, inverse[order, :3, 3] / sizes[:, None]), quats
+            positions = -se3.rotate(quats, inverse[order, :3, 3] / sizes[:, None])
+            bones = len(JOINTS)
+            return _BindPose(positions[:bones], quats[:bones], None if head_top is None else positions[-1])
     raise ClipError(
         f"{capture.path}: no skin binds a mesh to all bones, so their bind pose is not known. Export the file with "
         "the body's mesh."
@@ -320,4 +354,4 @@ def _object(capture: _Capture, poses: NodePoses, node: int) -> ObjectTrack:
     return ObjectTrack(name, poses.positions[:, node], poses.quats[:, node], geometry)
 
 
-READER = data_set(FORMAT, (".glb",), record, holds=holds)
+READER = data_set(FORMAT, (".glb",), record, holds=holds, floor_at_zero=True)

@@ -4,6 +4,7 @@ FORMAT = "hoi-retarget-clip"
 SCHEMA = 1
 SCHEMA_KEY = "clip_schema"
 UP, UNIT = "z", "m"
+HEIGHTS = "person_heights"
 DOCUMENT = "docs/sources.md describes the layout."
 
 CLIP_FILE = "clip.npz"

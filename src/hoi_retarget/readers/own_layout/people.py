@@ -1,5 +1,6 @@
 """The people of a clip: given as joints or as parameters of a body model, and upright by what they are."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from hoi_retarget.human.skeleton import JOINTS
 from hoi_retarget.readers.body_parameters import TITLES
 from hoi_retarget.readers.own_layout import joints, parameters
 from hoi_retarget.readers.own_layout.arrays import Arrays
-from hoi_retarget.readers.own_layout.layout import DOCUMENT
+from hoi_retarget.readers.own_layout.layout import DOCUMENT, HEIGHTS, NUMBERS
 from hoi_retarget.readers.upright import LEAST_ON_FLOOR, SHORTEST, TALLEST, share_on_floor, standing_axis
 
 
@@ -23,6 +24,9 @@ def people_of(arrays: Arrays, body_models: Path | None) -> tuple[tuple[Person, .
         ReadError: the model is not there, damaged, or of another family.
     """
     made, notes = parameters.people_of(arrays, body_models) if are_parameters(arrays) else joints.people_of(arrays)
+    if HEIGHTS in arrays:
+        heights = arrays.array(HEIGHTS, NUMBERS, (len(made),), "standing heights [m]").tolist()
+        made = tuple(replace(person, stature=height) for person, height in zip(made, heights, strict=True))
     for person in made:
         _check(arrays.path, person)
     return made, notes

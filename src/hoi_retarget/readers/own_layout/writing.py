@@ -11,7 +11,7 @@ from hoi_retarget.errors import WriteError
 from hoi_retarget.files.atomic import write_atomically
 from hoi_retarget.human.skeleton import JOINTS
 from hoi_retarget.objects.track import ObjectTrack
-from hoi_retarget.readers.own_layout.layout import SCHEMA, SCHEMA_KEY, UNIT, UP
+from hoi_retarget.readers.own_layout.layout import HEIGHTS, SCHEMA, SCHEMA_KEY, UNIT, UP
 
 
 def write(clip: Clip, path: Path) -> None:
@@ -40,6 +40,8 @@ def encode(clip: Clip, folder: Path) -> bytes:
         "joint_quat": np.stack([person.joint_quats for person in clip.people], axis=1),
         "object_names": np.array([track.name for track in clip.objects], dtype=np.str_),
     }
+    if any(person.stature is not None for person in clip.people):
+        values[HEIGHTS] = np.array([person.height for person in clip.people])
     if clip.objects:
         values["object_pos"] = np.stack([track.positions for track in clip.objects], axis=1)
         values["object_quat"] = np.stack([track.quats for track in clip.objects], axis=1)
