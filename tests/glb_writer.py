@@ -137,7 +137,7 @@ def humoto(
     """
     world, glb = in_world(clip, "y"), Glb()
     times = (first + np.arange(clip.frames)) / stamp
-    _body(glb, world, times, bound or {}, turned, height)
+    _body(glb, world, times, bound or {}, turned=turned, height=height or clip.people[0].height)
     for track in world.objects:
         vertices, faces = track.geometry.points, track.geometry.faces
         assert faces is not None
@@ -166,8 +166,9 @@ def _body(
     world: Clip,
     times: np.ndarray,
     bound: Mapping[str, np.ndarray],
+    *,
     turned: np.ndarray,
-    height: float | None,
+    height: float,
 ) -> None:
     person, frames = world.people[0], world.frames
     own = bind_quats()
@@ -208,7 +209,7 @@ def _body(
     glb.tables["animations"].append(animation)
     inverse = np.tile(np.eye(4), (len(JOINTS) + len(ENDS), 1, 1))
     lowest = min(place[1] for place in rest.values())
-    head_top = np.array([rest["head"][0], lowest + (height or person.height), rest["head"][2]])
+    head_top = np.array([rest["head"][0], lowest + height, rest["head"][2]])
     inverse[len(JOINTS), :3] *= 1 / CENTIMETRE
     inverse[len(JOINTS), :3, 3] = -se3.rotate_inverse(turned, head_top) / CENTIMETRE
     for index, joint in enumerate(JOINTS):

@@ -89,8 +89,12 @@ def test_inverse_rotations_of_what_is_carried_are_refused_without_labels():
     right = replace(CLIP, contacts=(), objects=(away,))
     assert not with_contacts(right).source.warnings
     wrong = replace(right, objects=(replace(away, quats=se3.quat_conjugate(away.quats)),))
-    with pytest.raises(ClipError, match="rotations of 'box' are read wrongly"):
+    with pytest.raises(ClipError, match=r"rotations of 'box' are read wrongly.*--grasps warn"):
         with_contacts(wrong)
+    (kept,) = with_contacts(wrong, grasps="warn").source.warnings
+    assert "The rotations of 'box' are read wrongly" in kept.text
+    (settled,) = with_contacts(wrong, readings=()).source.warnings
+    assert "nobody within 10 cm" in settled.text, "a format that leaves nothing open"
 
 
 def test_what_moves_alone_is_warned_of():
@@ -102,7 +106,38 @@ def test_what_moves_alone_is_warned_of():
         replace(CLIP, contacts=labelled, objects=(alone, replace(track, name="other"))),
     ):
         texts = [str(warning) for warning in with_contacts(clip, "proximity").source.warnings]
-        assert any("box moves in" in text and "no hand or foot within 10 cm" in text for text in texts)
+        assert any("box moves in" in text and "nobody within 10 cm" in text for text in texts)
+
+
+def beside(track, offset, name, sway=0.0):
+    """Return an object that keeps its place beside another one, but for some swaying [m]."""
+    swaying = sway * np.sin(2 * np.pi * np.arange(CLIP.frames) / CLIP.fps)[:, None] * [1.0, 0.0, 0.0]
+    return replace(track, name=name, positions=track.positions + se3.rotate(track.quats, offset + swaying))
+
+
+def test_what_rides_on_something_held_is_moved_by_who_holds_it():
+    """Clothes on a rack, and what hangs from these; not what moves along at a distance, or on what nobody holds."""
+    box = CLIP.objects[0]
+    away = -box.to_object(CLIP.people[0].position("pelvis")).mean(axis=0)
+    away *= 0.6 / np.linalg.norm(away)
+    shirt, scarf = (beside(box, count * away, name, 0.02 * count) for count, name in ((1, "shirt"), (2, "scarf")))
+    assert not with_contacts(replace(CLIP, contacts=(), objects=(box, shirt, scarf))).source.warnings
+    (far,) = with_contacts(replace(CLIP, contacts=(), objects=(box, scarf))).source.warnings
+    assert far.text.startswith("scarf moves in")
+    alone = (beside(box, np.array([0.0, 0.0, 3.0]), "rack"), beside(box, np.array([0.0, 0.0, 3.4]), "shirt"))
+    texts = [warning.text for warning in with_contacts(replace(CLIP, contacts=(), objects=alone)).source.warnings]
+    assert [text.split()[0] for text in texts] == ["rack", "shirt"]
+
+
+def test_what_the_trunk_pushes_is_not_said_to_move_alone():
+    person, box = CLIP.people[0], CLIP.objects[0]
+    half = 0.1 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    cushion = replace(box.geometry, points=half, mesh_path=None, faces=None)
+    behind = person.position("pelvis") + se3.rotate(person.quat("pelvis"), np.array([0.0, 0.1, -0.25]))
+    leaned = replace(CLIP, contacts=(), objects=(replace(box, geometry=cushion, positions=behind),))
+    found = with_contacts(leaned)
+    assert not found.source.warnings and not any(track.active.any() for track in found.contacts)
+    assert "other parts of the body than hands and feet" in found.source.notes[-1]
 
 
 @pytest.mark.slow

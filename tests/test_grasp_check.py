@@ -9,15 +9,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from glb_writer import humoto
 from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.clip.grasp_check import checked, fatal_fault, grasp_faults, grasp_figures
+from hoi_retarget.clip.grasp_check import ONLY_INVERSE, checked, fatal_fault, grasp_faults, grasp_figures
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.readers import own_layout, read_clip
 from hoi_retarget.readers.describe import inspect
+from hoi_retarget.readers.open import open_clip
 from hoi_retarget.synthetic import SCENES, make
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
@@ -96,6 +98,48 @@ def test_rotations_read_wrongly_are_refused(scene, fault, tmp_path):
     own_layout.write(clip, tmp_path / "clip.npz")
     with pytest.raises(ClipError, match="rotations are read wrongly"):
         read_clip(tmp_path / "clip.npz")
+
+
+@pytest.mark.parametrize("fault", ROTATIONS | UNITS)
+def test_who_knows_better_keeps_a_clip_with_a_warning(fault, tmp_path):
+    own_layout.write(moved(make("carry_box"), (ROTATIONS | UNITS)[fault]), tmp_path / "clip.npz")
+    with pytest.raises(ClipError, match="--grasps warn"):
+        read_clip(tmp_path / "clip.npz")
+    kept = open_clip(tmp_path / "clip.npz", ReadOptions(grasps="warn"))
+    assert any("read wrongly" in str(it) or "another unit" in str(it) for it in kept.source.warnings)
+    assert main(["run", str(tmp_path / "clip.npz"), "--grasps", "warn", "--out", str(tmp_path / "out")]) == 0
+
+
+@pytest.mark.parametrize("fault", ROTATIONS)
+def test_no_other_reading_is_tried_than_the_format_leaves_open(fault):
+    """The scalar's place means nothing where rotations are stored as matrices, and nothing is open in glTF."""
+    clip = moved(make("carry_box"), ROTATIONS[fault])
+    texts = [str(it) for it in checked(clip, ()).source.warnings]
+    assert not any("rotations are read wrongly" in text for text in texts)
+    if fault == "inverse":
+        with pytest.raises(ClipError, match="with inverse rotations"):
+            checked(clip, ONLY_INVERSE)
+
+
+def turned_in_the_hand(clip: Clip) -> Clip:
+    """A held thing that turns about its own middle, as fruit that is peeled does: its contact point wanders on it."""
+    turn = se3.exp(np.linspace(0.0, 2 * np.pi, clip.frames)[:, None] * [1.0, 0.0, 0.0])
+    return moved(clip, lambda item: replace(item, quats=se3.quat_multiply(item.quats, turn)))
+
+
+def test_what_is_turned_in_the_hand_is_read_from_a_format_with_one_order(tmp_path):
+    clip = turned_in_the_hand(make("carry_box"))
+    with pytest.raises(ClipError, match="read wrongly"):
+        checked(clip)
+    read = open_clip(humoto(clip).write(tmp_path / "turned.glb"))
+    assert not any("read wrongly" in str(it) for it in read.source.warnings)
+
+
+def test_contacts_found_in_these_frames_belong_to_no_others():
+    """Only contacts that a source labels can be late."""
+    late = shifted(make("carry_box"), 30)
+    assert any("fit better" in str(it) for it in checked(late).source.warnings)
+    assert not any("fit better" in str(it) for it in checked(late, shifts=()).source.warnings)
 
 
 @pytest.mark.parametrize("scene", SCENES)

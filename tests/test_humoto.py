@@ -333,7 +333,7 @@ def test_another_pose_than_the_t_pose_is_refused(tmp_path):
 
 
 def test_a_giant_is_refused(tmp_path):
-    with pytest.raises(ClipError, match="3.5 m tall"):
+    with pytest.raises(ClipError, match=r"3\.5 m tall"):
         read(tmp_path, humoto(CLIP, height=3.5))
 
 

@@ -52,11 +52,13 @@ def execute(command: Batch) -> int:
 
 def _specification(command: Batch) -> Specification:
     if command.source.is_dir():
-        reading = ReadOptions(objects=command.objects, body_models=command.body_models, labels=command.labels)
+        reading = ReadOptions(
+            objects=command.objects, body_models=command.body_models, labels=command.labels, grasps=command.grasps
+        )
         return of_folder(command.source, reading, Config() if command.config is None else config_in(command.config))
-    for name in ("objects", "body_models", "labels", "config"):
+    for name in ("objects", "body_models", "labels", "grasps", "config"):
         value = getattr(command, name)
-        if value not in (None, "auto"):
+        if value != getattr(Batch, name):
             option = f"--{name.replace('_', '-')}"
             raise ArgumentError(f'{option} {value} is for a folder of clips. In {command.source} write {name} = "...".')
     return read_specification(command.source)

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, get_args
 
 from tyro.conf import Positional, arg, subcommand
 
-from hoi_retarget.clip.read_options import Labels, ReadOptions
+from hoi_retarget.clip.read_options import Grasps, Labels, ReadOptions
 from hoi_retarget.retargeting.config import BandedInteriorPoint, IkConfig, Weights
 
 DESCRIPTION = (
@@ -79,6 +79,8 @@ class Reading(ReadOptions):
     labels: Labels = "auto"
     """Where contacts come from: auto keeps the recording's own and finds them from distances where it has none;
     proximity and interact find them anew, by the rule of that name."""
+    grasps: Grasps = "refuse"
+    """What is done with a clip whose grasps contradict how its rotations or units are read: refuse it, or warn."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,6 +137,8 @@ class Batch:
     """Folder with SMPL-X or SMPL-H models, for a folder of clips."""
     labels: Labels = "auto"
     """Where contacts of a folder of clips come from, as for run."""
+    grasps: Grasps = "refuse"
+    """What is done with clips of a folder whose grasps contradict how they are read, as for run."""
     config: ConfigFile = None
     """Settings for a folder of clips, as for run."""
     workers: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: the number of cores)")] = None

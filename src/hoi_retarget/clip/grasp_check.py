@@ -6,13 +6,14 @@ recordings points wander by 0.8 to 7.2 cm within a contact, and farther with inv
 far where the object turns, hardly farther where it does not. What does not turn cannot be judged.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget.clip.clip import Clip, ContactTrack
+from hoi_retarget.clip.read_options import Grasps
 from hoi_retarget.errors import ClipError
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
@@ -23,6 +24,8 @@ LARGEST_SPREAD = 0.12
 """[m]; nothing is held that slips farther within one contact."""
 SUSPECT_SPREAD = 0.04
 """[m]; from there on it is asked whether the contacts belong to other frames."""
+WAY_ON = "If it is right nonetheless, as of a thing that is turned in the hand, pass --grasps warn."
+"""What to do with a clip that is refused wrongly."""
 LARGEST_REACH = 0.25
 """[m]; no part touches an object that is this far from its contact point."""
 ANOTHER_UNIT = 5.0
@@ -32,14 +35,16 @@ CLEARLY = 1.3
 CLEARLY_BY = 0.01
 """...and by how much [m]."""
 SHIFTS_SECONDS = (-1.0, -0.5, 0.5, 1.0)
-"""Contacts are tried this much earlier and later."""
+"""Contacts that a source labels are tried this much earlier and later."""
 
-_READINGS: Mapping[str, tuple[str, Callable[[np.ndarray], np.ndarray]]] = {
+READINGS: Mapping[str, tuple[str, Callable[[np.ndarray], np.ndarray]]] = {
     "inverse": ("inverse rotations", se3.quat_conjugate),
     "scalar_last": ("rotations in scalar-last order", se3.quat_from_xyzw),
     "scalar_first": ("rotations in scalar-first order", se3.quat_to_xyzw),
 }
-"""Other readings of an object's rotations: their names in words, and the rotations by them."""
+"""Other readings of an object's rotations, by name: in words, and the rotations by them."""
+ONLY_INVERSE = ("inverse",)
+"""The other readings where rotations are stored as matrices or vectors: there is no order of numbers."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +63,10 @@ class GraspFigures:
     """Median distance from contact points to the box around the touched object [m]; 0 without contacts."""
 
 
-def grasp_figures(clip: Clip) -> GraspFigures:
-    """Return how rigid the grasps of a clip are."""
+def grasp_figures(
+    clip: Clip, readings: Collection[str] = tuple(READINGS), shifts: Collection[float] = SHIFTS_SECONDS
+) -> GraspFigures:
+    """Return how rigid the grasps of a clip are, with some of `READINGS` and shifts of contacts [s] to compare with."""
     least = max(2, round(SHORTEST_SECONDS * clip.fps))
     held = [track for track in clip.contacts if track.active.any()]
     points = [_points(clip, track) for track in held]
@@ -75,10 +82,10 @@ def grasp_figures(clip: Clip) -> GraspFigures:
         frames=len(deviations),
         spread=_root_mean(deviations),
         other_readings={
-            name: _root_mean(_deviations([_points(clip, track, reading) for track in held], longer))
-            for name, (_, reading) in _READINGS.items()
+            name: _root_mean(_deviations([_points(clip, track, READINGS[name][1]) for track in held], longer))
+            for name in readings
         },
-        shifted={seconds: shifted(round(seconds * clip.fps)) for seconds in SHIFTS_SECONDS},
+        shifted={seconds: shifted(round(seconds * clip.fps)) for seconds in shifts},
         reach=_reach(clip, held, points),
     )
 
@@ -94,11 +101,11 @@ def grasp_faults(figures: GraspFigures) -> tuple[str, ...]:
             f"Parts that are said to touch are mostly {figures.reach:.2f} m or more from the object: contacts, "
             "positions or the object's size are wrong.",
         )
-    best = min(figures.shifted, key=lambda seconds: figures.shifted[seconds])
-    if _clearly_better(figures.shifted[best], figures.spread) and figures.spread > SUSPECT_SPREAD:
+    shifted, best = min(((spread, seconds) for seconds, spread in figures.shifted.items()), default=(np.inf, 0.0))
+    if _clearly_better(shifted, figures.spread) and figures.spread > SUSPECT_SPREAD:
         texts += (
             f"Contacts fit better {abs(best):g} s {'later' if best > 0 else 'earlier'}: points wander by "
-            f"{figures.shifted[best]:.3f} m in the object's frame then, by {figures.spread:.3f} m as they are.",
+            f"{shifted:.3f} m in the object's frame then, by {figures.spread:.3f} m as they are.",
         )
     elif figures.spread > LARGEST_SPREAD:
         texts += (
@@ -115,25 +122,38 @@ def fatal_fault(figures: GraspFigures) -> str:
             f"Parts that are said to touch are mostly {figures.reach:.4g} m from the object: the object's positions "
             "are in another unit than the person's, or of another world. Convert the clip again."
         )
-    best = min(figures.other_readings, key=lambda name: figures.other_readings[name])
-    if _clearly_better(figures.other_readings[best], figures.spread):
+    other, best = min(((spread, name) for name, spread in figures.other_readings.items()), default=(np.inf, ""))
+    if _clearly_better(other, figures.spread):
         return (
-            f"The objects' rotations are read wrongly: with {_READINGS[best][0]}, contact points wander by "
-            f"{figures.other_readings[best]:.3f} m in the object's frame, as read by {figures.spread:.3f} m. What is "
+            f"The objects' rotations are read wrongly: with {READINGS[best][0]}, contact points wander by "
+            f"{other:.3f} m in the object's frame, as read by {figures.spread:.3f} m. What is "
             "held does not slip that far. Convert the clip again."
         )
     return ""
 
 
-def checked(clip: Clip) -> Clip:
+def checked(
+    clip: Clip,
+    readings: Collection[str] = tuple(READINGS),
+    shifts: Collection[float] = SHIFTS_SECONDS,
+    *,
+    grasps: Grasps = "refuse",
+) -> Clip:
     """Return a clip with warnings of grasps that contradict its object's path.
 
-    Raises `ClipError` where rotations or units are wrong beyond doubt.
+    Args:
+        clip: its contacts are checked.
+        readings: those of `READINGS` that its format leaves open.
+        shifts: by which labels may be late [s]; none where contacts were found in these very frames.
+        grasps: `warn` keeps a clip that is wrong.
+
+    Raises:
+        ClipError: rotations or units are wrong, and `grasps` is `refuse`.
     """
-    figures = grasp_figures(clip)
+    figures = grasp_figures(clip, readings, shifts)
     fatal = fatal_fault(figures)
-    if fatal:
-        raise ClipError(f"{clip.source.path or clip.name}: {fatal}")
+    if fatal and grasps == "refuse":
+        raise ClipError(f"{clip.source.path or clip.name}: {fatal} {WAY_ON}")
     known = {str(warning) for warning in clip.source.warnings}
     return clip.with_warnings("grasp", tuple(text for text in grasp_faults(figures) if text not in known))
 

@@ -137,6 +137,17 @@ def label_contacts(
     return tuple(tracks)
 
 
+def body_distances(clip: Clip, index: int) -> Float[np.ndarray, "T"]:
+    """Return how far an object is from the nearest of anybody's body, by capsules [m]; infinite beyond `FAR`.
+
+    Raises:
+        GeometryError: its mesh cannot be read.
+    """
+    track = clip.objects[index]
+    surface = surface_of(track.geometry)
+    return np.min([_nearest(spheres(human, BODY_CAPSULES), track, surface)[0] for human in clip.people], axis=0)
+
+
 def nearness(clip: Clip) -> tuple[Nearness, ...]:
     """Return how near each part of each person is to each object, in the order of `label_contacts`.
 

@@ -8,6 +8,8 @@ from typing import Any, Literal, get_args
 from hoi_retarget.errors import ReadError
 
 Labels = Literal["auto", "proximity", "interact"]
+Grasps = Literal["refuse", "warn"]
+_CHOICES: Mapping[str, tuple[str, ...]] = {"labels": get_args(Labels), "grasps": get_args(Grasps)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,6 +26,8 @@ class ReadOptions:
     """Height of the floor in the recording [m], where it is known better than by the source or an estimate."""
     labels: Labels = "auto"
     """Where contacts come from, as `infer_contacts.with_contacts` takes it."""
+    grasps: Grasps = "refuse"
+    """Whether a clip is refused whose grasps contradict how its rotations or units are read, or only warned of."""
 
     def as_json(self) -> dict[str, str | float | None]:
         """Return the options as a result's report keeps them."""
@@ -40,8 +44,8 @@ class ReadOptions:
         for name, value in values.items():
             if name == "floor":
                 good, expected = type(value) in (int, float), "a number"
-            elif name == "labels":
-                good, expected = value in get_args(Labels), f"one of {', '.join(get_args(Labels))}"
+            elif name in _CHOICES:
+                good, expected = value in _CHOICES[name], f"one of {', '.join(_CHOICES[name])}"
             else:
                 good, expected = isinstance(value, str), "a text"
             if not good:

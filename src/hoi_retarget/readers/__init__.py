@@ -100,7 +100,8 @@ def read_clip(path: Path, options: ReadOptions = ReadOptions()) -> Clip:
     clip = reader.read(file, options)
     meshes = (track.geometry.file for track in clip.objects)
     others = sorted({str(path) for path in (*file.files, *meshes) if path is not None and path != file.path})
-    return grasp_check.checked(replace(clip, source=replace(clip.source, files=tuple(others))))
+    clip = replace(clip, source=replace(clip.source, files=tuple(others)))
+    return grasp_check.checked(clip, reader.rotation_readings, grasps=options.grasps)
 
 
 def reader_of(file: SourceFile) -> Reader:

@@ -299,7 +299,7 @@ def _command(verb: str, path: Path, options: ReadOptions) -> str:
     """Return the command that retargets recordings, read with the same options."""
     words = ["hoi-retarget", verb, str(path)]
     for name, value in options.as_json().items():
-        if value is not None and value != "auto":
+        if value != getattr(ReadOptions, name):
             words += ["--object" if name == "object_name" else f"--{name.replace('_', '-')}", str(value)]
     return shlex.join([*words, "--out", "out"])
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hoi_retarget.clip.clip import Clip, ContactTrack, Source
+from hoi_retarget.clip.grasp_check import ONLY_INVERSE
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.person import Person
@@ -26,12 +27,14 @@ def data_set(  # noqa: PLR0913 - what data sets differ in
     clips_in: Callable[[SourceFile], tuple[str, ...]] = is_one_clip,
     parts: tuple[str, ...] = (),
     floor_at_zero: bool = False,
+    rotation_readings: tuple[str, ...] = ONLY_INVERSE,
 ) -> Reader:
     """Return the reader of a data set from what finds its recordings; arguments are as the fields of `Reader`."""
     return Reader(
         format=name,
         suffixes=suffixes,
         floor_at_zero=floor_at_zero,
+        rotation_readings=rotation_readings,
         holds=holds,
         read=lambda file, options: _clip(name, record(file, options), file, options),
         clips_in=clips_in,

@@ -354,4 +354,4 @@ def _object(capture: _Capture, poses: NodePoses, node: int) -> ObjectTrack:
     return ObjectTrack(name, poses.positions[:, node], poses.quats[:, node], geometry)
 
 
-READER = data_set(FORMAT, (".glb",), record, holds=holds, floor_at_zero=True)
+READER = data_set(FORMAT, (".glb",), record, holds=holds, floor_at_zero=True, rotation_readings=())

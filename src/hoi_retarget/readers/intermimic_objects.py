@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.clip.clip import Clip, Source
+from hoi_retarget.clip.grasp_check import READINGS
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, GeometryError
 from hoi_retarget.files.source_file import SourceFile
@@ -190,6 +191,7 @@ READER = Reader(
     format=FORMAT,
     suffixes=(".pt", ".pth"),
     floor_at_zero=True,
+    rotation_readings=tuple(READINGS),
     holds=holds,
     read=read_file,
     outline=outline,

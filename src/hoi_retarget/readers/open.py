@@ -38,9 +38,11 @@ def open_clip(name: Path | str, options: ReadOptions = ReadOptions()) -> Clip:
     clip = _as_recorded(name, options)
     reader = READERS.get(clip.source.format)
     recorded = on_floor(clip, at_zero=reader is None or reader.floor_at_zero, floor=options.floor)
-    clip = with_contacts(recorded, options.labels)
-    # The source's own contacts were checked when they were read.
-    return clip if clip.contacts is recorded.contacts else grasp_check.checked(clip)
+    readings = grasp_check.ONLY_INVERSE if reader is None else reader.rotation_readings
+    clip = with_contacts(recorded, options.labels, readings=readings, grasps=options.grasps)
+    if clip.contacts is recorded.contacts:  # These were checked when they were read.
+        return clip
+    return grasp_check.checked(clip, readings, shifts=(), grasps=options.grasps)
 
 
 def _as_recorded(name: Path | str, options: ReadOptions) -> Clip:

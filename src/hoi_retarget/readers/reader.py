@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.grasp_check import ONLY_INVERSE
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.files.source_file import SourceFile
 
@@ -64,6 +65,8 @@ class Reader:
     """Returns the clip; raises `ReadError`, `ClipError`, `GeometryError`, `BodyModelError` or `ArgumentError`."""
     floor_at_zero: bool = False
     """Whether the format has the floor at z = 0; otherwise its height is estimated from the clip."""
+    rotation_readings: tuple[str, ...] = ONLY_INVERSE
+    """Other ways in which copies could mean objects' rotations: those of `grasp_check.READINGS` that are left open."""
     clips_in: Callable[[SourceFile], tuple[str, ...]] = is_one_clip
     """Returns the names of the clips to select from; none where the recording is one clip."""
     parts: tuple[str, ...] = ()

@@ -12,6 +12,7 @@ import hashlib
 from pathlib import Path
 
 from hoi_retarget.clip.clip import Clip, Source
+from hoi_retarget.clip.grasp_check import READINGS
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ClipError, ReadError
 from hoi_retarget.files import npz
@@ -180,6 +181,7 @@ READER = Reader(
     format=FORMAT,
     suffixes=(".npz", FOLDER),
     floor_at_zero=True,
+    rotation_readings=tuple(READINGS),
     holds=holds,
     read=read_file,
     outline=outline,
