@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.clip.clip import Clip, Source
+from hoi_retarget.clip.grasp_check import READINGS
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import GeometryError
 from hoi_retarget.files.source_file import SourceFile
@@ -134,6 +135,7 @@ READER = Reader(
     format=FORMAT,
     suffixes=(".pt", ".pth"),
     floor_at_zero=True,
+    rotation_readings=tuple(READINGS),
     holds=holds,
     read=read_file,
     outline=outline,
