@@ -20,6 +20,7 @@ from intermimic_writer import dictionary_of, random_clip, write_box
 from torch_writer import torch_bytes
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+GRAB = sorted((SHARED / "foreign" / "grab").glob("*.pt"))
 REAL = sorted((SHARED / "parahome").glob("*.pt"))
 NEEDS_SHARED = pytest.mark.skipif(not REAL, reason="no real recordings here")
 
@@ -79,6 +80,34 @@ def test_what_is_not_taken_is_noted(folder):
         assert words in notes
     assert "ParaHome" in clip.source.licence
     assert "not stated" in intermimic_objects.licence_of({})
+
+
+def test_a_root_at_the_origin_of_the_body_model_is_no_contradiction(folder):
+    """The bodies are where they are stored; a way to the pelvis that varies, or is too long, is refused."""
+    clip, rest = clip_of_two(), np.array([0.003, -0.351, 0.012])
+    value = dictionary_of(clip)
+    value["data"][:, :3] -= rest.astype(np.float32)
+    read = read_clip(written(folder, value), ReadOptions(objects=folder / "objects"))
+    assert np.allclose(read.people[0].joint_positions, clip.people[0].joint_positions, atol=1e-6)
+    assert "(0.003, -0.351, 0.012) m from the root in all frames" in " ".join(read.source.notes)
+    for frames, shift in ((slice(3, 5), 0.002), (slice(None), 0.6)):
+        wrong = {**value, "data": value["data"].copy()}
+        wrong["data"][frames, 1] += shift
+        with pytest.raises(ClipError, match="contradicts itself"):
+            read_clip(written(folder, wrong), ReadOptions(objects=folder / "objects"))
+
+
+def test_bodies_labels_count_only_where_the_objects_own_label_is_contact(folder):
+    """GRAB's files repeat the labels of the held thing for the table, which nobody touches by its own label."""
+    clip = clip_of_two()
+    value = dictionary_of(clip)
+    held, table = slice(526 + 13, 526 + 65), slice(526 + 65 + 13, 526 + 130)
+    value["data"][:, table], value["data"][:, 526 + 65 + 12] = value["data"][:, held], 0.0
+    read = read_clip(written(folder, value), ReadOptions(objects=folder / "objects"))
+    for new, old in zip(read.contacts, clip.contacts, strict=True):
+        assert np.array_equal(new.active, old.active & (old.object == 0))
+    touched = np.any([track.active for track in clip.contacts if track.object == 0], axis=0).sum()
+    assert f"cup_base is not touched in {touched} frame(s) by its own label" in " ".join(read.source.notes)
 
 
 def test_leading_zero_frames_are_dropped_and_counted(folder):
@@ -172,3 +201,12 @@ def test_real_clips_are_read(path):
     assert moving == [True, False, False]
     assert {track.object for track in clip.contacts if track.active.any()} == {0}
     assert inspect(path, ReadOptions(objects=SHARED / "parahome" / "objects")).command
+
+
+@pytest.mark.skipif(not GRAB, reason="GRAB's real files are not there")
+@pytest.mark.parametrize("path", GRAB, ids=lambda path: path.stem)
+def test_hands_of_grab_touch_what_they_hold_and_nothing_else(path):
+    clip = read_clip(path, ReadOptions(objects=GRAB[0].parent / "objects"))
+    touched = {clip.objects[track.object].name for track in clip.contacts if track.active.any()}
+    assert touched == {path.stem.split("_")[1].split(",")[0]}
+    assert not any("slips" in str(warning) for warning in clip.source.warnings)

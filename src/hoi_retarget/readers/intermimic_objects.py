@@ -7,7 +7,7 @@ each body.
 
 Labels go from -1 to 6. Measured on twenty ParaHome clips, the joint is 1.5 cm from the object at
 label 1, and farther with each number up to 4.7 cm at 6; nobody says what these stand for. Only 1
-counts as contact here.
+counts as contact here, in frames in which the object's own label is 1, too.
 
 Some of these files hold the bodies' rotations as SMPL-X has them, others, like all files with one
 object, turned by a fixed rotation. The limbs tell which: in SMPL-X's T-pose arms lie along x and
@@ -100,9 +100,10 @@ def read_file(file: SourceFile, options: ReadOptions) -> Clip:
         ObjectTrack(name, *rows.track(f"{name}: position", f"{name}: rotation"), _geometry(options.objects, name))
         for name in names
     )
-    labels = [rows.labels(f"{name}: body contact labels") for name in names]
+    labels, copied = _labels(rows, names)
     notes = (
         f"Body rotations are {'turned by a fixed rotation' if turned else 'those of SMPL-X'}, as the limbs tell.",
+        *copied,
         *_label_notes(names, labels),
         *_content_notes(file.torch, names),
     )
@@ -149,6 +150,26 @@ def licence_of(value: Mapping[str, Any]) -> str:
     metadata = value.get("metadata")
     is_parahome = isinstance(metadata, dict) and {"scene", "interval_key"} <= set(metadata)
     return PARAHOME_LICENCE if is_parahome else UNKNOWN_LICENCE
+
+
+def _labels(rows: Rows, names: Sequence[str]) -> tuple[list[Float[np.ndarray, "T 52"]], tuple[str, ...]]:
+    """Return the bodies' labels for each object in the frames in which its own label is contact, 0 elsewhere.
+
+    Beside them, which objects have labels that are not theirs: GRAB's files repeat those of the held thing for the
+    table.
+    """
+    labels: list[np.ndarray] = []
+    notes: tuple[str, ...] = ()
+    for name in names:
+        stored = rows.labels(f"{name}: body contact labels")
+        touched = rows.used(f"{name}: own contact label") == CONTACT_LABEL
+        others = int(((stored == CONTACT_LABEL).any(axis=1) & ~touched[:, 0]).sum())
+        if others:
+            notes += (
+                f"{name} is not touched in {others} frame(s) by its own label: labels there are not used.",
+            )
+        labels.append(np.where(touched | (stored != CONTACT_LABEL), stored, 0.0))
+    return labels, notes
 
 
 def _label_notes(names: Sequence[str], labels: Sequence[Float[np.ndarray, "T 52"]]) -> tuple[str, ...]:

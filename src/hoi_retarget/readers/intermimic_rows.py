@@ -60,7 +60,9 @@ LARGEST_VALUE = 1e4
 LONGEST_PALM = 0.25
 """[m]; no first finger bone begins farther from its wrist."""
 ROOT_TOLERANCE = 1e-3
-"""[m]; the root and the pelvis are the same point, up to rounding."""
+"""[m]; from the root to the pelvis it is the same way in all frames, up to rounding."""
+LARGEST_REST_PELVIS = 0.5
+"""[m]; where the root is the origin of the body model, the pelvis at rest is no farther from it."""
 ROOT_ANGLE_TOLERANCE = np.deg2rad(1.0)
 CONTACT_LABEL = 1.0
 
@@ -87,6 +89,11 @@ class Rows:
     def first(self) -> int:
         """Number of frames without data at the beginning, as some conversions begin with one."""
         return int(self.filled.argmax()) if self.filled.any() else len(self.values)
+
+    @cached_property
+    def root_to_pelvis(self) -> Float[np.ndarray, "T 3"]:
+        """From the root position to that of the pelvis [m], from `first` on."""
+        return self.used("body positions")[:, :3] - self.used("root position")
 
     def used(self, name: str) -> Float[np.ndarray, "T columns"]:
         """Return a field in the frames from `first` on."""
@@ -208,13 +215,18 @@ class Rows:
             )
 
     def _check_root_position(self) -> None:
+        """Raise `ClipError` unless the root is the pelvis, or the origin of a body with its pelvis elsewhere."""
         body = self.fields["body positions"].start
-        apart = np.linalg.norm(self.used("root position") - self.used("body positions")[:, :3], axis=1)
+        rest = np.median(self.root_to_pelvis, axis=0)
+        if np.linalg.norm(rest) > LARGEST_REST_PELVIS:
+            rest = np.zeros(3)
+        apart = np.linalg.norm(self.root_to_pelvis - rest, axis=1)
         if (apart > ROOT_TOLERANCE).any():
             raise ClipError(
                 f"{self.path}: the root position (columns 0:3) and that of the pelvis (columns {body}:{body + 3}) are "
                 f"up to {apart.max():.3g} m apart in {_frames(apart > ROOT_TOLERANCE, self.first)}, expected the same "
-                "point: the file contradicts itself. Convert the clip again."
+                "point, or the same way from one to the other in all frames: the file contradicts itself. Convert the "
+                "clip again."
             )
 
     def _check_root_rotation(self) -> None:
@@ -262,6 +274,10 @@ def clip_of(
     if rows.first:
         note = f"{rows.first} leading frame(s) without data were dropped."
         source = replace(source, notes=(*source.notes, note))
+    rest = rows.root_to_pelvis.mean(axis=0)
+    if np.linalg.norm(rest) > ROOT_TOLERANCE:
+        note = f"The pelvis is ({', '.join(f'{value:.3f}' for value in rest)}) m from the root in all frames, as the "
+        source = replace(source, notes=(*source.notes, note + "body model has it at rest; bodies are where they are."))
     return Clip(
         name=rows.path.stem,
         fps=FPS,
