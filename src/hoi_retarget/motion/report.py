@@ -116,6 +116,22 @@ class OrientationFlip:
 
 
 @dataclass(frozen=True)
+class TrunkTurn:
+    """A stretch in which the robot's trunk is turned over against the person's."""
+
+    first_frame: int
+    last_frame: int
+    """Included."""
+    largest_deg: float
+
+    def __str__(self) -> str:
+        return (
+            f"the robot's trunk is turned by up to {self.largest_deg:.0f} degrees against the person's, "
+            f"frames {self.first_frame} to {self.last_frame}"
+        )
+
+
+@dataclass(frozen=True)
 class InterRobotHandError:
     """How far two robots' hands on one object are from where they should be, seen from each other."""
 
@@ -157,6 +173,7 @@ class Report:
     """By name, in the unit in the name; None where a figure is undefined."""
     unreached_contacts: tuple[UnreachedContact, ...] | None = None
     orientation_flips: tuple[OrientationFlip, ...] | None = None
+    trunk_turns: tuple[TrunkTurn, ...] = ()
     inter_robot_hand_errors: tuple[InterRobotHandError, ...] = ()
     cpu_seconds: Mapping[str, float] = field(default_factory=dict)
     """CPU time by stage [s]."""
@@ -176,13 +193,15 @@ class Report:
 
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:
-        """Unreached contacts, misplaced hands, orientation flips."""
+        """A trunk that is turned over, unreached contacts, misplaced hands, orientation flips."""
+        turned = tuple(QualityWarning("trunk_turn", Severity.ERROR, f"{item}.") for item in self.trunk_turns)
         unreached = [("unreached_contact", f"not reached: {item}.") for item in self.unreached_contacts or ()]
         misplaced = [
             ("inter_robot_hand_error", f"{item}.") for item in self.inter_robot_hand_errors if item.max_m > UNREACHED_M
         ]
         flipped = [("orientation_flip", f"{item}.") for item in self.orientation_flips or ()]
-        return tuple(QualityWarning(code, Severity.WARNING, text) for code, text in (*unreached, *misplaced, *flipped))
+        found = (*unreached, *misplaced, *flipped)
+        return (*turned, *(QualityWarning(code, Severity.WARNING, text) for code, text in found))
 
 
 def windows_from_json(values: Any) -> dict[str, tuple[Window, ...]]:

@@ -22,6 +22,7 @@ from hoi_retarget.retargeting.targets import Targets, make_targets
 from hoi_retarget.retargeting.trajopt.problem import Problem
 from hoi_retarget.retargeting.trajopt.table import trajectory_terms
 from hoi_retarget.retargeting.trajopt.windows import solve_windows
+from hoi_retarget.retargeting.trunk_turns import trunk_turns
 from hoi_retarget.robots.model import RobotModel
 
 _LINEAR_ALGEBRA = ThreadpoolController()
@@ -90,9 +91,15 @@ def scored(motion: Motion, targets: Targets, clip: Clip, model: RobotModel, pers
     kinematics = model.forward(motion.qpos)
     figures = evaluate_kinematics(motion, clip, kinematics, person=person)
     unreached, flips = unreached_contacts(motion, kinematics), orientation_flips(kinematics, targets)
+    turns = trunk_turns(kinematics, clip.people[person])
     seconds = {**motion.report.cpu_seconds, "metrics": time.process_time() - start}
     report = replace(
-        motion.report, figures=figures, unreached_contacts=unreached, orientation_flips=flips, cpu_seconds=seconds
+        motion.report,
+        figures=figures,
+        unreached_contacts=unreached,
+        orientation_flips=flips,
+        trunk_turns=turns,
+        cpu_seconds=seconds,
     )
     return replace(motion, report=report)
 
