@@ -2,7 +2,7 @@
 
 import json
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from hoi_retarget import synthetic
 from hoi_retarget.motion.motion import Motion
@@ -19,6 +20,7 @@ from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.model import RobotModel, load_model
+from torch_writer import STATE_CONVERSION, Call, torch_bytes
 
 Content = dict[str, Any]
 
@@ -221,6 +223,68 @@ def unitree_csv(source: Motion) -> Content:
     return {"table": np.concatenate([root, source.qpos[:, 7:]], axis=1)}
 
 
+def gmr_npz(source: Motion) -> Content:
+    content = gmr(source)
+    return {name: np.asarray(content[name]) for name in ("fps", "root_pos", "root_rot")} | {
+        "joint_pos": source.qpos[:, 7:].astype(np.float32)
+    }
+
+
+def protomotions(source: Motion) -> Content:
+    """Return the G1 with a head and hands, which are fixed to other bodies."""
+    world = bodies(robot=source.robot)
+    order = list(range(len(world.names)))
+    if source.robot == "unitree_g1":
+        order.insert(1, world.names.index("torso_link"))
+        for side in ("left", "right"):
+            wrist = world.names.index(f"{side}_wrist_yaw_link")
+            order.insert(order.index(wrist) + 1, wrist)
+    floats = {
+        "dof_pos": source.qpos[:, 7:],
+        "dof_vel": velocity(source.qpos[:, 7:], source.fps),
+        "rigid_body_pos": world.pos[:, order],
+        "rigid_body_rot": se3.quat_to_xyzw(world.quat[:, order]),
+        "rigid_body_vel": world.lin_vel[:, order],
+        "rigid_body_ang_vel": world.ang_vel[:, order],
+    }
+    return {
+        "state_conversion": Call(STATE_CONVERSION, ("common",)),
+        "fps": int(source.fps),
+        **{name: array.astype(np.float32) for name, array in floats.items()},
+        "rigid_body_contacts": np.zeros((source.frames, len(order)), dtype=bool),
+    }
+
+
+def named_csv(source: Motion) -> Content:
+    times = np.arange(source.frames)[:, None] / source.fps
+    header = ["time", *(f"root_{axis}" for axis in "xyz"), *(f"root_q{axis}" for axis in "wxyz"), *source.joint_names]
+    return {"header": header, "table": np.concatenate([times, source.qpos], axis=1)}
+
+
+def seed_csv(source: Motion) -> Content:
+    header = ["Frame", *(f"root_{kind}{axis}" for kind in ("translate", "rotate") for axis in "XYZ")]
+    angles = Rotation.from_quat(se3.quat_to_xyzw(source.qpos[:, 3:7])).as_euler("xyz", degrees=True)
+    columns = [np.arange(source.frames)[:, None], 100.0 * source.qpos[:, :3], angles, np.degrees(source.qpos[:, 7:])]
+    return {
+        "header": [*header, *(f"{name}_dof" for name in source.joint_names)],
+        "table": np.concatenate(columns, axis=1),
+    }
+
+
+def sonic(source: Motion) -> Content:
+    order, joints = breadth_first(source.robot)
+    world, kept = bodies(robot=source.robot), order[[0, 4, 10]]
+    tables = {
+        "joint_pos": source.qpos[:, 7:][:, joints],
+        "joint_vel": velocity(source.qpos[:, 7:], source.fps)[:, joints],
+        "body_pos": world.pos[:, kept].reshape(source.frames, -1),
+        "body_quat": world.quat[:, kept].reshape(source.frames, -1),
+        "body_lin_vel": world.lin_vel[:, kept].reshape(source.frames, -1),
+        "body_ang_vel": world.ang_vel[:, kept].reshape(source.frames, -1),
+    }
+    return {f"{name}.csv": table for name, table in tables.items()}
+
+
 MAKERS: dict[str, Callable[[Motion], Content]] = {
     "beyondmimic": lambda source: tracking(source, breadth=True),
     "mjlab": lambda source: tracking(source, breadth=False),
@@ -232,15 +296,31 @@ MAKERS: dict[str, Callable[[Motion], Content]] = {
     "sbto": sbto,
     "asap": asap,
     "unitree-csv": unitree_csv,
+    "gmr-npz": gmr_npz,
+    "protomotions": protomotions,
+    "named-csv": named_csv,
+    "bones-seed": seed_csv,
+    "sonic": sonic,
 }
+WITHOUT_RATE = {"unitree-csv": 30.0, "bones-seed": 120.0, "sonic": 50.0}
+"""Formats that state no rate, with the one that their files have."""
 _PICKLES = ("gmr", "sbto", "asap")
+_TABLES = ("unitree-csv", "named-csv", "bones-seed")
 
 
 def save(name: str, content: Content, folder: Path) -> Path:
     """Write content in the layout of a format; return what to read."""
-    if name == "unitree-csv":
+    if name in _TABLES:
         path = folder / "motion.csv"
-        np.savetxt(path, content["table"], delimiter=",", fmt="%.6f")
+        _save_table(path, content["table"], content.get("header", ()))
+        return path
+    if name == "sonic":
+        for file, table in content.items():
+            _save_table(folder / file, table, [f"{Path(file).stem}_{column}" for column in range(table.shape[1])])
+        return folder
+    if name == "protomotions":
+        path = folder / "walk.motion"
+        path.write_bytes(torch_bytes(content))
         return path
     if name in _PICKLES:
         path = folder / "motion.pkl"
@@ -253,6 +333,12 @@ def save(name: str, content: Content, folder: Path) -> Path:
         return path
     (folder / "meta.json").write_text(json.dumps(content["meta"]))
     return folder
+
+
+def _save_table(path: Path, table: np.ndarray, header: Sequence[str]) -> None:
+    np.savetxt(path, table, delimiter=",", fmt="%.9f", header=",".join(header), comments="")
+    if not header:
+        path.write_text(path.read_text().lstrip("\n"))
 
 
 def write(name: str, folder: Path, spoil: Callable[[Content], None] | None = None) -> Path:

@@ -48,8 +48,8 @@ def test_a_good_file_comes_back_as_it_was_written(name, tmp_path):
     source = writers.motion()
     converted = as_qpos(read(writers.write(name, tmp_path)), writers.model())
     known = np.array([joint not in converted.missing_joints for joint in source.joint_names])
-    assert converted.fps == (30.0 if name == "unitree-csv" else source.fps)
-    assert converted.fps_assumed == (name == "unitree-csv")
+    assert converted.fps == pytest.approx(writers.WITHOUT_RATE.get(name, source.fps))
+    assert converted.fps_assumed == (name in writers.WITHOUT_RATE)
     assert np.abs(converted.qpos[:, 7:][:, known] - source.qpos[:, 7:][:, known]).max() < 1e-5
     assert np.abs(converted.qpos[:, :3] - source.qpos[:, :3]).max() < 1e-5
     assert np.abs(se3.angle_between(converted.qpos[:, 3:7], source.qpos[:, 3:7])).max() < 1e-5

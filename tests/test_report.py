@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import motion_writers as writers
 from browser import chromium
 from hoi_retarget.batch.manifest import ManifestEntry, ManifestSource
 from hoi_retarget.cli import main
@@ -167,6 +168,17 @@ def test_a_motion_that_skates_slides() -> None:
 
 
 # Other programs' files, and batches.
+
+
+def test_tables_with_names_and_folders_of_tables_are_motions(tmp_path: Path) -> None:
+    for name in ("named-csv", "bones-seed", "sonic", "protomotions"):
+        (tmp_path / name).mkdir()
+        writers.write(name, tmp_path / name)
+    (tmp_path / "figures.csv").write_text("name,contact_gap_m\na,0.001\n")
+    found = ["bones-seed/motion.csv", "named-csv/motion.csv", "protomotions/walk.motion", "sonic"]
+    assert list(find([tmp_path])[0]) == found
+    assert list(find([tmp_path / "sonic"])[0].values()) == [tmp_path / "sonic"]
+    assert [row.format for row in rows_of(tmp_path)] == ["bones-seed", "named-csv", "protomotions", "sonic"]
 
 
 def written_csv(path: Path, qpos: np.ndarray) -> Path:

@@ -64,6 +64,10 @@ _TORCH, _UTILS = types.ModuleType("torch"), types.ModuleType("torch._utils")
 for _name in (*STORAGE_OF.values(), "BFloat16Storage"):
     setattr(_TORCH, _name, _stand_in("torch", _name))
 REBUILD = _stand_in("torch._utils", "_rebuild_tensor_v2")
+_STATES = "protomotions.simulator.base_simulator.simulator_state"
+_PROTOMOTIONS = {_STATES.rsplit(".", depth)[0]: types.ModuleType("protomotions") for depth in range(4)}
+STATE_CONVERSION = _stand_in(_STATES, "StateConversion")
+setattr(_PROTOMOTIONS[_STATES], "StateConversion", STATE_CONVERSION)  # noqa: B010
 setattr(_UTILS, "_rebuild_tensor_v2", REBUILD)  # noqa: B010 (a module has no such attribute to a type checker)
 
 
@@ -98,7 +102,7 @@ class _Pickler(pickle.Pickler):
 def pickled(value: Any, storages: list[Storage], legacy: bool = False, protocol: int = 2) -> bytes:
     """Return the pickle of a value; the storages of its tensors are added to the list."""
     file = io.BytesIO()
-    with mock.patch.dict(sys.modules, {"torch": _TORCH, "torch._utils": _UTILS}):
+    with mock.patch.dict(sys.modules, {"torch": _TORCH, "torch._utils": _UTILS, **_PROTOMOTIONS}):
         _Pickler(file, storages, legacy, protocol).dump(value)
     return file.getvalue()
 

@@ -299,7 +299,7 @@ class Report:
     """Judge many motions: a page, tables, and a verdict on each with its reasons."""
 
     paths: Annotated[Positional[tuple[Path, ...]], arg(metavar="DIR|FILE...", help_behavior_hint="(required)")]
-    """Results, other programs' motions (.npz, .pkl, .csv), folders with such files, and batches' folders."""
+    """Results, other programs' motions (.npz, .pkl, .csv, .motion), folders with such files, and batches' folders."""
     out: Folder
     """Folder to write report.html, index.csv, index.parquet and verdicts.json into; made when it does not exist."""
     objects: OptionalFolder = None
@@ -363,7 +363,7 @@ class CheckMotion:
     """Say what a robot-motion file is, whoever wrote it, and what in its numbers contradicts what it claims."""
 
     file: Annotated[Positional[Path], arg(metavar="FILE")]
-    """A result, another program's motion (.npz, .pkl, .csv), or a folder with motion.npz and meta.json."""
+    """A result, or another program's motion: .npz, .pkl, .csv, .motion, or a folder that is one motion."""
     robot: RobotName = "unitree_g1"
     """A robot's name; `hoi-retarget robots list` shows those there are."""
     json: OptionalFile = None

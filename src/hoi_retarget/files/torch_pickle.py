@@ -169,6 +169,14 @@ def _size(_unpickler: Unpickler, arguments: tuple) -> tuple:
     return size
 
 
+def _member(_unpickler: Unpickler, arguments: tuple) -> str:
+    """Return the text in whose place a member of an enumeration stands."""
+    match arguments:
+        case (str(value),):
+            return value
+    raise RefusedError("a member of an enumeration is made from something that is no text")
+
+
 TENSORS: Names = {
     ("torch._utils", "_rebuild_tensor"): Function(_rebuild_tensor),
     ("torch._utils", "_rebuild_tensor_v2"): Function(_rebuild_tensor),
@@ -176,6 +184,8 @@ TENSORS: Names = {
     ("torch", "Size"): Function(_size),
     ("collections", "OrderedDict"): Function(_ordered_dict),
     **{("torch", name): StorageType(name) for name in _STORAGE_DTYPES},
+    # Whose order ProtoMotions' motions have, as a member of an enumeration.
+    ("protomotions.simulator.base_simulator.simulator_state", "StateConversion"): Function(_member),
     # How far CARI4D's optimization has come, stored beside its result.
     ("learning.training.training_utils", "TrainState"): Class(lambda: Unread("TrainState")),
 }

@@ -64,6 +64,7 @@ def export(
     resampled = resample(motion, model, format.fps if fps is None else fps, chosen)
     contacts = contact_arrays(resampled, result.surfaces)
     assert format.write is not None
+    assert format.container.encode is not None
     written = format.write(resampled)
     contents = format.container.encode({**written.values, **(contacts if format.contacts_inside else {})})
     files = {f"{name}{suffix}": content for suffix, content in contents.items()}

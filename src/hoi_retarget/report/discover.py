@@ -5,10 +5,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from hoi_retarget.errors import ArgumentError
+from hoi_retarget.motion.formats import seed_csv, sonic
+from hoi_retarget.motion.formats.containers import HEADER, header_of
+from hoi_retarget.motion.formats.named_columns import named_columns
 
 MANIFEST = "manifest.jsonl"
 """A batch's manifest, in the folder of its results."""
-_SUFFIXES = (".npz", ".pkl", ".csv")
+_SUFFIXES = (".npz", ".pkl", ".csv", ".motion")
 _CONTACTS = ".contacts.npz"
 """Ending of the contacts beside an exported motion whose format has no room for them."""
 _OWN = ("index.csv", "verdicts.json")
@@ -20,8 +23,8 @@ def find(named: Sequence[Path]) -> tuple[dict[str, Path], tuple[Path, ...]]:
 
     A motion has its path from the folder that holds all of them, with forward slashes, as its name.
 
-    In folders, hidden files, what an earlier report wrote and contacts beside exports are left out, and of
-    tables (.csv) those that begin with words: motions in them are numbers alone.
+    In folders, hidden files, what an earlier report wrote and contacts beside exports are left out, and tables (.csv)
+    that are no motion: words without columns of a root. A folder of tables that are one motion is named as a whole.
 
     Raises:
         ArgumentError: A path does not exist, or there is no such file in any of the folders.
@@ -29,7 +32,7 @@ def find(named: Sequence[Path]) -> tuple[dict[str, Path], tuple[Path, ...]]:
     paths: dict[Path, Path] = {}
     manifests: dict[Path, Path] = {}
     for path in named:
-        if os.path.isdir(path):  # noqa: PTH112  # raises nothing
+        if os.path.isdir(path) and not _is_motion(path):  # noqa: PTH112  # raises nothing
             for file in _walk(path):
                 (manifests if file.name == MANIFEST else paths).setdefault(file.resolve(), file)
         elif os.path.exists(path):  # noqa: PTH110
@@ -48,6 +51,9 @@ def find(named: Sequence[Path]) -> tuple[dict[str, Path], tuple[Path, ...]]:
 def _walk(folder: Path) -> Iterator[Path]:
     for parent, folders, files in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
+        tables = [name for name in folders if _is_motion(Path(parent) / name)]
+        yield from (Path(parent) / name for name in tables)
+        folders[:] = [name for name in folders if name not in tables]
         report = all(name in files for name in _OWN)
         for name in sorted(files):
             path = Path(parent) / name
@@ -55,14 +61,21 @@ def _walk(folder: Path) -> Iterator[Path]:
                 yield path
             elif name.startswith(".") or name.endswith(_CONTACTS) or (report and name in _OWN):
                 continue
-            elif path.suffix.lower() in _SUFFIXES and (path.suffix.lower() != ".csv" or _begins_with_a_number(path)):
+            elif path.suffix.lower() in _SUFFIXES and (path.suffix.lower() != ".csv" or _holds_motion(path)):
                 yield path
 
 
-def _begins_with_a_number(path: Path) -> bool:
+def _is_motion(folder: Path) -> bool:
+    return (folder / sonic.FORMAT.container.inside).is_file()
+
+
+def _holds_motion(table: Path) -> bool:
     try:
-        with path.open("rb") as file:
-            float(file.readline(1000).split(b",")[0])
+        with table.open("rb") as file:
+            header = file.readline(10_000).decode("utf-8-sig")
     except (OSError, ValueError):
         return False
-    return True
+    if not header_of(header.split(",")[0]):
+        return True  # A number.
+    names = header_of(header)
+    return seed_csv.holds({HEADER: names}) or named_columns(names).has_root

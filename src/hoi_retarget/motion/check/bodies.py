@@ -8,10 +8,14 @@ from jaxtyping import Float
 
 from hoi_retarget.motion.check.body_poses import BodyReading, body_readings, claimed_places, fit_tree, implied_angles
 from hoi_retarget.motion.check.finding import Check, Finding
-from hoi_retarget.motion.check.interpretation import Interpretation, joint_deviations, rotation_deviations
+from hoi_retarget.motion.check.interpretation import (
+    Interpretation,
+    isaac_lab_columns,
+    joint_deviations,
+    rotation_deviations,
+)
 from hoi_retarget.motion.check.layout import UNIT_TOLERANCE, Layout, off_unit
 from hoi_retarget.motion.formats import Bodies, MotionFile, beyondmimic, mjlab
-from hoi_retarget.motion.links import breadth_first
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 
@@ -59,7 +63,7 @@ def read_bodies(
     root = there.places[model.body_names[0]]
     found = FoundBodies(there, reading, bodies.pos[:, root], bodies.quat[:, root], format_name)
     if layout.pos is not None and layout.quat is not None:
-        yield _root(found, layout.pos, layout.quat)
+        yield _root(found, layout.pos, layout.quat, claim)
     return found
 
 
@@ -131,7 +135,7 @@ def _joints(
     if file.convention.order is None:
         name = BREADTH_FIRST if order == "breadth" else DEPTH_FIRST
         if order == "breadth":
-            claimed = replace(claimed, columns=tuple(np.argsort(breadth_first(model)[1]).tolist()))
+            claimed = replace(claimed, columns=isaac_lab_columns(model))
     base = errors(claimed)
     words = "as the bodies' poses imply"
     if base.max(initial=0.0) < _SAME_ANGLE:
@@ -190,19 +194,19 @@ def _rms(difference: Float[np.ndarray, "T k"]) -> Float[np.ndarray, "k"]:
     return np.sqrt(np.mean(difference**2, axis=0))
 
 
-def _root(found: FoundBodies, pos: np.ndarray, quat: np.ndarray) -> Finding:
+def _root(found: FoundBodies, pos: np.ndarray, quat: np.ndarray, claim: Interpretation) -> Finding:
     """Compare the root's own columns with the pose of the root's body."""
-    base = replace(found.reading, quat_order="wxyz", inverted=False)
+    base = replace(found.reading, quat_order=claim.quat_order, inverted=claim.inverted)
     body_pos, body_quat = found.reading.position(found.pos), found.reading.rotation(found.quat)
     moved = float(np.median(np.linalg.norm(base.position(pos) - body_pos, axis=1)))
     turned = float(np.median(se3.angle_between(base.rotation(quat), body_quat)))
-    claim = "the root's pose is that of its body"
+    same = "the root's pose is that of its body"
     says = f"{1000 * moved:.2g} mm and {np.degrees(turned):.2g} deg apart"
     if moved < _SAME_PLACE and turned < _SAME_TURN:
-        return Finding("ok", "root", claim, says)
+        return Finding("ok", "root", same, says)
     for deviation in rotation_deviations(base):
         if float(np.median(se3.angle_between(deviation.reading.rotation(quat), body_quat))) < 0.2 * turned:
             says = f"the root's quaternions are {deviation.is_}: {np.degrees(turned):.2g} deg apart as claimed"
-            return Finding("contradiction", deviation.subject, claim, says, deviation.advice, "poses")
+            return Finding("contradiction", deviation.subject, same, says, deviation.advice, "poses")
     advice = "Write the root and the bodies from one configuration."
-    return Finding("contradiction", "root", claim, says, advice, "poses")
+    return Finding("contradiction", "root", same, says, advice, "poses")

@@ -12,7 +12,7 @@ from hoi_retarget.motion.check.ground import check_floor, check_ranges
 from hoi_retarget.motion.check.interpretation import Interpretation
 from hoi_retarget.motion.check.layout import UNIT_TOLERANCE, Layout, lay_out, off_unit
 from hoi_retarget.motion.check.objects import ObjectPath, check_object
-from hoi_retarget.motion.check.search import Poses, find_reading, undecided
+from hoi_retarget.motion.check.search import Poses, find_reading, read_open, undecided
 from hoi_retarget.motion.check.surroundings import Surroundings
 from hoi_retarget.motion.check.velocities import check_velocities
 from hoi_retarget.motion.formats import Bodies, MotionFile, ObjectPoses
@@ -50,7 +50,7 @@ def check(file: MotionFile, model: RobotModel) -> CheckedMotion:
     findings: list[Finding] = []
     layout = noted(lay_out(file, model), findings)
     columns = layout.columns or (-1,) * model.n
-    claim = Interpretation(columns, (1.0,) * model.n, quat_order=file.convention.quat_order)
+    claim = Interpretation(columns, (1.0,) * model.n, quat_order=file.convention.quat_order or "xyzw")
     found: FoundBodies | None = None
     if file.bodies is not None:
         found = noted(read_bodies(file, file.bodies, model, layout, claim), findings)
@@ -59,6 +59,8 @@ def check(file: MotionFile, model: RobotModel) -> CheckedMotion:
     reading, qpos = found.reading if found is not None else claim, None
     if layout.columns is not None and pos is not None and quat is not None:
         poses = Poses(model, pos, quat, layout.joint_pos, fps)
+        if found is None:
+            reading = noted(read_open(poses, reading, file.convention), findings)
         reading = noted(find_reading(poses, reading, known=found is not None), findings)
         if found is None and not contradictions(findings):
             findings += undecided(poses, reading)

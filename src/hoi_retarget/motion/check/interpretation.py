@@ -108,6 +108,11 @@ def rotation_deviations(claim: Interpretation) -> Iterator[Deviation]:
         yield Deviation("quaternion inverse", "inverted", advice, replace(claim, inverted=True))
 
 
+def isaac_lab_columns(model: RobotModel) -> tuple[int, ...]:
+    """Return the column of each joint of the robot where columns are in Isaac Lab's breadth-first order."""
+    return tuple(np.argsort(breadth_first(model)[1]).tolist())
+
+
 def joint_deviations(claim: Interpretation, model: RobotModel) -> Iterator[Deviation]:
     """Yield what may be wrong with columns of angles as a whole."""
     yield Deviation(

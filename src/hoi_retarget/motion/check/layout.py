@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.motion.check.finding import Check, Finding
+from hoi_retarget.motion.check.interpretation import isaac_lab_columns
 from hoi_retarget.motion.formats import WITHOUT_WRISTS, MotionFile
 from hoi_retarget.robots.model import RobotModel
 
@@ -96,7 +97,7 @@ def _columns(file: MotionFile, model: RobotModel, count: int) -> Check[tuple[int
     if count == model.n:
         says = f"the file has {count} columns of angles"
         yield Finding("ok", "joint count", robot, says)
-        return tuple(range(count))
+        return isaac_lab_columns(model) if file.convention.order == "breadth_first" else tuple(range(count))
     known = _known_set(file, model, count)
     if known is not None:
         words, names = known

@@ -1,7 +1,7 @@
 """The reading of a root's path and joint angles that looks most like the robot, and what that contradicts."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -10,12 +10,14 @@ from hoi_retarget.motion.check.finding import Check, Finding
 from hoi_retarget.motion.check.interpretation import (
     Deviation,
     Interpretation,
+    isaac_lab_columns,
     joint_deviations,
     rotation_deviations,
     sign_deviations,
     world_deviations,
 )
 from hoi_retarget.motion.check.plausibility import Plausibility, plausibility, sampled
+from hoi_retarget.motion.formats import Convention
 from hoi_retarget.robots.model import RobotModel
 
 # A reading is preferred to the claimed one when it takes away this much of the penalty, and this part of it:
@@ -59,6 +61,41 @@ def find_reading(poses: Poses, claim: Interpretation, *, known: bool) -> Check[I
         subject, demand = ("up axis", "z up") if known else ("poses", "read as the format demands")
         yield Finding("ok", subject, demand, f"the robot stands: {describe(judged)}")
     return reading
+
+
+def read_open(poses: Poses, claim: Interpretation, convention: Convention) -> Check[Interpretation]:
+    """Return the reading in the orders of quaternions and joints that fit best, of those that a format allows."""
+    readings = _open_readings(poses.model, claim, convention)
+    if len(readings) == 1:
+        return claim
+    judged = {words: poses.judged(reading) for words, reading in readings.items()}
+    usual, *_ = readings
+    by_penalty = sorted(judged, key=lambda words: judged[words].penalty)
+    best = by_penalty[0]
+    found = usual if judged[usual].penalty - judged[best].penalty < _UNDECIDED else best
+    others = [words for words in by_penalty if words != found]
+    alike = [words for words in others if judged[words].penalty - judged[found].penalty < _UNDECIDED]
+    demand = "left open by the format"
+    if alike:
+        yield Finding("unknown", "orders", demand, f"taken for {found}; as plausible as {', or '.join(alike)}")
+    else:
+        says = f"{found}: {describe(judged[found])}; next best {others[0]}: {describe(judged[others[0]])}"
+        yield Finding("ok", "orders", demand, says)
+    return readings[found]
+
+
+def _open_readings(model: RobotModel, claim: Interpretation, convention: Convention) -> dict[str, Interpretation]:
+    """Return what a format allows, in words, the usual one first."""
+    turned = [item.reading for item in rotation_deviations(claim) if item.subject == "quaternion order"]
+    rotations = [claim, *turned] if convention.quat_order is None else [claim]
+    orders = {"MuJoCo's depth-first order": claim.columns}
+    if convention.order is None and claim.columns == tuple(range(model.n)):
+        orders["Isaac Lab's breadth-first order"] = isaac_lab_columns(model)
+    return {
+        f"quaternions {reading.quat_order}, joints in {words}": replace(reading, columns=columns)
+        for reading in rotations
+        for words, columns in orders.items()
+    }
 
 
 def undecided(poses: Poses, reading: Interpretation) -> Iterator[Finding]:

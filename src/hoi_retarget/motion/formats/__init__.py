@@ -5,7 +5,7 @@ Adding one is one file and one line in `FORMATS`. What the numbers of a file mea
 format says, is decided by `hoi_retarget.motion.check`, which knows a robot.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -15,17 +15,21 @@ from hoi_retarget.motion.formats import (
     asap,
     beyondmimic,
     gmr,
+    gmr_npz,
     hdmi,
     holosoma,
     holosoma_qpos,
     mjlab,
+    named_csv,
     omniretarget,
     own_result,
+    protomotions,
     sbto,
+    seed_csv,
+    sonic,
     unitree_csv,
 )
 from hoi_retarget.motion.formats.arrays_by_name import ArraysByName
-from hoi_retarget.motion.formats.containers import FOLDER, MOTION
 from hoi_retarget.motion.formats.format import Format
 from hoi_retarget.motion.formats.motion_file import (
     WITHOUT_WRISTS,
@@ -58,16 +62,24 @@ FORMATS: tuple[Format, ...] = (
     omniretarget.FORMAT,
     holosoma_qpos.FORMAT,
     hdmi.FORMAT,
+    gmr_npz.FORMAT,
     sbto.FORMAT,
     gmr.FORMAT,
     asap.FORMAT,
+    protomotions.FORMAT,
     unitree_csv.FORMAT,
+    seed_csv.FORMAT,
+    named_csv.FORMAT,
+    sonic.FORMAT,
 )
 """All formats of one motion a file."""
 WRITABLE: Mapping[str, Format] = MappingProxyType(
     {format.name: format for format in FORMATS if format.write is not None}
 )
 """By name, those to which results are exported."""
+
+KINDS = "*.npz, *.pkl, *.csv, *.motion, or a folder with motion.npz and meta.json, or with joint_pos.csv"
+"""What motions are read from, in words."""
 
 
 def read(path: Path) -> MotionFile:
@@ -76,13 +88,43 @@ def read(path: Path) -> MotionFile:
     Raises:
         ReadError: The file is missing, damaged, of no known format, or holds numbers that are not finite.
     """
-    suffix = path.suffix.lower()
     if path.is_dir():
-        path, suffix = path / MOTION, FOLDER
-    formats = [format for format in FORMATS if suffix in format.container.suffixes]
+        return _read_folder(path)
+    formats = [format for format in FORMATS if path.suffix.lower() in format.container.suffixes]
     if not formats:
-        kinds = "*.npz, *.pkl, *.csv, or a folder with motion.npz and meta.json"
-        raise ReadError(f"{path}: no robot motions are read from files of type {path.suffix!r}. Expected {kinds}.")
+        raise ReadError(f"{path}: no robot motions are read from files of type {path.suffix!r}. Expected {KINDS}.")
+    return _read(path, formats)
+
+
+def _read_folder(folder: Path) -> MotionFile:
+    formats = folder_formats(folder)
+    if formats:
+        return _read(folder / formats[0].container.inside, formats)
+    motions = sorted(path for path in folder.iterdir() if _may_be_motion(path))
+    if len(motions) == 1:
+        return read(motions[0])
+    if not motions:
+        raise ReadError(f"{folder}: there is no motion in this folder. Expected {KINDS}.")
+    names = ", ".join(path.name for path in motions[:5])
+    raise ReadError(
+        f"{folder}: there are {len(motions)} motions in this folder ({names}{', ...' if len(motions) > 5 else ''}). "
+        "Name one of them."
+    )
+
+
+def _may_be_motion(path: Path) -> bool:
+    if path.is_file():
+        return any(path.suffix.lower() in format.container.suffixes for format in FORMATS)
+    return bool(folder_formats(path))
+
+
+def folder_formats(folder: Path) -> list[Format]:
+    """Return the formats of which a folder is one motion; empty where it is none."""
+    insides = [(format.container.inside, format) for format in FORMATS]
+    return [format for inside, format in insides if inside and (folder / inside).is_file()]
+
+
+def _read(path: Path, formats: Sequence[Format]) -> MotionFile:
     values = formats[0].container.read(path)
     if not isinstance(values, Mapping):
         raise ReadError(f"{path}: it holds a {type(values).__name__}, expected a dictionary. {_known()}")

@@ -49,7 +49,10 @@ class ArraysByName:
 
     def pose(self, position: str, rotation: str) -> np.ndarray:
         """Return a free joint of its two arrays, the position first."""
-        first, second = self.numbers(position), self.numbers(rotation)
+        return self.joined(self.numbers(position), self.numbers(rotation))
+
+    def joined(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        """Return a free joint of a position and a rotation over time."""
         if first.ndim != 2 or second.ndim != 2 or len(first) != len(second):
             raise ReadError(
                 f"{self.path}: a position of shape {first.shape} and a rotation of shape {second.shape} are no pose "
@@ -67,6 +70,15 @@ class ArraysByName:
         if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < _BEYOND_RATES:
             return float(value)
         raise ReadError(f"{self.path}: 'fps' is not one number. Make the file again.")
+
+    def text(self, name: str) -> str:
+        """Return a text."""
+        value = self.values.get(name)
+        if isinstance(value, np.ndarray) and value.dtype.kind == "U" and value.size == 1:
+            value = value.item()
+        if not isinstance(value, str):
+            raise ReadError(f"{self.path}: '{name}' is no text. Make the file again.")
+        return value
 
     def names(self, name: str) -> tuple[str, ...]:
         """Return a list of names."""

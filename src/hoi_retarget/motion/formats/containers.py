@@ -14,15 +14,18 @@ from hoi_retarget.errors import ReadError
 from hoi_retarget.files import npz
 from hoi_retarget.files.numpy_pickle import parse_pickle
 from hoi_retarget.files.reading import read_bytes
+from hoi_retarget.files.torch_file import parse_torch
 
 FOLDER = "/"
 """Stands for the ending of a folder's name."""
-TABLE = "table"
-"""The one array of a CSV file, which has no name in it."""
+TABLE, HEADER = "table", "header"
+"""The one array of a CSV file, which has no name in it, and the names of its columns where the first line has them."""
 MOTION, META = "motion.npz", "meta.json"
 """Files of a folder: its arrays, and its value `META` as JSON."""
+JOINTS = "joint_pos"
+"""The table of a folder of tables that has the joints; `<name> columns` are the names of a table's columns."""
+_TABLES = (JOINTS, "joint_vel", "body_pos", "body_quat", "body_lin_vel", "body_ang_vel")
 _KINDS = "biufU"
-_LEAST_COLUMNS = 8  # A free joint and a hinge.
 _PICKLED_BY_NUMPY_2 = b"cnumpy._core.multiarray\n_reconstruct\n"
 _READ_BY_ALL_NUMPYS = b"cnumpy.core.multiarray\n_reconstruct\n"
 
@@ -35,8 +38,10 @@ class Container:
     """Of names of files that are read so; the first is written."""
     read: Callable[[Path], Any]
     """Returns values by name, as far as the file has names; raises `ReadError`."""
-    encode: Callable[[Mapping[str, Any]], Mapping[str, bytes]]
-    """Returns files' bytes by what follows the export's name: the same bytes for the same values."""
+    inside: str = ""
+    """The file that is read of a folder; empty where a folder is no such container."""
+    encode: Callable[[Mapping[str, Any]], Mapping[str, bytes]] | None = None
+    """Returns files' bytes by what follows the export's name: the same bytes for the same values; None if only read."""
 
 
 def read_npz(path: Path) -> dict[str, np.ndarray]:
@@ -60,7 +65,8 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
     return arrays
 
 
-def _read_csv(path: Path) -> dict[str, np.ndarray]:
+def read_csv(path: Path) -> dict[str, Any]:
+    """Return the table of a CSV file, and the names of its columns where it has a header; raises `ReadError`."""
     try:
         lines = read_bytes(path).decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
@@ -68,9 +74,9 @@ def _read_csv(path: Path) -> dict[str, np.ndarray]:
     rows = [(number, line.split(",")) for number, line in enumerate(lines, 1) if line.strip()]
     if not rows:
         raise ReadError(f"{path}: the file is empty, expected rows of numbers with commas between them.")
+    names = header_of(",".join(rows[0][1]))
     width = len(rows[0][1])
-    if width < _LEAST_COLUMNS:
-        raise ReadError(f"{path}: {width} columns, expected a free joint (7) and the angles of hinges.")
+    rows = rows[1:] if names else rows
     table = np.zeros((len(rows), width))
     for index, (number, cells) in enumerate(rows):
         if len(cells) != width:
@@ -78,8 +84,34 @@ def _read_csv(path: Path) -> dict[str, np.ndarray]:
         try:
             table[index] = [float(cell) for cell in cells]
         except ValueError as error:
-            raise ReadError(f"{path}: line {number}: {error}. Expected numbers only, without a header.") from error
-    return {TABLE: table}
+            raise ReadError(f"{path}: line {number}: {error}. Expected numbers below at most one header.") from error
+    return {TABLE: table, HEADER: names} if names else {TABLE: table}
+
+
+def _read_csv_folder(path: Path) -> dict[str, Any]:
+    """Return the tables of a folder, of which one is named, with the names of their columns; raises `ReadError`."""
+    values: dict[str, Any] = {}
+    for name in _TABLES:
+        place = path.with_name(f"{name}.csv")
+        if name == JOINTS or place.is_file():
+            content = read_csv(place)
+            values[name] = content[TABLE]
+            values[f"{name} columns"] = content.get(HEADER) or tuple(f"q{i}" for i in range(content[TABLE].shape[1]))
+    return values
+
+
+def header_of(line: str) -> tuple[str, ...]:
+    """Return the names in a table's first line; none where any cell is a number."""
+    names = tuple(cell.strip().strip("\"'").strip() for cell in line.lstrip("# ").split(","))
+    return () if any(_is_number(name) for name in names) else names
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def to_json(content: Mapping[str, Any]) -> bytes:
@@ -106,12 +138,15 @@ def _to_folder(content: Mapping[str, Any]) -> dict[str, bytes]:
     return {f"/{MOTION}": npz.encode(arrays), f"/{META}": to_json(content[META])}
 
 
-NPZ = Container((".npz",), read_npz, lambda values: {".npz": npz.encode(values)})
+NPZ = Container((".npz",), read_npz, encode=lambda values: {".npz": npz.encode(values)})
 PICKLE = Container(
     (".pkl", ".pickle", ".joblib"),
     lambda path: parse_pickle(read_bytes(path), path),
-    lambda values: {".pkl": to_pickle(values)},
+    encode=lambda values: {".pkl": to_pickle(values)},
 )
-CSV = Container((".csv",), _read_csv, lambda values: {".csv": _to_csv(values)})
-NPZ_AND_JSON = Container((FOLDER, ".npz"), read_npz, _to_folder)
+TORCH = Container((".motion",), lambda path: parse_torch(read_bytes(path), path))
+CSV = Container((".csv",), read_csv, encode=lambda values: {".csv": _to_csv(values)})
+NPZ_AND_JSON = Container((FOLDER, ".npz"), read_npz, inside=MOTION, encode=_to_folder)
 """A folder of two files; its arrays are also read on their own."""
+CSV_FOLDER = Container((FOLDER,), _read_csv_folder, inside=f"{JOINTS}.csv")
+"""A folder of tables."""

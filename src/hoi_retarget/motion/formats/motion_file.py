@@ -22,7 +22,7 @@ class Convention:
 
     name: str
     """Of the format."""
-    quat_order: Literal["wxyz", "xyzw"] = "wxyz"
+    quat_order: Literal["wxyz", "xyzw"] | None = "wxyz"
     root_order: Literal["pos_quat", "quat_pos"] = "pos_quat"
     """Whether a free joint's position or its rotation comes first."""
     order: Literal["depth_first", "breadth_first", "names"] | None = "depth_first"

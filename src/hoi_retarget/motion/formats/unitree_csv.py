@@ -4,17 +4,22 @@ from typing import Any
 
 import numpy as np
 
-from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
+from hoi_retarget.errors import ReadError
+from hoi_retarget.motion.formats.arrays_by_name import ArraysByName
 from hoi_retarget.motion.formats.containers import CSV, TABLE
 from hoi_retarget.motion.formats.format import Format, Written
 from hoi_retarget.motion.formats.motion_file import Convention
 from hoi_retarget.motion.resample import ResampledMotion
 from hoi_retarget.numerics import se3
 
+_LEAST_COLUMNS = 8  # A free joint and a hinge.
+
 
 def read(arrays: ArraysByName) -> dict[str, Any]:
     """Return what a table holds."""
     table = arrays.numbers(TABLE)
+    if table.shape[1] < _LEAST_COLUMNS:
+        raise ReadError(f"{arrays.path}: {table.shape[1]} columns, expected a free joint (7) and the angles of hinges.")
     return {"contents": (f"table {table.shape}",), "root": table[:, :7], "joint_pos": table[:, 7:]}
 
 
@@ -29,7 +34,7 @@ def write(motion: ResampledMotion) -> Written:
 FORMAT = Format(
     name="unitree-csv",
     convention=Convention("unitree-csv", quat_order="xyzw", usual_fps=30.0),
-    holds=has(TABLE),
+    holds=lambda values: set(values) == {TABLE},
     read=read,
     container=CSV,
     write=write,

@@ -1,0 +1,49 @@
+"""A folder of CSV that GEAR-SONIC plays: joints and bodies in Isaac Lab's order, the first body is the root."""
+
+from typing import Any
+
+import numpy as np
+
+from hoi_retarget.errors import ReadError
+from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
+from hoi_retarget.motion.formats.containers import CSV_FOLDER, JOINTS
+from hoi_retarget.motion.formats.format import Format
+from hoi_retarget.motion.formats.motion_file import Convention
+from hoi_retarget.motion.formats.named_columns import named_columns
+
+_POSITIONS, _ROTATIONS, _VELOCITIES = "body_pos", "body_quat", ("body_lin_vel", "body_ang_vel")
+
+
+def read(arrays: ArraysByName) -> dict[str, Any]:
+    """Return what the tables hold; bodies but the first are passed over. Raises `ReadError`."""
+    joints = named_columns(arrays.names(f"{JOINTS} columns"))
+    root = arrays.joined(_first_body(arrays, _POSITIONS, 3), _first_body(arrays, _ROTATIONS, 4))
+    velocities = [_first_body(arrays, name, 3) for name in _VELOCITIES if name in arrays]
+    return {
+        "root": root,
+        "joint_pos": arrays.numbers(JOINTS)[:, joints.joints],
+        "joint_names": joints.joint_names,
+        "joint_vel": _joint_vel(arrays) if joints.joint_names is None else None,
+        "root_vel": np.concatenate(velocities, axis=1) if len(velocities) == len(_VELOCITIES) else None,
+    }
+
+
+def _first_body(arrays: ArraysByName, name: str, width: int) -> np.ndarray:
+    if name not in arrays:
+        raise ReadError(f"{arrays.path.with_name(name)}.csv: there is no such file. The root's path is in it.")
+    return arrays.table(name, width)[:, :width]
+
+
+def _joint_vel(arrays: ArraysByName) -> np.ndarray | None:
+    if "joint_vel" not in arrays:
+        return None
+    return arrays.numbers("joint_vel")[:, named_columns(arrays.names("joint_vel columns")).joints]
+
+
+FORMAT = Format(
+    name="sonic",
+    convention=Convention("sonic", order="breadth_first", usual_fps=50.0),
+    holds=has(JOINTS),
+    read=read,
+    container=CSV_FOLDER,
+)
