@@ -10,6 +10,7 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.numerics import se3
+from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers import physhoi, read_clip
 from hoi_retarget.readers.describe import inspect
 from hoi_retarget.readers.worlds import World
@@ -72,6 +73,8 @@ def test_the_ball_is_a_sphere_unless_the_user_has_one(tmp_path):
     assert np.allclose(np.linalg.norm(points, axis=1), physhoi.RADIUS)
     directions = np.random.default_rng(0).normal(size=(200, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
+    inside = surface_of(clip.objects[0].geometry).signed_distances(0.05 * directions)
+    assert np.allclose(inside, 0.05 - physhoi.RADIUS, atol=1e-3)
     assert (-clip.objects[0].geometry.lowest_along(directions) > physhoi.RADIUS - 1e-3).all()
     assert any("sphere of 12 cm" in note for note in clip.source.notes)
     write_box(tmp_path, "ball", 0.1)

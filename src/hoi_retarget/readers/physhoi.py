@@ -15,6 +15,7 @@ from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial import ConvexHull
 
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.files.source_file import SourceFile
@@ -125,15 +126,18 @@ def _ball(options: ReadOptions) -> tuple[ObjectGeometry, str]:
         f"The ball's size is not stored: it is a sphere of {100 * RADIUS:g} cm, a basketball's. "
         f"--objects DIR with {BALL}/{BALL}.obj gives it another shape."
     )
-    return ObjectGeometry(RADIUS * _directions(_POINTS)), note
+    return _sphere(), note
 
 
-def _directions(count: int) -> Float[np.ndarray, "n 3"]:
-    """Return unit vectors spread evenly, on a spiral from pole to pole whose turns keep the golden angle."""
-    height = np.linspace(1.0, -1.0, count)
-    around = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
-    radius = np.sqrt(1.0 - height**2)
-    return np.stack([radius * np.cos(around), radius * np.sin(around), height], axis=1)
+def _sphere() -> ObjectGeometry:
+    """Return a sphere of points spread evenly, on a spiral from pole to pole whose turns keep the golden angle."""
+    height = np.linspace(1.0, -1.0, _POINTS)
+    around = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_POINTS)
+    beside = np.sqrt(1.0 - height**2)
+    points = RADIUS * np.stack([beside * np.cos(around), beside * np.sin(around), height], axis=1)
+    faces = ConvexHull(points).simplices
+    inward = np.linalg.det(points[faces]) < 0
+    return ObjectGeometry(points, faces=np.where(inward[:, None], faces[:, ::-1], faces))
 
 
 READER = data_set(FORMAT, (".pt", ".pth"), record, holds=holds, floor_at_zero=True)
