@@ -3,7 +3,7 @@
 import logging
 import signal
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -12,6 +12,9 @@ from typing import Any
 from hoi_retarget.batch.pool import POLL_SECONDS, Lost
 from hoi_retarget.batch.worker import limit_memory
 from hoi_retarget.errors import HoiRetargetError
+
+MACHINES_LOST = 3
+"""So many machines may be lost with a task before it counts as what ends them."""
 
 
 @dataclass(frozen=True)
@@ -47,9 +50,10 @@ class RayPool:
         ray = self._start()
         try:
             do = ray.remote(num_cpus=1, max_retries=0)(_do_limited)
-            at_a_time = self.workers or max(1, int(ray.cluster_resources().get("CPU", 1)))
-            waiting, running = deque(range(len(tasks))), {}
+            waiting, running, machines_lost = deque(range(len(tasks))), {}, Counter[int]()
             while (waiting or running) and not stopped():
+                # Machines come and go.
+                at_a_time = self.workers or max(1, int(ray.cluster_resources().get("CPU", 1)))
                 while waiting and len(running) < at_a_time:
                     index = waiting.popleft()
                     reference = do.remote(self.function, tasks[index], self.memory_limit)
@@ -57,7 +61,12 @@ class RayPool:
                 done, _ = ray.wait(list(running), num_returns=1, timeout=POLL_SECONDS)
                 for reference in done:
                     index, since = running.pop(reference)
-                    yield index, _value(ray, reference, since)
+                    value, machine_lost = _value(ray, reference, since)
+                    machines_lost[index] += machine_lost
+                    if machine_lost and machines_lost[index] < MACHINES_LOST:
+                        waiting.append(index)  # Nothing speaks against the task itself.
+                    else:
+                        yield index, value
                 for reference, (index, since) in tuple(running.items()):
                     seconds = time.monotonic() - since
                     if self.time_limit is not None and seconds > self.time_limit:
@@ -88,9 +97,11 @@ def _do_limited(function: Callable[[Any], Any], task: Any, memory_limit: float |
     return function(task)
 
 
-def _value(ray: Any, reference: Any, since: float) -> Any:
+def _value(ray: Any, reference: Any, since: float) -> tuple[Any, bool]:
+    """Return a task's value, or `Lost`, and whether the machine that it was on is lost."""
     try:
-        return ray.get(reference)
+        return ray.get(reference), False
     except ray.exceptions.RayError as error:
         reason = " ".join(str(error).split())[:200]
-        return Lost("killed", f"its process ended: {reason}", time.monotonic() - since)
+        lost = Lost("killed", f"its process ended: {reason}", time.monotonic() - since)
+        return lost, isinstance(error, ray.exceptions.NodeDiedError)
