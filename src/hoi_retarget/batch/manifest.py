@@ -19,8 +19,8 @@ from hoi_retarget.errors import ReadError, WriteError
 from hoi_retarget.files.atomic import write_atomically
 
 MANIFEST = "manifest.jsonl"
-Status = Literal["solved", "loose", "failed", "timeout", "killed"]
-"""Solved; written without having converged; an error; too long; its process ended."""
+Status = Literal["solved", "failed", "timeout", "killed"]
+"""Solved; an error or a motion with faults; too long; its process ended."""
 STATUSES: tuple[Status, ...] = get_args(Status)
 _RETRIED = ("WriteError", "MemoryError", "OSError")
 """Errors of the machine, not of the clip: the next run tries again."""
@@ -95,7 +95,7 @@ class ManifestEntry:
     @property
     def succeeded(self) -> bool:
         """Whether there are results."""
-        return self.status in ("solved", "loose")
+        return self.status == "solved"
 
     def is_final(self, time_limit: float | None) -> bool:
         """Return whether doing the same again would end the same way."""

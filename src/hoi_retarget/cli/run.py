@@ -45,20 +45,17 @@ def execute(command: Run) -> int:
         raise ArgumentError(f"--edits {command.edits} is for one clip, and {len(command.clips)} are named. Name one.")
     check_writable("--out", command.out)
     scores: list[Score] = []
-    converged: list[bool] = []
 
     def run_one(path: Path) -> None:
         motions = _run_clip(path, command, models, config)
         scores.extend(score(motion, out) for out, motion in motions.items())
-        converged.append(all(motion.converged for motion in motions.values()))
 
     failures = do_for_each("retargeting", command.clips, run_one)
     if scores:
         say()
         show_figures(scores)
         say()
-    unconverged = f", {converged.count(False)} written without having converged" if not all(converged) else ""
-    say(f"{converged.count(True)} solved{unconverged}, {len(failures)} failed.")
+    say(f"{len(command.clips) - len(failures)} solved, {len(failures)} failed.")
     return exit_code(failures, len(command.clips))
 
 

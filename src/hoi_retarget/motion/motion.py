@@ -142,6 +142,11 @@ class Motion:
         ]
         return (*(QualityWarning("not_converged", Severity.ERROR, text) for text in unsolved), *self.report.warnings)
 
+    @property
+    def faults(self) -> tuple[QualityWarning, ...]:
+        """Why it is not to be used: the warnings that are errors; none for a good one."""
+        return tuple(warning for warning in self.warnings if warning.severity is Severity.ERROR)
+
     def with_qpos(self, qpos: Float[np.ndarray, "T nq"]) -> "Motion":
         """Return the motion with another last stage."""
         return replace(self, stages=(*self.stages[:-1], replace(self.stages[-1], qpos=qpos)))

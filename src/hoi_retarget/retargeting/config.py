@@ -150,13 +150,13 @@ class Solver(Protocol):
 class BandedInteriorPoint:
     """The options of the interior-point Gauss-Newton solver; `trajopt/solvers/banded.py` is its method."""
 
-    max_iterations: int = 60
+    max_iterations: int = 200
     """Iterations after which the solve stops."""
     tolerance: float = 3e-4
     """Predicted decrease and complementarity gap, relative to the cost, at which it is solved."""
     step_tolerance: float = 10.0
-    """Largest last step of any coordinate [m, rad] with which it is solved: where costs stay large, a small relative
-    decrease can still be a large step. Ten is no limit."""
+    """Largest last step of any coordinate [m, rad] with which it is solved before the last iteration: where costs stay
+    large, a small relative decrease can still be a large step. Ten is no limit."""
     fraction_to_boundary: float = 0.995
     """Largest part of the way to a bound taken in one step."""
 
@@ -206,7 +206,7 @@ class IkConfig:
     weights: IkWeights = IkWeights()
     stride: int = 10
     """The first solve sees every n-th frame; the second starts from its interpolation."""
-    solver: BandedInteriorPoint = BandedInteriorPoint(tolerance=1e-3, step_tolerance=2e-2)
+    solver: BandedInteriorPoint = BandedInteriorPoint(max_iterations=60, tolerance=1e-3, step_tolerance=2e-2)
 
     def __post_init__(self) -> None:
         if self.stride < 1:

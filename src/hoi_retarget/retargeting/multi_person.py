@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.errors import ArgumentError
+from hoi_retarget.errors import ArgumentError, SolveError
 from hoi_retarget.evaluation import inter_robot_hand_errors
 from hoi_retarget.files.atomic import write_together
 from hoi_retarget.motion.motion import Motion
@@ -63,14 +63,31 @@ def with_report(motion: Motion, **fields: Any) -> Motion:
 
 
 def write(motions: Sequence[Motion], paths: Sequence[Path], *, read_seconds: float = 0.0) -> tuple[Motion, ...]:
-    """Write a clip's results, all of them or none, and return them; raises `WriteError`.
+    """Write a clip's results, all of them or none, and return them.
 
     Their reports tell the time that reading the clip and writing take. The time to write must be known
     before a file is: it is that of encoding the result.
+
+    Raises:
+        SolveError: A motion has faults. All are set aside, at `set_aside(path)`, and nothing is written to the paths.
+        WriteError: A file cannot be written.
     """
     timed = tuple(_timed(motion, read_seconds / len(motions)) for motion in motions)
-    write_together({path: encode(motion) for path, motion in zip(paths, timed, strict=True)})
+    contents = {path: encode(motion) for path, motion in zip(paths, timed, strict=True)}
+    faults = [fault for motion in timed for fault in motion.faults]
+    if faults:
+        aside = {set_aside(path): content for path, content in contents.items()}
+        write_together(aside)
+        raise SolveError(f"{faults[0]} To look at, not to use: {', '.join(path.name for path in aside)}.")
+    write_together(contents)
+    for path in paths:
+        set_aside(path).unlink(missing_ok=True)
     return timed
+
+
+def set_aside(path: Path) -> Path:
+    """Return where the failed motion of a result's path is kept: beside it, with an ending that no result has."""
+    return path.with_name(f"{path.name}.failed")
 
 
 def _timed(motion: Motion, read_seconds: float) -> Motion:

@@ -20,7 +20,7 @@ from hoi_retarget.retargeting.trajopt.bounds import Bounds
 from hoi_retarget.retargeting.trajopt.normal import assemble
 from hoi_retarget.retargeting.trajopt.problem import Problem, cost_by_term
 from hoi_retarget.retargeting.trajopt.rows import Rows
-from hoi_retarget.retargeting.trajopt.solvers.base import FACTOR, SOLVE, Solution
+from hoi_retarget.retargeting.trajopt.solvers.base import FACTOR, SOLVE, Solution, optimality
 from hoi_retarget.robots.model import Kinematics
 
 _ROUNDING = 1e-12
@@ -45,13 +45,23 @@ def solve(options: BandedInteriorPoint, problem: Problem, qpos: Float[np.ndarray
         moved = None if step is None else _line_search(problem, bounds, state, step)
         if step is None or moved is None:
             if state.damping > _LARGEST_DAMPING:
-                return state.solution(Status.STALLED, iteration)
+                return _ended(options, problem, state.solution(Status.STALLED, iteration))
             state = replace(state, damping=max(10.0 * state.damping, _FIRST_DAMPING))
             continue
         state = moved
         if _solved(options, state, step):
             return state.solution(Status.SOLVED, iteration)
-    return state.solution(Status.MAX_ITERATIONS, options.max_iterations)
+    return _ended(options, problem, state.solution(Status.MAX_ITERATIONS, options.max_iterations))
+
+
+def _ended(options: BandedInteriorPoint, problem: Problem, solution: Solution) -> Solution:
+    """Return a solution that cannot be improved further: solved, where it is optimal to the tolerance all the same.
+
+    Along directions that hardly cost anything, such as those of a stretched knee, steps stay long and damped.
+    """
+    quality = optimality(problem, solution)
+    reached = quality.stationarity < options.tolerance and quality.complementarity < 10 * options.tolerance
+    return replace(solution, status=Status.SOLVED) if reached and quality.violation < _FEASIBLE else solution
 
 
 def _solved(options: BandedInteriorPoint, state: "_State", step: "_Step") -> bool:
