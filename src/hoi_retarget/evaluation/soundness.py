@@ -10,11 +10,9 @@ from jaxtyping import Bool, Float
 
 from hoi_retarget.evaluation.statistics import max_or_none, mean_or_none, norms
 from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.arrays import repeated
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
-
-FROZEN = 1e-7
-"""A frame in which no number changes by more than this [m, rad, 1] repeats the one before it."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,7 @@ def soundness(
     heights = qpos[:, 2] / standing_height
     return Soundness(
         sole_tilt_deg=float(np.median(tilts)) if tilts.size else None,
-        frozen_share=mean_or_none(frozen(qpos).astype(float)),
+        frozen_share=mean_or_none(repeated(qpos).astype(float)),
         base_speed_max_mps=max_or_none(norms(np.diff(qpos[:, :3], axis=0)) * fps),
         base_turn_max_radps=max_or_none(se3.angle_between(qpos[1:, 3:7], qpos[:-1, 3:7]) * fps),
         base_height_min_share=float(heights.min()) if heights.size else None,
@@ -74,8 +72,3 @@ def sole_tilts_deg(kinematics: Kinematics) -> Float[np.ndarray, "T 2"]:
         up = normals[:, 2] if side == "left" else -normals[:, 2]  # Inner and outer corners are mirrored.
         tilts.append(np.degrees(np.arctan2(norms(normals[:, :2]), up)))
     return np.stack(tilts, axis=1)
-
-
-def frozen(qpos: Float[np.ndarray, "T nq"]) -> Bool[np.ndarray, "steps"]:
-    """Return whether each frame from the second on repeats the one before it."""
-    return np.abs(np.diff(qpos, axis=0)).max(axis=1) <= FROZEN

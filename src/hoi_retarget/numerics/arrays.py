@@ -4,9 +4,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.errors import ClipError
+
+REPEATED = 1e-7
+"""A frame in which no number changes by more than this [m, rad, 1] repeats the one before it."""
 
 
 def frozen(values: Any, dtype: Any = float) -> np.ndarray:
@@ -34,6 +37,11 @@ def describe_frames(frames: np.ndarray) -> str:
     """Return a short text naming frame indices, such as `3 frames (4, 7, 9)`."""
     shown = ", ".join(str(frame) for frame in frames[:5])
     return f"{len(frames)} frame{'s' if len(frames) != 1 else ''} ({shown}{', ...' if len(frames) > 5 else ''})"
+
+
+def repeated(values: Float[np.ndarray, "T k"]) -> Bool[np.ndarray, "steps"]:
+    """Return whether each row from the second on repeats the one before it: no number changes by more than 1e-7."""
+    return np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0) <= REPEATED
 
 
 def runs(active: Bool[np.ndarray, "T"], shortest: int = 1) -> tuple[tuple[int, int], ...]:

@@ -165,9 +165,7 @@ def _labels(rows: Rows, names: Sequence[str]) -> tuple[list[Float[np.ndarray, "T
         touched = rows.used(f"{name}: own contact label") == CONTACT_LABEL
         others = int(((stored == CONTACT_LABEL).any(axis=1) & ~touched[:, 0]).sum())
         if others:
-            notes += (
-                f"{name} is not touched in {others} frame(s) by its own label: labels there are not used.",
-            )
+            notes += (f"{name} is not touched in {others} frame(s) by its own label: labels there are not used.",)
         labels.append(np.where(touched | (stored != CONTACT_LABEL), stored, 0.0))
     return labels, notes
 

@@ -6,15 +6,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.motion.check.body_poses import BodyReading, body_readings, claimed_places, fit_tree, implied_angles
+from hoi_retarget.motion.check.body_poses import BodyReading, body_readings, claimed_places, fit_tree
+from hoi_retarget.motion.check.change import BODIES, ROOT, Change
 from hoi_retarget.motion.check.finding import Check, Finding
 from hoi_retarget.motion.check.interpretation import (
+    IN_BREADTH_FIRST,
+    IN_DEPTH_FIRST,
+    Deviation,
     Interpretation,
+    changes,
     isaac_lab_columns,
     joint_deviations,
+    reordered,
     rotation_deviations,
 )
-from hoi_retarget.motion.check.layout import UNIT_TOLERANCE, Layout, off_unit
+from hoi_retarget.motion.check.joint_columns import AnglesOfBodies, angles_apart
+from hoi_retarget.motion.check.layout import NO_ROTATION, UNIT_TOLERANCE, Layout, off_unit, unnormalized
 from hoi_retarget.motion.formats import Bodies, MotionFile, beyondmimic, mjlab
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
@@ -52,14 +59,13 @@ def read_bodies(
     off = off_unit(bodies.quat[:, list(places.values())])
     if off > UNIT_TOLERANCE:
         says = f"their lengths differ from 1 by up to {off:.2g}"
-        advice = "Normalize the quaternions, or write them at all."
-        yield Finding("contradiction", "quaternion order", "unit quaternions", says, advice, "poses")
-        return None
+        yield unnormalized("bodies", "unit quaternions", says, BODIES)
+        if off > NO_ROTATION:
+            return None
     there = yield from _fitting(model, bodies, list(body_readings(model, places, claim, bodies.pos)), file)
     if there.reading.metres != 1.0:
-        yield _unit(there.reading.metres)
-    implied = implied_angles(model, there, bodies.pos, bodies.quat)
-    reading, format_name = yield from _joints(file, model, layout, there, implied)
+        yield _unit(there.reading.metres, file.root is not None)
+    reading, format_name = yield from _joints(file, AnglesOfBodies(model, there, bodies, layout.joint_pos))
     root = there.places[model.body_names[0]]
     found = FoundBodies(there, reading, bodies.pos[:, root], bodies.quat[:, root], format_name)
     if layout.pos is not None and layout.quat is not None:
@@ -67,9 +73,10 @@ def read_bodies(
     return found
 
 
-def _unit(metres: float) -> Finding:
+def _unit(metres: float, with_root: bool) -> Finding:
     says = f"neighbouring bodies are {1 / metres:g} times as far apart as the robot's"
-    return Finding("contradiction", "length unit", "metres", says, f"Multiply positions by {metres:g}.", "poses")
+    mend = tuple(Change("multiply positions", of, (metres,)) for of in (BODIES, *([ROOT] if with_root else [])))
+    return Finding("contradiction", "length unit", "metres", says, f"Multiply positions by {metres:g}.", "poses", mend)
 
 
 def _fitting(model: RobotModel, bodies: Bodies, readings: list[BodyReading], file: MotionFile) -> Check[BodyReading]:
@@ -83,7 +90,7 @@ def _fitting(model: RobotModel, bodies: Bodies, readings: list[BodyReading], fil
         other = by_fit[0]
         if fits[other].penalty < _PART * fits[best].penalty:
             says = f"{fits[other]}; as claimed {fits[best]}"
-            yield from _contradictions(readings[other], readings[best], says)
+            yield from _contradictions(readings[other], readings[best], says, bodies.pos.shape[1])
             return readings[other]
         says = f"{fits[best]} in the best of {len(fits)} readings"
         advice = "Are these bodies of this robot? Name another --robot."
@@ -101,7 +108,7 @@ def _is_legal(there: BodyReading, claimed: BodyReading) -> bool:
     return there.order.startswith("in ") and replace(there.reading, metres=1.0) == replace(claimed.reading, metres=1.0)
 
 
-def _contradictions(found: BodyReading, claim: BodyReading, says: str) -> Iterator[Finding]:
+def _contradictions(found: BodyReading, claim: BodyReading, says: str, count: int) -> Iterator[Finding]:
     changed = {
         "quaternion order": found.reading.quat_order != claim.reading.quat_order,
         "quaternion inverse": found.reading.inverted != claim.reading.inverted,
@@ -110,88 +117,95 @@ def _contradictions(found: BodyReading, claim: BodyReading, says: str) -> Iterat
     for item in rotation_deviations(claim.reading):
         if changed[item.subject]:
             what = f"the bodies' quaternions are {item.is_}: {says}"
-            yield Finding("contradiction", item.subject, demand, what, item.advice, "poses")
+            mend = changes(claim.reading.of_poses, item.reading.of_poses, BODIES, 0)
+            yield Finding("contradiction", item.subject, demand, what, item.advice, "poses", mend)
     if found.order != claim.order and found.order:
         what = f"the bodies are {found.order}: {says}"
-        yield Finding("contradiction", "body order", demand, what, "Reorder the bodies.", "poses")
+        order = {claim.places[name]: float(place) for name, place in found.places.items() if name in claim.places}
+        mend = (Change("take bodies", "", tuple(order.get(index, index) for index in range(count))),)
+        yield Finding("contradiction", "body order", demand, what, "Reorder the bodies.", "poses", mend)
 
 
-def _joints(
-    file: MotionFile, model: RobotModel, layout: Layout, there: BodyReading, implied: np.ndarray
-) -> Check[tuple[Interpretation, str]]:
+def _joints(file: MotionFile, told: AnglesOfBodies) -> Check[tuple[Interpretation, str]]:
     """Return how the joints are to be read, by what the bodies imply, and what the format is."""
-    there_are = np.array(there.reading.columns) >= 0
-    yield from _held(model, np.where(there_are, 0.0, implied))
-    known = np.isfinite(implied).all(axis=0) & there_are
-
-    def errors(candidate: Interpretation) -> np.ndarray:
-        difference = implied[:, known] - candidate.angles(layout.joint_pos)[:, known]
-        with np.errstate(over="ignore"):
-            wrapped = np.abs(np.angle(np.exp(1j * np.clip(difference, -1e6, 1e6))))
-        # Angles that are far beyond a turn would look near by chance.
-        return _rms(np.where(np.abs(difference) > 7.0, np.pi, wrapped))
-
+    yield from _held(told)
+    there, words = told.there, "as the bodies' poses imply"
     name, claimed, order = file.format, there.reading, "breadth" if "breadth" in there.order else "depth"
     if file.convention.order is None:
         name = BREADTH_FIRST if order == "breadth" else DEPTH_FIRST
         if order == "breadth":
-            claimed = replace(claimed, columns=isaac_lab_columns(model))
-    base = errors(claimed)
-    words = "as the bodies' poses imply"
-    if base.max(initial=0.0) < _SAME_ANGLE:
-        yield Finding("ok", "joints", words, f"within {np.degrees(base.max(initial=0.0)):.2g} deg")
+            claimed = replace(claimed, columns=isaac_lab_columns(told.model))
+    errors = told.errors(claimed)
+    if errors.max(initial=0.0) < _SAME_ANGLE:
+        yield Finding("ok", "joints", words, f"within {np.degrees(errors.max(initial=0.0)):.2g} deg")
         return claimed, name
-    base = float(base.mean())
-    candidates = [(float(errors(item.reading).mean()), item) for item in joint_deviations(claimed, model)]
+    base = float(errors.mean())
+    candidates = [(float(told.errors(item.reading).mean()), item) for item in _joint_ways(told, claimed)]
     best, deviation = min(candidates, key=lambda pair: pair[0])
-    if best < 0.2 * base:
-        says = (
-            f"the joint angles are {deviation.is_}: {np.degrees(best):.2g} deg from what the bodies imply, "
-            f"{np.degrees(base):.2g} deg as claimed"
-        )
-        subject, advice = deviation.subject, deviation.advice
-        if file.convention.order is None and subject == "joint order":
-            words, subject = "joints and bodies in one order", "joint and body order"
-            says = f"the bodies are in {order}-first order; {says}"
-            advice = f"{DEPTH_FIRST} wants both in MuJoCo's depth-first order, {BREADTH_FIRST} both in Isaac Lab's."
-        yield Finding("contradiction", subject, words, says, advice, "poses")
-        return deviation.reading, name
-    return (yield from _single_joints(model, layout, claimed, np.where(known, implied, np.nan))), name
+    if best >= 0.2 * base:
+        return (yield from _single_joints(told, claimed)), name
+    says = (
+        f"the joint angles are {deviation.is_}: {np.degrees(best):.2g} deg from what the bodies imply, "
+        f"{np.degrees(base):.2g} deg as claimed"
+    )
+    subject, advice = deviation.subject, deviation.advice
+    if file.convention.order is None and deviation.is_ in (IN_BREADTH_FIRST, IN_DEPTH_FIRST):
+        words, subject = "joints and bodies in one order", "joint and body order"
+        says = f"the bodies are in {order}-first order; {says}"
+        advice = f"{DEPTH_FIRST} wants both in MuJoCo's depth-first order, {BREADTH_FIRST} both in Isaac Lab's."
+    mend = changes(claimed, deviation.reading, ROOT, file.joint_pos.shape[1])
+    yield Finding("contradiction", subject, words, says, advice, "poses", mend)
+    return deviation.reading, name
 
 
-def _held(model: RobotModel, implied: Float[np.ndarray, "T n"]) -> Iterator[Finding]:
+def _held(told: AnglesOfBodies) -> Iterator[Finding]:
     """Compare joints that the file lacks, which are held still, with what the bodies imply."""
-    off = np.nan_to_num(_rms(implied))
+    off = np.nan_to_num(angles_apart(np.where(told.has_column, np.nan, told.implied)))
     if (off > _SAME_ANGLE).any():
-        turned = (f"{model.joint_names[i]} by {np.degrees(off[i]):.1f} deg" for i in np.flatnonzero(off > _SAME_ANGLE))
+        names = told.model.joint_names
+        turned = (f"{names[i]} by {np.degrees(off[i]):.1f} deg" for i in np.flatnonzero(off > _SAME_ANGLE))
         says = f"the bodies turn joints that the file lacks: {', '.join(turned)}"
         advice = "Write these joints, too, or the bodies of the robot with its joints held still."
         yield Finding("contradiction", "joint count", "joints that the file lacks are at 0 rad", says, advice, "poses")
 
 
-def _single_joints(
-    model: RobotModel, layout: Layout, claimed: Interpretation, implied: Float[np.ndarray, "T n"]
-) -> Check[Interpretation]:
-    """Return the reading in which those joints are negated that turn the other way round."""
-    angles = claimed.angles(layout.joint_pos)
-    straight, turned = _rms(implied - angles), _rms(implied + angles)
+def _joint_ways(told: AnglesOfBodies, claimed: Interpretation) -> Iterator[Deviation]:
+    """Yield the known mistakes, then the order that fits best."""
+    yield from joint_deviations(claimed, told.model, told.joint_pos)
+    columns = told.in_best_order(claimed).columns
+    elsewhere = [
+        f"{name} in column {found}"
+        for name, place, found in zip(told.model.joint_names, claimed.columns, columns, strict=True)
+        if found != place
+    ]
+    yield reordered(claimed, "joint order", f"in another order ({', '.join(elsewhere)})", np.array(columns))
+
+
+def _single_joints(told: AnglesOfBodies, claimed: Interpretation) -> Check[Interpretation]:
+    """Return the reading in which those joints are negated, or measured from elsewhere, that are."""
+    names, width, words = told.model.joint_names, told.joint_pos.shape[1], "as the bodies' poses imply"
+    angles, implied = claimed.angles(told.joint_pos), np.where(told.has_column, told.implied, np.nan)
+    straight, turned = angles_apart(implied - angles), angles_apart(implied + angles)
+    offsets = np.median(implied - angles, axis=0)
     off = straight > _SAME_ANGLE
     negated = off & (turned < 0.2 * straight)
-    words = "as the bodies' poses imply"
+    moved = off & ~negated & (angles_apart(implied - angles - offsets) < np.minimum(_SAME_ANGLE, 0.2 * straight))
+    reading = replace(claimed, signs=tuple((np.where(negated, -1.0, 1.0) * np.array(claimed.signs)).tolist()))
     if negated.any():
-        names = ", ".join(np.array(model.joint_names)[negated])
-        yield Finding("contradiction", "joint sign", words, f"negated for {names}", f"Negate {names}.", "poses")
-    if (off & ~negated).any():
-        wrong = (f"{model.joint_names[i]} by {np.degrees(straight[i]):.1f} deg" for i in np.flatnonzero(off & ~negated))
+        which = ", ".join(np.array(names)[negated])
+        mend = changes(claimed, reading, ROOT, width)
+        yield Finding("contradiction", "joint sign", words, f"negated for {which}", f"Negate {which}.", "poses", mend)
+    if moved.any():
+        which = ", ".join(f"{offsets[i]:+.3f} rad to {names[i]}" for i in np.flatnonzero(moved))
+        moved_by = replace(reading, offsets=tuple(np.where(moved, offsets, 0.0).tolist()))
+        mend, reading = changes(reading, moved_by, ROOT, width), moved_by
+        yield Finding("contradiction", "joint zero", words, f"off by {which}", f"Add {which}.", "poses", mend)
+    rest = np.flatnonzero(off & ~negated & ~moved)
+    if len(rest):
+        wrong = ", ".join(f"{names[i]} by {np.degrees(straight[i]):.1f} deg" for i in rest)
         advice = "Joints and bodies are of different motions or robots: write both from one configuration."
-        yield Finding("contradiction", "joints", words, f"they differ: {', '.join(wrong)}", advice, "poses")
-    signs = np.where(negated, -1.0, 1.0) * np.array(claimed.signs)
-    return replace(claimed, signs=tuple(signs.tolist()))
-
-
-def _rms(difference: Float[np.ndarray, "T k"]) -> Float[np.ndarray, "k"]:
-    """Return the root of the mean square over time."""
-    return np.sqrt(np.mean(difference**2, axis=0))
+        yield Finding("contradiction", "joints", words, f"they differ: {wrong}", advice, "poses")
+    return reading
 
 
 def _root(found: FoundBodies, pos: np.ndarray, quat: np.ndarray, claim: Interpretation) -> Finding:
@@ -207,6 +221,7 @@ def _root(found: FoundBodies, pos: np.ndarray, quat: np.ndarray, claim: Interpre
     for deviation in rotation_deviations(base):
         if float(np.median(se3.angle_between(deviation.reading.rotation(quat), body_quat))) < 0.2 * turned:
             says = f"the root's quaternions are {deviation.is_}: {np.degrees(turned):.2g} deg apart as claimed"
-            return Finding("contradiction", deviation.subject, same, says, deviation.advice, "poses")
+            mend = changes(base.of_poses, deviation.reading.of_poses, ROOT, 0)
+            return Finding("contradiction", deviation.subject, same, says, deviation.advice, "poses", mend)
     advice = "Write the root and the bodies from one configuration."
     return Finding("contradiction", "root", same, says, advice, "poses")

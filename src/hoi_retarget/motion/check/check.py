@@ -1,21 +1,24 @@
 """Looks at a robot-motion file from its numbers alone: what it is, and what contradicts what it claims."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.motion.check.bodies import FoundBodies, read_bodies
+from hoi_retarget.motion.check.change import changed
 from hoi_retarget.motion.check.continuity import check_continuity
 from hoi_retarget.motion.check.finding import Finding, contradictions, noted
 from hoi_retarget.motion.check.ground import check_floor, check_ranges
 from hoi_retarget.motion.check.interpretation import Interpretation
-from hoi_retarget.motion.check.layout import UNIT_TOLERANCE, Layout, lay_out, off_unit
+from hoi_retarget.motion.check.layout import NO_ROTATION, UNIT_TOLERANCE, Layout, lay_out, off_unit
+from hoi_retarget.motion.check.object_bodies import objects_among_bodies
 from hoi_retarget.motion.check.objects import ObjectPath, check_object
 from hoi_retarget.motion.check.search import Poses, find_reading, read_open, undecided
 from hoi_retarget.motion.check.surroundings import Surroundings
 from hoi_retarget.motion.check.velocities import check_velocities
-from hoi_retarget.motion.formats import Bodies, MotionFile, ObjectPoses
+from hoi_retarget.motion.formats import Bodies, MotionFile
 from hoi_retarget.robots.model import RobotModel
 
 _ASSUMED_FPS = 30.0  # Where nothing tells: only to compare speeds with one another.
@@ -32,6 +35,8 @@ class CheckedMotion:
     stated_fps: float | None
     implied_fps: float | None
     """From the velocities; None where none are stored."""
+    quat_order: Literal["wxyz", "xyzw"]
+    """Of the file's quaternions as claimed; by the numbers where the format leaves it open."""
     findings: tuple[Finding, ...]
     qpos: Float[np.ndarray, "T nq"] | None
     """Read as the numbers say: root position [m], wxyz, joints [rad] in the robot's order; None where that is open."""
@@ -60,19 +65,24 @@ def check(file: MotionFile, model: RobotModel) -> CheckedMotion:
     if layout.columns is not None and pos is not None and quat is not None:
         poses = Poses(model, pos, quat, layout.joint_pos, fps)
         if found is None:
-            reading = noted(read_open(poses, reading, file.convention), findings)
-        reading = noted(find_reading(poses, reading, known=found is not None), findings)
-        if found is None and not contradictions(findings):
-            findings += undecided(poses, reading)
-        qpos = reading.qpos(pos, quat, layout.joint_pos)
+            claim = reading = noted(read_open(poses, reading, file.convention), findings)
+        standing = noted(find_reading(poses, reading, known=found is not None), findings)
+        if standing is not None:
+            reading = standing
+            findings += undecided(poses, reading) if found is None else ()
+            qpos = reading.qpos(pos, quat, layout.joint_pos)
     implied = noted(check_velocities(file, reading, _moving(file, layout, found)), findings)
     paths: list[ObjectPath | None] = []
     if qpos is not None:
         around = Surroundings(model, qpos, reading, file.convention, implied or fps)
         for check_motion in (check_floor, check_ranges, check_continuity):
             findings += check_motion(around)
-        items = file.objects or _other_bodies(file, model, found)
-        paths += [noted(check_object(item, around), findings) for item in items]
+        if file.objects:
+            stored = replace(claim.of_poses, y_up=reading.y_up)
+            paths += [noted(check_object(item, stored, around), findings) for item in file.objects]
+        else:
+            others = objects_among_bodies(file, found)
+            paths += [noted(check_object(item, reading.of_poses, around), findings) for item in others]
     return CheckedMotion(
         path=file.path,
         robot=model.spec.name,
@@ -80,6 +90,7 @@ def check(file: MotionFile, model: RobotModel) -> CheckedMotion:
         frames=file.frames,
         stated_fps=file.fps,
         implied_fps=implied,
+        quat_order=claim.quat_order,
         findings=tuple(findings),
         qpos=qpos,
         objects=tuple(path for path in paths if path is not None),
@@ -87,11 +98,21 @@ def check(file: MotionFile, model: RobotModel) -> CheckedMotion:
     )
 
 
+def mended(file: MotionFile, checked: CheckedMotion) -> MotionFile:
+    """Return a file with the advice followed that contradictions have for programs.
+
+    What follows from another finding, or has no such advice, stays as it is: check the file again.
+    """
+    file = replace(file, convention=replace(file.convention, quat_order=checked.quat_order))
+    causes = (item for item in checked.contradictions if not item.follows)
+    return changed(file, (change for item in causes for change in item.mend))
+
+
 def _root(file: MotionFile, layout: Layout) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Return the root's pose where bodies do not tell: its own columns, or the first body."""
     if layout.pos is not None or file.bodies is None:
         return layout.pos, layout.quat
-    if off_unit(file.bodies.quat[:, 0]) > UNIT_TOLERANCE:
+    if off_unit(file.bodies.quat[:, 0]) > NO_ROTATION:
         return None, None
     return file.bodies.pos[:, 0], file.bodies.quat[:, 0]
 
@@ -111,15 +132,3 @@ def _moving(file: MotionFile, layout: Layout, found: FoundBodies | None) -> list
             lin, ang = (None if values is None else values[:, None] for values in (item.lin_vel, item.ang_vel))
             moving.append((item.name, Bodies(pos, quat, lin, ang)))
     return moving
-
-
-def _other_bodies(file: MotionFile, model: RobotModel, found: FoundBodies | None) -> list[ObjectPoses]:
-    """Return the objects among the bodies: those whose names are no robot's link."""
-    if file.bodies is None or file.body_names is None or found is None:
-        return []
-    items = []
-    for index, name in enumerate(file.body_names):
-        if name not in model.body_names and name != "world" and not name.endswith("_link"):
-            pose = np.concatenate([file.bodies.pos[:, index], file.bodies.quat[:, index]], axis=1)
-            items.append(ObjectPoses(name, pose))
-    return items

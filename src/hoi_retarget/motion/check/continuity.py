@@ -1,21 +1,28 @@
 """Findings about time: frames that are repeated, and jumps between neighbours."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from hoi_retarget.motion.check.change import Change
 from hoi_retarget.motion.check.finding import Finding
 from hoi_retarget.motion.check.surroundings import Surroundings
 from hoi_retarget.numerics import se3
-from hoi_retarget.numerics.arrays import describe_frames, runs
+from hoi_retarget.numerics.arrays import describe_frames, repeated, runs
 from hoi_retarget.robots.model import RobotModel
 
-_SAME = 1e-7
+_STILL = 1e-6  # Shorter steps are none.
 _NEAR = 4  # Steps before and after, to compare with.
 _JUMP = 8.0  # Times the steps around it.
 _LEAST_JOINT, _LEAST_ROOT, _LEAST_TURN = 0.15, 0.06, 0.15
 """Smaller steps are no jumps [rad, m, rad]."""
+_ABRUPT, _LEAST_STEP = 0.3, 1e-3
+"""A movement that comes to rest slows down first: its last step is a smaller part of those around, or tiny."""
+_DROPPED, _CAUGHT_UP = 3, 1.5
+"""Frames: a longer stop that goes on at the speed from before is a stop. What moved on meanwhile makes a step of this
+many times the usual one."""
 
 
 def check_continuity(around: Surroundings) -> Iterator[Finding]:
@@ -26,30 +33,38 @@ def check_continuity(around: Surroundings) -> Iterator[Finding]:
     joints = np.abs(np.diff(qpos[:, 7:], axis=0))
     whole = root + turn + joints.max(axis=1, initial=0.0)
     steps = np.column_stack([root, turn, joints])
-    findings = [_frozen(whole), _jumps(model, steps), _speeds(model, joints * around.fps)]
+    findings = [_repeated(repeated(qpos), whole), _jumps(model, steps), _speeds(model, joints * around.fps)]
     if not any(findings):
         yield Finding("ok", "continuity", "one movement", "no repeated frames, no jumps")
     yield from filter(None, findings)
 
 
-def _frozen(step: Float[np.ndarray, "steps"]) -> Finding | None:
-    still = step < _SAME
-    found = []
-    for first, stop in runs(still):
-        before, after = step[max(0, first - _NEAR) : first], step[stop : stop + _NEAR]
-        if len(before) == 0 or len(after) == 0:
-            continue  # Held at the beginning or the end.
-        # A movement that comes to rest slows down first: the step before a true rest is tiny.
-        around = min(before[-1], after[0])
-        usual = np.median(np.concatenate([before, after])[np.concatenate([before, after]) >= _SAME])
-        if around > 0.3 * usual and around > 1e-3:
-            found.append((first, stop))
-    if not found:
+def _repeated(still: Bool[np.ndarray, "steps"], step: Float[np.ndarray, "steps"]) -> Finding | None:
+    """Return frames that repeat the one before: some of a movement, or rests of a robot that stands still."""
+    if not still.any():
         return None
-    frames = np.concatenate([np.arange(first + 1, stop + 1) for first, stop in found])
-    says = f"{describe_frames(frames)} repeat the one before, in the middle of a movement"
-    advice = "Remove or interpolate them; was the motion resampled by repeating frames?"
-    return Finding("contradiction", "repeated frames", "one movement", says, advice, "rate")
+    dropped = [run for run in runs(still) if _is_dropped(*run, step)]
+    share = f"{100 * still.mean():.1f} %"
+    if not dropped:
+        rests = ", ".join(f"{first + 1} to {stop}" for first, stop in runs(still)[:5])
+        says = f"{describe_frames(np.flatnonzero(still) + 1)} repeat the one before ({share}): rests in frames {rests}"
+        return Finding("note", "repeated frames", "one movement", says, "Cut them off where they are padding.")
+    frames = np.concatenate([np.arange(first + 1, stop + 1) for first, stop in dropped])
+    says = f"{describe_frames(frames)} repeat the one before, in the middle of a movement; {share} in all"
+    advice = "Interpolate them; was the motion resampled by repeating frames?"
+    mend = (Change("interpolate frames", "", tuple(frames.tolist())),)
+    return Finding("contradiction", "repeated frames", "one movement", says, advice, "rate", mend)
+
+
+def _is_dropped(first: int, stop: int, step: Float[np.ndarray, "steps"]) -> bool:
+    """Return whether frames of a movement were dropped, and the one before them was put in their place."""
+    before, after = step[max(0, first - _NEAR) : first], step[stop : stop + _NEAR]
+    if len(before) == 0 or len(after) == 0 or min(before[-1], after[0]) <= _LEAST_STEP:
+        return False  # Held at the beginning or the end, or come to rest.
+    around = np.concatenate([before, after])
+    abrupt = min(before[-1], after[0]) > _ABRUPT * np.median(around[around > _STILL])
+    others = np.concatenate([before, after[1:]])
+    return bool(abrupt and (stop - first <= _DROPPED or after[0] > _CAUGHT_UP * np.median(others[others > _STILL])))
 
 
 def _jumps(model: RobotModel, steps: Float[np.ndarray, "steps k"]) -> Finding | None:
@@ -67,8 +82,11 @@ def _jumps(model: RobotModel, steps: Float[np.ndarray, "steps k"]) -> Finding | 
     names = list(dict.fromkeys(name for _, name in sorted(found)))
     shown = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
     says = f"jumps into {describe_frames(frames)}: {shown}; {_JUMP:g} times the steps around"
-    advice = "Cut the clip there, or make it anew: a consumer would see enormous velocities."
-    return Finding("contradiction", "jump", "one movement", says, advice, "poses")
+    first, stop = max(pairwise([0, *frames.tolist(), len(steps) + 1]), key=lambda part: part[1] - part[0])
+    advice = f"Cut the clip there (frames {first} to {stop - 1} are whole), or make it anew: a consumer would see "
+    advice += "enormous velocities."
+    mend = (Change("keep frames", "", (first, stop)),)
+    return Finding("contradiction", "jump", "one movement", says, advice, "poses", mend)
 
 
 def _outliers(step: Float[np.ndarray, "steps"], least: float) -> Bool[np.ndarray, "steps"]:

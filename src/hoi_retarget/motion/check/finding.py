@@ -4,6 +4,8 @@ from collections.abc import Generator, Iterable
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
+from hoi_retarget.motion.check.change import Change
+
 Level = Literal["ok", "note", "unknown", "contradiction"]
 Spoils = Literal["poses", "rate", "velocities", "objects", "nothing"]
 
@@ -24,6 +26,10 @@ class Finding:
     """What to do; empty where there is nothing to do."""
     spoils: Spoils = "nothing"
     """What cannot be used as it is."""
+    mend: tuple[Change, ...] = ()
+    """The advice for programs; empty where other numbers or a decision is needed."""
+    follows: str = ""
+    """Subject of the finding that this one follows from; empty for one of its own."""
 
 
 T = TypeVar("T")

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from hoi_retarget.motion.check.change import Change
 from hoi_retarget.motion.check.finding import Finding
 from hoi_retarget.motion.check.plausibility import soles
 from hoi_retarget.motion.check.surroundings import Surroundings
@@ -25,10 +26,11 @@ def check_floor(around: Surroundings) -> Iterator[Finding]:
     claim = "the floor is at z = 0"
     if low > _FLOATS:
         advice = f"Lower everything by {low:.3f} m, or say where the floor is."
-        yield Finding("contradiction", "floor", claim, says, advice, "poses")
+        yield Finding("contradiction", "floor", claim, says, advice, "poses", (Change("move", "", (0.0, 0.0, -low)),))
     elif middle < _SINKS:
         advice = f"Raise everything by {-middle:.3f} m, or say where the floor is."
-        yield Finding("contradiction", "floor", claim, says, advice, "poses")
+        mend = (Change("move", "", (0.0, 0.0, -middle)),)
+        yield Finding("contradiction", "floor", claim, says, advice, "poses", mend)
     else:
         yield Finding("ok", "floor", claim, says)
 

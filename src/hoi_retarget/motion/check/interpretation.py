@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
+from hoi_retarget.motion.check.change import JOINTS, Change
 from hoi_retarget.motion.links import breadth_first
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
@@ -25,6 +26,9 @@ Subject = Literal[
 
 # The world of a file whose y axis points up, turned so that its z axis does.
 _Y_UP = se3.exp(np.array([0.5 * np.pi, 0.0, 0.0]))
+IN_BREADTH_FIRST, IN_DEPTH_FIRST = "in Isaac Lab's breadth-first order", "in MuJoCo's depth-first order"
+_BEYOND = 0.5
+"""Angles this far out of the widest range [rad] are no radians of this robot; degrees are, in any motion."""
 _SHIFTS = (-3, -2, -1, 1, 2, 3)
 _PARTS = {"legs": ("hip", "knee", "ankle"), "arms": ("shoulder", "elbow", "wrist"), "sides": ("",)}
 """Of a robot, by name: what the names of their joints contain."""
@@ -39,6 +43,8 @@ class Interpretation:
     columns: tuple[int, ...]
     """The column of each joint of the robot; -1 where there is none."""
     signs: tuple[float, ...]
+    offsets: tuple[float, ...] = ()
+    """What is added to each joint's angle [rad]; empty for nothing."""
     quat_order: Literal["wxyz", "xyzw"] = "wxyz"
     inverted: bool = False
     y_up: bool = False
@@ -46,6 +52,11 @@ class Interpretation:
     """One unit of length [m]."""
     radians: float = 1.0
     """One unit of angle [rad]."""
+
+    @property
+    def of_poses(self) -> "Interpretation":
+        """Return how poses are read, without joints."""
+        return replace(self, columns=(), signs=(), offsets=())
 
     def rotation(self, quat: Float[np.ndarray, "*batch 4"]) -> Float[np.ndarray, "*batch 4"]:
         """Return unit quaternions, wxyz, in the z-up world."""
@@ -64,7 +75,7 @@ class Interpretation:
     def angles(self, joint_pos: Float[np.ndarray, "T c"]) -> Float[np.ndarray, "T n"]:
         """Return joint angles [rad] in the robot's order; zero for joints without a column."""
         columns = np.array(self.columns)
-        angles = joint_pos[:, columns] * (self.radians * np.array(self.signs))
+        angles = joint_pos[:, columns] * (self.radians * np.array(self.signs)) + np.array(self.offsets or 0.0)
         angles[:, columns < 0] = 0.0
         return angles
 
@@ -73,6 +84,44 @@ class Interpretation:
     ) -> Float[np.ndarray, "T nq"]:
         """Return configurations as this package has them."""
         return np.concatenate([self.position(pos), self.rotation(quat), self.angles(joint_pos)], axis=1)
+
+
+def changes(claim: Interpretation, found: Interpretation, of: str, width: int) -> tuple[Change, ...]:
+    """Return what makes arrays that are to be read as `found` readable as claimed.
+
+    Args:
+        claim: How the format reads them.
+        found: How the numbers are to be read.
+        of: Whose poses are meant.
+        width: Number of columns of angles.
+    """
+    made = []
+    xyzw = claim.quat_order == "xyzw"
+    if found.quat_order != claim.quat_order:
+        made.append(Change("take quaternion components", of, (1, 2, 3, 0) if xyzw else (3, 0, 1, 2)))
+    if found.inverted != claim.inverted:
+        made.append(Change("multiply quaternion components", of, (-1, -1, -1, 1) if xyzw else (1, -1, -1, -1)))
+    if found.metres != claim.metres:
+        made.append(Change("multiply positions", of, (found.metres / claim.metres,)))
+    if found.y_up and not claim.y_up:
+        made.append(Change("turn", "", tuple(_Y_UP.tolist())))
+    return (*made, *_column_changes(claim, found, width))
+
+
+def _column_changes(claim: Interpretation, found: Interpretation, width: int) -> Iterator[Change]:
+    columns, factors, added = np.arange(width), np.ones(width), np.zeros(width)
+    signs = np.array(found.signs) * np.array(claim.signs)
+    offsets = np.array(found.offsets or 0.0) - np.array(claim.offsets or 0.0) + np.zeros(len(signs))
+    for joint, (place, source) in enumerate(zip(claim.columns, found.columns, strict=True)):
+        if place >= 0 and source >= 0:
+            columns[place], factors[place] = source, signs[joint] * found.radians / claim.radians
+            added[place] = offsets[joint]
+    if (columns != np.arange(width)).any():
+        yield Change("take columns", JOINTS, tuple(columns.tolist()))
+    if (factors != 1.0).any():
+        yield Change("multiply columns", JOINTS, tuple(factors.tolist()))
+    if added.any():
+        yield Change("add to columns", JOINTS, tuple(added.tolist()))
 
 
 @dataclass(frozen=True)
@@ -113,41 +162,46 @@ def isaac_lab_columns(model: RobotModel) -> tuple[int, ...]:
     return tuple(np.argsort(breadth_first(model)[1]).tolist())
 
 
-def joint_deviations(claim: Interpretation, model: RobotModel) -> Iterator[Deviation]:
+def joint_deviations(
+    claim: Interpretation, model: RobotModel, joint_pos: Float[np.ndarray, "T c"]
+) -> Iterator[Deviation]:
     """Yield what may be wrong with columns of angles as a whole."""
-    yield Deviation(
-        "angle unit", "degrees", "Multiply the angles by pi / 180.", replace(claim, radians=claim.radians * np.pi / 180)
-    )
+    reach = max(float(np.abs(model.lower).max()), float(np.abs(model.upper).max())) + _BEYOND
+    if claim.radians == 1.0 and np.quantile(np.abs(joint_pos), 0.95, axis=0).max(initial=0.0) > reach:
+        yield Deviation(
+            "angle unit", "degrees", "Multiply the angles by pi / 180.", replace(claim, radians=np.pi / 180)
+        )
     columns, signs = np.array(claim.columns), np.array(claim.signs)
     if (columns >= 0).all():
         _, breadth = breadth_first(model)
         place = np.argsort(breadth)
-        yield _reordered(claim, "joint order", "in Isaac Lab's breadth-first order", columns[place])
+        yield reordered(claim, "joint order", IN_BREADTH_FIRST, columns[place])
         if not np.array_equal(columns, np.arange(len(columns))):
-            yield _reordered(claim, "joint order", "in MuJoCo's depth-first order", columns[breadth])
+            yield reordered(claim, "joint order", IN_DEPTH_FIRST, columns[breadth])
         for shift in _SHIFTS:
             side = "right" if shift > 0 else "left"
             words = f"shifted by {abs(shift)} column{'s' if abs(shift) > 1 else ''} to the {side}"
-            yield _reordered(claim, "shifted columns", words, np.roll(columns, -shift))
+            yield reordered(claim, "shifted columns", words, np.roll(columns, -shift))
     for words, parts in _PARTS.items():
         swapped = mirrored(model.joint_names, parts)
-        yield _reordered(claim, "left and right", f"with left and right {words} exchanged", columns[swapped])
+        yield reordered(claim, "left and right", f"with left and right {words} exchanged", columns[swapped])
         sideways = np.array([_contains(name, _SIDEWAYS) and _contains(name, parts) for name in model.joint_names])
         flipped = tuple(np.where(sideways, -signs, signs))
-        mirror = _reordered(claim, "left and right", f"with left and right {words} mirrored", columns[swapped])
+        mirror = reordered(claim, "left and right", f"with left and right {words} mirrored", columns[swapped])
         yield replace(mirror, reading=replace(mirror.reading, signs=flipped))
 
 
-def sign_deviations(claim: Interpretation, model: RobotModel) -> Iterator[Deviation]:
-    """Yield joints that may turn the other way round."""
+def sign_deviations(claim: Interpretation, model: RobotModel, moving: Bool[np.ndarray, "c"]) -> Iterator[Deviation]:
+    """Yield joints that may turn the other way round, of those whose columns are moving."""
     for index, name in enumerate(model.joint_names):
-        if claim.columns[index] >= 0:
+        if claim.columns[index] >= 0 and moving[claim.columns[index]]:
             signs = list(claim.signs)
             signs[index] = -signs[index]
             yield Deviation("joint sign", f"negated for {name}", f"Negate {name}.", replace(claim, signs=tuple(signs)))
 
 
-def _reordered(claim: Interpretation, subject: Subject, words: str, columns: np.ndarray) -> Deviation:
+def reordered(claim: Interpretation, subject: Subject, words: str, columns: np.ndarray) -> Deviation:
+    """Return a claim with other columns."""
     reading = replace(claim, columns=tuple(int(column) for column in columns))
     return Deviation(subject, words, "Put the columns into the order that the format demands.", reading)
 

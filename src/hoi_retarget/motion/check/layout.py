@@ -6,12 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.motion.check.change import ROOT, Change
 from hoi_retarget.motion.check.finding import Check, Finding
 from hoi_retarget.motion.check.interpretation import isaac_lab_columns
 from hoi_retarget.motion.formats import WITHOUT_WRISTS, MotionFile
 from hoi_retarget.robots.model import RobotModel
 
 UNIT_TOLERANCE = 0.01
+NO_ROTATION = 0.9
+"""Quaternions whose lengths are that far from 1 have no direction to rely on."""
 HELD = "Joints that the file lacks are held still at 0 rad."
 _SMALLER_SETS = {
     WITHOUT_WRISTS: ("wrist",),
@@ -46,6 +49,12 @@ def off_unit(quat: np.ndarray) -> float:
         return float(np.abs(np.linalg.norm(quat, axis=-1) - 1.0).max())
 
 
+def unnormalized(subject: str, claim: str, says: str, of: str) -> Finding:
+    """Return that quaternions are not of unit length; the checks after it normalize them."""
+    mend = (Change("normalize quaternions", of),)
+    return Finding("contradiction", subject, claim, says, "Divide the quaternions by their lengths.", "poses", mend)
+
+
 def _root(file: MotionFile) -> Check[Layout]:
     if file.root is None:
         return Layout(file.joint_pos, None)
@@ -61,19 +70,21 @@ def _root(file: MotionFile) -> Check[Layout]:
     says = f"their lengths differ from 1 by up to {off:.2g}"
     if not unit:
         says += ", and no other four neighbouring columns are unit quaternions"
-        advice = "Write the root's rotation as a unit quaternion."
-        yield Finding("contradiction", "root layout", claim, says, advice, "poses")
-        return Layout(file.joint_pos, None)
+        yield unnormalized("root layout", claim, says, ROOT)
+        # Without a direction, there is nothing to normalize.
+        return _split(flat, start) if off < NO_ROTATION else Layout(file.joint_pos, None)
     found = unit[0]
     says += f"; columns {found} to {found + 3} are unit quaternions"
     if found in (0, 3):
         order = "rotation before position" if found == 0 else "position before rotation"
         advice = f"The root is {order}: exchange the two."
-        yield Finding("contradiction", "root order", claim, says, advice, "poses")
+        mend = (Change("exchange position and rotation", ROOT),)
+        yield Finding("contradiction", "root order", claim, says, advice, "poses", mend)
         return _split(flat, found)
     shift = found - start
     advice = f"All columns are shifted by {shift:+d}: remove or add what stands before them."
-    yield Finding("contradiction", "shifted columns", claim, says, advice, "poses")
+    mend = (Change("drop first columns", "", (shift,)),) if shift > 0 else ()
+    yield Finding("contradiction", "shifted columns", claim, says, advice, "poses", mend)
     return Layout(file.joint_pos, None) if shift < 0 or start == 0 else _split(flat[:, shift:], start)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.motion.check.change import Change
 from hoi_retarget.motion.check.finding import Check, Finding
 from hoi_retarget.numerics import se3
 
@@ -63,13 +64,14 @@ def check_rate(stated: float | None, usual: float | None, implied: Iterable[Impl
     middle = float(np.median(rates))
     if max(rates) > (1 + 2 * _RATE_TOLERANCE) * min(rates):
         advice = "Compute all velocities from the poses, at the file's rate."
-        yield Finding("contradiction", "rate", claim, f"the velocities differ: {says}", advice, "velocities")
+        mend = (Change("compute velocities"), Change("compute joint velocities"))
+        yield Finding("contradiction", "rate", claim, f"the velocities differ: {says}", advice, "velocities", mend)
         return None
     if stated is None or abs(middle / stated - 1) <= _RATE_TOLERANCE:
         yield Finding("ok", "rate", claim, says)
         return middle
     advice = f"Either the rate is {middle:.3g}, or the velocities were computed for another one: write both anew."
-    yield Finding("contradiction", "rate", claim, says, advice, "rate")
+    yield Finding("contradiction", "rate", claim, says, advice, "rate", (Change("set rate", "", (round(middle, 2),)),))
     return middle
 
 
@@ -144,7 +146,8 @@ def check_linear(
 
 
 def _wrong(of: str, claim: str, says: str) -> Finding:
-    return Finding("contradiction", of, claim, says, "Compute them anew from the poses, in world axes.", "velocities")
+    advice, mend = "Compute them anew from the poses, in world axes.", (Change("compute velocities"),)
+    return Finding("contradiction", of, claim, says, advice, "velocities", mend)
 
 
 def _size(vectors: np.ndarray) -> float:

@@ -6,10 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.motion.check.change import ROOT
 from hoi_retarget.motion.check.finding import Check, Finding
 from hoi_retarget.motion.check.interpretation import (
     Deviation,
     Interpretation,
+    changes,
     isaac_lab_columns,
     joint_deviations,
     rotation_deviations,
@@ -25,6 +27,11 @@ from hoi_retarget.robots.model import RobotModel
 _GAIN, _SIGN_GAIN, _PART = 0.25, 0.35, 0.75
 _UNDECIDED = 0.1
 _ROUNDS = 3  # Of faults found one after the other.
+_STANDS = 2.0
+"""Penalty that readings of files with joints in an order of their own stay above; right ones reach 1.7."""
+_OUT_OF_RANGE = 0.02
+"""Part of the angles out of range from which on the columns are not the robot's."""
+_STILL = 1e-3  # [rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +43,8 @@ class Poses:
     quat: Float[np.ndarray, "T 4"]
     joint_pos: Float[np.ndarray, "T c"]
     fps: float
+    of: str = ROOT
+    """Whose columns the root's pose is."""
 
     def judged(self, reading: Interpretation) -> Plausibility:
         """Return what speaks against one reading."""
@@ -44,19 +53,30 @@ class Poses:
         return plausibility(self.model, qpos, self.fps)
 
 
-def find_reading(poses: Poses, claim: Interpretation, *, known: bool) -> Check[Interpretation]:
-    """Return the most plausible reading; where the poses are known already, of z up and y up alone."""
+def find_reading(poses: Poses, claim: Interpretation, *, known: bool) -> Check[Interpretation | None]:
+    """Return the most plausible reading; where the poses are known already, of z up and y up alone.
+
+    None where the angles fit the robot in no order that is tried.
+    """
     reading, judged = claim, poses.judged(claim)
+    findings: list[Finding] = []
     for _ in range(_ROUNDS):
-        deviations = _up_axes(reading) if known else _all(poses.model, reading)
+        deviations = _up_axes(reading) if known else _all(poses, reading)
         candidates = [(item, poses.judged(item.reading)) for item in deviations]
         better = [(item, other) for item, other in candidates if _is_better(item, judged, other)]
         if not better:
             break
         item, other = min(better, key=lambda pair: pair[1].penalty)
         says = f"the numbers are {item.is_}: {describe(other)}; as claimed {describe(judged)}"
-        yield Finding("contradiction", item.subject, "read as the format demands", says, item.advice, "poses")
+        mend = changes(reading, item.reading, poses.of, poses.joint_pos.shape[1])
+        findings.append(
+            Finding("contradiction", item.subject, "read as the format demands", says, item.advice, "poses", mend)
+        )
         reading, judged = item.reading, other
+    if not known and judged.penalty > _STANDS and poses.judged(claim).outside > _OUT_OF_RANGE:
+        yield _in_no_order(describe(poses.judged(claim)))
+        return None
+    yield from findings
     if reading is claim:
         subject, demand = ("up axis", "z up") if known else ("poses", "read as the format demands")
         yield Finding("ok", subject, demand, f"the robot stands: {describe(judged)}")
@@ -98,10 +118,22 @@ def _open_readings(model: RobotModel, claim: Interpretation, convention: Convent
     }
 
 
+def _in_no_order(says: str) -> Finding:
+    advice = "Write the names of the joints beside the columns, in the order of the columns, or name another --robot."
+    return Finding(
+        "contradiction",
+        "joint order",
+        "read as the format demands",
+        f"the columns are in no order that is known, or of another robot: {says}",
+        advice,
+        "poses",
+    )
+
+
 def undecided(poses: Poses, reading: Interpretation) -> Iterator[Finding]:
     """Yield what else the numbers would allow."""
     base = poses.judged(reading).penalty
-    same = [item for item in _all(poses.model, reading) if poses.judged(item.reading).penalty - base < _UNDECIDED]
+    same = [item for item in _all(poses, reading) if poses.judged(item.reading).penalty - base < _UNDECIDED]
     whole = [item.is_ for item in same if item.subject != "joint sign"]
     signs = [item.is_.removeprefix("negated for ") for item in same if item.subject == "joint sign"]
     if whole:
@@ -116,11 +148,13 @@ def _up_axes(reading: Interpretation) -> Iterator[Deviation]:
     return (item for item in world_deviations(reading) if item.subject == "up axis")
 
 
-def _all(model: RobotModel, reading: Interpretation) -> Iterator[Deviation]:
+def _all(poses: Poses, reading: Interpretation) -> Iterator[Deviation]:
     yield from world_deviations(reading)
     yield from rotation_deviations(reading)
-    yield from joint_deviations(reading, model)
-    yield from sign_deviations(reading, model)
+    yield from joint_deviations(reading, poses.model, poses.joint_pos)
+    # A joint that never moves has no side to turn to: it may have been set so.
+    moving = np.ptp(poses.joint_pos, axis=0) > _STILL
+    yield from sign_deviations(reading, poses.model, moving)
 
 
 def _is_better(deviation: Deviation, judged: Plausibility, other: Plausibility) -> bool:

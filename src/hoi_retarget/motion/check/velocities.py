@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from hoi_retarget.motion.check.change import Change
 from hoi_retarget.motion.check.finding import Check, Finding
 from hoi_retarget.motion.check.interpretation import Interpretation
 from hoi_retarget.motion.check.rates import (
@@ -39,7 +40,8 @@ def check_velocities(
     if joint_rate is not None and joint_rate.correlation < UNLIKE:
         claim, says = "in the order of the angles", f"correlation with their differences {joint_rate.correlation:.2f}"
         advice = "Compute them anew from the joint angles."
-        yield Finding("contradiction", "joint velocities", claim, says, advice, "velocities")
+        mend = (Change("compute joint velocities"),)
+        yield Finding("contradiction", "joint velocities", claim, says, advice, "velocities", mend)
     fps = implied or file.fps or file.convention.usual_fps
     if fps is None:
         return implied
