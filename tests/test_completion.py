@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from hoi_retarget.cli import main
-from hoi_retarget.clip.floor import floor_height, on_floor
+from hoi_retarget.clip.floor import WITNESS_TOLERANCE, floor_height, on_floor
 from hoi_retarget.clip.infer_contacts import with_contacts
 from hoi_retarget.clip.label_contacts import GUESSED_FINGERS, InterAct, Proximity, label_contacts
 from hoi_retarget.clip.read_options import ReadOptions
+from hoi_retarget.clip.resting import FLOOR_REACH
 from hoi_retarget.errors import ClipError
 from hoi_retarget.human.skeleton import HANDS
 from hoi_retarget.human.stance import stance
@@ -45,6 +46,26 @@ def test_the_floor_goes_up_with_the_clip_and_is_put_at_zero():
         np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-9)
     assert floor_height(raised)[0] == pytest.approx(0.0, abs=1e-9)
     assert any("estimated from" in note and "standing feet" in note for note in raised.source.notes)
+
+
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("above", [-0.12, -0.07, 0.0, 0.07])
+def test_what_rests_is_a_second_witness_of_the_floor(scene, above):
+    """Feet that are mistaken by some centimetres are contradicted, and the advice puts what rests onto the floor."""
+    clip = make(scene)
+    lifted = np.array([0.0, 0.0, above])
+    people = tuple(replace(person, joint_positions=person.joint_positions + lifted) for person in clip.people)
+    wrong = shifted(replace(clip, people=people, contacts=()), 0.3)
+    texts = [str(warning) for warning in on_floor(wrong, at_zero=False).source.warnings]
+    off = 0.3 - floor_height(wrong)[0]
+    assert bool(texts) == (abs(off) > WITNESS_TOLERANCE and off < FLOOR_REACH)
+    if not texts:
+        return
+    advised = float(texts[0].split("--floor ")[1].split()[0])
+    put = on_floor(wrong, at_zero=False, floor=advised)
+    assert min(track.lowest[0] for track in put.objects) == pytest.approx(0.0, abs=0.005)
+    assert not any("rests" in str(warning) for warning in put.source.warnings)
+    assert on_floor(replace(wrong, objects=()), at_zero=False).source.warnings == ()
 
 
 def test_a_promised_floor_stays_and_a_known_one_is_believed():

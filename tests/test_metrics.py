@@ -40,6 +40,7 @@ from hoi_retarget.robots.spec import SIDES, SITES, SOLE_CORNERS, SitePose
 
 FPS = 30.0
 FRAMES = 40
+RESTING = 6  # Frames for which objects stand on the floor.
 SEGMENT = slice(8, 28)
 SITE_OF_JOINT = {
     "pelvis": "pelvis",
@@ -164,7 +165,10 @@ def make_world(seed: int = 0, *, objects: int = 1, people: int = 1, first_source
     persons, tracks, contacts = [], [], []
     for number in range(objects):
         geometry = ObjectGeometry(rng.normal(size=(30, 3), scale=0.2))
-        tracks.append(ObjectTrack(f"object{number}", 1.0 + smooth(rng, 3), smooth_quats(rng), geometry))
+        path, turns = 1.0 + smooth(rng, 3), smooth_quats(rng)
+        path[:RESTING], turns[:RESTING] = path[RESTING], turns[RESTING]
+        track = ObjectTrack(f"object{number}", path, turns, geometry)
+        tracks.append(dataclasses.replace(track, positions=path - [0.0, 0.0, track.lowest[0] - 0.02]))
     for number in range(people):
         rest = rng.normal(size=(len(JOINTS), 3), scale=0.4) + np.array([0.0, 0.0, 1.0])
         person = Person(f"person{number}", rest + smooth(rng, len(JOINTS), 3), smooth_quats(rng, len(JOINTS)))
@@ -234,7 +238,8 @@ def imperfect(seed: int) -> World:
     world = edit_kinematics(
         world, points=points, rotations=rotations, body_positions=np.stack(list(points.values()), axis=1)
     )
-    position = world.motion.object_pos + smooth(rng, 1, 3, size=0.05) - np.array([0.0, 0.0, 1.0])
+    sinking = np.linspace(0.3, -1.0, FRAMES)[:, None, None] * [0.0, 0.0, 1.0]
+    position = world.motion.object_pos + smooth(rng, 1, 3, size=0.05) + sinking
     turn = se3.exp(smooth(rng, 1, 3, size=0.1))
     return edit_motion(
         world,
@@ -462,6 +467,7 @@ def test_undefined_figures_are_none():
     figures = make_world(objects=0).figures()
     assert (
         figures["object_below_floor_m"]
+        is figures["object_float_m"]
         is figures["object_path_error_m"]
         is figures["link_velocity_direction_deg"]
         is None
@@ -666,6 +672,46 @@ def test_object_sunk_seven_millimetres():
         places[20, 0, 2] = 0.05 - sunk
         moved = edit_motion(world, object_pos=places, object_quat=quats, object_scale=np.array([scale]))
         assert moved.figures()["object_below_floor_m"] == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("height", [-0.01, 0.0, 0.007, 0.06])
+def test_a_box_that_floats_while_the_humans_rests(height):
+    """Only frames count in which the human's box is still, untouched and near the floor."""
+    world = make_world()
+    half = np.array([0.2, 0.1, 0.3])
+    corners = half * np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+    upright = np.tile(se3.IDENTITY_QUAT, (FRAMES, 1))
+    lift = np.zeros(FRAMES)
+    lift[SEGMENT] = 0.5  # Carried by both hands; on the floor again until it is lifted once more.
+    lift[36:] = 0.4
+    places = np.outer(lift + half[2], [0.0, 0.0, 1.0])
+    box = dataclasses.replace(world.clip.objects[0], positions=places, quats=upright, geometry=ObjectGeometry(corners))
+    robot = places + np.array([0.0, 0.0, height])
+    robot[SEGMENT] += 5.0
+    robot[33:] += 5.0  # Contact frames, and those in the air without one.
+    world = edit_motion(edit_clip(world, objects=(box,)), object_pos=robot[:, None], object_quat=upright[:, None])
+    assert world.figures()["object_float_m"] == pytest.approx(max(height, 0.0), abs=1e-9)
+    on_a_table = edit_clip(world, objects=(dataclasses.replace(box, positions=places + np.array([0.0, 0.0, 0.7])),))
+    assert on_a_table.figures()["object_float_m"] is None
+
+
+def test_the_object_that_floats_most_counts():
+    world = make_world(objects=2)
+    still = np.tile(se3.IDENTITY_QUAT, (FRAMES, 1))
+    cube = ObjectGeometry(0.1 * np.array(np.meshgrid([-1, 1], [-1, 1], [0, 2])).reshape(3, -1).T)
+    at = np.zeros((2, FRAMES, 3))
+    at[1, :, 0] = 1.0
+    boxes = tuple(
+        dataclasses.replace(track, positions=place, quats=still, geometry=cube)
+        for track, place in zip(world.clip.objects, at, strict=True)
+    )
+    moved = at + np.array([0.002, 0.03])[:, None, None] * [0.0, 0.0, 1.0]
+    world = edit_motion(
+        edit_clip(world, objects=boxes, contacts=()),
+        object_pos=moved.swapaxes(0, 1),
+        object_quat=np.stack([still, still], axis=1),
+    )
+    assert world.figures()["object_float_m"] == pytest.approx(0.03)
 
 
 def test_object_path_shrunk_to_four_fifths():

@@ -150,14 +150,17 @@ def describe_result(motion: Motion, path: Path) -> None:
 
 
 def score(motion: Motion, path: Path) -> Score:
-    """Return the figures that a motion's report holds, as tables need them; raises `ReadError` where it has none."""
+    """Return the figures that a motion's report holds, as tables need them; raises `ReadError` where it has none.
+
+    Those that the version which made it did not know are None.
+    """
     report = motion.report
-    missing = [figure.name for figure in FIGURES if figure.name not in report.figures]
-    if missing:
-        raise ReadError(f"{path}: its report lacks figures ({', '.join(missing)}). Run the retarget again.")
+    figures = {figure.name: report.figures.get(figure.name) for figure in FIGURES}
+    if not set(figures) & set(report.figures):
+        raise ReadError(f"{path}: its report has none of the figures. Run the retarget again.")
     return Score(
         path.stem,
-        report.figures,
+        figures,
         motion.frames,
         sum(report.cpu_seconds.values()),
         file=str(path),

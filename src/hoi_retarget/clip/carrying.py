@@ -3,11 +3,10 @@
 from itertools import product
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.label_contacts import FAR, body_distances
-from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import speeds
 from hoi_retarget.objects.track import MOVING_SPEED, ObjectTrack
 
@@ -17,7 +16,7 @@ RIDING_SHARE = 0.5
 
 def is_moving(track: ObjectTrack, fps: float) -> Bool[np.ndarray, "T"]:
     """Return when the middle of an object's box moves."""
-    return speeds(_middle(track), fps) > MOVING_SPEED
+    return speeds(track.corners.mean(axis=1), fps) > MOVING_SPEED
 
 
 def carried(clip: Clip) -> Bool[np.ndarray, "O T"]:
@@ -37,24 +36,8 @@ def carried(clip: Clip) -> Bool[np.ndarray, "O T"]:
 
 def _rides(rider: ObjectTrack, carrier: ObjectTrack, fps: float) -> Bool[np.ndarray, "T"]:
     """Return when an object is at another one and moves as this does."""
-    path = _middle(rider)
-    against = speeds(carrier.to_object(path), fps)
-    along = against < np.maximum(MOVING_SPEED, RIDING_SHARE * speeds(path, fps))
-    (low, high), (other_low, other_high) = _extent(rider), _extent(carrier)
-    return along & ((low <= other_high + FAR) & (other_low <= high + FAR)).all(axis=1)
-
-
-def _middle(track: ObjectTrack) -> Float[np.ndarray, "T 3"]:
-    return track.positions + se3.rotate(track.quats, 0.5 * _box(track).sum(axis=0))
-
-
-def _extent(track: ObjectTrack) -> tuple[Float[np.ndarray, "T 3"], Float[np.ndarray, "T 3"]]:
-    """Return the least and the greatest coordinates of the corners of an object's box in the world."""
-    corners = np.array(list(product(*_box(track).T)))
-    world = track.positions[:, None] + se3.rotate(track.quats[:, None], corners)
-    return world.min(axis=1), world.max(axis=1)
-
-
-def _box(track: ObjectTrack) -> Float[np.ndarray, "2 3"]:
-    """Return the least and the greatest coordinates of an object in its own frame."""
-    return np.stack([track.geometry.points.min(axis=0), track.geometry.points.max(axis=0)])
+    corners, others = rider.corners, carrier.corners
+    path = corners.mean(axis=1)
+    along = speeds(carrier.to_object(path), fps) < np.maximum(MOVING_SPEED, RIDING_SHARE * speeds(path, fps))
+    above, below = corners.min(axis=1) <= others.max(axis=1) + FAR, others.min(axis=1) <= corners.max(axis=1) + FAR
+    return along & (above & below).all(axis=1)

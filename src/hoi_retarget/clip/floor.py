@@ -1,4 +1,4 @@
-"""The floor of a recording, from its format, from the user, or from standing soles.
+"""The floor of a recording, from its format, from the user, or from standing soles; what rests is a second witness.
 
 Every decision becomes a note of the clip.
 """
@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.resting import floor_rests
 from hoi_retarget.human.capsules import PART_CAPSULES, spheres
 from hoi_retarget.human.skeleton import FEET
 from hoi_retarget.numerics.filters import speeds
@@ -21,6 +22,9 @@ LEAST_STANDING = 5
 """Frames of standing that a floor's height is believed from."""
 FLOOR_TOLERANCE = 0.15
 """[m]; soles that stand farther from the floor than this stand on something, or the floor is elsewhere."""
+
+WITNESS_TOLERANCE = 0.025
+"""[m]; soles are known this well. What rests on the floor is not farther from where they have it."""
 
 
 def on_floor(clip: Clip, *, at_zero: bool, floor: float | None = None) -> Clip:
@@ -40,7 +44,8 @@ def on_floor(clip: Clip, *, at_zero: bool, floor: float | None = None) -> Clip:
     how = (
         f"{frames} frames of standing feet" if frames else "the lowest point of anybody's feet, which never stand still"
     )
-    return _lowered(clip, height, f"The floor is at z = {height:.3f} m in the recording, estimated from {how}.")
+    lowered = _lowered(clip, height, f"The floor is at z = {height:.3f} m in the recording, estimated from {how}.")
+    return lowered.with_warnings("floor_elsewhere", _objects_elsewhere(lowered, height))
 
 
 def floor_height(clip: Clip) -> tuple[float, int]:
@@ -65,6 +70,23 @@ def _feet_elsewhere(clip: Clip, floor: float) -> tuple[str, ...]:
     return (
         f"Feet stand at z = {height:.2f} m, not on the floor at 0: pass --floor {floor + height:.2f} unless they stand "
         "on something.",
+    )
+
+
+def _objects_elsewhere(clip: Clip, floor: float) -> tuple[str, ...]:
+    """Return a warning where what rests lies off the floor, which was put at zero from the height `floor`."""
+    rests = floor_rests(clip)
+    heights = {
+        track.name: float(np.median(track.lowest[resting]))
+        for track, resting in zip(clip.objects, rests, strict=True)
+        if resting.any()
+    }
+    name = min(heights, key=lambda name: heights[name], default="")
+    if not name or abs(heights[name]) <= WITNESS_TOLERANCE:
+        return ()
+    return (
+        f"{name} rests at z = {heights[name]:.3f} m, where feet have the floor at 0: pass --floor "
+        f"{floor + heights[name]:.3f} if it stands on the floor.",
     )
 
 

@@ -24,6 +24,7 @@ FIGURES: tuple[Figure, ...] = (
     ground.STANCE_FLOAT,
     ground.FLOOR_PENETRATION_MAX,
     ground.OBJECT_BELOW_FLOOR,
+    ground.OBJECT_FLOAT,
     movement.OBJECT_PATH_ERROR,
     limits.JOINT_RANGE_MARGIN,
     limits.JOINT_SPEED_MARGIN,

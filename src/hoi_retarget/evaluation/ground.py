@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.clip.resting import floor_rests
 from hoi_retarget.evaluation.figure import Figure
 from hoi_retarget.evaluation.statistics import mean_or_none, norms
 from hoi_retarget.evaluation.view import Comparison
@@ -56,11 +57,26 @@ def object_below_floor_m(view: Comparison) -> float | None:
     """Return the depth [m] of the deepest object point of the clip; zero if none is below, None without objects."""
     if view.object_count == 0:
         return None
-    lowest = np.inf
-    for track, pose, scale in zip(view.clip.objects, view.robot_objects, view.motion.object_scale, strict=True):
-        offsets = track.geometry.lowest_along(pose.rotations[:, 2])
-        lowest = min(lowest, float((pose.positions[:, 2] + scale * offsets).min()))
-    return max(0.0, -lowest)
+    return max(0.0, -float(view.once(_object_heights).min()))
+
+
+def object_float_m(view: Comparison) -> float | None:
+    """Return an object's mean height above the floor [m] while the human's rests on it; that of the worst object."""
+    rests = floor_rests(view.clip)[:, view.first :]
+    if not rests.any():
+        return None
+    heights = np.maximum(view.once(_object_heights), 0.0)
+    return max(float(own[resting].mean()) for own, resting in zip(heights, rests, strict=True) if resting.any())
+
+
+def _object_heights(view: Comparison) -> Float[np.ndarray, "O F"]:
+    """Return the height of each object's lowest point above the floor [m]."""
+    return np.array(
+        [
+            pose.positions[:, 2] + scale * track.geometry.lowest_along(pose.rotations[:, 2])
+            for track, pose, scale in zip(view.clip.objects, view.robot_objects, view.motion.object_scale, strict=True)
+        ]
+    )
 
 
 STANCE_SLIDE = Figure("stance_slide_mps", "foot slide", "cm/s", 1e2, 1, "lower", stance_slide_mps)
@@ -71,4 +87,5 @@ STANCE_FLOAT = Figure("stance_float_m", "foot float", "mm", 1e3, 1, "lower", sta
 FLOOR_PENETRATION_MAX = Figure(
     "floor_penetration_max_m", "floor penetration", "mm", 1e3, 1, "lower", floor_penetration_max_m
 )
+OBJECT_FLOAT = Figure("object_float_m", "object float", "mm", 1e3, 1, "lower", object_float_m)
 OBJECT_BELOW_FLOOR = Figure("object_below_floor_m", "object below floor", "mm", 1e3, 1, "lower", object_below_floor_m)

@@ -102,6 +102,12 @@ THRESHOLDS: tuple[Threshold, ...] = (
     ),
     Threshold(_KNOWN["object_below_floor_m"], 0.005, 0.020, "as for the soles"),
     Threshold(
+        _KNOWN["object_float_m"],
+        0.010,
+        0.050,
+        "1 cm as for the soles: a simulator drops it at once; from 5 cm on the floor is elsewhere",
+    ),
+    Threshold(
         _KNOWN["floor_penetration_max_m"],
         0.005,
         0.020,

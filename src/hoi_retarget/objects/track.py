@@ -3,7 +3,8 @@
 World frame: z up, floor at z = 0, metres, seconds. All arrays are read-only copies.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -79,6 +80,18 @@ class ObjectTrack:
     def lowest(self) -> Float[np.ndarray, "T"]:
         """Height of the object's lowest point in each frame [m]."""
         return self.positions[:, 2] + self.geometry.lowest_along(se3.quat_to_matrix(self.quats)[:, 2])
+
+    @property
+    def corners(self) -> Float[np.ndarray, "T 8 3"]:
+        """World positions of the corners of the object's box, which lies along its own axes [m]."""
+        points = self.geometry.points
+        box = np.array(list(product(*zip(points.min(axis=0), points.max(axis=0), strict=True))))
+        return self.positions[:, None] + se3.rotate(self.quats[:, None], box)
+
+    def at(self, frame: int) -> "ObjectTrack":
+        """Return one frame of it."""
+        frames = slice(frame, frame + 1)
+        return replace(self, positions=self.positions[frames], quats=self.quats[frames])
 
     def to_object(self, points_world: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, "T 3"]:
         """Return world points, one a frame, in the object's frame [m] (paper Eq. 1)."""

@@ -22,6 +22,7 @@ _IN_TABLE = (
     "relative_hand_rotation_deg",
     "floor_penetration_max_m",
     "object_below_floor_m",
+    "object_float_m",
     "stance_float_m",
     "stance_slide_mps",
     "sole_tilt_deg",
