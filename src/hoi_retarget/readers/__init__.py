@@ -14,6 +14,7 @@ from hoi_retarget.files.source_file import FOLDER, SELECTION, SourceFile
 from hoi_retarget.readers import (
     amass,
     behave,
+    bvh,
     cari4d,
     core4d,
     grab,
@@ -55,6 +56,7 @@ READERS: Mapping[str, Reader] = MappingProxyType(
             parahome,
             amass,
             gvhmr,
+            bvh,
         )
     }
 )

@@ -1,0 +1,90 @@
+"""Rotations counted from the T-pose, for skeletons whose bones have a rest pose and axes of their own.
+
+`skeleton` counts a joint's rotation from the T-pose that stands along +y and looks along +z. A rig counts it from its
+rest pose, in whatever frame that is. Where the limbs of the rest pose are near those of a T-pose, be it that arms hang
+down, the shortest rotations between them tell the difference.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.errors import ClipError
+from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, LEFT_FINGERS, RIGHT_FINGERS
+from hoi_retarget.numerics import se3
+
+LIMBS: Mapping[str, tuple[str, tuple[float, float, float]]] = MappingProxyType(
+    {
+        f"{side}_{joint}": (f"{side}_{end}", axis)
+        for side, outward in (("left", (1.0, 0.0, 0.0)), ("right", (-1.0, 0.0, 0.0)))
+        for joint, end, axis in (
+            ("hip", "knee", (0.0, -1.0, 0.0)),
+            ("knee", "ankle", (0.0, -1.0, 0.0)),
+            ("shoulder", "elbow", outward),
+            ("elbow", "wrist", outward),
+        )
+    }
+)
+"""Joint -> where its bone ends, and which way that lies in the T-pose."""
+
+
+def body_axes(positions: Float[np.ndarray, "J 3"]) -> Float[np.ndarray, "4"]:
+    """Return the rotation from a body that stands along +y and looks along +z to a rest pose, wxyz.
+
+    Frames of exporters differ by quarter turns, so it is the nearest of these.
+
+    Args:
+        positions: of the joints in the order of `skeleton.JOINTS`, perhaps without fingers.
+
+    Raises:
+        ClipError: nobody stands there upright with the left side beside the right.
+    """
+    place = {joint: positions[JOINT_INDEX[joint]] for joint in JOINTS[: len(positions)]}
+    up = place["head"] - 0.5 * (place["left_hip"] + place["right_hip"])
+    left = place["left_hip"] - place["right_hip"] + place["left_shoulder"] - place["right_shoulder"]
+    axes = np.zeros((3, 3))
+    for column, direction in ((1, up), (0, left)):
+        largest = int(np.abs(direction).argmax())
+        axes[largest, column] = np.sign(direction[largest])
+    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
+    if np.abs(np.linalg.det(axes)) < 0.5:
+        raise ClipError("in the skeleton's rest pose nobody stands upright with the left side beside the right")
+    return se3.matrix_to_quat(axes)
+
+
+def turns_from_t_pose(
+    positions: Float[np.ndarray, "J 3"], quats: Float[np.ndarray, "J 4"], farthest: float
+) -> tuple[Float[np.ndarray, "J 4"], float]:
+    """Return what to turn each bone by, in its own frame, to get its joint's rotation from the T-pose, wxyz.
+
+    Beside it, how far the rest pose's limbs are from those of the T-pose [deg].
+
+    Args:
+        positions: of the joints in the rest pose, in the order of `skeleton.JOINTS`, perhaps without fingers.
+        quats: of the same, wxyz.
+        farthest: how far the limbs may be from those of a T-pose [deg].
+
+    Raises:
+        ClipError: the rest pose is farther from a T-pose.
+    """
+    body = body_axes(positions)
+    standing = se3.rotate_inverse(body, positions)
+    swings = np.tile(se3.IDENTITY_QUAT, (len(positions), 1))
+    for joint, (end, axis) in LIMBS.items():
+        bone = standing[JOINT_INDEX[end]] - standing[JOINT_INDEX[joint]]
+        swings[JOINT_INDEX[joint]] = se3.shortest_rotation(np.array(axis), bone)
+    angles = np.rad2deg(se3.angle_between(swings, se3.IDENTITY_QUAT))
+    largest = float(angles.max())
+    if largest > farthest:
+        raise ClipError(
+            f"the skeleton's rest pose is no T-pose: its {JOINTS[int(angles.argmax())]} is {largest:.0f} deg away from "
+            "one"
+        )
+    for side, fingers in (("left", LEFT_FINGERS), ("right", RIGHT_FINGERS)):
+        # In a rest pose hands are straight: they go with the forearms.
+        for joint in (f"{side}_wrist", *fingers):
+            if JOINT_INDEX[joint] < len(positions):
+                swings[JOINT_INDEX[joint]] = swings[JOINT_INDEX[f"{side}_elbow"]]
+    return se3.quat_multiply(se3.quat_conjugate(quats), se3.quat_multiply(body, swings)), largest

@@ -1,0 +1,225 @@
+"""Reads BVH: one person, captured or animated, without objects; LAFAN1, and skeletons with names of `rigs`.
+
+Joints are found by their names. BVH states neither which axis is up, nor a unit, nor a T-pose, so these are found:
+
+- up is the axis along which the person stands, y or z, y if neither;
+- the unit is the one of `UNITS` in which the person has a grown person's height;
+- rotations are counted from the pose in which nothing is turned, where that is about a T-pose or has arms that hang
+  down. LAFAN1's has all bones in one line along x; which way its bones lie in a T-pose was measured: knees and elbows
+  bend about z, and standing toes are level.
+
+Where the root is between the hips, the pelvis is put at the lowest joint of the spine, as SMPL-X's is above them.
+Whatever comes out must bend its knees backwards and its elbows forwards.
+
+Cites: ubisoft/ubisoft-laforge-animation-dataset (names, 30 frames a second, centimetres, CC BY-NC-ND 4.0); GMR
+`ik_configs/bvh_lafan1_to_g1.json` (the same axes).
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from hoi_retarget.clip.read_options import ReadOptions
+from hoi_retarget.errors import ClipError
+from hoi_retarget.files.bvh import END, Bvh, is_bvh, parse_bvh
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.human import fingers
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS
+from hoi_retarget.human.t_pose import LIMBS, turns_from_t_pose
+from hoi_retarget.numerics import se3
+from hoi_retarget.readers.finish import data_set
+from hoi_retarget.readers.recording import Recording, Tracks
+from hoi_retarget.readers.rigs import RiggedSkeleton, skeleton_of
+from hoi_retarget.readers.upright import standing_axis
+from hoi_retarget.readers.worlds import World
+
+FORMAT = "bvh"
+LICENCE = "that of the data, which BVH does not state; LAFAN1: CC BY-NC-ND 4.0"
+UNITS: Mapping[str, float] = MappingProxyType(
+    {"a metre": 1.0, "0.05644 m, as in CMU's": 0.0254 / 0.45, "an inch": 0.0254, "a centimetre": 0.01, "a millimetre": 1e-3}
+)
+"""What a unit of length may be [m]; no person is a grown one in two of them."""
+SHORTEST, TALLEST = 1.2, 2.3  # [m]
+FARTHEST_FROM_T_POSE = 100.0
+"""[deg]; arms that hang down are about 90 away."""
+LOWEST_PELVIS = 0.04
+"""Of a leg's length; a root that is less above the hips is between them."""
+
+_BODY = 22
+_STRAIGHT = 0.85  # A cosine; limbs that are bent less tell nothing.
+_FLAT_FOOT = np.deg2rad(21.454555)
+"""By which LAFAN1's toes are turned against its feet; they are level while it stands."""
+_TRUNK = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])
+_LEG = np.array([[0, 0, -1], [-1, 0, 0], [0, 1, 0]])
+_TOE = np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]])
+_ARMS = {
+    "left": np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]),
+    "right": np.array([[-1, 0, 0], [0, 0, -1], [0, -1, 0]]),
+}
+"""The axes of LAFAN1's bones in the T-pose, one a column."""
+
+
+def holds(file: SourceFile) -> bool:
+    """Return whether a file begins as BVH does."""
+    return is_bvh(file.content)
+
+
+def record(file: SourceFile, options: ReadOptions) -> Recording:
+    """Return what a file holds."""
+    motion = parse_bvh(file.content, file.path)
+    try:
+        skeleton = skeleton_of(motion.names, motion.parents)
+    except ClipError as error:
+        raise ClipError(f"{file.path}: {error}.") from error
+
+    def read_tracks() -> Tracks:
+        person, notes = _person(file.path, motion, skeleton)
+        return Tracks(people=(person,), objects=(), notes=notes)
+
+    return Recording(
+        name=file.path.stem,
+        description="BVH motion of one person",
+        frames=len(motion.values),
+        fps=motion.rate,
+        rate_stated=True,
+        skeleton=f"{len(motion.names)} joints with the names of {skeleton.rig.title}",
+        up_axis="measured from the person when it is read",
+        objects=(),
+        contacts="none, as there are no objects",
+        licence=LICENCE,
+        up=_world,
+        read_tracks=read_tracks,
+        may_lie=True,
+    )
+
+
+def _world(person: Person) -> World:
+    """Return the world in which the person stands upright, y up where it does not stand."""
+    for up in ("y", "z"):
+        world = World.of_axis(up)
+        if standing_axis(world.turned_person(person).joint_positions) == "z":
+            return World(up, world.turns, f"{up} is up: the person stands along it; BVH does not state it.")
+    world = World.of_axis("y")
+    return World("y", world.turns, "y is taken as up, as in most BVH files; the person does not stand along it.")
+
+
+# The person
+
+
+def _person(path: Path, motion: Bvh, skeleton: RiggedSkeleton) -> tuple[Person, tuple[str, ...]]:
+    """Return the person in the file's world, in metres, and what is to be noted; raises `ClipError`."""
+    rest = motion.rest_positions()
+    turning = _joints(skeleton)
+    turns, how = _turns(path, rest[turning])
+    standing = turning.copy()
+    notes: tuple[str, ...] = (how,)
+    if _root_between_hips(rest, turning, turns[0]):
+        standing[0] = skeleton.spine[0]
+        notes += ("The root is between the hips; the pelvis is put at the lowest joint of the spine.",)
+    all_positions, all_quats = motion.poses()
+    positions, quats = all_positions[:, standing], se3.quat_multiply(all_quats[:, turning], turns)
+    if len(turning) == _BODY:
+        positions, quats = _with_fingers(positions, quats)
+        notes += (fingers.NOTE,)
+    unit, said = _unit(path, Person("person", positions, quats).height)
+    person = Person("person", unit * positions, quats, fingers_recorded=len(turning) > _BODY)
+    _check_bending(path, person)
+    return person, (*notes, said)
+
+
+def _joints(skeleton: RiggedSkeleton) -> Int[np.ndarray, "J"]:
+    """Return the file's joints in the order of `skeleton.JOINTS`, without fingers where it has none."""
+    spine = dict(zip(("spine1", "spine2", "spine3"), np.linspace(0, len(skeleton.spine) - 1, 3).round(), strict=True))
+    found = skeleton.joints | {joint: skeleton.spine[int(place)] for joint, place in spine.items()}
+    return np.array([found[joint] for joint in JOINTS if joint in found])
+
+
+def _turns(path: Path, rest: Float[np.ndarray, "J 3"]) -> tuple[Float[np.ndarray, "J 4"], str]:
+    """Return what turns each bone's rotation into one that is counted from the T-pose, and a note of how."""
+    if _is_along_x(rest):
+        return _lafan1_turns(), "All bones lie along x while nothing is turned, as LAFAN1's: rotations are as there."
+    try:
+        turns, largest = turns_from_t_pose(rest, np.tile(se3.IDENTITY_QUAT, (len(rest), 1)), FARTHEST_FROM_T_POSE)
+    except ClipError as error:
+        raise ClipError(
+            f"{path}: {error}, while nothing is turned. Export it with a T-pose as the rest pose; of other rest poses "
+            "only LAFAN1's is known."
+        ) from error
+    return turns, f"Limbs of the rest pose are up to {largest:.0f} deg from those of a T-pose, which is accounted for."
+
+
+def _is_along_x(rest: Float[np.ndarray, "J 3"]) -> bool:
+    ends = [JOINT_INDEX[end] for end, _ in LIMBS.values()]
+    bones = rest[ends] - rest[[JOINT_INDEX[joint] for joint in LIMBS]]
+    return bool((bones[:, 0] > 0.99 * np.linalg.norm(bones, axis=1)).all()) and len(rest) == _BODY
+
+
+def _lafan1_turns() -> Float[np.ndarray, "22 4"]:
+    """Return the turns of LAFAN1's bones."""
+    tilt = se3.quat_to_matrix(se3.exp(np.array([0.0, 0.0, -_FLAT_FOOT])))
+    axes = np.empty((_BODY, 3, 3))
+    for joint, index in list(JOINT_INDEX.items())[:_BODY]:
+        side, _, limb = joint.partition("_")
+        if limb in ("hip", "knee"):
+            axes[index] = _LEG
+        elif limb in ("ankle", "foot"):
+            axes[index] = _TOE @ tilt if limb == "ankle" else _TOE
+        else:
+            axes[index] = _ARMS.get(side, _TRUNK)
+    return se3.quat_conjugate(se3.matrix_to_quat(axes))
+
+
+def _root_between_hips(rest: np.ndarray, joints: Int[np.ndarray, "J"], turn: Float[np.ndarray, "4"]) -> bool:
+    """Return whether the root is no higher than the hips."""
+    place = {joint: rest[joints[JOINT_INDEX[joint]]] for joint in ("pelvis", "left_hip", "left_knee", "left_ankle")}
+    hips = 0.5 * (place["left_hip"] + rest[joints[JOINT_INDEX["right_hip"]]])
+    upwards = se3.rotate_inverse(turn, place["pelvis"] - hips)[1]
+    leg = np.linalg.norm(place["left_knee"] - place["left_hip"]) + np.linalg.norm(
+        place["left_ankle"] - place["left_knee"]
+    )
+    return bool(upwards < LOWEST_PELVIS * leg)
+
+
+def _with_fingers(
+    positions: Float[np.ndarray, "T 22 3"], quats: Float[np.ndarray, "T 22 4"]
+) -> tuple[Float[np.ndarray, "T 52 3"], Float[np.ndarray, "T 52 4"]]:
+    frames = len(positions)
+    full_positions, full_quats = np.zeros((frames, 1, len(JOINTS), 3)), np.zeros((frames, 1, len(JOINTS), 4))
+    full_positions[:, 0, :_BODY], full_quats[:, 0, :_BODY] = positions, quats
+    fingers.add_straight_fingers(full_positions, full_quats)
+    return full_positions[:, 0], full_quats[:, 0]
+
+
+def _unit(path: Path, height: float) -> tuple[float, str]:
+    """Return what a unit of the file is [m], and a note of it, from the person's height in it; raises `ClipError`."""
+    for name, unit in UNITS.items():
+        if SHORTEST <= unit * height <= TALLEST:
+            return unit, f"A unit of length is {name}: the person is then {unit * height:.2f} m tall; BVH states none."
+    raise ClipError(
+        f"{path}: the person is {height:.4g} units tall, which is {SHORTEST:g} to {TALLEST:g} m in none of "
+        f"{', '.join(UNITS)}. Scale offsets and positions to centimetres."
+    )
+
+
+def _check_bending(path: Path, person: Person) -> None:
+    """Raise `ClipError` unless knees bend backwards and elbows forwards, mostly: bones' axes are then other ones."""
+    for side in ("left", "right"):
+        for joint, end, forwards in (("hip", "knee", -1.0), ("shoulder", "elbow", 1.0)):
+            far = {"knee": "ankle", "elbow": "wrist"}[end]
+            first = person.position(f"{side}_{end}") - person.position(f"{side}_{joint}")
+            second = person.position(f"{side}_{far}") - person.position(f"{side}_{end}")
+            lengths = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
+            bent = np.sum(first * second, axis=1) < _STRAIGHT * lengths
+            bends = se3.rotate_inverse(person.quat(f"{side}_{joint}"), second)[bent, 2] * forwards
+            if bent.any() and (bends > 0.0).mean() < 0.5:
+                raise ClipError(
+                    f"{path}: the {side} {end} bends the wrong way in most frames: the bones have other axes than "
+                    "the rest pose tells. Export it with a T-pose as the rest pose."
+                )
+
+
+READER = data_set(FORMAT, (".bvh",), record, holds=holds)
