@@ -8,6 +8,7 @@ import numpy as np
 from common import tiled
 
 import behave_writer
+import bvh_writer
 import cari4d_writer
 import core4d_writer
 import glb_writer
@@ -26,6 +27,7 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.readers import (
     amass,
     behave,
+    bvh,
     cari4d,
     core4d,
     grab,
@@ -189,6 +191,11 @@ def _amass(folder: Path, frames: int) -> Recording:
     return Recording(path, body_models=models)
 
 
+def _bvh(folder: Path, frames: int) -> Recording:
+    clip, rig = scene("carry_box", frames), bvh_writer.Rig(bvh_writer.MIXAMO)
+    return Recording(bvh_writer.write_person(folder / "walk.bvh", clip, rig))
+
+
 def _gvhmr(folder: Path, frames: int) -> Recording:
     path, models = people_writer.write_gvhmr(folder, scene("carry_box", frames))
     return Recording(path, body_models=models)
@@ -213,6 +220,7 @@ SOURCES: Mapping[str, Callable[[Path, int], Recording]] = {
     humoto.FORMAT: _humoto,
     parahome.FORMAT: _parahome,
     amass.FORMAT: _amass,
+    bvh.FORMAT: _bvh,
     gvhmr.FORMAT: _gvhmr,
 }
 """What writes so many frames of each format into a folder of their own; people are two where the format has two."""

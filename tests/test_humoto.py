@@ -328,7 +328,7 @@ def test_a_body_that_lies_along_another_axis_is_refused(tmp_path):
 
 
 def test_another_pose_than_the_t_pose_is_refused(tmp_path):
-    with pytest.raises(ClipError, match=r"bind pose is no T-pose: its (left|right)_shoulder is 75 deg"):
+    with pytest.raises(ClipError, match=r"rest pose is no T-pose: its (left|right)_shoulder is 75 deg"):
         read(tmp_path, humoto(CLIP, bound=bound_arms_down(75.0)))
 
 

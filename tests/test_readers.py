@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import behave_writer
+import bvh_writer
 import cari4d_writer
 import core4d_writer
 import grab_writer
@@ -153,6 +154,7 @@ WRITERS: dict[str, Callable[[Path], Path]] = {
     "humoto": lambda root: humoto(CHAIR).write(root / "chair.glb"),
     "parahome": _parahome,
     "amass": lambda root: people_writer.write_amass(root, CHAIR, "smplh")[0],
+    "bvh": lambda root: bvh_writer.write_person(root / "walk.bvh", CHAIR, bvh_writer.Rig(bvh_writer.MIXAMO)),
     "gvhmr": lambda root: people_writer.write_gvhmr(root, CHAIR)[0],
 }
 """Format, perhaps with a word on which kind -> what writes a recording with its models and meshes."""

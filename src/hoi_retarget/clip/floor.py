@@ -54,7 +54,9 @@ def floor_height(clip: Clip) -> tuple[float, int]:
     for person in clip.people:
         for foot in FEET:
             balls = spheres(person, PART_CAPSULES[foot])
-            heights.append(balls.lowest)
+            heights.append(
+                balls.lowest if person.toe_height is None else person.position(foot)[:, 2] - person.toe_height
+            )
             slow.append(speeds(balls.middles, clip.fps).max(axis=1) < STANDING_SPEED)
     soles, stands = np.concatenate(heights), np.concatenate(slow)
     if stands.sum() < LEAST_STANDING:

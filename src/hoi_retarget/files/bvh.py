@@ -1,8 +1,8 @@
 """Reads BVH, skeletons and their motion as text: a hierarchy of joints, then a row of numbers for each frame.
 
 A joint's frame is its parent's, moved by its offset and turned by its rotation channels in the order they stand in,
-each about the axis that the ones before have turned. Position channels are in the place of the offset, not beside it, as
-all current tools write and read them. Angles are in degrees; the file states no unit of length and no axis that is up.
+each about the axis that the ones before have turned. Position channels stand for the offset, not beside it, as current
+tools write and read them. Angles are in degrees; the file states no unit of length and no axis that is up.
 
 Cites: Biovision's format as in ubisoft/ubisoft-laforge-animation-dataset `lafan1/extract.py` and Blender's
 `import_bvh.py`.

@@ -29,6 +29,8 @@ class Person:
     """The person's skin, where the source tells it and its body model is at hand."""
     stature: float | None = None
     """Standing height [m], where the source tells it; otherwise it is estimated."""
+    toe_height: float | None = None
+    """Of the toe joints over the soles [m], where the source's skeleton is known; otherwise that of SMPL-X's."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joint_positions", frozen(self.joint_positions))

@@ -55,7 +55,7 @@ def body_axes(positions: Float[np.ndarray, "J 3"]) -> Float[np.ndarray, "4"]:
 
 
 def turns_from_t_pose(
-    positions: Float[np.ndarray, "J 3"], quats: Float[np.ndarray, "J 4"], farthest: float
+    positions: Float[np.ndarray, "J 3"], quats: Float[np.ndarray, "J 4"], body: Float[np.ndarray, "4"], farthest: float
 ) -> tuple[Float[np.ndarray, "J 4"], float]:
     """Return what to turn each bone by, in its own frame, to get its joint's rotation from the T-pose, wxyz.
 
@@ -64,12 +64,12 @@ def turns_from_t_pose(
     Args:
         positions: of the joints in the rest pose, in the order of `skeleton.JOINTS`, perhaps without fingers.
         quats: of the same, wxyz.
+        body: their `body_axes`.
         farthest: how far the limbs may be from those of a T-pose [deg].
 
     Raises:
         ClipError: the rest pose is farther from a T-pose.
     """
-    body = body_axes(positions)
     standing = se3.rotate_inverse(body, positions)
     swings = np.tile(se3.IDENTITY_QUAT, (len(positions), 1))
     for joint, (end, axis) in LIMBS.items():

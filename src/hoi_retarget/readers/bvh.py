@@ -8,14 +8,15 @@ Joints are found by their names. BVH states neither which axis is up, nor a unit
   down. LAFAN1's has all bones in one line along x; which way its bones lie in a T-pose was measured: knees and elbows
   bend about z, and standing toes are level.
 
-Where the root is between the hips, the pelvis is put at the lowest joint of the spine, as SMPL-X's is above them.
-Whatever comes out must bend its knees backwards and its elbows forwards.
+The stature is the rest pose's, where its head has a top. Where the root is between the hips, the pelvis is put at the
+lowest joint of the spine, as SMPL-X's is above them. Whatever comes out must bend its knees backwards and its elbows
+forwards.
 
 Cites: ubisoft/ubisoft-laforge-animation-dataset (names, 30 frames a second, centimetres, CC BY-NC-ND 4.0); GMR
 `ik_configs/bvh_lafan1_to_g1.json` (the same axes).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -24,12 +25,12 @@ from jaxtyping import Float, Int
 
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError
-from hoi_retarget.files.bvh import END, Bvh, is_bvh, parse_bvh
+from hoi_retarget.files.bvh import Bvh, is_bvh, parse_bvh
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human import fingers
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS
-from hoi_retarget.human.t_pose import LIMBS, turns_from_t_pose
+from hoi_retarget.human.t_pose import LIMBS, body_axes, turns_from_t_pose
 from hoi_retarget.numerics import se3
 from hoi_retarget.readers.finish import data_set
 from hoi_retarget.readers.recording import Recording, Tracks
@@ -40,7 +41,13 @@ from hoi_retarget.readers.worlds import World
 FORMAT = "bvh"
 LICENCE = "that of the data, which BVH does not state; LAFAN1: CC BY-NC-ND 4.0"
 UNITS: Mapping[str, float] = MappingProxyType(
-    {"a metre": 1.0, "0.05644 m, as in CMU's": 0.0254 / 0.45, "an inch": 0.0254, "a centimetre": 0.01, "a millimetre": 1e-3}
+    {
+        "a metre": 1.0,
+        "0.05644 m, as in CMU's": 0.0254 / 0.45,
+        "an inch": 0.0254,
+        "a centimetre": 0.01,
+        "a millimetre": 1e-3,
+    }
 )
 """What a unit of length may be [m]; no person is a grown one in two of them."""
 SHORTEST, TALLEST = 1.2, 2.3  # [m]
@@ -48,6 +55,9 @@ FARTHEST_FROM_T_POSE = 100.0
 """[deg]; arms that hang down are about 90 away."""
 LOWEST_PELVIS = 0.04
 """Of a leg's length; a root that is less above the hips is between them."""
+
+LEAST_HEAD = 0.08
+"""Of the height; less above the head's joint is no top of it."""
 
 _BODY = 22
 _STRAIGHT = 0.85  # A cosine; limbs that are bent less tell nothing.
@@ -113,28 +123,36 @@ def _world(person: Person) -> World:
 def _person(path: Path, motion: Bvh, skeleton: RiggedSkeleton) -> tuple[Person, tuple[str, ...]]:
     """Return the person in the file's world, in metres, and what is to be noted; raises `ClipError`."""
     rest = motion.rest_positions()
-    turning = _joints(skeleton)
-    turns, how = _turns(path, rest[turning])
-    standing = turning.copy()
-    notes: tuple[str, ...] = (how,)
-    if _root_between_hips(rest, turning, turns[0]):
-        standing[0] = skeleton.spine[0]
+    joints = _joints(skeleton, skeleton.spine)
+    turns, how = _turns(path, rest[joints])
+    stature = _stature(rest, motion.parents, joints, turns[0])
+    places, notes = joints, (how,)
+    if _root_between_hips(rest[joints], turns[0]):
+        joints = _joints(skeleton, skeleton.spine[1:] or skeleton.spine)
+        places = np.array([skeleton.spine[0], *joints[1:]])
         notes += ("The root is between the hips; the pelvis is put at the lowest joint of the spine.",)
     all_positions, all_quats = motion.poses()
-    positions, quats = all_positions[:, standing], se3.quat_multiply(all_quats[:, turning], turns)
-    if len(turning) == _BODY:
+    positions, quats = all_positions[:, places], se3.quat_multiply(all_quats[:, joints], turns)
+    if len(joints) == _BODY:
         positions, quats = _with_fingers(positions, quats)
         notes += (fingers.NOTE,)
-    unit, said = _unit(path, Person("person", positions, quats).height)
-    person = Person("person", unit * positions, quats, fingers_recorded=len(turning) > _BODY)
+    unit, said = _unit(path, Person("person", positions, quats, stature=stature).height)
+    person = Person(
+        "person",
+        unit * positions,
+        quats,
+        fingers_recorded=len(joints) > _BODY,
+        stature=None if stature is None else unit * stature,
+        toe_height=skeleton.rig.toe_height,
+    )
     _check_bending(path, person)
     return person, (*notes, said)
 
 
-def _joints(skeleton: RiggedSkeleton) -> Int[np.ndarray, "J"]:
+def _joints(skeleton: RiggedSkeleton, spine: Sequence[int]) -> Int[np.ndarray, "J"]:
     """Return the file's joints in the order of `skeleton.JOINTS`, without fingers where it has none."""
-    spine = dict(zip(("spine1", "spine2", "spine3"), np.linspace(0, len(skeleton.spine) - 1, 3).round(), strict=True))
-    found = skeleton.joints | {joint: skeleton.spine[int(place)] for joint, place in spine.items()}
+    chosen = np.linspace(0, len(spine) - 1, 3).round().astype(int)
+    found = {**skeleton.joints, **{f"spine{number}": spine[place] for number, place in enumerate(chosen, 1)}}
     return np.array([found[joint] for joint in JOINTS if joint in found])
 
 
@@ -142,14 +160,28 @@ def _turns(path: Path, rest: Float[np.ndarray, "J 3"]) -> tuple[Float[np.ndarray
     """Return what turns each bone's rotation into one that is counted from the T-pose, and a note of how."""
     if _is_along_x(rest):
         return _lafan1_turns(), "All bones lie along x while nothing is turned, as LAFAN1's: rotations are as there."
+    unturned = np.tile(se3.IDENTITY_QUAT, (len(rest), 1))
     try:
-        turns, largest = turns_from_t_pose(rest, np.tile(se3.IDENTITY_QUAT, (len(rest), 1)), FARTHEST_FROM_T_POSE)
+        turns, largest = turns_from_t_pose(rest, unturned, body_axes(rest), FARTHEST_FROM_T_POSE)
     except ClipError as error:
         raise ClipError(
             f"{path}: {error}, while nothing is turned. Export it with a T-pose as the rest pose; of other rest poses "
             "only LAFAN1's is known."
         ) from error
     return turns, f"Limbs of the rest pose are up to {largest:.0f} deg from those of a T-pose, which is accounted for."
+
+
+def _stature(
+    rest: np.ndarray, parents: Sequence[int], joints: Int[np.ndarray, "J"], turn: Float[np.ndarray, "4"]
+) -> float | None:
+    """Return the height of the rest pose; None where its head has no top."""
+    head = joints[JOINT_INDEX["head"]]
+    of_head = np.arange(len(rest)) == head
+    for joint, parent in enumerate(parents):
+        of_head[joint] |= parent >= 0 and of_head[parent]
+    heights = se3.rotate_inverse(turn, rest)[:, 1]
+    top, lowest = float(heights[of_head].max()), float(heights.min())
+    return top - lowest if top - heights[head] > LEAST_HEAD * (top - lowest) else None
 
 
 def _is_along_x(rest: Float[np.ndarray, "J 3"]) -> bool:
@@ -173,15 +205,13 @@ def _lafan1_turns() -> Float[np.ndarray, "22 4"]:
     return se3.quat_conjugate(se3.matrix_to_quat(axes))
 
 
-def _root_between_hips(rest: np.ndarray, joints: Int[np.ndarray, "J"], turn: Float[np.ndarray, "4"]) -> bool:
+def _root_between_hips(rest: Float[np.ndarray, "J 3"], turn: Float[np.ndarray, "4"]) -> bool:
     """Return whether the root is no higher than the hips."""
-    place = {joint: rest[joints[JOINT_INDEX[joint]]] for joint in ("pelvis", "left_hip", "left_knee", "left_ankle")}
-    hips = 0.5 * (place["left_hip"] + rest[joints[JOINT_INDEX["right_hip"]]])
-    upwards = se3.rotate_inverse(turn, place["pelvis"] - hips)[1]
-    leg = np.linalg.norm(place["left_knee"] - place["left_hip"]) + np.linalg.norm(
-        place["left_ankle"] - place["left_knee"]
+    pelvis, left, right, knee, ankle = (
+        rest[JOINT_INDEX[joint]] for joint in ("pelvis", "left_hip", "right_hip", "left_knee", "left_ankle")
     )
-    return bool(upwards < LOWEST_PELVIS * leg)
+    upwards = se3.rotate_inverse(turn, pelvis - 0.5 * (left + right))[1]
+    return bool(upwards < LOWEST_PELVIS * (np.linalg.norm(knee - left) + np.linalg.norm(ankle - knee)))
 
 
 def _with_fingers(

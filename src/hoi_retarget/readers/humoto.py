@@ -33,7 +33,8 @@ from hoi_retarget.errors import ClipError, GeometryError, ReadError
 from hoi_retarget.files.gltf import Gltf, NodePoses, text_of
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.person import Person
-from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, LEFT_FINGERS, RIGHT_FINGERS
+from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS
+from hoi_retarget.human.t_pose import LIMBS, body_axes, turns_from_t_pose
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.finish import data_set
@@ -80,19 +81,6 @@ BONES: Mapping[str, str] = MappingProxyType(
 )
 """Joint of `skeleton.JOINTS` -> Mixamo's bone."""
 
-_LIMBS: Mapping[str, tuple[str, tuple[float, float, float]]] = MappingProxyType(
-    {
-        f"{side}_{joint}": (f"{side}_{end}", axis)
-        for side, outward in (("left", (1.0, 0.0, 0.0)), ("right", (-1.0, 0.0, 0.0)))
-        for joint, end, axis in (
-            ("hip", "knee", (0.0, -1.0, 0.0)),
-            ("knee", "ankle", (0.0, -1.0, 0.0)),
-            ("shoulder", "elbow", outward),
-            ("elbow", "wrist", outward),
-        )
-    }
-)
-"""Joint -> where its bone ends, and which way that lies in the T-pose."""
 _STEP_TOLERANCE = 0.05  # [frames]; of keys from the frames they are on.
 
 
@@ -244,8 +232,11 @@ class _BindPose:
 def _person(capture: _Capture, poses: NodePoses) -> tuple[Person, tuple[str, ...]]:
     joints = list(capture.joints)
     bound = _bind_pose(capture)
-    body = _body_axes(capture.path, bound.positions)
-    turns, largest = _turns_from_t_pose(capture.path, bound, body)
+    try:
+        body = body_axes(bound.positions)
+        turns, largest = turns_from_t_pose(bound.positions, bound.quats, body, FARTHEST_FROM_T_POSE)
+    except ClipError as error:
+        raise ClipError(f"{capture.path}: {error}. Export the file with Mixamo's bind pose.") from error
     positions, quats = poses.positions[:, joints], se3.quat_multiply(poses.quats[:, joints], turns)
     notes = (f"Limbs of the bind pose are up to {largest:.0f} deg from those of a T-pose, which is accounted for.",)
     stature = None
@@ -259,34 +250,8 @@ def _person(capture: _Capture, poses: NodePoses) -> tuple[Person, tuple[str, ...
 
 def _limbs_length(positions: Float[np.ndarray, "*T 52 3"]) -> float:
     """Return the length of all limbs together, its mean over time."""
-    starts, ends = [JOINT_INDEX[joint] for joint in _LIMBS], [JOINT_INDEX[end] for end, _ in _LIMBS.values()]
+    starts, ends = [JOINT_INDEX[joint] for joint in LIMBS], [JOINT_INDEX[end] for end, _ in LIMBS.values()]
     return float(np.linalg.norm(positions[..., ends, :] - positions[..., starts, :], axis=-1).sum(axis=-1).mean())
-
-
-def _turns_from_t_pose(
-    path: Path, bound: _BindPose, body: Float[np.ndarray, "4"]
-) -> tuple[Float[np.ndarray, "52 4"], float]:
-    """Return what to turn each bone by, in its own frame, to get its joint's rotation from the T-pose, wxyz.
-
-    Beside it, how far the bind pose's limbs are from those of the T-pose [deg].
-    """
-    standing = se3.rotate_inverse(body, bound.positions)
-    swings = np.tile(se3.IDENTITY_QUAT, (len(JOINTS), 1))
-    for joint, (end, axis) in _LIMBS.items():
-        bone = standing[JOINT_INDEX[end]] - standing[JOINT_INDEX[joint]]
-        swings[JOINT_INDEX[joint]] = se3.shortest_rotation(np.array(axis), bone)
-    angles = np.rad2deg(se3.angle_between(swings, se3.IDENTITY_QUAT))
-    largest = float(angles.max())
-    if largest > FARTHEST_FROM_T_POSE:
-        raise ClipError(
-            f"{path}: the skeleton's bind pose is no T-pose: its {JOINTS[int(angles.argmax())]} is "
-            f"{largest:.0f} deg away from one. Export the file with Mixamo's bind pose."
-        )
-    for side, fingers in (("left", LEFT_FINGERS), ("right", RIGHT_FINGERS)):
-        # In a bind pose hands are straight: they go with the forearms.
-        for joint in (f"{side}_wrist", *fingers):
-            swings[JOINT_INDEX[joint]] = swings[JOINT_INDEX[f"{side}_elbow"]]
-    return se3.quat_multiply(se3.quat_conjugate(bound.quats), se3.quat_multiply(body, swings)), largest
 
 
 def _bind_pose(capture: _Capture) -> _BindPose:
@@ -309,26 +274,6 @@ def _bind_pose(capture: _Capture) -> _BindPose:
         f"{capture.path}: no skin binds a mesh to all bones, so their bind pose is not known. Export the file with "
         "the body's mesh."
     )
-
-
-def _body_axes(path: Path, positions: Float[np.ndarray, "52 3"]) -> Float[np.ndarray, "4"]:
-    """Return the rotation from a body that stands along +y and looks along +z to the bind pose, wxyz.
-
-    Frames of exporters differ by quarter turns, so it is the nearest of these.
-    """
-    place = {joint: positions[index] for joint, index in JOINT_INDEX.items()}
-    up = place["head"] - 0.5 * (place["left_hip"] + place["right_hip"])
-    left = place["left_hip"] - place["right_hip"] + place["left_shoulder"] - place["right_shoulder"]
-    axes = np.zeros((3, 3))
-    for column, direction in ((1, up), (0, left)):
-        largest = int(np.abs(direction).argmax())
-        axes[largest, column] = np.sign(direction[largest])
-    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
-    if np.abs(np.linalg.det(axes)) < 0.5:
-        raise ClipError(
-            f"{path}: in the skeleton's bind pose nobody stands upright with the left side beside the right."
-        )
-    return se3.matrix_to_quat(axes)
 
 
 # The objects

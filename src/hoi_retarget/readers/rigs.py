@@ -18,6 +18,8 @@ class Rig:
     """What stands before the names of a left and of a right limb."""
     limbs: dict[str, tuple[str, ...]]
     """Joint without its side -> what it may be called."""
+    toe_height: float = 0.0
+    """Of the toe joints over the soles [m]; most rigs have them on the soles, for a hinge."""
 
     def bones(self) -> dict[str, tuple[str, ...]]:
         """Return joint -> its possible names, without spine and fingers."""
@@ -34,15 +36,15 @@ class Rig:
 _LIMBS = ("hip", "knee", "ankle", "foot", "collar", "shoulder", "elbow", "wrist")
 
 
-def _rig(title: str, pelvis: str, sides: tuple[str, str], bones: str) -> Rig:
+def _rig(title: str, pelvis: str, sides: tuple[str, str], bones: str, toe_height: float = 0.0) -> Rig:
     names = (tuple(bone.split("|")) for bone in bones.split())
-    return Rig(title, pelvis, sides, dict(zip(_LIMBS, names, strict=True)))
+    return Rig(title, pelvis, sides, dict(zip(_LIMBS, names, strict=True)), toe_height)
 
 
 RIGS = (
     _rig("LAFAN1 and Mixamo", "Hips", ("Left", "Right"), "UpLeg Leg Foot ToeBase|Toe Shoulder Arm ForeArm Hand"),
     _rig("Xsens MVN", "Hips", ("Left", "Right"), "Hip Knee Ankle Toe Collar Shoulder Elbow Wrist"),
-    _rig("SMPL", "Pelvis", ("L_", "R_"), "Hip Knee Ankle Foot|Toe Collar Shoulder Elbow Wrist"),
+    _rig("SMPL", "Pelvis", ("L_", "R_"), "Hip Knee Ankle Foot|Toe Collar Shoulder Elbow Wrist", 0.025),
 )
 
 
@@ -65,7 +67,9 @@ def skeleton_of(names: Sequence[str], parents: Sequence[int]) -> RiggedSkeleton:
         # The first of a name counts: ends of limbs may repeat one.
         places = {name.removeprefix(prefix): index for index, name in reversed(list(enumerate(names)))}
         bones = rig.bones()
-        found = {joint: next((places[name] for name in called if name in places), -1) for joint, called in bones.items()}
+        found = {
+            joint: next((places[name] for name in called if name in places), -1) for joint, called in bones.items()
+        }
         spine = _between(found["pelvis"], found["neck"], parents)
         if spine and min(found.values()) >= 0:
             return RiggedSkeleton(rig, found | _fingers(rig, places), spine)
@@ -89,7 +93,7 @@ def _between(pelvis: int, neck: int, parents: Sequence[int]) -> tuple[int, ...]:
 
 
 def _fingers(rig: Rig, places: Mapping[str, int]) -> dict[str, int]:
-    """Return all finger joints by the wrist's name and theirs, such as `LeftHandIndex1`; none where some are missing."""
+    """Return all finger joints, such as `LeftHandIndex1` for that of `LeftHand`; none where some are missing."""
     found: dict[str, int] = {}
     for side, prefix, fingers in zip(("left", "right"), rig.sides, (LEFT_FINGERS, RIGHT_FINGERS), strict=True):
         for joint in fingers:
