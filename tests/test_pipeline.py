@@ -1,6 +1,10 @@
 """From clip to motion: what holds for every result, and what must not change it."""
 
 import functools
+import os
+import platform
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -350,3 +354,14 @@ def test_any_solver_can_be_put_in(robot):
     np.testing.assert_array_equal(motion.stages[0].qpos, result(robot).stages[0].qpos)
     assert [window.iterations for window in motion.stages[-1].windows] == [0]
     assert motion.report.config["solver"] == {"name": "KeepStart"}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="Nehalem is an x86 processor")
+def test_kernels_for_another_processor_change_a_result_by_rounding_alone(tmp_path):
+    def qpos(name: str, **environment: str) -> np.ndarray:
+        command = [sys.executable, "-m", "hoi_retarget", "run", "builtin:carry_box", "--out", str(tmp_path / name)]
+        subprocess.run(command, env={**os.environ, **environment}, check=True, capture_output=True)
+        return np.load(tmp_path / name / "carry_box.npz")["qpos"]
+
+    assert np.abs(qpos("own") - qpos("other", OPENBLAS_CORETYPE="Nehalem")).max() < 1e-9  # [m] or [rad]
