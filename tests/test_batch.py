@@ -97,7 +97,9 @@ def quick(folder, motion, monkeypatch):
         frames = {
             name: np.resize(getattr(motion, name), (clip.frames, *getattr(motion, name).shape[1:])) for name in timed
         }
-        stages = tuple(replace(stage, qpos=np.resize(stage.qpos, (clip.frames, 36))) for stage in motion.stages)
+        stages = tuple(
+            replace(stage, qpos=np.resize(stage.qpos, (clip.frames, 36)), windows=()) for stage in motion.stages
+        )
         return (with_report(replace(motion, stages=stages, **frames), command=command),) * len(clip.people)
 
     monkeypatch.setattr(work, "retarget_people", canned)

@@ -204,7 +204,7 @@ def test_four_frames_are_enough(run, recording, columns):
     assert load(recording / "out" / "sub1_box_004.npz").frames == 4
 
 
-@pytest.mark.parametrize("text", ["", "v 0 0 0\nv 1 0 0\nv 0 1 0\n"], ids=["empty", "without faces"])
+@pytest.mark.parametrize("text", ["", "v 0 0 0\nv 1 0 0\nv 0 1 0\n", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n"])
 def test_bad_meshes(run, recording, text):
     (recording / "objects/box/box.obj").write_text(text)
     code, _, err = run(f"{NAME}.pt")
@@ -221,6 +221,8 @@ def test_bad_meshes(run, recording, text):
         (["--size-multiplier", "nan"], "positive"),
         (["--horizon", "windowed:3:9"], "LENGTH must be at least 20"),
         (["--horizon", "sometimes"], "per-frame"),
+        (["--floor", "nan"], "--floor nan"),
+        (["--floor", "1e9"], "at most 1000 m"),
         (["copy/sub1_box_000.pt"], "different folders"),
         (["objects"], "is a folder"),
     ],

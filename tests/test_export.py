@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull
 
 from export_motions import LINKS, SOURCE, as_result
 from hoi_retarget import __version__
-from hoi_retarget.errors import ArgumentError, ClipError
+from hoi_retarget.errors import ArgumentError, RobotError
 from hoi_retarget.motion.export import NAMES, Exported, export, format_named
 from hoi_retarget.motion.formats import WRITABLE
 from hoi_retarget.motion.formats import read as read_motion
@@ -574,9 +574,9 @@ def test_formats_without_a_place_for_objects_say_so(name):
 
 def test_results_that_are_not_the_robots_are_refused():
     motion = as_result(G1).motion
-    with pytest.raises(ClipError, match="29 joints are not the 31"):
+    with pytest.raises(RobotError, match="differing: head_pitch_joint, head_yaw_joint"):
         Result("take", "", motion, H2)
-    with pytest.raises(ClipError, match="tail"):
+    with pytest.raises(RobotError, match="tail"):
         Result("take", "", replace(motion, contact_links=("left_palm", "right_palm", "left_foot", "tail")), G1)
 
 

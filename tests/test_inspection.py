@@ -15,6 +15,7 @@ from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.readers import read_clip
 from hoi_retarget.readers.describe import Inspection, inspect
+from hoi_retarget.robots import load_robot
 from hoi_retarget.synthetic import make
 from intermimic_writer import columns_of, random_clip, write_box, write_clip
 from torch_writer import legacy_bytes, torch_bytes
@@ -45,15 +46,15 @@ def multi(frames: int = 6, names: tuple[str, ...] = ("cup_base", "desk_base")) -
 
 def result() -> Motion:
     return Motion(
-        robot="test_robot",
+        robot="unitree_g1",
         fps=50.0,
-        joint_names=("a", "b"),
-        stages=(Stage("ik", np.full((6, 9), 0.5)), Stage("trajectory", np.full((6, 9), 0.5))),
+        joint_names=load_robot("unitree_g1").joint_names,
+        stages=(Stage("ik", np.full((6, 36), 0.5)), Stage("trajectory", np.full((6, 36), 0.5))),
         object_names=("box",),
         object_pos=np.linspace(0, 1, 18).reshape(6, 1, 3),
         object_quat=np.full((6, 1, 4), 0.5),
         object_scale=np.ones(1),
-        contact_links=("palm",),
+        contact_links=("left_palm",),
         contact_flags=np.array([[0], [1], [1], [0], [1], [0]], dtype=bool),
         contact_object=np.zeros((6, 1), dtype=int),
         contact_points=np.zeros((6, 1, 3)),
@@ -93,6 +94,15 @@ def test_without_the_objects_the_rest_is_described(folder):
     facts = inspect(folder / "sub1_box_000.pt", ReadOptions(objects=folder / "objects", object_name="cube"))
     assert "no object 'cube'" in facts.missing[0]
     assert "--object cube" in facts.command
+
+
+@pytest.mark.parametrize("content", [b"", b"v 0 0 0\nv 1 1 1\nf 1 2 9\n"])
+def test_a_mesh_that_cannot_be_used_is_a_problem_and_no_command_ignores_it(folder, content):
+    write_clip(random_clip(), folder / "sub1_box_000.pt")
+    mesh = folder / "objects" / "box" / "box.obj"
+    mesh.write_bytes(content)
+    facts = inspect(folder / "sub1_box_000.pt", ReadOptions(objects=folder / "objects"))
+    assert str(mesh) in facts.problems[0] and not facts.missing and not facts.command
 
 
 def test_without_a_name_it_asks_for_one(folder):
@@ -154,9 +164,9 @@ def test_results_are_described(folder):
     save(result(), folder / "clip.npz")
     facts = inspect(folder / "clip.npz")
     assert (facts.format, facts.frames, facts.fps, facts.fps_stated) == ("hoi-retarget-motion", 6, 50.0, True)
-    assert "test_robot" in facts.description
+    assert "unitree_g1" in facts.description
     assert facts.objects[0].moved > 1.0
-    assert [(fact.part, fact.frames, fact.segments) for fact in facts.contacts] == [("palm", 3, 2)]
+    assert [(fact.part, fact.frames, fact.segments) for fact in facts.contacts] == [("left_palm", 3, 2)]
 
 
 def test_files_of_no_known_format(folder):

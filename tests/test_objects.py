@@ -169,11 +169,24 @@ def test_names_too_long_for_a_file_system(tmp_path):
         (b"v 0 0 inf\nf 1 1 1\n", "not finite"),
         (b"v 0 0 1e400\nf 1 1 1\n", "not finite"),
         (b"v 0 0 1500\nv 1 1 1\nf 1 1 1\n", "expected metres"),
+        (b"v 0 0 0\nv 1 1 1\nf 1 2 3\n", "names vertex 3; they are counted from 1 to 2"),
+        (b"v 0 0 0\nv 1 1 1\nf 1/1/1 2/9/9 12/1/1\n", "names vertex 12"),
+        (b"v 0 0 0\nv 1 1 1\nf 0 1 2\n", "names vertex 0"),
+        (b"v 0 0 0\nv 1 1 1\nf 1 2 -3\n", "names vertex 3"),
+        (b"v 0 0 0\nv 1 1 1\nf 1 2 99999999999999999999999\n", "names vertex 1"),
     ],
 )
 def test_meshes_that_are_none(tmp_path, content, words):
     path = write(tmp_path, "box", "box.obj", content)
     refused(tmp_path, "box", str(path), words)
+
+
+def test_corners_of_faces_are_read_in_all_ways_of_writing_them(tmp_path):
+    corners = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
+    ways = (b"f 1 2 3", b"f 1/7 2/8 4/9\r", b"f -1 -2 -4", b"f\t1//99 3//99 4//99 2", b"f 1 2 3 # 9")
+    for number, faces in enumerate(ways):
+        write(tmp_path, f"box{number}", f"box{number}.obj", corners + faces + b"\n")
+        load_geometry(tmp_path, f"box{number}")
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Shared pages: they hold what the scene holds, leak nothing, replace only their own, and play offline."""
 
 import base64
+import errno
 import functools
 import gzip
 import html
@@ -20,7 +21,7 @@ from hypothesis import strategies as st
 from browser import chromium, wait_until
 from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import Source
-from hoi_retarget.errors import ArgumentError, DrawingError, HoiRetargetError
+from hoi_retarget.errors import ArgumentError, DrawingError, HoiRetargetError, WriteError
 from hoi_retarget.evaluation import FIGURES, Score
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.report import Report
@@ -255,7 +256,9 @@ def test_the_representative_frame_lies_in_the_longest_contact() -> None:
     motion = carried()
     flags = np.zeros_like(motion.contact_flags)
     flags[10:14, 0] = flags[50:91, 1] = True
-    assert representative_frame(replace(motion, contact_flags=flags)) == 70
+    touched, points = np.zeros_like(motion.contact_object), np.zeros_like(motion.contact_points)
+    contacts = {"contact_flags": flags, "contact_object": touched, "contact_points": points}
+    assert representative_frame(replace(motion, **contacts)) == 70
     assert representative_frame(replace(motion, contact_flags=np.zeros_like(flags))) == motion.frames // 2
 
 
@@ -348,7 +351,7 @@ def test_share_shows_the_robot_where_the_clip_is_gone(tmp_path: Path, capsys: py
 
 
 @pytest.mark.parametrize("damage", ["absent", "garbage", "foreign", "wrong figure", "wrong scale"])
-def test_share_writes_nothing_when_a_result_cannot_be_read(
+def test_a_result_that_cannot_be_read_costs_its_own_page_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: str
 ) -> None:
     good, bad = written(tmp_path), tmp_path / "bad.npz"
@@ -362,10 +365,35 @@ def test_share_writes_nothing_when_a_result_cannot_be_read(
         report = json.loads(str(arrays["report"]))
         report |= {"root_scale": "large"} if damage == "wrong scale" else {"figures": {"contact_gap_m": "small"}}
         np.savez(bad, **{**arrays, "report": np.str_(json.dumps(report))})
-    assert main(["share", str(good), str(bad), "--out", str(tmp_path / "out")]) == 1
-    error = capsys.readouterr().err
-    assert "bad.npz" in error and len(error.splitlines()) == 1
-    assert not (tmp_path / "out").exists() and not list(tmp_path.glob(".*"))
+    out = tmp_path / "out"
+    for results in ([bad], [bad, bad.with_name("none.npz")]):
+        assert main(["share", *map(str, results), "--out", str(out)]) == 1
+        assert "bad.npz" in capsys.readouterr().err
+        assert not out.exists() and not list(tmp_path.glob(".*"))
+    assert main(["share", str(bad), str(good), "--out", str(out)]) == 1
+    said, error = capsys.readouterr()
+    assert "bad.npz" in error and error.count("error: ") == 1
+    assert "1 shared, 1 failed." in said
+    assert {path.name for path in out.glob("*.html")} == {"carry_box.html", "index.html"}
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_a_gallery_that_cannot_be_put_back_is_kept_and_told_of(tmp_path: Path, monkeypatch) -> None:
+    result, out = written(tmp_path), tmp_path / "out"
+    assert main(["share", str(result), "--out", str(out)]) == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+
+    def refuse(path: Path, target: Path) -> None:
+        if target == out:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        rename(path, target)
+
+    rename = Path.rename
+    monkeypatch.setattr(Path, "rename", refuse)
+    with pytest.raises(WriteError, match=r"It is in (.*old)") as told, gallery_in(out, "again"):
+        pass
+    kept = Path(re.search(r"It is in (.*old)", str(told.value))[1])
+    assert {path.name: path.read_bytes() for path in kept.iterdir()} == before
 
 
 def test_results_may_be_called_what_no_text_can_hold(tmp_path: Path) -> None:

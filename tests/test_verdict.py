@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.clip.augment import mirrored
+from hoi_retarget.errors import ArgumentError
 from hoi_retarget.evaluation import FIGURES, Soundness, soundness
 from hoi_retarget.evaluation.thresholds import (
     THRESHOLDS,
@@ -165,10 +166,9 @@ def test_what_a_report_does_not_tell_is_not_judged():
     assert figures["sole_tilt_deg"] is not None
 
 
-def test_a_robot_that_is_not_known_leaves_the_rest_to_be_judged():
-    figures = judged_figures(replace(carried(), robot="unheard_of"))
-    assert figures["sole_tilt_deg"] is None
-    assert figures["contact_gap_m"] == carried().report.figures["contact_gap_m"]
+def test_a_motion_of_a_robot_that_is_not_known_is_not_judged():
+    with pytest.raises(ArgumentError, match="no robot 'unheard_of'"):
+        judged_figures(replace(carried(), robot="unheard_of"))
 
 
 def test_every_judged_figure_is_one_that_somebody_computes():

@@ -1,6 +1,8 @@
 """The viewer in a browser: what is seen moves, the controls do what they say, and nobody is in another's way."""
 
+import http.client
 import threading
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -125,16 +127,60 @@ def test_a_second_server_takes_another_port_and_a_taken_one_is_refused(server):
         second.stop()
 
 
-def test_pages_of_other_sites_are_not_listened_to(server):
-    from websockets.exceptions import InvalidStatus
+def connection(server, token=None, **headers):
+    """Connect as a browser does, or another program."""
     from websockets.sync.client import connect
 
-    here = f"ws://localhost:{server.get_port()}"
-    for origin in (None, f"http://localhost:{server.get_port()}", "http://127.0.0.1:9999"):
-        connect(here, origin=origin, subprotocols=["viser-v1"], close_timeout=1).close()
-    for origin in ("http://evil.example", "https://localhost.evil.example", "http://localhost@evil.example", "null"):
+    place = f"ws://localhost:{server.get_port()}/{server.token if token is None else token}"
+    return connect(place, subprotocols=["viser-v1"], close_timeout=1, **headers)
+
+
+def test_only_own_pages_and_those_who_know_the_token_are_listened_to(server):
+    from websockets.exceptions import InvalidStatus
+
+    port = server.get_port()
+    for origin in (None, f"http://localhost:{port}"):
+        connection(server, origin=origin).close()
+        for token in ("", "x", server.token[:-1], f"{server.token}x", f"?{server.token}", f"x/{server.token}"):
+            with pytest.raises(InvalidStatus, match="403"):
+                connection(server, token, origin=origin)
+    for origin in (
+        "http://127.0.0.1:9999",
+        f"http://localhost:{port + 1}",
+        f"http://127.0.0.1:{port}",  # Asked by another name.
+        "http://localhost",
+        "http://evil.example",
+        f"http://evil.example:{port}",
+        f"https://localhost.evil.example:{port}",
+        f"http://localhost:{port}@evil.example",
+        f"file://localhost:{port}",
+        "http://[",
+        "null",
+        "",
+    ):
         with pytest.raises(InvalidStatus, match="403"):
-            connect(here, origin=origin, subprotocols=["viser-v1"])
+            connection(server, origin=origin)
+    with pytest.raises(InvalidStatus, match="403"):  # A name that leads here, which a page chose for itself.
+        connection(server, origin="http://evil.example", additional_headers={"Host": "evil.example"})
+
+
+def test_pages_are_given_to_those_alone_who_know_the_token(server):
+    def answer(path: str) -> int:
+        with closing(http.client.HTTPConnection("localhost", server.get_port(), timeout=10)) as asked:
+            asked.request("GET", path)
+            return asked.getresponse().status
+
+    for path in (f"/{server.token}/", f"/{server.token}", f"/{server.token}/?darkMode", f"/{server.token}?darkMode"):
+        assert answer(path) == 200
+    for path in ("/", "/index.html", "/x/", f"//{server.token}/", f"/?{server.token}", f"/{server.token.swapcase()}/"):
+        assert answer(path) == 403
+    assert answer(f"/{server.token}/../../etc/passwd") == 404
+
+
+def test_each_server_has_its_own_token(server):
+    second = open_server("second")
+    second.stop()
+    assert second.token != server.token and len(server.token) > 20
 
 
 def test_what_cannot_be_read_is_told_on_the_page(browser, result, tmp_path):

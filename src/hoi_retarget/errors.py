@@ -7,6 +7,7 @@ Each message says what is wrong, where, what exists or was expected, and what to
     ├── ReadError          a file is missing, damaged, unsafe, or not of the format it should be
     ├── ClipError          a file was read, but what it holds is not a usable clip
     ├── GeometryError      an object has no geometry, or none that can be used
+    │   └── MeshError      its file is there, and cannot be used
     ├── BodyModelError     a recording needs a body model that was not given
     ├── RobotError         a robot's model lacks a frame, a limit or a joint that its roles need
     ├── SolveError         a solve ended without a usable trajectory
@@ -35,6 +36,10 @@ class ClipError(HoiRetargetError):
 
 class GeometryError(HoiRetargetError):
     """Object geometry is absent or unusable."""
+
+
+class MeshError(GeometryError):
+    """A file of object geometry is there and cannot be used."""
 
 
 class BodyModelError(HoiRetargetError):

@@ -8,6 +8,7 @@ the file is read: its job is done again.
 import json
 import os
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path, PurePosixPath
 from types import TracebackType
@@ -16,7 +17,7 @@ from typing import Any, Literal, get_args
 import msgspec
 
 from hoi_retarget.errors import ReadError, WriteError
-from hoi_retarget.files.atomic import write_atomically
+from hoi_retarget.files.atomic import write_atomically, writing
 
 MANIFEST = "manifest.jsonl"
 Status = Literal["solved", "failed", "timeout", "killed"]
@@ -132,13 +133,13 @@ class Manifest:
         self._order = {name: index for index, name in enumerate(order)}
         self._unwritten = b""
         self._write_anew()
-        self._file = os.open(self._path, os.O_WRONLY | os.O_APPEND)
+        with writing(self._path):
+            self._file = os.open(self._path, os.O_WRONLY | os.O_APPEND)
 
     def add(self, entry: ManifestEntry) -> None:
         """Record the outcome of a job."""
         self.entries[entry.name] = entry
         self._unwritten += _line(entry)
-        size = os.fstat(self._file).st_size
         try:
             written = os.write(self._file, self._unwritten)
             if written == len(self._unwritten):
@@ -147,13 +148,15 @@ class Manifest:
                 return
         except OSError:
             pass  # Tried again with the next entry, and at last when the file is written anew, which tells.
-        os.ftruncate(self._file, size)
+        # What was torn ends here; whole lines that come twice do no harm.
+        self._unwritten = b"\n" + self._unwritten.lstrip(b"\n")
 
     def __enter__(self) -> "Manifest":
         return self
 
     def __exit__(self, kind: type[BaseException] | None, _error: BaseException | None, _: TracebackType | None) -> None:
-        os.close(self._file)
+        with suppress(OSError):
+            os.close(self._file)
         try:
             self._write_anew()
         except WriteError:

@@ -15,6 +15,7 @@ from hoi_retarget.batch.pool import Lost, Pool
 from hoi_retarget.batch.specification import Specification
 from hoi_retarget.batch.work import Task, entry_without_results
 from hoi_retarget.errors import ArgumentError
+from hoi_retarget.files.atomic import writing
 from hoi_retarget.readers import has_companions
 
 _RESULT = re.compile(r"(\.p\d+)?\.npz$")
@@ -124,6 +125,7 @@ def _entry(job: Job, outcome: ManifestEntry | Lost, contents: Contents, time_lim
 def _remove_outdated(out: Path, before: ManifestEntry | None, after: ManifestEntry) -> None:
     """Remove results of an earlier run that the new one did not replace: their inputs have changed."""
     new = {result.path for result in after.results}
-    for result in before.results if before else ():
-        if result.path not in new:
-            (out / result.path).unlink(missing_ok=True)
+    with writing(out):
+        for result in before.results if before else ():
+            if result.path not in new:
+                (out / result.path).unlink(missing_ok=True)

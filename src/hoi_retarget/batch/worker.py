@@ -12,19 +12,28 @@ READY = "ready"
 
 
 def serve(connection: Connection, function: Callable[[Any], Any], memory_limit: float | None) -> None:
-    """Say that this process is ready, then answer each task with the function's value, until the pipe closes.
+    """Say that this process is ready, then answer each task with the function's value, until nobody asks any more.
 
     An exception ends the process: a function that is given here returns its failures.
     """
     Thread(target=_end_with_parent, daemon=True).start()
     limit_memory(memory_limit)
-    connection.send(READY)
-    while True:
+    value: Any = READY
+    while _sent(connection, value):
         try:
             task = connection.recv()
-        except EOFError:
+        except (EOFError, OSError):
             return
-        connection.send(function(task))
+        value = function(task)
+
+
+def _sent(connection: Connection, value: Any) -> bool:
+    """Send a value; return False where whoever asked for it has gone."""
+    try:
+        connection.send(value)
+    except OSError:
+        return False
+    return True
 
 
 def limit_memory(megabytes: float | None) -> None:

@@ -5,8 +5,10 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from hoi_retarget.errors import ReadError
+from hoi_retarget.errors import ArgumentError, ReadError
 
+HIGHEST_FLOOR = 1000.0
+"""[m]"""
 Labels = Literal["auto", "proximity", "interact"]
 Grasps = Literal["refuse", "warn"]
 _CHOICES: Mapping[str, tuple[str, ...]] = {"labels": get_args(Labels), "grasps": get_args(Grasps)}
@@ -28,6 +30,13 @@ class ReadOptions:
     """Where contacts come from, as `infer_contacts.with_contacts` takes it."""
     grasps: Grasps = "refuse"
     """Whether a clip is refused whose grasps contradict how its rotations or units are read, or only warned of."""
+
+    def __post_init__(self) -> None:
+        if self.floor is not None and not abs(self.floor) <= HIGHEST_FLOOR:
+            raise ArgumentError(
+                f"--floor {self.floor:g}: the floor's height in the recording is at most {HIGHEST_FLOOR:g} m, up or "
+                "down. Leave the option out to have it estimated."
+            )
 
     def as_json(self) -> dict[str, str | float | None]:
         """Return the options as a result's report keeps them."""

@@ -5,8 +5,9 @@ from collections.abc import Mapping
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.evaluation import contact, ground, limits, movement, pose
 from hoi_retarget.evaluation.figure import Figure
-from hoi_retarget.evaluation.view import Comparison, check_joints
+from hoi_retarget.evaluation.view import Comparison
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.of_robot import check_robot
 from hoi_retarget.robots.model import Kinematics, RobotModel
 
 FIGURES: tuple[Figure, ...] = (
@@ -45,7 +46,7 @@ def evaluate(motion: Motion, clip: Clip, model: RobotModel, *, person: int = 0) 
         RobotError: The motion's joints are not the model's.
         ArgumentError: There is no such person.
     """
-    check_joints(motion, model)
+    check_robot(motion, model)
     return evaluate_kinematics(motion, clip, model.forward(motion.qpos), person=person)
 
 
@@ -53,6 +54,6 @@ def evaluate_kinematics(
     motion: Motion, clip: Clip, kinematics: Kinematics, *, person: int = 0
 ) -> Mapping[str, float | None]:
     """Do the same as `evaluate` where `kinematics`, the model's `forward(motion.qpos)`, is at hand."""
-    check_joints(motion, kinematics.model)
+    check_robot(motion, kinematics.model)
     view = Comparison(motion, clip, person, kinematics)
     return {figure.name: figure.measure(view) for figure in FIGURES if figure.measure is not None}

@@ -10,10 +10,9 @@ from dataclasses import asdict, dataclass
 from enum import IntEnum
 from typing import Any
 
-from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.evaluation import COLUMNS, Figure, soundness
-from hoi_retarget.evaluation.view import check_joints
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.of_robot import check_robot
 from hoi_retarget.motion.report import OrientationFlip, Status, UnreachedContact
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
@@ -285,11 +284,8 @@ def judged_figures(motion: Motion, model: RobotModel | None = None) -> dict[str,
 
 
 def _of_kinematics(motion: Motion, model: RobotModel | None) -> dict[str, float | None]:
-    try:
-        model = model or load_robot(motion.robot)
-        check_joints(motion, model)
-    except HoiRetargetError:
-        return {}
+    model = model or load_robot(motion.robot)
+    check_robot(motion, model)
     kinematics, height = model.forward(motion.qpos), float(model.home_qpos[2])
     return asdict(soundness(motion.qpos, motion.fps, kinematics, motion.stance_flags, height))
 

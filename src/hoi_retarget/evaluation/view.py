@@ -13,12 +13,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget.clip.clip import Clip, ContactTrack
-from hoi_retarget.errors import ArgumentError, ClipError, RobotError
+from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import HANDS
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
-from hoi_retarget.robots.model import Kinematics, RobotModel
+from hoi_retarget.robots.model import Kinematics
 
 T = TypeVar("T")
 
@@ -169,13 +169,3 @@ class Comparison:
             if track.person == self.person:
                 touched[track.object] += np.count_nonzero(track.active[self.first :])
         return int(np.argmax(touched))
-
-
-def check_joints(motion: Motion, model: RobotModel) -> None:
-    """Raise `RobotError` unless the motion's joints are the model's, in its order."""
-    if motion.joint_names != model.joint_names:
-        strange = sorted(set(motion.joint_names) ^ set(model.joint_names)) or ["the same ones in another order"]
-        raise RobotError(
-            f"motion of {motion.robot!r}: its joints are not the model's (differing: {', '.join(strange)}). "
-            "Evaluate it with the robot it was made for."
-        )

@@ -9,6 +9,8 @@ from pathlib import Path
 
 MAXIMUM_SIZE = 1 << 32
 """Bytes that a compressed archive may unpack to: a few megabytes of it can claim any memory."""
+_SMALL_MOTION = 32 << 20  # Bytes of a quarter of an hour at 30 frames a second.
+_MOTION_RATIO = 16  # What people do compresses to a half; zeros, which fill no motion, to a thousandth.
 # What zipfile and its decompressors raise for damaged archives; RuntimeError is its word for encryption.
 _ERRORS = (
     zipfile.BadZipFile,
@@ -24,25 +26,31 @@ _ERRORS = (
 )
 
 
-def unpacked(content: bytes, *, stored: bool = False) -> dict[str, bytes]:
+def unpacked(content: bytes, *, stored: bool = False, limit: int = MAXIMUM_SIZE) -> dict[str, bytes]:
     """Return an archive's entries by name, their checksums compared.
 
     Args:
         content: The archive's bytes.
-        stored: Whether all entries must be uncompressed; otherwise they may unpack to `MAXIMUM_SIZE` bytes.
+        stored: Whether all entries must be uncompressed; otherwise they may unpack to `limit` bytes.
+        limit: The most bytes that compressed entries may unpack to.
 
     Raises:
         ValueError: The archive is damaged, or beyond a limit.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            fault = _fault(archive, len(content), stored)
+            fault = _fault(archive, len(content), None if stored else limit)
             entries = {} if fault else {entry.filename: archive.read(entry) for entry in archive.infolist()}
     except _ERRORS as error:
         raise ValueError(f"damaged or cut off: {error}") from error
     if fault:
         raise ValueError(fault)
     return entries
+
+
+def limit_of_motion(packed: int) -> int:
+    """Return the most bytes that a motion's file, which has so many itself, may unpack to."""
+    return max(_SMALL_MOTION, _MOTION_RATIO * packed)
 
 
 def entry_names(path: Path) -> frozenset[str]:
@@ -54,8 +62,8 @@ def entry_names(path: Path) -> frozenset[str]:
         return frozenset()
 
 
-def _fault(archive: zipfile.ZipFile, available: int, stored: bool) -> str | None:
-    """Return the first limit that an archive's directory exceeds, in words."""
+def _fault(archive: zipfile.ZipFile, available: int, limit: int | None) -> str | None:
+    """Return the first limit that an archive's directory exceeds, in words; without one, all must be uncompressed."""
     entries = archive.infolist()
     known: set[str] = set()
     for entry in entries:
@@ -64,13 +72,13 @@ def _fault(archive: zipfile.ZipFile, available: int, stored: bool) -> str | None
             return f"the archive's entry {entry.filename!r} points outside of the archive"
         if entry.filename in known:
             return f"the archive holds {entry.filename!r} twice"
-        if stored and (entry.compress_type != zipfile.ZIP_STORED or entry.file_size != entry.compress_size):
+        if limit is None and (entry.compress_type != zipfile.ZIP_STORED or entry.file_size != entry.compress_size):
             return f"the archive's entry {entry.filename[:80]!r} is compressed, expected plain bytes"
         known.add(entry.filename)
     # Entries that overlap could otherwise multiply a small file into any amount of memory.
     if sum(entry.compress_size for entry in entries) > available:
         return "the archive's entries claim more bytes than the file has"
     size = sum(entry.file_size for entry in entries)
-    if not stored and size > MAXIMUM_SIZE:
-        return f"it would unpack to {size / 1e9:.3g} GB, expected at most {MAXIMUM_SIZE / 1e9:.3g}"
+    if limit is not None and size > limit:
+        return f"it would unpack to {size / 1e6:.4g} MB, expected at most {limit / 1e6:.4g}"
     return None

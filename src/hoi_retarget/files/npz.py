@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files.archive import unpacked
+from hoi_retarget.files.archive import MAXIMUM_SIZE, unpacked
 from hoi_retarget.files.numpy_pickle import ARRAYS, unpickle
 from hoi_retarget.files.safe_pickle import RefusedError, plain
 
@@ -21,9 +21,9 @@ _NPY = re.compile(
 )
 
 
-def members(content: bytes) -> dict[str, bytes]:
+def members(content: bytes, limit: int = MAXIMUM_SIZE) -> dict[str, bytes]:
     """Return the .npy files of an .npz by array name, their checksums compared; raises `ValueError`."""
-    return {name.removesuffix(".npy"): entry for name, entry in unpacked(content).items()}
+    return {name.removesuffix(".npy"): entry for name, entry in unpacked(content, limit=limit).items()}
 
 
 def encode(arrays: Mapping[str, Any]) -> bytes:
@@ -46,6 +46,8 @@ def array(name: str, content: bytes, kinds: str) -> np.ndarray:
         values = np.ndarray(shape, header["dtype"].decode(), content, header.end(), order=order)
     except (TypeError, OverflowError) as error:
         raise ValueError(f"{name}: {error}") from error
+    if header.end() + values.nbytes != len(content):
+        raise ValueError(f"{name} is followed by {len(content) - header.end() - values.nbytes} bytes of something else")
     if values.size > len(content):  # Texts of no letters take no bytes.
         raise ValueError(f"{name} has shape {shape} in {len(content)} bytes")
     if values.dtype.kind == "U":

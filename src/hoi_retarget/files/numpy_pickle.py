@@ -26,19 +26,19 @@ _ADVICE = (
 )
 
 
-def parse_pickle(content: bytes, path: Path) -> Any:
+def parse_pickle(content: bytes, path: Path, limit: int = MAXIMUM_SIZE) -> Any:
     """Return what the bytes of a pickle hold: read-only arrays, numbers, text, None, in plain containers.
 
-    `path` is only named in errors.
+    `path` is only named in errors; what is compressed unpacks to at most `limit` bytes.
 
     Raises:
         ReadError: the file is damaged, or holds anything else, such as something that would be executed.
     """
     with refusals(path, _ADVICE):
-        return plain(unpickle(content, ARRAYS))
+        return plain(unpickle(content, ARRAYS, limit=limit))
 
 
-def unpickle(content: bytes | mmap.mmap, names: Names, *, encoding: str = "utf-8") -> Any:
+def unpickle(content: bytes | mmap.mmap, names: Names, *, encoding: str = "utf-8", limit: int = MAXIMUM_SIZE) -> Any:
     """Return what a pickle holds, with stand-ins for arrays that `plain` replaces; raises `RefusedError`.
 
     The arrays of joblib in a mapped file are views of it.
@@ -46,20 +46,20 @@ def unpickle(content: bytes | mmap.mmap, names: Names, *, encoding: str = "utf-8
     if not content:
         raise RefusedError("the file is empty, expected a pickle")
     if content[:1] == COMPRESSED:
-        content = _decompressed(content)
+        content = _decompressed(content, limit)
     if content[:1] != b"\x80":
         raise RefusedError(f"it starts with {content[:4]!r}, which no pickle of protocol 2 to 5 does")
     return Unpickler(content, names, encoding=encoding).next()
 
 
-def _decompressed(content: bytes | mmap.mmap) -> bytes:
+def _decompressed(content: bytes | mmap.mmap, limit: int) -> bytes:
     try:
         unpacked = zlib.decompressobj()
-        pickled = unpacked.decompress(content, MAXIMUM_SIZE)
+        pickled = unpacked.decompress(content, limit)
     except zlib.error as error:
         raise RefusedError(f"it cannot be decompressed ({error})") from error
     if not unpacked.eof:
-        raise RefusedError("its compressed content is cut off, or larger than 4 GB")
+        raise RefusedError(f"its compressed content is cut off, or unpacks to more than {limit / 1e6:.4g} MB")
     return pickled
 
 

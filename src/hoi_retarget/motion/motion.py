@@ -12,7 +12,12 @@ from hoi_retarget.motion.report import Report, Status, Window
 from hoi_retarget.numerics.arrays import check_shape, frozen
 
 UNIT_TOLERANCE = 1e-3  # Of a quaternion's length: more is damage, not rounding.
-
+LOWEST_RATE, HIGHEST_RATE = 1.0, 1000.0
+"""[frames/s]; what is beyond is a slip of the keyboard, or damage."""
+FARTHEST = 1000.0
+"""[m]; nothing in a motion is so far from anything else, nor from the origin."""
+_SCALES = (1e-3, 1e3)
+_TALLEST = 10.0  # [m]
 
 STAGE_TITLES = {"ik": "inverse kinematics", "trajectory": "trajectory"}
 """What stages are called in sentences."""
@@ -71,15 +76,22 @@ class Motion:
             object.__setattr__(self, name, frozen(getattr(self, name), kinds.get(name, float)))
         for name in ("joint_names", "object_names", "contact_links"):
             object.__setattr__(self, name, tuple(str(item) for item in getattr(self, name)))
-        if not (np.isfinite(self.fps) and self.fps > 0):
-            raise ClipError(f"motion: the rate is {self.fps} frames a second; it must be positive.")
+        if not LOWEST_RATE <= self.fps <= HIGHEST_RATE:
+            raise ClipError(
+                f"motion: the rate is {self.fps:g} frames a second; it must be {LOWEST_RATE:g} to {HIGHEST_RATE:g}."
+            )
+        if not (0.0 <= self.human_height <= _TALLEST and self.first_source_frame >= 0):
+            raise ClipError(
+                f"motion: a person of {self.human_height:g} m, {self.first_source_frame} frames dropped at the start."
+            )
         self._check_shapes()
         self._check_values()
+        self._check_segments()
 
     def _check_shapes(self) -> None:
         if not self.stages:
             raise ClipError("motion: there is no stage in it.")
-        frames, n = len(self.qpos), len(self.joint_names)
+        frames, n = len(np.atleast_1d(self.qpos)), len(self.joint_names)
         objects, links = len(self.object_names), len(self.contact_links)
         expected = {
             "object_pos": (frames, objects, 3),
@@ -98,11 +110,22 @@ class Motion:
             raise ClipError("motion: there are no frames in it.")
 
     def _check_values(self) -> None:
+        touching = self.contact_flags
         numbers = {f"{stage.name} qpos": stage.qpos for stage in self.stages}
         numbers |= {name: getattr(self, name) for name in ("object_pos", "object_quat", "object_scale")}
+        numbers |= {"contact_points, where there is contact,": self.contact_points[touching]}
         for name, values in numbers.items():
             if not np.isfinite(values).all():
                 raise ClipError(f"motion: {name} holds numbers that are not finite.")
+            if (np.abs(values) > FARTHEST).any():
+                raise ClipError(
+                    f"motion: {name} holds {values.flat[np.abs(values).argmax()]:.4g}; "
+                    f"metres and radians end at {FARTHEST:g}."
+                )
+        if ((self.object_scale < _SCALES[0]) | (self.object_scale > _SCALES[1])).any():
+            raise ClipError(
+                f"motion: object_scale is {self.object_scale.tolist()}; it must be {_SCALES[0]:g} to {_SCALES[1]:g}."
+            )
         rotations = {f"{stage.name} qpos": stage.qpos[:, 3:7] for stage in self.stages}
         rotations |= {"object_quat": self.object_quat}
         for name, quats in rotations.items():
@@ -111,6 +134,17 @@ class Motion:
                 raise ClipError(f"motion: {name} holds rotations that are not unit quaternions.")
         if ((self.contact_object < -1) | (self.contact_object >= len(self.object_names))).any():
             raise ClipError(f"motion: contact_object names an object beyond its {len(self.object_names)}.")
+        if (self.contact_object[touching] < 0).any():
+            raise ClipError("motion: contact_flags tells a contact where contact_object names no object.")
+
+    def _check_segments(self) -> None:
+        report = self.report
+        spans = [(window.start, window.stop - 1) for stage in self.stages for window in stage.windows]
+        told = (*(report.unreached_contacts or ()), *(report.orientation_flips or ()))
+        spans += [(segment.first_frame, segment.last_frame) for segment in told]
+        for first, last in spans:
+            if not 0 <= first <= last < self.frames:
+                raise ClipError(f"motion: its report tells of frames {first} to {last}; it has {self.frames}.")
 
     @property
     def frames(self) -> int:

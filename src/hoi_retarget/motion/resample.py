@@ -14,11 +14,10 @@ from jaxtyping import Bool, Float, Int
 from scipy.interpolate import CubicSpline
 
 from hoi_retarget.errors import ArgumentError, ClipError
-from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.motion import HIGHEST_RATE, Motion
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 
-HIGHEST_RATE = 1000.0  # [frames/s]; what asks for more is a slip of the keyboard.
 _ROUNDING = 1e-6  # Of a frame: what is that near to a frame is that frame.
 
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from hoi_retarget import __version__
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.errors import ClipError
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.of_robot import check_robot
 from hoi_retarget.objects.mesh import Surface, surface_of
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots.model import RobotModel
@@ -22,7 +22,7 @@ UNKNOWN = "unknown"
 class Result:
     """One result file: its name without folder and suffix, its bytes' hash, and what it holds.
 
-    Raises `ClipError` when its joints or its contact links are not the robot's.
+    Raises `RobotError` when its joints or its contact links are not the robot's.
     """
 
     stem: str
@@ -33,15 +33,7 @@ class Result:
     """What it was made from, where that is to be had: it knows the objects' shapes."""
 
     def __post_init__(self) -> None:
-        motion, model = self.motion, self.model
-        if motion.joint_names != model.joint_names:
-            raise ClipError(
-                f"its {len(motion.joint_names)} joints are not the {model.n} of {model.spec.name} in their order. "
-                "Run the retarget again."
-            )
-        absent = [link for link in motion.contact_links if link not in model.sites.index]
-        if absent:
-            raise ClipError(f"its contact links {', '.join(absent)} are no sites of {model.spec.name}. Run it again.")
+        check_robot(self.motion, self.model)
 
     @property
     def licence(self) -> str:

@@ -4,6 +4,7 @@ Body poses are derived from `qpos` by forward kinematics and never stored.
 """
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, fields
 from enum import Enum
@@ -12,12 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from hoi_retarget.errors import ClipError, ReadError
+from hoi_retarget.errors import ArgumentError, ClipError, ReadError, RobotError
 from hoi_retarget.files import npz
+from hoi_retarget.files.archive import limit_of_motion
 from hoi_retarget.files.atomic import write_atomically
 from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.motion.motion import ARRAYS, Motion, Stage
+from hoi_retarget.motion.of_robot import check_robot, check_turns
 from hoi_retarget.motion.report import Report, Window, windows_from_json
+from hoi_retarget.robots import load_robot
 
 SCHEMA = 2
 _READABLE = (1, 2)
@@ -62,20 +66,28 @@ def _plain(value: Any) -> Any:
 def load(path: Path | str) -> Motion:
     """Read a motion file.
 
-    Raises `ReadError` when the file is missing, damaged, of another schema, or not a motion file.
+    This is the one place that doubts what is in it: what it returns is a motion of a robot that there is.
+
+    Raises `ReadError` when the file is missing, damaged, of another schema, of no known robot, or not a motion file.
     """
     path = Path(path)
     members = _members(path, read_bytes(path))
     _check_entries(path, members)
     try:
-        return _motion(members)
-    except (ClipError, ReadError, ValueError, RecursionError) as error:
+        motion = _motion(members)
+        model = load_robot(motion.robot)
+        check_robot(motion, model)
+        check_turns(motion, model)
+    except ArgumentError as error:
+        raise ReadError(f"{path}: the motion is of a robot that is not known here. {error}") from error
+    except (ClipError, ReadError, RobotError, ValueError, RecursionError) as error:
         raise ReadError(f"{path}: the motion file is damaged ({error}). Run the retarget again.") from error
+    return motion
 
 
 def _members(path: Path, content: bytes) -> dict[str, bytes]:
     try:
-        return npz.members(content)
+        return npz.members(content, limit_of_motion(len(content)))
     except ValueError as error:
         raise ReadError(f"{path}: not a readable .npz motion file ({error}). Run the retarget again.") from error
 
@@ -97,7 +109,7 @@ def _check_entries(path: Path, members: Mapping[str, bytes]) -> None:
 
 
 def _motion(members: Mapping[str, bytes]) -> Motion:
-    report = json.loads(str(_scalar("report", members["report"], "U")), parse_constant=_refuse)
+    report = json.loads(str(_scalar("report", members["report"], "U")), parse_constant=_refuse, parse_float=_finite)
     windows = windows_from_json(report)
     values: dict[str, Any] = {
         name: npz.array(_ENTRIES.get(name, name), members[_ENTRIES.get(name, name)], _KINDS.get(name, "f"))
@@ -128,6 +140,13 @@ def _stages(members: Mapping[str, bytes], windows: Mapping[str, tuple[Window, ..
 
 def _refuse(constant: str) -> Any:
     raise ValueError(f"its report holds {constant}, which is no number")
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"its report holds {text[:20]}, which no number of its kind is")
+    return number
 
 
 def _scalar(name: str, content: bytes, kinds: str) -> Any:

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import ConvexHull, QhullError
 
-from hoi_retarget.errors import GeometryError
+from hoi_retarget.errors import GeometryError, MeshError
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.objects.track import ObjectGeometry
 
@@ -152,7 +152,7 @@ def surface_of(geometry: ObjectGeometry) -> Surface:
     try:
         status = path.stat()
     except OSError as error:
-        raise GeometryError(
+        raise MeshError(
             f"{path}: the object's mesh cannot be read ({error.strerror or error}). Put it back, or read the clip "
             "again with --objects."
         ) from error
@@ -170,9 +170,7 @@ def _load(path: Path, _modified: int, _size: int) -> Surface:
         mesh: Any = trimesh.load(path, process=False, force="mesh", **options)
         return Surface(np.asarray(mesh.vertices), np.asarray(mesh.faces))
     except (*_MESH_ERRORS, GeometryError) as error:
-        raise GeometryError(
-            f"{path}: no mesh with triangles can be read from it ({error}). Export it again."
-        ) from error
+        raise MeshError(f"{path}: no mesh with triangles can be read from it ({error}). Export it again.") from error
 
 
 def _hull(points: Float[np.ndarray, "P 3"]) -> Surface:

@@ -11,8 +11,9 @@ from jaxtyping import Bool, Float
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
-from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, ReadError
+from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, MeshError, ReadError
 from hoi_retarget.files import npz
+from hoi_retarget.files.archive import limit_of_motion
 from hoi_retarget.files.source_file import FOLDER, SELECTION, SourceFile
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load
@@ -136,7 +137,7 @@ def _content(file: SourceFile) -> str:
     if file.suffix != ".npz":
         return f"a file of {len(file.content)} bytes that is neither a torch file nor a result"
     try:
-        names = list(npz.members(file.content))
+        names = list(npz.members(file.content, limit_of_motion(len(file.content))))
     except ValueError as error:
         raise ReadError(f"{file.path}: not a readable .npz file ({error}). Write it again.") from error
     return f"a .npz archive of other arrays: {', '.join(map(ascii, names[:10]))[:400]}"
@@ -171,6 +172,8 @@ def _describe_recording(file: SourceFile, reader: Reader, options: ReadOptions) 
     )
     try:
         clip = open_clip(file.name, options)
+    except MeshError as error:
+        return replace(facts, problems=(str(error),))
     except (GeometryError, BodyModelError) as error:
         wanted: dict[str, str | Path] = {"body_models" if isinstance(error, BodyModelError) else "objects": Path("DIR")}
         if "" in outline.objects:

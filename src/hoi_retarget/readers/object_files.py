@@ -8,6 +8,7 @@ take 8 to 16 ms. Viewers load the whole mesh from `ObjectGeometry.mesh_path`.
 
 import difflib
 import functools
+import re
 import tokenize
 import warnings
 from pathlib import Path
@@ -16,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError
 
-from hoi_retarget.errors import GeometryError
+from hoi_retarget.errors import GeometryError, MeshError
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.objects.track import ObjectGeometry
 
@@ -53,11 +54,11 @@ def load_geometry(folder: Path, name: str) -> ObjectGeometry:
 def load_mesh(path: Path) -> ObjectGeometry:
     """Return the geometry in a Wavefront OBJ file; raises `GeometryError`."""
     if path.suffix.lower() != ".obj":
-        raise GeometryError(f"{path}: meshes are read from .obj files only. Export it as Wavefront OBJ.")
+        raise MeshError(f"{path}: meshes are read from .obj files only. Export it as Wavefront OBJ.")
     try:
         status = path.stat()
     except OSError as error:
-        raise GeometryError(f"{path}: the mesh cannot be read ({error.strerror or error}). Check the path.") from error
+        raise MeshError(f"{path}: the mesh cannot be read ({error.strerror or error}). Check the path.") from error
     return _load(path, status.st_mtime_ns, status.st_size)
 
 
@@ -113,9 +114,9 @@ def _load(path: Path, _modified: int, _size: int) -> ObjectGeometry:
     is_mesh = path.suffix.lower() == ".obj"
     points = mesh_vertices(path) if is_mesh else _read_points(path)
     if not np.isfinite(points).all():
-        raise GeometryError(f"{path}: {(~np.isfinite(points).all(axis=1)).sum()} of its points are not finite numbers.")
+        raise MeshError(f"{path}: {(~np.isfinite(points).all(axis=1)).sum()} of its points are not finite numbers.")
     if np.abs(points).max() > LARGEST_OBJECT:
-        raise GeometryError(
+        raise MeshError(
             f"{path}: coordinates reach {np.abs(points).max():.4g}, expected metres up to {LARGEST_OBJECT:g}. "
             "Scale the mesh if it is in millimetres."
         )
@@ -146,33 +147,62 @@ def _read_points(path: Path) -> Float[np.ndarray, "P 3"]:
             # Mapped, the array cannot claim more bytes than the file has.
             values = np.array(np.load(path, mmap_mode="r", allow_pickle=False))
     except NUMPY_ERRORS as error:
-        raise GeometryError(f"{path}: not a readable .npy array of points ({error}). Write it again.") from error
+        raise MeshError(f"{path}: not a readable .npy array of points ({error}). Write it again.") from error
     if values.ndim != 2 or values.shape[1] != 3 or len(values) == 0 or values.dtype.kind not in "fiu":
-        raise GeometryError(
+        raise MeshError(
             f"{path}: an array of {values.dtype} with shape {values.shape}, expected points (P, 3) in metres."
         )
     return values.astype(float)
 
 
 def mesh_vertices(path: Path) -> Float[np.ndarray, "V 3"]:
-    """Return the vertices that a Wavefront OBJ mesh lists; raises `GeometryError`, also where it has no faces."""
+    """Return the vertices that a Wavefront OBJ mesh lists; raises `MeshError`, also where it has no faces."""
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise GeometryError(f"{path}: cannot be read ({error}).") from error
+        raise MeshError(f"{path}: cannot be read ({error}).") from error
     characters = np.frombuffer(b"\n" + content + b"\n\n\n", dtype=np.uint8)
     starts = np.flatnonzero(characters[:-3] == ord("\n")) + 1
     first, second = characters[starts], characters[starts + 1]
     separated = (second == ord(" ")) | (second == ord("\t"))
     is_vertex = separated & (first == ord("v"))
     if not is_vertex.any():
-        raise GeometryError(f"{path}: the mesh has no vertices (lines `v x y z`). Export it again as Wavefront OBJ.")
-    if not (separated & (first == ord("f"))).any():
-        raise GeometryError(f"{path}: the mesh has no faces (lines `f ...`). Export it again as Wavefront OBJ.")
-    # Vertices nearly always stand in one block: cut runs of lines, not lines.
+        raise MeshError(f"{path}: the mesh has no vertices (lines `v x y z`). Export it again as Wavefront OBJ.")
+    is_face = separated & (first == ord("f"))
+    if not is_face.any():
+        raise MeshError(f"{path}: the mesh has no faces (lines `f ...`). Export it again as Wavefront OBJ.")
+    # Vertices and faces nearly always stand in one block each: cut runs of lines, not lines.
     bounds = np.append(starts, len(characters) - 2) - 1
-    text = b" ".join(content[bounds[a] : bounds[b]] for a, b in runs(is_vertex))
-    return _parse_vertices(path, text, int(is_vertex.sum()))
+    vertices, faces = (
+        b" ".join(content[bounds[a] : bounds[b]] for a, b in runs(lines)) for lines in (is_vertex, is_face)
+    )
+    count = int(is_vertex.sum())
+    _check_faces(path, faces, count)
+    return _parse_vertices(path, vertices, count)
+
+
+def _check_faces(path: Path, text: bytes, count: int) -> None:
+    """Raise `MeshError` where a face names a vertex that there is not; nobody here needs more of faces.
+
+    A face's corner begins with its vertex, counted from 1, or from -1 backwards.
+    """
+    if b"#" in text:
+        text = re.sub(rb"#[^\n]*", b"", text)
+    characters = np.frombuffer(text + b" ", dtype=np.uint8)
+    begins = np.flatnonzero((characters[:-1] <= ord(" ")) & (characters[1:] > ord(" "))) + 1
+    begins = begins + (characters[begins] == ord("-"))
+    begins = begins[characters[begins] - ord("0") <= 9]  # All else wraps around beyond 9.
+    numbers, digits, place = np.zeros(len(begins)), np.ones(len(begins), dtype=bool), begins
+    while digits.any():
+        digit = characters[place] - ord("0")
+        digits &= digit <= 9
+        numbers = np.where(digits, 10.0 * numbers + digit, numbers)
+        place = np.minimum(place + 1, len(characters) - 1)
+    absent = numbers[(numbers < 1) | (numbers > count)]
+    if len(absent):
+        raise MeshError(
+            f"{path}: a face names vertex {absent[0]:.0f}; they are counted from 1 to {count}. Export the mesh again."
+        )
 
 
 def _parse_vertices(path: Path, text: bytes, count: int) -> Float[np.ndarray, "V 3"]:
@@ -180,11 +210,11 @@ def _parse_vertices(path: Path, text: bytes, count: int) -> Float[np.ndarray, "V
     width = len(words) // count
     # `v x y z`, perhaps with a weight or a colour behind; all lines alike.
     if width < 4 or len(words) != count * width or set(words[::width]) != {b"v"}:
-        raise GeometryError(
+        raise MeshError(
             f"{path}: its {count} vertex lines hold {len(words)} words, expected `v x y z` in each. "
             "Export the mesh again."
         )
     try:
         return np.array([words[axis::width] for axis in (1, 2, 3)], dtype=float).T
     except ValueError as error:
-        raise GeometryError(f"{path}: a vertex is not three numbers ({error}). Export the mesh again.") from error
+        raise MeshError(f"{path}: a vertex is not three numbers ({error}). Export the mesh again.") from error

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from hoi_retarget.errors import ClipError, GeometryError
+from hoi_retarget.errors import ClipError, GeometryError, MeshError
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.readers.object_files import LARGEST_OBJECT
 
@@ -40,14 +40,14 @@ def _load(path: Path, centred: bool, scale: float, *_changed: int) -> ObjectGeom
         mesh = trimesh.load_mesh(io.BytesIO(path.read_bytes()), file_type=path.suffix[1:], process=False)
         vertices, faces = np.array(mesh.vertices, dtype=float) * scale, np.array(mesh.faces)
     except Exception as error:  # trimesh and what it calls raise anything on damaged files
-        raise GeometryError(f"{path}: not a readable mesh ({error}). Export it again.") from error
+        raise MeshError(f"{path}: not a readable mesh ({error}). Export it again.") from error
     if vertices.shape[1:] != (3,) or len(vertices) == 0 or len(faces) == 0:
-        raise GeometryError(f"{path}: the mesh has no triangles. Export it again.")
+        raise MeshError(f"{path}: the mesh has no triangles. Export it again.")
     if not (np.abs(vertices) <= LARGEST_OBJECT).all():
-        raise GeometryError(
+        raise MeshError(
             f"{path}: its coordinates are not finite, or reach beyond {LARGEST_OBJECT:g} m: another unit, or damage."
         )
     try:
         return ObjectGeometry(vertices - vertices.mean(axis=0) if centred else vertices, faces=faces, file=path)
     except ClipError as error:
-        raise GeometryError(f"{path}: {error} Export it again.") from error
+        raise MeshError(f"{path}: {error} Export it again.") from error

@@ -43,8 +43,9 @@ def worst_frame(motion: Motion) -> int:
     report = motion.report
     found = [*(report.orientation_flips or ()), *(report.unreached_contacts or ())]
     stretches = [(item.first_frame, item.last_frame) for item in found]
-    first, last = max(stretches, key=lambda segment: segment[1] - segment[0], default=(-1, -1))
-    return (first + last) // 2 if 0 <= first <= last < motion.frames else representative_frame(motion)
+    if not stretches:
+        return representative_frame(motion)
+    return sum(max(stretches, key=lambda segment: segment[1] - segment[0])) // 2
 
 
 def _clip(motion: Motion, objects: Path | None) -> Clip | None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.files import npz
+from hoi_retarget.files.archive import limit_of_motion
 from hoi_retarget.files.numpy_pickle import parse_pickle
 from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.files.torch_file import parse_torch
@@ -48,7 +49,7 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
     """Return the arrays of an .npz file that holds no Python objects; raises `ReadError`."""
     content = read_bytes(path)
     try:
-        packed = npz.members(content)
+        packed = npz.members(content, limit_of_motion(len(content)))
     except ValueError as error:
         raise ReadError(f"{path}: not a readable .npz file ({error}). Download or make it again.") from error
     arrays = {}
@@ -63,6 +64,11 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
         except ValueError as error:
             raise ReadError(f"{path}: the file is damaged ({error}). Download or make it again.") from error
     return arrays
+
+
+def _read_pickle(path: Path) -> Any:
+    content = read_bytes(path)
+    return parse_pickle(content, path, limit_of_motion(len(content)))
 
 
 def read_csv(path: Path) -> dict[str, Any]:
@@ -141,7 +147,7 @@ def _to_folder(content: Mapping[str, Any]) -> dict[str, bytes]:
 NPZ = Container((".npz",), read_npz, encode=lambda values: {".npz": npz.encode(values)})
 PICKLE = Container(
     (".pkl", ".pickle", ".joblib"),
-    lambda path: parse_pickle(read_bytes(path), path),
+    _read_pickle,
     encode=lambda values: {".pkl": to_pickle(values)},
 )
 TORCH = Container((".motion",), lambda path: parse_torch(read_bytes(path), path))

@@ -16,6 +16,7 @@ from hoi_retarget.clip.grasp_check import READINGS
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ClipError, ReadError
 from hoi_retarget.files import npz
+from hoi_retarget.files.archive import limit_of_motion
 from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.files.source_file import FOLDER, SourceFile
 from hoi_retarget.readers.own_layout.arrays import Arrays
@@ -141,7 +142,7 @@ def clip_of(path: Path, content: bytes, options: ReadOptions = ReadOptions()) ->
 def _arrays(path: Path, content: bytes) -> Arrays:
     """Return the arrays of a file of this layout; raises `ReadError` or `ClipError`."""
     try:
-        arrays = Arrays(path, npz.members(content))
+        arrays = Arrays(path, npz.members(content, limit_of_motion(len(content))))
     except ValueError as error:
         raise ReadError(f"{path}: not a readable .npz file ({error}). Write it again.") from error
     arrays.check_schema()

@@ -1,22 +1,31 @@
-"""A Viser server that only this machine reaches, unless told otherwise, and that hands nothing on."""
+"""A Viser server that only this machine reaches, unless told otherwise, that hands nothing on and knows its visitors.
 
+Any page that is open in the same browser, of the internet or of another program on this machine, could otherwise
+connect to it, read what it shows and press its buttons. So the address holds a token, which nobody else knows, and
+a connection from a page must come from the server's own.
+"""
+
+import hmac
 import io
-import re
+import secrets
 import socket
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
+from dataclasses import replace
 from functools import partial
+from http import HTTPStatus
 from typing import Any
+from urllib.parse import urlsplit
 
 import viser
 import websockets.asyncio.server
+from websockets.asyncio.server import ServerConnection
+from websockets.http11 import Request, Response
 
 from hoi_retarget.errors import ArgumentError
 
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
-# Programs other than browsers send no origin.
-_OWN_ORIGINS = [None, re.compile(r"http://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?")]
 FIRST_PORT, LARGEST_PORT = 8080, 65535  # Taken ports are passed over.
 
 
@@ -25,7 +34,9 @@ class PageServer(viser.ViserServer):
 
     def __init__(self, *, host: str, **settings: Any) -> None:
         self._on_stop: list[Callable[[], None]] = []
-        with redirect_stdout(io.StringIO()), _own_pages_only(host):
+        self.token = secrets.token_urlsafe(16)
+        """First part of the path of everything that is asked for."""
+        with redirect_stdout(io.StringIO()), _own_visitors_only(host, self.token):
             super().__init__(host=host, **settings)
 
     def request_share_url(self, verbose: bool = True) -> None:
@@ -67,27 +78,56 @@ def open_server(title: str, *, host: str = "127.0.0.1", port: int | None = None)
     return server
 
 
-def address(server: viser.ViserServer) -> str:
-    """Return the address to open in a browser."""
+def address(server: PageServer) -> str:
+    """Return the address to open in a browser, token included."""
     host = server.get_host()
     name = "localhost" if host in (*_LOOPBACK[:2], "0.0.0.0", "::") else f"[{host}]" if ":" in host else host
-    return f"http://{name}:{server.get_port()}"
+    return f"http://{name}:{server.get_port()}/{server.token}/"
 
 
 @contextmanager
-def _own_pages_only(host: str) -> Iterator[None]:
-    """Let a server that only this machine reaches listen to its own pages alone.
+def _own_visitors_only(host: str, token: str) -> Iterator[None]:
+    """Let a server answer only who knows its token, and of pages only its own.
 
-    Any page of the internet, open in the same browser, could otherwise connect to it, read what it shows and press
-    its buttons. Viser has no setting for it; what it calls to listen has.
+    Viser has no setting for it; what it calls to listen has.
     """
     listen = websockets.asyncio.server.serve
-    if host in _LOOPBACK:
-        websockets.asyncio.server.serve = partial(listen, origins=_OWN_ORIGINS)
+
+    def listen_to_own(*args: Any, process_request: Any, **settings: Any) -> Any:
+        return listen(*args, process_request=partial(_answer, host, token, process_request), **settings)
+
+    websockets.asyncio.server.serve = listen_to_own  # pyright: ignore[reportAttributeAccessIssue]
     try:
         yield
     finally:
         websockets.asyncio.server.serve = listen
+
+
+def _answer(
+    host: str, token: str, answer: Callable[..., Response | None], connection: ServerConnection, request: Request
+) -> Response | None:
+    """Pass on, without the token, what an own visitor asks for, be it a page or a connection; refuse all else."""
+    given, _, path = request.path.removeprefix("/").partition("/")
+    if not hmac.compare_digest(given.partition("?")[0].encode(), token.encode()):
+        return connection.respond(HTTPStatus.FORBIDDEN, "Open the whole address that was printed, with its token.\n")
+    origins, asked = (request.headers.get_all(name) for name in ("Origin", "Host"))
+    if not (len(asked) == 1 and all(_is_own(host, origin, asked[0]) for origin in origins)):
+        return connection.respond(HTTPStatus.FORBIDDEN, "This page may not connect.\n")
+    return answer(connection, replace(request, path=f"/{path}"))
+
+
+def _is_own(host: str, origin: str, asked: str) -> bool:
+    """Return whether a page's origin is the address at which the server was asked; only browsers tell an origin.
+
+    A server that only this machine reaches is asked by a name of this machine: any other is a page's trick. The port
+    may differ from the server's, where it is forwarded.
+    """
+    try:
+        page = urlsplit(origin)
+        name = page.hostname
+    except ValueError:
+        return False
+    return page.scheme in ("http", "https") and page.netloc == asked and (host not in _LOOPBACK or name in _LOOPBACK)
 
 
 def _check_address(host: str, port: int | None) -> None:

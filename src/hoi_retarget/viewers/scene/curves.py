@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget.evaluation import contact_residuals, ground, limits, movement
-from hoi_retarget.evaluation.view import check_joints
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.of_robot import check_robot
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
@@ -50,7 +50,7 @@ def curves_of(motion: Motion, model: RobotModel) -> tuple[Curve, ...]:
     Raises:
         RobotError: The motion's joints are not the model's.
     """
-    check_joints(motion, model)
+    check_robot(motion, model)
     kinematics = model.forward(motion.qpos)
 
     def curve(group: str, unit: str, name: str, values: np.ndarray, counted: np.ndarray | None = None) -> Curve:

@@ -15,8 +15,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.evaluation.view import check_joints
 from hoi_retarget.motion.motion import STAGE_TITLES, Motion, Stage
+from hoi_retarget.motion.of_robot import check_robot
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.scene.drawing import Colour, Layer, Lines, Part, Scene, Shapes, Solid, Subject
@@ -59,7 +59,7 @@ class Shown:
         if motion is not None and self.model is None:
             raise ArgumentError(f"{self.title}: a result is drawn with its robot, which is not given.")
         if motion is not None and self.model is not None:
-            check_joints(motion, self.model)
+            check_robot(motion, self.model)
         if clip is not None and not 0 <= self.person < len(clip.people):
             raise ArgumentError(f"{self.title}: no person {self.person}; there are 0 to {len(clip.people) - 1}.")
         if motion is not None and clip is not None:

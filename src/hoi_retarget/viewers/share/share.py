@@ -7,7 +7,7 @@ import json
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from hoi_retarget.errors import ArgumentError, DrawingError, WriteError
@@ -96,10 +96,13 @@ def gallery_in(out: Path, title: str) -> Iterator[Gallery]:
         yield gallery
         gallery.finish()
         _replace(making, out, work / "old")
+        shutil.rmtree(work / "old", ignore_errors=True)
     except OSError as error:
         raise _cannot(out, error) from error
     finally:
-        shutil.rmtree(work, ignore_errors=True)
+        shutil.rmtree(work / "new", ignore_errors=True)
+        with suppress(OSError):  # An earlier gallery that could not be put back stays in it.
+            work.rmdir()
 
 
 def check_replaceable(out: Path) -> None:
@@ -138,10 +141,20 @@ def _replace(new: Path, out: Path, old: Path) -> None:
         out.rename(old)
     try:
         new.rename(out)
-    except OSError:
+    except OSError as error:
         if there:
-            old.rename(out)
+            _put_back(old, out, error)
         raise
+
+
+def _put_back(old: Path, out: Path, error: OSError) -> None:
+    try:
+        old.rename(out)
+    except OSError as second:
+        raise WriteError(
+            f"--out {out}: cannot be written ({error.strerror or error}), and the earlier gallery could not be put "
+            f"back ({second.strerror or second}). It is in {old}."
+        ) from error
 
 
 def _cannot(out: Path, error: OSError) -> WriteError:
