@@ -93,7 +93,7 @@ def test_a_broken_mesh_is_told(folder):
     (folder / "box.obj").write_text("v 1 2\n")
     with pytest.raises(GeometryError, match=r"box\.obj"):
         read_clip(folder)
-    assert "box.obj" in inspect(folder).missing[0]
+    assert "box.obj" in inspect(folder).problems[0]
 
 
 @pytest.mark.parametrize("other", ["another.npz", "more/another.npz", "another.pt", "more/clip.npz"])

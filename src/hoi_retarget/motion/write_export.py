@@ -1,7 +1,7 @@
 """A motion written in another program's format, from Python in one call."""
 
 from hashlib import sha256
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.files.atomic import write_together
@@ -36,7 +36,8 @@ def write_export(  # noqa: PLR0913 - the last three are options
         GeometryError: An object's mesh cannot be read.
         WriteError: A file cannot be written.
     """
-    stem = motion.report.clip or motion.robot
+    # A clip's name is what a file says: it leads nowhere.
+    stem = PureWindowsPath(motion.report.clip).name or motion.robot
     result = Result(stem, sha256(encode(motion)).hexdigest(), motion, load_robot(motion.robot), clip)
     exported = export(result, format_named(to), name=name or f"{stem}.{to}", fps=fps)
     files = {Path(folder) / file: content for file, content in exported.files.items()}
