@@ -8,10 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-<<<<<<< HEAD
-=======
 from contextlib import suppress
->>>>>>> a046b08 (Damaged files are tried by every verb)
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -263,7 +260,37 @@ def test_a_worker_that_is_killed_costs_its_clip(folder):
     assert f"{JOBS - len(killed)} of them done before" in finish(folder)
 
 
-<<<<<<< HEAD
+def kill_in_the_middle(folder: Path, *, whole: bool, rng: np.random.Generator) -> str:
+    """Start the batch, kill it or one of its workers at some moment, wait for its end, and return its complaints."""
+    process = start(folder)
+    until(lambda: len(workers(process)) == 2 or process.poll() is not None)
+    time.sleep(rng.uniform(0.0, 4.0))
+    children = workers(process) if process.poll() is None else []
+    with suppress(ProcessLookupError):
+        if whole:
+            process.kill()
+        elif children:
+            os.kill(int(rng.choice(children)), signal.SIGKILL)
+    complaints = process.communicate(timeout=4 * PATIENCE_S)[1]
+    until(lambda: not any(map(is_alive, children)))
+    return complaints
+
+
+@pytest.mark.slow
+def test_any_kills_in_the_middle_and_another_run_equal_an_undisturbed_one(folder):
+    finish(folder)
+    undisturbed = made_in(folder / "out")
+    assert len(undisturbed) == 2 * JOBS + 2
+    rng = np.random.default_rng(0)
+    for number in range(12):
+        shutil.rmtree(folder / "out")
+        whole = number % 3 > 0
+        complaints = kill_in_the_middle(folder, whole=whole, rng=rng)
+        assert not complaints if whole else "Traceback" not in complaints
+        finish(folder)
+        assert made_in(folder / "out") == undisturbed
+
+
 class NodeDied(Exception):
     """What a stand-in for Ray raises for a task whose machine is lost."""
 
@@ -319,37 +346,6 @@ def test_with_a_machine_that_is_lost_no_task_is_lost(monkeypatch):
     assert isinstance(outcomes[6], Lost) and "g is gone" in outcomes[6].reason
     assert {task: ray.started.count(task) for task in tasks} == dict.fromkeys("acefh", 1) | {"b": 2, "d": 3, "g": 3}
     assert (ray.at_once[0], max(ray.at_once)) == (2, 3), "a machine that joins gets tasks"
-=======
-def kill_in_the_middle(folder: Path, *, whole: bool, rng: np.random.Generator) -> str:
-    """Start the batch, kill it or one of its workers at some moment, wait for its end, and return its complaints."""
-    process = start(folder)
-    until(lambda: len(workers(process)) == 2 or process.poll() is not None)
-    time.sleep(rng.uniform(0.0, 4.0))
-    children = workers(process) if process.poll() is None else []
-    with suppress(ProcessLookupError):
-        if whole:
-            process.kill()
-        elif children:
-            os.kill(int(rng.choice(children)), signal.SIGKILL)
-    complaints = process.communicate(timeout=4 * PATIENCE_S)[1]
-    until(lambda: not any(map(is_alive, children)))
-    return complaints
-
-
-@pytest.mark.slow
-def test_any_kills_in_the_middle_and_another_run_equal_an_undisturbed_one(folder):
-    finish(folder)
-    undisturbed = made_in(folder / "out")
-    assert len(undisturbed) == 2 * JOBS + 2
-    rng = np.random.default_rng(0)
-    for number in range(12):
-        shutil.rmtree(folder / "out")
-        whole = number % 3 > 0
-        complaints = kill_in_the_middle(folder, whole=whole, rng=rng)
-        assert not complaints if whole else "Traceback" not in complaints
-        finish(folder)
-        assert made_in(folder / "out") == undisturbed
->>>>>>> a046b08 (Damaged files are tried by every verb)
 
 
 @pytest.mark.slow
@@ -359,24 +355,7 @@ def test_ray_makes_the_same_to_the_bit(folder):
     local = made_in(folder / "out")
     (folder / "out").rename(folder / "local")
     finish(folder, "--engine", "ray")
-<<<<<<< HEAD
-    rays = content(folder / "out")
-    assert set(local) == set(rays) and len(local) == JOBS
-    for name, motion in local.items():
-        with np.load(folder / "local" / name) as one, np.load(folder / "out" / name) as other:
-            assert set(one) == set(other) > {"report"}
-            assert all(one[key].tobytes() == other[key].tobytes() for key in one if key != "report")
-        reports = [replace(item.report, cpu_seconds={}) for item in (motion, rays[name])]
-        assert reports[0] == reports[1]
-    timings = {"seconds": 0.0, "results": ()}
-    manifests = [
-        {name: {**vars(entry), **timings} for name, entry in read_manifest(folder / out).items()}
-        for out in ("out", "local")
-    ]
-    assert manifests[0] == manifests[1]
-=======
     assert made_in(folder / "out") == local
->>>>>>> a046b08 (Damaged files are tried by every verb)
 
 
 @pytest.mark.slow
