@@ -177,6 +177,7 @@ object_name = "box"
 body_models = "models"
 floor = -0.02
 labels = "interact"
+grasps = "warn"
 edits = "/elsewhere"
 robots = ["unitree_h2"]
 root_scale = 0.8
@@ -197,6 +198,7 @@ jerk = 2e-3
         body_models=tmp_path / "models",
         floor=-0.02,
         labels="interact",
+        grasps="warn",
         edits=Path("/elsewhere"),
         robots=("unitree_h2",),
         config=Config(weights=Weights(jerk=2e-3)),
