@@ -99,6 +99,8 @@ class MadeFrom:
     """The clip they were made from, where it is not where it was: it knows the human and the objects' surfaces."""
     objects: OptionalFolder = None
     """Folder with the objects' geometry, as for run, where it is not where it was."""
+    robot: RobotName = "unitree_g1"
+    """The robot of other programs' motions, which do not say."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,7 +160,9 @@ class Evaluate:
     """Show the figures of merit of results, per clip and their mean."""
 
     results: ResultFiles
-    """Result files (.npz); the figures are those that the run stored in them."""
+    """Result files (.npz), with the figures that the run stored in them, or other programs' motions."""
+    robot: RobotName = "unitree_g1"
+    """The robot of other programs' motions, which do not say."""
     json: OptionalFile = None
     """Write the figures to this file as JSON."""
     csv: OptionalFile = None
@@ -279,7 +283,7 @@ class View(Served, MadeFrom):
     """Show results in a browser: robot, human, object, contacts, and curves of what is wrong when."""
 
     results: ResultFiles
-    """Result files (.npz), side by side; reloading the page reads them again."""
+    """Result files (.npz) or other programs' motions, side by side; reloading the page reads them again."""
 
 
 @dataclass(frozen=True)
@@ -287,7 +291,7 @@ class Share(MadeFrom):
     """Write results as a folder of pages that play them in any browser, without a server or the internet."""
 
     results: ResultFiles
-    """Result files (.npz), a page each."""
+    """Result files (.npz) or other programs' motions, a page each."""
     out: Folder
     """Folder to write; one that `share` wrote before is replaced."""
     title: str = "Retargeted motions"
@@ -317,7 +321,7 @@ class Export(MadeFrom):
     """Write results as the files that trackers and other tools read."""
 
     results: ResultFiles
-    """Result files (.npz)."""
+    """Result files (.npz) or other programs' motions."""
     to: Annotated[str, arg(metavar="FORMAT")]
     """beyondmimic, mjlab, holosoma, holosoma-qpos, hdmi, gmr, unitree-csv, or dataset: many results in one folder."""
     out: Annotated[Path, arg(metavar="PATH")]
@@ -333,7 +337,7 @@ class Render(MadeFrom):
     """Draw results, human and robot beside each other, as a picture or a film."""
 
     results: ResultFiles
-    """Result files (.npz)."""
+    """Result files (.npz) or other programs' motions."""
     out: Annotated[Path, arg(metavar="FILE")]
     """File to write: a film (.mp4, or .gif that repeats) or a picture (.png)."""
     only: Literal["robot", "human", "both"] = "both"

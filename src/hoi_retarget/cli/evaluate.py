@@ -4,7 +4,7 @@ from pathlib import Path
 
 from hoi_retarget.cli.commands import Evaluate
 from hoi_retarget.cli.figures import show_figures
-from hoi_retarget.cli.jobs import check_writable, do_for_each, load_result, score, write_file
+from hoi_retarget.cli.jobs import check_writable, do_for_each, exit_code, load_motion, score, write_file
 from hoi_retarget.cli.terminal import say, warn
 from hoi_retarget.evaluation import Score, to_csv, to_json
 
@@ -16,16 +16,20 @@ def execute(command: Evaluate) -> int:
         if path is not None:
             check_writable(option, path.parent)
     scores: list[Score] = []
+    foreign: list[Path] = []
 
     def evaluate_one(path: Path) -> None:
-        motion = load_result(path)
+        motion = load_motion(path, command.robot)
         scores.append(score(motion, path))
+        if motion.report.is_foreign:
+            foreign.append(path)
         for warning in motion.warnings:
             warn(f"{path}: {warning}")
 
     failures = do_for_each("reading", command.results, evaluate_one)
     if scores:
-        say("Figures as the run computed and stored them:")
+        others = ", and those of other programs' motions that need no recording" if foreign else ""
+        say(f"Figures as the run computed and stored them{others}:")
         show_figures(scores)
         for (option, path), text in zip(files.items(), (to_json, to_csv), strict=True):
             if path is not None:
@@ -33,4 +37,4 @@ def execute(command: Evaluate) -> int:
                 say(f"written: {path}")
     if failures:
         say(f"{len(scores)} evaluated, {len(failures)} failed.")
-    return 1 if failures else 0
+    return exit_code(failures, len(command.results))

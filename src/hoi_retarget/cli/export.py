@@ -14,10 +14,10 @@ from hoi_retarget.cli.jobs import (
     clip_or_warning,
     do_for_each,
     exit_code,
-    load_result,
+    load_motion,
     with_file,
 )
-from hoi_retarget.cli.terminal import Working, say
+from hoi_retarget.cli.terminal import Working, say, warn
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.files.atomic import write_together
 from hoi_retarget.motion.export import DATASET, export, format_named
@@ -115,11 +115,19 @@ def _targets(command: Export, format: Format) -> dict[Path, Path]:
     return {path: command.out.with_suffix("")}
 
 
+def _sha256(path: Path) -> str:
+    """Return the hash of a file, or of all files of a folder in the order of their names."""
+    files = sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
+    return sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+
+
 def _read(path: Path, command: Export) -> Result:
     """Return a result with the clip it was made from, where that is to be had."""
-    motion = load_result(path)
-    alone = Result(path.stem, sha256(path.read_bytes()).hexdigest(), motion, load_robot(motion.robot))
-    if not motion.object_names:
+    motion = load_motion(path, command.robot)
+    alone = Result(path.stem, _sha256(path), motion, load_robot(motion.robot), suffix=path.suffix)
+    if motion.report.is_foreign:
+        warn(f"{path.name}: who touches what is not known: no contacts are written.")
+    if motion.report.is_foreign or not motion.object_names:
         return alone
     without = "contacts are written without surface normals."
     return replace(alone, clip=clip_or_warning(path, motion, command, without, surfaces=True))

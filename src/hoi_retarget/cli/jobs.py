@@ -13,11 +13,12 @@ from hoi_retarget.evaluation import FIGURES, Score
 from hoi_retarget.evaluation.table import scales_text
 from hoi_retarget.files.atomic import write_atomically
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.motion.result_file import load
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers import own_layout
 from hoi_retarget.readers.open import clip_of, result_stem
+from hoi_retarget.report.load_any_motion import open_motion
 from hoi_retarget.retargeting.config import Config, Scaling, parse_horizon
+from hoi_retarget.robots import load_robot
 
 
 def check_writable(option: str, folder: Path) -> None:
@@ -69,11 +70,20 @@ def config_of(command: Solving) -> Config:
     return Config(scaling, command.weights, command.ik, command.solver, parse_horizon(command.horizon))
 
 
-def load_result(path: Path) -> Motion:
-    """Return the motion in a result file; raises `ReadError`, which for a clip says so."""
+def load_motion(path: Path, robot: str, warn: Callable[[str], None] = warn) -> Motion:
+    """Return the motion in a result or in another program's file; raises `ReadError`, which for a clip says so.
+
+    Args:
+        path: The file, or a folder that is one motion.
+        robot: The robot of another program's file, which does not say.
+        warn: Takes what was assumed, and what contradicts such a file.
+    """
     if path.suffix.lower() in (".pt", ".pth") and os.path.isfile(path):  # noqa: PTH113  # raises nothing
         raise ReadError(f"{path}: this is a clip, not a result. Use `{program()} run` on it first.")
-    return load(path)
+    motion, _, notes = open_motion(path, load_robot(robot))
+    for note in notes:
+        warn(f"{path.name}: {note}")
+    return motion
 
 
 def clip_or_warning(
@@ -162,7 +172,7 @@ def score(motion: Motion, path: Path) -> Score:
         path.stem,
         figures,
         motion.frames,
-        sum(report.cpu_seconds.values()),
+        sum(report.cpu_seconds.values()) if report.cpu_seconds else None,
         file=str(path),
         robot=motion.robot,
         root_scale=report.root_scale,

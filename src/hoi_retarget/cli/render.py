@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from hoi_retarget.cli.commands import Render
-from hoi_retarget.cli.jobs import check_writable, clip_or_warning, load_result, write_file
+from hoi_retarget.cli.jobs import check_writable, clip_or_warning, load_motion, write_file
 from hoi_retarget.cli.robots import vendor_meshes
 from hoi_retarget.cli.terminal import Working, say
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
@@ -80,7 +80,7 @@ def _titled(results: Sequence[Path], shown: Sequence[Shown]) -> list[Shown]:
 
 
 def _shown(path: Path, command: Render) -> Shown:
-    motion = load_result(path)
+    motion = load_motion(path, command.robot)
     model = load_robot(motion.robot)
     if command.only == "human":
         clip = clip_of(motion, name=command.clip, objects=command.objects)

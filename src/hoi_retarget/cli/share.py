@@ -4,7 +4,7 @@ import shlex
 from pathlib import Path, PureWindowsPath
 
 from hoi_retarget.cli.commands import Share
-from hoi_retarget.cli.jobs import check_writable, clip_or_warning, load_result, score, with_file
+from hoi_retarget.cli.jobs import check_writable, clip_or_warning, load_motion, score, with_file
 from hoi_retarget.cli.run_arguments import words_of
 from hoi_retarget.cli.terminal import Working, fail, say, warn
 from hoi_retarget.errors import HoiRetargetError, WriteError
@@ -44,7 +44,7 @@ def execute(command: Share) -> int:
 
 
 def _add(gallery: Gallery, path: Path, command: Share) -> None:
-    motion = load_result(path)
+    motion = load_motion(path, command.robot)
     model = load_robot(motion.robot)
     clip = clip_or_warning(path, motion, command, "its page shows the robot without the human.")
     gallery.add(_entry(path, motion, model), Shown(path.stem, motion, model, clip, motion.person))

@@ -1,8 +1,10 @@
 """`hoi-retarget view`: results in a browser."""
 
+from collections.abc import Callable
 from functools import partial
 
 from hoi_retarget.cli.commands import View
+from hoi_retarget.cli.jobs import load_motion
 from hoi_retarget.cli.serving import check_viser, serve_until_interrupted
 from hoi_retarget.cli.terminal import fail, warn
 from hoi_retarget.readers.open import clip_of
@@ -17,12 +19,19 @@ def execute(command: View) -> int:
     told: set[str] = set()
 
     def load() -> PageContent:
-        content = load_page_content(command.results, partial(clip_of, name=command.clip, objects=command.objects))
+        content = load_page_content(
+            command.results,
+            partial(clip_of, name=command.clip, objects=command.objects),
+            partial(load_motion, robot=command.robot, warn=tell),
+        )
         for notice in content.notices:
-            if notice not in told:
-                told.add(notice)
-                (fail if content.scene is None else warn)(notice)
+            tell(notice, fail if content.scene is None else warn)
         return content
+
+    def tell(notice: str, say: Callable[[str], None] = warn) -> None:
+        if notice not in told:
+            told.add(notice)
+            say(notice)
 
     if load().scene is None:
         return 1

@@ -192,6 +192,11 @@ class Report:
         return _typed(cls, _renamed(values))
 
     @property
+    def is_foreign(self) -> bool:
+        """Whether it is of another program's motion: it has a format, but no recording."""
+        return bool(self.source.format) and not self.source.path
+
+    @property
     def warnings(self) -> tuple[QualityWarning, ...]:
         """A trunk that is turned over, unreached contacts, misplaced hands, orientation flips."""
         turned = tuple(QualityWarning("trunk_turn", Severity.ERROR, f"{item}.") for item in self.trunk_turns)

@@ -20,7 +20,7 @@ UNKNOWN = "unknown"
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """One result file: its name without folder and suffix, its bytes' hash, and what it holds.
+    """One result, or another program's motion: its file's name without folder and suffix, its hash, and what it holds.
 
     Raises `RobotError` when its joints or its contact links are not the robot's.
     """
@@ -31,6 +31,8 @@ class Result:
     model: RobotModel
     clip: Clip | None = None
     """What it was made from, where that is to be had: it knows the objects' shapes."""
+    suffix: str = ".npz"
+    """Of the file."""
 
     def __post_init__(self) -> None:
         check_robot(self.motion, self.model)
@@ -81,7 +83,7 @@ class Result:
                 "person": motion.person,
                 "first_source_frame": motion.first_source_frame,
             },
-            "result": {"name": f"{self.stem}.npz", "sha256": self.sha256, "fps": motion.fps},
+            "result": {"name": f"{self.stem}{self.suffix}", "sha256": self.sha256, "fps": motion.fps},
             "hoi_retarget": __version__,
         }
 

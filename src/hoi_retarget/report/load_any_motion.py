@@ -1,11 +1,13 @@
 """Loads a motion to be judged from any program's file."""
 
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
-from hoi_retarget.motion.check import as_qpos
+from hoi_retarget.motion.check import as_found
 from hoi_retarget.motion.formats import own_result, read
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.report import Source
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.report.motion_from_qpos import motion_from_qpos
 from hoi_retarget.robots.model import RobotModel
@@ -22,18 +24,20 @@ def open_motion(path: Path, robot: RobotModel) -> tuple[Motion, str, tuple[str, 
 
     Raises:
         ReadError: The file is missing, damaged, or of no known format.
-        ClipError: Its numbers contradict what it claims.
+        ClipError: Its numbers do not tell what the poses are.
     """
     if _is_result(path):
         return load(path), OWN_FORMAT, ()
     file = read(path)
-    found = as_qpos(file, robot)
-    notes = []
+    found = as_found(file, robot)
+    notes = [f"{item.subject}: {item.numbers}" for item in found.contradictions]
     if found.fps_assumed:
         notes.append(f"{found.fps:g} frames a second are assumed")
     if found.missing_joints:
         notes.append(f"joints that the file lacks are held still at 0 rad: {', '.join(found.missing_joints)}")
-    return motion_from_qpos(found.qpos, found.fps, robot, found.objects), file.format, tuple(notes)
+    motion = motion_from_qpos(found.qpos, found.fps, robot, found.objects)
+    report = replace(motion.report, source=Source(format=file.format))
+    return replace(motion, report=report), file.format, tuple(notes)
 
 
 def _is_result(path: Path) -> bool:

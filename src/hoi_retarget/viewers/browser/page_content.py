@@ -7,6 +7,7 @@ from pathlib import Path
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.evaluation import COLUMNS
+from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers.open import clip_of
@@ -35,19 +36,24 @@ class PageContent:
     """Problems with the files, a sentence each."""
 
 
-def load_page_content(results: Sequence[Path], find_clip: Callable[..., Clip] = clip_of) -> PageContent:
+def load_page_content(
+    results: Sequence[Path],
+    find_clip: Callable[..., Clip] = clip_of,
+    load_motion: Callable[[Path], Motion] = load,
+) -> PageContent:
     """Return the content for result files; one that cannot be read becomes a notice.
 
     Args:
         results: Result files.
         find_clip: Returns the clip that a motion was made from; raises `HoiRetargetError` where it is not to be had,
             and the robot is then shown alone.
+        load_motion: Returns the motion in a file; raises `HoiRetargetError`.
     """
     shown: dict[Path, Shown] = {}
     notices: list[str] = []
     for path in results:
         try:
-            shown[path] = _shown(path, find_clip, notices)
+            shown[path] = _shown(path, load_motion(path), find_clip, notices)
         except HoiRetargetError as error:
             notices.append(str(error))
     if not shown:
@@ -65,8 +71,7 @@ def page_content(shown: Sequence[Shown], notices: tuple[str, ...] = ()) -> PageC
     return PageContent(scene, chart_html(curves, scene.fps), extra, figures_html(shown), notices)
 
 
-def _shown(path: Path, find_clip: Callable[..., Clip], notices: list[str]) -> Shown:
-    motion = load(path)
+def _shown(path: Path, motion: Motion, find_clip: Callable[..., Clip], notices: list[str]) -> Shown:
     model = load_robot(motion.robot)
     try:
         clip = find_clip(motion)
