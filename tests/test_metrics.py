@@ -465,13 +465,7 @@ def test_undefined_figures_are_none():
     assert figures["relative_hand_rotation_deg"] is None
     assert figures["link_velocity_direction_deg"] is not None
     figures = make_world(objects=0).figures()
-    assert (
-        figures["object_below_floor_m"]
-        is figures["object_float_m"]
-        is figures["object_path_error_m"]
-        is figures["link_velocity_direction_deg"]
-        is None
-    )
+    assert figures["object_below_floor_m"] is figures["object_float_m"] is figures["object_path_error_m"] is None
     assert figures["body_pose_deviation_deg"] is not None
     in_the_air = edit_motion(make_world(), stance_flags=np.zeros((FRAMES, 2), dtype=bool)).figures()
     assert (
@@ -573,6 +567,12 @@ def test_velocity_direction_counts_only_what_moves():
     slow = t * np.array([0.0, 0.019, 0.0])
     world = move_sites(world, head=t * aside, pelvis=t * np.array([0.0, 1.0, 0.0]), left_foot=slow)
     assert world.figures()["link_velocity_direction_deg"] == pytest.approx(30.0)
+    # Without objects velocities are those in the world, as relative to an object that rests there.
+    alone = edit_clip(world, objects=())
+    nothing = {"object_pos": np.zeros((FRAMES, 0, 3)), "object_quat": np.zeros((FRAMES, 0, 4))}
+    nobody = np.full_like(world.motion.contact_object, -1)
+    alone = edit_motion(alone, **nothing, object_names=(), object_scale=np.zeros(0), contact_object=nobody)
+    assert alone.figures()["link_velocity_direction_deg"] == pytest.approx(30.0)
 
 
 def test_velocity_is_written_in_the_axes_of_the_later_frame():

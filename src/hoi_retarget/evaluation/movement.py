@@ -1,5 +1,7 @@
 """Do links and objects move as on the human side, and smoothly?"""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float
 
@@ -19,27 +21,27 @@ def link_velocity_direction_deg(view: Comparison) -> float | None:
     """Return the mean angle [deg] between the two sides' link velocities relative to the object.
 
     Over palms, ankles, head and pelvis, wherever both sides exceed 2 cm/s. With several objects, relative to
-    the one that the person touches longest; None without objects.
+    the one that the person touches longest; without objects, in the world.
     """
-    index = view.main_object
-    if index is None:
-        return None
     robot_points = [view.robot_point(site) for site in HAND_SITES.values()]
     robot_points += [view.robot_point(site) for site, _ in _LINKS]
     human_points = [view.human_part_point(part) for part in HAND_SITES]
     human_points += [view.human_point(joint) for _, joint in _LINKS]
-    robot = _velocities_inside(view.robot_objects[index], np.stack(robot_points, axis=1), view.clip.fps)
-    human = _velocities_inside(view.human_objects[index], np.stack(human_points, axis=1), view.clip.fps)
+    robot = _velocities(np.stack(robot_points, axis=1), view.robot_objects, view)
+    human = _velocities(np.stack(human_points, axis=1), view.human_objects, view)
     moving = (norms(robot) > MINIMUM_SPEED_MPS) & (norms(human) > MINIMUM_SPEED_MPS)
     return mean_or_none(direction_angles_deg(robot[moving], human[moving]))
 
 
-def _velocities_inside(
-    pose: ObjectPose, points: Float[np.ndarray, "F K 3"], fps: float
+def _velocities(
+    points: Float[np.ndarray, "F K 3"], objects: Sequence[ObjectPose], view: Comparison
 ) -> Float[np.ndarray, "F-1 K 3"]:
-    """Return `R_o^T (v - v_o)` [m/s], backward differences, with the rotation of the later frame."""
+    """Return `R_o^T (v - v_o)` [m/s], or `v`, backward differences, with the rotation of the later frame."""
+    if view.main_object is None:
+        return np.diff(points, axis=0) * view.clip.fps
+    pose = objects[view.main_object]
     # (v - v_o) is the difference of (p - p_o): the object's rotation is not differentiated.
-    relative = np.diff(points - pose.positions[:, None], axis=0) * fps
+    relative = np.diff(points - pose.positions[:, None], axis=0) * view.clip.fps
     return ObjectPose(pose.positions[1:], pose.rotations[1:]).vectors_inside(relative)
 
 

@@ -6,9 +6,10 @@ command line's help, which is derived from these classes, is quick.
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from math import isfinite
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 
 from hoi_retarget.errors import ArgumentError, ReadError
@@ -42,6 +43,12 @@ class Scaling:
         for name, value in vars(self).items():
             if not isinstance(value, str) and not (isfinite(value) and value > 0):
                 raise ArgumentError(f"{name.replace('_', '-')} is {value}; it must be a positive number.")
+
+
+WITHOUT_OBJECTS: Mapping[str, float] = MappingProxyType(
+    {"joint_position": 100.0, "base_position": 300.0, "head_position": 100.0, "feet_position": 10.0}
+)
+"""Weight -> its factor in clips without objects: links then move in the human's directions, without more jerk."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +88,11 @@ class Weights:
         for name, value in vars(self).items():
             if not (isfinite(value) and value >= 0):
                 raise ArgumentError(f"weight {name} is {value}; it must be a number of at least 0.")
+
+    @property
+    def without_objects(self) -> "Weights":
+        """The weights for a person alone: with no contact to give way to, the body follows its references closely."""
+        return replace(self, **{name: factor * getattr(self, name) for name, factor in WITHOUT_OBJECTS.items()})
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,8 @@ COSTS: tuple[Callable[[Weights, Targets, Kinematics], Iterable[Term]], ...] = (
 
 def trajectory_terms(weights: Weights, targets: Targets, reference: Kinematics) -> tuple[Term, ...]:
     """Return the terms of all costs against an IK reference; those that would be empty are left out."""
-    return tuple(term for cost in COSTS for term in cost(weights, targets, reference))
+    used = weights if targets.object_names else weights.without_objects
+    return tuple(term for cost in COSTS for term in cost(used, targets, reference))
 
 
 def ik_terms(weights: IkWeights, targets: Targets, model: RobotModel) -> tuple[Term, ...]:
