@@ -570,8 +570,9 @@ def test_velocity_direction_counts_only_what_moves():
     # Without objects velocities are those in the world, as relative to an object that rests there.
     alone = edit_clip(world, objects=())
     nothing = {"object_pos": np.zeros((FRAMES, 0, 3)), "object_quat": np.zeros((FRAMES, 0, 4))}
-    nobody = np.full_like(world.motion.contact_object, -1)
-    alone = edit_motion(alone, **nothing, object_names=(), object_scale=np.zeros(0), contact_object=nobody)
+    flags = world.motion.contact_flags
+    nobody = {"contact_flags": np.zeros_like(flags), "contact_object": np.full(flags.shape, -1)}
+    alone = edit_motion(alone, **nothing, **nobody, object_names=(), object_scale=np.zeros(0))
     assert alone.figures()["link_velocity_direction_deg"] == pytest.approx(30.0)
 
 
