@@ -1,5 +1,6 @@
 """The rigid-grasp test: true clips pass, planted faults do not."""
 
+import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -126,15 +127,19 @@ def turned_in_the_hand(clip: Clip) -> Clip:
     return moved(clip, lambda item: replace(item, quats=se3.quat_multiply(item.quats, turn)))
 
 
-def test_what_is_turned_in_the_hand_is_read_from_a_format_with_one_order(tmp_path):
+def test_what_is_turned_in_the_hand_is_read_from_a_format_with_one_order(tmp_path, capsys):
     clip = turned_in_the_hand(make("carry_box"))
     with pytest.raises(ClipError, match="read wrongly"):
         checked(clip)
     own_layout.write(clip, tmp_path / "clip.npz")
     assert main(["run", str(tmp_path / "clip.npz"), "--out", str(tmp_path / "out")]) == 1
     assert main(["run", str(tmp_path / "clip.npz"), "--grasps", "warn", "--out", str(tmp_path / "out")]) == 0
-    read = open_clip(humoto(clip).write(tmp_path / "turned.glb"))
-    assert not any("read wrongly" in str(it) for it in read.source.warnings)
+    path = humoto(clip).write(tmp_path / "turned.glb")
+    assert not any("read wrongly" in str(it) for it in open_clip(path).source.warnings)
+    capsys.readouterr()
+    assert main(["convert", str(path), "--out", str(tmp_path / "converted.npz")]) == 0
+    command = shlex.split(capsys.readouterr().out.splitlines()[-1].split(" run ")[1])
+    assert open_clip(command[0], ReadOptions(grasps=command[command.index("--grasps") + 1])).frames == clip.frames
 
 
 def test_contacts_found_in_these_frames_belong_to_no_others():

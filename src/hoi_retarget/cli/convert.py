@@ -7,6 +7,7 @@ from pathlib import Path
 from hoi_retarget.cli.commands import Convert
 from hoi_retarget.cli.jobs import check_writable
 from hoi_retarget.cli.terminal import program, say
+from hoi_retarget.clip import grasp_check
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.objects.mesh import surface_of
@@ -24,7 +25,10 @@ def execute(command: Convert) -> int:
     own_layout.write(_whole(clip), command.out)
     size = command.out.stat().st_size / 1e6
     say(f"{command.out}: {clip.frames} frames at {clip.fps:g} frames/s, {size:.1f} MB")
-    say(f"to run: {program()} {shlex.join(['run', str(command.out), '--out', 'results'])}")
+    # The layout leaves rotations more open than formats of others do.
+    doubted = grasp_check.fatal_fault(grasp_check.grasp_figures(clip))
+    words = ["run", str(command.out), *(("--grasps", "warn") if doubted else ()), "--out", "results"]
+    say(f"to run: {program()} {shlex.join(words)}")
     return 0
 
 

@@ -49,6 +49,8 @@ STAMPED_FPS = (24.0, 30.0)
 """Keys a second that files say; each key is one frame of the capture."""
 PREFIX = "mixamorig:"
 HEAD_TOP = f"{PREFIX}HeadTop_End"
+TOE_HEIGHT = 0.006
+"""[m]; of the toe joints over the floor, in the bind pose and wherever people stand."""
 FBX = ".fbx"
 FARTHEST_FROM_T_POSE = 60.0
 """[deg]; limbs of a bind pose that are farther from a T-pose's are of another pose."""
@@ -245,7 +247,7 @@ def _person(capture: _Capture, poses: NodePoses) -> tuple[Person, tuple[str, ...
         # The mesh may be in another unit than the bones.
         stature = float(height * _limbs_length(positions) / _limbs_length(bound.positions))
         notes += (f"The person is {stature:.3f} m tall, from the toes to {HEAD_TOP} in the bind pose.",)
-    return Person("person", positions, quats, stature=stature), notes
+    return Person("person", positions, quats, stature=stature, toe_height=TOE_HEIGHT), notes
 
 
 def _limbs_length(positions: Float[np.ndarray, "*T 52 3"]) -> float:
