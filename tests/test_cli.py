@@ -607,6 +607,16 @@ def test_evaluate_refuses_a_result_without_figures(results, tmp_path, capsys):
         assert "bare.npz" in err and err.count("\n") == 1
 
 
+def test_evaluate_shows_results_of_a_version_that_knew_fewer_figures(results, tmp_path, capsys):
+    with np.load(results[0]) as archive:
+        arrays = dict(archive)
+    report = json.loads(str(arrays["report"]))
+    del report["figures"]["object_float_m"]
+    np.savez(tmp_path / "old.npz", **{**arrays, "report": np.str_(json.dumps(report))})
+    assert main(["evaluate", str(tmp_path / "old.npz"), "--json", str(tmp_path / "f.json")]) == 0
+    assert any(line.split()[-1] == "-" for line in capsys.readouterr().out.splitlines() if "object float" in line)
+
+
 def test_evaluate_tells_first_that_it_cannot_write(results, tmp_path, capsys):
     (tmp_path / "file").write_text("")
     assert main(["evaluate", str(results[0]), "--json", str(tmp_path / "file" / "f.json")]) == 2
