@@ -107,7 +107,8 @@ def write(rng: np.random.Generator, kind: str, content: Content, folder: Path) -
 
 
 def _write_table(content: Content, path: Path) -> Path:
-    header = ",".join(map(str, np.atleast_1d(content.get("header", ""))))
+    names = content.get("header", "")
+    header = names if isinstance(names, str) else ",".join(map(str, np.atleast_1d(np.array(names, dtype=object))))
     rows = (",".join(map(str, np.atleast_1d(row).ravel().tolist())) for row in np.atleast_1d(content["table"]))
     path.write_bytes("\n".join((*([header] if header else []), *rows)).encode("utf-8", "replace"))
     return path
