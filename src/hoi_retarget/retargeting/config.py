@@ -46,7 +46,13 @@ class Scaling:
 
 
 WITHOUT_OBJECTS: Mapping[str, float] = MappingProxyType(
-    {"joint_position": 100.0, "base_position": 300.0, "head_position": 100.0, "feet_position": 10.0}
+    {
+        "joint_position": 100.0,
+        "base_position": 300.0,
+        "head_position": 100.0,
+        "feet_position": 10.0,
+        "floor_clearance": 10.0,
+    }
 )
 """Weight -> its factor in clips without objects: links then move in the human's directions, without more jerk."""
 
