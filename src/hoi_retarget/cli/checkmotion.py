@@ -24,7 +24,11 @@ def execute(command: CheckMotion) -> int:
     checked = check(file, model)
     _describe(file, checked)
     for finding in checked.findings:
-        _show(finding)
+        if not finding.follows:
+            _show(finding)
+            for other in checked.findings:
+                if other.follows == finding.subject and finding.level == "contradiction":
+                    say(f"{'':9}follows: {_told(other)}")
     say()
     say(_conclusion(checked))
     if command.json is not None:
@@ -49,13 +53,17 @@ def _describe(file: MotionFile, checked: CheckedMotion) -> None:
 
 
 def _show(finding: Finding) -> None:
-    say(f"{_MARKS[finding.level]:9}{finding.subject} ({finding.claim}): {finding.numbers}")
+    say(f"{_MARKS[finding.level]:9}{_told(finding)}")
     if finding.advice:
         say(f"{'':9}-> {finding.advice}")
 
 
+def _told(finding: Finding) -> str:
+    return f"{finding.subject} ({finding.claim}): {finding.numbers}"
+
+
 def _conclusion(checked: CheckedMotion) -> str:
-    wrong = checked.contradictions
+    wrong = [finding for finding in checked.contradictions if not finding.follows]
     if not wrong:
         return "Nothing contradicts what the file claims."
     subjects = ", ".join(dict.fromkeys(finding.subject for finding in wrong))

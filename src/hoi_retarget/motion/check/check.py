@@ -9,7 +9,7 @@ from jaxtyping import Float
 from hoi_retarget.motion.check.bodies import FoundBodies, read_bodies
 from hoi_retarget.motion.check.change import changed
 from hoi_retarget.motion.check.continuity import check_continuity
-from hoi_retarget.motion.check.finding import Finding, contradictions, noted
+from hoi_retarget.motion.check.finding import Finding, contradictions, noted, with_causes
 from hoi_retarget.motion.check.ground import check_floor, check_ranges
 from hoi_retarget.motion.check.interpretation import Interpretation
 from hoi_retarget.motion.check.layout import NO_ROTATION, UNIT_TOLERANCE, Layout, lay_out, off_unit
@@ -72,17 +72,16 @@ def check(file: MotionFile, model: RobotModel) -> CheckedMotion:
             findings += undecided(poses, reading) if found is None else ()
             qpos = reading.qpos(pos, quat, layout.joint_pos)
     implied = noted(check_velocities(file, reading, _moving(file, layout, found)), findings)
-    paths: list[ObjectPath | None] = []
+    objects: tuple[ObjectPath, ...] = ()
     if qpos is not None:
         around = Surroundings(model, qpos, reading, file.convention, implied or fps)
-        for check_motion in (check_floor, check_ranges, check_continuity):
-            findings += check_motion(around)
-        if file.objects:
-            stored = replace(claim.of_poses, y_up=reading.y_up)
-            paths += [noted(check_object(item, stored, around), findings) for item in file.objects]
-        else:
-            others = objects_among_bodies(file, found)
-            paths += [noted(check_object(item, reading.of_poses, around), findings) for item in others]
+        of_objects: list[Finding] = []
+        stored = replace(claim.of_poses, y_up=reading.y_up)
+        items = [(item, stored) for item in file.objects]
+        items = items or [(item, reading.of_poses) for item in objects_among_bodies(file, found)]
+        paths = [noted(check_object(item, read_as, around), of_objects) for item, read_as in items]
+        objects = tuple(path for path in paths if path is not None)
+        findings += [*check_floor(around, objects), *check_ranges(around), *check_continuity(around), *of_objects]
     return CheckedMotion(
         path=file.path,
         robot=model.spec.name,
@@ -91,9 +90,9 @@ def check(file: MotionFile, model: RobotModel) -> CheckedMotion:
         stated_fps=file.fps,
         implied_fps=implied,
         quat_order=claim.quat_order,
-        findings=tuple(findings),
+        findings=with_causes(findings),
         qpos=qpos,
-        objects=tuple(path for path in paths if path is not None),
+        objects=objects,
         missing_joints=tuple(name for name, column in zip(model.joint_names, columns, strict=True) if column < 0),
     )
 

@@ -1,7 +1,7 @@
 """What was found in a file: what it claims, what its numbers say, what to do."""
 
 from collections.abc import Generator, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
 from hoi_retarget.motion.check.change import Change
@@ -44,6 +44,31 @@ def noted(check: Check[T], findings: list[Finding]) -> T:
             findings.append(next(check))
         except StopIteration as end:
             return end.value
+
+
+_CAUSES = (("linear velocities of ", "angular velocities of "), ("jump", "repeated frames"), ("joint speed", "jump"))
+"""Beginnings of subjects: the first follows from the second where the rest is the same and both contradict a claim.
+
+Velocities of links are made of the root's turning, a movement goes on far off after a stop, and a jump is fast.
+"""
+
+
+def with_causes(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return findings that tell from which others they follow."""
+    found = tuple(findings)
+    wrong = {finding.subject for finding in contradictions(found)}
+
+    def cause(finding: Finding) -> str:
+        possible = (
+            cause + finding.subject.removeprefix(effect)
+            for effect, cause in _CAUSES
+            if finding.subject.startswith(effect)
+        )
+        return next((subject for subject in possible if subject in wrong), "")
+
+    return tuple(
+        replace(item, follows=cause(item)) if item.level in {"contradiction", "note"} else item for item in found
+    )
 
 
 def contradictions(findings: Iterable[Finding]) -> tuple[Finding, ...]:

@@ -102,6 +102,8 @@ def check_angular(
             says += "; as near in the body's own axes, so that the frame cannot be told"
             return Finding("unknown", of, claim, says)
         return Finding("ok", of, claim, f"{says}; {errors[way]:.2f} if {way}")
+    times = _times(turn[:, :1], stored[:, :1])
+    root[f"{times:.3g} times as fast as its poses"] = _size((times * turn - stored)[:, :1])
     for found, whose in ((errors, ""), (root, "of the root ")):
         way = min(found, key=found.__getitem__)
         limit = speed if not whose else _size(turn[:, :1])
@@ -148,6 +150,11 @@ def check_linear(
 def _wrong(of: str, claim: str, says: str) -> Finding:
     advice, mend = "Compute them anew from the poses, in world axes.", (Change("compute velocities"),)
     return Finding("contradiction", of, claim, says, advice, "velocities", mend)
+
+
+def _times(change: np.ndarray, stored: np.ndarray) -> float:
+    """Return how many times as fast stored velocities are."""
+    return float(np.sum(change * stored) / max(float(np.sum(change * change)), 1e-12))
 
 
 def _size(vectors: np.ndarray) -> float:

@@ -27,8 +27,8 @@ from hoi_retarget.robots.model import RobotModel
 _GAIN, _SIGN_GAIN, _PART = 0.25, 0.35, 0.75
 _UNDECIDED = 0.1
 _ROUNDS = 3  # Of faults found one after the other.
-_STANDS = 2.0
-"""Penalty that readings of files with joints in an order of their own stay above; right ones reach 1.7."""
+_STANDS = 1.5
+"""Penalty that readings of files with joints in an order of their own stay above; right ones in range reach it."""
 _OUT_OF_RANGE = 0.02
 """Part of the angles out of range from which on the columns are not the robot's."""
 _STILL = 1e-3  # [rad]
