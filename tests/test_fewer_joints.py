@@ -90,9 +90,9 @@ def test_named_joints_that_a_file_lacks_are_held_still_and_named(parts, tmp_path
     assert f"the file lacks {', '.join(absent)}: Joints that the file lacks are held still at 0 rad" in remarks(checked)
     expected = writers.motion().qpos.copy()
     expected[:, 7 + np.array([NAMES.index(name) for name in absent])] = 0.0
-    motion, _, notes = open_motion(path, writers.model())
-    assert np.abs(motion.qpos - expected).max() < 1e-12
-    assert notes == (f"joints that the file lacks are held still at 0 rad: {', '.join(absent)}",)
+    opened = open_motion(path, writers.model())
+    assert np.abs(opened.motion.qpos - expected).max() < 1e-12
+    assert opened.notes == (f"joints that the file lacks are held still at 0 rad: {', '.join(absent)}",)
 
 
 def test_names_that_do_not_fit_the_columns_are_an_error(tmp_path):

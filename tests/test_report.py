@@ -26,6 +26,7 @@ from hoi_retarget.motion.check import ObjectPath
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.report import Report, UnreachedContact
 from hoi_retarget.motion.result_file import save
+from hoi_retarget.numerics import se3
 from hoi_retarget.report.discover import find
 from hoi_retarget.report.histogram import histogram
 from hoi_retarget.report.index import index_columns, to_csv, to_json, to_parquet
@@ -220,6 +221,24 @@ def test_another_programs_file_that_contradicts_itself_is_told_as_such(tmp_path:
     written_csv(tmp_path / "short.csv", carried().qpos[:, :-2])
     (row,) = rows_of(tmp_path)
     assert row.level is None and "27 columns" in row.error
+
+
+def test_another_programs_file_in_the_wrong_order_is_judged_and_fails(tmp_path: Path) -> None:
+    right, wrong = tmp_path / "right", tmp_path / "wrong"
+    qpos = carried().qpos
+    for folder, table in (
+        (right, qpos),
+        (wrong, np.concatenate([qpos[:, :3], se3.quat_from_xyzw(qpos[:, 3:7]), qpos[:, 7:]], axis=1)),
+    ):
+        folder.mkdir()
+        written_csv(folder / "walk.csv", table)
+    (good,), (bad,) = rows_of(right), rows_of(wrong)
+    assert good.level is Level.PASS and good.contradictions == ()
+    assert bad.level is Level.FAIL and bad.contradictions[0].startswith("quaternion order: ")
+    assert bad.reasons[0] == bad.contradictions[0]
+    assert bad.figures == pytest.approx(good.figures, nan_ok=True)
+    assert json.loads(to_json([bad]))["files"][0]["contradictions"] == list(bad.contradictions)
+    assert bad.contradictions[0][:20] in to_csv([bad]).decode()
 
 
 def test_a_lone_motion_has_the_objects_that_its_file_has(tmp_path: Path) -> None:

@@ -80,10 +80,10 @@ def load_motion(path: Path, robot: str, warn: Callable[[str], None] = warn) -> M
     """
     if path.suffix.lower() in (".pt", ".pth") and os.path.isfile(path):  # noqa: PTH113  # raises nothing
         raise ReadError(f"{path}: this is a clip, not a result. Use `{program()} run` on it first.")
-    motion, _, notes = open_motion(path, load_robot(robot))
-    for note in notes:
+    opened = open_motion(path, load_robot(robot))
+    for note in (*opened.contradictions, *opened.notes):
         warn(f"{path.name}: {note}")
-    return motion
+    return opened.motion
 
 
 def clip_or_warning(

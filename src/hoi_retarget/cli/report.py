@@ -94,7 +94,7 @@ def _summarize(rows: Sequence[Row]) -> None:
     for told in (Level.FAIL, None):
         named = [row for row in rows if row.level is told]
         for row in named[:_SHOWN]:
-            why = row.error if row.verdict is None else "; ".join(map(str, row.verdict.reasons))
+            why = row.error if row.verdict is None else "; ".join(row.reasons)
             where = "" if row.file in why else f"{row.file}: "  # Errors name their file.
             say(f"{'unread' if told is None else told}: {where}{why}")
         if len(named) > _SHOWN:

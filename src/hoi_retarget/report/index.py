@@ -20,6 +20,7 @@ _COLUMNS: Mapping[str, tuple[type, Callable[[Row], Any]]] = {
     "lineage": (str, lambda row: row.lineage),
     "level": (str, lambda row: str(row.level) if row.level is not None else ""),
     "reasons": (str, lambda row: "; ".join(map(str, row.verdict.reasons)) if row.verdict else ""),
+    "contradictions": (str, lambda row: "; ".join(row.contradictions)),
     "not_judged": (str, lambda row: "; ".join(row.verdict.not_judged) if row.verdict else ""),
     "notes": (str, lambda row: "; ".join(row.notes)),
     "error": (str, lambda row: row.error),
@@ -100,4 +101,5 @@ def _entry(row: Row) -> dict[str, Any]:
     if row.verdict is None:
         return {"file": row.file, "level": None, "error": row.error}
     figures = {name: value if value is None or math.isfinite(value) else None for name, value in row.figures.items()}
-    return {"file": row.file, **row.verdict.as_json(), "figures": figures}
+    verdict = {**row.verdict.as_json(), "contradictions": list(row.contradictions)}
+    return {"file": row.file, **verdict, "figures": figures}

@@ -28,7 +28,7 @@ def picture_of(path: Path, foreign_robot: RobotModel, *, objects: Path | None = 
         DrawingError: This machine has no way to draw without a screen.
     """
     try:
-        motion, _, _ = open_motion(path, foreign_robot)
+        motion = open_motion(path, foreign_robot).motion
         model = load_robot(motion.robot)
         clip = _clip(motion, objects)
         shown = Shown(path.stem, motion, model, clip, motion.person)

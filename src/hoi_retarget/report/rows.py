@@ -2,12 +2,13 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
 from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.evaluation.thresholds import THRESHOLDS, Level, Verdict, judged_figures, verdict_of_figures
+from hoi_retarget.motion.check import Finding
 from hoi_retarget.report.load_any_motion import OWN_FORMAT, open_motion
 from hoi_retarget.robots.model import RobotModel
 
@@ -36,6 +37,8 @@ class Row:
     """Changes to its recording, as JSON; empty where the file does not say."""
     notes: tuple[str, ...] = ()
     """Assumptions made to read it, a clause each."""
+    contradictions: tuple[str, ...] = ()
+    """What contradicts the file's claims; its figures are those of its numbers as they were found to be."""
     figures: Mapping[str, float | None] = field(default_factory=dict)
     verdict: Verdict | None = None
 
@@ -60,11 +63,16 @@ class Row:
         return self.verdict.level if self.verdict is not None else None
 
     @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why its level is no better, in words."""
+        return (*self.contradictions, *map(str, self.verdict.reasons if self.verdict is not None else ()))
+
+    @property
     def badness(self) -> tuple[float, ...]:
         """A key to sort by, the worst motion last: level, reasons, and how near to thresholds or beyond them it is."""
         if self.verdict is None:
             return ()
-        reasons = sum(reason.level for reason in self.verdict.reasons)
+        reasons = sum(reason.level for reason in self.verdict.reasons) + Level.FAIL * len(self.contradictions)
         return (float(self.verdict.level), float(reasons), max(self._shares(), default=0.0))
 
     def _shares(self) -> list[float]:
@@ -94,28 +102,36 @@ def read_row(name: str, path: Path, robot: RobotModel, lineage: Mapping[str, Any
         lineage: What was done to the recording, where it is known from elsewhere.
     """
     try:
-        motion, kind, notes = open_motion(path, robot)
+        opened = open_motion(path, robot)
     except HoiRetargetError as error:
         return Row(name, path, str(error).replace(str(path), path.name))
-    figures = judged_figures(motion)
+    motion = opened.motion
+    figures = {**judged_figures(motion), **dict.fromkeys(opened.not_judged)}
+    verdict = verdict_of_figures(figures)
     source = motion.report.source
     return Row(
         file=name,
         path=path,
-        format=kind,
+        format=opened.format,
         robot=motion.robot,
         objects=motion.object_names,
         clip=motion.report.clip,
         frames=motion.frames,
         fps=motion.fps,
         root_scale=motion.report.root_scale,
-        object_scale=tuple(motion.object_scale.tolist()) if kind == OWN_FORMAT else (),
+        object_scale=tuple(motion.object_scale.tolist()) if opened.format == OWN_FORMAT else (),
         licence=source.licence,
         lineage=_json(lineage if lineage is not None else asdict(source.augmentation)),
-        notes=notes,
+        notes=opened.notes,
+        contradictions=tuple(map(str, opened.contradictions)),
         figures=figures,
-        verdict=verdict_of_figures(figures),
+        verdict=replace(verdict, level=max(verdict.level, *map(_level, opened.contradictions), Level.PASS)),
     )
+
+
+def _level(contradiction: Finding) -> Level:
+    """Return how bad a contradiction is: velocities can be computed anew, whatever else is wrong is not read right."""
+    return Level.WARN if contradiction.spoils == "velocities" else Level.FAIL
 
 
 def _json(value: Mapping[str, Any] | None) -> str:

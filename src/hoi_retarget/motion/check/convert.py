@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from hoi_retarget.errors import ClipError
 from hoi_retarget.motion.check.check import CheckedMotion, check
-from hoi_retarget.motion.check.finding import Finding
+from hoi_retarget.motion.check.finding import Finding, contradictions
 from hoi_retarget.motion.check.objects import ObjectPath
 from hoi_retarget.motion.formats import MotionFile
 from hoi_retarget.robots.model import RobotModel
@@ -26,8 +26,13 @@ class ConvertedMotion:
     """Joints that the file does not have, at zero."""
     fps_assumed: bool
     """Whether the rate is the format's usual one, because the file states none."""
-    contradictions: tuple[Finding, ...] = ()
-    """What contradicts the file's claims."""
+    findings: tuple[Finding, ...] = ()
+    """What was looked at to read it."""
+
+    @property
+    def contradictions(self) -> tuple[Finding, ...]:
+        """What contradicts the file's claims, without what follows from it."""
+        return tuple(item for item in contradictions(self.findings) if not item.follows)
 
 
 def as_qpos(file: MotionFile, model: RobotModel, *, fps: float | None = None) -> ConvertedMotion:
@@ -66,7 +71,7 @@ def _converted(file: MotionFile, checked: CheckedMotion, fps: float | None) -> C
     if rate is None:
         raise ClipError(f"{file.path}: it states no rate, and its format has no usual one. Give the rate.")
     assumed = file.fps is None and fps is None
-    return ConvertedMotion(rate, checked.qpos, checked.objects, checked.missing_joints, assumed, checked.contradictions)
+    return ConvertedMotion(rate, checked.qpos, checked.objects, checked.missing_joints, assumed, checked.findings)
 
 
 def _contradicted(checked: CheckedMotion, spoilt: Sequence[Finding]) -> ClipError:

@@ -31,6 +31,9 @@ class Finding:
     follows: str = ""
     """Subject of the finding that this one follows from; empty for one of its own."""
 
+    def __str__(self) -> str:
+        return f"{self.subject}: {self.numbers}"
+
 
 T = TypeVar("T")
 Check = Generator[Finding, None, T]
