@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 
 from hoi_retarget.human.stance import stance
 from hoi_retarget.numerics import se3
-from hoi_retarget.retargeting.config import Config
-from hoi_retarget.retargeting.pipeline import retarget
-from hoi_retarget.retargeting.trunk_turns import LARGEST_TURN_DEG, trunk_deviation_deg, trunk_turns
+from hoi_retarget.retargeting.config import Config, Scaling
+from hoi_retarget.retargeting.pipeline import retarget_with_targets
+from hoi_retarget.retargeting.targets import make_targets
+from hoi_retarget.retargeting.trunk_turns import LARGEST_TURN_DEG, trunk_errors_deg, trunk_turns
 from posed_people import POSTURES, posed
 from trajectories import MODELS
 
@@ -20,9 +21,9 @@ LYING_FEET = ("legs stretched", "kneeling", "on the back", "on the front", "on t
 @pytest.mark.parametrize("posture", list(POSTURES))
 def test_the_trunk_follows_in_every_posture(posture, robot):
     clip, model = posed(posture, heading=0.7), MODELS[robot]
-    motion = retarget(clip, model, Config())
+    motion, targets = retarget_with_targets(clip, model, Config(), person=0)
     assert motion.converged
-    assert trunk_deviation_deg(model.forward(motion.qpos), clip.people[0]).max() < 20.0
+    assert trunk_errors_deg(model.forward(motion.qpos), targets).max() < 20.0
     assert motion.report.trunk_turns == ()
 
 
@@ -38,14 +39,14 @@ def test_a_trunk_turned_over_is_an_error_with_its_frames(axis):
     """A robot that follows the person, turned about its own base in some frames."""
     model, clip = MODELS["unitree_g1"], posed("standing")
     qpos = np.tile(model.home_qpos, (clip.frames, 1))
-    person = clip.people[0]
-    before = trunk_deviation_deg(model.forward(qpos), person)
+    targets = make_targets(clip, model, Scaling())
+    before = trunk_errors_deg(model.forward(qpos), targets)
     heading = se3.exp(np.array([0.0, 0.0, np.pi / 2]))  # The posed person looks along -y.
     qpos[:, 3:7] = se3.quat_multiply(se3.quat_conjugate(heading), qpos[:, 3:7])
-    assert before.max() > LARGEST_TURN_DEG and trunk_turns(model.forward(qpos), person) == ()
+    assert before.max() > LARGEST_TURN_DEG and trunk_turns(model.forward(qpos), targets) == ()
     vector = np.zeros(3)
     vector[axis] = np.radians(80.0)
     qpos[10:15, 3:7] = se3.quat_multiply(qpos[10:15, 3:7], se3.exp(vector))
-    (found,) = trunk_turns(model.forward(qpos), person)
+    (found,) = trunk_turns(model.forward(qpos), targets)
     assert (found.first_frame, found.last_frame) == (10, 14)
     assert found.largest_deg == pytest.approx(80.0, abs=10.0)

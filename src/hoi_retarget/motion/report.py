@@ -13,6 +13,7 @@ import msgspec
 from hoi_retarget.clip.clip import Source
 from hoi_retarget.clip.quality_warning import QualityWarning, Severity
 from hoi_retarget.errors import ArgumentError, ReadError
+from hoi_retarget.human.rotation_jumps import RotationJump
 
 UNREACHED_M = 0.02
 """A link further from its target than this [m] does not reach it."""
@@ -107,11 +108,18 @@ class OrientationFlip:
     last_frame: int
     """Included."""
     largest_deg: float
+    reason: str = ""
+    """Why it is there; empty in files of earlier versions."""
+
+    @property
+    def frames(self) -> int:
+        """Number of its frames."""
+        return self.last_frame - self.first_frame + 1
 
     def __str__(self) -> str:
         return (
             f"{self.site} is turned by up to {self.largest_deg:.0f} degrees against the human's, "
-            f"frames {self.first_frame} to {self.last_frame}"
+            f"frames {self.first_frame} to {self.last_frame}{self.reason and f': {self.reason}'}"
         )
 
 
@@ -174,6 +182,8 @@ class Report:
     unreached_contacts: tuple[UnreachedContact, ...] | None = None
     orientation_flips: tuple[OrientationFlip, ...] | None = None
     trunk_turns: tuple[TrunkTurn, ...] = ()
+    rotation_jumps: tuple[RotationJump, ...] = ()
+    """Of the recording, which the robot does not follow."""
     inter_robot_hand_errors: tuple[InterRobotHandError, ...] = ()
     cpu_seconds: Mapping[str, float] = field(default_factory=dict)
     """CPU time by stage [s]."""
@@ -198,14 +208,15 @@ class Report:
 
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:
-        """A trunk that is turned over, unreached contacts, misplaced hands, orientation flips."""
+        """A trunk that is turned over, unreached contacts, misplaced hands, orientation flips, jumps of a recording."""
         turned = tuple(QualityWarning("trunk_turn", Severity.ERROR, f"{item}.") for item in self.trunk_turns)
         unreached = [("unreached_contact", f"not reached: {item}.") for item in self.unreached_contacts or ()]
         misplaced = [
             ("inter_robot_hand_error", f"{item}.") for item in self.inter_robot_hand_errors if item.max_m > UNREACHED_M
         ]
         flipped = [("orientation_flip", f"{item}.") for item in self.orientation_flips or ()]
-        found = (*unreached, *misplaced, *flipped)
+        jumped = [("rotation_jump", f"{item}.") for item in self.rotation_jumps]
+        found = (*unreached, *misplaced, *flipped, *jumped)
         return (*turned, *(QualityWarning(code, Severity.WARNING, text) for code, text in found))
 
 

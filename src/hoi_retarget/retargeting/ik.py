@@ -1,57 +1,128 @@
 """Inverse kinematics over all frames at once: the reference that trajectory optimization refines."""
 
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from operator import attrgetter
+
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.motion.report import Window
-from hoi_retarget.numerics import se3
-from hoi_retarget.numerics.filters import fade, frames_in
+from hoi_retarget.errors import SolveError
+from hoi_retarget.motion.report import OrientationFlip, Status, Window
 from hoi_retarget.retargeting.config import Horizon, IkConfig
+from hoi_retarget.retargeting.ik_starts import Start, in_one_branch, interpolated, seated, standing, straightened
+from hoi_retarget.retargeting.orientation_flips import rotation_errors_deg, short_flips
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import Problem
 from hoi_retarget.retargeting.trajopt.table import ik_terms
 from hoi_retarget.retargeting.trajopt.windows import solve_windows
+from hoi_retarget.retargeting.trunk_turns import trunk_turns
 from hoi_retarget.robots.model import RobotModel
 
-TWISTED = np.radians(60.0)  # Off a target by more, a limb may have gone the wrong way around.
-TWIST_MARGIN_SECONDS = 0.17  # On either side, for such a limb to come back.
+STIFFER = 1000.0
+"""A coarse solve so much smoother keeps a joint on one side where frames on their own would change sides."""
+ROUNDS = 4
+"""In which flips that are left are taken out."""
 
 
 def solve_ik(
     model: RobotModel, targets: Targets, config: IkConfig, horizon: Horizon
 ) -> tuple[Float[np.ndarray, "T nq"], tuple[Window, ...]]:
-    """Return the IK trajectory of a robot for its targets."""
-    coarse = targets.every(config.stride)
-    start, _ = _solve(model, coarse, config, horizon, _standing(model, coarse))
-    found = _solve(model, targets, config, horizon, _interpolate(start, config.stride, targets.frames))
-    straightened = _straighten(model, targets, found[0])
-    if straightened is None:
-        return found
-    # Near half a turn a Gauss-Newton step does not see that turning back would be cheaper.
-    again = _solve(model, targets, config, horizon, straightened)
-    return min(found, again, key=lambda pair: sum(report.cost for report in pair[1]))
+    """Return the IK trajectory of a robot for its targets.
+
+    Where it does not converge, is turned over or flips, other starts are tried; the best one is returned.
+    """
+    search = _Search(model, targets, config, horizon)
+    found = search.solve(search.coarse(standing))
+    straight = straightened(model, found.qpos, found.errors, targets.fps)
+    if straight is not None:
+        # Near half a turn a Gauss-Newton step does not see that turning back would be cheaper.
+        found = min(found, search.solve(straight), key=lambda candidate: candidate.cost)
+    if found.is_faulty:
+        found = search.improved(found)
+    return found.qpos, found.windows
 
 
-def _straighten(model: RobotModel, targets: Targets, qpos: np.ndarray) -> np.ndarray | None:
-    """Return a trajectory whose twisted limbs are interpolated from before and after; None where none is."""
-    kinematics = model.forward(qpos)
-    supports, sites = model.supports[1:].astype(bool), model.sites
-    trunk = supports[:, sites.nodes[sites.index["torso"]]]
-    straight = qpos.copy()
-    for column, row in enumerate(model.spec.ik_rows):
-        wanted = se3.quat_to_matrix(targets.site_quats[:, column])
-        angles = se3.matrix_angle_between(kinematics.site_rotation(row.site), wanted)
-        if row.rotation_weight == 0 or angles.max() < TWISTED:
-            continue
-        near = fade(angles >= TWISTED, frames_in(TWIST_MARGIN_SECONDS, targets.fps)) > 0
-        limb = 7 + np.flatnonzero(supports[:, sites.nodes[sites.index[row.site]]] & ~trunk)
-        if near.all():
-            straight[:, limb] = model.home_qpos[limb]
-        else:
-            frames, kept = np.arange(len(qpos)), np.flatnonzero(~near)
-            for joint in limb:
-                straight[near, joint] = np.interp(frames[near], kept, straight[kept, joint])
-    return None if np.array_equal(straight, qpos) else straight
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    qpos: Float[np.ndarray, "T nq"]
+    windows: tuple[Window, ...]
+    errors: Mapping[str, Float[np.ndarray, "T"]]
+    """How far sites are from their rotations [deg]."""
+    flips: tuple[OrientationFlip, ...]
+    """That no person does."""
+    turned: bool
+    """Whether the trunk is turned over."""
+
+    @property
+    def cost(self) -> float:
+        return sum(window.cost for window in self.windows)
+
+    @property
+    def converged(self) -> bool:
+        return all(window.status is Status.SOLVED for window in self.windows)
+
+    @property
+    def rank(self) -> tuple[bool, int, float]:
+        """A key to sort by: whether it is unfit for use, frames of flips, cost."""
+        return self.turned or not self.converged, sum(flip.frames for flip in self.flips), self.cost
+
+    @property
+    def is_faulty(self) -> bool:
+        return any(self.rank[:2])
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """The IK problem of one clip, solved from one start after the other."""
+
+    model: RobotModel
+    targets: Targets
+    config: IkConfig
+    horizon: Horizon
+
+    def solve(self, start: np.ndarray) -> _Candidate:
+        qpos, windows = _solve(self.model, self.targets, self.config, self.horizon, start)
+        kinematics = self.model.forward(qpos)
+        errors = rotation_errors_deg(kinematics, self.targets)
+        turned = bool(trunk_turns(kinematics, self.targets))
+        return _Candidate(qpos, windows, errors, short_flips(errors, self.targets.fps), turned)
+
+    def coarse(self, start: Start, *, stiffer: float = 1.0) -> np.ndarray:
+        """Return the start that the solution for every n-th frame is, interpolated."""
+        targets, weights = self.targets.every(self.config.stride), self.config.weights
+        config = replace(self.config, weights=replace(weights, smoothness=stiffer * weights.smoothness))
+        qpos, _ = _solve(self.model, targets, config, self.horizon, start(self.model, targets))
+        return interpolated(qpos, self.config.stride, self.targets.frames)
+
+    def improved(self, found: _Candidate) -> _Candidate:
+        """Return the best of a faulty candidate and those from other starts, tried until one has no faults."""
+        rank = attrgetter("rank")
+        best = self._finished(found)
+        for start, stiffer in ((standing, STIFFER), (seated, 1.0), (seated, STIFFER)):
+            if not best.is_faulty:
+                return best
+            with suppress(SolveError):
+                best = min(best, self._finished(self.solve(self.coarse(start, stiffer=stiffer))), key=rank)
+        last = best
+        with suppress(SolveError):
+            for _ in range(ROUNDS):
+                again = in_one_branch(self.model, last.qpos, last.flips)
+                if again is None:
+                    break
+                # What is no better at once may be a step towards it.
+                last = self._finished(self.solve(again))
+                best = min(best, last, key=rank)
+        return best
+
+    def _finished(self, candidate: _Candidate) -> _Candidate:
+        """Return a candidate that did not converge after as many iterations again, and again."""
+        for _ in range(ROUNDS):
+            if candidate.converged:
+                break
+            candidate = self.solve(candidate.qpos)
+        return candidate
 
 
 def _solve(
@@ -61,23 +132,3 @@ def _solve(
         return Problem(model, ik_terms(config.weights, targets.window(first, stop), model), targets.fps, pinned)
 
     return solve_windows(problem_of, start, horizon, config.solver)
-
-
-def _standing(model: RobotModel, targets: Targets) -> Float[np.ndarray, "T nq"]:
-    """Return the home pose in every frame, carried along by the pelvis target."""
-    pelvis = [row.site for row in model.spec.ik].index("pelvis")
-    qpos = np.tile(model.home_qpos, (targets.frames, 1))
-    qpos[:, :3] = targets.site_positions[:, pelvis]
-    qpos[:, 3:7] = targets.site_quats[:, pelvis]
-    return qpos
-
-
-def _interpolate(qpos: np.ndarray, stride: int, frames: int) -> np.ndarray:
-    """Return a trajectory at all frames from its every `stride`-th."""
-    place = np.minimum(np.arange(frames) / stride, len(qpos) - 1)
-    before = np.minimum(place.astype(int), max(len(qpos) - 2, 0))
-    after = np.minimum(before + 1, len(qpos) - 1)
-    fraction = place - before
-    blended = qpos[before] + fraction[:, None] * (qpos[after] - qpos[before])
-    blended[:, 3:7] = se3.slerp(qpos[before, 3:7], qpos[after, 3:7], fraction)
-    return blended

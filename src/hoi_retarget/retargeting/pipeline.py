@@ -17,7 +17,7 @@ from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.report import Report, Window
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.ik import solve_ik
-from hoi_retarget.retargeting.orientation_flips import orientation_flips
+from hoi_retarget.retargeting.orientation_flips import orientation_flips, rotation_errors_deg, with_reasons
 from hoi_retarget.retargeting.targets import Targets, make_targets
 from hoi_retarget.retargeting.trajopt.problem import Problem
 from hoi_retarget.retargeting.trajopt.table import trajectory_terms
@@ -90,15 +90,15 @@ def scored(motion: Motion, targets: Targets, clip: Clip, model: RobotModel, pers
     start = time.process_time()
     kinematics = model.forward(motion.qpos)
     figures = evaluate_kinematics(motion, clip, kinematics, person=person)
-    unreached, flips = unreached_contacts(motion, kinematics), orientation_flips(kinematics, targets)
-    turns = trunk_turns(kinematics, clip.people[person])
+    flips = orientation_flips(rotation_errors_deg(kinematics, targets))
     seconds = {**motion.report.cpu_seconds, "metrics": time.process_time() - start}
     report = replace(
         motion.report,
         figures=figures,
-        unreached_contacts=unreached,
-        orientation_flips=flips,
-        trunk_turns=turns,
+        unreached_contacts=unreached_contacts(motion, kinematics),
+        orientation_flips=with_reasons(flips, kinematics, targets),
+        trunk_turns=trunk_turns(kinematics, targets),
+        rotation_jumps=targets.rotation_jumps,
         cpu_seconds=seconds,
     )
     return replace(motion, report=report)

@@ -13,7 +13,9 @@ from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.human.person import Person
+from hoi_retarget.human.rotation_jumps import RotationJump, without_rotation_jumps
 from hoi_retarget.human.stance import LARGEST_DIFFERENCE, stance
+from hoi_retarget.human.trunk import trunk_rotations
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.numerics.filters import fade, frames_in, nearest_active, smooth, smooth_quats
@@ -39,6 +41,8 @@ class Targets:
     site_positions: Float[np.ndarray, "T K 3"]
     """World positions for the rows of the robot's IK table [m]."""
     site_quats: Float[np.ndarray, "T K 4"]
+    trunk_rotations: Float[np.ndarray, "T 3 3"]
+    """Of the person's trunk, as hips and shoulders lie."""
     foot_positions: Float[np.ndarray, "T 2 3"]
     """World positions of the left and right foot's contact site [m]: on the floor in stance."""
     foot_quats: Float[np.ndarray, "T 2 4"]
@@ -64,6 +68,8 @@ class Targets:
     """1 in contact, fading to 0 around it."""
     contact_rotation_weights: Float[np.ndarray, "T C"]
     """The same for the links' rotations, which need longer."""
+    rotation_jumps: tuple[RotationJump, ...] = ()
+    """Of the recording; the targets do without them."""
 
     @property
     def frames(self) -> int:
@@ -89,7 +95,7 @@ class Targets:
 
 def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int = 0) -> Targets:
     """Return the targets of one robot for one person of a clip."""
-    human = clip.people[person]
+    human, jumps = without_rotation_jumps(clip.people[person], clip.fps)
     root_scale = _root_scale(clip, model, scaling)
     geometry_scale = _geometry_scale(model, scaling, root_scale)
     stands = stance(human, clip.fps)
@@ -106,6 +112,7 @@ def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int
         human_height=human.height,
         site_positions=frozen(goals.positions),
         site_quats=frozen(goals.quats),
+        trunk_rotations=frozen(trunk_rotations(human.position)),
         foot_positions=frozen(foot_positions),
         foot_quats=frozen(foot_quats),
         palm_quats=frozen(_palm_quats(model, goals)),
@@ -119,6 +126,7 @@ def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int
         ),
         contact_links=tuple(model.spec.part_sites.values()),
         stance_flags=frozen(stands, bool),
+        rotation_jumps=jumps,
         **_contact_fields(clip, model, person, geometry_scale),
     )
 
