@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.errors import ArgumentError, ClipError, RobotError
@@ -675,6 +676,11 @@ def test_object_sunk_seven_millimetres():
         assert moved.figures()["object_below_floor_m"] == pytest.approx(expected, abs=1e-12)
 
 
+def hull(points):
+    """Return the solid around points."""
+    return ObjectGeometry(points, faces=ConvexHull(points).simplices)
+
+
 @pytest.mark.parametrize("height", [-0.01, 0.0, 0.007, 0.06])
 def test_a_box_that_floats_while_the_humans_rests(height):
     """Only frames count in which the human's box is still, untouched and near the floor."""
@@ -686,7 +692,7 @@ def test_a_box_that_floats_while_the_humans_rests(height):
     lift[SEGMENT] = 0.5  # Carried by both hands; on the floor again until it is lifted once more.
     lift[36:] = 0.4
     places = np.outer(lift + half[2], [0.0, 0.0, 1.0])
-    box = dataclasses.replace(world.clip.objects[0], positions=places, quats=upright, geometry=ObjectGeometry(corners))
+    box = dataclasses.replace(world.clip.objects[0], positions=places, quats=upright, geometry=hull(corners))
     robot = places + np.array([0.0, 0.0, height])
     robot[SEGMENT] += 5.0
     robot[33:] += 5.0  # Contact frames, and those in the air without one.
@@ -699,7 +705,7 @@ def test_a_box_that_floats_while_the_humans_rests(height):
 def test_the_object_that_floats_most_counts():
     world = make_world(objects=2)
     still = np.tile(se3.IDENTITY_QUAT, (FRAMES, 1))
-    cube = ObjectGeometry(0.1 * np.array(np.meshgrid([-1, 1], [-1, 1], [0, 2])).reshape(3, -1).T)
+    cube = hull(0.1 * np.array(np.meshgrid([-1, 1], [-1, 1], [0, 2])).reshape(3, -1).T)
     at = np.zeros((2, FRAMES, 3))
     at[1, :, 0] = 1.0
     boxes = tuple(

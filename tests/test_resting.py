@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 from hoi_retarget.clip.clip import ContactTrack
 from hoi_retarget.clip.resting import FLOOR_REACH, floor_rests
@@ -19,7 +20,8 @@ def box(name, place, size=(0.2, 0.2, 0.1), velocity=(0.0, 0.0, 0.0)):
     """Return a box of some size that stands at a place, moving evenly."""
     corners = np.array(size) * (np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T - [0.5, 0.5, 0.0])
     positions = np.array(place) + np.arange(FRAMES)[:, None] / CLIP.fps * np.array(velocity)
-    return ObjectTrack(name, positions, np.tile(se3.IDENTITY_QUAT, (FRAMES, 1)), ObjectGeometry(corners))
+    geometry = ObjectGeometry(corners, faces=ConvexHull(corners).simplices)
+    return ObjectTrack(name, positions, np.tile(se3.IDENTITY_QUAT, (FRAMES, 1)), geometry)
 
 
 def rests(*objects, contacts=()):
@@ -29,6 +31,11 @@ def rests(*objects, contacts=()):
 @pytest.mark.parametrize("height", [-0.3, -0.01, 0.0, 0.04, FLOOR_REACH + 0.01, 0.7])
 def test_what_stands_still_near_the_floor_rests_on_it(height):
     assert (rests(box("box", (0, 0, height))) == (height < FLOOR_REACH)).all()
+
+
+def test_what_is_known_by_sample_points_alone_is_not_judged():
+    track = box("box", (0, 0, 0))
+    assert not rests(replace(track, geometry=ObjectGeometry(track.geometry.points))).any()
 
 
 @pytest.mark.parametrize("velocity", [(0.1, 0, 0), (0, 0, 0.1)])

@@ -131,7 +131,7 @@ def _mirrored_object(track: ObjectTrack) -> ObjectTrack:
 
 
 def _mirrored_geometry(geometry: ObjectGeometry) -> ObjectGeometry:
-    if geometry.faces is None and geometry.mesh_path is None:
+    if not geometry.has_surface:
         return ObjectGeometry(geometry.points * _MIRROR)
     surface = surface_of(geometry)
     # Corners the other way round, so that triangles still face outwards.

@@ -46,6 +46,11 @@ class ObjectGeometry:
             if ((self.faces < 0) | (self.faces >= len(self.points))).any():
                 raise ClipError(f"object geometry: faces name points beyond the {len(self.points)} that there are.")
 
+    @property
+    def has_surface(self) -> bool:
+        """Whether the surface is known, not only points of it."""
+        return self.faces is not None or self.mesh_path is not None
+
     def lowest_along(self, directions: Float[np.ndarray, "F 3"]) -> Float[np.ndarray, "F"]:
         """Return the smallest scalar product of each direction, in the object's frame, with any point [m]."""
         step = max(1, _BLOCK // len(self.points))
