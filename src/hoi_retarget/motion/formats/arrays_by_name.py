@@ -52,11 +52,10 @@ class ArraysByName:
         return self.joined(self.numbers(position), self.numbers(rotation))
 
     def joined(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        """Return a free joint of a position and a rotation over time."""
+        """Return a free joint, or its velocity, of what its position and its rotation have over time."""
         if first.ndim != 2 or second.ndim != 2 or len(first) != len(second):
             raise ReadError(
-                f"{self.path}: a position of shape {first.shape} and a rotation of shape {second.shape} are no pose "
-                "over time."
+                f"{self.path}: parts of shapes {first.shape} and {second.shape} are no pose over time, nor a velocity."
             )
         return np.concatenate([first, second], axis=1)
 

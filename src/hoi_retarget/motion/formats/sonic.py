@@ -24,7 +24,7 @@ def read(arrays: ArraysByName) -> dict[str, Any]:
         "joint_pos": arrays.numbers(JOINTS)[:, joints.joints],
         "joint_names": joints.joint_names,
         "joint_vel": _joint_vel(arrays) if joints.joint_names is None else None,
-        "root_vel": np.concatenate(velocities, axis=1) if len(velocities) == len(_VELOCITIES) else None,
+        "root_vel": arrays.joined(*velocities) if len(velocities) == len(_VELOCITIES) else None,
     }
 
 
