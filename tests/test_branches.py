@@ -61,7 +61,7 @@ def swaying(degrees: float) -> Targets:
     return make_targets(rolling(180.0 + degrees * np.sin(phase)), MODEL, Scaling())
 
 
-@pytest.mark.parametrize("degrees", [60.0, 90.0])
+@pytest.mark.parametrize("degrees", [60.0, pytest.param(90.0, marks=pytest.mark.slow)])
 def test_a_hand_that_sways_beyond_the_wrists_range_stays_on_one_side(degrees):
     """Both ends of the range are as near: one start alone changes from the one to the other, through half a turn."""
     targets = swaying(degrees)
