@@ -103,7 +103,7 @@ def shuffled(file: MotionFile, model: RobotModel) -> MotionFile:
 def offset(part: str) -> Callable[[MotionFile, RobotModel], MotionFile | None]:
     def plant(file: MotionFile, model: RobotModel) -> MotionFile | None:
         columns = names(file, model)
-        if columns is None:
+        if columns is None or file.bodies is None:  # Nothing else tells where a joint's angle is zero.
             return None
         moved = 0.6 * np.array([part in name for name in columns])
         return replace(file, joint_pos=file.joint_pos + moved)
