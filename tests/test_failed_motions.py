@@ -9,9 +9,9 @@ from hoi_retarget.cli import main
 from hoi_retarget.errors import SolveError
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.report import Optimality, Status, TrunkTurn, Window
-from hoi_retarget.motion.result_file import load
+from hoi_retarget.motion.result_file import load, set_aside
 from hoi_retarget.report.batches import read_manifests
-from hoi_retarget.retargeting.multi_person import set_aside, with_report, write
+from hoi_retarget.retargeting.multi_person import with_report, write
 from test_curves import carried
 
 UNSOLVED = Window(0, 9, Status.STALLED, 3, 1.0, {}, Optimality(1.0, 1.0, 0.0))

@@ -161,11 +161,16 @@ def exact_kinematics(person: Person, rng) -> RobotPoses:
     return RobotPoses(points, rotations, np.stack(list(points.values()), axis=1))
 
 
+def hull(points):
+    """Return the solid around points."""
+    return ObjectGeometry(points, faces=ConvexHull(points).simplices)
+
+
 def make_world(seed: int = 0, *, objects: int = 1, people: int = 1, first_source_frame: int = 1) -> World:
     rng = np.random.default_rng(seed)
     persons, tracks, contacts = [], [], []
     for number in range(objects):
-        geometry = ObjectGeometry(rng.normal(size=(30, 3), scale=0.2))
+        geometry = hull(rng.normal(size=(30, 3), scale=0.2))
         path, turns = 1.0 + smooth(rng, 3), smooth_quats(rng)
         path[:RESTING], turns[:RESTING] = path[RESTING], turns[RESTING]
         track = ObjectTrack(f"object{number}", path, turns, geometry)
@@ -263,7 +268,7 @@ def transform(world: World, point: Callable, rotation: Callable, points_local: C
         return se3.matrix_to_quat(rotation(se3.quat_to_matrix(values)))
 
     def geometry(old):
-        return ObjectGeometry(points_local(old.points))
+        return ObjectGeometry(points_local(old.points), faces=old.faces)
 
     people = tuple(Person(p.name, point(p.joint_positions), quats(p.joint_quats)) for p in world.clip.people)
     objects = tuple(
@@ -674,11 +679,6 @@ def test_object_sunk_seven_millimetres():
         places[20, 0, 2] = 0.05 - sunk
         moved = edit_motion(world, object_pos=places, object_quat=quats, object_scale=np.array([scale]))
         assert moved.figures()["object_below_floor_m"] == pytest.approx(expected, abs=1e-12)
-
-
-def hull(points):
-    """Return the solid around points."""
-    return ObjectGeometry(points, faces=ConvexHull(points).simplices)
 
 
 @pytest.mark.parametrize("height", [-0.01, 0.0, 0.007, 0.06])

@@ -26,20 +26,20 @@ _ERRORS = (
 )
 
 
-def unpacked(content: bytes, *, stored: bool = False, limit: int = MAXIMUM_SIZE) -> dict[str, bytes]:
+def unpacked(content: bytes, *, stored: bool = False, limit: int | None = None) -> dict[str, bytes]:
     """Return an archive's entries by name, their checksums compared.
 
     Args:
         content: The archive's bytes.
         stored: Whether all entries must be uncompressed; otherwise they may unpack to `limit` bytes.
-        limit: The most bytes that compressed entries may unpack to.
+        limit: The most bytes that compressed entries may unpack to, if other than `MAXIMUM_SIZE`.
 
     Raises:
         ValueError: The archive is damaged, or beyond a limit.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            fault = _fault(archive, len(content), None if stored else limit)
+            fault = _fault(archive, len(content), None if stored else limit or MAXIMUM_SIZE)
             entries = {} if fault else {entry.filename: archive.read(entry) for entry in archive.infolist()}
     except _ERRORS as error:
         raise ValueError(f"damaged or cut off: {error}") from error

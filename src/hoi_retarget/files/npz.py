@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files.archive import MAXIMUM_SIZE, unpacked
+from hoi_retarget.files.archive import unpacked
 from hoi_retarget.files.numpy_pickle import ARRAYS, unpickle
 from hoi_retarget.files.safe_pickle import RefusedError, plain
 
@@ -21,7 +21,7 @@ _NPY = re.compile(
 )
 
 
-def members(content: bytes, limit: int = MAXIMUM_SIZE) -> dict[str, bytes]:
+def members(content: bytes, limit: int | None = None) -> dict[str, bytes]:
     """Return the .npy files of an .npz by array name, their checksums compared; raises `ValueError`."""
     return {name.removesuffix(".npy"): entry for name, entry in unpacked(content, limit=limit).items()}
 

@@ -35,6 +35,8 @@ class Stage:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "qpos", frozen(self.qpos))
+        if self.qpos.ndim != 2:
+            raise ClipError(f"motion: {self.name} qpos has shape {self.qpos.shape}, expected two dimensions.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +93,7 @@ class Motion:
     def _check_shapes(self) -> None:
         if not self.stages:
             raise ClipError("motion: there is no stage in it.")
-        frames, n = len(np.atleast_1d(self.qpos)), len(self.joint_names)
+        frames, n = len(self.qpos), len(self.joint_names)
         objects, links = len(self.object_names), len(self.contact_links)
         expected = {
             "object_pos": (frames, objects, 3),

@@ -25,6 +25,7 @@ from hoi_retarget.robots import load_robot
 
 SCHEMA = 2
 _READABLE = (1, 2)
+_SET_ASIDE = ".failed"
 _KINDS = {"contact_flags": "b", "stance_flags": "b", "contact_object": "i"}
 _NAMES = ("joint_names", "object_names", "contact_links")
 _ENTRIES = {"contact_points": "contact_targets"}  # Entries of the file that are not named as the motion's fields are.
@@ -61,6 +62,16 @@ def encode(motion: Motion) -> bytes:
 def _plain(value: Any) -> Any:
     """Return a value of a report as JSON has it."""
     return value.value if isinstance(value, Enum) else asdict(value)
+
+
+def set_aside(path: Path) -> Path:
+    """Return where the failed motion of a result's path is kept: beside it, with an ending that no result has."""
+    return path.with_name(f"{path.name}{_SET_ASIDE}")
+
+
+def may_be_result(path: Path) -> bool:
+    """Return whether a file has the ending of a result, or of one that was set aside."""
+    return path.name.lower().removesuffix(_SET_ASIDE).endswith(".npz")
 
 
 def load(path: Path | str) -> Motion:

@@ -8,7 +8,7 @@ from hoi_retarget.motion.check import FLOOR, Finding, as_found
 from hoi_retarget.motion.formats import own_result, read
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.report import Source
-from hoi_retarget.motion.result_file import load
+from hoi_retarget.motion.result_file import load, may_be_result
 from hoi_retarget.report.motion_from_qpos import motion_from_qpos
 from hoi_retarget.robots.model import RobotModel
 
@@ -65,7 +65,7 @@ def open_motion(path: Path, robot: RobotModel) -> OpenedMotion:
 
 def _is_result(path: Path) -> bool:
     """Return whether a file is a result; a damaged archive counts as one, because reading it tells what is wrong."""
-    if path.suffix.lower() != ".npz":
+    if not may_be_result(path):
         return False
     try:
         with zipfile.ZipFile(path) as archive:

@@ -11,7 +11,7 @@ from hoi_retarget.errors import ArgumentError, SolveError
 from hoi_retarget.evaluation import inter_robot_hand_errors
 from hoi_retarget.files.atomic import write_together
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.motion.result_file import encode
+from hoi_retarget.motion.result_file import encode, set_aside
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.retargeting.targets import shared_scalings
@@ -83,11 +83,6 @@ def write(motions: Sequence[Motion], paths: Sequence[Path], *, read_seconds: flo
     for path in paths:
         set_aside(path).unlink(missing_ok=True)
     return timed
-
-
-def set_aside(path: Path) -> Path:
-    """Return where the failed motion of a result's path is kept: beside it, with an ending that no result has."""
-    return path.with_name(f"{path.name}.failed")
 
 
 def _timed(motion: Motion, read_seconds: float) -> Motion:
