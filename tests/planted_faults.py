@@ -69,7 +69,11 @@ def names(file: MotionFile, model: RobotModel) -> tuple[str, ...] | None:
     """Return the names of a file's columns, None where it does not have all joints."""
     if file.joint_names is not None:
         return file.joint_names
-    return model.joint_names if file.joint_pos.shape[1] == model.n else None
+    if file.joint_pos.shape[1] != model.n:
+        return None
+    if file.convention.order == "breadth_first":
+        return tuple(model.joint_names[joint] for joint in breadth_first(model)[1])
+    return model.joint_names
 
 
 def exchanged(*parts: str) -> Callable[[MotionFile, RobotModel], MotionFile | None]:

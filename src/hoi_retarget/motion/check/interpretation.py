@@ -162,15 +162,22 @@ def isaac_lab_columns(model: RobotModel) -> tuple[int, ...]:
     return tuple(np.argsort(breadth_first(model)[1]).tolist())
 
 
-def joint_deviations(
+def angle_deviations(
     claim: Interpretation, model: RobotModel, joint_pos: Float[np.ndarray, "T c"]
 ) -> Iterator[Deviation]:
-    """Yield what may be wrong with columns of angles as a whole."""
+    """Yield what may be wrong with the unit of angles."""
     reach = max(float(np.abs(model.lower).max()), float(np.abs(model.upper).max())) + _BEYOND
     if claim.radians == 1.0 and np.quantile(np.abs(joint_pos), 0.95, axis=0).max(initial=0.0) > reach:
         yield Deviation(
             "angle unit", "degrees", "Multiply the angles by pi / 180.", replace(claim, radians=np.pi / 180)
         )
+
+
+def joint_deviations(
+    claim: Interpretation, model: RobotModel, joint_pos: Float[np.ndarray, "T c"]
+) -> Iterator[Deviation]:
+    """Yield what may be wrong with columns of angles as a whole."""
+    yield from angle_deviations(claim, model, joint_pos)
     columns, signs = np.array(claim.columns), np.array(claim.signs)
     if (columns >= 0).all():
         _, breadth = breadth_first(model)

@@ -42,8 +42,12 @@ class Plausibility:
 
     @property
     def penalty(self) -> float:
-        """Return what speaks against the motion in one number, from 0 to 7: each figure counts from 0 to 1."""
-        return sum(abs(getattr(self, name)) / (abs(getattr(self, name)) + half) for name, half in _HALF.items())
+        """Return what speaks against the motion in one number, from 0 to 8.
+
+        Each figure counts from 0 to 1, and the slide once more where the slower foot outruns the pelvis: that of a
+        correct motion does not, and a robot that was turned about a wrong axis may be level otherwise.
+        """
+        return sum(_count(abs(getattr(self, name)) / half) for name, half in _HALF.items()) + _count(self.slide**4)
 
 
 # Figures that count one half: correct motions rarely reach them.
@@ -58,6 +62,11 @@ _HALF = {
 }
 _TRUNK = 0.05
 """An elbow nearer than this to the trunk's middle plane, or beyond it, is inside [of the robot's stature]."""
+
+
+def _count(halves: float) -> float:
+    """Return what a figure counts, from 0 to 1, that is so many times the one that counts one half."""
+    return halves / (1.0 + halves)
 
 
 def sampled(frames: int) -> np.ndarray:
