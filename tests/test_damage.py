@@ -16,7 +16,7 @@ pytest.importorskip("viser", reason="viser is not installed")
 MEMORY_MB = 500
 
 
-@pytest.mark.parametrize("count", [12, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [6, pytest.param(300, marks=pytest.mark.slow)])
 def test_every_verb_ends_in_words(tmp_path, count):
     """`benchmarks/damage.py` does the same for thousands, and measures."""
     codes = set()
