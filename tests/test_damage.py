@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import jaxtyping
 import numpy as np
 import pytest
 
@@ -16,7 +17,16 @@ pytest.importorskip("viser", reason="viser is not installed")
 MEMORY_MB = 500
 
 
+@pytest.fixture
+def without_checks_of_annotations():
+    """Users' programs run without the checks of shapes that tests run with."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
 @pytest.mark.parametrize("count", [6, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.usefixtures("without_checks_of_annotations")
 def test_every_verb_ends_in_words(tmp_path, count):
     """`benchmarks/damage.py` does the same for thousands, and measures."""
     codes = set()

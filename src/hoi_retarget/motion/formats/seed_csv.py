@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from hoi_retarget.errors import ReadError
 from hoi_retarget.motion.formats.arrays_by_name import ArraysByName
 from hoi_retarget.motion.formats.containers import CSV, HEADER, TABLE
 from hoi_retarget.motion.formats.format import Format
-from hoi_retarget.motion.formats.motion_file import Convention
+from hoi_retarget.motion.formats.motion_file import LARGEST, Convention
 from hoi_retarget.motion.formats.named_columns import named_columns
 from hoi_retarget.numerics import se3
 
@@ -25,6 +26,8 @@ def read(arrays: ArraysByName) -> dict[str, Any]:
     table, header = arrays.numbers(TABLE), arrays.names(HEADER)
     columns = named_columns(header)
     root = table[:, [header.index(name) for name in _ROOT]]
+    if (np.abs(root) > LARGEST).any():  # Turns by such numbers overflow.
+        raise ReadError(f"{arrays.path}: the root's columns hold numbers beyond {LARGEST:g}. Make the file again.")
     return {
         "contents": (f"table {table.shape}", f"columns {', '.join(header)}"),
         "root": np.concatenate([root[:, :3] / 100.0, _rotation(np.radians(root[:, 3:]))], axis=1),
