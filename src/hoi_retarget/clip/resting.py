@@ -2,7 +2,8 @@
 
 Nobody says what an object stands on. What rests within a hand's breadth of the floor stands on that, unless another
 object reaches deeper there. In 45 recordings resting furniture and boxes are within 5 mm of the floor, but for two
-desks (22 mm). Of sample points alone the lowest is up to 37 mm above the object's: these are no witnesses.
+desks (22 mm). A hull of sample points may end up to
+37 mm above the object's lowest, which no file tells; sample points without any surface are no witnesses.
 """
 
 import numpy as np
