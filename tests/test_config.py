@@ -89,6 +89,8 @@ def changed(config, place):
     inner = getattr(config, head)
     if rest:
         return replace(config, **{head: changed(inner, rest)})
+    if inner == "surface":
+        return replace(config, **{head: "landmark"})
     other = 0.5 if isinstance(inner, str) else inner * (0.9 if isinstance(inner, float) else 1) + isinstance(inner, int)
     return replace(config, **{head: other})
 
@@ -106,7 +108,8 @@ def test_every_setting_is_an_option_and_a_key(place, tmp_path):
     assert config_of(command) == config
     *tables, key = place.split(".")
     file = tmp_path / "my.toml"
-    file.write_text(f"[{'.'.join(tables)}]\n{key} = {value}\n")
+    header = f"[{'.'.join(tables)}]\n" if tables else ""
+    file.write_text(f"{header}{key} = {value!r}\n")
     assert Config.from_table(__import__("tomllib").loads(file.read_text()), "it") == config
 
 
@@ -117,6 +120,7 @@ def test_every_setting_is_an_option_and_a_key(place, tmp_path):
         ({"weights": {"jrk": 1.0}}, ReadError, ["it: weights: there is no 'jrk'", "joint_position", "jerk"]),
         ({"weights": {"jerk": "much"}}, ReadError, ["it: weights: jerk holds 'much'", "expected a number"]),
         ({"weights": {"jerk": -1.0}}, ArgumentError, ["jerk is -1.0"]),
+        ({"contact": "close"}, ArgumentError, ["contact is 'close'", "surface or landmark"]),
         ({"weights": 3}, ReadError, ["it: weights is 3; expected a table"]),
         ({"ik": {"solver": {"tol": 1}}}, ReadError, ["it: ik.solver: there is no 'tol'", "tolerance"]),
         (

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, get_args
 from tyro.conf import Positional, arg, subcommand
 
 from hoi_retarget.clip.read_options import Grasps, Labels, ReadOptions
-from hoi_retarget.retargeting.config import BandedInteriorPoint, IkConfig, Weights
+from hoi_retarget.retargeting.config import BandedInteriorPoint, ContactKind, IkConfig, Weights
 
 DESCRIPTION = (
     "Human-object interaction recordings to humanoid robot motions that touch the object in the same place "
@@ -55,6 +55,9 @@ class Solving:
     """Human size to robot size, of the body alone: for a robot of another size than the others in its world."""
     horizon: Annotated[str, arg(metavar="HORIZON")] = "auto"
     """How many frames are solved at once: auto, whole, per-frame, or windowed:LENGTH[:OVERLAP]."""
+    contact: ContactKind = "surface"
+    """What a labelled contact asks for: the hand's surface on the object's, and nothing inside anything; or the palm's
+    landmark at the human's (paper Eq. 1)."""
     weights: Weights = Weights()
     """Weights of the cost table (paper Table II); each multiplies the square of a residual, which is in metres,
     radians, or the Frobenius norm of a difference of rotations."""

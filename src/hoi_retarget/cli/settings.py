@@ -36,6 +36,7 @@ def _options(config: Config) -> Iterator[tuple[str, str]]:
     table = config.as_json()
     yield from _leaves("--", table["scaling"])
     yield "--horizon", config.horizon.text
+    yield "--contact", config.contact
     yield from _leaves("--weights.", table["weights"])
     yield from _leaves("--ik.", table["ik"])
     yield from _leaves("--solver.", {name: value for name, value in table["solver"].items() if name != "name"})

@@ -6,11 +6,11 @@ command line's help, which is derived from these classes, is quick.
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from dataclasses import asdict, dataclass, is_dataclass, replace
 from math import isfinite
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args, runtime_checkable
 
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.files.tables import check_keys, decode, read_toml
@@ -231,6 +231,9 @@ class IkConfig:
             raise ArgumentError(f"stride is {self.stride}; it must be at least 1 frame.")
 
 
+ContactKind = Literal["surface", "landmark"]
+
+
 @dataclass(frozen=True)
 class Config:
     """Everything that decides a result beside the clip and the robot."""
@@ -241,13 +244,20 @@ class Config:
     solver: Solver = BandedInteriorPoint()
     """Of the trajectory; any value with a `solve` method."""
     horizon: Horizon = Horizon()
+    contact: ContactKind = "surface"
+    """What a labelled contact asks for: the hand's surface on the object's, and nothing inside anything, or the palm's
+    landmark at the human's (paper Eq. 1)."""
+
+    def __post_init__(self) -> None:
+        if self.contact not in get_args(ContactKind):
+            raise ArgumentError(f"contact is {self.contact!r}; it must be surface or landmark.")
 
     def as_json(self) -> dict[str, Any]:
         """Return plain JSON values, which `from_table` reads again."""
         name = type(self.solver).__name__
         options = asdict(self.solver) if is_dataclass(self.solver) and not isinstance(self.solver, type) else {}
-        plain = {item.name: asdict(getattr(self, item.name)) for item in fields(self) if item.name != "solver"}
-        return {**plain, "solver": {"name": name, **options}}
+        plain = {name: asdict(getattr(self, name)) for name in _TABLES}
+        return {**plain, "contact": self.contact, "solver": {"name": name, **options}}
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], owner: str) -> "Config":
@@ -263,6 +273,8 @@ class Config:
             place = f"{owner}: {name}"
             if name == "horizon" and isinstance(value, str):
                 values[name] = parse_horizon(value)
+            elif name == "contact":
+                values[name] = value
             else:
                 values[name] = (
                     _solver(value, place)

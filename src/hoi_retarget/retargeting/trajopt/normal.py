@@ -79,8 +79,10 @@ def _twist_space(kinematics: Kinematics, parts: list[FrameRows]) -> tuple[np.nda
         place = nodes.index(part.frame.node)
         columns, jacobian = _at_root(part, kinematics)
         weighted = jacobian * part.weight
-        matrices[place, columns, columns] += np.einsum("mat,mbt->abt", weighted, jacobian)
-        forces[place, columns] += np.einsum("mat,mt->at", weighted, part.residual)
+        at = slice(None) if part.frames is None else part.frames
+        matrix, force = matrices[place], forces[place]
+        matrix[columns, columns, at] += np.einsum("mat,mbt->abt", weighted, jacobian)
+        force[columns, at] += np.einsum("mat,mt->at", weighted, part.residual)
     return np.array(nodes), matrices, forces
 
 
@@ -93,6 +95,8 @@ def _at_root(part: FrameRows, kinematics: Kinematics) -> tuple[slice, np.ndarray
         assert part.by_angular is not None, "a row depends on something"
         return slice(3, 6), part.by_angular
     lever = kinematics.point(part.frame) - kinematics.node_position[:, 0]
+    if part.frames is not None:
+        lever = lever[:, part.frames]
     jacobian = np.empty((len(part.residual), 6, lever.shape[1]))
     jacobian[:, :3] = part.by_linear
     (x, y, z), (by_x, by_y, by_z) = lever, part.by_linear.transpose(1, 0, 2)

@@ -7,7 +7,7 @@ weights of the paper's table. Three kinds of rows exist, so that a solver can us
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from hoi_retarget.robots.parts import Frame
 
@@ -17,12 +17,14 @@ class FrameRows:
     """Residuals that depend on the pose of one frame fixed to a node: Jacobians with respect to its world twist."""
 
     frame: Frame
-    residual: Float[np.ndarray, "m T"]
-    by_linear: Float[np.ndarray, "m 3 T"] | None
+    residual: Float[np.ndarray, "m rows"]
+    by_linear: Float[np.ndarray, "m 3 rows"] | None
     """By the linear velocity of its origin in world axes [m]; None where the residual does not depend on it."""
-    by_angular: Float[np.ndarray, "m 3 T"] | None
+    by_angular: Float[np.ndarray, "m 3 rows"] | None
     """By its angular velocity in world axes [rad]; None likewise."""
-    weight: float | Float[np.ndarray, "T"]
+    weight: float | Float[np.ndarray, "rows"]
+    frames: Int[np.ndarray, "rows"] | None = None
+    """Frames of the trajectory, each at most once, that the rows belong to; None for all of them."""
 
 
 @dataclass(frozen=True, eq=False)
