@@ -120,7 +120,7 @@ def test_every_setting_is_an_option_and_a_key(place, tmp_path):
         ({"weights": {"jrk": 1.0}}, ReadError, ["it: weights: there is no 'jrk'", "joint_position", "jerk"]),
         ({"weights": {"jerk": "much"}}, ReadError, ["it: weights: jerk holds 'much'", "expected a number"]),
         ({"weights": {"jerk": -1.0}}, ArgumentError, ["jerk is -1.0"]),
-        ({"contact": "close"}, ArgumentError, ["contact is 'close'", "surface or landmark"]),
+        ({"contact": "close"}, ReadError, ["it: contact is 'close'", "surface or landmark"]),
         ({"weights": 3}, ReadError, ["it: weights is 3; expected a table"]),
         ({"ik": {"solver": {"tol": 1}}}, ReadError, ["it: ik.solver: there is no 'tol'", "tolerance"]),
         (

@@ -248,10 +248,6 @@ class Config:
     """What a labelled contact asks for: the hand's surface on the object's, and nothing inside anything, or the palm's
     landmark at the human's (paper Eq. 1)."""
 
-    def __post_init__(self) -> None:
-        if self.contact not in get_args(ContactKind):
-            raise ArgumentError(f"contact is {self.contact!r}; it must be surface or landmark.")
-
     def as_json(self) -> dict[str, Any]:
         """Return plain JSON values, which `from_table` reads again."""
         name = type(self.solver).__name__
@@ -274,6 +270,8 @@ class Config:
             if name == "horizon" and isinstance(value, str):
                 values[name] = parse_horizon(value)
             elif name == "contact":
+                if value not in get_args(ContactKind):
+                    raise ReadError(f"{place} is {value!r}; expected {' or '.join(get_args(ContactKind))}.")
                 values[name] = value
             else:
                 values[name] = (
