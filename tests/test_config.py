@@ -91,7 +91,11 @@ def changed(config, place):
         return replace(config, **{head: changed(inner, rest)})
     if inner == "surface":
         return replace(config, **{head: "landmark"})
-    other = 0.5 if isinstance(inner, str) else inner * (0.9 if isinstance(inner, float) else 1) + isinstance(inner, int)
+    other = (
+        0.5
+        if isinstance(inner, str) or inner == 0
+        else inner * (0.9 if isinstance(inner, float) else 1) + isinstance(inner, int)
+    )
     return replace(config, **{head: other})
 
 

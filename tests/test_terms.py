@@ -32,12 +32,12 @@ def dense_jacobian(part: Rows, kinematics: Kinematics) -> np.ndarray:
     dense = np.zeros((count, rows, frames, nv))
     if isinstance(part, FrameRows):
         site = kinematics.jacobian(part.frame)
-        for t in range(frames):
+        for i, t in enumerate(range(frames) if part.frames is None else part.frames):
             if part.by_linear is not None:
-                dense[:, t, t] += part.by_linear[:, :, t] @ site[t, :3]
+                dense[:, i, t] += part.by_linear[:, :, i] @ site[t, :3]
             if part.by_angular is not None:
-                dense[:, t, t] += part.by_angular[:, :, t] @ site[t, 3:]
-        dense *= np.sqrt(np.broadcast_to(part.weight, frames))[None, :, None, None]
+                dense[:, i, t] += part.by_angular[:, :, i] @ site[t, 3:]
+        dense *= np.sqrt(np.broadcast_to(part.weight, rows))[None, :, None, None]
         return dense.reshape(count * rows, frames * nv)
     for i in range(rows):
         if isinstance(part, StencilRows):

@@ -2,6 +2,7 @@
 
 import importlib
 import pkgutil
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -17,6 +18,7 @@ from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.synthetic import make
 
 MODELS: dict[str, RobotModel] = {name: load_robot(name) for name in ROBOTS}
+START = np.array([0.0, 0.0, 0.7])  # [m]
 DEEP = np.array([0.0, 0.0, -3.0])  # [m] All of a robot is then under the floor.
 
 
@@ -26,7 +28,7 @@ def random_qpos(model: RobotModel, frames: int, rng: np.random.Generator, *, wan
     spread = 0.4 * (model.upper - model.lower)
     theta = middle + spread * np.tanh(np.cumsum(wander * rng.normal(size=(frames, model.n)), axis=0) + rng.normal())
     turn = se3.exp(rng.normal(size=3) + np.cumsum(wander * rng.normal(size=(frames, 3)), axis=0))
-    place = np.array([0.0, 0.0, 0.7]) + np.cumsum(wander * rng.normal(size=(frames, 3)), axis=0)
+    place = START + np.cumsum(wander * rng.normal(size=(frames, 3)), axis=0)
     return np.concatenate([place, turn, theta], axis=1)
 
 
@@ -51,17 +53,24 @@ def _is_term(kind: object, module: str) -> bool:
 
 
 def all_terms(model: RobotModel, frames: int, rng: np.random.Generator) -> tuple[Term, ...]:
-    """Return the terms of both cost tables while a standing person grasps a box, by a random reference."""
+    """Return the terms of both cost tables while a standing person grasps a box, by a random reference.
+
+    The box is where sunk robots are, so that it is in their way.
+    """
     window = _grasp(model, frames)
     reference = model.forward(random_qpos(model, frames, rng))
-    return (*trajectory_terms(Weights(), window, reference), *ik_terms(IkWeights(), window, model))
+    return (
+        *trajectory_terms(Weights(capsule_clearance=300.0), window, reference),
+        *ik_terms(IkWeights(), window, model),
+    )
 
 
 @cache
 def _grasp(model: RobotModel, frames: int) -> Targets:
     targets = make_targets(make("carry_box"), model, Scaling())
     first = int(np.argmax(targets.contact_flags[:, 0])) - frames // 2
-    return targets.window(first, first + frames)
+    window = targets.window(first, first + frames)
+    return replace(window, object_pos=np.tile(START + DEEP, (frames, 1, 1)))
 
 
 def terms_by_class(model: RobotModel, frames: int, rng: np.random.Generator) -> dict[str, list[Term]]:

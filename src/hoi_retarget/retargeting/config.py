@@ -89,6 +89,8 @@ class Weights:
     """
     floor_clearance: float = 2000.0
     """Sole corners under the floor [1/m^2]; not in the paper."""
+    capsule_clearance: float = 0.0
+    """Objects' surfaces in capsules around the robot's links [1/m^2] (paper App. B); at 0 nothing is computed."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

@@ -19,7 +19,7 @@ from hoi_retarget.human.trunk import trunk_rotations
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.numerics.filters import fade, frames_in, nearest_active, smooth, smooth_quats
-from hoi_retarget.objects.track import ObjectTrack
+from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.retargeting.config import Scaling
 from hoi_retarget.retargeting.foot_planting import Foot, plant, resting_height, resting_tilt
 from hoi_retarget.robots.model import RobotModel
@@ -49,6 +49,8 @@ class Targets:
     palm_quats: Float[np.ndarray, "T 2 4"]
     """World rotations of the left and right palm, as the human's hands turn."""
     object_names: tuple[str, ...]
+    object_geometry: tuple[ObjectGeometry, ...]
+    """At captured size."""
     object_scale: Float[np.ndarray, "O"]
     object_pos: Float[np.ndarray, "T O 3"]
     object_quat: Float[np.ndarray, "T O 4"]
@@ -117,6 +119,7 @@ def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int
         foot_quats=frozen(foot_quats),
         palm_quats=frozen(_palm_quats(model, goals)),
         object_names=tuple(track.name for track in clip.objects),
+        object_geometry=tuple(track.geometry for track in clip.objects),
         object_scale=frozen(np.full(len(clip.objects), geometry_scale)),
         object_pos=frozen(np.stack(tracks, axis=1) if tracks else np.zeros((clip.frames, 0, 3))),
         object_quat=frozen(

@@ -55,6 +55,18 @@ class SitePose:
 
 
 @dataclass(frozen=True)
+class Capsule:
+    """All places within a radius of a segment that is fixed to a body: a coarse shape of one link."""
+
+    body: str
+    start: tuple[float, float, float]
+    """Ends of the segment in the body's frame [m]."""
+    end: tuple[float, float, float]
+    radius: float
+    """[m]"""
+
+
+@dataclass(frozen=True)
 class RobotSpec:
     """One robot: a module of data beside its MJCF."""
 
@@ -92,6 +104,8 @@ class RobotSpec:
     """Sites that the MJCF lacks, by role."""
     meshes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Body name to the vendor's mesh file names, for pictures where a user has those files."""
+    capsules: tuple[Capsule, ...] = ()
+    """Coarse shapes of the links, for the weight `capsule_clearance`."""
 
     @property
     def ik_rows(self) -> tuple[IkRow, ...]:

@@ -1,8 +1,9 @@
 """Facts that the Unitree robots share: the names of their links, and how their limbs follow a human's."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
-from hoi_retarget.robots.spec import SIDES, IkRow
+from hoi_retarget.robots.spec import SIDES, Capsule, IkRow
 
 Quat = tuple[float, float, float, float]
 
@@ -58,6 +59,20 @@ def limb_meshes(suffix: str, hand: str) -> dict[str, tuple[str, ...]]:
     files = {f"{side}_{link}_link": (f"{side}_{link}_link{suffix}",) for side in SIDES for link in LIMB_MESHES}
     hands = {f"{side}_wrist_yaw_link": (f"{side}_wrist_yaw_link{suffix}", f"{side}_{hand}{suffix}") for side in SIDES}
     return {**files, **hands}
+
+
+def mirrored_capsules(left: Iterable[Capsule]) -> tuple[Capsule, ...]:
+    """Return the capsules of the left limbs and those of the right ones, whose bodies' frames are mirrored at y = 0."""
+    return tuple(
+        replace(
+            capsule,
+            body=capsule.body.replace("left_", f"{side}_"),
+            start=(capsule.start[0], sign * capsule.start[1], capsule.start[2]),
+            end=(capsule.end[0], sign * capsule.end[1], capsule.end[2]),
+        )
+        for side, sign in _SIGNS
+        for capsule in left
+    )
 
 
 _SIGNS = (("left", 1.0), ("right", -1.0))

@@ -14,6 +14,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.config import IkWeights, Weights
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import Term
+from hoi_retarget.retargeting.trajopt.terms.capsule_clearance import capsule_terms
 from hoi_retarget.retargeting.trajopt.terms.differences import PAPER_RATE, Differences, jerk_terms
 from hoi_retarget.retargeting.trajopt.terms.floor_clearance import floor_terms
 from hoi_retarget.retargeting.trajopt.terms.object_contact import contact_terms
@@ -32,6 +33,7 @@ COSTS: tuple[Callable[[Weights, Targets, Kinematics], Iterable[Term]], ...] = (
     stance_terms,
     jerk_terms,
     floor_terms,
+    capsule_terms,
 )
 
 
