@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import ConvexHull, QhullError
 
 from hoi_retarget.errors import GeometryError, MeshError
@@ -90,7 +90,38 @@ class Surface:
         alike. A hull is wound alike always.
         """
         distances = self.distances(points)
-        return np.where(np.abs(self._winding_numbers(points, distances)) > _HALF_A_TURN, -distances, distances)
+        return np.where(self.encloses(points, distances), -distances, distances)
+
+    def encloses(self, points: Float[np.ndarray, "K 3"], distances: Float[np.ndarray, "K"]) -> Bool[np.ndarray, "K"]:
+        """Return which points are inside, as `signed_distances` tells it, given how far each is from the surface."""
+        return np.abs(self._winding_numbers(points, distances)) > _HALF_A_TURN
+
+    @functools.cached_property
+    def closed(self) -> bool:
+        """Whether the triangles, as they are wound, have no border: then sides change at the surface only."""
+        _, corner = np.unique(self.vertices, axis=0, return_inverse=True)
+        faces = corner.reshape(-1)[self._wound_faces]
+        starts, ends = np.concatenate([faces[:, edge] for edge in _EDGES]).T
+        _, edges = np.unique(
+            np.minimum(starts, ends) * len(self.vertices) + np.maximum(starts, ends), return_inverse=True
+        )
+        return not np.bincount(edges.reshape(-1), weights=np.sign(ends - starts)).any()
+
+    def random_points(self, count: int, seed: int = 0) -> tuple[Float[np.ndarray, "K 3"], Float[np.ndarray, "K 3"]]:
+        """Return points spread evenly over the surface [m], and the unit normals of their triangles as these are wound.
+
+        There are none where no triangle has an area.
+        """
+        a, b, c = np.moveaxis(self.vertices[self._wound_faces], 1, 0)
+        normals = np.cross(b - a, c - a)
+        areas = np.linalg.norm(normals, axis=1)
+        if areas.sum() == 0:
+            return np.zeros((0, 3)), np.zeros((0, 3))
+        rng = np.random.default_rng(seed)
+        chosen = rng.choice(len(areas), count, p=areas / areas.sum())
+        weights = rng.dirichlet(np.ones(3), size=count)
+        points = np.einsum("kc,kci->ki", weights, self.vertices[self._wound_faces[chosen]])
+        return points, normals[chosen] / areas[chosen, None]
 
     def _winding_numbers(self, points: np.ndarray, distances: np.ndarray) -> Float[np.ndarray, "K"]:
         import igl  # noqa: PLC0415  # as in `_tree`
