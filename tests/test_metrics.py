@@ -88,7 +88,9 @@ def two_joints() -> RobotModel:
         )
         sites = {name: SitePose("base", (0.0, 0.0, 0.0)) for name in SITES}
         speeds = {"a": 5.0, "b": 7.0}
-        spec = dataclasses.replace(ROBOTS["unitree_g1"], mjcf=mjcf, sites=sites, speed_limits=speeds, home={})
+        spec = dataclasses.replace(
+            ROBOTS["unitree_g1"], mjcf=mjcf, sites=sites, speed_limits=speeds, home={}, skin=None
+        )
         return load_model(spec)
 
 

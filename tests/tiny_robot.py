@@ -42,7 +42,8 @@ def tiny_robot(folder: Path) -> RobotModel:
     assert set(sites) == set(SITES)
     g1 = ROBOTS["unitree_g1"]
     speeds, home = dict.fromkeys(joints, 20.0), {f"{side}_leg_bend": 0.2 for side in SIDES}
-    return load_model(replace(g1, name="tiny", mjcf=mjcf, sites=sites, speed_limits=speeds, home=home, meshes={}))
+    bare = replace(g1, name="tiny", mjcf=mjcf, sites=sites, meshes={}, skin=None)
+    return load_model(replace(bare, speed_limits=speeds, home=home))
 
 
 def _limb(name: str, place: tuple[float, float, float], length: float) -> str:

@@ -77,8 +77,10 @@ def digest_of_file(path: Path) -> str:
 
 def _digest_of_robot(name: str) -> str:
     spec = robot(name)
+    files = [path for path in (spec.mjcf, spec.skin) if path is not None]
     # The content of the package matters, not the folder that it is installed in.
-    return _sha256(spec.mjcf.read_bytes() + repr(replace(spec, mjcf=Path(spec.mjcf.name))).encode())
+    named = replace(spec, mjcf=Path(spec.mjcf.name), skin=spec.skin and Path(spec.skin.name))
+    return _sha256(b"".join(path.read_bytes() for path in files) + repr(named).encode())
 
 
 def _sha256(content: bytes) -> str:

@@ -106,6 +106,8 @@ class RobotSpec:
     """Body name to the vendor's mesh file names, for pictures where a user has those files."""
     capsules: tuple[Capsule, ...] = ()
     """Coarse shapes of the links, for the weight `capsule_clearance`."""
+    skin: Path | None = None
+    """File of the links' skins, made from the vendor's meshes; without one, the colliding geometries are the skin."""
 
     @property
     def ik_rows(self) -> tuple[IkRow, ...]:

@@ -33,6 +33,7 @@ SPEC = RobotSpec(
     name="unitree_g1",
     title="Unitree G1, 29 joints",
     mjcf=Path(__file__).with_name("unitree_g1.xml"),
+    skin=Path(__file__).with_name("unitree_g1_skin.npz"),
     provenance=(
         "Joint frames, axes, ranges, masses and inertias: g1_29dof_rev_1_0.xml; speed limits and efforts: "
         "g1_29dof_rev_1_0.urdf; both of unitreerobotics/unitree_ros, BSD-3-Clause. "

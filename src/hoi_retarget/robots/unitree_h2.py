@@ -38,6 +38,7 @@ SPEC = RobotSpec(
     name="unitree_h2",
     title="Unitree H2, 31 joints",
     mjcf=Path(__file__).with_name("unitree_h2.xml"),
+    skin=Path(__file__).with_name("unitree_h2_skin.npz"),
     provenance=(
         "Joint frames, axes, ranges, speed limits, efforts, masses and inertias: H2.urdf of "
         "unitreerobotics/unitree_ros, BSD-3-Clause. Palm frames and toe frames: public retargeting "

@@ -1,0 +1,135 @@
+"""Skins of a robot's colliding geometries, for robots of which no meshes are at hand."""
+
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.distance_grid import DistanceGrid
+from hoi_retarget.robots.mjcf import compile_mjcf
+from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.robots.outer_skin import (
+    Fineness,
+    OuterSkin,
+    farthest_points,
+    fineness_of,
+    grid_around,
+    grid_nodes,
+    outer_skin,
+)
+
+Distances = Callable[[np.ndarray], np.ndarray]
+_PROJECTIONS = 4
+_SLOPE = 1e-5  # [m]
+
+
+def collision_skins(model: RobotModel) -> dict[str, OuterSkin]:
+    """Return the skin of every link that has a colliding geometry."""
+    compiled = compile_mjcf(model.spec.mjcf, model.spec.sites)
+    shapes: dict[str, list[tuple[Distances, np.ndarray]]] = {}
+    for geom in np.flatnonzero((compiled.geom_contype != 0) | (compiled.geom_conaffinity != 0)):
+        body = compiled.body(int(compiled.geom_bodyid[geom])).name
+        if body in model.body_frames.index and (shape := _shape(compiled, int(geom), fineness_of(model, body))):
+            shapes.setdefault(body, []).append(shape)
+    return {body: _skin(own, fineness_of(model, body)) for body, own in shapes.items()}
+
+
+def _skin(shapes: list[tuple[Distances, np.ndarray]], fineness: Fineness) -> OuterSkin:
+    """Return the skin of solids that overlap, each with its distances and the corners of its box."""
+
+    def distances(points: np.ndarray) -> np.ndarray:
+        return np.min([of(points) for of, _ in shapes], axis=0)
+
+    corners = np.concatenate([box for _, box in shapes])
+    near = 0.4 * fineness.spacing
+    origin, shape = grid_around(corners, near, 2 * near)
+    points = grid_nodes(origin, near, shape)
+    points = points[np.abs(distances(points)) <= near]
+    for _ in range(_PROJECTIONS):
+        points = points - distances(points)[:, None] * _gradients(distances, points)
+    points = points[np.abs(distances(points)) < 1e-2 * near]
+    points = points[farthest_points(points, fineness.spacing)]
+    origin, shape = grid_around(corners, fineness.grid, 2 * fineness.grid)
+    values = distances(grid_nodes(origin, fineness.grid, shape)).reshape(shape).astype(np.float32)
+    return OuterSkin(points, _gradients(distances, points), DistanceGrid(origin, fineness.grid, values))
+
+
+def _gradients(distances: Distances, points: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K 3"]:
+    rises = [distances(points + _SLOPE * axis) - distances(points - _SLOPE * axis) for axis in np.eye(3)]
+    gradients = np.transpose(rises)
+    return gradients / np.maximum(np.linalg.norm(gradients, axis=1, keepdims=True), 1e-12)
+
+
+def _shape(compiled: mujoco.MjModel, geom: int, fineness: Fineness) -> tuple[Distances, np.ndarray] | None:
+    """Return a geometry's distances in its body's frame and the corners of its box; None for what has no inside."""
+    kind, size = mujoco.mjtGeom(compiled.geom_type[geom]), compiled.geom_size[geom]
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        mesh = compiled.mesh(int(compiled.geom_dataid[geom]))
+        first, count = int(mesh.vertadr[0]), int(mesh.vertnum[0])
+        face, faces = int(mesh.faceadr[0]), int(mesh.facenum[0])
+        vertices = compiled.mesh_vert[first : first + count].astype(float)
+        triangles = compiled.mesh_face[face : face + faces].astype(np.int64)
+        own: Distances = outer_skin(vertices, triangles, fineness).solid.distances
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+    elif kind in _PRIMITIVES:
+        own = _PRIMITIVES[kind](size)
+        reach = {
+            mujoco.mjtGeom.mjGEOM_SPHERE: size[[0, 0, 0]],
+            mujoco.mjtGeom.mjGEOM_CAPSULE: np.array([size[0], size[0], size[0] + size[1]]),
+            mujoco.mjtGeom.mjGEOM_CYLINDER: size[[0, 0, 1]],
+        }.get(kind, size)
+        low, high = -reach, reach
+    else:
+        return None
+    turn, place = se3.quat_to_matrix(compiled.geom_quat[geom]), compiled.geom_pos[geom].copy()
+    box = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
+    return (lambda points: own((points - place) @ turn)), box @ turn.T + place
+
+
+def _box(size: np.ndarray) -> Distances:
+    def distances(points: np.ndarray) -> np.ndarray:
+        beyond = np.abs(points) - size
+        return np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
+
+    return distances
+
+
+def _cylinder(size: np.ndarray) -> Distances:
+    def distances(points: np.ndarray) -> np.ndarray:
+        beyond = np.stack([np.hypot(points[:, 0], points[:, 1]) - size[0], np.abs(points[:, 2]) - size[1]], axis=1)
+        return np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
+
+    return distances
+
+
+def _capsule(size: np.ndarray) -> Distances:
+    def distances(points: np.ndarray) -> np.ndarray:
+        along = np.clip(points[:, 2], -size[1], size[1])
+        return np.linalg.norm(points - along[:, None] * [0.0, 0.0, 1.0], axis=1) - size[0]
+
+    return distances
+
+
+def _sphere(size: np.ndarray) -> Distances:
+    return lambda points: np.linalg.norm(points, axis=1) - size[0]
+
+
+def _ellipsoid(size: np.ndarray) -> Distances:
+    def distances(points: np.ndarray) -> np.ndarray:
+        # To first order in the distance, which is enough near the surface.
+        level = np.linalg.norm(points / size, axis=1)
+        slope = np.linalg.norm(points / size**2, axis=1)
+        return np.where(slope > 0.0, level * (level - 1.0) / np.maximum(slope, 1e-12), -size.min())
+
+    return distances
+
+
+_PRIMITIVES: dict[mujoco.mjtGeom, Callable[[np.ndarray], Distances]] = {
+    mujoco.mjtGeom.mjGEOM_SPHERE: _sphere,
+    mujoco.mjtGeom.mjGEOM_CAPSULE: _capsule,
+    mujoco.mjtGeom.mjGEOM_CYLINDER: _cylinder,
+    mujoco.mjtGeom.mjGEOM_BOX: _box,
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID: _ellipsoid,
+}

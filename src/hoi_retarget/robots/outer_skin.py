@@ -1,0 +1,187 @@
+"""The outer skin of a link's triangles and the solid that it encloses, internals left out.
+
+A maker's mesh of a link holds motors, ribs and screws, is often not closed and seldom wound alike. So inside and
+outside are told by a small ball: the outside is all that a ball can fill that comes in from far away, and the skin
+all that it can touch. Hollows that it cannot enter belong to the solid.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy import ndimage
+from scipy.spatial import KDTree
+
+from hoi_retarget.numerics.distance_grid import DistanceGrid
+from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.robots.spec import SIDES
+
+_NEIGHBOURS = 32
+"""Balls that are tried for one point: the best one is among the nearest."""
+_TOUCH = 0.4
+"""A ball touches what is nearer to it than this share of the nodes' distance, which its centre may be off by."""
+_BLOCK = 200_000
+"""Points asked for at once, which bounds memory."""
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """How finely one link is looked at, all in [m]."""
+
+    nodes: float
+    """Distance of the balls' centres."""
+    ball: float
+    """Radius of the ball: hollows less than twice as wide count as solid."""
+    spacing: float
+    """No place on the skin is further than this from a point."""
+    grid: float
+    """Step of the solid's distance grid."""
+
+
+_HAND = Fineness(nodes=0.001, ball=0.00125, spacing=0.0035, grid=0.0025)  # 5 mm apart on a square lattice
+_FOOT = Fineness(nodes=0.002, ball=0.003, spacing=0.0055, grid=0.005)  # 8 mm apart
+_LINK = Fineness(nodes=0.002, ball=0.003, spacing=0.0085, grid=0.006)  # 12 mm apart
+
+
+def fineness_of(model: RobotModel, link: str) -> Fineness:
+    """Return how finely a link is looked at: hands and forearms, which touch, finest, then feet."""
+    node = model.body_frames.frames[link].node
+    bodies = dict(zip(model.site_names, model.site_bodies, strict=True))
+    elbows = [model.sites.frames[f"{side}_elbow"].node for side in SIDES]
+    if any(model.supports[elbow, node] for elbow in elbows):
+        return _HAND
+    return _FOOT if link in {bodies[f"{side}_foot"] for side in SIDES} else _LINK
+
+
+@dataclass(frozen=True, eq=False)
+class OuterSkin:
+    """Points on a link's outer skin and its solid, in the frame of the triangles."""
+
+    points: Float[np.ndarray, "P 3"]
+    """In farthest-point order: the first n are a coarser skin [m]."""
+    normals: Float[np.ndarray, "P 3"]
+    """Outward, of unit length."""
+    solid: DistanceGrid
+
+
+@dataclass(frozen=True, eq=False)
+class _Outside:
+    """The balls next to the skin that can come in from far away, and the nodes that are outside."""
+
+    centres: Float[np.ndarray, "N 3"]
+    radii: Float[np.ndarray, "N"]
+    nodes: DistanceGrid
+    """1 at nodes that balls can come to, else 0."""
+
+    def free(self, points: Float[np.ndarray, "K 3"]) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
+        """Return how deep points lie in the balls [m], negative where in none, and the centre of the best ball."""
+        ways, indices = KDTree(self.centres).query(points, k=min(_NEIGHBOURS, len(self.centres)))
+        nearest = np.asarray(indices)
+        depths = self.radii[nearest] - ways
+        best = depths.argmax(axis=1)
+        rows = np.arange(len(points))
+        return depths[rows, best], self.centres[nearest[rows, best]]
+
+
+def outer_skin(
+    vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"], fineness: Fineness, *, seed: int = 0
+) -> OuterSkin:
+    """Return the outer skin of triangles, which need not be closed, manifold or wound alike."""
+    outside = _outside(vertices, faces, fineness)
+    candidates, normals = _samples(vertices, faces, 0.2 * fineness.spacing, seed)
+    depth, centre = outside.free(candidates)
+    touched = depth > -_TOUCH * fineness.nodes
+    candidates, normals, centre = candidates[touched], normals[touched], centre[touched]
+    inward = np.einsum("ki,ki->k", centre - candidates, normals) < 0.0
+    normals = np.where(inward[:, None], -normals, normals)
+    chosen = farthest_points(candidates, fineness.spacing)
+    solid = _solid(vertices, faces, outside, candidates, fineness)
+    return OuterSkin(candidates[chosen], normals[chosen], solid)
+
+
+def farthest_points(points: Float[np.ndarray, "K 3"], spacing: float) -> Int[np.ndarray, "P"]:
+    """Return indices of points, each the farthest from those before, until all are within `spacing` [m] of one."""
+    left = points.astype(np.float32)
+    chosen = [int(((left - left.mean(axis=0)) ** 2).sum(axis=1).argmax())]
+    nearest = np.full(len(left), np.inf, dtype=np.float32)
+    while True:
+        away = left - left[chosen[-1]]
+        np.minimum(nearest, np.einsum("ki,ki->k", away, away), out=nearest)
+        farthest = int(nearest.argmax())
+        if nearest[farthest] <= spacing**2:
+            return np.array(chosen)
+        chosen.append(farthest)
+
+
+def _outside(vertices: np.ndarray, faces: np.ndarray, fineness: Fineness) -> _Outside:
+    origin, shape = grid_around(vertices, fineness.nodes, fineness.ball + 4 * fineness.nodes)
+    nodes = grid_nodes(origin, fineness.nodes, shape)
+    room = mesh_distances(nodes, vertices, faces)
+    fits = (room > fineness.ball).reshape(shape)
+    parts = np.zeros(shape, dtype=np.int32)
+    ndimage.label(fits, output=parts)
+    reached = parts == parts[0, 0, 0]
+    layer = reached.reshape(-1) & (room <= fineness.ball + 2.0 * fineness.nodes)
+    return _Outside(nodes[layer], room[layer], DistanceGrid(origin, fineness.nodes, reached.astype(np.float32)))
+
+
+def _solid(
+    vertices: np.ndarray, faces: np.ndarray, outside: _Outside, skin: np.ndarray, fineness: Fineness
+) -> DistanceGrid:
+    origin, shape = grid_around(vertices, fineness.grid, 2 * fineness.grid)
+    nodes = grid_nodes(origin, fineness.grid, shape)
+    to_mesh = mesh_distances(nodes, vertices, faces)
+    to_skin = KDTree(skin).query(nodes)[0]
+    free, _ = outside.free(nodes)
+    reached = outside.nodes.nearest_distances(nodes) > 0.5
+    # In balls alone, a place by the skin is a little too near to it; far away no balls are kept.
+    by_skin = to_mesh - free < _TOUCH * fineness.nodes
+    values = np.where(free > 0.0, np.where(by_skin, to_mesh, free), np.maximum(free, -to_skin))
+    values = np.where(reached & (to_mesh > fineness.ball + fineness.nodes), to_mesh, values)
+    return DistanceGrid(origin, fineness.grid, values.reshape(shape).astype(np.float32))
+
+
+def mesh_distances(
+    points: Float[np.ndarray, "K 3"], vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]
+) -> Float[np.ndarray, "K"]:
+    """Return how far points are from the nearest triangle [m]."""
+    import igl  # noqa: PLC0415  # takes a fifth of a second, and only robots without skin data need it
+
+    tree = igl.AABB()
+    tree.init(vertices, faces)
+    blocks = [points[first : first + _BLOCK] for first in range(0, len(points), _BLOCK)]
+    return np.sqrt(np.concatenate([tree.squared_distance(vertices, faces, block)[0] for block in blocks]))
+
+
+def _samples(vertices: np.ndarray, faces: np.ndarray, spacing: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return points about `spacing` [m] apart on triangles, corners among them, and the triangles' normals."""
+    corners = vertices[faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = 0.5 * np.linalg.norm(across, axis=1)
+    real = areas > 1e-12
+    corners, across, areas = corners[real], across[real], areas[real]
+    random = np.random.default_rng(seed)
+    count = int(2.0 * areas.sum() / spacing**2) + 1
+    owner = np.searchsorted(np.cumsum(areas), areas.sum() * (np.arange(count) + random.random(count)) / count)
+    owner = np.minimum(owner, len(areas) - 1)
+    a, b = np.sqrt(random.random((count, 1))), random.random((count, 1))
+    inner = np.concatenate([1.0 - a, a * (1.0 - b), a * b], axis=1)
+    points = np.einsum("kc,kci->ki", inner, corners[owner])
+    thirds = corners.mean(axis=1, keepdims=True)
+    points = np.concatenate([points, (0.99 * corners + 0.01 * thirds).reshape(-1, 3)])
+    owner = np.concatenate([owner, np.repeat(np.arange(len(areas)), 3)])
+    _, first = np.unique(np.floor(points / (0.5 * spacing)).astype(np.int64), axis=0, return_index=True)
+    points, owner = points[first], owner[first]
+    return points, across[owner] / (2.0 * areas[owner, None])
+
+
+def grid_around(vertices: np.ndarray, step: float, margin: float) -> tuple[np.ndarray, tuple[int, int, int]]:
+    """Return the first node of a grid around points, and how many nodes it has along each axis."""
+    low, high = vertices.min(axis=0) - margin, vertices.max(axis=0) + margin
+    x, y, z = np.ceil((high - low) / step).astype(int) + 1
+    return low, (int(x), int(y), int(z))
+
+
+def grid_nodes(origin: np.ndarray, step: float, shape: tuple[int, int, int]) -> np.ndarray:
+    """Return all nodes of a grid [m], in the order of its values."""
+    return origin + step * np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, 3)
