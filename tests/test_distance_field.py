@@ -148,6 +148,18 @@ def test_far_points_are_never_too_far(seed, reach, box):
 
 
 @FAST
+@given(seed=seeds)
+def test_what_a_point_is_told_does_not_depend_on_its_company(seed, box):
+    near, far = np.random.default_rng(seed).uniform(-1, 1, (2, 100, 3))
+    points = np.concatenate([0.1 * near, 3.0 * far])
+    distances, normals = box.distances_and_normals(points)
+    assert (distances < 0).any() and (distances > 1).any()
+    alone = [box.distances_and_normals(point[None]) for point in points]
+    np.testing.assert_array_equal(distances, np.concatenate([distance for distance, _ in alone]))
+    np.testing.assert_array_equal(normals, np.concatenate([normal for _, normal in alone]))
+
+
+@FAST
 @given(seed=seeds, reach=st.sampled_from([0.2, 3.0]))
 def test_normals_are_the_derivatives(seed, reach, box):
     rng = np.random.default_rng(seed)

@@ -73,7 +73,7 @@ class DistanceField:
     def _distances(self, points: np.ndarray) -> np.ndarray:
         corners, place, _, beyond = self._located(points)
         distances = interpolate(corners, place)
-        return distances if beyond is None else np.sqrt(distances**2 + (beyond**2).sum(axis=0))
+        return distances if beyond is None else _lengthened(distances, beyond)
 
     def _distances_and_normals(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         corners, place, steps, beyond = self._located(points)
@@ -81,8 +81,9 @@ class DistanceField:
         slopes *= steps / self.cells.edge
         if beyond is not None:
             # Along an axis in which a point is beyond the cells, the distance within them does not change.
-            slopes = np.where(beyond == 0, distances * slopes, beyond)
-            distances = np.sqrt(distances**2 + (beyond**2).sum(axis=0))
+            outside = beyond.any(axis=0)
+            slopes = np.where(outside & (beyond == 0), distances * slopes, np.where(outside, beyond, slopes))
+            distances = _lengthened(distances, beyond)
         lengths = np.sqrt((slopes**2).sum(axis=0))
         flat = lengths < 1e-12
         slopes[2, flat] = lengths[flat] = 1.0
@@ -190,6 +191,11 @@ def _decode(content: bytes) -> DistanceField:
         raise ValueError(f"no array {error}") from error
     cells = Cells(place[:3], float(place[3]), levels, samples)
     return DistanceField(cells, bool(shell[0]), float(place[4]))
+
+
+def _lengthened(distances: np.ndarray, beyond: np.ndarray) -> np.ndarray:
+    """Return distances with the way to the cells, for the points that are beyond these."""
+    return np.where(beyond.any(axis=0), np.sqrt(distances**2 + (beyond**2).sum(axis=0)), distances)
 
 
 def _blocks(points: np.ndarray) -> list[np.ndarray]:
