@@ -11,6 +11,7 @@ from hoi_retarget.clip.edits import ContactEdits, load
 from hoi_retarget.motion.result_file import load as load_motion
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.numerics import se3
+from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.config import Config
 from trajectories import MODELS
@@ -150,6 +151,25 @@ def test_a_dragged_point_takes_the_hand_along_and_the_command_line_makes_the_sam
     ours, theirs = load_motion(session.folder / "editor.npz"), load_motion(session.folder / "out" / "carry_box.npz")
     for name in ("qpos", "object_pos", "contact_flags", "contact_points", "stance_flags"):
         assert getattr(ours, name).tobytes() == getattr(theirs, name).tobytes(), name
+    page.close()
+
+
+def test_a_contact_in_thin_air_is_told(browser, session):
+    page = open_page(browser, address(session.server))
+    page.get_by_text("2 contacts").wait_for()
+    choose(page, "right hand")
+    editor = session.editors[-1]
+    wait_until(lambda: editor.chosen is not None, "the contact is chosen")
+    page.wait_for_timeout(1000)
+    drag_upwards(page, session, 0.26)
+    wait_until(lambda: len(editor.edited.edits.edits) == 1, "the drag became an edit")
+    wait_until(lambda: "touches nothing there" in told(page), "the editor says so")
+    surface = surface_of(editor.edited.clip.objects[0].geometry)
+    off = 1e3 * surface.distances(editor.edited.segments[1].points).mean()
+    assert off > 50 and f"{off:.0f} mm off the surface" in told(page)
+    assert page.get_by_role("button", name=f"{off:.0f} mm off").count() == 1
+    page.get_by_text("To surface", exact=True).click()
+    wait_until(lambda: "The point is 0 mm off the surface." in told(page), "it was put back")
     page.close()
 
 

@@ -3,13 +3,26 @@
 import numpy as np
 import pytest
 
-from hoi_retarget.clip.edits import ContactEdits, Delete, Fix, FixAll, Move, Retime, apply, load, save
+from hoi_retarget.clip.edits import (
+    ContactEdits,
+    Delete,
+    Fix,
+    FixAll,
+    Move,
+    Retime,
+    Segment,
+    apply,
+    load,
+    save,
+    segments_of,
+)
 from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.browser.editing import Edited, Editing, solved
 from hoi_retarget.viewers.browser.segment_strip import ROW_HEIGHT_PX, strip_height_px, strip_html
+from hoi_retarget.viewers.browser.surface_gaps import SurfaceGaps
 from trajectories import MODELS
 
 MODEL, CONFIG = MODELS["unitree_g1"], Config()
@@ -101,6 +114,26 @@ def test_each_persons_robot_follows_its_own_contacts():
     )
     assert one == 0.0
     assert two > 1e-3
+
+
+def test_recorded_contacts_are_never_in_thin_air_and_those_far_off_are(recorded):
+    gaps = SurfaceGaps(recorded)
+    assert not any(gap.in_thin_air for gap in gaps.of(segments_of(recorded)))
+    top = float(recorded.objects[0].geometry.points[:, 2].max())
+    for height, in_air in ((0.0, False), (0.045, False), (0.055, True), (0.3, True)):
+        place = (0.0, 0.0, top + height)
+        (gap,) = gaps.of([Segment(0, "left_hand", 0, 0, 2, np.tile(place, (2, 1)))])
+        assert gap.distance == pytest.approx(height, abs=1e-9)
+        assert gap.in_thin_air is in_air
+        assert f"{1e3 * height:.0f} mm off the surface" in gap.text
+
+
+def test_a_recording_whose_hands_lie_far_off_is_believed(recorded):
+    """Scans have thick and thin places, and some objects are known by their hulls alone."""
+    far = apply(recorded, ContactEdits.of(recorded).adding(Move("left_hand", 60, (0.0, 0.3, 0.0))))
+    gaps = SurfaceGaps(far)
+    assert not any(gap.in_thin_air for gap in gaps.of(segments_of(far)))
+    assert [gap.in_thin_air for gap in SurfaceGaps(recorded).of(segments_of(far))] == [True, False]
 
 
 def test_the_strip_has_a_row_for_each_part_and_a_bar_for_each_contact(editing):

@@ -24,7 +24,7 @@ from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.offscreen import film
 from hoi_retarget.viewers.scene.camera import FIELD_OF_VIEW, CameraSettings, cameras
 from hoi_retarget.viewers.scene.drawing import Kind, Layer, Scene, Shapes, Subject
-from hoi_retarget.viewers.scene.scene import Shown, make_scene
+from hoi_retarget.viewers.scene.scene import Shown, make_scene, seen_through
 from offscreen import need_drawing
 from test_scene import CLIPS, G1, motion_of, shown
 
@@ -172,6 +172,26 @@ def test_panels_have_one_scale_and_one_floor():
     small, large = ball_scene(np.full((3, 1, 3), 0.5)), ball_scene(np.full((3, 1, 3), 2.5))
     first, second = cameras([small, large], CameraSettings(90.0), 1.0)
     assert first(0).distance == second(0).distance and first(0).point[2] == second(0).point[2]
+
+
+def test_a_hand_is_seen_from_near_wherever_it_goes():
+    scenes = film.panels([shown(0)])
+    view = CameraSettings(30.0, look="left hand")
+    for scene, camera in zip(scenes, cameras(scenes, view, 0.85), strict=True):
+        (subject,) = scene.subjects
+        for frame in range(scene.frames):
+            placed = camera(frame)
+            np.testing.assert_array_equal(placed.point, subject.looks["left hand"][frame])
+            assert placed.distance < 1.0
+    far = cameras(scenes, CameraSettings(30.0, look="left hand", distance=2.0), 0.85)[0](0)
+    assert far.distance == 2.0
+
+
+def test_objects_alone_are_see_through():
+    (subject,) = seen_through(make_scene([shown(0)])).subjects
+    opacities = {layer.name: layer.opacity for layer in subject.layers}
+    assert opacities["object"] == opacities["human's object"] < 0.5
+    assert opacities["robot"] == opacities["human"] == opacities["contacts"] == 1.0
 
 
 def test_the_distance_may_be_told():
@@ -351,6 +371,7 @@ def render(folder: Path, *words: object, backend: str = "egl") -> subprocess.Com
     [
         (["--out", "o/sheet.png", "--frames", "3", "--size", "300x160"], (300, 160)),
         (["--out", "o/one.png", "--frame", "20", "--size", "200x90"], (200, 90)),
+        (["--out", "o/near.png", "--look-at", "left_hand", "--see-through", "--size", "300x160"], (300, 160)),
         (["--out", "o/film.gif", "--fps", "2", "--size", "128x64"], (128, 64)),
         (["--out", "o/fixed.gif", "--fps", "2", "--size", "128x64", "--camera", "fixed"], (128, 64)),
     ],

@@ -16,12 +16,12 @@ from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.report import Report
 from hoi_retarget.numerics import se3
-from hoi_retarget.objects.mesh import Surface
+from hoi_retarget.objects.mesh import Surface, surface_of
 from hoi_retarget.readers.body_model_files import load_body_model
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.scene.drawing import Kind, Lines, Solid
-from hoi_retarget.viewers.scene.marks import gap_colour
+from hoi_retarget.viewers.scene.marks import gap_colour, rotations_to
 from hoi_retarget.viewers.scene.object_solid import AXIS_LENGTH, thinned
 from hoi_retarget.viewers.scene.scene import Shown, group_by_shared_objects, make_scene
 from source_people import write_models
@@ -179,29 +179,69 @@ def test_the_vendor_meshes_are_where_their_bodies_are(tmp_path):
 
 @few
 @given(seed=seeds)
-def test_contact_balls_are_at_targets_and_at_the_robots_links(seed):
+def test_contacts_are_patches_on_the_surface_and_balls_at_the_robots_links(seed):
     item = shown(seed)
-    motion = item.motion
+    motion, clip = item.motion, item.clip
     (subject,) = make_scene([item]).subjects
-    balls, lines = layer_of(subject, "contacts").parts
+    patches, balls, lines = layer_of(subject, "contacts").parts
     kinematics = G1.forward(motion.qpos)
+    surface = surface_of(clip.objects[0].geometry)
     for frame in range(motion.frames):
         links = np.flatnonzero(motion.contact_flags[frame])
         turn = se3.quat_to_matrix(motion.object_quat[frame, 0])
-        targets = [motion.object_pos[frame, 0] + turn @ motion.contact_points[frame, link] for link in links]
+        targets = np.array([turn @ motion.contact_points[frame, link] for link in links]).reshape(-1, 3)
+        targets += motion.object_pos[frame, 0]
         sites = [kinematics.site_position(motion.contact_links[link])[frame] for link in links]
-        drawn = balls.positions[frame][balls.visible[frame]]
-        np.testing.assert_allclose(drawn, np.reshape(targets + sites, (-1, 3)), atol=1e-5)
-        np.testing.assert_allclose(lines.starts[frame][lines.visible[frame]], np.reshape(targets, (-1, 3)), atol=1e-5)
+        there = patches.visible[frame]
+        within = (patches.positions[frame][there] - motion.object_pos[frame, 0]) @ turn / motion.object_scale[0]
+        assert surface.distances(within.astype(float)).max(initial=0.0) < 1e-5
+        nearest = motion.contact_points[frame, links] / motion.object_scale[0]
+        np.testing.assert_allclose(within, surface.closest_points(nearest), atol=1e-5)
+        normals = se3.quat_to_matrix(patches.quats[frame][there].astype(float))[..., 2] @ turn
+        np.testing.assert_allclose(normals, surface.normals(nearest), atol=1e-5)
+        np.testing.assert_allclose(balls.positions[frame][balls.visible[frame]], np.reshape(sites, (-1, 3)), atol=1e-5)
+        np.testing.assert_allclose(lines.starts[frame][lines.visible[frame]], targets, atol=1e-5)
         np.testing.assert_allclose(lines.ends[frame][lines.visible[frame]], np.reshape(sites, (-1, 3)), atol=1e-5)
-        gaps = np.linalg.norm(np.reshape(targets, (-1, 3)) - np.reshape(sites, (-1, 3)), axis=1)
-        colours = balls.colours[balls.visible[frame]].astype(int)
-        np.testing.assert_allclose(colours[: len(links)], gap_colour(gaps), atol=35, err_msg="to the nearest level")
+        gaps = np.linalg.norm(targets - np.reshape(sites, (-1, 3)), axis=1)
+        for part in (patches, balls):
+            colours = part.colours[part.visible[frame]].astype(int)
+            np.testing.assert_allclose(colours, gap_colour(gaps), atol=35, err_msg="to the nearest level")
+
+
+@few
+@given(seed=seeds)
+def test_contacts_of_unknown_objects_are_balls_at_their_targets(seed):
+    motion = motion_of(CLIPS["carry_box"], seed)
+    (subject,) = make_scene([Shown("one", motion, G1)]).subjects
+    targets, sites, lines = layer_of(subject, "contacts").parts
+    for frame in range(motion.frames):
+        drawn = targets.positions[frame][targets.visible[frame]]
+        np.testing.assert_allclose(drawn, lines.starts[frame][lines.visible[frame]], atol=1e-6)
+        assert targets.kind is sites.kind is Kind.SPHERE
+
+
+@given(seed=seeds)
+def test_patches_lie_flat_on_any_normal(seed):
+    normals = np.random.default_rng(seed).normal(size=(6, 3))
+    normals[:3] = [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [1e-12, 0.0, -1.0]]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    turned = se3.quat_to_matrix(rotations_to(normals))
+    np.testing.assert_allclose(turned[..., 2], normals, atol=1e-6)
+    np.testing.assert_allclose(turned @ turned.swapaxes(1, 2), np.tile(np.eye(3), (6, 1, 1)), atol=1e-9)
+
+
+def test_hands_can_be_looked_at_from_near():
+    items = [shown(0, "carry_table", person=person) for person in (0, 1)]
+    for item, subject in zip(items, make_scene([*items]).subjects, strict=True):
+        kinematics = G1.forward(item.motion.qpos)
+        assert set(subject.looks) == {"left hand", "right hand"}
+        np.testing.assert_allclose(subject.looks["left hand"], kinematics.site_position("left_palm"), atol=1e-6)
 
 
 def test_what_is_not_drawn_is_still_somewhere():
-    balls, lines = layer_of(make_scene([shown(3)]).subjects[0], "contacts").parts
-    assert all(np.isfinite(array).all() for array in (balls.positions, lines.starts, lines.ends))
+    patches, balls, lines = layer_of(make_scene([shown(3)]).subjects[0], "contacts").parts
+    places = (patches.positions, patches.quats, balls.positions, lines.starts, lines.ends)
+    assert all(np.isfinite(array).all() for array in places)
 
 
 def test_a_motion_that_touches_nothing_has_no_contacts():

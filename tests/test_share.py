@@ -468,6 +468,17 @@ def test_a_gallery_plays_from_its_folder_without_a_network(
     page.wait_for_timeout(300)
     without = pixels(page.locator("#picture").screenshot())
     assert (np.abs(late - without).max(axis=2) > 20).mean() > 0.003, "layers can be hidden"
+    page.locator("h1").click()  # Keys that are pressed on a box are the box's.
+    for key, least, what in (
+        ("x", 0.002, "objects are see-through"),
+        ("2", 0.2, "a hand is near"),
+        ("1", 0.2, "and not"),
+    ):
+        before = pixels(page.locator("#picture").screenshot())
+        page.keyboard.press(key)
+        page.wait_for_timeout(500)
+        changed = np.abs(pixels(page.locator("#picture").screenshot()) - before).max(axis=2) > 20
+        assert changed.mean() > least, what
     assert troubles == []
     assert all(url.startswith(("file:", "data:")) for url in requests)
     context.close()

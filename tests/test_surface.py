@@ -53,6 +53,24 @@ def test_no_triangle_is_nearer(seed, reach):
 
 
 @pytest.mark.parametrize("name", OBJECTS)
+def test_normals_are_across_the_nearest_face(name):
+    surface = Surface(*object_mesh(name))
+    a, b, c = surface.triangles.transpose(1, 0, 2)
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    middles = (a + b + c) / 3
+    # Boxes that touch have two faces in one place, of opposite sides.
+    found = surface.normals(middles + 1e-6 * normals)
+    np.testing.assert_allclose(np.abs(np.sum(found * normals, axis=1)), 1.0, atol=1e-9)
+    assert surface.normals(np.zeros((0, 3))).shape == (0, 3)
+
+
+def test_a_surface_without_area_has_normals_all_the_same():
+    edge = Surface(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), np.array([[0, 1, 1]]))
+    np.testing.assert_array_equal(edge.normals(np.ones((2, 3))), [[0.0, 0.0, 1.0]] * 2)
+
+
+@pytest.mark.parametrize("name", OBJECTS)
 def test_distances_are_those_of_all_triangles(name):
     surface = Surface(*object_mesh(name))
     points = np.random.default_rng(0).normal(size=(50, 3))

@@ -101,6 +101,25 @@ def test_layers_can_be_hidden(browser, server):
     page.close()
 
 
+def test_objects_are_see_through_at_a_key_and_hands_are_seen_from_near(browser, server):
+    page = open_page(browser, address(server))
+    wait_until(lambda: scene_pixels(page).std() > 10, "the canvas is drawn")
+    frame_box(page).fill("60")
+    wait_until(lambda: shown_frame(page) == 60, "it shows a frame in which the box is held")
+    page.wait_for_timeout(1000)
+    page.mouse.click(400, 200)
+    for key, what in (("x", "the boxes are see-through"), ("2", "the left hand is near"), ("1", "all is seen again")):
+        before = scene_pixels(page)
+        page.keyboard.press(key)
+        share = 0.2 if key == "2" else 0.002
+        wait_until(
+            lambda before=before, share=share: (np.abs(scene_pixels(page) - before).max(axis=2) > 25).mean() > share,
+            what,
+        )
+        page.wait_for_timeout(500)
+    page.close()
+
+
 def test_two_browsers_do_not_disturb_each_other_and_a_closed_one_stops_its_work(browser, server):
     wait_until(lambda: players() == 0, "players of other tests have ended")
     one, two = open_page(browser, address(server)), open_page(browser, address(server))

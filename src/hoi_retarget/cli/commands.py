@@ -353,6 +353,10 @@ class Render(MadeFrom):
     """Draw this frame alone into a picture."""
     camera: Literal["follow", "fixed"] = "follow"
     """Move along, or stay where the whole motion is seen."""
+    look_at: Literal["body", "left_hand", "right_hand"] = "body"
+    """See everything, or stay near to a hand."""
+    see_through: bool = False
+    """Draw objects so that what they hide is seen."""
     azimuth: Scale = "auto"
     """Which way the camera looks, from the x axis towards y [deg]; auto faces them."""
     elevation: Annotated[float, arg(metavar="NUMBER")] = -12.0

@@ -20,7 +20,7 @@ from hoi_retarget.viewers.offscreen import film
 from hoi_retarget.viewers.offscreen.robot_picture import png
 from hoi_retarget.viewers.scene.camera import CameraSettings
 from hoi_retarget.viewers.scene.drawing import Scene
-from hoi_retarget.viewers.scene.scene import Shown
+from hoi_retarget.viewers.scene.scene import Shown, seen_through
 from hoi_retarget.viewers.scene.titles import titles_of
 
 _SHEET_FRAMES = 6  # Of a contact sheet, where nothing else is asked for.
@@ -43,9 +43,12 @@ def execute(command: Render) -> int:
     kind = _check(command)
     shown = _titled(command.results, [_shown(path, command) for path in command.results])
     filmed = film.panels(shown, command.only)
+    if command.see_through:
+        filmed = tuple(seen_through(scene) for scene in filmed)
     azimuth = film.good_azimuth(shown) if command.azimuth == "auto" else command.azimuth
     distance = None if command.distance == "auto" else command.distance
-    view = CameraSettings(azimuth, command.elevation, distance, follow=command.camera == "follow")
+    look = None if command.look_at == "body" else command.look_at.replace("_", " ")
+    view = CameraSettings(azimuth, command.elevation, distance, follow=command.camera == "follow", look=look)
     content = _picture(command, filmed, view) if kind == ".png" else _film(command, kind, filmed, view)
     write_file("--out", command.out, content)
     say(f"written: {command.out}  ({len(content) / 1e6:.2f} MB)")

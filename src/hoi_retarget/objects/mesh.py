@@ -76,6 +76,17 @@ class Surface:
         tree, faces = self._tree
         return tree.squared_distance(self.vertices, faces, np.asarray(points, dtype=float))[2]
 
+    def normals(self, points: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K 3"]:
+        """Return, for each point, the unit normal of the triangle nearest to it; up, where that has no area."""
+        if len(points) == 0:
+            return np.zeros((0, 3))
+        tree, faces = self._tree
+        nearest = tree.squared_distance(self.vertices, faces, np.asarray(points, dtype=float))[1]
+        a, b, c = self.vertices[faces[nearest]].transpose(1, 0, 2)
+        across = np.cross(b - a, c - a)
+        lengths = np.linalg.norm(across, axis=1, keepdims=True)
+        return np.where(lengths > 0, across / np.where(lengths > 0, lengths, 1.0), [0.0, 0.0, 1.0])
+
     def distances(self, points: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K"]:
         """Return how far points are from the surface, inside or outside [m]."""
         return np.linalg.norm(points - self.closest_points(points), axis=-1)
@@ -176,7 +187,7 @@ def surface_of(geometry: ObjectGeometry) -> Surface:
         GeometryError: the mesh file is missing, damaged, or has no triangles.
     """
     if geometry.faces is not None:
-        return Surface(geometry.points, geometry.faces)
+        return _own(geometry)
     if geometry.mesh_path is None:
         return _hull(geometry.points)
     path = geometry.mesh_path
@@ -188,6 +199,13 @@ def surface_of(geometry: ObjectGeometry) -> Surface:
             "again with --objects."
         ) from error
     return _load(path, status.st_mtime_ns, status.st_size)
+
+
+@functools.lru_cache(maxsize=32)
+def _own(geometry: ObjectGeometry) -> Surface:
+    """Return the surface of a geometry's own triangles, with the search tree that it may have by now."""
+    assert geometry.faces is not None, "it has triangles"
+    return Surface(geometry.points, geometry.faces)
 
 
 @functools.lru_cache(maxsize=32)

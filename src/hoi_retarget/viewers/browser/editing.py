@@ -38,7 +38,7 @@ class Editing:
     """One person's work: where it stands, what was before, and what was taken back."""
 
     def __init__(self, recorded: Clip, model: RobotModel, config: Config, start: Edited) -> None:
-        self._recorded, self._model, self._config = recorded, model, config
+        self.recorded, self._model, self._config = recorded, model, config
         self._past: list[Edited] = []
         self._taken_back: list[Edited] = []
         self.now = start
@@ -82,10 +82,10 @@ class Editing:
 
     def solve_all(self) -> None:
         """Solve the whole clip, as the command line does with the same edits."""
-        self.now = solved(self._recorded, self._model, self._config, self.now.edits)
+        self.now = solved(self.recorded, self._model, self._config, self.now.edits)
 
     def _revised(self, edits: ContactEdits) -> Edited:
-        clip = apply(self._recorded, edits)
+        clip = apply(self.recorded, edits)
         drafts = tuple(revise(item, clip, self._model, self._config) for item in self.now.drafts)
         return Edited(edits, clip, drafts, complete=False)
 

@@ -29,6 +29,7 @@ from hoi_retarget.viewers.browser.page_content import PageContent, page_content
 from hoi_retarget.viewers.browser.player import Player
 from hoi_retarget.viewers.browser.segment_strip import strip_height_px, strip_html
 from hoi_retarget.viewers.browser.server import PageServer
+from hoi_retarget.viewers.browser.surface_gaps import SurfaceGaps
 from hoi_retarget.viewers.browser.worker import Worker
 from hoi_retarget.viewers.scene.scene import Shown
 
@@ -72,7 +73,7 @@ class Editor:
     ) -> None:
         """Begin; `saved` is told what was written to the edits' file."""
         self._editing, self._model, self._places, self._saved = editing, model, places, saved
-        self._first = editing.now
+        self._first, self._gaps = editing.now, SurfaceGaps(editing.recorded)
         self._chosen: tuple[int, str, int] | None = None
         self._worker = Worker("editor")
         self._player = Player(client, self._content(editing.now), left_px=PANEL_WIDTH_PX)
@@ -206,7 +207,8 @@ class Editor:
             self._chosen = (person, part, min(max(frame, edit.start), edit.stop - 1))
         self._show()
         drawn = time.perf_counter() - solved
-        self._panel.say(f"{describe(edit)}: solved in {1e3 * (solved - start):.0f} ms, drawn in {1e3 * drawn:.0f} ms.")
+        told = f"{describe(edit)}: solved in {1e3 * (solved - start):.0f} ms, drawn in {1e3 * drawn:.0f} ms."
+        self._panel.say(f"{told} {self._gap_text(tried)}".strip())
 
     def _chosen_of(self, segments: Sequence[Segment]) -> Segment | None:
         if self._chosen is None:
@@ -235,7 +237,11 @@ class Editor:
         if released:
             self._commit(edit)
         else:
-            self._draw(self._editing.tried(edit))
+            tried = self._editing.tried(edit)
+            self._draw(tried)
+            gaps = self._gaps.of(tried.segments)
+            self._player.do(lambda: self._points.warn(gaps))
+            self._panel.say(self._gap_text(tried))
 
     def _go(self, step: Callable[[], None], told: str) -> None:
         start = time.perf_counter()
@@ -254,10 +260,16 @@ class Editor:
     def _show(self, told: str | None = None) -> None:
         now, chosen = self._editing.now, self.chosen
         self._draw(now)
-        self._player.do(lambda: self._points.show(now.segments, chosen))
-        self._panel.show(now, chosen, recorded=self._first, before=self._editing.before)
+        gaps = self._gaps.of(now.segments)
+        self._player.do(lambda: self._points.show(now.segments, chosen, gaps))
+        self._panel.show(now, chosen, gaps, recorded=self._first, before=self._editing.before)
         if told is not None:
             self._panel.say(told)
+
+    def _gap_text(self, edited: Edited) -> str:
+        """Return how far the chosen contact's point is off its surface; empty where none is chosen."""
+        chosen = self._chosen_of(edited.segments)
+        return "" if chosen is None else self._gaps.of([chosen])[0].text
 
     def _draw(self, edited: Edited) -> None:
         self._player.redraw(self._content(edited))

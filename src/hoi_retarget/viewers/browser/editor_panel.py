@@ -23,6 +23,7 @@ from hoi_retarget.evaluation import COLUMNS, contact_residuals
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.browser.editing import Edited
 from hoi_retarget.viewers.browser.player import MESSAGE
+from hoi_retarget.viewers.browser.surface_gaps import SurfaceGap
 from hoi_retarget.viewers.html import render
 
 PANEL_WIDTH_PX = 340
@@ -98,20 +99,28 @@ class EditorPanel:
         """Show what was done, or why it could not be."""
         self._told.content = render(MESSAGE, kind="wrong" if wrong else "done", text=text)
 
-    def show(self, edited: Edited, chosen: Segment | None, *, recorded: Edited, before: Edited | None) -> None:
-        """Show the contacts and figures as they are now."""
-        self._show_rows(edited, chosen)
+    def show(
+        self,
+        edited: Edited,
+        chosen: Segment | None,
+        off: Sequence[SurfaceGap],
+        *,
+        recorded: Edited,
+        before: Edited | None,
+    ) -> None:
+        """Show the contacts, where they are, and figures as they are now."""
+        self._show_rows(edited, chosen, off)
         if chosen is not None:
             point = chosen.points.mean(axis=0)
             self._frames.value = (chosen.start, chosen.stop - 1)
             self._point.value = tuple(np.round(point, _DIGITS).tolist())
         self._figures.content = _figures_html(recorded, before or recorded, edited)
 
-    def _show_rows(self, edited: Edited, chosen: Segment | None) -> None:
+    def _show_rows(self, edited: Edited, chosen: Segment | None, off: Sequence[SurfaceGap]) -> None:
         gaps = [contact_residuals(motion, self._model.forward(motion.qpos)) for motion in edited.motions]
         several = len(edited.clip.people) > 1
         labels = []
-        for segment in edited.segments:
+        for segment, place in zip(edited.segments, off, strict=True):
             links = edited.motions[segment.person].contact_links
             site = self._model.spec.part_sites.get(segment.part)
             own = (
@@ -119,14 +128,16 @@ class EditorPanel:
             )
             gap = f"{1e3 * np.nanmean(own):.1f} mm" if np.isfinite(own).any() else "not followed"
             name = part_text(segment.person, segment.part) if several else segment.part
-            labels.append(f"{name.replace('_', ' ')}  {segment.start} - {segment.stop - 1}  ({gap})")
+            air = f", {1e3 * place.distance:.0f} mm off" if place.in_thin_air else ""
+            labels.append(f"{name.replace('_', ' ')}  {segment.start} - {segment.stop - 1}  ({gap}{air})")
         while len(self._rows) > len(labels):
             self._rows.pop().remove()
         with self._rows_folder:
             for index in range(len(self._rows), len(labels)):
                 self._rows.append(self._add_row(index))
-        for row, label, segment in zip(self._rows, labels, edited.segments, strict=True):
-            row.label, row.color = label, "orange" if segment is chosen else "gray"
+        for row, label, segment, place in zip(self._rows, labels, edited.segments, off, strict=True):
+            row.label = label
+            row.color = "yellow" if place.in_thin_air else "orange" if segment is chosen else "gray"
 
     def _add_row(self, index: int) -> viser.GuiButtonHandle:
         row = self._gui.add_button("", color="gray")

@@ -8,9 +8,11 @@ import viser
 from hoi_retarget.clip.edits import Segment
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.viewers.browser.player import WORLD
+from hoi_retarget.viewers.browser.surface_gaps import SurfaceGap
 
 _RADIUS, _HANDLE_SIZE = 0.03, 0.22  # [m]
 _IDLE, _TOUCHED, _CHOSEN = (140, 150, 160), (40, 120, 220), (255, 140, 0)
+_IN_AIR = (255, 225, 0)
 
 
 class EditorPoints:
@@ -25,13 +27,14 @@ class EditorPoints:
         ]
         self._segments: Sequence[Segment] = ()
         self._chosen: Segment | None = None
+        self._gaps: Sequence[SurfaceGap] = ()
         self._balls: list[viser.IcosphereHandle] = []
         self._handle: viser.TransformControlsHandle | None = None
         self._frame = 0
         self.show_frame(0)
 
-    def show(self, segments: Sequence[Segment], chosen: Segment | None) -> None:
-        """Show these contacts; the chosen one has the handle."""
+    def show(self, segments: Sequence[Segment], chosen: Segment | None, gaps: Sequence[SurfaceGap]) -> None:
+        """Show these contacts; the chosen one has the handle, and those in thin air are yellow."""
         if [segment.object for segment in segments] != [segment.object for segment in self._segments]:
             for ball in self._balls:
                 ball.remove()
@@ -39,7 +42,12 @@ class EditorPoints:
         for ball, segment in zip(self._balls, segments, strict=True):
             ball.position = self._place(segment)
         self._show_handle(chosen)
-        self._segments, self._chosen = segments, chosen
+        self._segments, self._chosen, self._gaps = segments, chosen, gaps
+        self.show_frame(self._frame)
+
+    def warn(self, gaps: Sequence[SurfaceGap]) -> None:
+        """Show which contacts are in thin air while one is dragged."""
+        self._gaps = gaps
         self.show_frame(self._frame)
 
     def show_frame(self, frame: int) -> None:
@@ -48,8 +56,9 @@ class EditorPoints:
         for index, holder in enumerate(self._holders):
             holder.position = self._motion.object_pos[self._frame, index]
             holder.wxyz = self._motion.object_quat[self._frame, index]
-        for ball, segment in zip(self._balls, self._segments, strict=False):
-            colour = _CHOSEN if segment is self._chosen else _TOUCHED if segment.holds(self._frame) else _IDLE
+        for ball, segment, gap in zip(self._balls, self._segments, self._gaps, strict=False):
+            held = _TOUCHED if segment.holds(self._frame) else _IDLE
+            colour = _IN_AIR if gap.in_thin_air else _CHOSEN if segment is self._chosen else held
             if tuple(ball.color) != colour:
                 ball.color = colour
 

@@ -9,20 +9,17 @@ from collections.abc import Callable
 from threading import Condition, Thread
 from typing import Literal
 
-import numpy as np
 import viser
-from jaxtyping import Float
 
 from hoi_retarget.viewers.browser.client_sessions import serve_sessions
 from hoi_retarget.viewers.browser.clock import Clock
 from hoi_retarget.viewers.browser.page_content import PageContent
+from hoi_retarget.viewers.browser.player_camera import BODY, PlayerCamera, looks_of
 from hoi_retarget.viewers.browser.server import PageServer
 from hoi_retarget.viewers.browser.viser_scene import ViserScene
 from hoi_retarget.viewers.html import render
-from hoi_retarget.viewers.scene.auto_camera import fit_window
 from hoi_retarget.viewers.scene.curve_chart import LEFT_INSET_PX, RIGHT_INSET_PX
-from hoi_retarget.viewers.scene.drawing import Scene
-from hoi_retarget.viewers.scene.extent import camera_axes, distance_to_see, extents
+from hoi_retarget.viewers.scene.scene import OBJECT_LAYERS, SEE_THROUGH
 
 WORLD = "/world"
 MESSAGE = "viewers/browser/page/message.html.j2"
@@ -30,10 +27,9 @@ SPEEDS = {"0.1x": 0.1, "0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4
 CURVES_HEIGHT_PX = 245
 _CONTROLS_WIDTH_PX, _PANEL_MARGIN_PX = 320, 15
 _PANEL_HEAD_PX = 60  # Of the curves' panel, with its margin.
-_AZIMUTH, _ELEVATION = np.radians(-55.5), np.radians(13.9)  # Of the camera.
-_MARGIN = 1.08  # Around what is looked at.
-_SAMPLES = 12  # Frames that the camera is placed by.
+_LookKey = Literal["1", "2", "3", "4", "5", "6", "7", "8", "9"]
 _GREY = (205, 210, 216)
+_LOOK_KEYS: tuple[_LookKey, ...] = ("1", "2", "3", "4", "5", "6", "7", "8", "9")
 _Key = Literal["arrowright", "arrowleft", "home", "end"]
 
 
@@ -45,6 +41,8 @@ class Player:
         scene = content.scene
         assert scene is not None, "there is something to play"
         self._client, self._scene = client, scene
+        covered_px = CURVES_HEIGHT_PX + content.extra_height_px + _PANEL_HEAD_PX if content.chart else 0
+        self._camera = PlayerCamera(client.camera, left_px + _CONTROLS_WIDTH_PX, covered_px)
         self._changed = Condition()
         self._clock = Clock(scene.frames, scene.fps)
         self._stopped = False
@@ -57,7 +55,7 @@ class Player:
         self._add_controls(content)
         if content.chart:
             self._chart, self._cursor = self._add_curves(content, left_px)
-        _place_camera(client, scene, content, left_px)
+        self._camera.see_all(scene)
         self._thread = Thread(target=self._run, name="player", daemon=True)
         self._thread.start()
 
@@ -129,8 +127,12 @@ class Player:
 
     def _follow_centre(self, frame: int) -> None:
         """Move the world under the camera, which stays the user's."""
-        way = _way(self._scene, frame) if self._follow.value else np.zeros(3)
-        self._world.position = -way
+        self._world.position = self._camera.world_position(self._scene, frame, follow=self._follow.value)
+
+    def _look_at(self) -> None:
+        """Stay near a hand, or see everything again."""
+        self._camera.look_at(self._scene, self._look.value)
+        self._follow_centre(self.frame)
 
     def _set(self, change: Callable[[Clock, float], Clock]) -> None:
         with self._changed:
@@ -153,8 +155,11 @@ class Player:
             self._slider = gui.add_slider("Frame", 0, max(1, self._scene.frames - 1), 1, 0, hint="Arrows, Home, End")
             speed = gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="1x")
             self._follow = gui.add_checkbox("Follow", True, hint="F: the camera stays with the robot")
+            looks = (BODY, *looks_of(self._scene))
+            self._look = gui.add_dropdown("Look at", looks, initial_value=BODY, hint="1, 2, ...: from near")
         with gui.add_folder("Show"):
             self._add_layer_boxes()
+            self._see_through = gui.add_checkbox("see-through objects", False, hint="X")
         if content.figures:
             with gui.add_folder("Figures"):
                 gui.add_html(content.figures)
@@ -163,6 +168,8 @@ class Player:
         speed.on_update(lambda event: self._set(lambda clock, now: clock.at_speed(SPEEDS[event.target.value], now)))
         self._slider.on_update(self._on_slider)
         self._follow.on_update(lambda _: self.do(lambda: self._follow_centre(self.frame)))
+        self._look.on_update(lambda _: self.do(self._look_at))
+        self._see_through.on_update(lambda _: self.do(self._show_through))
         self._add_keys()
 
     def _add_layer_boxes(self) -> None:
@@ -188,7 +195,11 @@ class Player:
                 lambda _, step=step: self._set(lambda clock, now: clock.sought(step(clock.frame(now)), now))
             )
         gui.add_command("Play or pause", hotkey="space").on_trigger(lambda _: self._toggle())
-        gui.add_command("Follow", hotkey="F").on_trigger(lambda _: self._toggle_follow())
+        gui.add_command("Follow", hotkey="F").on_trigger(lambda _: _toggle(self._follow))
+        gui.add_command("See through objects", hotkey="X").on_trigger(lambda _: _toggle(self._see_through))
+        for name, look_key in zip(self._look.options, _LOOK_KEYS, strict=False):
+            command = gui.add_command(f"Look at {name}", hotkey=look_key)
+            command.on_trigger(lambda _, name=name: setattr(self._look, "value", name))
 
     def _toggle(self) -> None:
         self._set(lambda clock, now: clock.paused(now) if clock.playing else clock.played(now))
@@ -196,8 +207,8 @@ class Player:
         self._button.label = "Pause" if playing else "Play"
         self._button.icon = viser.Icon.PLAYER_PAUSE if playing else viser.Icon.PLAYER_PLAY
 
-    def _toggle_follow(self) -> None:
-        self._follow.value = not self._follow.value
+    def _show_through(self) -> None:
+        self._drawn.see_through(OBJECT_LAYERS, SEE_THROUGH if self._see_through.value else None)
 
     def _on_slider(self, event: viser.GuiEvent[viser.GuiSliderHandle[int]]) -> None:
         if event.client is not None:  # Else it is the player itself that moved it.
@@ -229,6 +240,10 @@ def serve_results(server: PageServer, load: Callable[[], PageContent]) -> None:
     serve_sessions(server, receive)
 
 
+def _toggle(box: viser.GuiCheckboxHandle) -> None:
+    box.value = not box.value
+
+
 def _show_notices(client: viser.ClientHandle, content: PageContent) -> None:
     for notice in content.notices:
         client.gui.add_html(render(MESSAGE, kind="notice", text=notice))
@@ -258,28 +273,3 @@ def _add_floor(api: viser.SceneApi) -> None:
         plane_opacity=1.0,
         shadow_opacity=0.25,
     )
-
-
-def _place_camera(client: viser.ClientHandle, scene: Scene, content: PageContent, left_px: int) -> None:
-    """Look at everything that will be there, so that it fills what the panels leave free."""
-    frames = np.linspace(0, scene.frames - 1, _SAMPLES).astype(int).tolist()
-    start = scene.centre(0)
-    axes = camera_axes(_AZIMUTH, _ELEVATION)
-    shift, reaches = fit_window(
-        extents(scene, frames, np.stack([start + _way(scene, frame) for frame in frames])), axes
-    )
-    window = client.camera
-    covered = CURVES_HEIGHT_PX + content.extra_height_px + _PANEL_HEAD_PX if content.chart else 0
-    free_width = max(100, window.image_width - left_px - _CONTROLS_WIDTH_PX)
-    free_height = max(100, window.image_height - covered)
-    slope = np.tan(0.5 * window.fov)  # Of the whole window; what is free has its share.
-    free_slope = slope * free_height / window.image_height
-    distance = distance_to_see(_MARGIN * reaches, free_width / free_height, free_slope)
-    look_at = start + shift - covered / window.image_height * slope * distance * axes[1]
-    window.position = look_at + distance * axes[2]
-    window.look_at = look_at
-
-
-def _way(scene: Scene, frame: int) -> Float[np.ndarray, "3"]:
-    """Return how far the subjects have come since the first frame, on average [m]: over the floor."""
-    return (scene.centre(frame) - scene.centre(0)) * [1.0, 1.0, 0.0]

@@ -1,5 +1,6 @@
 """Draws a `Scene` with Viser, for a browser or for a file that a browser plays."""
 
+from collections.abc import Collection
 from functools import cache
 
 import numpy as np
@@ -22,6 +23,7 @@ class ViserScene:
         self._subjects: list[FrameHandle] = []
         self._layers: dict[tuple[int, str], FrameHandle] = {}
         self._nodes: dict[tuple[int, str], list[_Node]] = {}
+        self._seen_through: dict[str, float] = {}
         for index, subject in enumerate(scene.subjects):
             self._subjects.append(api.add_frame(f"{root}/{index}", show_axes=False))
             for layer in subject.layers:
@@ -59,6 +61,19 @@ class ViserScene:
             if own == name:
                 node.visible = visible
 
+    def see_through(self, names: Collection[str], opacity: float | None) -> None:
+        """Draw the meshes of some layers with an opacity, or with that of their layer."""
+        self._seen_through = dict.fromkeys(names, opacity) if opacity is not None else {}
+        for (index, name), nodes in self._nodes.items():
+            if name in names:
+                for node in nodes:
+                    if isinstance(node, MeshHandle):
+                        node.opacity = self._opacity(index, name)
+
+    def _opacity(self, index: int, name: str) -> float | None:
+        own = next(layer.opacity for layer in self._scene.subjects[index].layers if layer.name == name)
+        return self._seen_through.get(name, None if own == 1.0 else own)
+
     def show_subject(self, subject: int, visible: bool) -> None:
         """Show or hide a subject."""
         self._subjects[subject].visible = visible
@@ -68,7 +83,7 @@ class ViserScene:
         if key in self._layers:
             self._layers[key].remove()
         self._layers[key] = self._api.add_frame(name, show_axes=False, visible=visible)
-        opacity = None if layer.opacity == 1.0 else layer.opacity
+        opacity = self._opacity(index, layer.name)
         self._nodes[key] = [
             _add_part(self._api, f"{name}/{number}", part, opacity) for number, part in enumerate(layer.parts)
         ]

@@ -11,6 +11,8 @@ from hoi_retarget.viewers.scene.extent import camera_axes, distance_to_see, exte
 
 FIELD_OF_VIEW = 45.0
 """From the bottom of a picture to its top [deg]."""
+CLOSE = 0.75
+"""From the camera to a hand that it looks at from near [m]."""
 _MARGIN = 1.05
 _LOOKS, _HEIGHTS = 60, 12  # Frames and heights that are tried to find the distance.
 _AT_HAND = 1.3  # What is farther to the side of whom the camera follows may be out of the picture [m].
@@ -42,6 +44,8 @@ class CameraSettings:
     """[m]; None for as near as possible."""
     follow: bool = True
     """Whether the camera moves along; otherwise it stays where it sees the whole motion."""
+    look: str | None = None
+    """One of the subjects' `looks`, to stay near to; None to see everything."""
 
 
 def cameras(scenes: Sequence[Scene], view: CameraSettings, aspect: float) -> list[Callable[[int], Camera]]:
@@ -52,6 +56,8 @@ def cameras(scenes: Sequence[Scene], view: CameraSettings, aspect: float) -> lis
         view: How to look at them.
         aspect: Width of a picture over its height.
     """
+    if view.look is not None:
+        return [_close_camera(scene, view, view.look) for scene in scenes]
     right, up, back = camera_axes(np.radians(view.azimuth) + np.pi, -np.radians(view.elevation))
     slope = np.tan(np.radians(FIELD_OF_VIEW / 2)) / _MARGIN
     looks = [_look(scene, view.follow) for scene in scenes]
@@ -69,6 +75,20 @@ def cameras(scenes: Sequence[Scene], view: CameraSettings, aspect: float) -> lis
     nearest, height = min((distance(height), height) for height in heights)
     chosen = nearest if view.distance is None else view.distance
     return [_camera_of(scene, view, height, shift, chosen) for scene, shift in zip(scenes, shifts, strict=True)]
+
+
+def _close_camera(scene: Scene, view: CameraSettings, look: str) -> Callable[[int], Camera]:
+    """Return a camera near to the first look of that name, or to the middle of the scene where there is none."""
+    subject, path = next(
+        ((subject, subject.looks[look]) for subject in scene.subjects if look in subject.looks),
+        (scene.subjects[0], scene.subjects[0].centre),
+    )
+    distance = CLOSE if view.distance is None else view.distance
+
+    def camera(frame: int) -> Camera:
+        return Camera(path[scene.frame_of(subject, frame)], distance, view.azimuth, view.elevation)
+
+    return camera
 
 
 def _camera_of(

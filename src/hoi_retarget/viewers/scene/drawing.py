@@ -4,7 +4,8 @@ A `Scene` has one `Subject` per result (or per clip alone); a subject's `Layer`s
 one; a layer is made of `Shapes`, `Solid`s and `Lines`. Everything is in world coordinates.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
@@ -100,6 +101,8 @@ class Subject:
     layers: tuple[Layer, ...]
     centre: Float[np.ndarray, "T 3"]
     """Path of the point that a following camera looks at [m]."""
+    looks: Mapping[str, Float[np.ndarray, "T 3"]] = field(default_factory=dict)
+    """Paths of what a camera can look at from near [m], such as `left hand`."""
 
     @property
     def frames(self) -> int:

@@ -4,7 +4,7 @@ A result stands where it was computed, the human it follows one place further, t
 more. Robots that move the same objects of one clip share a place and the objects.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -15,6 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError
+from hoi_retarget.human.skeleton import PARTS
 from hoi_retarget.motion.motion import STAGE_TITLES, Motion, Stage
 from hoi_retarget.motion.of_robot import check_robot
 from hoi_retarget.numerics import se3
@@ -28,7 +29,8 @@ from hoi_retarget.viewers.scene.robot_shapes import robot_parts, robot_shapes
 
 FREE_SPACE = 0.3  # Between what neighbours reach [m].
 _ARM_REACH = 0.8  # Of a body, around its pelvis [m].
-_OBJECT_LAYERS = ("object", "human's object")
+OBJECT_LAYERS = ("object", "human's object")
+SEE_THROUGH = 0.35  # Opacity of objects through which hands are seen.
 _IK_TINT: Colour = (60, 120, 225)
 _EARLIER_OPACITY = 0.35
 _CALM_SECONDS = 0.5  # What is shorter hardly moves a camera that follows.
@@ -106,9 +108,25 @@ def make_scene(shown: Sequence[Shown], *, apart: float | Literal["auto"] = "auto
     for index, (item, host, own) in enumerate(zip(shown, hosts, sides, strict=True)):
         layers = [_moved(layer, shifts[host, side.name]) for side in own for layer in side.layers]
         if index != host:
-            layers = [layer for layer in layers if layer.name not in _OBJECT_LAYERS]
+            layers = [layer for layer in layers if layer.name not in OBJECT_LAYERS]
         centre = _centre(own[0]) + shifts[host, own[0].name]
-        subjects.append(Subject(item.title, own[0].fps, tuple(layers), centre))
+        looks = {name: path + shifts[host, own[0].name] for name, path in own[0].looks.items()}
+        subjects.append(Subject(item.title, own[0].fps, tuple(layers), centre, looks))
+    return Scene(tuple(subjects))
+
+
+def seen_through(scene: Scene) -> Scene:
+    """Return a scene through whose objects hands are seen."""
+    subjects = [
+        replace(
+            subject,
+            layers=tuple(
+                replace(layer, opacity=SEE_THROUGH) if layer.name in OBJECT_LAYERS else layer
+                for layer in subject.layers
+            ),
+        )
+        for subject in scene.subjects
+    ]
     return Scene(tuple(subjects))
 
 
@@ -155,6 +173,7 @@ class _Side:
     pelvis: Float[np.ndarray, "T 3"]
     objects: Float[np.ndarray, "T O 3"]
     layers: tuple[Layer, ...]
+    looks: Mapping[str, Float[np.ndarray, "T 3"]]
 
 
 def _sides(item: Shown) -> tuple[_Side, ...]:
@@ -168,14 +187,17 @@ def _sides(item: Shown) -> tuple[_Side, ...]:
 
 def _robot_side(item: Shown, motion: Motion, model: RobotModel) -> _Side:
     kinematics = model.forward(motion.qpos)
+    geometries = None if item.clip is None else [track.geometry for track in item.clip.objects]
+    hands = {part: site for part, site in model.spec.part_sites.items() if part.endswith("hand")}
+    looks = {part.replace("_", " "): kinematics.site_position(site) for part, site in hands.items()}
     layers = (
         Layer("robot", robot_parts(model, kinematics, item.meshes)),
         *(_earlier_stage(model, stage) for stage in motion.stages[:-1]),
         Layer("object", _robot_objects(motion, item.clip)),
-        Layer("contacts", contact_marks(motion, kinematics)),
+        Layer("contacts", contact_marks(motion, kinematics, geometries)),
         Layer("stance", (stance_marks(motion, kinematics),)),
     )
-    return _Side("robot", motion.fps, motion.qpos[:, :3], motion.object_pos, layers)
+    return _Side("robot", motion.fps, motion.qpos[:, :3], motion.object_pos, layers, looks)
 
 
 def _earlier_stage(model: RobotModel, stage: Stage) -> Layer:
@@ -211,7 +233,8 @@ def _human_side(clip: Clip, person: int) -> _Side:
     )
     objects = [track.positions for track in clip.objects]
     places = np.stack(objects, axis=1) if objects else np.zeros((clip.frames, 0, 3))
-    return _Side("human", clip.fps, human.position("pelvis"), places, layers)
+    looks = {part.replace("_", " "): human.part_position(part) for part in PARTS if part.endswith("hand")}
+    return _Side("human", clip.fps, human.position("pelvis"), places, layers, looks)
 
 
 def _tinted(shapes: Shapes) -> Shapes:
@@ -222,7 +245,7 @@ def _reach(sides: Sequence[_Side]) -> Float[np.ndarray, "2 2"]:
     """Return the lowest and highest x and y that bodies and objects of one place reach [m]."""
     paths = [(side.pelvis, _ARM_REACH) for side in sides]
     for side in sides:
-        parts = [part for layer in side.layers if layer.name in _OBJECT_LAYERS for part in layer.parts]
+        parts = [part for layer in side.layers if layer.name in OBJECT_LAYERS for part in layer.parts]
         paths += [(side.objects[:, index], _radius(part)) for index, part in enumerate(parts)]
     low = np.min([path[:, :2].min(axis=0) - reach for path, reach in paths], axis=0)
     high = np.max([path[:, :2].max(axis=0) + reach for path, reach in paths], axis=0)

@@ -14,7 +14,9 @@ from jaxtyping import Float, Int
 
 from hoi_retarget.numerics import se3
 from hoi_retarget.viewers.scene.auto_camera import FittedCamera
+from hoi_retarget.viewers.scene.camera import CLOSE
 from hoi_retarget.viewers.scene.drawing import Kind, Layer, Lines, Part, Scene, Shapes, Solid, Subject
+from hoi_retarget.viewers.scene.scene import OBJECT_LAYERS, SEE_THROUGH
 
 LARGEST_FRAMES = 2000
 """Frames of one subject that a page holds; of a longer one every second, third, ... frame is kept."""
@@ -36,6 +38,7 @@ def pack(scene: Scene, place: FittedCamera) -> str:
     content = base64.b64encode(gzip.compress(bytes(numbers.content), compresslevel=6, mtime=0)).decode("ascii")
     description = {
         "fps": scene.fps,
+        "close": CLOSE,
         "seconds": max(scene.frames - 1, 1) / scene.fps,
         "camera": {
             **{"azimuth": place.azimuth, "elevation": place.elevation},
@@ -82,13 +85,15 @@ def _subject(numbers: _Numbers, subject: Subject) -> dict[str, Any]:
     return {
         "fps": subject.fps / stride,
         "centre": numbers.add(subject.centre[::stride], POSITION_STEP),
+        "looks": {name: numbers.add(path[::stride], POSITION_STEP) for name, path in subject.looks.items()},
         "layers": [_layer(numbers, layer, stride) for layer in subject.layers],
     }
 
 
 def _layer(numbers: _Numbers, layer: Layer, stride: int) -> dict[str, Any]:
     parts = [_part(numbers, part, stride) for part in layer.parts if part.count]
-    return {"name": layer.name, "opacity": layer.opacity, "shown": layer.shown, "parts": parts}
+    through = {"through": SEE_THROUGH} if layer.name in OBJECT_LAYERS else {}
+    return {"name": layer.name, "opacity": layer.opacity, **through, "shown": layer.shown, "parts": parts}
 
 
 def _part(numbers: _Numbers, part: Part, stride: int) -> dict[str, Any]:

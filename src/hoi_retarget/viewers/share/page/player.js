@@ -399,7 +399,8 @@ class Picture {
     this.subjects = description.subjects.map((subject) => ({
       fps: subject.fps,
       centre: new Track(bytes, subject.centre),
-      layers: subject.layers.map((layer) => ({ ...layer, parts: layer.parts.map((part) => new Part(gl, bytes, part)) })),
+      looks: new Map(Object.entries(subject.looks).map(([name, path]) => [name, new Track(bytes, path)])),
+      layers: subject.layers.map((layer) => ({ ...layer, solid: layer.opacity, parts: layer.parts.map((part) => new Part(gl, bytes, part)) })),
     }));
     this.reach = Math.max(...description.camera.reaches.flat());
     this.makeShadows();
@@ -428,6 +429,17 @@ class Picture {
       for (let i = 0; i < 3; i++) middle[i] += at[i] / this.subjects.length;
     }
     return middle;
+  }
+
+  // Return where what is looked at from near is, by its name.
+  look(name, second) {
+    const subject = this.subjects.find((item) => item.looks.has(name));
+    return [...subject.looks.get(name).at(second * subject.fps)];
+  }
+
+  seeThrough(on) {
+    for (const subject of this.subjects)
+      for (const layer of subject.layers) layer.opacity = on && layer.through ? layer.through : layer.solid;
   }
 
   show(second) {
@@ -518,7 +530,6 @@ class Camera {
       canvas.addEventListener(name, (event) => this.pointers.delete(event.pointerId));
     canvas.addEventListener("pointermove", (event) => this.move(event, canvas.clientHeight));
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-    canvas.addEventListener("dblclick", () => this.reset());
     canvas.addEventListener(
       "wheel",
       (event) => {
@@ -539,8 +550,13 @@ class Camera {
     this.changed();
   }
 
+  approach(distance) {
+    Object.assign(this, { shift: [0, 0, 0], distance });
+    this.changed();
+  }
+
   zoom(factor) {
-    this.distance = Math.min(Math.max(this.distance * factor, 0.3), 60);
+    this.distance = Math.min(Math.max(this.distance * factor, 0.15), 60);
     this.changed();
   }
 
@@ -587,7 +603,7 @@ class Camera {
 async function start(description) {
   const element = (id) => document.getElementById(id);
   const canvas = element("picture"), slider = element("time"), button = element("play"), speed = element("speed");
-  const follow = element("follow"), clock = element("clock"), cursor = element("cursor"), curves = element("curves");
+  const follow = element("follow"), look = element("look"), through = element("through"), clock = element("clock"), cursor = element("cursor"), curves = element("curves");
   const { fps, seconds } = description;
   const picture = new Picture(canvas, description, await unpacked(description.numbers));
   const insets = curves ? [Number(curves.dataset.left), Number(curves.dataset.right)] : [0, 0];
@@ -623,7 +639,8 @@ async function start(description) {
       stale = false;
       const middle = picture.centre(second);
       picture.show(second);
-      picture.draw(...camera.around(follow.checked ? middle : first), middle);
+      const place = look.value ? picture.look(look.value, second) : follow.checked ? middle : first;
+      picture.draw(...camera.around(place), middle);
       const frame = Math.round(second * fps);
       slider.value = frame;
       clock.textContent = `${second.toFixed(2)} s \u00b7 frame ${frame}`;
@@ -639,11 +656,27 @@ async function start(description) {
   });
   button.addEventListener("click", () => play(!playing));
   follow.addEventListener("change", () => (stale = true));
-  element("home").addEventListener("click", () => camera.reset());
+  const lookAt = (index) => {
+    if (index >= look.options.length) return;
+    look.selectedIndex = index;
+    if (look.value) camera.approach(description.close);
+    else camera.reset();
+  };
+  for (const name of new Set(picture.subjects.flatMap((subject) => [...subject.looks.keys()])))
+    look.append(new Option(name, name));
+  look.addEventListener("change", () => lookAt(look.selectedIndex));
+  through.addEventListener("change", () => {
+    picture.seeThrough(through.checked);
+    stale = true;
+  });
+  canvas.addEventListener("dblclick", () => lookAt(0));
+  element("home").addEventListener("click", () => lookAt(0));
   document.addEventListener("keydown", (event) => {
     if (event.target.closest("input, select, button, a") || event.ctrlKey || event.metaKey || event.altKey) return;
     const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
     if (event.key === " ") play(!playing);
+    else if (event.key === "x") through.click();
+    else if (event.key >= "1" && event.key <= "9") lookAt(Number(event.key) - 1);
     else if (step) {
       play(false);
       seek((Math.round(second * fps) + step) / fps);
