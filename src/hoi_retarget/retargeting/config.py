@@ -87,6 +87,8 @@ class Weights:
 
     At other rates it is scaled so that its share of the cost stays what it is at 30.
     """
+    stance_anchor: float = 3e4
+    """Feet that keep one place while they stand [1/m^2], in surface contact; not in the paper."""
     floor_clearance: float = 2000.0
     """Sole corners under the floor [1/m^2]; not in the paper."""
     capsule_clearance: float = 0.0

@@ -47,6 +47,10 @@ class Foot:
         """Height of the toe site when the sole is flat on the floor [m]."""
         return float(self.toe[2] - self.corners[:, 2].min())
 
+    def lowest(self, rotations: Float[np.ndarray, "T 3 3"]) -> Float[np.ndarray, "T"]:
+        """Return how high the lowest sole corner is over the contact site [m]; negative."""
+        return np.min(rotations[:, 2] @ self.corners.T, axis=1)
+
 
 def resting_height(toe_heights: Float[np.ndarray, "T"], stands: Bool[np.ndarray, "T"]) -> float:
     """Return at which height a toe joint stands [m]; its lowest where it never does."""
@@ -67,6 +71,12 @@ def resting_tilt(quats: Float[np.ndarray, "T 4"], stands: Bool[np.ndarray, "T"])
     return se3.exp(-tilt)
 
 
+def steady_stance(stands: Bool[np.ndarray, "T"], fps: float) -> Bool[np.ndarray, "T"]:
+    """Return stance flags without flicker."""
+    shortest = frames_in(SHORTEST_STANCE_SECONDS, fps)
+    return steadied(stands, gap=shortest - 1, shortest=shortest)
+
+
 def plant(
     foot: Foot,
     toes: Float[np.ndarray, "T 3"],
@@ -75,14 +85,11 @@ def plant(
     fps: float,
 ) -> tuple[Float[np.ndarray, "T 3"], Float[np.ndarray, "T 4"]]:
     """Return the contact site's position and rotation for a wanted toe path and foot rotation."""
-    shortest = frames_in(SHORTEST_STANCE_SECONDS, fps)
-    steady = steadied(stands, gap=shortest - 1, shortest=shortest)
-    standing = fade(steady, frames_in(RAMP_SECONDS, fps))
+    standing = fade(steady_stance(stands, fps), frames_in(RAMP_SECONDS, fps))
     toes, quats = smooth(toes, fps), smooth_quats(quats, fps)
     quats = se3.slerp(quats, _level(quats), standing)
     positions = toes - se3.rotate(quats, foot.toe)
-    rotations = se3.quat_to_matrix(quats)
-    lowest = np.min(rotations[:, 2] @ foot.corners.T, axis=1)
+    lowest = foot.lowest(se3.quat_to_matrix(quats))
     # On the floor in stance, never under it.
     free = np.maximum(positions[:, 2], -lowest)
     positions[:, 2] = free + standing * (-lowest - free)

@@ -52,7 +52,7 @@ def one_thread() -> AbstractContextManager[Any]:
 
 def _retarget(clip: Clip, model: RobotModel, config: Config, person: int) -> tuple[Motion, Targets]:
     clock = [time.process_time()]
-    targets = make_targets(clip, model, config.scaling, person=person)
+    targets = make_targets(clip, model, config.scaling, contact=config.contact, person=person)
     clock.append(time.process_time())
     ik_qpos, ik_windows = solve_ik(model, targets, config.ik, config.horizon)
     clock.append(time.process_time())

@@ -20,7 +20,8 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.numerics.filters import fade, frames_in, nearest_active, smooth, smooth_quats
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
-from hoi_retarget.retargeting.config import Scaling
+from hoi_retarget.retargeting.config import ContactKind, Scaling
+from hoi_retarget.retargeting.foot_anchors import anchor, anchor_weights
 from hoi_retarget.retargeting.foot_planting import Foot, plant, resting_height, resting_tilt
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
@@ -46,6 +47,8 @@ class Targets:
     foot_positions: Float[np.ndarray, "T 2 3"]
     """World positions of the left and right foot's contact site [m]: on the floor in stance."""
     foot_quats: Float[np.ndarray, "T 2 4"]
+    anchor_weights: Float[np.ndarray, "T 2"]
+    """How much each foot is to keep its place: 1 while it stands, in surface contact."""
     palm_quats: Float[np.ndarray, "T 2 4"]
     """World rotations of the left and right palm, as the human's hands turn."""
     object_names: tuple[str, ...]
@@ -95,8 +98,13 @@ class Targets:
         return replace(self, **over_time)
 
 
-def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int = 0) -> Targets:
-    """Return the targets of one robot for one person of a clip."""
+def make_targets(
+    clip: Clip, model: RobotModel, scaling: Scaling, *, contact: ContactKind = "surface", person: int = 0
+) -> Targets:
+    """Return the targets of one robot for one person of a clip.
+
+    Feet keep one place for each stance run in surface contact, and follow the person's otherwise.
+    """
     human, jumps = without_rotation_jumps(clip.people[person], clip.fps)
     root_scale = _root_scale(clip, model, scaling)
     geometry_scale = _geometry_scale(model, scaling, root_scale)
@@ -106,7 +114,9 @@ def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int
     goals = _site_targets(human, model, body_scale, feet, stands)
     # A body of its own size goes where the root scale puts everybody.
     goals.positions[..., :2] += (root_scale - body_scale) * human.position("pelvis")[:, None, :2]
-    goals, foot_positions, foot_quats = _with_planted_feet(goals, feet, stands, clip.fps)
+    anchored = contact == "surface"
+    goals, foot_positions, foot_quats = _with_planted_feet(goals, feet, stands, clip.fps, anchored=anchored)
+    anchors = np.stack([anchored * anchor_weights(flags, clip.fps) for flags in stands.T], axis=1)
     tracks = [_scale_track(track, root_scale, geometry_scale, clip.fps) for track in clip.objects]
     return Targets(
         fps=clip.fps,
@@ -117,6 +127,7 @@ def make_targets(clip: Clip, model: RobotModel, scaling: Scaling, *, person: int
         trunk_rotations=frozen(trunk_rotations(human.position)),
         foot_positions=frozen(foot_positions),
         foot_quats=frozen(foot_quats),
+        anchor_weights=frozen(anchors),
         palm_quats=frozen(_palm_quats(model, goals)),
         object_names=tuple(track.name for track in clip.objects),
         object_geometry=tuple(track.geometry for track in clip.objects),
@@ -209,7 +220,7 @@ def _site_targets(
 
 
 def _with_planted_feet(
-    goals: _SiteTargets, feet: tuple[Foot, ...], stands: np.ndarray, fps: float
+    goals: _SiteTargets, feet: tuple[Foot, ...], stands: np.ndarray, fps: float, *, anchored: bool
 ) -> tuple[_SiteTargets, np.ndarray, np.ndarray]:
     """Return the goals with the toes' rows replaced, and positions and rotations of the feet's contact sites."""
     positions, quats = goals.positions.copy(), goals.quats.copy()
@@ -218,6 +229,8 @@ def _with_planted_feet(
         toe, standing = goals.row(f"{SIDES[side]}_toe"), stands[:, side]
         turned = se3.quat_multiply(quats[:, toe], resting_tilt(quats[:, toe], standing))
         place, turn = plant(foot, positions[:, toe], turned, standing, fps)
+        if anchored:
+            place, turn = anchor(foot, place, turn, standing, fps)
         foot_positions[:, side], foot_quats[:, side] = place, turn
         positions[:, toe], quats[:, toe] = place + se3.rotate(turn, foot.toe), turn
     return _SiteTargets(goals.sites, positions, quats), foot_positions, foot_quats

@@ -6,6 +6,7 @@ the paper.
 """
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -40,6 +41,9 @@ COSTS: tuple[Callable[[Weights, Targets, Kinematics], Iterable[Term]], ...] = (
 def trajectory_terms(weights: Weights, targets: Targets, reference: Kinematics) -> tuple[Term, ...]:
     """Return the terms of all costs against an IK reference; those that would be empty are left out."""
     used = weights if targets.object_names else weights.without_objects
+    if targets.anchor_weights.any():
+        # Anchors hold the feet that stand; those that swing are smoother with the weight that they have with objects.
+        used = replace(used, feet_position=weights.feet_position)
     return tuple(term for cost in COSTS for term in cost(used, targets, reference))
 
 

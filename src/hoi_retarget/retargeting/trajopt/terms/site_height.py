@@ -14,6 +14,9 @@ from hoi_retarget.retargeting.trajopt.terms.site_rotation import SiteRotation
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.spec import SIDES
 
+# An anchored foot that turns weighs as much as one that moves by the angle times this [m]. With more, where a wide
+# squat leaves no flat sole (H2), the hands pay for it.
+SOLE_REACH = 0.05
 UP = np.eye(3)[2:, :, None]
 
 
@@ -43,4 +46,7 @@ def stance_terms(weights: Weights, targets: Targets, reference: Kinematics) -> I
         yield SiteHeight(f"{side}_stance_height", site, height, weights.stance_height * flags)
         if site not in reference.model.spec.dropped_rotations:
             rotation = se3.quat_to_matrix(targets.foot_quats[:, k]).transpose(1, 2, 0)
-            yield SiteRotation(f"{side}_stance_orientation", site, rotation, weights.stance_orientation * flags)
+            # The residual's square is twice the squared angle.
+            anchored = 0.5 * SOLE_REACH**2 * weights.stance_anchor * targets.anchor_weights[:, k]
+            weight = weights.stance_orientation * flags + anchored
+            yield SiteRotation(f"{side}_stance_orientation", site, rotation, weight)

@@ -37,4 +37,5 @@ def position_terms(weights: Weights, targets: Targets, reference: Kinematics) ->
     yield SitePosition("head_position", "head", reference.point("head"), weights.head_position)
     for k, side in enumerate(SIDES):
         target = targets.foot_positions[:, k].T
-        yield SitePosition(f"{side}_foot_position", f"{side}_foot", target, weights.feet_position)
+        weight = weights.feet_position + weights.stance_anchor * targets.anchor_weights[:, k]
+        yield SitePosition(f"{side}_foot_position", f"{side}_foot", target, weight)
