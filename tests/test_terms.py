@@ -7,7 +7,7 @@ from hoi_retarget.errors import ArgumentError
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.trajopt.normal import assemble
 from hoi_retarget.retargeting.trajopt.problem import Term, cost_by_term
-from hoi_retarget.retargeting.trajopt.rows import FrameRows, Rows, StencilRows, cost
+from hoi_retarget.retargeting.trajopt.rows import FrameRows, PairRows, Rows, StencilRows, cost
 from hoi_retarget.robots.model import Kinematics
 from trajectories import MODELS, all_terms, sunk_qpos, term_classes, terms_by_class
 
@@ -25,13 +25,24 @@ def residuals(term: Term, kinematics: Kinematics) -> np.ndarray:
     return np.concatenate([(np.sqrt(part.weight) * part.residual).ravel() for part in term.rows(kinematics)])
 
 
+def twists(part: FrameRows | PairRows, kinematics: Kinematics) -> np.ndarray:
+    """Return the derivative (T, 6, nv) of the twist that rows depend on."""
+    if isinstance(part, FrameRows):
+        return kinematics.jacobian(part.frame)
+    lever = (kinematics.point(part.of.frame) - kinematics.point(part.other)).T[:, :, None]
+    other = kinematics.jacobian(part.other)
+    other[:, :3] += np.cross(other[:, 3:], lever, axis=1)
+    return kinematics.jacobian(part.of.frame) - other
+
+
 def dense_jacobian(part: Rows, kinematics: Kinematics) -> np.ndarray:
     """Return a row kind's weighted Jacobian by all T nv coordinates, from its definition."""
     nv, frames = kinematics.model.nv, len(kinematics.qpos)
     count, rows = part.residual.shape
     dense = np.zeros((count, rows, frames, nv))
-    if isinstance(part, FrameRows):
-        site = kinematics.jacobian(part.frame)
+    if isinstance(part, FrameRows | PairRows):
+        site = twists(part, kinematics)
+        part = part.of if isinstance(part, PairRows) else part
         for i, t in enumerate(range(frames) if part.frames is None else part.frames):
             if part.by_linear is not None:
                 dense[:, i, t] += part.by_linear[:, :, i] @ site[t, :3]

@@ -13,8 +13,10 @@ from hoi_retarget.retargeting.config import IkWeights, Scaling, Weights
 from hoi_retarget.retargeting.targets import Targets, make_targets
 from hoi_retarget.retargeting.trajopt.problem import Term
 from hoi_retarget.retargeting.trajopt.table import ik_terms, trajectory_terms
+from hoi_retarget.retargeting.trajopt.terms.self_clearance import LinkPair, SelfClearance, SpreadPoints
 from hoi_retarget.robots import ROBOTS, load_robot
 from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.robots.skin import skin_of
 from hoi_retarget.synthetic import make
 
 MODELS: dict[str, RobotModel] = {name: load_robot(name) for name in ROBOTS}
@@ -62,7 +64,17 @@ def all_terms(model: RobotModel, frames: int, rng: np.random.Generator) -> tuple
     return (
         *trajectory_terms(Weights(capsule_clearance=300.0), window, reference),
         *ik_terms(IkWeights(), window, model),
+        links_apart(model, frames),
     )
+
+
+def links_apart(model: RobotModel, frames: int) -> SelfClearance:
+    """Return the clearance of a hand from the trunk, with a margin that is always broken."""
+    skins, every = skin_of(model).by_link, np.arange(frames)
+    hand, trunk = (skins[model.site_bodies[model.site_names.index(site)]] for site in ("left_palm", "torso"))
+    few = SpreadPoints(hand.points[:8], 8, np.arange(8), np.zeros(8))
+    pair = LinkPair(hand.frame, few, trunk.frame, trunk.solid, np.inf, every)
+    return SelfClearance("self_clearance", (pair,), 2.0, 1e3)
 
 
 @cache

@@ -7,6 +7,8 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.numerics.trilinear import directions, interpolate, with_slopes
+
 _CORNERS = np.array(list(product((0, 1), repeat=3)))
 
 
@@ -23,48 +25,44 @@ class DistanceGrid:
 
     def distances(self, points: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K"]:
         """Return signed distances [m], trilinear; beyond the grid, the way to it is added."""
-        corners, fraction, beyond = self._cells(points)
-        weights = np.where(_CORNERS, fraction[:, None], 1.0 - fraction[:, None]).prod(axis=2)
-        return (self._flat[corners] * weights).sum(axis=1) + _norms(beyond)
+        corners, place, beyond = self._cells(points)
+        return interpolate(corners, place) + _norms(beyond)
+
+    def distances_and_slopes(
+        self, points: Float[np.ndarray, "K 3"]
+    ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
+        """Return `distances`, and their derivatives by the points."""
+        corners, place, beyond = self._cells(points)
+        distances, slopes = with_slopes(corners, place)
+        away = _norms(beyond)
+        # Beyond the grid, along an axis, only the way to it grows.
+        slopes = np.where(beyond != 0.0, 0.0, slopes / self.step) + beyond / np.maximum(away, 1e-12)
+        return distances + away, slopes.T
 
     def distances_and_normals(
         self, points: Float[np.ndarray, "K 3"]
     ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
-        """Return `distances`, and their gradients at unit length, which point out of the solid."""
-        corners, fraction, beyond = self._cells(points)
-        values = self._flat[corners]
-        sides = np.where(_CORNERS, fraction[:, None], 1.0 - fraction[:, None])
-        away = _norms(beyond)
-        signs = 2.0 * _CORNERS - 1.0
-        x, y, z = np.moveaxis(sides, 2, 0)
-        slopes = np.stack(
-            [(values * signs[:, 0] * y * z), (values * signs[:, 1] * x * z), (values * signs[:, 2] * x * y)]
-        )
-        gradient = slopes.sum(axis=2).T / self.step
-        # Beyond the grid the field rises along the way from it.
-        gradient = np.where(beyond != 0.0, beyond / np.maximum(away, 1e-12)[:, None], gradient)
-        lengths = _norms(gradient)
-        up = np.array([0.0, 0.0, 1.0])
-        normals = np.where(lengths[:, None] > 1e-9, gradient / np.maximum(lengths, 1e-9)[:, None], up)
-        return (values * x * y * z).sum(axis=1) + away, normals
+        """Return `distances`, and the directions in which they grow: unit vectors, which point out of the solid."""
+        distances, slopes = self.distances_and_slopes(points)
+        return distances, directions(slopes)
 
     def nearest_distances(self, points: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K"]:
         """Return the distance [m] of the nearest node: off by no more than the way to it."""
         last = np.array(self.values.shape) - 1
         at = np.clip(np.rint((points - self.origin) / self.step), 0, last)
         nodes = at.astype(np.int64) @ self._strides
-        return self._flat[nodes] + _norms(np.asarray(points) - (self.origin + self.step * at)) * (
+        return self._flat[nodes] + _norms((np.asarray(points) - (self.origin + self.step * at)).T) * (
             (points < self.origin) | (points > self.origin + self.step * last)
         ).any(axis=1)
 
     def _cells(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the corners of the cells of points, places within them from 0 to 1, and the way to the grid [m]."""
-        last = np.array(self.values.shape) - 1
-        at = (np.asarray(points, dtype=float) - self.origin) / self.step
+        """Return values around points, places between them from 0 to 1, and the way to the grid [m], by axes."""
+        last = np.array(self.values.shape)[:, None] - 1
+        at = (np.asarray(points, dtype=float).T - self.origin[:, None]) / self.step
         inside = np.clip(at, 0.0, last)
         first = np.minimum(inside.astype(np.int64), last - 1)
-        corners = (first @ self._strides)[:, None] + _CORNERS @ self._strides
-        return corners, inside - first, (at - inside) * self.step
+        corners = self._strides @ first + (_CORNERS @ self._strides)[:, None]
+        return self._flat[corners], inside - first, (at - inside) * self.step
 
     @cached_property
     def _flat(self) -> np.ndarray:
@@ -77,4 +75,5 @@ class DistanceGrid:
 
 
 def _norms(vectors: np.ndarray) -> np.ndarray:
-    return np.sqrt(np.einsum("ki,ki->k", vectors, vectors))
+    """Return the lengths of vectors along the first axis."""
+    return np.sqrt(np.einsum("ik,ik->k", vectors, vectors))

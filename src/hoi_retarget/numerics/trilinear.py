@@ -30,3 +30,9 @@ def with_slopes(
     by_z = by_z[0::2] + y * (by_z[1::2] - by_z[0::2])
     slopes = np.stack([by_x, by_y[0] + x * (by_y[1] - by_y[0]), by_z[0] + x * (by_z[1] - by_z[0])])
     return along_y[0] + x * by_x, slopes
+
+
+def directions(slopes: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K 3"]:
+    """Return slopes at unit length; upwards where there is none."""
+    lengths = np.sqrt((slopes**2).sum(axis=1, keepdims=True))
+    return np.where(lengths > 1e-9, slopes / np.maximum(lengths, 1e-9), [0.0, 0.0, 1.0])

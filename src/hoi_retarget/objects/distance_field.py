@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hoi_retarget.files import npz, user_cache
-from hoi_retarget.numerics.trilinear import interpolate, with_slopes
+from hoi_retarget.numerics.trilinear import directions, interpolate, with_slopes
 from hoi_retarget.objects.mesh import Surface, surface_of
 from hoi_retarget.objects.surface_cells import STEPS, Cells, sample, starts_of
 from hoi_retarget.objects.track import ObjectGeometry
@@ -63,31 +63,36 @@ class DistanceField:
         """
         return np.concatenate([self._distances(block) for block in _blocks(points)])
 
+    def distances_and_slopes(
+        self, points: Float[np.ndarray, "K 3"]
+    ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
+        """Return the distances of points [m], and their derivatives by the points."""
+        distances, slopes = zip(*(self._distances_and_slopes(block) for block in _blocks(points)), strict=True)
+        return np.concatenate(distances), np.concatenate(slopes)
+
     def distances_and_normals(
         self, points: Float[np.ndarray, "K 3"]
     ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
         """Return the distances of points [m], and the directions in which they grow: unit vectors."""
-        distances, normals = zip(*(self._distances_and_normals(block) for block in _blocks(points)), strict=True)
-        return np.concatenate(distances), np.concatenate(normals)
+        distances, slopes = self.distances_and_slopes(points)
+        return distances, directions(slopes)
 
     def _distances(self, points: np.ndarray) -> np.ndarray:
         corners, place, _, beyond = self._located(points)
         distances = interpolate(corners, place)
         return distances if beyond is None else _lengthened(distances, beyond)
 
-    def _distances_and_normals(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _distances_and_slopes(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         corners, place, steps, beyond = self._located(points)
         distances, slopes = with_slopes(corners, place)
         slopes *= steps / self.cells.edge
         if beyond is not None:
             # Along an axis in which a point is beyond the cells, the distance within them does not change.
+            longer = _lengthened(distances, beyond)
             outside = beyond.any(axis=0)
-            slopes = np.where(outside & (beyond == 0), distances * slopes, np.where(outside, beyond, slopes))
-            distances = _lengthened(distances, beyond)
-        lengths = np.sqrt((slopes**2).sum(axis=0))
-        flat = lengths < 1e-12
-        slopes[2, flat] = lengths[flat] = 1.0
-        return distances, (slopes / lengths).T
+            way = np.where(beyond == 0, distances * slopes, beyond) / np.where(outside, longer, 1.0)
+            distances, slopes = longer, np.where(outside, way, slopes)
+        return distances, slopes.T
 
     def _located(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
         """Return the samples around points, where between them, steps along a cell's edge, and the way to the cells."""

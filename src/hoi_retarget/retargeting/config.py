@@ -91,6 +91,8 @@ class Weights:
     """Feet that keep one place while they stand [1/m^2], in surface contact; not in the paper."""
     floor_clearance: float = 2000.0
     """Sole corners under the floor [1/m^2]; not in the paper."""
+    self_clearance: float = 5e3
+    """Points of a link's skin, 6 mm apart, in another link [1/m^2]; not in the paper."""
     capsule_clearance: float = 0.0
     """Objects' surfaces in capsules around the robot's links [1/m^2] (paper App. B); at 0 nothing is computed."""
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.retargeting.trajopt.rows import FrameRows, Rows, StencilRows, TangentRows
+from hoi_retarget.retargeting.trajopt.rows import FrameRows, PairRows, Rows, StencilRows, TangentRows
 from hoi_retarget.robots.model import Kinematics
 
 
@@ -40,6 +40,8 @@ def assemble(kinematics: Kinematics, rows: Iterable[Rows], *, least_width: int =
             _add_stencil_rows(band, gradient, part)
         elif isinstance(part, TangentRows):
             _add_tangent_rows(band, gradient, part)
+        elif isinstance(part, PairRows):
+            _add_pair_rows(band, gradient, kinematics, part)
     return NormalEquations(band, gradient)
 
 
@@ -131,3 +133,23 @@ def _add_tangent_rows(band: np.ndarray, gradient: np.ndarray, part: TangentRows)
             row, column = np.tril_indices(len(columns)) if later == earlier else np.indices(block.shape[1:])
             place = (later - earlier) * nv + columns[row] - columns[column]
             band[earlier : earlier + count, columns[column], place] += block[:, row, column]
+
+
+def _add_pair_rows(band: np.ndarray, gradient: np.ndarray, kinematics: Kinematics, part: PairRows) -> None:
+    """Add rows between two links: only hinges on the way from one to the other move them against each other."""
+    model, rows = kinematics.model, part.of
+    moves = (model.supports[:, rows.frame.node] - model.supports[:, part.other.node])[model.column_nodes]
+    columns = np.flatnonzero(moves)
+    twist, at_root = _at_root(rows, kinematics)
+    active = np.flatnonzero(at_root.any(axis=(0, 1)))
+    if not active.size or not columns.size:
+        return
+    frames = active if rows.frames is None else rows.frames[active]
+    axes = kinematics.motion_axes[twist][:, columns[:, None], frames] * moves[columns, None]
+    jacobian = np.einsum("mat,act->tmc", at_root[:, :, active], axes)
+    weight = np.broadcast_to(rows.weight, rows.residual.shape[1:])[active]
+    weighted = jacobian * weight[:, None, None]
+    gradient[frames[:, None], columns] += np.einsum("tmc,mt->tc", weighted, rows.residual[:, active])
+    block = np.matmul(weighted.transpose(0, 2, 1), jacobian)
+    row, column = np.tril_indices(len(columns))
+    band[frames[:, None], columns[column], columns[row] - columns[column]] += block[:, row, column]

@@ -1,7 +1,7 @@
 """Residuals of a cost term and their Jacobians, for all frames of a trajectory at once.
 
 Time is the last axis. A term's cost is the sum over its rows of `weight * residual**2`, with the
-weights of the paper's table. Three kinds of rows exist, so that a solver can use their structure.
+weights of the paper's table. Four kinds of rows exist, so that a solver can use their structure.
 """
 
 from dataclasses import dataclass
@@ -25,6 +25,27 @@ class FrameRows:
     weight: float | Float[np.ndarray, "rows"]
     frames: Int[np.ndarray, "rows"] | None = None
     """Frames of the trajectory, each at most once, that the rows belong to; None for all of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class PairRows:
+    """Residuals that depend on the pose of one frame seen from another link.
+
+    Their Jacobians are by the twist of the one frame, less the twist that it would have if it were fixed to the other.
+    """
+
+    of: FrameRows
+    other: Frame
+
+    @property
+    def residual(self) -> Float[np.ndarray, "m rows"]:
+        """Residuals of the rows."""
+        return self.of.residual
+
+    @property
+    def weight(self) -> float | Float[np.ndarray, "rows"]:
+        """Weight of the rows."""
+        return self.of.weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +75,7 @@ class TangentRows:
     weight: float
 
 
-Rows = FrameRows | StencilRows | TangentRows
+Rows = FrameRows | PairRows | StencilRows | TangentRows
 
 
 def cost(rows: Rows) -> float:
