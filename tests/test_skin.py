@@ -196,3 +196,43 @@ def test_bodies_lie_where_the_makers_do(name):
         places.append([turn.T @ data.body(link).xmat.reshape(3, 3) for link in links])
     np.testing.assert_allclose(places[0], places[2], atol=1e-5)
     np.testing.assert_allclose(places[1], places[3], atol=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ROBOTS)
+def test_skins_against_the_makers_meshes(name):
+    """Seen from outside: a ray along the triangle's normal, one way or the other, meets nothing of the link."""
+    import igl
+
+    _, meshes = maker_meshes(name)
+    model = load_robot(name)
+    skin = skin_of(model)
+    inside, outside = [], []
+    for body, mesh in meshes.items():
+        own = skin.by_link["pelvis" if body == "world" else body]
+        spacing = fineness_of(model, own.link).spacing
+        vertices, faces = np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int64)
+        tree = igl.AABB()
+        tree.init(vertices, faces)
+        assert np.sqrt(tree.squared_distance(vertices, faces, np.array(own.points))[0]).max() < 5e-4, body
+        points, owner = trimesh.sample.sample_surface(mesh, 3000, seed=1)
+        points, normals = np.array(points), mesh.face_normals[owner]
+        free = [
+            tree.intersect_ray_first(vertices, faces, points + 1e-4 * side * normals, side * normals)[0] < 0
+            for side in (1.0, -1.0)
+        ]
+        outward = normals * (free[0].astype(float) - free[1])[:, None]
+        # What other links hide in every pose is no skin.
+        seen = (np.linalg.norm(outward, axis=1) > 0.5) & (np.abs(own.solid.distances(points)) < 0.0015)
+        points, outward = points[seen], outward[seen]
+        near = cKDTree(own.points).query(points)[0] <= spacing + 0.001
+        assert near.mean() > 0.97, body
+        inside.append(own.solid.distances(points - 0.003 * outward) < 0.0)
+        outside.append(own.solid.distances(points + 0.003 * outward) > 0.0)
+        if "wrist_yaw" in body:
+            fingers = mesh.vertices[mesh.vertices[:, 0] > 0.06]
+            depth = own.solid.distances(np.array(fingers))
+            assert np.median(np.abs(depth)) < 0.0005
+            assert (depth < 0.003).all()
+    assert np.concatenate(outside).mean() > 0.98
+    assert np.concatenate(inside).mean() > 0.95

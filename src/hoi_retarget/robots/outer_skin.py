@@ -2,13 +2,13 @@
 
 A maker's mesh of a link holds motors, ribs and screws, is often not closed and seldom wound alike. So inside and
 outside are told by a small ball: the outside is all that a ball can fill that comes in from far away, and the skin
-all that it can touch. Hollows that it cannot enter belong to the solid.
+all that it can touch. Hollows that it cannot enter belong to the solid, and so do those that other links plug.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 from scipy.spatial import KDTree
 
@@ -18,8 +18,8 @@ from hoi_retarget.robots.spec import SIDES
 
 _NEIGHBOURS = 32
 """Balls that are tried for one point: the best one is among the nearest."""
-_TOUCH = 0.4
-"""A ball touches what is nearer to it than this share of the nodes' distance, which its centre may be off by."""
+_TOUCH = 5e-4
+"""A ball touches what is nearer to it than this [m]: centres of balls are nodes of a grid."""
 _BLOCK = 200_000
 """Points asked for at once, which bounds memory."""
 
@@ -65,13 +65,13 @@ class OuterSkin:
 
 
 @dataclass(frozen=True, eq=False)
-class _Outside:
-    """The balls next to the skin that can come in from far away, and the nodes that are outside."""
+class Outside:
+    """Balls next to the skin that can come in from far away."""
 
     centres: Float[np.ndarray, "N 3"]
+    """[m]"""
     radii: Float[np.ndarray, "N"]
-    nodes: DistanceGrid
-    """1 at nodes that balls can come to, else 0."""
+    """Of the largest balls there that touch nothing [m]."""
 
     def free(self, points: Float[np.ndarray, "K 3"]) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
         """Return how deep points lie in the balls [m], negative where in none, and the centre of the best ball."""
@@ -84,13 +84,26 @@ class _Outside:
 
 
 def outer_skin(
-    vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"], fineness: Fineness, *, seed: int = 0
+    vertices: Float[np.ndarray, "V 3"],
+    faces: Int[np.ndarray, "F 3"],
+    fineness: Fineness,
+    outside: Outside | None = None,
+    *,
+    seed: int = 0,
 ) -> OuterSkin:
-    """Return the outer skin of triangles, which need not be closed, manifold or wound alike."""
-    outside = _outside(vertices, faces, fineness)
+    """Return the outer skin of triangles, which need not be closed, manifold or wound alike.
+
+    Args:
+        vertices: [m]
+        faces: Triangles.
+        fineness: How finely to look.
+        outside: The outside, where it is known from more than these triangles.
+        seed: Of the places that are tried on the triangles.
+    """
+    outside = outside or outside_of(vertices, faces, fineness)
     candidates, normals = _samples(vertices, faces, 0.2 * fineness.spacing, seed)
     depth, centre = outside.free(candidates)
-    touched = depth > -_TOUCH * fineness.nodes
+    touched = depth > -_TOUCH
     candidates, normals, centre = candidates[touched], normals[touched], centre[touched]
     inward = np.einsum("ki,ki->k", centre - candidates, normals) < 0.0
     normals = np.where(inward[:, None], -normals, normals)
@@ -113,31 +126,37 @@ def farthest_points(points: Float[np.ndarray, "K 3"], spacing: float) -> Int[np.
         chosen.append(farthest)
 
 
-def _outside(vertices: np.ndarray, faces: np.ndarray, fineness: Fineness) -> _Outside:
+def outside_of(vertices: np.ndarray, faces: np.ndarray, fineness: Fineness) -> Outside:
+    """Return the outside of triangles alone."""
     origin, shape = grid_around(vertices, fineness.nodes, fineness.ball + 4 * fineness.nodes)
     nodes = grid_nodes(origin, fineness.nodes, shape)
     room = mesh_distances(nodes, vertices, faces)
-    fits = (room > fineness.ball).reshape(shape)
-    parts = np.zeros(shape, dtype=np.int32)
+    reached = reached_from_afar((room > fineness.ball).reshape(shape)).reshape(-1)
+    layer = reached & (room <= fineness.ball + 2.0 * fineness.nodes)
+    return Outside(nodes[layer], room[layer])
+
+
+def reached_from_afar(fits: Bool[np.ndarray, "X Y Z"]) -> Bool[np.ndarray, "X Y Z"]:
+    """Return where a ball can come to from the first node, by nodes where it fits."""
+    parts = np.zeros(fits.shape, dtype=np.int32)
     ndimage.label(fits, output=parts)
-    reached = parts == parts[0, 0, 0]
-    layer = reached.reshape(-1) & (room <= fineness.ball + 2.0 * fineness.nodes)
-    return _Outside(nodes[layer], room[layer], DistanceGrid(origin, fineness.nodes, reached.astype(np.float32)))
+    return parts == parts[0, 0, 0]
 
 
 def _solid(
-    vertices: np.ndarray, faces: np.ndarray, outside: _Outside, skin: np.ndarray, fineness: Fineness
+    vertices: np.ndarray, faces: np.ndarray, outside: Outside, skin: np.ndarray, fineness: Fineness
 ) -> DistanceGrid:
     origin, shape = grid_around(vertices, fineness.grid, 2 * fineness.grid)
     nodes = grid_nodes(origin, fineness.grid, shape)
     to_mesh = mesh_distances(nodes, vertices, faces)
     to_skin = KDTree(skin).query(nodes)[0]
     free, _ = outside.free(nodes)
-    reached = outside.nodes.nearest_distances(nodes) > 0.5
-    # In balls alone, a place by the skin is a little too near to it; far away no balls are kept.
-    by_skin = to_mesh - free < _TOUCH * fineness.nodes
+    # Balls are next to the skin: from farther outside they are nearer than it, from inside farther.
+    beyond = (KDTree(outside.centres).query(nodes)[0] < to_skin) & (to_skin > outside.radii.min())
+    # Balls alone say a little less than the way to the skin, but more than that to the rim of a plugged hollow.
+    by_skin = np.abs(to_mesh - free) < 2.0 * _TOUCH
     values = np.where(free > 0.0, np.where(by_skin, to_mesh, free), np.maximum(free, -to_skin))
-    values = np.where(reached & (to_mesh > fineness.ball + fineness.nodes), to_mesh, values)
+    values = np.where(beyond, np.maximum(free, to_skin), values)
     return DistanceGrid(origin, fineness.grid, values.reshape(shape).astype(np.float32))
 
 

@@ -1,0 +1,195 @@
+"""Touch without sinking: how well robots' hands touch objects over recorded clips, and what goes through what.
+
+Distances are those of the skins made from the makers' meshes and of the objects' exact triangles, in every frame. An
+object that is a shell (*) has no inside: only its points inside links count, and gaps are from 1 mm off its surface.
+Of an object that is known by its hull (+), the depth is in the hull.
+
+    python benchmarks/contact.py --data ../shared/data/omomo --objects ../shared/data/objects --contact both
+"""
+
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import tyro
+from common import clip_files, pin_threads, show, taken, write_json
+
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.read_options import ReadOptions
+from hoi_retarget.evaluation import figures, penetration, touch
+from hoi_retarget.evaluation.figure import Figure
+from hoi_retarget.evaluation.object_shape import shape_of
+from hoi_retarget.evaluation.surface_curves import surface_curves
+from hoi_retarget.evaluation.view import Comparison
+from hoi_retarget.motion.motion import Motion, Stage
+from hoi_retarget.motion.report import Status
+from hoi_retarget.readers.open import open_clip
+from hoi_retarget.retargeting.config import Config, Scaling
+from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.robots import load_robot
+
+SURFACE = (
+    penetration.PENETRATION_MEAN,
+    penetration.PENETRATION_P95,
+    penetration.PENETRATION_MAX,
+    touch.TOUCH_SHARE,
+    touch.TOUCH_GAP_P95,
+    touch.TOUCH_PLACE,
+    penetration.SELF_PENETRATION_MAX,
+    penetration.LINK_BELOW_FLOOR,
+)
+KEPT = ("stance_float_m", "stance_slide_mps", "body_jerk_mps3", "body_jerk_max_mps3", "body_pose_deviation_deg")
+KEPT += ("link_velocity_direction_deg", "relative_hand_rotation_deg", "joint_range_margin_rad")
+KEPT += ("joint_speed_margin_radps",)
+COLUMNS: tuple[Figure, ...] = (
+    *SURFACE,
+    *(figure for name in KEPT for figure in figures.FIGURES if figure.name == name),
+)
+DEEP, SELF_DEEP = 5e-3, 2e-3
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Measure contact over the clips of a folder."""
+
+    data: Path = Path("../shared/data/omomo")
+    objects: Path = Path("../shared/data/objects")
+    robot: str = "unitree_g1"
+    contact: Literal["surface", "landmark", "both"] = "surface"
+    object_scale: float | None = 1.0
+    """1 keeps objects at captured size; None is the robot's default."""
+    clips: tuple[str, ...] = ()
+    """Only these clips, by name."""
+    limit: int | None = None
+    """Only so many clips, spread evenly over their names."""
+    every: int = 1
+    """Look at surfaces in every so many frames only: quicker, and maxima are too low."""
+    jobs: int = 1
+    json: Path | None = None
+
+
+def measured(file: Path, arguments: Arguments, contact: str) -> dict[str, Any]:
+    """Return the figures of one clip."""
+    clip = open_clip(file, ReadOptions(objects=arguments.objects))
+    model = load_robot(arguments.robot)
+    scaling = Scaling() if arguments.object_scale is None else Scaling(object_scale=arguments.object_scale)
+    motion = retarget(clip, model, Config(scaling=scaling, contact=contact))  # pyright: ignore[reportArgumentType]
+    seconds = {stage: spent for stage, spent in motion.report.cpu_seconds.items() if stage != "metrics"}
+    view = looked_at(motion, clip, arguments.every, arguments.robot)
+    curves = view.once(surface_curves)
+    shapes = [shape_of(track.geometry) for track in clip.objects]
+    windows = motion.stages[-1].windows
+    return {
+        "clip": clip.name,
+        "mark": "*" * any(shape.field.shell for shape in shapes) + "+" * any(is_hull(track) for track in clip.objects),
+        "frames": clip.frames,
+        "worst_link": curves.worst_link or "-",
+        "solved": all(window.status is Status.SOLVED for window in windows),
+        "iterations": sum(window.iterations for window in windows),
+        "ms_a_frame": 1e3 * sum(seconds.values()) / clip.frames,
+        **{name: motion.report.figures[name] for name in KEPT},
+        **{figure.name: figure.measure(view) for figure in SURFACE if figure.measure is not None},
+    }
+
+
+def is_hull(track: Any) -> bool:
+    """Return whether an object is known by its convex hull."""
+    path = track.geometry.mesh_path
+    return path.stem.endswith("_hull") if path is not None else track.geometry.faces is None
+
+
+def looked_at(motion: Motion, clip: Clip, every: int, robot: str) -> Comparison:
+    """Return the comparison, of every so many frames from the first that counts on."""
+    model = load_robot(robot)
+    whole = Comparison(motion, clip, 0, model.forward(motion.qpos))
+    if every == 1:
+        return whole
+    frames = np.arange(whole.first, clip.frames, every)
+    arrays = ("object_pos", "object_quat", "contact_flags", "contact_object", "contact_points", "stance_flags")
+    cut = {name: getattr(motion, name)[frames] for name in arrays}
+    part = replace(motion, stages=(Stage("every", motion.qpos[frames]),), first_source_frame=1, **cut)
+    shorter = replace(taken(clip, frames), first_source_frame=1)
+    return Comparison(part, shorter, 0, model.forward(part.qpos))
+
+
+def report(name: str, results: list[dict[str, Any]]) -> dict[str, Any]:
+    """Print the clips and what the issue asks of them together, and return it."""
+    facts = ("worst_link", "solved", "iterations", "ms_a_frame")
+    header = ["clip", *(figure.header for figure in COLUMNS), *facts]
+    rows = [
+        [
+            f"{result['clip']} {result['mark']}",
+            *(figure.text(result[figure.name]) for figure in COLUMNS),
+            *(result["worst_link"], "yes" if result["solved"] else "NO", str(result["iterations"])),
+            f"{result['ms_a_frame']:.2f}",
+        ]
+        for result in results
+    ]
+    show(name, header, rows)
+
+    def column(key: str) -> np.ndarray:
+        return np.array([result[key] for result in results if result[key] is not None])
+
+    deepest, inside = column("penetration_max_m"), column("self_penetration_max_m")
+    lines = {
+        "penetration in contact frames, mean of clips [mm]": 1e3 * column("penetration_mean_m").mean(),
+        "p95 over a clip's frames, mean of clips [mm]": 1e3 * column("penetration_p95_m").mean(),
+        "deepest of a clip, median [mm]": 1e3 * np.median(deepest),
+        "deepest of a clip, mean [mm]": 1e3 * deepest.mean(),
+        "clips above 5 mm": int((deepest > DEEP).sum()),
+        "hand-frames with gap within 2 mm, mean of clips [%]": 1e2 * column("touch_share").mean(),
+        "gap p95, mean of clips [mm]": 1e3 * column("touch_gap_p95_m").mean(),
+        "place on the object, mean of clips [mm]": 1e3 * column("touch_place_m").mean(),
+        "self-penetration above 2 mm, clips": int((inside > SELF_DEEP).sum()),
+        "self-penetration, mean of clips [mm]": 1e3 * inside.mean(),
+        "floor, any link, deepest, mean of clips [mm]": 1e3 * column("link_below_floor_m").mean(),
+        "soles off the floor in stance, mean of clips [mm]": 1e3 * column("stance_float_m").mean(),
+        "foot slide, mean of clips [cm/s]": 1e2 * column("stance_slide_mps").mean(),
+        "jerk, mean of clips [m/s^3]": column("body_jerk_mps3").mean(),
+        "jerk, worst clip [m/s^3]": column("body_jerk_mps3").max(),
+        "largest jerk, mean of clips [m/s^3]": column("body_jerk_max_mps3").mean(),
+        "pose [deg]": column("body_pose_deviation_deg").mean(),
+        "velocity direction [deg]": column("link_velocity_direction_deg").mean(),
+        "hand rotation [deg]": column("relative_hand_rotation_deg").mean(),
+        "clips with joint range or speed violated": int(
+            ((column("joint_range_margin_rad") < 0.0) | (column("joint_speed_margin_radps") < 0.0)).sum()
+        ),
+        "clips solved to tolerance": int(column("solved").sum()),
+        "CPU [ms a frame], mean of clips": column("ms_a_frame").mean(),
+    }
+    show(f"{name}: {len(results)} clips", ("figure", "value"), [(key, f"{value:.4g}") for key, value in lines.items()])
+    worst = {
+        "deepest": [(result["clip"], result["penetration_max_m"]) for result in results],
+        "in itself": [(result["clip"], result["self_penetration_max_m"]) for result in results],
+        "gap p95": [(result["clip"], result["touch_gap_p95_m"] or 0.0) for result in results],
+        "below floor": [(result["clip"], result["link_below_floor_m"]) for result in results],
+    }
+    for what, values in worst.items():
+        five = sorted(values, key=lambda pair: -pair[1])[:5]
+        print(f"worst, {what}: " + ", ".join(f"{clip} {1e3 * value:.1f} mm" for clip, value in five))
+    return {"means": {key: float(value) for key, value in lines.items()}, "clips": results}
+
+
+def main(arguments: Arguments) -> None:
+    """Measure every clip, and print per clip and together."""
+    files = [
+        file
+        for file in clip_files(arguments.data, arguments.limit)
+        if not arguments.clips or file.stem in arguments.clips
+    ]
+    kinds = ("landmark", "surface") if arguments.contact == "both" else (arguments.contact,)
+    with ProcessPoolExecutor(arguments.jobs, mp_context=get_context("spawn")) as pool:
+        asked = {kind: [pool.submit(measured, file, arguments, kind) for file in files] for kind in kinds}
+        results = {
+            kind: report(f"--contact {kind}, {arguments.robot}", [future.result() for future in futures])
+            for kind, futures in asked.items()
+        }
+    write_json(arguments.json, results)
+
+
+if __name__ == "__main__":
+    pin_threads()
+    main(tyro.cli(Arguments))
