@@ -21,7 +21,10 @@ from hoi_retarget.robots.outer_skin import (
 )
 
 Distances = Callable[[np.ndarray], np.ndarray]
-_PROJECTIONS = 4
+_NEAR = 0.6
+"""Distance between the places that are tried, as a share of that between points."""
+_COARSER = 4
+_PROJECTIONS = 3
 _SLOPE = 1e-5  # [m]
 
 
@@ -43,17 +46,27 @@ def _skin(shapes: list[tuple[Distances, np.ndarray]], fineness: Fineness) -> Out
         return np.min([of(points) for of, _ in shapes], axis=0)
 
     corners = np.concatenate([box for _, box in shapes])
-    near = 0.4 * fineness.spacing
-    origin, shape = grid_around(corners, near, 2 * near)
-    points = grid_nodes(origin, near, shape)
-    points = points[np.abs(distances(points)) <= near]
+    near = _NEAR * fineness.spacing
+    points = _nodes_near(distances, corners, near)
     for _ in range(_PROJECTIONS):
         points = points - distances(points)[:, None] * _gradients(distances, points)
     points = points[np.abs(distances(points)) < 1e-2 * near]
+    _, first = np.unique(np.floor(points / near).astype(np.int64), axis=0, return_index=True)
+    points = points[first]
     points = points[farthest_points(points, fineness.spacing)]
     origin, shape = grid_around(corners, fineness.grid, 2 * fineness.grid)
     values = distances(grid_nodes(origin, fineness.grid, shape)).reshape(shape).astype(np.float32)
     return OuterSkin(points, _gradients(distances, points), DistanceGrid(origin, fineness.grid, values))
+
+
+def _nodes_near(distances: Distances, corners: np.ndarray, step: float) -> Float[np.ndarray, "K 3"]:
+    """Return the nodes of a grid that are at most a step from the surface, found from a coarser grid."""
+    origin, shape = grid_around(corners, _COARSER * step, _COARSER * step)
+    nodes = grid_nodes(origin, _COARSER * step, shape)
+    nodes = nodes[np.abs(distances(nodes)) <= (0.5 * np.sqrt(3.0) * _COARSER + 1.0) * step]
+    around = step * (grid_nodes(np.zeros(3), 1.0, (_COARSER, _COARSER, _COARSER)) - 0.5 * (_COARSER - 1))
+    nodes = (nodes[:, None] + around).reshape(-1, 3)
+    return nodes[np.abs(distances(nodes)) <= step]
 
 
 def _gradients(distances: Distances, points: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K 3"]:

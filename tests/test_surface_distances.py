@@ -1,0 +1,168 @@
+"""Distances between a robot's skin and objects with exactly known surfaces."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from hoi_retarget.evaluation.link_heights import link_heights
+from hoi_retarget.evaluation.object_shape import ObjectShape, shape_of
+from hoi_retarget.evaluation.self_penetration import looked_at, self_depths
+from hoi_retarget.evaluation.surface_distances import PlacedObject, Poses, link_distances
+from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.point_tree import PointTree
+from hoi_retarget.objects.track import ObjectGeometry
+from hoi_retarget.robots import load_robot
+from hoi_retarget.robots.skin import LinkSkin, skin_of
+
+HAND = "left_wrist_yaw_link"
+
+
+@pytest.fixture(scope="module")
+def hand() -> LinkSkin:
+    return skin_of(load_robot("unitree_g1")).by_link[HAND]
+
+
+def shape_of_mesh(mesh: trimesh.Trimesh) -> ObjectShape:
+    return shape_of(ObjectGeometry(np.array(mesh.vertices), faces=np.array(mesh.faces)))
+
+
+def still(frames: int) -> Poses:
+    return Poses(np.zeros((frames, 3)), np.tile(np.eye(3), (frames, 1, 1)))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_tree_finds_what_all_points_have(seed):
+    random = np.random.default_rng(seed)
+    points, centre = random.normal(size=(700, 3)), np.array([2.0, 0.5, 0.0])
+    tree = PointTree.of(points)
+    quats = random.normal(size=(5, 4))
+    rotations, translations = (
+        se3.quat_to_matrix(quats / np.linalg.norm(quats, axis=1)[:, None]),
+        random.normal(size=(5, 3)),
+    )
+
+    def bounds(places):
+        distances = np.linalg.norm(places - centre, axis=1) - 1.5
+        return distances - 0.05, distances + 0.05
+
+    found = tree.nearest(rotations, translations, bounds)
+    for place in range(5):
+        distances = np.linalg.norm(points @ rotations[place].T + translations[place] - centre, axis=1) - 1.5
+        own = found.place == place
+        assert distances.argmin() in tree.order[found.point[own]]
+        np.testing.assert_allclose(found.lower[own].min(), distances.min() - 0.05, atol=1e-9)
+    beyond = tree.nearest(rotations, translations + 10.0, bounds, limit=0.0)
+    assert not len(beyond.place)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.7])
+def test_a_hand_before_and_in_a_box(hand, scale):
+    """The hand moves along x into a box, whose face is at x = 0.3 times the scale: gap and depth are known."""
+    box = trimesh.creation.box((0.6, 0.8, 0.8))
+    offsets = np.array([0.05, 0.002, 0.0003, -0.0005, -0.004, -0.03])
+    turn = np.diag([-1.0, -1.0, 1.0])  # Fingers ahead
+    reach = (hand.points @ turn.T)[:, 0].min()
+    link = Poses(np.stack([0.3 * scale + offsets - reach, 0 * offsets, 0 * offsets], axis=1), np.tile(turn, (6, 1, 1)))
+    placed = PlacedObject(shape_of_mesh(box), still(6), scale)
+    found = link_distances(hand, link, placed, np.inf)
+    np.testing.assert_allclose(found.skin, offsets, atol=1e-6)
+    assert (found.point >= 0).all()
+    np.testing.assert_allclose(found.depth[:3], 0.0, atol=3e-4)
+    assert (found.depth[3:] >= -offsets[3:] - 1e-6).all()
+    near = link_distances(hand, link, placed, 0.0)
+    assert np.isinf(near.skin[:3]).all()
+    np.testing.assert_allclose(near.depth, found.depth)
+
+
+def test_a_hand_on_and_in_a_sphere(hand):
+    """Distances from a sphere of 60 mm are those from its middle, less 60 mm, and as exact as its triangles."""
+    ball = trimesh.creation.icosphere(5, 0.06)
+    random = np.random.default_rng(0)
+    away = random.normal(size=(8, 3))
+    away *= random.uniform(0.1, 0.25, (8, 1)) / np.linalg.norm(away, axis=1, keepdims=True)
+    link = Poses(away, still(8).rotations)
+    found = link_distances(hand, link, PlacedObject(shape_of_mesh(ball), still(8), 1.0), np.inf)
+    exact = np.array([np.linalg.norm(hand.points + place, axis=1).min() - 0.06 for place in away])
+    np.testing.assert_allclose(found.skin, exact, atol=1e-4)
+
+
+def test_a_slat_through_the_hand_is_seen_from_its_own_side(hand):
+    """No point is deeper than 2 mm in a slat of 4 mm, but the slat is far deeper in the hand."""
+    slat = trimesh.creation.box((0.004, 0.6, 0.6))
+    middle = np.array([0.10, 0.0, 0.0])
+    found = link_distances(
+        hand, Poses(-middle[None], still(1).rotations), PlacedObject(shape_of_mesh(slat), still(1), 1.0), 0.0
+    )
+    assert 0.0 < -found.skin[0] <= 0.0021
+    assert found.depth[0] > 0.008
+
+
+def test_what_the_hand_has_swallowed_is_inside(hand):
+    pea = trimesh.creation.icosphere(3, 0.003)
+    depth = hand.solid.distances(hand.points - 0.008 * hand.normals)
+    middle = hand.points[depth.argmin()] - 0.008 * hand.normals[depth.argmin()]
+    found = link_distances(
+        hand, Poses(-middle[None], still(1).rotations), PlacedObject(shape_of_mesh(pea), still(1), 1.0), 0.0
+    )
+    assert found.depth[0] > 0.004
+
+
+def test_a_shell_has_no_inside_but_is_seen_in_the_hand(hand):
+    sheet = trimesh.Trimesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]], process=False)
+    shape = shape_of_mesh(sheet)
+    assert shape.field.shell
+    through = Poses(np.array([[-0.1, 0.0, 0.0], [0.0, 0.0, 0.5]]), still(2).rotations)
+    found = link_distances(hand, through, PlacedObject(shape, still(2), 1.0), np.inf)
+    assert -0.001 <= found.skin[0] < 0.0
+    assert found.depth[0] > 0.01
+    np.testing.assert_allclose(found.skin[1], 0.5 + hand.points[:, 2].min() - 0.001, atol=1e-6)
+
+
+def test_a_knee_below_the_floor_is_seen():
+    model = load_robot("unitree_g1")
+    qpos = model.home_qpos.copy()
+    heights = link_heights(model.forward(qpos[None]))[:, 0]
+    links = [link.link for link in skin_of(model).links]
+    qpos[2] -= heights[links.index("left_knee_link")] + 0.03
+    lowered = link_heights(model.forward(qpos[None]))[:, 0]
+    np.testing.assert_allclose(lowered[links.index("left_knee_link")], -0.03, atol=1e-9)
+    knee = skin_of(model).by_link["left_knee_link"]
+    pose = Poses.of_link(model.forward(qpos[None]), knee)
+    np.testing.assert_allclose((knee.points @ pose.rotations[0].T + pose.positions[0])[:, 2].min(), -0.03, atol=1e-9)
+
+
+def test_hands_in_each_other_and_in_the_thigh_are_seen_but_not_neighbours():
+    model = load_robot("unitree_g1")
+    links = [link.link for link in skin_of(model).links]
+    pairs = {frozenset((links[one], links[other])) for one, other in looked_at(model)}
+    assert frozenset((HAND, "right_wrist_yaw_link")) in pairs
+    assert frozenset((HAND, "left_hip_yaw_link")) in pairs
+    assert frozenset((HAND, "left_wrist_roll_link")) not in pairs
+    standing = model.forward(model.home_qpos[None])
+    depths, _, _ = self_depths(standing)
+    assert depths.max() == 0.0
+    qpos = np.tile(model.home_qpos, (2, 1))
+    for joint, angle in (
+        ("left_shoulder_roll_joint", -0.5),
+        ("left_shoulder_pitch_joint", 0.3),
+        ("left_elbow_joint", 1.5),
+    ):
+        qpos[1, 7 + model.joint_names.index(joint)] = angle
+    depths, worst, names = self_depths(model.forward(qpos))
+    assert depths[0] == 0.0
+    assert depths[1] > 0.005
+    assert any("left" in name for name in names[worst[1]])
+
+
+@pytest.mark.slow
+def test_robots_without_a_skin_file_are_measured_too(tmp_path):
+    from tiny_robot import tiny_robot
+
+    model = tiny_robot(tmp_path)
+    assert model.spec.skin is None
+    heights = link_heights(model.forward(model.home_qpos[None]))
+    assert heights.shape == (len(skin_of(model).links), 1)
+    assert np.isfinite(self_depths(model.forward(model.home_qpos[None]))[0]).all()
+    assert replace(model.spec, skin=None) == model.spec
