@@ -206,7 +206,7 @@ def names_shown(scene: Scene) -> list[set[str]]:
     return [{layer.name for layer in subject.layers if layer.shown} for subject in scene.subjects]
 
 
-ROBOT, HUMAN = {"robot", "object", "contacts"}, {"human", "human's object", "human's contacts"}
+ROBOT, HUMAN = {"robot", "object", "contacts", "inside something"}, {"human", "human's object", "human's contacts"}
 
 
 def test_panels_are_the_human_once_and_every_robot():

@@ -8,7 +8,7 @@ import viser
 from jaxtyping import Float
 
 from hoi_retarget.viewers.scene.auto_camera import fit_window
-from hoi_retarget.viewers.scene.camera import CLOSE
+from hoi_retarget.viewers.scene.camera import CLOSE_REACH
 from hoi_retarget.viewers.scene.drawing import Scene, Subject
 from hoi_retarget.viewers.scene.extent import camera_axes, distance_to_see, extents
 
@@ -43,8 +43,8 @@ class PlayerCamera:
         )  # Of the whole window what is free has its share.
         distance = distance_to_see(_MARGIN * reaches, width / height, slope)
         look_at = start + shift - self._lift(distance) * axes[1]
-        window.position = look_at + distance * axes[2]
-        window.look_at = look_at
+        self._camera.position = look_at + distance * axes[2]
+        self._camera.look_at = look_at
 
     def look_at(self, scene: Scene, name: str) -> None:
         """Go near to one of `looks_of` a scene from where the camera is, or see all of it again."""
@@ -55,10 +55,10 @@ class PlayerCamera:
         window = self._camera
         back = window.position - window.look_at
         axes = camera_axes(np.arctan2(back[1], back[0]), np.arctan2(back[2], np.hypot(back[0], back[1])))
-        place = np.array(window.look_at)
-        window.position = place + CLOSE * axes[2]
+        place, distance = np.array(window.look_at), self._distance(np.array([[CLOSE_REACH, CLOSE_REACH, 0.0]]))
+        window.position = place + distance * axes[2]
         window.look_at = place  # Which moved along with the position.
-        self._anchor = place + self._lift(CLOSE) * axes[1]
+        self._anchor = place + self._lift(distance) * axes[1]
 
     def world_position(self, scene: Scene, frame: int, *, follow: bool) -> Float[np.ndarray, "3"]:
         """Return where the world is while this frame is shown."""
@@ -66,6 +66,12 @@ class PlayerCamera:
             subject, path = looks_of(scene)[self._name]
             return self._anchor - path[scene.frame_of(subject, frame)]
         return -_way(scene, frame) if follow else np.zeros(3)
+
+    def _distance(self, reaches: Float[np.ndarray, "K 3"]) -> float:
+        """Return from how far the part of the window that is free shows everything [m]."""
+        window = self._camera
+        width, height = max(100, window.image_width - self._beside_px), max(100, window.image_height - self._below_px)
+        return distance_to_see(reaches, width / height, np.tan(0.5 * window.fov) * height / window.image_height)
 
     def _lift(self, distance: float) -> float:
         """Return how far the middle of what is free lies over the middle of the window, at a distance [m]."""

@@ -30,7 +30,7 @@ VIDEO_MISSING = (
     'Writing MP4 needs imageio-ffmpeg, which is not installed. In a clone: pip install ".[video]"; '
     'else: pip install "hoi-retarget[video]". A .gif needs nothing.'
 )
-_ROBOT_LAYERS = ("robot", "object", "contacts")
+_ROBOT_LAYERS = ("robot", "object", "contacts", "inside something")
 _HUMAN_LAYERS = ("human", "human's object", "human's contacts")
 _BESIDE = 120.0  # From where people look to where the camera looks: it faces them, from their right [deg].
 _BEST_ASPECT = 0.85  # Of a panel: whoever stands in it is taller than wide.

@@ -11,8 +11,8 @@ from hoi_retarget.viewers.scene.extent import camera_axes, distance_to_see, exte
 
 FIELD_OF_VIEW = 45.0
 """From the bottom of a picture to its top [deg]."""
-CLOSE = 0.75
-"""From the camera to a hand that it looks at from near [m]."""
+CLOSE_REACH = 0.22
+"""What is seen around a hand from near, above and below it [m]."""
 _MARGIN = 1.05
 _LOOKS, _HEIGHTS = 60, 12  # Frames and heights that are tried to find the distance.
 _AT_HAND = 1.3  # What is farther to the side of whom the camera follows may be out of the picture [m].
@@ -83,7 +83,8 @@ def _close_camera(scene: Scene, view: CameraSettings, look: str) -> Callable[[in
         ((subject, subject.looks[look]) for subject in scene.subjects if look in subject.looks),
         (scene.subjects[0], scene.subjects[0].centre),
     )
-    distance = CLOSE if view.distance is None else view.distance
+    nearest = CLOSE_REACH / np.tan(np.radians(FIELD_OF_VIEW / 2))
+    distance = float(nearest) if view.distance is None else view.distance
 
     def camera(frame: int) -> Camera:
         return Camera(path[scene.frame_of(subject, frame)], distance, view.azimuth, view.elevation)

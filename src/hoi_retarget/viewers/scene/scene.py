@@ -23,6 +23,7 @@ from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.scene.drawing import Colour, Layer, Lines, Part, Scene, Shapes, Solid, Subject
 from hoi_retarget.viewers.scene.human_shapes import human_shapes
 from hoi_retarget.viewers.scene.human_skin import human_skin
+from hoi_retarget.viewers.scene.inside_marks import inside_marks
 from hoi_retarget.viewers.scene.marks import contact_marks, human_contact_marks, stance_marks
 from hoi_retarget.viewers.scene.object_solid import AXIS_LENGTH, COLOURS, object_axes, object_solid
 from hoi_retarget.viewers.scene.robot_shapes import robot_parts, robot_shapes
@@ -195,6 +196,7 @@ def _robot_side(item: Shown, motion: Motion, model: RobotModel) -> _Side:
         *(_earlier_stage(model, stage) for stage in motion.stages[:-1]),
         Layer("object", _robot_objects(motion, item.clip)),
         Layer("contacts", contact_marks(motion, kinematics, geometries)),
+        Layer("inside something", inside_marks(motion, kinematics, geometries)),
         Layer("stance", (stance_marks(motion, kinematics),)),
     )
     return _Side("robot", motion.fps, motion.qpos[:, :3], motion.object_pos, layers, looks)

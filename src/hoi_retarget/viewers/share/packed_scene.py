@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 
 from hoi_retarget.numerics import se3
 from hoi_retarget.viewers.scene.auto_camera import FittedCamera
-from hoi_retarget.viewers.scene.camera import CLOSE
+from hoi_retarget.viewers.scene.camera import CLOSE_REACH
 from hoi_retarget.viewers.scene.drawing import Kind, Layer, Lines, Part, Scene, Shapes, Solid, Subject
 from hoi_retarget.viewers.scene.scene import OBJECT_LAYERS, SEE_THROUGH
 
@@ -38,7 +38,7 @@ def pack(scene: Scene, place: FittedCamera) -> str:
     content = base64.b64encode(gzip.compress(bytes(numbers.content), compresslevel=6, mtime=0)).decode("ascii")
     description = {
         "fps": scene.fps,
-        "close": CLOSE,
+        "close": CLOSE_REACH,
         "seconds": max(scene.frames - 1, 1) / scene.fps,
         "camera": {
             **{"azimuth": place.azimuth, "elevation": place.elevation},

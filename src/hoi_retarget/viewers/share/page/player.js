@@ -550,8 +550,8 @@ class Camera {
     this.changed();
   }
 
-  approach(distance) {
-    Object.assign(this, { shift: [0, 0, 0], distance });
+  approach(reach) {
+    Object.assign(this, { shift: [0, 0, 0], distance: reach / Math.tan(FIELD_OF_VIEW / 2) });
     this.changed();
   }
 

@@ -1,0 +1,71 @@
+"""Dots where a robot is inside something: as deep as it is, on the surface, and none where it is not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.synthetic import make
+from hoi_retarget.viewers.scene.inside_marks import LEVELS, inside_marks
+from test_scene import G1, motion_of
+
+CLIP = make("carry_box", seconds=0.5, fps=10.0)
+GEOMETRY = CLIP.objects[0].geometry
+SIDE = float(GEOMETRY.points[:, 1].min())  # Of the box, next to the left hand when that is at its right [m].
+
+
+def placed(palm_to_box, *, height: float = 1.0):
+    """A robot that stands high above the floor, with its left palm at a place of an unturned box."""
+    motion = motion_of(CLIP, 0)
+    qpos = np.tile(G1.home_qpos, (motion.frames, 1))
+    qpos[:, 2] += height
+    motion = motion.with_qpos(qpos)
+    palm = G1.forward(qpos).site_position("left_palm")
+    upright = np.tile(se3.IDENTITY_QUAT, (motion.frames, 1, 1))
+    box = palm - np.asarray(palm_to_box)
+    return replace(motion, object_pos=box[:, None], object_quat=upright, object_scale=np.ones(1)), G1.forward(qpos)
+
+
+def seen(motion, kinematics, frame=0) -> np.ndarray:
+    parts = inside_marks(motion, kinematics, [GEOMETRY])
+    return np.concatenate([np.zeros((0, 3)), *(part.positions[frame][part.visible[frame]] for part in parts)])
+
+
+def test_nothing_is_marked_where_nothing_is_inside():
+    motion, kinematics = placed((0.0, 3.0, 0.0))
+    assert inside_marks(motion, kinematics, [GEOMETRY]) == ()
+    assert inside_marks(motion, kinematics, None) == ()
+
+
+@pytest.mark.parametrize(("x", "z", "depth"), [(0.0, 0.0, 0.001), (0.1, -0.05, 0.03), (-0.1, 0.03, -0.01)])
+def test_dots_lie_on_the_surface_that_the_hand_is_under(x, z, depth):
+    motion, kinematics = placed((x, SIDE + depth, z))
+    dots = seen(motion, kinematics) - motion.object_pos[0, 0]
+    assert len(dots), "the back of the hand is behind the palm's site"
+    assert surface_of(GEOMETRY).distances(dots).max() < 1e-5
+    assert np.abs(dots[:, [0, 2]] - [x, z]).max() < 0.25, "by the hand"
+
+
+def test_deeper_places_have_deeper_colours():
+    shallow, deep = (inside_marks(*placed((0.0, SIDE + depth, 0.0)), [GEOMETRY]) for depth in (-0.02, 0.06))
+
+    def share_of_deepest(parts) -> float:
+        counts = {tuple(part.colours[0].tolist()): part.visible[0].sum() for part in parts}
+        return counts.get(LEVELS[-1][1], 0) / sum(counts.values())
+
+    assert share_of_deepest(deep) > share_of_deepest(shallow)
+
+
+@pytest.mark.parametrize(("lower", "marked"), [(0.0, False), (0.05, True)])
+def test_the_floor_counts(lower, marked):
+    motion, _ = placed((0.0, 3.0, 0.0))
+    qpos = motion.qpos.copy()
+    soles = [f"{side}_sole_{end}" for side in ("left", "right") for end in ("heel_inner", "toe_inner")]
+    lowest = min(G1.forward(qpos).site_position(sole)[:, 2].min() for sole in soles)
+    qpos[:, 2] -= lowest + lower - 0.005
+    kinematics = G1.forward(qpos)
+    dots = seen(motion.with_qpos(qpos), kinematics)
+    assert bool(len(dots)) is marked
+    assert not dots[:, 2].any(), "they lie on the floor"
