@@ -8,11 +8,12 @@ import pytest
 
 from hoi_retarget.retargeting.config import BandedInteriorPoint, Scaling, Weights
 from hoi_retarget.retargeting.targets import make_targets
+from hoi_retarget.retargeting.trajopt.link_pairs import near_pairs
 from hoi_retarget.retargeting.trajopt.problem import Problem
 from hoi_retarget.retargeting.trajopt.rows import cost
 from hoi_retarget.retargeting.trajopt.terms.differences import Differences
 from hoi_retarget.retargeting.trajopt.terms.posture import Posture
-from hoi_retarget.retargeting.trajopt.terms.self_clearance import SelfClearance, _pairs, self_clearance_terms
+from hoi_retarget.retargeting.trajopt.terms.self_clearance import SelfClearance, self_clearance_terms
 from hoi_retarget.retargeting.trajopt.terms.site_position import SitePosition
 from hoi_retarget.robots.limbs import separable_pairs
 from hoi_retarget.robots.model import Kinematics, RobotModel
@@ -107,11 +108,13 @@ def test_the_cost_is_that_of_all_points_one_by_one():
     qpos = random_qpos(G1, 20, rng, wander=0.3)
     kinematics = G1.forward(qpos)
     margin, found, expected = 0.01, 0.0, 0.0
-    every = np.arange(len(qpos))
-    for *_, both in _pairs(G1):
-        for pair in (replace(each, frames=every) for each in both):
-            rows = pair.rows_at(kinematics, margin, 1.0)
-            found += 0.0 if rows is None else cost(rows)
+    every, skins = np.arange(len(qpos)), skin_of(G1).by_link
+    for first, second in separable_pairs(G1, tuple(skins)):
+        for pair in near_pairs(skins[first], skins[second], kinematics, kinematics):
+            if pair is None:
+                continue
+            met = replace(pair, frames=every).meeting(kinematics, kinematics, margin)
+            found += 0.0 if met is None else float((met.depths**2).sum())
             places = np.einsum("ijt,kj->tki", kinematics.orientation(pair.link), pair.skin.points)
             places += kinematics.point(pair.link).T[:, None] - kinematics.point(pair.other).T[:, None]
             seen = np.einsum("jit,tkj->tki", kinematics.orientation(pair.other), places)

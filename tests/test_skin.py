@@ -236,3 +236,15 @@ def test_skins_against_the_makers_meshes(name):
             assert (depth < 0.003).all()
     assert np.concatenate(outside).mean() > 0.98
     assert np.concatenate(inside).mean() > 0.95
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_solids_end_where_their_links_do(name):
+    """Outside is all that is beyond a link's grid, and no distance changes faster than by the way."""
+    for skin in skin_of(load_robot(name)).links:
+        values, step = skin.solid.values, skin.solid.step
+        for axis in range(3):
+            along = np.moveaxis(values, axis, 0)
+            assert min(along[0].min(), along[-1].min()) > 0, skin.link
+            assert np.abs(np.diff(along, axis=0)).max() < 2.5 * step, skin.link
+            assert (np.abs(np.diff(along, axis=0)) > 1.3 * step).mean() < 0.01, skin.link

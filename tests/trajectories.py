@@ -2,6 +2,7 @@
 
 import importlib
 import pkgutil
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 
@@ -11,12 +12,14 @@ import hoi_retarget.retargeting.trajopt.terms as terms_package
 from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.config import IkWeights, Scaling, Weights
 from hoi_retarget.retargeting.targets import Targets, make_targets
+from hoi_retarget.retargeting.trajopt.link_pairs import LinkPair, SpreadPoints
 from hoi_retarget.retargeting.trajopt.problem import Term
 from hoi_retarget.retargeting.trajopt.table import ik_terms, trajectory_terms
-from hoi_retarget.retargeting.trajopt.terms.self_clearance import LinkPair, SelfClearance, SpreadPoints
+from hoi_retarget.retargeting.trajopt.terms.robot_clearance import RobotClearance
+from hoi_retarget.retargeting.trajopt.terms.self_clearance import SelfClearance
 from hoi_retarget.robots import ROBOTS, load_robot
 from hoi_retarget.robots.model import RobotModel
-from hoi_retarget.robots.skin import skin_of
+from hoi_retarget.robots.skin import LinkSkin, skin_of
 from hoi_retarget.synthetic import make
 
 MODELS: dict[str, RobotModel] = {name: load_robot(name) for name in ROBOTS}
@@ -64,17 +67,22 @@ def all_terms(model: RobotModel, frames: int, rng: np.random.Generator) -> tuple
     return (
         *trajectory_terms(Weights(capsule_clearance=300.0), window, reference),
         *ik_terms(IkWeights(), window, model),
-        links_apart(model, frames),
+        *links_apart(model, frames),
     )
 
 
-def links_apart(model: RobotModel, frames: int) -> SelfClearance:
-    """Return the clearance of a hand from the trunk, with a margin that is always broken."""
+def links_apart(model: RobotModel, frames: int) -> Iterator[Term]:
+    """Yield the clearances of a hand from the trunk, the same robot's and another's, with margins that are broken."""
     skins, every = skin_of(model).by_link, np.arange(frames)
     hand, trunk = (skins[model.site_bodies[model.site_names.index(site)]] for site in ("left_palm", "torso"))
-    few = SpreadPoints(hand.points[:8], 8, np.arange(8), np.zeros(8))
-    pair = LinkPair(hand.frame, few, trunk.frame, trunk.solid, np.inf, every)
-    return SelfClearance("self_clearance", (pair,), 2.0, 1e3)
+
+    def pair(link: LinkSkin, other: LinkSkin) -> LinkPair:
+        few = SpreadPoints(link.points[:8], 8, np.arange(8), np.zeros(8))
+        return LinkPair(link.frame, few, other.frame, other.solid, np.inf, every)
+
+    yield SelfClearance("self_clearance", (pair(hand, trunk),), 2.0, 1e3)
+    beside = model.forward(sunk_qpos(model, frames, np.random.default_rng(4)))
+    yield RobotClearance("robot_clearance", beside, (pair(hand, trunk),), (pair(trunk, hand),), 3.0, 1e3)
 
 
 @cache

@@ -1,5 +1,6 @@
 """Which links of a robot must stay apart: those that can meet, other than at a joint."""
 
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -11,6 +12,7 @@ from hoi_retarget.robots.spec import SIDES
 _MEETING, _MEETING_ON_LIMB = 2, 3
 
 
+@lru_cache(maxsize=8)
 def separable_pairs(model: RobotModel, links: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     """Return the pairs of some links that must stay apart: a link of an arm with any other, or one of each leg."""
     arms, legs = _limbs(model, "palm"), _limbs(model, "foot")

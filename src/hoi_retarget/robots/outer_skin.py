@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
-from scipy.spatial import KDTree
+from scipy.spatial import ConvexHull, KDTree
 
 from hoi_retarget.numerics.distance_grid import DistanceGrid
 from hoi_retarget.robots.model import RobotModel
@@ -20,6 +20,10 @@ _NEIGHBOURS = 32
 """Balls that are tried for one point: the best one is among the nearest."""
 _TOUCH = 5e-4
 """A ball touches what is nearer to it than this [m]: centres of balls are nodes of a grid."""
+_HULL = 1e-3
+"""By which the skin may bulge out between its points [m]."""
+_STEEPEST, _CLOSE = 1.2, 1.5
+"""Steps of a grid: most that values next to each other differ by; how near to the skin the balls' values are kept."""
 _BLOCK = 200_000
 """Points asked for at once, which bounds memory."""
 
@@ -157,7 +161,40 @@ def _solid(
     by_skin = np.abs(to_mesh - free) < 2.0 * _TOUCH
     values = np.where(free > 0.0, np.where(by_skin, to_mesh, free), np.maximum(free, -to_skin))
     values = np.where(beyond, np.maximum(free, to_skin), values)
-    return DistanceGrid(origin, fineness.grid, values.reshape(shape).astype(np.float32))
+    return ended_solid(DistanceGrid(origin, fineness.grid, values.reshape(shape)), skin)
+
+
+def ended_solid(solid: DistanceGrid, skin: Float[np.ndarray, "P 3"]) -> DistanceGrid:
+    """Return a solid that ends at the hull of its skin, with the distances from where inside and outside meet.
+
+    Hollows that other links plug have no skin at the plug, and balls tell nothing of places behind it.
+    """
+    shape, step = solid.values.shape, solid.step
+    nodes = grid_nodes(solid.origin, step, shape)
+    values = np.maximum(solid.values, _beyond_hull(nodes, skin).reshape(shape))
+    meet = []
+    places = nodes.reshape(*shape, 3)
+    for axis in range(3):
+        (first, second), (start, end) = (
+            (np.moveaxis(array, axis, 0)[:-1], np.moveaxis(array, axis, 0)[1:]) for array in (values, places)
+        )
+        change = (first < 0.0) != (second < 0.0)
+        here, there = np.abs(first[change]), np.abs(second[change])
+        # Two values that do not fit together tell no place between them.
+        fit = here + there < _STEEPEST * step
+        share = np.where(fit, here / np.maximum(here + there, 1e-9), 0.5)[:, None]
+        meet.append((1.0 - share) * start[change] + share * end[change])
+    away = KDTree(np.concatenate([*meet, skin])).query(nodes)[0].reshape(shape)
+    size = np.where(away < _CLOSE * step, np.minimum(np.abs(values), away), away)
+    return DistanceGrid(solid.origin, step, np.where(values < 0.0, -size, size).astype(np.float32))
+
+
+def _beyond_hull(nodes: np.ndarray, skin: np.ndarray) -> Float[np.ndarray, "N"]:
+    """Return by how much nodes are beyond the hull of a skin, or a little less [m]; negative inside."""
+    beyond = np.full(len(nodes), -np.inf)
+    for *normal, offset in np.unique(ConvexHull(skin).equations.round(6), axis=0):
+        np.maximum(beyond, nodes @ np.array(normal) + offset, out=beyond)
+    return beyond - _HULL
 
 
 def mesh_distances(

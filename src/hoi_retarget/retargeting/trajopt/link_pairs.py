@@ -1,0 +1,179 @@
+"""Pairs of links that may meet: which skin points of one are inside the solid of the other.
+
+All points that are inside count, so what is made of them is smooth however a link turns. Two links that cross deeply
+have points of the larger one on both sides of the smaller one, which would hold this fast: beyond `GRAZING`, only the
+smaller one's points tell the way out.
+"""
+
+from bisect import bisect_left
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import KDTree
+
+from hoi_retarget.numerics.distance_grid import DistanceGrid
+from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.robots.parts import Frame
+from hoi_retarget.robots.skin import LinkSkin
+
+GRAZING = 8e-3  # [m]
+REACH = 0.04  # [m]: links that are further apart do not meet in one solve.
+SPACING, COARSE = 0.006, 0.035  # [m] between a link's points; between those of them that tell where it is near.
+_OVERRATED = 1.5  # Beyond its grid, a solid may seem further away than it is by a factor of up to the root of 2.
+
+
+@dataclass(frozen=True, eq=False)
+class SpreadPoints:
+    """Points all over a link's skin, in the link's frame [m]."""
+
+    points: Float[np.ndarray, "K 3"]
+    coarse: int
+    """Number of points at the front that leave none of the others further than `COARSE` from one of them."""
+    nearest: Int[np.ndarray, "K"]
+    """Which of them is nearest to each point,"""
+    away: Float[np.ndarray, "K"]
+    """and how far it is."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinkPair:
+    """Skin of one link that may meet the solid of another, in the frames in which they are near."""
+
+    link: Frame
+    skin: SpreadPoints
+    other: Frame
+    solid: DistanceGrid
+    deepest: float
+    """Depth from which on a point no longer tells the way out [m]."""
+    frames: Int[np.ndarray, "F"]
+
+    def meeting(self, here: Kinematics, there: Kinematics, margin: float) -> "Meeting | None":
+        """Return the points that are inside or not as far from the solid as the margin [m], or None.
+
+        The link moves as `here` says and the other as `there`: the same trajectory, or those of two robots.
+        """
+        position, rotation = _pose(here, self.link, self.frames)
+        other_position, turn = _pose(there, self.other, self.frames)
+        relative = np.einsum("jit,jkt->ikt", turn, rotation)
+        offset = np.einsum("jit,jt->it", turn, position - other_position)
+        times, points = self._near(relative, offset, margin)
+        seen = np.einsum("ijk,kj->ki", relative[:, :, times], self.skin.points[points]) + offset[:, times].T
+        depths = margin - self.solid.distances(seen)
+        inside = depths > 0
+        if not inside.any():
+            return None
+        times, seen, depths = times[inside], seen[inside], depths[inside]
+        _, slopes = self.solid.distances_and_slopes(seen)
+        slopes[depths > self.deepest] = 0.0
+        active, first, column = np.unique(times, return_index=True, return_inverse=True)
+        row = np.arange(len(times)) - first[column]
+        found = np.zeros((row.max() + 1, len(active)))
+        inwards, levers = np.zeros((2, len(found), 3, len(active)))
+        found[row, column] = np.minimum(depths, self.deepest)
+        inwards[row, :, column] = -np.einsum("ijk,kj->ki", turn[:, :, times], slopes)
+        levers[row, :, column] = np.einsum("ijk,kj->ki", turn[:, :, times], seen - offset[:, times].T)
+        return Meeting(self.frames[active], found, inwards, levers)
+
+    def nearest(self, here: Kinematics, there: Kinematics) -> Float[np.ndarray, "F"]:
+        """Return the distance of the nearest of the coarse points in every frame [m]."""
+        position, rotation = _pose(here, self.link, self.frames)
+        other_position, turn = _pose(there, self.other, self.frames)
+        offset = np.einsum("jit,jt->it", turn, position - other_position)
+        return self._coarse(np.einsum("jit,jkt->ikt", turn, rotation), offset).min(axis=1, initial=np.inf)
+
+    def _near(
+        self, rotation: np.ndarray, offset: np.ndarray, margin: float
+    ) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"]]:
+        """Return frame and point, by frames, wherever the coarse point beside it does not tell that it is far."""
+        distances = self._coarse(rotation, offset)
+        frames = np.flatnonzero(distances.min(axis=1) < margin + _OVERRATED * COARSE)
+        near = distances[frames[:, None], self.skin.nearest] < margin + _OVERRATED * self.skin.away
+        times, points = np.nonzero(near)
+        return frames[times], points
+
+    def _coarse(self, rotation: np.ndarray, offset: np.ndarray) -> Float[np.ndarray, "F C"]:
+        seen = np.matmul(self.skin.points[: self.skin.coarse], rotation.transpose(2, 1, 0)) + offset.T[:, None]
+        return self.solid.distances(seen.reshape(-1, 3)).reshape(seen.shape[:2])
+
+
+@dataclass(frozen=True, eq=False)
+class Meeting:
+    """Points of one link inside another, as many a frame as the most in any; zeros where there are fewer."""
+
+    frames: Int[np.ndarray, "F"]
+    depths: Float[np.ndarray, "m F"]
+    """[m]"""
+    inwards: Float[np.ndarray, "m 3 F"]
+    """How the depth grows as the point moves, in world axes."""
+    levers: Float[np.ndarray, "m 3 F"]
+    """From the link's origin to the point, in world axes [m]."""
+
+    @property
+    def moments(self) -> Float[np.ndarray, "m 3 F"]:
+        """How the depth grows as the link turns about its origin [m]."""
+        return np.cross(self.levers, self.inwards, axis=1)
+
+
+def near_pairs(
+    first: LinkSkin, second: LinkSkin, here: Kinematics, there: Kinematics
+) -> tuple[LinkPair | None, LinkPair | None]:
+    """Return the first link's points against the second's solid, and the other way around; None where they stay apart.
+
+    They have the frames in which the links are near. The first moves as `here` says, the second as `there`.
+    """
+    frames = _beside(first, second, here, there)
+    if not frames.size:
+        return None, None
+    larger = first.radius > second.radius
+    return (
+        _near_pair(first, second, here, there, GRAZING if larger else np.inf, frames),
+        _near_pair(second, first, there, here, np.inf if larger else GRAZING, frames),
+    )
+
+
+def _near_pair(  # noqa: PLR0913, PLR0917 - what a pair is made of
+    link: LinkSkin, other: LinkSkin, here: Kinematics, there: Kinematics, deepest: float, frames: np.ndarray
+) -> LinkPair | None:
+    pair = LinkPair(link.frame, _spread(link), other.frame, other.solid, deepest, frames)
+    near = frames[pair.nearest(here, there) < REACH]
+    return replace(pair, frames=near) if near.size else None
+
+
+def _beside(first: LinkSkin, second: LinkSkin, here: Kinematics, there: Kinematics) -> Int[np.ndarray, "F"]:
+    """Return the frames in which the ball around the smaller link is not further than `REACH` from the other."""
+    if first.radius > second.radius:
+        return _beside(second, first, there, here)
+    centre = here.point(first.frame.of(first.centre, np.eye(3)))
+    around = there.point(second.frame.of(second.centre, np.eye(3)))
+    frames = np.flatnonzero(((centre - around) ** 2).sum(axis=0) < (first.radius + second.radius + REACH) ** 2)
+    position, turn = _pose(there, second.frame, frames)
+    seen = np.einsum("jit,jt->ti", turn, centre[:, frames] - position)
+    return frames[second.solid.distances(seen) < _OVERRATED * (first.radius + REACH)]
+
+
+@lru_cache(maxsize=256)
+def _spread(link: LinkSkin) -> SpreadPoints:
+    """Return the first of a link's points, as many as leave none further than `SPACING` from one of them."""
+    count, coarse = (_covering(link.points, spacing) for spacing in (SPACING, COARSE))
+    away, nearest = KDTree(link.points[:coarse]).query(link.points[:count])
+    return SpreadPoints(link.points[:count], coarse, np.asarray(nearest), away)
+
+
+def _covering(points: Float[np.ndarray, "P 3"], spacing: float) -> int:
+    """Return how many of the first points leave none further than `spacing` from one of them."""
+
+    def covered(count: int) -> bool:
+        return bool(KDTree(points[:count]).query(points)[0].max() < spacing)
+
+    return 1 + bisect_left(range(1, len(points)), True, key=covered)
+
+
+def _pose(
+    kinematics: Kinematics, frame: Frame, frames: Int[np.ndarray, "F"]
+) -> tuple[Float[np.ndarray, "3 F"], Float[np.ndarray, "3 3 F"]]:
+    """Return position [m] and rotation of a frame fixed to a node, in some frames of the trajectory."""
+    turn = kinematics.node_rotation[:, :, frame.node, frames]
+    position = kinematics.node_position[:, frame.node, frames] + np.einsum("ijt,j->it", turn, frame.position)
+    return position, np.einsum("ijt,jk->ikt", turn, frame.rotation)

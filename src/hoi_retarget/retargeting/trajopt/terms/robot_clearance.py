@@ -1,0 +1,72 @@
+"""Skin of a robot outside other robots, whose motions are known; the paper has one robot."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hoi_retarget.retargeting.config import Weights
+from hoi_retarget.retargeting.trajopt.link_pairs import LinkPair, near_pairs
+from hoi_retarget.retargeting.trajopt.rows import FrameRows
+from hoi_retarget.retargeting.trajopt.terms.self_clearance import MARGIN
+from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.robots.skin import skin_of
+
+
+@dataclass(frozen=True, eq=False)
+class RobotClearance:
+    """`max(0, margin - distance)^2` [m^2] of skin points of each robot from the solids of the other."""
+
+    name: str
+    other: Kinematics
+    own: tuple[LinkPair, ...]
+    """Links of the robot that is solved for, against solids of the other."""
+    others: tuple[LinkPair, ...]
+    """Links of the other, against solids of the robot."""
+    margin: float
+    """[m]"""
+    weight: float
+
+    def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
+        """Return the rows of the pairs that meet at a trajectory."""
+        return (*self._own_rows(kinematics), *self._others_rows(kinematics))
+
+    def _own_rows(self, kinematics: Kinematics) -> Iterator[FrameRows]:
+        for pair in self.own:
+            found = pair.meeting(kinematics, self.other, self.margin)
+            if found is not None:
+                yield FrameRows(pair.link, found.depths, found.inwards, found.moments, self.weight, found.frames)
+
+    def _others_rows(self, kinematics: Kinematics) -> Iterator[FrameRows]:
+        """Yield rows of points that stay where they are, while the solid moves."""
+        for pair in self.others:
+            found = pair.meeting(self.other, kinematics, self.margin)
+            if found is None:
+                continue
+            origins = self.other.point(pair.link) - kinematics.point(pair.other)
+            levers = found.levers + origins[:, found.frames]
+            moments = np.cross(levers, found.inwards, axis=1)
+            yield FrameRows(pair.other, found.depths, -found.inwards, -moments, self.weight, found.frames)
+
+
+def robot_clearance_terms(
+    weights: Weights, reference: Kinematics, others: Sequence[Kinematics]
+) -> Iterator[RobotClearance]:
+    """Yield the clearance from each other robot that comes near at the trajectory that a solve starts from.
+
+    Args:
+        weights: `self_clearance` is the weight against other robots, too.
+        reference: The trajectory.
+        others: Motions of the other robots, frame by frame in step.
+    """
+    if weights.self_clearance == 0:
+        return
+    for index, other in enumerate(others):
+        found = [
+            near_pairs(first, second, reference, other)
+            for first in skin_of(reference.model).links
+            for second in skin_of(other.model).links
+        ]
+        own, theirs = (tuple(pair for pair in side if pair is not None) for side in zip(*found, strict=True))
+        if own or theirs:
+            yield RobotClearance(f"robot_clearance_{index}", other, own, theirs, MARGIN, weights.self_clearance)
