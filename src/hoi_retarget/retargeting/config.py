@@ -52,6 +52,7 @@ WITHOUT_OBJECTS: Mapping[str, float] = MappingProxyType(
         "head_position": 100.0,
         "feet_position": 10.0,
         "floor_clearance": 10.0,
+        "link_floor": 10.0,
     }
 )
 """Weight -> its factor in clips without objects: links then move in the human's directions, without more jerk."""
@@ -93,6 +94,8 @@ class Weights:
     """Sole corners under the floor [1/m^2]; not in the paper."""
     self_clearance: float = 5e3
     """Points of a link's skin, 6 mm apart, in another link [1/m^2]; not in the paper."""
+    link_floor: float = 5e3
+    """Skin of any link under the floor [1/m^2], in surface contact; not in the paper."""
     capsule_clearance: float = 0.0
     """Objects' surfaces in capsules around the robot's links [1/m^2] (paper App. B); at 0 nothing is computed."""
 

@@ -75,6 +75,8 @@ class Targets:
     """The same for the links' rotations, which need longer."""
     rotation_jumps: tuple[RotationJump, ...] = ()
     """Of the recording; the targets do without them."""
+    contact: ContactKind = "landmark"
+    """What contact asks for; with surfaces feet are anchored, and nothing is to be under the floor."""
 
     @property
     def frames(self) -> int:
@@ -141,6 +143,7 @@ def make_targets(
         contact_links=tuple(model.spec.part_sites.values()),
         stance_flags=frozen(stands, bool),
         rotation_jumps=jumps,
+        contact=contact,
         **_contact_fields(clip, model, person, geometry_scale),
     )
 

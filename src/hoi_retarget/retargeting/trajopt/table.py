@@ -18,6 +18,7 @@ from hoi_retarget.retargeting.trajopt.problem import Term
 from hoi_retarget.retargeting.trajopt.terms.capsule_clearance import capsule_terms
 from hoi_retarget.retargeting.trajopt.terms.differences import PAPER_RATE, Differences, jerk_terms
 from hoi_retarget.retargeting.trajopt.terms.floor_clearance import floor_terms
+from hoi_retarget.retargeting.trajopt.terms.link_floor import link_floor_terms
 from hoi_retarget.retargeting.trajopt.terms.object_contact import contact_terms
 from hoi_retarget.retargeting.trajopt.terms.posture import Posture, posture_terms
 from hoi_retarget.retargeting.trajopt.terms.relative_rotation import torso_terms
@@ -34,6 +35,7 @@ COSTS: tuple[Callable[[Weights, Targets, Kinematics], Iterable[Term]], ...] = (
     stance_terms,
     jerk_terms,
     floor_terms,
+    link_floor_terms,
     capsule_terms,
 )
 
@@ -41,7 +43,7 @@ COSTS: tuple[Callable[[Weights, Targets, Kinematics], Iterable[Term]], ...] = (
 def trajectory_terms(weights: Weights, targets: Targets, reference: Kinematics) -> tuple[Term, ...]:
     """Return the terms of all costs against an IK reference; those that would be empty are left out."""
     used = weights if targets.object_names else weights.without_objects
-    if targets.anchor_weights.any():
+    if targets.contact == "surface":
         # Anchors hold the feet that stand; those that swing are smoother with the weight that they have with objects.
         used = replace(used, feet_position=weights.feet_position)
     return tuple(term for cost in COSTS for term in cost(used, targets, reference))

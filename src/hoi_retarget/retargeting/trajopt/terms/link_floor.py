@@ -1,0 +1,76 @@
+"""Every link's skin above the floor: knees of a robot that kneels, its seat, its hands, and all of its soles."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import ConvexHull
+
+from hoi_retarget.retargeting.config import Weights
+from hoi_retarget.retargeting.targets import Targets
+from hoi_retarget.retargeting.trajopt.rows import FrameRows
+from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.robots.parts import Frame
+from hoi_retarget.robots.skin import LinkSkin, skin_of
+
+# Links that the reference keeps higher are left out [m]; contacts draw hands and feet further.
+NEAR, NEAR_TOUCHING = 0.05, 0.2
+# Points of a link: the lowest one as it is, and as it would be if it were tilted by so much in six directions.
+TILT = 0.2
+_TURNS = np.arange(6) * np.pi / 3
+DIRECTIONS = np.vstack([[0.0, 0.0, 1.0], np.column_stack([TILT * np.cos(_TURNS), TILT * np.sin(_TURNS), np.ones(6)])])
+
+
+@dataclass(frozen=True, eq=False)
+class LinkFloor:
+    """`min(0, z)^2` [m^2] of a few points of one link in some frames."""
+
+    name: str
+    frame: Frame
+    points: Float[np.ndarray, "3 K F"]
+    """In the link's frame [m]."""
+    frames: Int[np.ndarray, "F"]
+    weight: float
+
+    def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
+        """Return one row a point."""
+        lever = np.einsum("ijf,jkf->kif", kinematics.orientation(self.frame)[:, :, self.frames], self.points)
+        height = kinematics.point(self.frame)[2, self.frames] + lever[:, 2]
+        below = height < 0.0
+        zero, one = np.zeros_like(height), below.astype(float)
+        # z of a point moves with v_z + (omega x lever)_z.
+        by_linear = np.stack([zero, zero, one], axis=1)
+        by_angular = np.stack([below * lever[:, 1], below * -lever[:, 0], zero], axis=1)
+        return (FrameRows(self.frame, below * height, by_linear, by_angular, self.weight, self.frames),)
+
+
+def link_floor_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[LinkFloor]:
+    """Yield the links that come near the floor in the reference, in surface contact."""
+    if targets.contact != "surface":
+        return
+    model = reference.model
+    touching = {model.site_bodies[model.sites.index[site]] for site in targets.contact_links}
+    for skin in skin_of(model).links:
+        near = NEAR_TOUCHING if skin.link in touching else NEAR
+        points, frames = _lowest(skin, reference, near)
+        if frames.size:
+            yield LinkFloor(f"{skin.link}_floor", skin.frame, points, frames, weights.link_floor)
+
+
+def _lowest(
+    skin: LinkSkin, reference: Kinematics, near: float
+) -> tuple[Float[np.ndarray, "3 K F"], Int[np.ndarray, "F"]]:
+    """Return a link's lowest points, as it is and if it were tilted a little, in the frames in which it is near."""
+    corners = _hull(skin)
+    frames = np.flatnonzero(reference.point(skin.frame.of(skin.centre, np.eye(3)))[2] - skin.radius < near)
+    upwards = np.einsum("kj,jif->kfi", DIRECTIONS, reference.orientation(skin.frame)[:, :, frames])
+    heights = upwards @ corners.T
+    close = heights[0].min(axis=1) + reference.point(skin.frame)[2, frames] < near
+    return corners[heights[:, close].argmin(axis=2)].transpose(2, 0, 1), frames[close]
+
+
+@lru_cache(maxsize=256)
+def _hull(skin: LinkSkin) -> Float[np.ndarray, "V 3"]:
+    return skin.points[ConvexHull(skin.points).vertices]
