@@ -66,13 +66,14 @@ def test_a_hand_before_and_in_a_box(hand, scale):
     reach = (hand.points @ turn.T)[:, 0].min()
     link = Poses(np.stack([0.3 * scale + offsets - reach, 0 * offsets, 0 * offsets], axis=1), np.tile(turn, (6, 1, 1)))
     placed = PlacedObject(shape_of_mesh(box), still(6), scale)
-    found = link_distances(hand, link, placed, np.inf)
+    found = link_distances(hand, link, placed, np.ones(6, bool))
     np.testing.assert_allclose(found.skin, offsets, atol=1e-6)
     assert (found.point >= 0).all()
     np.testing.assert_allclose(found.depth[:3], 0.0, atol=3e-4)
     assert (found.depth[3:] >= -offsets[3:] - 1e-6).all()
-    near = link_distances(hand, link, placed, 0.0)
-    assert np.isinf(near.skin[:3]).all()
+    near = link_distances(hand, link, placed, np.zeros(6, bool))
+    assert np.isinf(near.skin[0])
+    np.testing.assert_allclose(near.skin[1:], offsets[1:], atol=1e-6)
     np.testing.assert_allclose(near.depth, found.depth)
 
 
@@ -83,7 +84,7 @@ def test_a_hand_on_and_in_a_sphere(hand):
     away = random.normal(size=(8, 3))
     away *= random.uniform(0.1, 0.25, (8, 1)) / np.linalg.norm(away, axis=1, keepdims=True)
     link = Poses(away, still(8).rotations)
-    found = link_distances(hand, link, PlacedObject(shape_of_mesh(ball), still(8), 1.0), np.inf)
+    found = link_distances(hand, link, PlacedObject(shape_of_mesh(ball), still(8), 1.0), np.ones(8, bool))
     exact = np.array([np.linalg.norm(hand.points + place, axis=1).min() - 0.06 for place in away])
     np.testing.assert_allclose(found.skin, exact, atol=1e-4)
 
@@ -93,7 +94,10 @@ def test_a_slat_through_the_hand_is_seen_from_its_own_side(hand):
     slat = trimesh.creation.box((0.004, 0.6, 0.6))
     middle = np.array([0.10, 0.0, 0.0])
     found = link_distances(
-        hand, Poses(-middle[None], still(1).rotations), PlacedObject(shape_of_mesh(slat), still(1), 1.0), 0.0
+        hand,
+        Poses(-middle[None], still(1).rotations),
+        PlacedObject(shape_of_mesh(slat), still(1), 1.0),
+        np.zeros(1, bool),
     )
     assert 0.0 < -found.skin[0] <= 0.0021
     assert found.depth[0] > 0.008
@@ -104,7 +108,10 @@ def test_what_the_hand_has_swallowed_is_inside(hand):
     depth = hand.solid.distances(hand.points - 0.008 * hand.normals)
     middle = hand.points[depth.argmin()] - 0.008 * hand.normals[depth.argmin()]
     found = link_distances(
-        hand, Poses(-middle[None], still(1).rotations), PlacedObject(shape_of_mesh(pea), still(1), 1.0), 0.0
+        hand,
+        Poses(-middle[None], still(1).rotations),
+        PlacedObject(shape_of_mesh(pea), still(1), 1.0),
+        np.zeros(1, bool),
     )
     assert found.depth[0] > 0.004
 
@@ -114,7 +121,7 @@ def test_a_shell_has_no_inside_but_is_seen_in_the_hand(hand):
     shape = shape_of_mesh(sheet)
     assert shape.field.shell
     through = Poses(np.array([[-0.1, 0.0, 0.0], [0.0, 0.0, 0.5]]), still(2).rotations)
-    found = link_distances(hand, through, PlacedObject(shape, still(2), 1.0), np.inf)
+    found = link_distances(hand, through, PlacedObject(shape, still(2), 1.0), np.ones(2, bool))
     assert -0.001 <= found.skin[0] < 0.0
     assert found.depth[0] > 0.01
     np.testing.assert_allclose(found.skin[1], 0.5 + hand.points[:, 2].min() - 0.001, atol=1e-6)

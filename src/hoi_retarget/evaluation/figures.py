@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.evaluation import contact, ground, limits, movement, pose
+from hoi_retarget.evaluation import contact, ground, limits, movement, penetration, pose, touch
 from hoi_retarget.evaluation.figure import Figure
 from hoi_retarget.evaluation.view import Comparison
 from hoi_retarget.motion.motion import Motion
@@ -15,6 +15,16 @@ FIGURES: tuple[Figure, ...] = (
     contact.CONTACT_GAP_P95,
     contact.CONTACT_GAP_MAX,
     contact.CONTACT_SLIP,
+    touch.TOUCH_SHARE,
+    touch.TOUCH_GAP_P95,
+    touch.TOUCH_PLACE,
+    touch.FOOT_TOUCH_SHARE,
+    touch.FOOT_TOUCH_GAP_P95,
+    penetration.PENETRATION_MEAN,
+    penetration.PENETRATION_P95,
+    penetration.PENETRATION_MAX,
+    penetration.SELF_PENETRATION_MAX,
+    penetration.LINK_BELOW_FLOOR,
     pose.BODY_POSE_DEVIATION,
     movement.LINK_VELOCITY_DIRECTION,
     contact.RELATIVE_HAND_ROTATION,

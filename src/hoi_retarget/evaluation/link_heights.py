@@ -16,7 +16,7 @@ def link_heights(kinematics: Kinematics, first: int = 0) -> Float[np.ndarray, "L
     for skin in skin_of(kinematics.model).links:
         up = kinematics.orientation(skin.frame)[2, :, first:]
         heights.append((_extreme_points(skin) @ up).min(axis=0) + kinematics.point(skin.frame)[2, first:])
-    return np.array(heights)
+    return np.reshape(heights, (-1, len(kinematics.qpos) - first))
 
 
 @lru_cache(maxsize=256)

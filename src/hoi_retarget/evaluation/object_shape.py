@@ -14,9 +14,10 @@ from hoi_retarget.objects.track import ObjectGeometry
 
 _SPACING = 3e-3
 """Square of the surface that a point stands for [m], so that no place is further than 4 mm from one."""
-_OUTSIDE, _INSIDE, _FAR = 0.1, 0.3, 0.45
-"""Shares of a field's distance that it may be off by, besides its error: near the object on both sides, and far."""
-_NEAR = 0.02
+_OUTSIDE, _INSIDE = 0.06, 0.25
+"""Shares of a field's distance that it may be off by on either side of the surface, besides its error."""
+_FAR, _NEAR = 0.45, 0.02
+"""From so far on [m], the distance may be larger than the field's by this share of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +43,10 @@ class ObjectShape:
     def bounds(self, points: Float[np.ndarray, "K 3"]) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
         """Return a lower and an upper bound of the distances of points."""
         found = self.field.distances(points)
-        share = np.where(found < 0.0, _INSIDE, np.where(found < _NEAR, _OUTSIDE, _FAR))
-        off = self.field.error + share * np.abs(found)
-        return found - off, found + off
+        size = np.abs(found)
+        share = np.where(found < 0.0, _INSIDE, _OUTSIDE)
+        lower = found - self.field.error - share * size
+        return lower, found + self.field.error + np.where(found > _NEAR, _FAR, share) * size
 
     def distances(
         self, points: Float[np.ndarray, "K 3"], lower: Float[np.ndarray, "K"], upper: Float[np.ndarray, "K"]

@@ -9,11 +9,13 @@ from hoi_retarget.evaluation.self_penetration import self_depths
 from hoi_retarget.evaluation.statistics import max_or_none, mean_or_none
 from hoi_retarget.evaluation.surface_curves import surface_curves
 from hoi_retarget.evaluation.view import Comparison
+from hoi_retarget.robots.skin import skin_of
 
 
 def penetration_mean_m(view: Comparison) -> float | None:
     """Return the mean over contact frames of the deepest penetration of any link and any object [m], both ways."""
-    return mean_or_none(view.once(surface_curves).penetration[contact_frames(view)])
+    depths = _penetration(view)
+    return mean_or_none(depths[contact_frames(view)]) if depths is not None else None
 
 
 def penetration_p95_m(view: Comparison) -> float | None:
@@ -31,7 +33,7 @@ def penetration_max_m(view: Comparison) -> float | None:
 def self_penetration_max_m(view: Comparison) -> float | None:
     """Return how deep any link is in another one, at most over the clip [m]."""
     depths, _, _ = view.once(_self_depths)
-    return max_or_none(depths)
+    return max_or_none(depths) if skin_of(view.kinematics.model).links else None
 
 
 def link_below_floor_m(view: Comparison) -> float | None:
@@ -49,7 +51,8 @@ def contact_frames(view: Comparison) -> Bool[np.ndarray, "F"]:
 
 
 def _penetration(view: Comparison) -> Float[np.ndarray, "F"] | None:
-    return view.once(surface_curves).penetration if view.object_count else None
+    curves = view.once(surface_curves)
+    return curves.penetration if curves.depth.size else None
 
 
 def _self_depths(view: Comparison) -> tuple[np.ndarray, np.ndarray, tuple[tuple[str, str], ...]]:

@@ -81,7 +81,7 @@ def _pair_depths(
             )
         depths.append(depth)
         names.append((skin.links[one].link, skin.links[other].link))
-    return np.array(depths), tuple(names)
+    return np.reshape(depths, (-1, len(kinematics.qpos) - first)), tuple(names)
 
 
 def _in_solid(skin: LinkSkin, pose: Poses, solid: LinkSkin) -> Float[np.ndarray, "F"]:

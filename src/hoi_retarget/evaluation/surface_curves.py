@@ -26,7 +26,8 @@ class TouchCurve:
     active: Bool[np.ndarray, "F"]
     """Frames in which the recording says that they touch."""
     gap: Float[np.ndarray, "F"]
-    """Least signed distance [m] between skin and surface; negative by how deep one is in the other."""
+    """Least signed distance [m] between skin and surface; negative by how deep one is in the other. Where the recording
+    does not say that they touch, what is further than `REACH` is infinite."""
     place: Float[np.ndarray, "F"]
     """Distance on the object [m] from where skin and surface are nearest to where the human's palm is; NaN where
     inactive."""
@@ -57,17 +58,24 @@ def surface_curves(view: Comparison) -> SurfaceCurves:
     """Return the curves of a comparison; raises `GeometryError` when an object's mesh cannot be read."""
     model = view.kinematics.model
     skin = skin_of(model)
-    tracks = [track for track in view.clip.contacts if track.person == view.person and track.part in _SITES]
-    touching = {(link.link, track.object) for track in tracks for link in part_skins(model, track.part)}
+    tracks = [
+        track
+        for track in view.clip.contacts
+        if track.person == view.person and track.part in _SITES and part_skins(model, track.part)
+    ]
+    never = np.zeros(view.clip.frames - view.first, dtype=bool)
+    touching: dict[tuple[str, int], np.ndarray] = {}
+    for track in tracks:
+        for link in part_skins(model, track.part):
+            key = link.link, track.object
+            touching[key] = touching.get(key, never) | track.active[view.first :]
     poses = {link.link: Poses.of_link(view.kinematics, link, view.first) for link in skin.links}
     placed = [
         PlacedObject(shape_of(track.geometry), Poses(pose.positions, pose.rotations), float(scale))
         for track, pose, scale in zip(view.clip.objects, view.robot_objects, view.motion.object_scale, strict=True)
     ]
     found = {
-        (link.link, index): link_distances(
-            link, poses[link.link], one, np.inf if (link.link, index) in touching else 0.0
-        )
+        (link.link, index): link_distances(link, poses[link.link], one, touching.get((link.link, index), never))
         for index, one in enumerate(placed)
         for link in skin.links
     }
@@ -77,7 +85,7 @@ def surface_curves(view: Comparison) -> SurfaceCurves:
     for track in tracks:
         own = {link: found[link.link, track.object] for link in part_skins(model, track.part)}
         touches.append(_touch(view, track, own, poses, placed[track.object]))
-    return SurfaceCurves(links, depth.reshape(len(placed), len(links), view.clip.frames - view.first), tuple(touches))
+    return SurfaceCurves(links, depth.reshape(len(placed), len(links), len(never)), tuple(touches))
 
 
 def _touch(

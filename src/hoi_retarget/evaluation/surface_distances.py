@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.evaluation.object_shape import ObjectShape
 from hoi_retarget.numerics.point_tree import Nearest, PointTree
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.skin import LinkSkin
 
-_REACH = 0.012
+REACH = 0.012
 """An object's points are looked for in links whose skin is at most so far from it [m]: skin points are nearer to each
 other, so an object that is in the solid is near one of them, unless all of it is inside."""
 
@@ -65,7 +65,7 @@ class LinkDistances:
     """One link and one object over F frames."""
 
     skin: Float[np.ndarray, "F"]
-    """Least signed distance of the link's skin from the object [m]; infinite where beyond the limit of the search."""
+    """Least signed distance of the link's skin from the object [m]; infinite where beyond the reach."""
     point: Int[np.ndarray, "F"]
     """Skin point that has it; -1 where there is none."""
     object: Float[np.ndarray, "F"]
@@ -77,21 +77,22 @@ class LinkDistances:
         return np.maximum(np.maximum(-self.skin, -self.object), 0.0)
 
 
-def link_distances(skin: LinkSkin, link: Poses, placed: PlacedObject, limit: float) -> LinkDistances:
+def link_distances(skin: LinkSkin, link: Poses, placed: PlacedObject, measured: Bool[np.ndarray, "F"]) -> LinkDistances:
     """Return the distances of a link and an object in every frame.
 
     Args:
         skin: The link's.
         link: World poses of the link.
         placed: The object.
-        limit: How far apart they are measured [m]; what is further is infinitely far.
+        measured: Frames in which they are measured however far apart they are; in others, what is further than
+            `REACH` is infinitely far.
     """
     shape, scale = placed.shape, placed.scale
-    frames, search = len(link.positions), max(limit, _REACH)
-    least, point, sunk = np.full(frames, np.inf), np.full(frames, -1), np.zeros(frames)
+    limit = np.where(measured, np.inf, REACH)
+    least, point, sunk = np.full(len(limit), np.inf), np.full(len(limit), -1), np.zeros(len(limit))
     inside = link.inside(placed.pose)
     lower, _ = shape.bounds((inside.positions + inside.rotations @ skin.centre) / scale)
-    near = np.flatnonzero(scale * lower - skin.radius <= search)
+    near = np.flatnonzero(scale * lower - skin.radius <= limit)
     if not len(near):
         return LinkDistances(least, point, sunk)
 
@@ -100,15 +101,15 @@ def link_distances(skin: LinkSkin, link: Poses, placed: PlacedObject, limit: flo
         return scale * lower, scale * upper
 
     own, tree = inside.at(near), tree_of(skin)
-    found = tree.nearest(own.rotations, own.positions, bounds, search)
+    found = tree.nearest(own.rotations, own.positions, bounds, limit[near])
     least[near], point[near] = _exact(found, tree, own, shape, scale)
     swallowed = scale * shape.radius <= skin.radius
-    hit = near if swallowed else np.flatnonzero(least <= _REACH)
+    hit = near if swallowed else np.flatnonzero(least <= REACH)
     if len(hit):
         # Measured at the object's captured size, as its points are.
         back = placed.pose.at(hit).inside(link.at(hit))
         sunk[hit] = scale * least_in_solid(shape.tree, skin, Poses(back.positions / scale, back.rotations), scale)
-    return LinkDistances(np.where(least <= limit, least, np.inf), point, sunk)
+    return LinkDistances(least, point, sunk)
 
 
 def least_in_solid(tree: PointTree, skin: LinkSkin, pose: Poses, scale: float = 1.0) -> Float[np.ndarray, "F"]:

@@ -80,15 +80,16 @@ class PointTree:
         rotations: Float[np.ndarray, "K 3 3"],
         translations: Float[np.ndarray, "K 3"],
         bounds: Bounds,
-        limit: float = np.inf,
+        limit: float | Float[np.ndarray, "K"] = np.inf,
     ) -> Nearest:
-        """Return which points can be the nearest at each of K places, and not further than the limit [m].
+        """Return which points can be the nearest at each of K places, and not further than its limit [m].
 
         A place turns and moves the points, `R p + t`, into the frame in which `bounds` measures. The distance must not
         change by more than the way between two points, as distances do.
         """
         places = len(translations)
-        most = np.full(places, limit)
+        most = np.full(places, np.inf)
+        most[:] = limit
         place = np.repeat(np.arange(places), len(self._levels[0].radii))
         ball = np.tile(np.arange(len(self._levels[0].radii)), places)
         sizes = [len(level.radii) for level in self._levels[1:]] + [len(self.points)]

@@ -30,6 +30,8 @@ _SLOPE = 1e-5  # [m]
 
 def collision_skins(model: RobotModel) -> dict[str, OuterSkin]:
     """Return the skin of every link that has a colliding geometry."""
+    if not model.geometries.bodies:
+        return {}
     compiled = compile_mjcf(model.spec.mjcf, model.spec.sites)
     shapes: dict[str, list[tuple[Distances, np.ndarray]]] = {}
     for geom in np.flatnonzero((compiled.geom_contype != 0) | (compiled.geom_conaffinity != 0)):
