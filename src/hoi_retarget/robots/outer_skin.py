@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
-from scipy.spatial import ConvexHull, KDTree
+from scipy.spatial import ConvexHull, KDTree, QhullError
 
 from hoi_retarget.numerics.distance_grid import DistanceGrid
 from hoi_retarget.robots.model import RobotModel
@@ -191,8 +191,12 @@ def ended_solid(solid: DistanceGrid, skin: Float[np.ndarray, "P 3"]) -> Distance
 
 def _beyond_hull(nodes: np.ndarray, skin: np.ndarray) -> Float[np.ndarray, "N"]:
     """Return by how much nodes are beyond the hull of a skin, or a little less [m]; negative inside."""
+    try:
+        planes = np.unique(ConvexHull(skin).equations.round(6), axis=0)
+    except QhullError:  # A few points, or flat ones: all of a link that shows between others.
+        return KDTree(skin).query(nodes)[0] - _HULL
     beyond = np.full(len(nodes), -np.inf)
-    for *normal, offset in np.unique(ConvexHull(skin).equations.round(6), axis=0):
+    for *normal, offset in planes:
         np.maximum(beyond, nodes @ np.array(normal) + offset, out=beyond)
     return beyond - _HULL
 
