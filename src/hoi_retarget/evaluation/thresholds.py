@@ -112,6 +112,7 @@ THRESHOLDS: tuple[Threshold, ...] = (
         0.020,
         "5 mm is what users ask for; from 2 cm on a simulator lifts the robot when it starts",
     ),
+    Threshold(_KNOWN["link_below_floor_m"], 0.005, 0.020, "as for the soles: a knee in the floor lifts the robot, too"),
     Threshold(
         _KNOWN["stance_float_m"],
         0.010,

@@ -16,7 +16,13 @@ OWN_FORMAT = own_result.FORMAT.name
 
 
 # Figures that only a floor tells.
-_OF_FLOOR = ("stance_float_m", "floor_penetration_max_m", "base_height_min_share", "base_height_max_share")
+_OF_FLOOR = (
+    "stance_float_m",
+    "floor_penetration_max_m",
+    "link_below_floor_m",
+    "base_height_min_share",
+    "base_height_max_share",
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget.evaluation import ground, limits, movement
+from hoi_retarget.evaluation.link_heights import link_heights
+from hoi_retarget.evaluation.self_penetration import self_depths
 from hoi_retarget.evaluation.statistics import finite_min_or_none, max_or_none, mean_or_none
 from hoi_retarget.motion.check import ObjectPath
 from hoi_retarget.motion.motion import Motion, Stage
@@ -83,6 +85,8 @@ def _figures(motion: Motion, kinematics: Kinematics, model: RobotModel) -> dict[
         "stance_slide_mps": mean_or_none(speeds[stance[1:] & stance[:-1]]),
         "stance_float_m": mean_or_none(np.maximum(heights[stance], 0.0)),
         "floor_penetration_max_m": ground.deepest(heights),
+        "link_below_floor_m": max_or_none(np.maximum(-link_heights(kinematics), 0.0)),
+        "self_penetration_max_m": max_or_none(self_depths(kinematics)[0]),
         "joint_range_margin_rad": finite_min_or_none(limits.joint_range_margins(motion, model)),
         "joint_speed_margin_radps": finite_min_or_none(limits.joint_speed_margins(motion, model)),
     }
