@@ -1,10 +1,11 @@
 """How CPU time and memory grow with the number of frames, for one problem and for windows.
 
 A clip is played forth and back until it is long enough. Every size runs in a fresh process, so that
-its peak memory is its own.
+its peak memory is its own; it can be given a limit of memory, and the paper's collision cost.
 """
 
 import math
+import resource
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 import tyro
 from common import Source, peak_memory, pin_threads, run_fresh, show, tiled, write_json
 
-from hoi_retarget.retargeting.config import Config, parse_horizon
+from hoi_retarget.retargeting.config import Config, Weights, parse_horizon
 from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.robots import load_robot
 
@@ -28,15 +29,26 @@ class Arguments:
     sizes: tuple[int, ...] = (200, 300, 500, 1000, 2000, 5000, 10000)
     """Numbers of frames."""
     horizons: tuple[str, ...] = ("whole", "auto", "windowed:60:3")
+    clearance: float = 0.0
+    """Weight of the collision cost `capsule_clearance`."""
+    memory_limit: float | None = None
+    """Gigabytes of address space that each process may have."""
     json: Path | None = None
 
 
 def measure(arguments: Arguments, frames: int, horizon: str) -> dict[str, Any]:
-    """Return CPU seconds by stage and peak memory [MB] in this process."""
+    """Return CPU seconds by stage and peak memory [MB] in this process, or that memory did not suffice."""
     loaded = peak_memory()
+    if arguments.memory_limit is not None:
+        limit = int(arguments.memory_limit * 2**30)
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     model, clip = load_robot(arguments.robot), tiled(arguments.source.read(), frames)
+    weights = Weights(capsule_clearance=arguments.clearance)
     start = time.process_time()
-    result = retarget(clip, model, Config(horizon=parse_horizon(horizon)))
+    try:
+        result = retarget(clip, model, Config(weights=weights, horizon=parse_horizon(horizon), contact="landmark"))
+    except MemoryError:
+        return {"horizon": horizon, "frames": frames, "failed": "out of memory", "megabytes_of_imports": loaded}
     total = time.process_time() - start
     windows = result.stages[-1].windows
     return {
@@ -59,6 +71,8 @@ def slope(results: list[dict[str, Any]], stage: str) -> float:
 
 def report(horizon: str, results: list[dict[str, Any]]) -> None:
     stages = ("ik", "trajectory", "all")
+    failed = [(str(result["frames"]), result["failed"]) for result in results if "failed" in result]
+    results = [result for result in results if "failed" not in result]
     rows = [
         (
             str(result["frames"]),
@@ -70,8 +84,11 @@ def report(horizon: str, results: list[dict[str, Any]]) -> None:
         for result in results
     ]
     slopes = ", ".join(f"{stage} {slope(results, stage):.2f}" for stage in stages)
-    note = f"Exponent of growth (1 is linear): {slopes}. {results[0]['megabytes_of_imports']:.0f} MB are the imports."
+    note = f"Exponent of growth (1 is linear): {slopes}."
+    if results:
+        note += f" {results[0]['megabytes_of_imports']:.0f} MB are the imports."
     header = ("frames", "windows", "iterations", *(f"{stage} [ms/frame]" for stage in stages), "peak [MB]")
+    rows += [(frames, reason, *("-" for _ in header[2:])) for frames, reason in failed]
     show(f"Horizon {horizon}", header, rows, note)
 
 

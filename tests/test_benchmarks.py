@@ -151,13 +151,30 @@ def test_scaling_runs(tmp_path):
 
 
 @pytest.mark.slow
+def test_lengths_that_need_more_memory_than_they_may_have_are_named(tmp_path):
+    path = tmp_path / "scaling.json"
+    output = run("scaling.py", "--frames", "20", "--sizes", "12", "12000", "--horizons", "whole",
+                 "--memory-limit", "1.2", "--json", str(path))  # fmt: skip
+    short, long = json.loads(path.read_text())["results"]["whole"]
+    assert short["megabytes"] < 300
+    assert long["failed"] == "out of memory" in output
+
+
+@pytest.mark.slow
 def test_horizons_run(tmp_path):
     path = tmp_path / "horizon.json"
-    run("horizon.py", "--synthetic", "carry_box", "--frames", "36", "--horizons", "windowed:20:10", "whole",
-        "--json", str(path))  # fmt: skip
-    windowed, whole = json.loads(path.read_text())["results"]
+    output = run("horizon.py", "--synthetic", "carry_box", "--frames", "36", "--clearance", "300",
+                 "--horizons", "windowed:20:10", "whole", "--json", str(path))  # fmt: skip
+    results = json.loads(path.read_text())["results"]
+    assert [(result["horizon"], result["clearance"]) for result in results] == [
+        (horizon, clearance) for horizon in ("windowed:20:10", "whole") for clearance in (0, 300)
+    ]
+    windowed, *_, whole, _ = results
     assert windowed["windows"] > whole["windows"] == 1
     assert windowed["jerk_at_seams"] > 0
+    assert all(result["solved"] == 1 and result["figures"]["joint_jerk_radps3"] > 0 for result in results)
+    assert "Medians over the 1 clips that all solved" in output
+    assert "87/130" in output
 
 
 @pytest.fixture
