@@ -25,7 +25,7 @@ from hoi_retarget.evaluation.object_shape import shape_of
 from hoi_retarget.evaluation.surface_curves import surface_curves
 from hoi_retarget.evaluation.view import Comparison
 from hoi_retarget.motion.motion import Motion, Stage
-from hoi_retarget.motion.report import Status
+from hoi_retarget.motion.report import Report, Status
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.config import Config, Scaling
 from hoi_retarget.retargeting.pipeline import retarget
@@ -110,7 +110,8 @@ def looked_at(motion: Motion, clip: Clip, every: int, robot: str) -> Comparison:
     frames = np.arange(whole.first, clip.frames, every)
     arrays = ("object_pos", "object_quat", "contact_flags", "contact_object", "contact_points", "stance_flags")
     cut = {name: getattr(motion, name)[frames] for name in arrays}
-    part = replace(motion, stages=(Stage("every", motion.qpos[frames]),), first_source_frame=1, **cut)
+    stages = (Stage("every", motion.qpos[frames]),)
+    part = replace(motion, stages=stages, first_source_frame=1, report=Report(), **cut)  # Its frames are others.
     shorter = replace(taken(clip, frames), first_source_frame=1)
     return Comparison(part, shorter, 0, model.forward(part.qpos))
 
