@@ -96,6 +96,10 @@ class Weights:
     """Points of a link's skin, 6 mm apart, in another link [1/m^2]; not in the paper."""
     link_floor: float = 5e3
     """Skin of any link under the floor [1/m^2], in surface contact; not in the paper."""
+    surface_touch: float = 5000.0
+    """Skin off the surface that it is to touch [1/m^2]; not in the paper."""
+    clearance: float = 2e4
+    """Skin inside an object, or an object inside the robot [1/m^2]; not in the paper."""
     capsule_clearance: float = 0.0
     """Objects' surfaces in capsules around the robot's links [1/m^2] (paper App. B); at 0 nothing is computed."""
 
@@ -107,7 +111,19 @@ class Weights:
     @property
     def without_objects(self) -> "Weights":
         """The weights for a person alone: with no contact to give way to, the body follows its references closely."""
-        return replace(self, **{name: factor * getattr(self, name) for name, factor in WITHOUT_OBJECTS.items()})
+        return self._multiplied(WITHOUT_OBJECTS)
+
+    @property
+    def with_surfaces(self) -> "Weights":
+        """The weights for contact between surfaces."""
+        return self._multiplied(SURFACE_CONTACT)
+
+    def _multiplied(self, factors: Mapping[str, float]) -> "Weights":
+        return replace(self, **{name: factor * getattr(self, name) for name, factor in factors.items()})
+
+
+SURFACE_CONTACT: Mapping[str, float] = MappingProxyType({"base_position": 100.0, "jerk": 2.0})
+"""Weight -> its factor where surfaces touch: what hands lose of the human's small motions, the body keeps."""
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,9 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.numerics.filters import frames_in
-from hoi_retarget.retargeting.config import PINNED, Config
-from hoi_retarget.retargeting.pipeline import one_thread, retarget_with_targets, scored, solve_trajectory
+from hoi_retarget.retargeting.config import PINNED, Config, Solver
+from hoi_retarget.retargeting.pipeline import on_surfaces, one_thread, retarget_with_targets, scored, solve_trajectory
+from hoi_retarget.retargeting.surfaces.solve import ProblemOf, SurfaceProblems
 from hoi_retarget.retargeting.targets import Targets, with_contacts_of
 from hoi_retarget.retargeting.trajopt.problem import Problem
 from hoi_retarget.retargeting.trajopt.table import trajectory_terms
@@ -90,9 +91,19 @@ def _solve_piece(  # noqa: PLR0913, PLR0917 - what a problem is made of
     first: int,
     stop: int,
 ) -> np.ndarray:
-    terms = trajectory_terms(config.weights, targets.window(first, stop), model.forward(ik_qpos[first:stop]))
+    piece, frames = targets.window(first, stop), stop - first
     pinned, pinned_after = (PINNED if first > 0 else 0), (PINNED if stop < len(qpos) else 0)
-    problem = Problem(model, terms, targets.fps, pinned, pinned_after)
-    solution = config.solver.solve(problem, qpos[first:stop])
-    report_window(first, stop, problem, solution)
-    return solution.qpos
+
+    def solve(problem_of: ProblemOf, start: np.ndarray, solver: Solver) -> np.ndarray:
+        problem = replace(problem_of(0, frames, pinned), pinned_after=pinned_after)
+        # The first pass starts from inverse kinematics, but what is pinned is as it was.
+        begun = qpos[first:stop] if start is reference else start
+        solution = solver.solve(problem, begun)
+        report_window(first, stop, problem, solution)
+        return solution.qpos
+
+    reference = ik_qpos[first:stop]
+    if on_surfaces(targets, config):
+        return SurfaceProblems.of(model, piece, reference, config).passes(solve)
+    terms = trajectory_terms(config.weights, piece, model.forward(reference))
+    return solve(lambda _first, _stop, pinned: Problem(model, terms, targets.fps, pinned), reference, config.solver)

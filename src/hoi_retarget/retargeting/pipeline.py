@@ -18,6 +18,7 @@ from hoi_retarget.motion.report import Report, Window
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.ik import solve_ik
 from hoi_retarget.retargeting.orientation_flips import orientation_flips, rotation_errors_deg, with_reasons
+from hoi_retarget.retargeting.surfaces.solve import solve_on_surfaces
 from hoi_retarget.retargeting.targets import Targets, make_targets
 from hoi_retarget.retargeting.trajopt.problem import Problem
 from hoi_retarget.retargeting.trajopt.table import trajectory_terms
@@ -76,6 +77,8 @@ def solve_trajectory(
     model: RobotModel, targets: Targets, ik_qpos: np.ndarray, config: Config
 ) -> tuple[np.ndarray, tuple[Window, ...]]:
     """Return the optimized trajectory (paper Sec. III-B) and how each window went."""
+    if on_surfaces(targets, config):
+        return solve_on_surfaces(model, targets, ik_qpos, config)
 
     def problem_of(first: int, stop: int, pinned: int) -> Problem:
         reference = model.forward(ik_qpos[first:stop])
@@ -83,6 +86,11 @@ def solve_trajectory(
         return Problem(model, terms, targets.fps, pinned)
 
     return solve_windows(problem_of, ik_qpos, config.horizon, config.solver)
+
+
+def on_surfaces(targets: Targets, config: Config) -> bool:
+    """Return whether the trajectory is that of surfaces in contact: there is an object, and they are asked for."""
+    return config.contact == "surface" and bool(targets.object_names)
 
 
 def scored(motion: Motion, targets: Targets, clip: Clip, model: RobotModel, person: int) -> Motion:

@@ -69,6 +69,8 @@ class Targets:
     """Index of the object each link is at or nearest in time to; 0 where it never touches."""
     carried_contact_points: Float[np.ndarray, "T C 3"]
     """Contact targets, carried on before and after a contact [m]; finite everywhere."""
+    part_points: Float[np.ndarray, "T C 3"]
+    """The human's parts that the links stand for, in the frame of that object at its scaled size [m]."""
     contact_weights: Float[np.ndarray, "T C"]
     """1 in contact, fading to 0 around it."""
     contact_rotation_weights: Float[np.ndarray, "T C"]
@@ -275,6 +277,7 @@ def _contact_fields(clip: Clip, model: RobotModel, person: int, geometry_scale: 
         "contact_points": frozen(points),
         "carried_contact_object": frozen(carried_object, int),
         "carried_contact_points": frozen(carried_points),
+        "part_points": frozen(_part_points(clip, model, person, geometry_scale, carried_object)),
         "contact_weights": frozen(np.stack([fade(active, ramp) for active in flags.T], axis=1)),
         "contact_rotation_weights": frozen(np.stack([fade(active, rotation_ramp) for active in flags.T], axis=1)),
     }
@@ -307,3 +310,16 @@ def _carried(flags: np.ndarray, touched: np.ndarray, points: np.ndarray) -> tupl
             nearest = nearest_active(active)
             carried_object[:, link], carried_points[:, link] = touched[nearest, link], points[nearest, link]
     return carried_object, carried_points
+
+
+def _part_points(
+    clip: Clip, model: RobotModel, person: int, geometry_scale: float, carried_object: Int[np.ndarray, "T C"]
+) -> Float[np.ndarray, "T C 3"]:
+    """Return where the human's parts are in the frames of the objects that they are at or nearest in time to."""
+    points = np.zeros((*carried_object.shape, 3))
+    for link, part in enumerate(model.spec.part_sites):
+        place = clip.people[person].part_position(part)
+        for index in np.unique(carried_object[:, link]) if clip.objects else ():
+            frames = carried_object[:, link] == index
+            points[frames, link] = geometry_scale * clip.objects[index].to_object(place)[frames]
+    return points

@@ -29,17 +29,19 @@ class ObjectContact:
     object_rotation: Float[np.ndarray, "3 3 T"]
     weight: Float[np.ndarray, "T"]
     """Zero where there is no contact."""
+    projection: Float[np.ndarray, "3 3 T"] | None = None
+    """Of the residual, in the object's frame, as where it costs less along one direction; None for none."""
 
     def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
         """Return the rows at a trajectory."""
         frame = kinematics.frame(self.site)
         offset = kinematics.point(frame) - self.object_position
         residual = np.einsum("jit,jt->it", self.object_rotation, offset) - self.target_object
-        return (
-            FrameRows(
-                kinematics.frame(self.site), residual, self.object_rotation.transpose(1, 0, 2), None, self.weight
-            ),
-        )
+        by_linear = self.object_rotation.transpose(1, 0, 2)
+        if self.projection is not None:
+            residual = np.einsum("ijt,jt->it", self.projection, residual)
+            by_linear = np.einsum("ijt,jkt->ikt", self.projection, by_linear)
+        return (FrameRows(frame, residual, by_linear, None, self.weight),)
 
 
 def contact_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[ObjectContact | SiteRotation]:

@@ -1,0 +1,109 @@
+"""Trajectories whose hands touch with their surface, solved in passes: contact points first, then surfaces.
+
+The first pass is the paper's problem, roughly, with contact points moved to where the robot's hand touches. It ends
+near the solution of the others, in which distances between surfaces count. These differ only in the points that they
+look at, which each pass chooses anew from where the one before ended.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.motion.report import Window
+from hoi_retarget.retargeting.config import BandedInteriorPoint, Config, Solver
+from hoi_retarget.retargeting.surfaces.contact_sides import contact_sides
+from hoi_retarget.retargeting.surfaces.moving_object import moving_objects
+from hoi_retarget.retargeting.surfaces.table import Surfaces, surface_terms
+from hoi_retarget.retargeting.surfaces.touching_targets import touching_targets
+from hoi_retarget.retargeting.targets import Targets
+from hoi_retarget.retargeting.trajopt.problem import Problem
+from hoi_retarget.retargeting.trajopt.table import trajectory_terms
+from hoi_retarget.retargeting.trajopt.windows import solve_windows
+from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.robots.skin import skin_of
+
+ROUGHLY, CLOSELY = 300.0, (60.0, 7.0)
+"""Tolerances of the passes, as multiples of the solver's own: contacts weigh so much that less shows nowhere."""
+
+ProblemOf = Callable[[int, int, int], Problem]
+"""The problem of the frames from the first to the one before the second, of which so many leading ones are pinned."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceProblems:
+    """The problems of one robot's targets, pass by pass."""
+
+    model: RobotModel
+    targets: Targets
+    ik_qpos: Float[np.ndarray, "T nq"]
+    config: Config
+    surfaces: Surfaces
+
+    @classmethod
+    def of(
+        cls, model: RobotModel, targets: Targets, ik_qpos: Float[np.ndarray, "T nq"], config: Config
+    ) -> "SurfaceProblems":
+        """Return the problems; raises `GeometryError` when an object's mesh cannot be read."""
+        objects = moving_objects(targets)
+        surfaces = Surfaces(objects, skin_of(model), contact_sides(targets, objects))
+        return cls(model, targets, ik_qpos, config, surfaces)
+
+    def passes(
+        self, solve: Callable[[ProblemOf, Float[np.ndarray, "T nq"], Solver], Float[np.ndarray, "T nq"]]
+    ) -> Float[np.ndarray, "T nq"]:
+        """Return the trajectory at the end of all passes, each of which `solve` solves from a start with a solver."""
+        qpos = solve(self._with_points(self._moved(self.ik_qpos)), self.ik_qpos, _loosened(self.config.solver, ROUGHLY))
+        moved = self._moved(qpos)
+        for tolerance in CLOSELY:
+            qpos = solve(self._with_surfaces(moved, qpos), qpos, _loosened(self.config.solver, tolerance))
+        return qpos
+
+    def _moved(self, qpos: np.ndarray) -> Targets:
+        of = self.surfaces
+        return touching_targets(self.targets, of.objects, of.sides, of.skin, self.model.forward(qpos))
+
+    def _with_points(self, moved: Targets) -> ProblemOf:
+        def problem_of(first: int, stop: int, pinned: int) -> Problem:
+            reference = self.model.forward(self.ik_qpos[first:stop])
+            terms = trajectory_terms(self.config.weights.with_surfaces, moved.window(first, stop), reference)
+            return Problem(self.model, terms, moved.fps, pinned)
+
+        return problem_of
+
+    def _with_surfaces(self, moved: Targets, qpos: np.ndarray) -> ProblemOf:
+        def problem_of(first: int, stop: int, pinned: int) -> Problem:
+            terms = surface_terms(
+                self.config.weights.with_surfaces,
+                moved.window(first, stop),
+                self.model.forward(self.ik_qpos[first:stop]),
+                self.model.forward(qpos[first:stop]),
+                self.surfaces.window(first, stop),
+            )
+            return Problem(self.model, terms, moved.fps, pinned)
+
+        return problem_of
+
+
+def solve_on_surfaces(
+    model: RobotModel, targets: Targets, ik_qpos: Float[np.ndarray, "T nq"], config: Config
+) -> tuple[Float[np.ndarray, "T nq"], tuple[Window, ...]]:
+    """Return the trajectory and how each window of the last pass went.
+
+    Raises:
+        GeometryError: An object's mesh cannot be read.
+        SolveError: A window fails, or its trajectory breaks a joint range or a joint speed.
+    """
+    windows: tuple[Window, ...] = ()
+
+    def solve(problem_of: ProblemOf, start: np.ndarray, solver: Solver) -> np.ndarray:
+        nonlocal windows
+        qpos, windows = solve_windows(problem_of, start, config.horizon, solver)
+        return qpos
+
+    return SurfaceProblems.of(model, targets, ik_qpos, config).passes(solve), windows
+
+
+def _loosened(solver: Solver, factor: float) -> Solver:
+    return replace(solver, tolerance=factor * solver.tolerance) if isinstance(solver, BandedInteriorPoint) else solver

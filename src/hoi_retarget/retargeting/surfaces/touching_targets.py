@@ -1,0 +1,83 @@
+"""Contact targets moved out of and onto the object, until the robot's own skin touches there.
+
+A contact target is a point inside the human's hand. Moved there, a robot's hand is somewhere inside the object or
+off it. Each contact is moved, with the robot's hand as it is turned, along the contact's side until nothing of the
+hand is inside, and towards the nearest point of the surface until it touches. The moves are smoothed over time.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import gaussian_filter1d
+
+from hoi_retarget.numerics.arrays import frozen, runs
+from hoi_retarget.numerics.filters import frames_in
+from hoi_retarget.retargeting.surfaces.moving_object import MovingObject
+from hoi_retarget.retargeting.targets import Targets
+from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.robots.skin import LinkSkin, Skin
+
+SKIN_POINTS = 150
+"""Of the coarse skin that is moved: the last millimetres are left to the optimization."""
+STEPS = 12
+SMOOTHING_SECONDS = 0.4
+OVERSHOOT = 1.15
+"""A step out is longer than the depth: where the side is oblique to the surface, the depth shrinks by less."""
+LARGEST_MOVE = 0.2
+"""[m]; a hand that would have to go further stays as it is."""
+
+
+def touching_targets(
+    targets: Targets,
+    objects: tuple[MovingObject, ...],
+    sides: Float[np.ndarray, "T C 3"],
+    skin: Skin,
+    kinematics: Kinematics,
+) -> Targets:
+    """Return the targets with contact points moved for links that are turned as in a trajectory."""
+    points = targets.carried_contact_points.copy()
+    for link, site in enumerate(targets.contact_links):
+        of_link = skin.by_link.get(body_of(kinematics, site))
+        if of_link is None:
+            continue
+        for first, stop in runs(targets.contact_weights[:, link] > 0):
+            frames = np.arange(first, stop)
+            moves = np.zeros((len(frames), 3))
+            for index in np.unique(targets.carried_contact_object[frames, link]):
+                at = targets.carried_contact_object[frames, link] == index
+                goals, outward = points[frames[at], link], sides[frames[at], link]
+                moves[at] = _moves(goals.T, outward.T, objects[index], of_link, kinematics, site, frames[at]).T
+            sigma = frames_in(SMOOTHING_SECONDS, targets.fps)
+            points[frames, link] += gaussian_filter1d(moves, sigma, axis=0, mode="nearest")
+    return replace(targets, carried_contact_points=frozen(points))
+
+
+def body_of(kinematics: Kinematics, site: str) -> str:
+    """Return the body that carries a site."""
+    model = kinematics.model
+    return model.site_bodies[model.sites.index[site]]
+
+
+def _moves(  # noqa: PLR0913, PLR0917 - what decides a move
+    goals: Float[np.ndarray, "3 F"],
+    outward: Float[np.ndarray, "3 F"],
+    thing: MovingObject,
+    skin: LinkSkin,
+    kinematics: Kinematics,
+    site: str,
+    frames: np.ndarray,
+) -> Float[np.ndarray, "3 F"]:
+    """Return by how much each goal moves, in the object's frame [m]."""
+    to_object = thing.rotation[:, :, frames]
+    turned = np.einsum("jif,jkf->ikf", to_object, kinematics.orientation(skin.frame)[:, :, frames])
+    to_link = kinematics.point(skin.frame)[:, frames] - kinematics.point(site)[:, frames]
+    lever = np.einsum("ijf,kj->ikf", turned, skin.points[:SKIN_POINTS])
+    lever += np.einsum("jif,jf->if", to_object, to_link)[:, None]
+    every, moves = np.arange(len(frames)), np.zeros_like(goals)
+    for _ in range(STEPS):
+        points = (goals + moves)[:, None] + lever
+        nearest = thing.distances(points).argmin(axis=0)
+        distances, normals = thing.distances_and_normals(points[:, nearest, every])
+        moves += np.where(distances < 0.0, -OVERSHOOT * distances * outward, -distances * normals)
+    return np.where(np.linalg.norm(moves, axis=0) < LARGEST_MOVE, moves, 0.0)
