@@ -1,11 +1,11 @@
 """Points of an object outside a link's solid: what the link's skin points do not see between them, such as rods."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from hoi_retarget.retargeting.surfaces.link_points import hinge_rows
+from hoi_retarget.retargeting.surfaces.link_points import hinge_rows, yielding
 from hoi_retarget.retargeting.surfaces.moving_object import MovingObject
 from hoi_retarget.retargeting.trajopt.rows import FrameRows
 from hoi_retarget.robots.model import Kinematics
@@ -28,23 +28,37 @@ class ObjectOutsideLink:
     """World positions of the samples [m]."""
     margins: Float[np.ndarray, "K F"]
     """Distance from the solid that costs nothing [m]; minus infinity for places in the arrays without a sample."""
-    weight: float
+    weights: Float[np.ndarray, "F"]
     """[1/m^2]"""
 
     def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
         """Return one row a sample."""
+        frame = self.skin.frame
+        distances, away = self.distances(kinematics)
+        lever = self.points - kinematics.point(frame)[:, None, self.frames]
+        rows = hinge_rows(frame, lever, distances, away, self.margins, self.weights, self.frames)
+        return (rows,) if rows.residual.any() else ()
+
+    def distances(self, kinematics: Kinematics) -> tuple[Float[np.ndarray, "K F"], Float[np.ndarray, "3 K F"]]:
+        """Return the samples' distances from the solid [m], and in which direction it must move for them to grow."""
         frame, shape = self.skin.frame, self.points.shape
         rotation = kinematics.orientation(frame)[:, :, self.frames]
         lever = self.points - kinematics.point(frame)[:, None, self.frames]
         inside = np.einsum("jif,jkf->ikf", rotation, lever)
         distances, normals = self.skin.solid.distances_and_normals(inside.reshape(3, -1).T)
         away = -np.einsum("ijf,jkf->ikf", rotation, normals.T.reshape(shape))
-        rows = hinge_rows(frame, lever, distances.reshape(shape[1:]), away, self.margins, self.weight, self.frames)
-        return (rows,) if rows.residual.any() else ()
+        return distances.reshape(shape[1:]), away
 
 
 def object_outside_link(  # noqa: PLR0913, PLR0917 - what a term is made of
-    name: str, skin: LinkSkin, thing: MovingObject, start: Kinematics, weight: float, count: int, apart: float
+    name: str,
+    skin: LinkSkin,
+    thing: MovingObject,
+    start: Kinematics,
+    weight: float,
+    count: int,
+    apart: float,
+    ramp: int = 0,
 ) -> ObjectOutsideLink | None:
     """Return the term with the samples that are near the link at a start; None where none ever is.
 
@@ -56,6 +70,7 @@ def object_outside_link(  # noqa: PLR0913, PLR0917 - what a term is made of
         weight: [1/m^2]
         count: Most samples in a frame.
         apart: Least distance between two of them [m].
+        ramp: Frames around those in which the link is trapped that yield; 0 for no yielding.
     """
     every = np.arange(len(start.qpos))
     centres = thing.inside(start.point(skin.frame.of(skin.centre, np.eye(3)))[:, None], every)
@@ -80,7 +95,11 @@ def object_outside_link(  # noqa: PLR0913, PLR0917 - what a term is made of
         index[: len(samples), column], margins[: len(samples), column] = samples, 0.0
     places = np.moveaxis(thing.samples.data[index[:, group[kept]]], 2, 0)
     world = np.einsum("ijf,jkf->ikf", thing.rotation[:, :, frames], places) + thing.position[:, None, frames]
-    return ObjectOutsideLink(name, skin, frames, world, margins[:, group[kept]], weight)
+    term = ObjectOutsideLink(name, skin, frames, world, margins[:, group[kept]], np.full(len(frames), weight))
+    if not ramp:
+        return term
+    depths = -np.where(np.isfinite(term.margins), term.distances(start)[0], np.inf).min(axis=0)
+    return replace(term, weights=yielding(weight, depths, frames, ramp))
 
 
 def _nearest(  # noqa: PLR0913, PLR0917 - where samples are chosen

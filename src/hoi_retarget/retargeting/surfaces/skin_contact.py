@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from hoi_retarget.retargeting.surfaces.link_points import hinge_rows, levers, moments, softened
+from hoi_retarget.retargeting.surfaces.link_points import hinge_rows, levers, moments, softened, yielding
 from hoi_retarget.retargeting.surfaces.moving_object import MovingObject
 from hoi_retarget.retargeting.surfaces.near_skin import near_distances, nearest_spread, patches_of
 from hoi_retarget.retargeting.trajopt.rows import FrameRows
@@ -37,7 +37,7 @@ class SkinContact:
     frames: Int[np.ndarray, "F"]
     points: Float[np.ndarray, "3 K F"]
     """In the link's frame [m]."""
-    weight: float
+    weights: Float[np.ndarray, "F"]
     """Of the clearance [1/m^2]."""
     touch_weights: Float[np.ndarray, "F"] | None
     """[1/m^2]; None where the link never touches the object."""
@@ -49,7 +49,7 @@ class SkinContact:
         points = kinematics.point(frame)[:, None, self.frames] + lever
         distances, normals = self.thing.distances_and_normals(self.thing.inside(points, self.frames))
         normals = np.einsum("ijf,jkf->ikf", self.thing.rotation[:, :, self.frames], normals)
-        clearance = hinge_rows(frame, lever, distances, normals, MARGIN, self.weight, self.frames)
+        clearance = hinge_rows(frame, lever, distances, normals, MARGIN, self.weights, self.frames)
         if self.touch_weights is None:
             return (clearance,)
         return clearance, self._touch(lever, distances, normals, self.touch_weights)
@@ -75,6 +75,7 @@ def skin_contact(  # noqa: PLR0913, PLR0917 - what a term is made of
     touch_weights: Float[np.ndarray, "T"] | None,
     count: int,
     apart: float,
+    ramp: int = 0,
 ) -> SkinContact | None:
     """Return the term with the skin points that are near at a start; None where no skin ever is, nor is to touch.
 
@@ -87,18 +88,21 @@ def skin_contact(  # noqa: PLR0913, PLR0917 - what a term is made of
         touch_weights: In every frame [1/m^2]; None where the link never touches the object.
         count: Points in each frame.
         apart: Least distance between two of them [m].
+        ramp: Frames around those in which the link is trapped that yield; 0 for no yielding.
     """
     wanted = np.zeros(len(start.qpos), dtype=bool) if touch_weights is None else touch_weights > 0
     frames = np.flatnonzero(wanted | _ball_is_near(skin, thing, start))
     patches = patches_of(skin, apart)
     distances = near_distances(skin, patches, thing, start, frames, NEAR)
-    near = wanted[frames] | (distances.min(axis=0, initial=np.inf) < NEAR)
-    frames = frames[near]
+    least = distances.min(axis=0, initial=np.inf)
+    near = wanted[frames] | (least < NEAR)
+    frames, distances, least = frames[near], distances[:, near], least[near]
     if not frames.size:
         return None
-    chosen = nearest_spread(distances[:, near], patches, count)
+    points = skin.points[nearest_spread(distances, patches, count)].transpose(2, 0, 1)
+    weights = yielding(weight, -least, frames, ramp) if ramp else np.full(len(frames), weight)
     touching = None if touch_weights is None else touch_weights[frames]
-    return SkinContact(name, skin, thing, frames, skin.points[chosen].transpose(2, 0, 1), weight, touching)
+    return SkinContact(name, skin, thing, frames, points, weights, touching)
 
 
 def _ball_is_near(skin: LinkSkin, thing: MovingObject, start: Kinematics) -> np.ndarray:

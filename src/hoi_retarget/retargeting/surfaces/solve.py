@@ -56,8 +56,9 @@ class SurfaceProblems:
         """Return the trajectory at the end of all passes, each of which `solve` solves from a start with a solver."""
         qpos = solve(self._with_points(self._moved(self.ik_qpos)), self.ik_qpos, _loosened(self.config.solver, ROUGHLY))
         moved = self._moved(qpos)
-        for tolerance in CLOSELY:
-            qpos = solve(self._with_surfaces(moved, qpos), qpos, _loosened(self.config.solver, tolerance))
+        for number, tolerance in enumerate(CLOSELY):
+            problem_of = self._with_surfaces(moved, qpos, yielding=number > 0)
+            qpos = solve(problem_of, qpos, _loosened(self.config.solver, tolerance))
         return qpos
 
     def _moved(self, qpos: np.ndarray) -> Targets:
@@ -72,7 +73,7 @@ class SurfaceProblems:
 
         return problem_of
 
-    def _with_surfaces(self, moved: Targets, qpos: np.ndarray) -> ProblemOf:
+    def _with_surfaces(self, moved: Targets, qpos: np.ndarray, *, yielding: bool) -> ProblemOf:
         def problem_of(first: int, stop: int, pinned: int) -> Problem:
             terms = surface_terms(
                 self.config.weights.with_surfaces,
@@ -80,6 +81,7 @@ class SurfaceProblems:
                 self.model.forward(self.ik_qpos[first:stop]),
                 self.model.forward(qpos[first:stop]),
                 self.surfaces.window(first, stop),
+                yielding=yielding,
             )
             return Problem(self.model, terms, moved.fps, pinned)
 

@@ -16,11 +16,14 @@ from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import Term
 from hoi_retarget.retargeting.trajopt.table import trajectory_terms
 from hoi_retarget.retargeting.trajopt.terms.object_contact import ObjectContact
+from hoi_retarget.retargeting.trajopt.terms.self_clearance import self_clearance_terms
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.skin import Skin
 
 TOUCH_SECONDS = 2 / 30
 """Over which touch comes and goes before and after a contact."""
+YIELDING_SECONDS = 0.5
+"""Before and after which a link is trapped, its clearance counts less already."""
 ALONG_NORMAL = 0.05
 """Share of the contact's cost along its side: there the surfaces decide."""
 HAND_POINTS, LINK_POINTS, SAMPLES = 12, 6, 6
@@ -45,8 +48,14 @@ class Surfaces:
         return Surfaces(objects, self.skin, self.sides[start:stop])
 
 
-def surface_terms(
-    weights: Weights, targets: Targets, reference: Kinematics, start: Kinematics, surfaces: Surfaces
+def surface_terms(  # noqa: PLR0913 - what the terms are made of
+    weights: Weights,
+    targets: Targets,
+    reference: Kinematics,
+    start: Kinematics,
+    surfaces: Surfaces,
+    *,
+    yielding: bool = False,
 ) -> tuple[Term, ...]:
     """Return the cost table with the contact's points free along their sides, and the terms between surfaces.
 
@@ -56,12 +65,15 @@ def surface_terms(
         reference: The IK trajectory.
         start: The trajectory that the solve starts from, by which points are chosen.
         surfaces: Of the same frames.
+        yielding: Whether links that are trapped in an object at the start may stay there.
     """
     table = (
         _along_surface(term, targets, surfaces) if isinstance(term, ObjectContact) else term
         for term in trajectory_terms(weights, targets, reference)
     )
-    return (*table, *_clearances(weights, targets, start, surfaces))
+    ramp = frames_in(YIELDING_SECONDS, targets.fps) if yielding else 0
+    clearances = _clearances(weights, targets, start, surfaces, ramp)
+    return (*table, *clearances, *self_clearance_terms(weights, targets, start))
 
 
 def _along_surface(term: ObjectContact, targets: Targets, surfaces: Surfaces) -> ObjectContact:
@@ -70,7 +82,7 @@ def _along_surface(term: ObjectContact, targets: Targets, surfaces: Surfaces) ->
     return replace(term, projection=np.eye(3)[:, :, None] - across)
 
 
-def _clearances(weights: Weights, targets: Targets, start: Kinematics, surfaces: Surfaces) -> Iterator[Term]:
+def _clearances(weights: Weights, targets: Targets, start: Kinematics, surfaces: Surfaces, ramp: int) -> Iterator[Term]:
     links = {body_of(start, site): column for column, site in enumerate(targets.contact_links)}
     for index, thing in enumerate(surfaces.objects):
         for skin in surfaces.skin.links:
@@ -79,8 +91,8 @@ def _clearances(weights: Weights, targets: Targets, start: Kinematics, surfaces:
             count, apart = (LINK_POINTS, LINK_SPREAD) if column is None else (HAND_POINTS, HAND_SPREAD)
             name = f"{skin.link}_{thing.name}"
             terms = (
-                skin_contact(f"{name}_contact", skin, thing, start, weights.clearance, touch, count, apart),
-                object_outside_link(f"{name}_inside", skin, thing, start, weights.clearance, SAMPLES, apart),
+                skin_contact(f"{name}_contact", skin, thing, start, weights.clearance, touch, count, apart, ramp),
+                object_outside_link(f"{name}_inside", skin, thing, start, weights.clearance, SAMPLES, apart, ramp),
             )
             yield from (term for term in terms if term is not None)
 
