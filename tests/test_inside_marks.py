@@ -8,6 +8,7 @@ import pytest
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.synthetic import make
+from hoi_retarget.viewers.scene.curves import curves_of
 from hoi_retarget.viewers.scene.inside_marks import LEVELS, inside_marks
 from test_scene import G1, motion_of
 
@@ -25,31 +26,31 @@ def placed(palm_to_box, *, height: float = 1.0):
     palm = G1.forward(qpos).site_position("left_palm")
     upright = np.tile(se3.IDENTITY_QUAT, (motion.frames, 1, 1))
     box = palm - np.asarray(palm_to_box)
-    return replace(motion, object_pos=box[:, None], object_quat=upright, object_scale=np.ones(1)), G1.forward(qpos)
+    return replace(motion, object_pos=box[:, None], object_quat=upright, object_scale=np.ones(1))
 
 
-def seen(motion, kinematics, frame=0) -> np.ndarray:
-    parts = inside_marks(motion, kinematics, [GEOMETRY])
+def seen(motion, frame=0) -> np.ndarray:
+    parts = inside_marks(motion, G1, (GEOMETRY,))
     return np.concatenate([np.zeros((0, 3)), *(part.positions[frame][part.visible[frame]] for part in parts)])
 
 
 def test_nothing_is_marked_where_nothing_is_inside():
-    motion, kinematics = placed((0.0, 3.0, 0.0))
-    assert inside_marks(motion, kinematics, [GEOMETRY]) == ()
-    assert inside_marks(motion, kinematics, None) == ()
+    motion = placed((0.0, 3.0, 0.0))
+    assert inside_marks(motion, G1, (GEOMETRY,)) == ()
+    assert inside_marks(motion, G1, None) == ()
 
 
 @pytest.mark.parametrize(("x", "z", "depth"), [(0.0, 0.0, 0.001), (0.1, -0.05, 0.03), (-0.1, 0.03, -0.01)])
 def test_dots_lie_on_the_surface_that_the_hand_is_under(x, z, depth):
-    motion, kinematics = placed((x, SIDE + depth, z))
-    dots = seen(motion, kinematics) - motion.object_pos[0, 0]
+    motion = placed((x, SIDE + depth, z))
+    dots = seen(motion) - motion.object_pos[0, 0]
     assert len(dots), "the back of the hand is behind the palm's site"
     assert surface_of(GEOMETRY).distances(dots).max() < 1e-5
     assert np.abs(dots[:, [0, 2]] - [x, z]).max() < 0.25, "by the hand"
 
 
 def test_deeper_places_have_deeper_colours():
-    shallow, deep = (inside_marks(*placed((0.0, SIDE + depth, 0.0)), [GEOMETRY]) for depth in (-0.02, 0.06))
+    shallow, deep = (inside_marks(placed((0.0, SIDE + depth, 0.0)), G1, (GEOMETRY,)) for depth in (-0.02, 0.06))
 
     def share_of_deepest(parts) -> float:
         counts = {tuple(part.colours[0].tolist()): part.visible[0].sum() for part in parts}
@@ -60,12 +61,39 @@ def test_deeper_places_have_deeper_colours():
 
 @pytest.mark.parametrize(("lower", "marked"), [(0.0, False), (0.05, True)])
 def test_the_floor_counts(lower, marked):
-    motion, _ = placed((0.0, 3.0, 0.0))
+    motion = placed((0.0, 3.0, 0.0))
     qpos = motion.qpos.copy()
     soles = [f"{side}_sole_{end}" for side in ("left", "right") for end in ("heel_inner", "toe_inner")]
     lowest = min(G1.forward(qpos).site_position(sole)[:, 2].min() for sole in soles)
     qpos[:, 2] -= lowest + lower - 0.005
-    kinematics = G1.forward(qpos)
-    dots = seen(motion.with_qpos(qpos), kinematics)
+    dots = seen(motion.with_qpos(qpos))
     assert bool(len(dots)) is marked
     assert not dots[:, 2].any(), "they lie on the floor"
+
+
+@pytest.mark.parametrize("off", [-0.02, 0.0, 0.03])
+def test_the_curve_of_a_hand_is_its_distance_from_the_surface(off):
+    """The hand reaches over a side of the box by its thickness, which moves with it."""
+    flags = np.zeros((CLIP.frames, 4), dtype=bool)
+    gaps = []
+    for depth in (0.0, off):
+        motion = placed((0.0, SIDE - 0.2 + depth, 0.0))
+        active = flags.copy()
+        active[1:, motion.contact_links.index("left_palm")] = True
+        points = np.where(active[..., None], np.zeros(3), np.nan)
+        motion = replace(motion, contact_flags=active, contact_object=np.where(active, 0, -1), contact_points=points)
+        curves = curves_of(motion, G1, (GEOMETRY,))
+        (curve,) = (curve for curve in curves if curve.group == "surface gap")
+        assert (curve.name, curve.unit) == ("left_palm", "mm")
+        assert np.isnan(curve.values[0]) and np.isfinite(curve.values[1:]).all()
+        gaps.append(curve.values[1])
+    assert gaps[0] > 100.0
+    assert gaps[0] - gaps[1] == pytest.approx(1e3 * off, abs=1.0)
+
+
+def test_the_curve_of_depth_is_that_of_the_deepest_dot():
+    motion = placed((0.0, SIDE + 0.02, 0.0))
+    (curve,) = (curve for curve in curves_of(motion, G1, (GEOMETRY,)) if curve.group == "inside object")
+    assert (curve.values > 15.0).all()
+    (away,) = (curve for curve in curves_of(placed((0.0, 3.0, 0.0)), G1, (GEOMETRY,)) if curve.group == "inside object")
+    assert not away.values.any()

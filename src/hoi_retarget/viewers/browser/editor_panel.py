@@ -19,12 +19,13 @@ from hoi_retarget.clip.edits import (
     Split,
     part_text,
 )
-from hoi_retarget.evaluation import COLUMNS, contact_residuals
+from hoi_retarget.evaluation import COLUMNS
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.browser.editing import Edited
 from hoi_retarget.viewers.browser.player import MESSAGE
 from hoi_retarget.viewers.browser.surface_gaps import SurfaceGap
 from hoi_retarget.viewers.html import render
+from hoi_retarget.viewers.scene.skin_gaps import skin_gaps
 
 PANEL_WIDTH_PX = 340
 _FIGURES = (
@@ -117,7 +118,8 @@ class EditorPanel:
         self._figures.content = _figures_html(recorded, before or recorded, edited)
 
     def _show_rows(self, edited: Edited, chosen: Segment | None, off: Sequence[SurfaceGap]) -> None:
-        gaps = [contact_residuals(motion, self._model.forward(motion.qpos)) for motion in edited.motions]
+        geometries = [track.geometry for track in edited.clip.objects]
+        gaps = [skin_gaps(motion, self._model.forward(motion.qpos), geometries) for motion in edited.motions]
         several = len(edited.clip.people) > 1
         labels = []
         for segment, place in zip(edited.segments, off, strict=True):
@@ -126,10 +128,11 @@ class EditorPanel:
             own = (
                 gaps[segment.person][segment.start : segment.stop, links.index(site)] if site in links else np.zeros(0)
             )
-            gap = f"{1e3 * np.nanmean(own):.1f} mm" if np.isfinite(own).any() else "not followed"
+            gap = _gap_text(float(np.nanmean(own))) if np.isfinite(own).any() else "not followed"
             name = part_text(segment.person, segment.part) if several else segment.part
-            air = f", {1e3 * place.distance:.0f} mm off" if place.in_thin_air else ""
-            labels.append(f"{name.replace('_', ' ')}  {segment.start} - {segment.stop - 1}  ({gap}{air})")
+            if place.in_thin_air:
+                gap = f"point {1e3 * place.distance:.0f} mm off"
+            labels.append(f"{name.replace('_', ' ')}  {segment.start} - {segment.stop - 1}  ({gap})")
         while len(self._rows) > len(labels):
             self._rows.pop().remove()
         with self._rows_folder:
@@ -203,6 +206,11 @@ class EditorPanel:
         if event.client is not None:
             point = np.array(event.target.value)
             self._typed(lambda s: _moved_to(s, point))
+
+
+def _gap_text(gap: float) -> str:
+    """Return on which side of the surface a hand is in the mean [m]."""
+    return f"{1e3 * abs(gap):.1f} mm {'off' if gap > 0 else 'inside'}"
 
 
 def _moved_to(segment: Segment, point: Float[np.ndarray, "3"]) -> Edit:

@@ -13,8 +13,8 @@ from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers.open import clip_of
 from hoi_retarget.robots import load_robot
 from hoi_retarget.viewers.html import render
-from hoi_retarget.viewers.scene.curve_chart import TITLES_HEIGHT_PX, chart_html
-from hoi_retarget.viewers.scene.curves import curves_of
+from hoi_retarget.viewers.scene.curve_chart import CHART_STEP_PX, TITLES_HEIGHT_PX, chart_html
+from hoi_retarget.viewers.scene.curves import SURFACE_GROUPS, curves_of
 from hoi_retarget.viewers.scene.drawing import Scene
 from hoi_retarget.viewers.scene.scene import Shown, make_scene
 from hoi_retarget.viewers.scene.titles import titles_of
@@ -66,8 +66,13 @@ def load_page_content(
 def page_content(shown: Sequence[Shown], notices: tuple[str, ...] = ()) -> PageContent:
     """Return the content for results and clips; raises what `make_scene` raises."""
     scene = make_scene(shown)
-    curves = [(item.title, curves_of(item.motion, item.model)) for item in shown if item.motion and item.model]
-    extra = TITLES_HEIGHT_PX if len(shown) > 1 else 0
+    curves = [
+        (item.title, curves_of(item.motion, item.model, item.geometries))
+        for item in shown
+        if item.motion and item.model
+    ]
+    groups = {curve.group for _, own in curves for curve in own}
+    extra = CHART_STEP_PX * len(groups.intersection(SURFACE_GROUPS)) + (TITLES_HEIGHT_PX if len(shown) > 1 else 0)
     return PageContent(scene, chart_html(curves, scene.fps), extra, figures_html(shown), notices)
 
 

@@ -18,6 +18,8 @@ from hoi_retarget.viewers.scene.curves import Curve
 LEFT_INSET_PX = 132
 RIGHT_INSET_PX = 160
 CHART_HEIGHT_PX = 32
+CHART_STEP_PX = CHART_HEIGHT_PX + 5
+"""From one chart to the next."""
 TITLES_HEIGHT_PX = 19
 """Of the line that names several results."""
 LARGEST_POINTS = 1500

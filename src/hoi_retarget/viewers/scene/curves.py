@@ -1,9 +1,10 @@
-"""Curves of a result's figures over time, from the result alone.
+"""Curves of a result's figures over time, from the result alone, and of distances from objects where shapes are known.
 
-Every number comes from the functions behind the figures (`metrics`): the mean or the extreme of a
+Every number of the former comes from the functions behind the figures (`metrics`): the mean or the extreme of a
 curve is the figure. What lies between two frames is plotted at the later one.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +14,14 @@ from hoi_retarget.evaluation import contact_residuals, ground, limits, movement
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.of_robot import check_robot
 from hoi_retarget.numerics.arrays import frozen
-from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.objects.track import ObjectGeometry
+from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.spec import SIDES
+from hoi_retarget.viewers.scene.inside_marks import depth_in_objects
+from hoi_retarget.viewers.scene.skin_gaps import skin_gaps
+
+SURFACE_GROUPS = ("surface gap", "inside object")
+"""Groups that are there where the objects' shapes are known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +45,13 @@ class Curve:
             object.__setattr__(self, "counted", frozen(self.counted, bool))
 
 
-def curves_of(motion: Motion, model: RobotModel) -> tuple[Curve, ...]:
+def curves_of(
+    motion: Motion, model: RobotModel, geometries: tuple[ObjectGeometry, ...] | None = None
+) -> tuple[Curve, ...]:
     """Return the curves of a result.
 
+    - `surface gap` [mm]: of the skin of each link that is to touch, negative inside the object.
+    - `inside object` [mm]: of the deepest point of the robot.
     - `contact gap` [mm]: of each link that ever touches, its distance on the object from its target.
     - `sole height` [mm]: of each foot's lowest sole corner; stance counts.
     - `slide` [cm/s]: horizontal speed of each ankle over pairs of stance frames.
@@ -65,6 +76,7 @@ def curves_of(motion: Motion, model: RobotModel) -> tuple[Curve, ...]:
     range_margins = _finite(limits.joint_range_margins(motion, model).min(axis=1))
     speed_margins = _from_frame(1, _finite(limits.joint_speed_margins(motion, model).min(axis=1)))
     return (
+        *_surface_curves(motion, kinematics, geometries),
         *(
             curve("contact gap", "mm", link, 1e3 * residuals[:, column])
             for column, link in enumerate(motion.contact_links)
@@ -82,6 +94,20 @@ def curves_of(motion: Motion, model: RobotModel) -> tuple[Curve, ...]:
         curve("jerk", "m/s^3", "largest", _from_frame(3, jerks.max(axis=1))[: motion.frames]),
         curve("joint margin", "deg", "smallest", np.degrees(range_margins)),
         curve("speed margin", "rad/s", "smallest", speed_margins),
+    )
+
+
+def _surface_curves(
+    motion: Motion, kinematics: Kinematics, geometries: tuple[ObjectGeometry, ...] | None
+) -> Iterator[Curve]:
+    if not geometries:
+        return
+    gaps = 1e3 * skin_gaps(motion, kinematics, geometries)
+    for column, link in enumerate(motion.contact_links):
+        if np.isfinite(gaps[:, column]).any():
+            yield Curve(link, "mm", gaps[:, column], SURFACE_GROUPS[0], motion.fps)
+    yield Curve(
+        "deepest", "mm", 1e3 * depth_in_objects(motion, kinematics.model, geometries), SURFACE_GROUPS[1], motion.fps
     )
 
 

@@ -19,6 +19,7 @@ from hoi_retarget.human.skeleton import PARTS
 from hoi_retarget.motion.motion import STAGE_TITLES, Motion, Stage
 from hoi_retarget.motion.of_robot import check_robot
 from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.scene.drawing import Colour, Layer, Lines, Part, Scene, Shapes, Solid, Subject
 from hoi_retarget.viewers.scene.human_shapes import human_shapes
@@ -72,6 +73,11 @@ class Shown:
                     f"{self.title}: the result has {result[0]} frames and {result[1]} objects, the clip {clip.name!r} "
                     f"{recorded[0]} and {recorded[1]}. Name the clip that the result was made from."
                 )
+
+    @property
+    def geometries(self) -> tuple[ObjectGeometry, ...] | None:
+        """Shapes of the objects; None where they are not known."""
+        return None if self.clip is None else tuple(track.geometry for track in self.clip.objects)
 
     @property
     def ahead(self) -> Float[np.ndarray, "2"]:
@@ -188,15 +194,14 @@ def _sides(item: Shown) -> tuple[_Side, ...]:
 
 def _robot_side(item: Shown, motion: Motion, model: RobotModel) -> _Side:
     kinematics = model.forward(motion.qpos)
-    geometries = None if item.clip is None else [track.geometry for track in item.clip.objects]
     hands = {part: site for part, site in model.spec.part_sites.items() if part.endswith("hand")}
     looks = {part.replace("_", " "): kinematics.site_position(site) for part, site in hands.items()}
     layers = (
         Layer("robot", robot_parts(model, kinematics, item.meshes)),
         *(_earlier_stage(model, stage) for stage in motion.stages[:-1]),
         Layer("object", _robot_objects(motion, item.clip)),
-        Layer("contacts", contact_marks(motion, kinematics, geometries)),
-        Layer("inside something", inside_marks(motion, kinematics, geometries)),
+        Layer("contacts", contact_marks(motion, kinematics, item.geometries)),
+        Layer("inside something", inside_marks(motion, model, item.geometries)),
         Layer("stance", (stance_marks(motion, kinematics),)),
     )
     return _Side("robot", motion.fps, motion.qpos[:, :3], motion.object_pos, layers, looks)

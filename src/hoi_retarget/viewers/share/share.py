@@ -42,10 +42,11 @@ class Gallery:
         assert shown.model is not None
         scene = make_scene([shown])
         fitted = fit_camera(scene, shown.ahead)
-        curves = chart_html([(entry.title, curves_of(entry.motion, shown.model))], scene.fps, chart_height_px=44)
+        curves = curves_of(entry.motion, shown.model, shown.geometries)
+        chart = chart_html([(entry.title, curves)], scene.fps, chart_height_px=44)
         taken = ("index", *(Path(page).stem for _, page, _ in self._entries))
         name = file_name(entry.title, taken)
-        page = clip_page(entry, scene=pack(scene, fitted), curves=curves, gallery=self._title)
+        page = clip_page(entry, scene=pack(scene, fitted), curves=chart, gallery=self._title)
         self._write_page(f"{name}.html", page)
         picture = None
         try:
