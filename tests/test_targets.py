@@ -2,6 +2,7 @@
 
 import functools
 from dataclasses import fields, replace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from hoi_retarget.errors import ArgumentError
 from hoi_retarget.human.stance import stance
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import smooth, smooth_quats
-from hoi_retarget.retargeting.config import Scaling
+from hoi_retarget.retargeting.config import ContactKind, Scaling
 from hoi_retarget.retargeting.targets import MAXIMUM_SINK, Targets, make_targets
 from hoi_retarget.robots.spec import SIDES
 from hoi_retarget.synthetic import SCENES, make
@@ -137,7 +138,7 @@ def test_an_object_scaled_with_the_root_keeps_its_place_in_the_scaled_world(mode
 @given(root=scales)
 def test_an_object_of_captured_size_is_lifted_by_what_scaling_would_sink_it(model, root):
     clip = scene("drag_suitcase")
-    targets = make_targets(clip, model, Scaling(root_scale=root, object_scale=1.0))
+    targets = make_targets(clip, model, Scaling(root_scale=root, object_scale=1.0), contact="landmark")
     track = clip.objects[0]
     drop = track.positions[:, 2] - captured_lowest(clip)
     expected = np.column_stack([root * track.positions[:, :2], root * track.positions[:, 2] + (1 - root) * drop])
@@ -158,6 +159,29 @@ def test_no_object_is_more_than_a_little_under_the_floor(model, depth, root, mul
     sunk = replace(clip, objects=(track,))
     targets = make_targets(sunk, model, Scaling(root_scale=root, size_multiplier=multiplier))
     assert lowest(targets, sunk).min() > -0.005 - 1e-9
+
+
+@every_robot
+@LAWS
+@given(tip=st.floats(0.0, 1.0), multiplier=st.floats(0.25, 1.5))
+def test_no_object_is_under_the_floor_in_surface_contact_and_none_jumps_out_of_it(model, tip, multiplier):
+    """Also one that tips over an edge at once, whose rotation is smoothed."""
+    clip = scene()
+    track = clip.objects[0]
+    turn = se3.exp(np.outer(np.arange(clip.frames) > clip.frames // 2, [tip, 0.0, 0.0]))
+    tipping = replace(track, quats=se3.quat_multiply(turn, track.quats))
+    tipping = replace(tipping, positions=tipping.positions - tipping.lowest[:, None] * np.array([0.0, 0.0, 1.0]))
+    tipped = replace(clip, objects=(tipping,))
+    surface, landmark = (
+        make_targets(tipped, model, Scaling(size_multiplier=multiplier), contact=kind) for kind in get_args(ContactKind)
+    )
+    assert lowest(surface, tipped).min() > -1e-9
+    lift = (surface.object_pos - landmark.object_pos)[:, 0]
+    assert (lift[:, :2] == 0).all()
+    assert lift[:, 2].min() > -1e-9
+    depth = max(0.0, -float(lowest(landmark, tipped).min()))
+    assert lift[:, 2].max() <= depth + 1e-9
+    assert np.abs(np.diff(lift[:, 2])).max() <= depth / 5 + 1e-9
 
 
 @every_robot
@@ -351,7 +375,7 @@ def test_windows_and_strides_cut_every_array_over_time(model, start, length, str
     constant = {field.name for field in fields(Targets)} - set(over_time(targets))
     assert constant == {
         "fps", "root_scale", "human_height", "object_names", "object_geometry", "object_scale", "contact_links",
-        "rotation_jumps",
+        "rotation_jumps", "contact",
     }, "an array over time has another length than the clip"  # fmt: skip
     window, coarse = targets.window(start, start + length), targets.every(stride)
     for name, array in over_time(targets).items():

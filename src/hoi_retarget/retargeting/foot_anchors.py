@@ -66,7 +66,10 @@ def _anchored(
     foot: Foot, balls: Float[np.ndarray, "F 2"], heading: Float[np.ndarray, "F"], pitch: Float[np.ndarray, "F"]
 ) -> Float[np.ndarray, "F 4"]:
     """Return x, y [m], heading and pitch of one run's contact site."""
-    place, ahead = np.median(balls, axis=0), np.median(heading)
+    ahead = np.median(heading)
+    # Medians along the foot and across it: a turned clip has turned places.
+    axes = np.array([[np.cos(ahead), -np.sin(ahead)], [np.sin(ahead), np.cos(ahead)]])
+    place = axes @ np.median(balls @ axes, axis=0)
     away, turn = balls - place, heading - ahead
     ball = place + _share(np.linalg.norm(away, axis=1).max(), DRAG) * away
     heading = ahead + _share(np.abs(turn).max(), PIVOT) * turn

@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.human.person import Person
@@ -29,6 +30,8 @@ from hoi_retarget.robots.spec import SIDES
 # Contact labels switch from frame to frame; hands come and go, and turn, over these times.
 CONTACT_RAMP_SECONDS, ROTATION_RAMP_SECONDS = 1 / 30, 2 / 30
 MAXIMUM_SINK = 0.005  # [m] of a smoothed object under its own unsmoothed height
+LIFT_SECONDS = 0.2  # In each direction, of each of two means over time.
+UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +125,12 @@ def make_targets(
     goals, foot_positions, foot_quats = _with_planted_feet(goals, feet, stands, clip.fps, anchored=anchored)
     anchors = np.stack([anchored * anchor_weights(flags, clip.fps) for flags in stands.T], axis=1)
     tracks = [_scale_track(track, root_scale, geometry_scale, clip.fps) for track in clip.objects]
+    turns = [smooth_quats(track.quats, clip.fps) for track in clip.objects]
+    if contact == "surface":
+        tracks = [
+            path + _lift_out(track, path, turn, geometry_scale, clip.fps)[:, None] * UP
+            for track, path, turn in zip(clip.objects, tracks, turns, strict=True)
+        ]
     return Targets(
         fps=clip.fps,
         root_scale=root_scale,
@@ -137,11 +146,7 @@ def make_targets(
         object_geometry=tuple(track.geometry for track in clip.objects),
         object_scale=frozen(np.full(len(clip.objects), geometry_scale)),
         object_pos=frozen(np.stack(tracks, axis=1) if tracks else np.zeros((clip.frames, 0, 3))),
-        object_quat=frozen(
-            np.stack([smooth_quats(track.quats, clip.fps) for track in clip.objects], axis=1)
-            if tracks
-            else np.zeros((clip.frames, 0, 4))
-        ),
+        object_quat=frozen(np.stack(turns, axis=1) if turns else np.zeros((clip.frames, 0, 4))),
         contact_links=tuple(model.spec.part_sites.values()),
         stance_flags=frozen(stands, bool),
         rotation_jumps=jumps,
@@ -264,6 +269,20 @@ def _scale_track(track: ObjectTrack, root_scale: float, geometry_scale: float, f
     path_smooth = smooth(path, fps)
     path_smooth[:, 2] = np.maximum(path_smooth[:, 2], path[:, 2] - MAXIMUM_SINK)
     return path_smooth
+
+
+def _lift_out(
+    track: ObjectTrack, path: Float[np.ndarray, "T 3"], quats: Float[np.ndarray, "T 4"], scale: float, fps: float
+) -> Float[np.ndarray, "T"]:
+    """Return by how much to lift an object so that none of it is under the floor, rising and falling slowly [m].
+
+    Its rotation is smoothed on its own: where it tips over an edge, the edge then dips into the floor by millimetres.
+    """
+    lowest = path[:, 2] + scale * track.geometry.lowest_along(se3.quat_to_matrix(quats)[:, 2])
+    window = 2 * frames_in(LIFT_SECONDS, fps) + 1
+    # As wide as both means together: these are then nowhere below the depth.
+    largest = maximum_filter1d(np.maximum(-lowest, 0.0), 2 * window - 1)
+    return uniform_filter1d(uniform_filter1d(largest, window), window)
 
 
 def _contact_fields(clip: Clip, model: RobotModel, person: int, geometry_scale: float) -> dict[str, np.ndarray]:

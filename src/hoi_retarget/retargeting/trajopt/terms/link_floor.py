@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
 
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.targets import Targets
@@ -17,10 +17,10 @@ from hoi_retarget.robots.skin import LinkSkin, skin_of
 
 # Links that the reference keeps higher are left out [m]; contacts draw hands and feet further.
 NEAR, NEAR_TOUCHING = 0.05, 0.2
-# Points of a link: the lowest one as it is, and as it would be if it were tilted by so much in six directions.
-TILT = 0.2
-_TURNS = np.arange(6) * np.pi / 3
-DIRECTIONS = np.vstack([[0.0, 0.0, 1.0], np.column_stack([TILT * np.cos(_TURNS), TILT * np.sin(_TURNS), np.ones(6)])])
+# Points of a link: the lowest one as it is, and as it would be if it were tilted in six directions [rad]. Of a flat
+# sole's points, which are all as low, a trace of tilt decides, so that a clip that is turned has the same ones.
+TILTS = np.array([1e-3, *[0.2] * 6])[:, None]
+TURNS = np.radians([0.0, 30.0, 90.0, 150.0, 210.0, 270.0, 330.0])[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +65,23 @@ def _lowest(
     """Return a link's lowest points, as it is and if it were tilted a little, in the frames in which it is near."""
     corners = _hull(skin)
     frames = np.flatnonzero(reference.point(skin.frame.of(skin.centre, np.eye(3)))[2] - skin.radius < near)
-    upwards = np.einsum("kj,jif->kfi", DIRECTIONS, reference.orientation(skin.frame)[:, :, frames])
+    ahead = reference.node_rotation[:2, 0, 0, frames]
+    upwards = np.einsum("kjf,jif->kfi", _directions(ahead), reference.orientation(skin.frame)[:, :, frames])
     heights = upwards @ corners.T
     close = heights[0].min(axis=1) + reference.point(skin.frame)[2, frames] < near
     return corners[heights[:, close].argmin(axis=2)].transpose(2, 0, 1), frames[close]
 
 
+def _directions(ahead: Float[np.ndarray, "2 F"]) -> Float[np.ndarray, "K 3 F"]:
+    """Return upward directions that are tilted towards all sides of where the robot faces."""
+    turns = np.arctan2(ahead[1], ahead[0]) + TURNS
+    return np.stack([TILTS * np.cos(turns), TILTS * np.sin(turns), np.ones_like(turns)], axis=1)
+
+
 @lru_cache(maxsize=256)
 def _hull(skin: LinkSkin) -> Float[np.ndarray, "V 3"]:
-    return skin.points[ConvexHull(skin.points).vertices]
+    """Return the points that can be the lowest ones; all of a link of which little skin shows."""
+    try:
+        return skin.points[ConvexHull(skin.points).vertices]
+    except QhullError:  # Fewer than four points, or all of them in one plane.
+        return skin.points
