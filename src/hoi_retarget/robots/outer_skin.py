@@ -171,7 +171,7 @@ def ended_solid(solid: DistanceGrid, skin: Float[np.ndarray, "P 3"]) -> Distance
     """
     shape, step = solid.values.shape, solid.step
     nodes = grid_nodes(solid.origin, step, shape)
-    values = np.maximum(solid.values, _beyond_hull(nodes, skin).reshape(shape))
+    values = np.maximum(solid.values, _beyond_hull(nodes, skin, step).reshape(shape))
     meet = []
     places = nodes.reshape(*shape, 3)
     for axis in range(3):
@@ -189,12 +189,12 @@ def ended_solid(solid: DistanceGrid, skin: Float[np.ndarray, "P 3"]) -> Distance
     return DistanceGrid(solid.origin, step, np.where(values < 0.0, -size, size).astype(np.float32))
 
 
-def _beyond_hull(nodes: np.ndarray, skin: np.ndarray) -> Float[np.ndarray, "N"]:
+def _beyond_hull(nodes: np.ndarray, skin: np.ndarray, step: float) -> Float[np.ndarray, "N"]:
     """Return by how much nodes are beyond the hull of a skin, or a little less [m]; negative inside."""
     try:
         planes = np.unique(ConvexHull(skin).equations.round(6), axis=0)
     except QhullError:  # A few points, or flat ones: all of a link that shows between others.
-        return KDTree(skin).query(nodes)[0] - _HULL
+        return KDTree(skin).query(nodes)[0] - step
     beyond = np.full(len(nodes), -np.inf)
     for *normal, offset in planes:
         np.maximum(beyond, nodes @ np.array(normal) + offset, out=beyond)

@@ -9,6 +9,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial import ConvexHull, QhullError
 
 from hoi_retarget.errors import RobotError
 from hoi_retarget.numerics.arrays import frozen
@@ -43,6 +44,14 @@ class LinkSkin:
     def radius(self) -> float:
         """Radius of that ball [m]."""
         return float((np.linalg.norm(self.points - self.centre, axis=1) + self.radii).max())
+
+    @cached_property
+    def extreme_points(self) -> Float[np.ndarray, "H 3"]:
+        """Points among which the furthest one in any direction is [m]."""
+        try:
+            return self.points[ConvexHull(self.points).vertices]
+        except (QhullError, ValueError):  # Few points, or all in one plane.
+            return self.points
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,11 +2,9 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial import ConvexHull, QhullError
 
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.targets import Targets
@@ -63,7 +61,7 @@ def _lowest(
     skin: LinkSkin, reference: Kinematics, near: float
 ) -> tuple[Float[np.ndarray, "3 K F"], Int[np.ndarray, "F"]]:
     """Return a link's lowest points, as it is and if it were tilted a little, in the frames in which it is near."""
-    corners = _hull(skin)
+    corners = skin.extreme_points
     frames = np.flatnonzero(reference.point(skin.frame.of(skin.centre, np.eye(3)))[2] - skin.radius < near)
     ahead = reference.node_rotation[:2, 0, 0, frames]
     upwards = np.einsum("kjf,jif->kfi", _directions(ahead), reference.orientation(skin.frame)[:, :, frames])
@@ -76,12 +74,3 @@ def _directions(ahead: Float[np.ndarray, "2 F"]) -> Float[np.ndarray, "K 3 F"]:
     """Return upward directions that are tilted towards all sides of where the robot faces."""
     turns = np.arctan2(ahead[1], ahead[0]) + TURNS
     return np.stack([TILTS * np.cos(turns), TILTS * np.sin(turns), np.ones_like(turns)], axis=1)
-
-
-@lru_cache(maxsize=256)
-def _hull(skin: LinkSkin) -> Float[np.ndarray, "V 3"]:
-    """Return the points that can be the lowest ones; all of a link of which little skin shows."""
-    try:
-        return skin.points[ConvexHull(skin.points).vertices]
-    except QhullError:  # Fewer than four points, or all of them in one plane.
-        return skin.points
