@@ -99,6 +99,18 @@ THRESHOLDS: tuple[Threshold, ...] = (
         0.030,
         "1 cm together with the contact gap is what users ask for; a simulator pushes apart what is deeper",
     ),
+    Threshold(
+        _KNOWN["penetration_p95_m"],
+        0.005,
+        0.020,
+        "5 mm gives way as a skin does; with palms' centres on the surface, hands of real clips sink by 23",
+    ),
+    Threshold(
+        _KNOWN["self_penetration_max_m"],
+        0.010,
+        0.030,
+        "1 cm as for objects; from 3 cm on a hand is all in the thigh",
+    ),
     Threshold(_KNOWN["object_below_floor_m"], 0.005, 0.020, "as for the soles"),
     Threshold(
         _KNOWN["object_float_m"],
