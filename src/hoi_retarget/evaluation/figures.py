@@ -65,5 +65,9 @@ def evaluate_kinematics(
 ) -> Mapping[str, float | None]:
     """Do the same as `evaluate` where `kinematics`, the model's `forward(motion.qpos)`, is at hand."""
     check_robot(motion, kinematics.model)
-    view = Comparison(motion, clip, person, kinematics)
+    return figures_of(Comparison(motion, clip, person, kinematics))
+
+
+def figures_of(view: Comparison) -> Mapping[str, float | None]:
+    """Return the figures of a comparison, by name."""
     return {figure.name: figure.measure(view) for figure in FIGURES if figure.measure is not None}

@@ -76,6 +76,23 @@ THRESHOLDS: tuple[Threshold, ...] = (
     Threshold(_KNOWN["contact_gap_p95_m"], 0.020, 0.050, "beyond 2 cm a contact counts as not reached"),
     Threshold(_KNOWN["contact_gap_max_m"], 0.050, 0.100, "a palm is 10 cm wide: half of it is off, then all of it"),
     Threshold(
+        _KNOWN["touch_share"],
+        0.75,
+        0.25,
+        "of labelled frames of hands; each contact comes and goes over a few, and the rest is a hand that holds nothing",
+    ),
+    Threshold(_KNOWN["touch_gap_p95_m"], 0.010, 0.050, "1 cm off a surface nothing is held; 5 cm is another place"),
+    Threshold(
+        _KNOWN["touch_place_m"], 0.100, 0.200, "a palm's width from the human's place; two are another part of it"
+    ),
+    Threshold(
+        _KNOWN["penetration_p95_m"],
+        0.005,
+        0.030,
+        "rubber palms give way by some millimetres; a simulator pushes apart what is deeper",
+    ),
+    Threshold(_KNOWN["self_penetration_max_m"], 0.005, 0.030, "as for objects"),
+    Threshold(
         _KNOWN["contact_slip_mps"],
         0.20,
         0.50,
@@ -214,6 +231,11 @@ THRESHOLDS: tuple[Threshold, ...] = (
 """Every figure that is judged, in the order of importance in which reasons are given."""
 
 
+LANDMARK_FIGURES = ("contact_gap_m", "contact_gap_p95_m", "contact_gap_max_m")
+SURFACE_FIGURES = ("touch_share", "touch_gap_p95_m", "touch_place_m", "penetration_p95_m", "self_penetration_max_m")
+"""A motion is judged by what it was asked for: palms at the human's landmarks, or surfaces that touch."""
+
+
 @dataclass(frozen=True)
 class Reason:
     """One figure that is not good."""
@@ -285,9 +307,11 @@ def judged_figures(motion: Motion, model: RobotModel | None = None) -> dict[str,
 
     What the report does not tell is None.
     """
+    other = LANDMARK_FIGURES if motion.report.touches_with_surfaces else SURFACE_FIGURES
     return {
         **{threshold.name: None for threshold in THRESHOLDS},
         **motion.report.figures,
+        **dict.fromkeys(other),
         **_of_kinematics(motion, model),
         "unreached_share": _unreached_share(motion),
         "orientation_flip_s": _orientation_flip_s(motion),

@@ -4,7 +4,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.evaluation.statistics import norms
-from hoi_retarget.evaluation.view import FOOT_SITES, HAND_SITES
+from hoi_retarget.evaluation.surface_curves import surface_curves
+from hoi_retarget.evaluation.view import FOOT_SITES, HAND_SITES, Comparison
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.report import UNREACHED_M, UnreachedContact
 from hoi_retarget.numerics import se3
@@ -18,7 +19,11 @@ _SITES = {**HAND_SITES, **FOOT_SITES}
 
 
 def unreached_contacts(
-    motion: Motion, kinematics: Kinematics, *, limit_m: float = UNREACHED_M
+    motion: Motion,
+    kinematics: Kinematics,
+    *,
+    residuals: Float[np.ndarray, "T C"] | None = None,
+    limit_m: float = UNREACHED_M,
 ) -> tuple[UnreachedContact, ...]:
     """Return where contact links stay further than `limit_m` [m] from their targets, in order of link and time.
 
@@ -29,10 +34,11 @@ def unreached_contacts(
     Args:
         motion: The robot's motion; its contact links are sites of the robot, or human parts standing for them.
         kinematics: The model's `forward(motion.qpos)`.
+        residuals: Other distances to judge by [m], such as `surface_residuals`.
         limit_m: Largest residual that counts as reached [m].
     """
     found = []
-    residuals = contact_residuals(motion, kinematics)
+    residuals = contact_residuals(motion, kinematics) if residuals is None else residuals
     for column, link in enumerate(motion.contact_links):
         off = ~(residuals[:, column] <= limit_m)
         touched = _touched(motion, column)
@@ -56,6 +62,22 @@ def contact_residuals(motion: Motion, kinematics: Kinematics) -> Float[np.ndarra
         away = kinematics.site_position(_SITES.get(link, link))[frames] - motion.object_pos[frames, objects]
         inside = se3.rotate_inverse(motion.object_quat[frames, objects], away)
         residuals[frames, column] = norms(inside - motion.contact_points[frames, column])
+    return residuals
+
+
+def surface_residuals(view: Comparison) -> Float[np.ndarray, "T C"]:
+    """Return how far the skin of each contact link is from the surface that it is to touch [m]; NaN where there is none.
+
+    Frames before the first that counts are as that one. Raises `GeometryError` when an object's mesh cannot be read.
+    """
+    motion = view.motion
+    residuals = np.full(motion.contact_flags.shape, np.nan)
+    sites = [_SITES.get(link, link) for link in motion.contact_links]
+    for curve in view.once(surface_curves).touches:
+        column = sites.index(_SITES[curve.part])
+        asked = _touched(motion, column) == curve.object
+        gaps = np.concatenate([np.repeat(curve.gap[:1], view.first), curve.gap])
+        residuals[asked, column] = np.maximum(gaps[asked], 0.0)
     return residuals
 
 

@@ -100,6 +100,26 @@ class UnreachedContact:
 
 
 @dataclass(frozen=True)
+class SunkLink:
+    """A stretch in which a link is inside an object."""
+
+    link: str
+    object: str
+    first_frame: int
+    last_frame: int
+    """Included."""
+    max_depth_m: float
+    reason: str
+    """Why it is there."""
+
+    def __str__(self) -> str:
+        return (
+            f"{self.link} is up to {1e3 * self.max_depth_m:.0f} mm inside {self.object!r}, "
+            f"frames {self.first_frame} to {self.last_frame}: {self.reason}"
+        )
+
+
+@dataclass(frozen=True)
 class OrientationFlip:
     """A stretch in which a site points away from its target, the classic wrong optimum of inverse kinematics."""
 
@@ -180,6 +200,7 @@ class Report:
     figures: Mapping[str, float | None] = field(default_factory=dict)
     """By name, in the unit in the name; None where a figure is undefined."""
     unreached_contacts: tuple[UnreachedContact, ...] | None = None
+    sunk_links: tuple[SunkLink, ...] = ()
     orientation_flips: tuple[OrientationFlip, ...] | None = None
     trunk_turns: tuple[TrunkTurn, ...] = ()
     rotation_jumps: tuple[RotationJump, ...] = ()
@@ -207,16 +228,22 @@ class Report:
         return bool(self.source.format) and not self.source.path
 
     @property
+    def touches_with_surfaces(self) -> bool:
+        """Whether contacts asked for surfaces that touch; results of earlier versions asked for landmarks."""
+        return self.config.get("contact") == "surface"
+
+    @property
     def warnings(self) -> tuple[QualityWarning, ...]:
-        """A trunk that is turned over, unreached contacts, misplaced hands, orientation flips, jumps of a recording."""
+        """Turned trunks, unreached contacts, links in objects, misplaced hands, orientation flips, recordings' jumps."""
         turned = tuple(QualityWarning("trunk_turn", Severity.ERROR, f"{item}.") for item in self.trunk_turns)
         unreached = [("unreached_contact", f"not reached: {item}.") for item in self.unreached_contacts or ()]
+        sunk = [("sunk_link", f"{item}.") for item in self.sunk_links]
         misplaced = [
             ("inter_robot_hand_error", f"{item}.") for item in self.inter_robot_hand_errors if item.max_m > UNREACHED_M
         ]
         flipped = [("orientation_flip", f"{item}.") for item in self.orientation_flips or ()]
         jumped = [("rotation_jump", f"{item}.") for item in self.rotation_jumps]
-        found = (*unreached, *misplaced, *flipped, *jumped)
+        found = (*unreached, *sunk, *misplaced, *flipped, *jumped)
         return (*turned, *(QualityWarning(code, Severity.WARNING, text) for code, text in found))
 
 

@@ -12,7 +12,7 @@ from threadpoolctl import ThreadpoolController
 
 from hoi_retarget import __version__
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.evaluation import evaluate_kinematics, unreached_contacts
+from hoi_retarget.evaluation import Comparison, figures_of, sunk_links, surface_residuals, unreached_contacts
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.report import Report, Window
 from hoi_retarget.retargeting.config import Config
@@ -97,13 +97,17 @@ def scored(motion: Motion, targets: Targets, clip: Clip, model: RobotModel, pers
     """Return the motion with its figures and what went wrong in the report."""
     start = time.process_time()
     kinematics = model.forward(motion.qpos)
-    figures = evaluate_kinematics(motion, clip, kinematics, person=person)
+    view = Comparison(motion, clip, person, kinematics)
+    surfaces = motion.report.touches_with_surfaces
     flips = orientation_flips(rotation_errors_deg(kinematics, targets))
     seconds = {**motion.report.cpu_seconds, "metrics": time.process_time() - start}
     report = replace(
         motion.report,
-        figures=figures,
-        unreached_contacts=unreached_contacts(motion, kinematics),
+        figures=figures_of(view),
+        unreached_contacts=unreached_contacts(
+            motion, kinematics, residuals=surface_residuals(view) if surfaces else None
+        ),
+        sunk_links=sunk_links(view) if surfaces else (),
         orientation_flips=with_reasons(flips, kinematics, targets),
         trunk_turns=trunk_turns(kinematics, targets),
         rotation_jumps=targets.rotation_jumps,
