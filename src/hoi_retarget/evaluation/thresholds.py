@@ -79,19 +79,12 @@ THRESHOLDS: tuple[Threshold, ...] = (
         _KNOWN["touch_share"],
         0.75,
         0.25,
-        "of labelled frames of hands; each contact comes and goes over a few, and the rest is a hand that holds nothing",
+        "of labelled frames of hands; each contact comes and goes over a few, in the rest a hand holds nothing",
     ),
     Threshold(_KNOWN["touch_gap_p95_m"], 0.010, 0.050, "1 cm off a surface nothing is held; 5 cm is another place"),
     Threshold(
         _KNOWN["touch_place_m"], 0.100, 0.200, "a palm's width from the human's place; two are another part of it"
     ),
-    Threshold(
-        _KNOWN["penetration_p95_m"],
-        0.005,
-        0.030,
-        "rubber palms give way by some millimetres; a simulator pushes apart what is deeper",
-    ),
-    Threshold(_KNOWN["self_penetration_max_m"], 0.005, 0.030, "as for objects"),
     Threshold(
         _KNOWN["contact_slip_mps"],
         0.20,
@@ -232,7 +225,7 @@ THRESHOLDS: tuple[Threshold, ...] = (
 
 
 LANDMARK_FIGURES = ("contact_gap_m", "contact_gap_p95_m", "contact_gap_max_m")
-SURFACE_FIGURES = ("touch_share", "touch_gap_p95_m", "touch_place_m", "penetration_p95_m", "self_penetration_max_m")
+SURFACE_FIGURES = ("touch_share", "touch_gap_p95_m", "touch_place_m")
 """A motion is judged by what it was asked for: palms at the human's landmarks, or surfaces that touch."""
 
 

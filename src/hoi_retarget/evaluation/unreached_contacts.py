@@ -66,7 +66,7 @@ def contact_residuals(motion: Motion, kinematics: Kinematics) -> Float[np.ndarra
 
 
 def surface_residuals(view: Comparison) -> Float[np.ndarray, "T C"]:
-    """Return how far the skin of each contact link is from the surface that it is to touch [m]; NaN where there is none.
+    """Return how far the skin of each contact link is from the surface it is to touch [m]; NaN where there is none.
 
     Frames before the first that counts are as that one. Raises `GeometryError` when an object's mesh cannot be read.
     """
