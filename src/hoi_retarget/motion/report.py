@@ -234,7 +234,7 @@ class Report:
 
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:
-        """What went wrong with trunk, contacts, links in objects, hands of two robots, orientations, or the recording."""
+        """What went wrong with trunk, contacts, links in objects, hands of two robots, or the recording."""
         turned = tuple(QualityWarning("trunk_turn", Severity.ERROR, f"{item}.") for item in self.trunk_turns)
         unreached = [("unreached_contact", f"not reached: {item}.") for item in self.unreached_contacts or ()]
         sunk = [("sunk_link", f"{item}.") for item in self.sunk_links]
