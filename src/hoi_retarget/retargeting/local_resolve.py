@@ -94,16 +94,19 @@ def _solve_piece(  # noqa: PLR0913, PLR0917 - what a problem is made of
     piece, frames = targets.window(first, stop), stop - first
     pinned, pinned_after = (PINNED if first > 0 else 0), (PINNED if stop < len(qpos) else 0)
 
-    def solve(problem_of: ProblemOf, start: np.ndarray, solver: Solver) -> np.ndarray:
+    def solve(problem_of: ProblemOf, start: np.ndarray, solver: Solver, last: bool) -> np.ndarray:
         problem = replace(problem_of(0, frames, pinned), pinned_after=pinned_after)
         # The first pass starts from inverse kinematics, but what is pinned is as it was.
         begun = qpos[first:stop] if start is reference else start
         solution = solver.solve(problem, begun)
-        report_window(first, stop, problem, solution)
+        if last:
+            report_window(first, stop, problem, solution)
         return solution.qpos
 
     reference = ik_qpos[first:stop]
     if on_surfaces(targets, config):
         return SurfaceProblems.of(model, piece, reference, config).passes(solve)
     terms = trajectory_terms(config.weights, piece, model.forward(reference))
-    return solve(lambda _first, _stop, pinned: Problem(model, terms, targets.fps, pinned), reference, config.solver)
+    return solve(
+        lambda _first, _stop, pinned: Problem(model, terms, targets.fps, pinned), reference, config.solver, True
+    )

@@ -3,17 +3,12 @@
 import numpy as np
 from jaxtyping import Float, Int
 
-from hoi_retarget.numerics.filters import fade
 from hoi_retarget.retargeting.trajopt.rows import FrameRows
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.parts import Frame
 
 LINEAR_BEYOND = 0.01
 """[m]"""
-TRAPPED = 0.008
-"""[m]; what is still so deep after a solve has no way out near by."""
-YIELDING = 0.1
-"""Share of the clearance's weight for it: more would tear at a motion that does not come free."""
 
 
 def levers(
@@ -65,17 +60,3 @@ def softened(
     beyond = size > knee
     root = np.sqrt(np.where(beyond, knee * (2.0 * size - knee), 1.0))
     return np.where(beyond, np.sign(residual) * root, residual), np.where(beyond, knee / root, 1.0)
-
-
-def yielding(weight: float, depths: Float[np.ndarray, "F"], frames: Int[np.ndarray, "F"], ramp: int) -> np.ndarray:
-    """Return the weight of each row frame, less around frames in which a link is trapped.
-
-    Args:
-        weight: Of frames that are free.
-        depths: Largest depth in each frame [m].
-        frames: Of the rows, in order.
-        ramp: Frames over which the weight falls and rises.
-    """
-    trapped = np.zeros(int(frames[-1]) + 1, dtype=bool)
-    trapped[frames] = depths > TRAPPED
-    return weight * (1.0 - (1.0 - YIELDING) * fade(trapped, ramp)[frames])

@@ -1,11 +1,11 @@
 """Points of an object outside a link's solid: what the link's skin points do not see between them, such as rods."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from hoi_retarget.retargeting.surfaces.link_points import hinge_rows, yielding
+from hoi_retarget.retargeting.surfaces.link_points import hinge_rows
 from hoi_retarget.retargeting.surfaces.moving_object import MovingObject
 from hoi_retarget.retargeting.trajopt.rows import FrameRows
 from hoi_retarget.robots.model import Kinematics
@@ -34,12 +34,16 @@ class ObjectOutsideLink:
     def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
         """Return one row a sample."""
         frame = self.skin.frame
-        distances, away = self.distances(kinematics)
+        distances, away = self._at(kinematics)
         lever = self.points - kinematics.point(frame)[:, None, self.frames]
         rows = hinge_rows(frame, lever, distances, away, self.margins, self.weights, self.frames)
         return (rows,) if rows.residual.any() else ()
 
-    def distances(self, kinematics: Kinematics) -> tuple[Float[np.ndarray, "K F"], Float[np.ndarray, "3 K F"]]:
+    def depths(self, kinematics: Kinematics) -> Float[np.ndarray, "F"]:
+        """Return how deep the deepest sample is in each frame [m]; negative outside."""
+        return -np.where(np.isfinite(self.margins), self._at(kinematics)[0], np.inf).min(axis=0)
+
+    def _at(self, kinematics: Kinematics) -> tuple[Float[np.ndarray, "K F"], Float[np.ndarray, "3 K F"]]:
         """Return the samples' distances from the solid [m], and in which direction it must move for them to grow."""
         frame, shape = self.skin.frame, self.points.shape
         rotation = kinematics.orientation(frame)[:, :, self.frames]
@@ -58,7 +62,6 @@ def object_outside_link(  # noqa: PLR0913, PLR0917 - what a term is made of
     weight: float,
     count: int,
     apart: float,
-    ramp: int = 0,
 ) -> ObjectOutsideLink | None:
     """Return the term with the samples that are near the link at a start; None where none ever is.
 
@@ -70,7 +73,6 @@ def object_outside_link(  # noqa: PLR0913, PLR0917 - what a term is made of
         weight: [1/m^2]
         count: Most samples in a frame.
         apart: Least distance between two of them [m].
-        ramp: Frames around those in which the link is trapped that yield; 0 for no yielding.
     """
     every = np.arange(len(start.qpos))
     centres = thing.inside(start.point(skin.frame.of(skin.centre, np.eye(3)))[:, None], every)
@@ -95,11 +97,7 @@ def object_outside_link(  # noqa: PLR0913, PLR0917 - what a term is made of
         index[: len(samples), column], margins[: len(samples), column] = samples, 0.0
     places = np.moveaxis(thing.samples.data[index[:, group[kept]]], 2, 0)
     world = np.einsum("ijf,jkf->ikf", thing.rotation[:, :, frames], places) + thing.position[:, None, frames]
-    term = ObjectOutsideLink(name, skin, frames, world, margins[:, group[kept]], np.full(len(frames), weight))
-    if not ramp:
-        return term
-    depths = -np.where(np.isfinite(term.margins), term.distances(start)[0], np.inf).min(axis=0)
-    return replace(term, weights=yielding(weight, depths, frames, ramp))
+    return ObjectOutsideLink(name, skin, frames, world, margins[:, group[kept]], np.full(len(frames), weight))
 
 
 def _nearest(  # noqa: PLR0913, PLR0917 - where samples are chosen

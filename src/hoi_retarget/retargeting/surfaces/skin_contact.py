@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from hoi_retarget.retargeting.surfaces.link_points import hinge_rows, levers, moments, softened, yielding
+from hoi_retarget.retargeting.surfaces.link_points import hinge_rows, levers, moments, softened
 from hoi_retarget.retargeting.surfaces.moving_object import MovingObject
 from hoi_retarget.retargeting.surfaces.near_skin import near_distances, nearest_spread, patches_of
 from hoi_retarget.retargeting.trajopt.rows import FrameRows
@@ -44,15 +44,22 @@ class SkinContact:
 
     def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
         """Return one row a point for clearance, and one for touch."""
-        frame = self.skin.frame
-        lever = levers(kinematics, frame, self.points, self.frames)
-        points = kinematics.point(frame)[:, None, self.frames] + lever
-        distances, normals = self.thing.distances_and_normals(self.thing.inside(points, self.frames))
+        lever, distances, normals = self._at(kinematics)
         normals = np.einsum("ijf,jkf->ikf", self.thing.rotation[:, :, self.frames], normals)
-        clearance = hinge_rows(frame, lever, distances, normals, MARGIN, self.weights, self.frames)
+        clearance = hinge_rows(self.skin.frame, lever, distances, normals, MARGIN, self.weights, self.frames)
         if self.touch_weights is None:
             return (clearance,)
         return clearance, self._touch(lever, distances, normals, self.touch_weights)
+
+    def depths(self, kinematics: Kinematics) -> Float[np.ndarray, "F"]:
+        """Return how deep the deepest point is in each frame [m]; negative outside."""
+        return -self._at(kinematics)[1].min(axis=0)
+
+    def _at(self, kinematics: Kinematics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return levers and distances of the points, and normals in the object's frame."""
+        lever = levers(kinematics, self.skin.frame, self.points, self.frames)
+        points = kinematics.point(self.skin.frame)[:, None, self.frames] + lever
+        return lever, *self.thing.distances_and_normals(self.thing.inside(points, self.frames))
 
     def _touch(self, lever: np.ndarray, distances: np.ndarray, normals: np.ndarray, weights: np.ndarray) -> FrameRows:
         shares = np.exp((distances.min(axis=0) - distances) / SHARPNESS)
@@ -75,7 +82,6 @@ def skin_contact(  # noqa: PLR0913, PLR0917 - what a term is made of
     touch_weights: Float[np.ndarray, "T"] | None,
     count: int,
     apart: float,
-    ramp: int = 0,
 ) -> SkinContact | None:
     """Return the term with the skin points that are near at a start; None where no skin ever is, nor is to touch.
 
@@ -88,21 +94,18 @@ def skin_contact(  # noqa: PLR0913, PLR0917 - what a term is made of
         touch_weights: In every frame [1/m^2]; None where the link never touches the object.
         count: Points in each frame.
         apart: Least distance between two of them [m].
-        ramp: Frames around those in which the link is trapped that yield; 0 for no yielding.
     """
     wanted = np.zeros(len(start.qpos), dtype=bool) if touch_weights is None else touch_weights > 0
     frames = np.flatnonzero(wanted | _ball_is_near(skin, thing, start))
     patches = patches_of(skin, apart)
     distances = near_distances(skin, patches, thing, start, frames, NEAR)
-    least = distances.min(axis=0, initial=np.inf)
-    near = wanted[frames] | (least < NEAR)
-    frames, distances, least = frames[near], distances[:, near], least[near]
+    near = wanted[frames] | (distances.min(axis=0, initial=np.inf) < NEAR)
+    frames, distances = frames[near], distances[:, near]
     if not frames.size:
         return None
     points = skin.points[nearest_spread(distances, patches, count)].transpose(2, 0, 1)
-    weights = yielding(weight, -least, frames, ramp) if ramp else np.full(len(frames), weight)
     touching = None if touch_weights is None else touch_weights[frames]
-    return SkinContact(name, skin, thing, frames, points, weights, touching)
+    return SkinContact(name, skin, thing, frames, points, np.full(len(frames), weight), touching)
 
 
 def _ball_is_near(skin: LinkSkin, thing: MovingObject, start: Kinematics) -> np.ndarray:

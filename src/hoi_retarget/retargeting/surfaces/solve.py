@@ -24,7 +24,7 @@ from hoi_retarget.retargeting.trajopt.windows import solve_windows
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.skin import skin_of
 
-ROUGHLY, CLOSELY = 300.0, (60.0, 7.0)
+ROUGHLY, CLOSELY, TO_THE_END = 300.0, 60.0, 7.0
 """Tolerances of the passes, as multiples of the solver's own: contacts weigh so much that less shows nowhere."""
 
 ProblemOf = Callable[[int, int, int], Problem]
@@ -51,15 +51,19 @@ class SurfaceProblems:
         return cls(model, targets, ik_qpos, config, surfaces)
 
     def passes(
-        self, solve: Callable[[ProblemOf, Float[np.ndarray, "T nq"], Solver], Float[np.ndarray, "T nq"]]
+        self, solve: Callable[[ProblemOf, Float[np.ndarray, "T nq"], Solver, bool], Float[np.ndarray, "T nq"]]
     ) -> Float[np.ndarray, "T nq"]:
-        """Return the trajectory at the end of all passes, each of which `solve` solves from a start with a solver."""
-        qpos = solve(self._with_points(self._moved(self.ik_qpos)), self.ik_qpos, _loosened(self.config.solver, ROUGHLY))
+        """Return the trajectory at the end of all passes.
+
+        Args:
+            solve: Solves one pass from a start with a solver, and is told whether it is the last one.
+        """
+        solver = self.config.solver
+        points = self._with_points(self._moved(self.ik_qpos))
+        qpos = solve(points, self.ik_qpos, _loosened(solver, ROUGHLY), False)
         moved = self._moved(qpos)
-        for number, tolerance in enumerate(CLOSELY):
-            problem_of = self._with_surfaces(moved, qpos, yielding=number > 0)
-            qpos = solve(problem_of, qpos, _loosened(self.config.solver, tolerance))
-        return qpos
+        qpos = solve(self._with_surfaces(moved, qpos, yielding=False), qpos, _loosened(solver, CLOSELY), False)
+        return solve(self._with_surfaces(moved, qpos, yielding=True), qpos, _loosened(solver, TO_THE_END), True)
 
     def _moved(self, qpos: np.ndarray) -> Targets:
         of = self.surfaces
@@ -99,9 +103,9 @@ def solve_on_surfaces(
     """
     windows: tuple[Window, ...] = ()
 
-    def solve(problem_of: ProblemOf, start: np.ndarray, solver: Solver) -> np.ndarray:
+    def solve(problem_of: ProblemOf, start: np.ndarray, solver: Solver, last: bool) -> np.ndarray:
         nonlocal windows
-        qpos, windows = solve_windows(problem_of, start, config.horizon, solver)
+        qpos, windows = solve_windows(problem_of, start, config.horizon, solver, reported=last)
         return qpos
 
     return SurfaceProblems.of(model, targets, ik_qpos, config).passes(solve), windows

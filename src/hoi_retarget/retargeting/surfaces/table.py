@@ -9,8 +9,8 @@ from jaxtyping import Float
 from hoi_retarget.numerics.filters import fade, frames_in
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.surfaces.moving_object import MovingObject
-from hoi_retarget.retargeting.surfaces.object_outside_link import object_outside_link
-from hoi_retarget.retargeting.surfaces.skin_contact import skin_contact
+from hoi_retarget.retargeting.surfaces.object_outside_link import ObjectOutsideLink, object_outside_link
+from hoi_retarget.retargeting.surfaces.skin_contact import SkinContact, skin_contact
 from hoi_retarget.retargeting.surfaces.touching_targets import body_of
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import Term
@@ -22,13 +22,18 @@ from hoi_retarget.robots.skin import Skin
 
 TOUCH_SECONDS = 2 / 30
 """Over which touch comes and goes before and after a contact."""
-YIELDING_SECONDS = 0.5
-"""Before and after which a link is trapped, its clearance counts less already."""
+TRAPPED = 0.008
+"""[m]; a link that is still so deep after a solve has no way out near by."""
+YIELDING, YIELDING_SECONDS = 0.05, 0.5
+"""Share of the clearances' weight then, and for how long before and after: more would tear at the motion."""
 ALONG_NORMAL = 0.05
 """Share of the contact's cost along its side: there the surfaces decide."""
 HAND_POINTS, LINK_POINTS, SAMPLES = 12, 6, 6
 HAND_SPREAD, LINK_SPREAD = 0.012, 0.03
 """[m] between points of one link."""
+
+
+Clearance = SkinContact | ObjectOutsideLink
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +76,19 @@ def surface_terms(  # noqa: PLR0913 - what the terms are made of
         _along_surface(term, targets, surfaces) if isinstance(term, ObjectContact) else term
         for term in trajectory_terms(weights, targets, reference)
     )
-    ramp = frames_in(YIELDING_SECONDS, targets.fps) if yielding else 0
-    clearances = _clearances(weights, targets, start, surfaces, ramp)
+    clearances = tuple(_clearances(weights, targets, start, surfaces))
+    if yielding:
+        clearances = _yielding(clearances, start, frames_in(YIELDING_SECONDS, targets.fps))
     return (*table, *clearances, *self_clearance_terms(weights, targets, start))
+
+
+def _yielding(clearances: tuple[Clearance, ...], start: Kinematics, ramp: int) -> tuple[Clearance, ...]:
+    """Return the terms with less weight around the frames in which any link is trapped at the start."""
+    trapped = np.zeros(len(start.qpos), dtype=bool)
+    for term in clearances:
+        trapped[term.frames[term.depths(start) > TRAPPED]] = True
+    share = 1.0 - (1.0 - YIELDING) * fade(trapped, ramp)
+    return tuple(replace(term, weights=share[term.frames] * term.weights) for term in clearances)
 
 
 def _along_surface(term: ObjectContact, targets: Targets, surfaces: Surfaces) -> ObjectContact:
@@ -82,7 +97,7 @@ def _along_surface(term: ObjectContact, targets: Targets, surfaces: Surfaces) ->
     return replace(term, projection=np.eye(3)[:, :, None] - across)
 
 
-def _clearances(weights: Weights, targets: Targets, start: Kinematics, surfaces: Surfaces, ramp: int) -> Iterator[Term]:
+def _clearances(weights: Weights, targets: Targets, start: Kinematics, surfaces: Surfaces) -> Iterator[Clearance]:
     links = {body_of(start, site): column for column, site in enumerate(targets.contact_links)}
     for index, thing in enumerate(surfaces.objects):
         for skin in surfaces.skin.links:
@@ -91,8 +106,8 @@ def _clearances(weights: Weights, targets: Targets, start: Kinematics, surfaces:
             count, apart = (LINK_POINTS, LINK_SPREAD) if column is None else (HAND_POINTS, HAND_SPREAD)
             name = f"{skin.link}_{thing.name}"
             terms = (
-                skin_contact(f"{name}_contact", skin, thing, start, weights.clearance, touch, count, apart, ramp),
-                object_outside_link(f"{name}_inside", skin, thing, start, weights.clearance, SAMPLES, apart, ramp),
+                skin_contact(f"{name}_contact", skin, thing, start, weights.clearance, touch, count, apart),
+                object_outside_link(f"{name}_inside", skin, thing, start, weights.clearance, SAMPLES, apart),
             )
             yield from (term for term in terms if term is not None)
 

@@ -22,6 +22,7 @@ SKIN_POINTS = 150
 """Of the coarse skin that is moved: the last millimetres are left to the optimization."""
 STEPS = 12
 SMOOTHING_SECONDS = 0.4
+STRIDE_SECONDS = 0.1
 OVERSHOOT = 1.15
 """A step out is longer than the depth: where the side is oblique to the surface, the depth shrinks by less."""
 LARGEST_MOVE = 0.2
@@ -42,14 +43,16 @@ def touching_targets(
         if of_link is None:
             continue
         for first, stop in runs(targets.contact_weights[:, link] > 0):
-            frames = np.arange(first, stop)
+            # Moves are smoothed anyway: some frames of each stretch are enough.
+            frames = np.unique(np.append(np.arange(first, stop, frames_in(STRIDE_SECONDS, targets.fps)), stop - 1))
             moves = np.zeros((len(frames), 3))
             for index in np.unique(targets.carried_contact_object[frames, link]):
                 at = targets.carried_contact_object[frames, link] == index
                 goals, outward = points[frames[at], link], sides[frames[at], link]
                 moves[at] = _moves(goals.T, outward.T, objects[index], of_link, kinematics, site, frames[at]).T
-            sigma = frames_in(SMOOTHING_SECONDS, targets.fps)
-            points[frames, link] += gaussian_filter1d(moves, sigma, axis=0, mode="nearest")
+            every, sigma = np.arange(first, stop), frames_in(SMOOTHING_SECONDS, targets.fps)
+            between = np.stack([np.interp(every, frames, along) for along in moves.T], axis=1)
+            points[every, link] += gaussian_filter1d(between, sigma, axis=0, mode="nearest")
     return replace(targets, carried_contact_points=frozen(points))
 
 

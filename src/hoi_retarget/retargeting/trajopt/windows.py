@@ -37,8 +37,12 @@ def solve_windows(
     start: Float[np.ndarray, "T nq"],
     horizon: Horizon,
     solver: Solver,
+    *,
+    reported: bool = True,
 ) -> tuple[Float[np.ndarray, "T nq"], tuple[Window, ...]]:
-    """Return the trajectory found by solving `problem_of(start, stop, pinned)` window by window.
+    """Return the trajectory found by solving `problem_of(start, stop, pinned)` window by window, and their reports.
+
+    Without reports nothing is checked: another solve goes on from there.
 
     Raises `SolveError` when a window fails or its trajectory breaks a joint range or a joint speed.
     """
@@ -49,7 +53,8 @@ def solve_windows(
         problem = problem_of(first, stop, pinned)
         solution = solver.solve(problem, qpos[first:stop])
         qpos[first:stop], solved = solution.qpos, stop
-        reports.append(report_window(first, stop, problem, solution))
+        if reported:
+            reports.append(report_window(first, stop, problem, solution))
     return qpos, tuple(reports)
 
 
