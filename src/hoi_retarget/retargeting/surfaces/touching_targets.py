@@ -20,7 +20,9 @@ from hoi_retarget.robots.skin import LinkSkin, Skin
 
 SKIN_POINTS = 150
 """Of the coarse skin that is moved: the last millimetres are left to the optimization."""
-STEPS = 12
+STEPS = 8
+TOWARDS_PLACE = 0.6
+"""Share of the mean way, over a run of contact, from where the hand touches to where the human's does."""
 SMOOTHING_SECONDS = 0.4
 STRIDE_SECONDS = 0.1
 OVERSHOOT = 1.15
@@ -77,10 +79,26 @@ def _moves(  # noqa: PLR0913, PLR0917 - what decides a move
     to_link = kinematics.point(skin.frame)[:, frames] - kinematics.point(site)[:, frames]
     lever = np.einsum("ijf,kj->ikf", turned, skin.points[:SKIN_POINTS])
     lever += np.einsum("jif,jf->if", to_object, to_link)[:, None]
-    every, moves = np.arange(len(frames)), np.zeros_like(goals)
+    moves, touched = _settled(np.zeros_like(goals), goals, lever, outward, thing)
+    distances, normals = thing.distances_and_normals(goals)
+    apart = (goals - distances * normals - touched).mean(axis=1, keepdims=True)
+    moves, _ = _settled(moves + TOWARDS_PLACE * apart, goals, lever, outward, thing)
+    return np.where(np.linalg.norm(moves, axis=0) < LARGEST_MOVE, moves, 0.0)
+
+
+def _settled(
+    moves: Float[np.ndarray, "3 F"],
+    goals: Float[np.ndarray, "3 F"],
+    lever: Float[np.ndarray, "3 K F"],
+    outward: Float[np.ndarray, "3 F"],
+    thing: MovingObject,
+) -> tuple[Float[np.ndarray, "3 F"], Float[np.ndarray, "3 F"]]:
+    """Return moves with which skin touches, and where it does, in the object's frame [m]."""
+    every = np.arange(goals.shape[1])
     for _ in range(STEPS):
         points = (goals + moves)[:, None] + lever
         nearest = thing.distances(points).argmin(axis=0)
-        distances, normals = thing.distances_and_normals(points[:, nearest, every])
-        moves += np.where(distances < 0.0, -OVERSHOOT * distances * outward, -distances * normals)
-    return np.where(np.linalg.norm(moves, axis=0) < LARGEST_MOVE, moves, 0.0)
+        touched = points[:, nearest, every]
+        distances, normals = thing.distances_and_normals(touched)
+        moves = moves + np.where(distances < 0.0, -OVERSHOOT * distances * outward, -distances * normals)
+    return moves, touched
