@@ -7,7 +7,7 @@ from hoi_retarget.retargeting.trajopt.rows import FrameRows
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.parts import Frame
 
-LINEAR_BEYOND = 0.01
+LINEAR_BEYOND = 0.03
 """[m]"""
 
 

@@ -27,6 +27,9 @@ from hoi_retarget.robots.skin import skin_of
 ROUGHLY, CLOSELY, TO_THE_END = 300.0, 60.0, 7.0
 """Tolerances of the passes, as multiples of the solver's own: contacts weigh so much that less shows nowhere."""
 
+MOST_ITERATIONS = 40
+"""Of each pass."""
+
 ProblemOf = Callable[[int, int, int], Problem]
 """The problem of the frames from the first to the one before the second, of which so many leading ones are pinned."""
 
@@ -112,4 +115,8 @@ def solve_on_surfaces(
 
 
 def _loosened(solver: Solver, factor: float) -> Solver:
-    return replace(solver, tolerance=factor * solver.tolerance) if isinstance(solver, BandedInteriorPoint) else solver
+    """Return a solver with another tolerance, which does not try for ever to get out what is trapped."""
+    if not isinstance(solver, BandedInteriorPoint):
+        return solver
+    iterations = min(solver.max_iterations, MOST_ITERATIONS)
+    return replace(solver, tolerance=factor * solver.tolerance, max_iterations=iterations)

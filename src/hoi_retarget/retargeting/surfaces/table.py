@@ -22,9 +22,9 @@ from hoi_retarget.robots.skin import Skin
 
 TOUCH_SECONDS = 2 / 30
 """Over which touch comes and goes before and after a contact."""
-TRAPPED = 0.008
+TRAPPED = 0.012
 """[m]; a link that is still so deep after a solve has no way out near by."""
-YIELDING, YIELDING_SECONDS = 0.05, 0.5
+YIELDING, YIELDING_SECONDS = 0.3, 0.5
 """Share of the clearances' weight then, and for how long before and after: more would tear at the motion."""
 ALONG_NORMAL = 0.05
 """Share of the contact's cost along its side: there the surfaces decide."""

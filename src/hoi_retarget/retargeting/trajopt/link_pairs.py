@@ -19,7 +19,7 @@ from hoi_retarget.robots.parts import Frame
 from hoi_retarget.robots.skin import LinkSkin
 
 GRAZING = 8e-3  # [m]
-REACH = 0.04  # [m]: links that are further apart do not meet in one solve.
+REACH = 0.02  # [m]: links that are further apart do not meet in one solve.
 SPACING, COARSE = 0.006, 0.035  # [m] between a link's points; between those of them that tell where it is near.
 _OVERRATED = 1.5  # Beyond its grid, a solid may seem further away than it is by a factor of up to the root of 2.
 
