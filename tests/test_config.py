@@ -160,10 +160,10 @@ class Shifted:
 
 def test_any_solver_can_be_passed_in():
     clip = make("carry_box", seconds=1.0)
-    kept = retarget(clip, MODEL, Config(solver=KeepStart()))
+    kept = retarget(clip, MODEL, Config(contact="landmark", solver=KeepStart()))
     ik, trajectory = kept.stages
     np.testing.assert_array_equal(ik.qpos, trajectory.qpos)
-    shifted = retarget(clip, MODEL, Config(solver=Shifted(0.02)))
+    shifted = retarget(clip, MODEL, Config(contact="landmark", solver=Shifted(0.02)))
     np.testing.assert_array_equal(shifted.qpos[:, 2], ik.qpos[:, 2] + 0.02)
     assert shifted.report.config["solver"] == {"name": "Shifted", "by": 0.02}
 

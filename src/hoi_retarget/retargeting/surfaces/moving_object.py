@@ -14,7 +14,7 @@ from hoi_retarget.objects.surface_samples import surface_samples
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.retargeting.targets import Targets
 
-SPACING = 0.008
+SPACING = 0.005
 """Side of the square of surface for which one sample stands [m]."""
 
 

@@ -21,7 +21,7 @@ from hoi_retarget.robots.skin import LinkSkin, Skin
 SKIN_POINTS = 150
 """Of the coarse skin that is moved: the last millimetres are left to the optimization."""
 STEPS = 8
-TOWARDS_PLACE = 0.6
+TOWARDS_PLACE = 0.45
 """Share of the mean way, over a run of contact, from where the hand touches to where the human's does."""
 SMOOTHING_SECONDS = 0.4
 STRIDE_SECONDS = 0.1
