@@ -56,8 +56,8 @@ def random_problem(seed: int) -> tuple[Problem, np.ndarray, np.ndarray]:
 @needs_casadi
 @pytest.mark.parametrize("name", term_classes())
 def test_every_stated_term_costs_the_same_in_casadi(casadi_problem, name):
-    term, *_ = terms_by_class(MODEL, FRAMES, np.random.default_rng(3))[name]
-    if not casadi_problem.stated([term]):
+    term = next(iter(terms_by_class(MODEL, FRAMES, np.random.default_rng(3)).get(name, ())), None)
+    if term is None or not casadi_problem.stated([term]):
         pytest.skip("not stated in CasADi")
     _, reference, away = random_problem(3)
     if name == "Differences":

@@ -25,7 +25,7 @@ from hoi_retarget.viewers.browser.segment_strip import ROW_HEIGHT_PX, strip_heig
 from hoi_retarget.viewers.browser.surface_gaps import SurfaceGaps
 from trajectories import MODELS
 
-MODEL, CONFIG = MODELS["unitree_g1"], Config()
+MODEL, CONFIG = MODELS["unitree_g1"], Config(contact="landmark")
 LIFT = Move("left_hand", 60, (0.0, 0.0, 0.05))
 
 

@@ -9,11 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
+from hoi_retarget.clip.edits import ContactEdits, Move, apply
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.distance_field import field_of
 from hoi_retarget.objects.mesh import Surface
 from hoi_retarget.objects.surface_samples import surface_samples
-from hoi_retarget.retargeting.config import Config, Scaling
+from hoi_retarget.retargeting.config import Config, Horizon, Scaling
+from hoi_retarget.retargeting.local_resolve import draft, revise
 from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.retargeting.surfaces.contact_sides import contact_sides
 from hoi_retarget.retargeting.surfaces.link_points import LINEAR_BEYOND, softened
@@ -218,8 +220,10 @@ def test_sides_do_not_depend_on_where_the_clip_starts(model):
     np.testing.assert_allclose(contact_sides(cut, moving_objects(cut))[20:], whole[25:], atol=1e-2)
 
 
-def test_hands_touch_and_nothing_is_inside(model):
-    clip = make("carry_box")
+@pytest.mark.parametrize(("name", "scene"), [("unitree_g1", "push_table"), ("unitree_h2", "push_table")])
+def test_hands_touch_and_nothing_is_inside(name, scene):
+    # Not for the H2 with its box: its knees are in the box's way when it squats, which docs/contact.md says.
+    clip, model = make(scene), MODELS[name]
     motion = retarget(clip, model)
     targets = make_targets(clip, model, Scaling())
     (thing,) = moving_objects(targets)
@@ -233,11 +237,32 @@ def test_hands_touch_and_nothing_is_inside(model):
         gaps = thing.distances(thing.inside(points, every)).min(axis=0)
         touching = motion.contact_flags[:, column]
         assert np.mean(np.abs(gaps[touching]) < 2e-3) > 0.9
-        assert gaps.min() > -4e-3
+        assert gaps.min() > -2e-3
+
+
+def touch_share(motion) -> float:
+    return motion.report.figures["touch_share"]
+
+
+def test_windows_touch_as_the_whole_does():
+    clip, model = make("carry_box", seconds=4.0), MODELS["unitree_g1"]
+    whole = retarget(clip, model)
+    windowed = retarget(clip, model, Config(horizon=Horizon(length=60, overlap=30)))
+    assert touch_share(windowed) > 0.95 and touch_share(whole) > 0.95
+    assert np.abs(windowed.qpos - whole.qpos).mean() < 0.02
+
+
+def test_an_edited_contact_touches_after_a_local_solve():
+    clip, model = make("carry_box", seconds=4.0), MODELS["unitree_g1"]
+    before = draft(clip, model, Config())
+    edits = ContactEdits.of(clip).adding(Move("left_hand", 100, (0.0, 0.0, 0.03)))
+    after = revise(before, apply(clip, edits), model, Config())
+    assert touch_share(after.motion) > 0.9
+    assert not np.array_equal(after.motion.qpos, before.motion.qpos)
 
 
 def test_landmark_contact_has_palms_at_the_human_points(model):
-    clip = make("carry_box")
+    clip = make("push_table")
     landmark, surface = retarget(clip, model, Config(contact="landmark")), retarget(clip, model)
     assert landmark.report.figures["contact_gap_m"] < 0.004
     assert not np.array_equal(landmark.qpos, surface.qpos)
