@@ -100,14 +100,15 @@ def scored(motion: Motion, targets: Targets, clip: Clip, model: RobotModel, pers
     view = Comparison(motion, clip, person, kinematics)
     surfaces = motion.report.touches_with_surfaces
     flips = orientation_flips(rotation_errors_deg(kinematics, targets))
+    figures = figures_of(view)
+    unreached = unreached_contacts(motion, kinematics, residuals=surface_residuals(view) if surfaces else None)
+    sunk = sunk_links(view) if surfaces else ()
     seconds = {**motion.report.cpu_seconds, "metrics": time.process_time() - start}
     report = replace(
         motion.report,
-        figures=figures_of(view),
-        unreached_contacts=unreached_contacts(
-            motion, kinematics, residuals=surface_residuals(view) if surfaces else None
-        ),
-        sunk_links=sunk_links(view) if surfaces else (),
+        figures=figures,
+        unreached_contacts=unreached,
+        sunk_links=sunk,
         orientation_flips=with_reasons(flips, kinematics, targets),
         trunk_turns=trunk_turns(kinematics, targets),
         rotation_jumps=targets.rotation_jumps,

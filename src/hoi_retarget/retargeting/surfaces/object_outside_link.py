@@ -112,10 +112,10 @@ def _nearest(  # noqa: PLR0913, PLR0917 - where samples are chosen
     rotation = start.orientation(skin.frame)[:, :, frame]
     distances = skin.solid.nearest_distances((rotation.T @ (world - start.point(skin.frame)[:, frame, None])).T)
     order = np.argsort(distances, kind="stable")
+    left = order[: np.searchsorted(distances[order], NEAR)]
     chosen: list[int] = []
-    for place in order[: np.searchsorted(distances[order], NEAR)]:
-        if all(np.linalg.norm(places[place] - places[other]) >= apart for other in chosen):
-            chosen.append(int(place))
-            if len(chosen) == count:
-                break
-    return [int(found[place]) for place in chosen]
+    while left.size and len(chosen) < count:
+        chosen.append(int(found[left[0]]))
+        away = places[left] - places[left[0]]
+        left = left[np.einsum("ki,ki->k", away, away) >= apart**2]
+    return chosen
