@@ -65,7 +65,8 @@ def test_the_method_lists_every_weight_as_it_is():
     text = (ROOT / "docs" / "method.md").read_text()
     rows = re.findall(r"^\|[^|]*\|[^|]*\| `(\w+)` \| ([\d.e-]+) \| `(\w+)` \|$", text, flags=re.MULTILINE)
     assert {name: float(value) for name, value, _ in rows} == dataclasses.asdict(Weights())
-    terms = {path.stem for path in (ROOT / "src/hoi_retarget/retargeting/trajopt/terms").glob("[a-z]*.py")}
+    folders = (ROOT / "src/hoi_retarget/retargeting" / name for name in ("trajopt/terms", "surfaces"))
+    terms = {path.stem for folder in folders for path in folder.glob("[a-z]*.py")}
     assert {term for _, _, term in rows} <= terms
 
 
