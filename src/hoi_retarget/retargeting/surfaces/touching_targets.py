@@ -94,7 +94,7 @@ def _settled(
     thing: MovingObject,
 ) -> tuple[Float[np.ndarray, "3 F"], Float[np.ndarray, "3 F"]]:
     """Return moves with which skin touches, and where it does, in the object's frame [m]."""
-    every = np.arange(goals.shape[1])
+    every, touched = np.arange(goals.shape[1]), goals
     for _ in range(STEPS):
         points = (goals + moves)[:, None] + lever
         nearest = thing.distances(points).argmin(axis=0)
