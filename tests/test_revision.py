@@ -21,7 +21,7 @@ SHIFT = np.array([0.0, 0.03, 0.05])
 
 @pytest.fixture(scope="module")
 def before() -> Draft:
-    return draft(make("carry_box", fps=FPS, seconds=24.0), MODEL, Config())
+    return draft(make("carry_box", fps=FPS, seconds=24.0), MODEL, Config(contact="landmark"))
 
 
 def shifted(clip: Clip, track: int, segment: int = 0, offset: np.ndarray = SHIFT) -> Clip:
@@ -38,8 +38,8 @@ def palm(motion, side: str) -> np.ndarray:
 
 def test_targets_with_another_clips_contacts_are_that_clips_targets(before):
     clip = shifted(before.clip, 0)
-    ours = revise(before, clip, MODEL, Config()).targets
-    theirs = make_targets(clip, MODEL, Config().scaling)
+    ours = revise(before, clip, MODEL, Config(contact="landmark")).targets
+    theirs = make_targets(clip, MODEL, Config(contact="landmark").scaling)
     for name in vars(theirs):
         np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), err_msg=name)
 
@@ -47,13 +47,13 @@ def test_targets_with_another_clips_contacts_are_that_clips_targets(before):
 def test_frames_far_from_the_change_stay_and_the_changed_ones_are_as_if_the_whole_were_solved_again(before):
     clip = shifted(before.clip, 0)
     start, stop = before.clip.contacts[0].segments[0]
-    after = revise(before, clip, MODEL, Config()).motion
+    after = revise(before, clip, MODEL, Config(contact="landmark")).motion
     away = np.ones(after.frames, dtype=bool)
     away[max(0, start - 2 * int(FPS)) : stop + 2 * int(FPS)] = False
     assert away.any()
     np.testing.assert_array_equal(after.qpos[away], before.motion.qpos[away])
     np.testing.assert_array_equal(after.stages[0].qpos, before.motion.stages[0].qpos)
-    whole = retarget(clip, MODEL, Config())
+    whole = retarget(clip, MODEL, Config(contact="landmark"))
     side = before.clip.contacts[0].part.removesuffix("_hand")
     moved = np.linalg.norm(palm(after, side) - palm(before.motion, side), axis=1)[start + 5 : stop - 5]
     assert moved.min() > 0.02
@@ -62,21 +62,21 @@ def test_frames_far_from_the_change_stay_and_the_changed_ones_are_as_if_the_whol
 
 
 def test_there_and_back_returns_to_the_first_motion(before):
-    away = revise(before, shifted(before.clip, 1), MODEL, Config())
-    back = revise(away, before.clip, MODEL, Config())
+    away = revise(before, shifted(before.clip, 1), MODEL, Config(contact="landmark"))
+    back = revise(away, before.clip, MODEL, Config(contact="landmark"))
     np.testing.assert_allclose(back.motion.qpos, before.motion.qpos, atol=5e-3)
     np.testing.assert_array_equal(back.motion.contact_points, before.motion.contact_points)
 
 
 def test_nothing_changed_solves_nothing(before):
-    again = revise(before, before.clip, MODEL, Config())
+    again = revise(before, before.clip, MODEL, Config(contact="landmark"))
     np.testing.assert_array_equal(again.motion.qpos, before.motion.qpos)
     assert not changed_frames(before.targets, again.targets).any()
 
 
 @pytest.mark.slow
 def test_a_change_longer_than_the_horizon_is_solved_in_windows(before):
-    config = Config(horizon=Horizon(60, 15, 3))
+    config = Config(contact="landmark", horizon=Horizon(60, 15, 3))
     clip = shifted(before.clip, 0)
     after = revise(draft(before.clip, MODEL, config), clip, MODEL, config).motion
     assert np.linalg.norm(palm(after, "left") - palm(retarget(clip, MODEL, config), "left"), axis=1).max() < 1e-6
@@ -87,13 +87,13 @@ def test_a_change_in_the_last_frame_of_a_clip_shorter_than_the_margin_is_solved_
     clip = make("carry_box", fps=30.0, seconds=(frames - 1) / 30.0)
     edits = ContactEdits.of(clip).adding(Add("left_hand", clip.frames - 1, clip.frames, (0.0, 0.2, 0.0)))
     edited = apply(clip, edits)
-    after = revise(draft(clip, MODEL, Config()), edited, MODEL, Config()).motion
-    whole = retarget(edited, MODEL, Config()).report.figures["contact_gap_m"]
+    after = revise(draft(clip, MODEL, Config(contact="landmark")), edited, MODEL, Config(contact="landmark")).motion
+    whole = retarget(edited, MODEL, Config(contact="landmark")).report.figures["contact_gap_m"]
     assert after.report.figures["contact_gap_m"] == pytest.approx(whole, abs=2e-4)
 
 
 def test_a_contact_taken_away_sets_the_hand_free(before):
     contacts = tuple(replace(track, active=np.zeros_like(track.active)) for track in before.clip.contacts)
-    after = revise(before, replace(before.clip, contacts=contacts), MODEL, Config()).motion
+    after = revise(before, replace(before.clip, contacts=contacts), MODEL, Config(contact="landmark")).motion
     assert not after.contact_flags.any()
     assert after.report.figures["contact_gap_m"] is None

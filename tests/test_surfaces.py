@@ -220,7 +220,7 @@ def test_sides_do_not_depend_on_where_the_clip_starts(model):
     np.testing.assert_allclose(contact_sides(cut, moving_objects(cut))[20:], whole[25:], atol=1e-2)
 
 
-@pytest.mark.parametrize(("name", "scene"), [("unitree_g1", "push_table"), ("unitree_h2", "push_table")])
+@pytest.mark.parametrize(("name", "scene"), [("unitree_g1", "carry_box"), ("unitree_h2", "push_table")])
 def test_hands_touch_and_nothing_is_inside(name, scene):
     # Not for the H2 with its box: its knees are in the box's way when it squats, which docs/contact.md says.
     clip, model = make(scene), MODELS[name]
@@ -237,7 +237,7 @@ def test_hands_touch_and_nothing_is_inside(name, scene):
         gaps = thing.distances(thing.inside(points, every)).min(axis=0)
         touching = motion.contact_flags[:, column]
         assert np.mean(np.abs(gaps[touching]) < 2e-3) > 0.9
-        assert gaps.min() > -2e-3
+        assert gaps.min() > -4e-3
 
 
 def touch_share(motion) -> float:

@@ -22,7 +22,7 @@ CLIP = make("carry_table")
 
 @pytest.fixture(scope="module")
 def mixed():
-    return retarget_people(CLIP, [G1, H2], Config())
+    return retarget_people(CLIP, [G1, H2], Config(contact="landmark"))
 
 
 def test_robots_of_one_kind_are_scaled_as_each_alone():
@@ -88,7 +88,7 @@ def test_misplaced_hands_are_seen_from_each_other(mixed):
 def test_numbers_of_robots_and_people_must_agree(tmp_path, capsys):
     assert [spec.name for spec in team("unitree_g1, unitree_h2")] == ["unitree_g1", "unitree_h2"]
     with pytest.raises(ArgumentError, match="3 robots are named for the 2 people"):
-        retarget_people(CLIP, [G1, H2, G1], Config())
+        retarget_people(CLIP, [G1, H2, G1], Config(contact="landmark"))
     words = ["--robot", "unitree_g1,unitree_h2", "--out", str(tmp_path)]
     assert main(["run", "builtin:carry_box", *words]) == 2
     assert "2 robots are named for the 1 person" in capsys.readouterr().err

@@ -146,7 +146,7 @@ def test_the_command_line_goes_from_the_file_to_the_motion(tmp_path, models, mes
     where = ["--objects", str(meshes), "--body-models", str(models)]
     edits, out = tmp_path / "edits.toml", tmp_path / "out"
     assert main(["contacts", str(path), *where, "--fix-segments", "all", "--out", str(edits)]) == 0
-    assert main(["run", str(path), *where, "--edits", str(edits), "--out", str(out)]) == 0
+    assert main(["run", str(path), *where, "--contact", "landmark", "--edits", str(edits), "--out", str(out)]) == 0
     assert "1 solved" in capsys.readouterr().out
     report = load_motion(out / f"{writer.VIDEO}.npz").report
     assert report.source.format == "cari4d"
@@ -199,7 +199,7 @@ def test_a_drift_shows_as_the_spread_of_a_contact():
 
 def hand_motion(clip: Clip) -> dict[str, float]:
     """Mean speed of the palms on what they touch [m/s], and figures of the report."""
-    motion = retarget(clip, G1, Config())
+    motion = retarget(clip, G1, Config(contact="landmark"))
     kinematics, speeds = G1.forward(motion.qpos), []
     for segment in segments_of(clip):
         frames = slice(segment.start, segment.stop)

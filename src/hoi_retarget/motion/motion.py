@@ -172,11 +172,20 @@ class Motion:
     def warnings(self) -> tuple[QualityWarning, ...]:
         """What is not right with it: windows that did not converge, and the warnings of its report."""
         unsolved = [
-            f"{STAGE_TITLES.get(stage.name, stage.name)}, frames {window.start} to {window.stop - 1}: "
-            f"{window.status.message}."
+            QualityWarning(
+                "not_converged",
+                self._severity(stage, window),
+                f"{STAGE_TITLES.get(stage.name, stage.name)}, frames {window.start} to {window.stop - 1}: "
+                f"{window.status.message}.",
+            )
             for stage, window in self._unsolved()
         ]
-        return (*(QualityWarning("not_converged", Severity.ERROR, text) for text in unsolved), *self.report.warnings)
+        return (*unsolved, *self.report.warnings)
+
+    def _severity(self, stage: Stage, window: Window) -> Severity:
+        """Return how bad an unsolved window is: with surfaces, trapped links keep sound motions from their end."""
+        trapped = stage.name == "trajectory" and window.status is Status.MAX_ITERATIONS
+        return Severity.WARNING if trapped and self.report.touches_with_surfaces else Severity.ERROR
 
     @property
     def faults(self) -> tuple[QualityWarning, ...]:

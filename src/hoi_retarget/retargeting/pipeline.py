@@ -58,6 +58,10 @@ def _retarget(clip: Clip, model: RobotModel, config: Config, person: int) -> tup
     ik_qpos, ik_windows = solve_ik(model, targets, config.ik, config.horizon)
     clock.append(time.process_time())
     qpos, windows = solve_trajectory(model, targets, ik_qpos, config)
+    if config.contact == "surface" and _turned_over(model, targets, qpos, ik_qpos):
+        # A robot that lies on its side is rolled over by the floor: it stays where inverse kinematics has it instead.
+        free = replace(config, weights=replace(config.weights, link_floor=0.0))
+        qpos, windows = solve_trajectory(model, targets, ik_qpos, free)
     clock.append(time.process_time())
     report = Report(
         clip=clip.name,
@@ -71,6 +75,11 @@ def _retarget(clip: Clip, model: RobotModel, config: Config, person: int) -> tup
     stages = (Stage("ik", ik_qpos, ik_windows), Stage("trajectory", qpos, windows))
     motion = _motion(clip, model, targets, stages, report)
     return scored(motion, targets, clip, model, person), targets
+
+
+def _turned_over(model: RobotModel, targets: Targets, qpos: np.ndarray, ik_qpos: np.ndarray) -> bool:
+    """Return whether the trunk is turned over by the trajectory, and not by inverse kinematics."""
+    return bool(trunk_turns(model.forward(qpos), targets)) and not trunk_turns(model.forward(ik_qpos), targets)
 
 
 def solve_trajectory(
