@@ -48,7 +48,7 @@ def with_figures(motion: Motion, **figures: float | None) -> Motion:
 @functools.cache
 def bad() -> Motion:
     unreached = (UnreachedContact("left_palm", "box", 70, 110, 0.04, 0.06),)
-    worse = with_figures(carried(), contact_gap_m=0.02, body_jerk_mps3=90.0)
+    worse = with_figures(carried(), touch_gap_p95_m=0.06, body_jerk_mps3=90.0)
     return replace(worse, report=replace(worse.report, unreached_contacts=unreached))
 
 
@@ -421,7 +421,7 @@ def test_report_writes_pages_and_tables_and_tells_how_many_fail(folder: Path, ca
     monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, model, objects: PIXEL)
     assert main(["report", str(folder), "--out", str(out)]) == 0
     said = capsys.readouterr().out
-    assert "deeper/bad.npz" in said and "contact gap 20 mm, above 10" in said
+    assert "deeper/bad.npz" in said and "touch gap p95 60 mm, above 50" in said
     assert "damaged.npz" in said
     page = (out / "report.html").read_text()
     for name in ("a.npz", "b.npz", "deeper/bad.npz", "damaged.npz"):

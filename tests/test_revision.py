@@ -38,8 +38,9 @@ def palm(motion, side: str) -> np.ndarray:
 
 def test_targets_with_another_clips_contacts_are_that_clips_targets(before):
     clip = shifted(before.clip, 0)
-    ours = revise(before, clip, MODEL, Config(contact="landmark")).targets
-    theirs = make_targets(clip, MODEL, Config(contact="landmark").scaling)
+    config = Config(contact="landmark")
+    ours = revise(before, clip, MODEL, config).targets
+    theirs = make_targets(clip, MODEL, config.scaling, contact=config.contact)
     for name in vars(theirs):
         np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), err_msg=name)
 
