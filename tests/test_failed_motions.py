@@ -67,7 +67,7 @@ def test_a_trajectory_on_surfaces_that_stops_at_the_limit_is_kept_with_a_warning
     assert "frames 0 to 8: stopped at the iteration limit" in warning.text
     verdict = verdict_of(load(path))
     assert verdict.level is Level.WARN
-    assert [reason.threshold.name for reason in verdict.reasons] == ["unsolved_share"]
+    assert "unsolved_share" in [reason.threshold.name for reason in verdict.reasons]
 
 
 @pytest.mark.parametrize(

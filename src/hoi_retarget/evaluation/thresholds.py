@@ -104,7 +104,7 @@ THRESHOLDS: tuple[Threshold, ...] = (
         "real clips have 6 degrees at most; a method that ignores how hands turn has 38 (paper)",
     ),
     Threshold(
-        Figure("object_penetration_max_m", "object penetration", "mm", 1e3, 1, "lower"),
+        _KNOWN["penetration_max_m"],
         0.010,
         0.030,
         "1 cm together with the contact gap is what users ask for; a simulator pushes apart what is deeper",

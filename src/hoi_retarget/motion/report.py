@@ -257,6 +257,7 @@ def windows_from_json(values: Any) -> dict[str, tuple[Window, ...]]:
 
 # Names in files of earlier versions.
 _STAGES_BEFORE = {"ik": "ik_windows", "trajectory": "windows"}
+_CONFIG_BEFORE = {"contact": "landmark"}  # All that there was, so that files did not say it.
 _KEYS_BEFORE = {"turned_over": "orientation_flips", "hand_to_hand": "inter_robot_hand_errors"}
 
 
@@ -269,6 +270,9 @@ def _renamed(values: Any) -> Any:
         doubts = source["doubts"]
         texts = doubts if isinstance(doubts, list) else [doubts]
         renamed["source"] = {**source, "warnings": [{"code": "recording", "text": text} for text in texts]}
+    config = renamed.get("config")
+    if isinstance(config, Mapping) and config:
+        renamed["config"] = {**_CONFIG_BEFORE, **config}
     return renamed
 
 
