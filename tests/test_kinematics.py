@@ -189,3 +189,9 @@ def test_a_robot_is_compiled_once():
     assert load_robot("unitree_g1") is load_robot("unitree_g1")
     with pytest.raises(ArgumentError, match=r"'unitree_g3'.*unitree_g1, unitree_h2"):
         load_robot("unitree_g3")
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+def test_a_site_moves_with_the_body_that_carries_it(model):
+    for site in model.site_names:
+        assert model.sites.frames[site].node == model.body_frames.frames[model.body_of(site)].node

@@ -74,7 +74,7 @@ def all_terms(model: RobotModel, frames: int, rng: np.random.Generator) -> tuple
 def links_apart(model: RobotModel, frames: int) -> Iterator[Term]:
     """Yield the clearances of a hand from the trunk, the same robot's and another's, with margins that are broken."""
     skins, every = skin_of(model).by_link, np.arange(frames)
-    hand, trunk = (skins[model.site_bodies[model.site_names.index(site)]] for site in ("left_palm", "torso"))
+    hand, trunk = (skins[model.body_of(site)] for site in ("left_palm", "torso"))
 
     def pair(link: LinkSkin, other: LinkSkin) -> LinkPair:
         few = SpreadPoints(link.points[:8], 8, np.arange(8), np.zeros(8))

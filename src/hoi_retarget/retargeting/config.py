@@ -93,13 +93,13 @@ class Weights:
     floor_clearance: float = 2000.0
     """Sole corners under the floor [1/m^2]; not in the paper."""
     self_clearance: float = 5e3
-    """Points of a link's skin, 6 mm apart, in another link [1/m^2]; not in the paper."""
+    """Points of a link's skin, 6 mm apart, in another link [1/m^2], in surface contact; not in the paper."""
     link_floor: float = 5e3
     """Skin of any link under the floor [1/m^2], in surface contact; not in the paper."""
     surface_touch: float = 5000.0
-    """Skin off the surface that it is to touch [1/m^2]; not in the paper."""
+    """Skin off the surface that it is to touch [1/m^2], in surface contact; not in the paper."""
     clearance: float = 2e4
-    """Skin inside an object, or an object inside the robot [1/m^2]; not in the paper."""
+    """Skin inside an object, or an object inside the robot [1/m^2], in surface contact; not in the paper."""
     capsule_clearance: float = 0.0
     """Objects' surfaces in capsules around the robot's links [1/m^2] (paper App. B); at 0 nothing is computed."""
 

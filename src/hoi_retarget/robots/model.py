@@ -91,6 +91,10 @@ class RobotModel:
         """Names of the sites."""
         return self.sites.names
 
+    def body_of(self, site: str) -> str:
+        """Return the body that carries a site."""
+        return self.site_bodies[self.sites.index[site]]
+
     @cached_property
     def column_nodes(self) -> Int[np.ndarray, "nv"]:
         """Return the node that each tangent coordinate moves first."""

@@ -50,11 +50,10 @@ _LINK = Fineness(nodes=0.002, ball=0.003, spacing=0.0085, grid=0.006)  # 12 mm a
 def fineness_of(model: RobotModel, link: str) -> Fineness:
     """Return how finely a link is looked at: hands and forearms, which touch, finest, then feet."""
     node = model.body_frames.frames[link].node
-    bodies = dict(zip(model.site_names, model.site_bodies, strict=True))
     elbows = [model.sites.frames[f"{side}_elbow"].node for side in SIDES]
     if any(model.supports[elbow, node] for elbow in elbows):
         return _HAND
-    return _FOOT if link in {bodies[f"{side}_foot"] for side in SIDES} else _LINK
+    return _FOOT if link in {model.body_of(f"{side}_foot") for side in SIDES} else _LINK
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,7 +55,7 @@ def role_table(model: RobotModel) -> tuple[RoleRow, ...]:
         humans[site].append(f"touches for {part}")
     rows = []
     for site in SITES:
-        body = model.site_bodies[model.sites.index[site]]
+        body = model.body_of(site)
         frame, carrier = model.sites.frames[site], model.body_frames.frames[body]
         x, y, z = (carrier.rotation.T @ (frame.position - carrier.position)).tolist()
         rows.append(RoleRow(site, body, (x, y, z), "; ".join(humans[site])))

@@ -11,7 +11,6 @@ from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.surfaces.moving_object import MovingObject
 from hoi_retarget.retargeting.surfaces.object_outside_link import ObjectOutsideLink, object_outside_link
 from hoi_retarget.retargeting.surfaces.skin_contact import SkinContact, skin_contact
-from hoi_retarget.retargeting.surfaces.touching_targets import body_of
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import Term
 from hoi_retarget.retargeting.trajopt.table import trajectory_terms
@@ -98,7 +97,7 @@ def _along_surface(term: ObjectContact, targets: Targets, surfaces: Surfaces) ->
 
 
 def _clearances(weights: Weights, targets: Targets, start: Kinematics, surfaces: Surfaces) -> Iterator[Clearance]:
-    links = {body_of(start, site): column for column, site in enumerate(targets.contact_links)}
+    links = {start.model.body_of(site): column for column, site in enumerate(targets.contact_links)}
     for index, thing in enumerate(surfaces.objects):
         for skin in surfaces.skin.links:
             column = links.get(skin.link)

@@ -41,7 +41,7 @@ def touching_targets(
     """Return the targets with contact points moved for links that are turned as in a trajectory."""
     points = targets.carried_contact_points.copy()
     for link, site in enumerate(targets.contact_links):
-        of_link = skin.by_link.get(body_of(kinematics, site))
+        of_link = skin.by_link.get(kinematics.model.body_of(site))
         if of_link is None:
             continue
         for first, stop in runs(targets.contact_weights[:, link] > 0):
@@ -56,12 +56,6 @@ def touching_targets(
             between = np.stack([np.interp(every, frames, along) for along in moves.T], axis=1)
             points[every, link] += gaussian_filter1d(between, sigma, axis=0, mode="nearest")
     return replace(targets, carried_contact_points=frozen(points))
-
-
-def body_of(kinematics: Kinematics, site: str) -> str:
-    """Return the body that carries a site."""
-    model = kinematics.model
-    return model.site_bodies[model.sites.index[site]]
 
 
 def _moves(  # noqa: PLR0913, PLR0917 - what decides a move

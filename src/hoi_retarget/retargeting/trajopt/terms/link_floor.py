@@ -48,9 +48,8 @@ def link_floor_terms(weights: Weights, targets: Targets, reference: Kinematics) 
     """Yield the links that come near the floor in the reference, in surface contact."""
     if targets.contact != "surface":
         return
-    model = reference.model
-    touching = {model.site_bodies[model.sites.index[site]] for site in targets.contact_links}
-    for skin in skin_of(model).links:
+    touching = {reference.model.body_of(site) for site in targets.contact_links}
+    for skin in skin_of(reference.model).links:
         near = NEAR_TOUCHING if skin.link in touching else NEAR
         points, frames = _lowest(skin, reference, near)
         if frames.size:
