@@ -92,6 +92,18 @@ def test_means_and_extremes_are_the_figures() -> None:
     assert np.nanmin(speed.values) == pytest.approx(figures["joint_speed_margin_radps"])
 
 
+def test_curves_of_surfaces_are_the_figures() -> None:
+    motion, clip = carried(), make("carry_box")
+    curves, figures = curves_of(motion, G1, tuple(track.geometry for track in clip.objects)), motion.report.figures
+    first = max(0, 1 - motion.first_source_frame)
+    gaps = np.abs(pooled(tuple(curve for curve in curves if curve.name.endswith("palm")), "surface gap", first))
+    assert (gaps <= 2.0).mean() == pytest.approx(figures["touch_share"])
+    assert np.percentile(gaps, 95) == pytest.approx(1e3 * figures["touch_gap_p95_m"])
+    depths = pooled(curves, "inside object", first)
+    assert depths.max() == pytest.approx(1e3 * figures["penetration_max_m"]) and depths.max() > 0.0
+    assert np.percentile(depths, 95) == pytest.approx(1e3 * figures["penetration_p95_m"])
+
+
 @settings(max_examples=20, deadline=None)
 @given(frames=st.integers(1, 30), seed=st.integers(0, 99), robot=st.sampled_from(sorted(MODELS)))
 def test_a_gap_is_there_when_and_only_when_its_link_touches(frames: int, seed: int, robot: str) -> None:

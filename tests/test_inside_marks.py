@@ -4,13 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import KDTree
 
+from hoi_retarget.evaluation.self_penetration import self_depths
+from hoi_retarget.evaluation.surface_distances import Poses
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.robots.skin import skin_of
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.scene.curves import curves_of
 from hoi_retarget.viewers.scene.inside_marks import LEVELS, inside_marks
 from test_scene import G1, motion_of
+from trajectories import random_qpos
 
 CLIP = make("carry_box", seconds=0.5, fps=10.0)
 GEOMETRY = CLIP.objects[0].geometry
@@ -57,6 +64,41 @@ def test_deeper_places_have_deeper_colours():
         return counts.get(LEVELS[-1][1], 0) / sum(counts.values())
 
     assert share_of_deepest(deep) > share_of_deepest(shallow)
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_the_deepest_colour_is_of_the_depth_that_figures_say(seed):
+    rng = np.random.default_rng(seed)
+    motion = placed(rng.uniform(-0.4, 0.4, 3))
+    qpos = random_qpos(G1, motion.frames, rng)
+    qpos[:, 2] = 5.0  # Far above the floor.
+    motion = replace(motion.with_qpos(qpos), object_pos=qpos[:, None, :3] + rng.uniform(-0.4, 0.4, 3))
+    parts = inside_marks(motion, G1, (GEOMETRY,))
+    (curve,) = (curve for curve in curves_of(motion, G1, (GEOMETRY,)) if curve.group == "inside object")
+    deepest = np.maximum(1e-3 * curve.values, self_depths(G1.forward(qpos))[0])
+    bounds = [*(least for least, _ in LEVELS), np.inf]
+    for frame, depth in enumerate(deepest):
+        seen = {tuple(part.colours[0].tolist()) for part in parts if part.visible[frame].any()}
+        for (least, colour), most in zip(LEVELS, bounds[1:], strict=True):
+            if least <= depth < most:
+                assert colour in seen, "the deepest place has its colour"
+            if depth < least:
+                assert colour not in seen, "and none is deeper"
+
+
+def test_a_hand_in_the_thigh_is_marked_on_the_thigh():
+    motion = placed((0.0, 3.0, 0.0))
+    assert inside_marks(motion, G1, None) == (), "nothing at home"
+    qpos = motion.qpos.copy()
+    bent = {"left_shoulder_roll_joint": -0.5, "left_shoulder_pitch_joint": 0.3, "left_elbow_joint": 1.5}
+    for joint, angle in bent.items():
+        qpos[1:, 7 + G1.joint_names.index(joint)] = angle
+    motion = motion.with_qpos(qpos)
+    assert not len(seen(motion, 0)) and len(seen(motion, 1))
+    poses = [(skin, Poses.of_link(G1.forward(qpos[1:2]), skin)) for skin in skin_of(G1).links]
+    skins = [skin.points @ pose.rotations[0].T + pose.positions[0] for skin, pose in poses]
+    assert KDTree(np.concatenate(skins)).query(seen(motion, 1))[0].max() < 1e-5
 
 
 @pytest.mark.parametrize(("lower", "marked"), [(0.0, False), (0.05, True)])

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from hoi_retarget.evaluation.surface_distances import Poses, least_in_solid, tree_of
 from hoi_retarget.robots.model import Kinematics, RobotModel
-from hoi_retarget.robots.skin import LinkSkin, Skin, skin_of
+from hoi_retarget.robots.skin import LinkSkin, skin_of
 
 JOINTS_APART = 2
 """Links with so many joints between them, or fewer, are not looked at: they meet at their joints, as they are built."""
@@ -27,12 +27,11 @@ def self_depths(
         kinematics: The robot's.
         first: The first frame that counts.
     """
-    skin, pairs = skin_of(kinematics.model), looked_at(kinematics.model)
-    depths, names = _pair_depths(kinematics, skin, pairs, first)
+    depths, near = pair_depths(kinematics, looked_at(kinematics.model), first)
     if not len(depths):
         return np.zeros(len(kinematics.qpos) - first), np.zeros(len(kinematics.qpos) - first, dtype=int), ()
     worst = depths.argmax(axis=0)
-    return depths.max(axis=0), worst, names
+    return depths.max(axis=0), worst, tuple((one.link, other.link) for one, other in near)
 
 
 @lru_cache(maxsize=8)
@@ -46,7 +45,7 @@ def looked_at(model: RobotModel) -> tuple[tuple[int, int], ...]:
         if _far_apart(model.supports, nodes[one], nodes[other])
     ]
     home = model.forward(model.home_qpos[None])
-    depths, _ = _pair_depths(home, skin, tuple(pairs), 0, keep_all=True)
+    depths, _ = pair_depths(home, tuple(pairs), keep_all=True)
     return tuple(pair for pair, depth in zip(pairs, depths[:, 0], strict=True) if depth <= _BUILT_IN)
 
 
@@ -57,16 +56,24 @@ def _far_apart(supports: Float[np.ndarray, "N N"], one: int, other: int) -> bool
     return bool(joints > (JOINTS_ALONG_LIMB if along else JOINTS_APART))
 
 
-def _pair_depths(
-    kinematics: Kinematics, skin: Skin, pairs: tuple[tuple[int, int], ...], first: int, *, keep_all: bool = False
-) -> tuple[Float[np.ndarray, "pairs F"], tuple[tuple[str, str], ...]]:
-    """Return how deep pairs of links are in each other [m]; by default only the pairs that are near in some frame."""
+def pair_depths(
+    kinematics: Kinematics, pairs: tuple[tuple[int, int], ...], first: int = 0, *, keep_all: bool = False
+) -> tuple[Float[np.ndarray, "pairs F"], tuple[tuple[LinkSkin, LinkSkin], ...]]:
+    """Return how deep pairs of links are in each other [m]; by default only the pairs that are near in some frame.
+
+    Args:
+        kinematics: The robot's.
+        pairs: Indices into the skin's links.
+        first: The first frame that counts.
+        keep_all: Whether pairs that are never near are returned, too.
+    """
+    skin = skin_of(kinematics.model)
     poses = [Poses.of_link(kinematics, link, first) for link in skin.links]
     centres = np.array(
         [pose.positions + pose.rotations @ link.centre for pose, link in zip(poses, skin.links, strict=True)]
     )
     radii = [link.radius for link in skin.links]
-    depths, names = [], []
+    depths, kept = [], []
     for one, other in pairs:
         away = centres[one] - centres[other]
         near = np.flatnonzero(np.einsum("fi,fi->f", away, away) < (radii[one] + radii[other]) ** 2)
@@ -80,8 +87,8 @@ def _pair_depths(
                 _in_solid(skin.links[other], at_other.inside(at_one), skin.links[one]),
             )
         depths.append(depth)
-        names.append((skin.links[one].link, skin.links[other].link))
-    return np.reshape(depths, (-1, len(kinematics.qpos) - first)), tuple(names)
+        kept.append((skin.links[one], skin.links[other]))
+    return np.reshape(depths, (-1, len(kinematics.qpos) - first)), tuple(kept)
 
 
 def _in_solid(skin: LinkSkin, pose: Poses, solid: LinkSkin) -> Float[np.ndarray, "F"]:
@@ -89,5 +96,5 @@ def _in_solid(skin: LinkSkin, pose: Poses, solid: LinkSkin) -> Float[np.ndarray,
     depth = np.zeros(len(pose.positions))
     near = np.flatnonzero(solid.solid.distances(pose.positions + pose.rotations @ skin.centre) < skin.radius)
     if len(near):
-        depth[near] = -least_in_solid(tree_of(skin), solid, pose.at(near))
+        depth[near] = -least_in_solid(tree_of(skin), solid, pose.at(near))[0]
     return depth

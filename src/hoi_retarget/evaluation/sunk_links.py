@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from hoi_retarget.evaluation.surface_curves import part_skins, surface_curves
+from hoi_retarget.evaluation.object_distances import part_skins
+from hoi_retarget.evaluation.surface_curves import surface_curves
 from hoi_retarget.evaluation.view import Comparison
 from hoi_retarget.motion.report import SunkLink
 from hoi_retarget.numerics.arrays import runs

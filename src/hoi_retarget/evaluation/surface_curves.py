@@ -1,20 +1,22 @@
 """Penetration, touch and place of a comparison, frame by frame: what figures summarize and viewers draw."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget.clip.clip import ContactTrack
+from hoi_retarget.evaluation.object_distances import (
+    PART_SITES,
+    ObjectDistances,
+    Touching,
+    object_distances,
+    part_skins,
+)
 from hoi_retarget.evaluation.object_shape import shape_of
 from hoi_retarget.evaluation.statistics import norms
-from hoi_retarget.evaluation.surface_distances import LinkDistances, PlacedObject, Poses, link_distances
-from hoi_retarget.evaluation.view import FOOT_SITES, HAND_SITES, Comparison
-from hoi_retarget.robots.model import RobotModel
-from hoi_retarget.robots.skin import LinkSkin, skin_of
-
-_SITES = {**HAND_SITES, **FOOT_SITES}
+from hoi_retarget.evaluation.surface_distances import PlacedObject, Poses
+from hoi_retarget.evaluation.view import Comparison
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,55 +59,36 @@ class SurfaceCurves:
 def surface_curves(view: Comparison) -> SurfaceCurves:
     """Return the curves of a comparison; raises `GeometryError` when an object's mesh cannot be read."""
     model = view.kinematics.model
-    skin = skin_of(model)
     tracks = [
         track
         for track in view.clip.contacts
-        if track.person == view.person and track.part in _SITES and part_skins(model, track.part)
+        if track.person == view.person and track.part in PART_SITES and part_skins(model, track.part)
     ]
     never = np.zeros(view.clip.frames - view.first, dtype=bool)
-    touching: dict[tuple[str, int], np.ndarray] = {}
+    touching: Touching = {}
     for track in tracks:
         for link in part_skins(model, track.part):
             key = link.link, track.object
             touching[key] = touching.get(key, never) | track.active[view.first :]
-    poses = {link.link: Poses.of_link(view.kinematics, link, view.first) for link in skin.links}
-    placed = [
+    placed = tuple(
         PlacedObject(shape_of(track.geometry), Poses(pose.positions, pose.rotations), float(scale))
         for track, pose, scale in zip(view.clip.objects, view.robot_objects, view.motion.object_scale, strict=True)
-    ]
-    found = {
-        (link.link, index): link_distances(link, poses[link.link], one, touching.get((link.link, index), never))
-        for index, one in enumerate(placed)
-        for link in skin.links
-    }
-    links = tuple(link.link for link in skin.links)
-    depth = np.array([found[link, index].depth for index in range(len(placed)) for link in links])
-    touches = []
-    for track in tracks:
-        own = {link: found[link.link, track.object] for link in part_skins(model, track.part)}
-        touches.append(_touch(view, track, own, poses, placed[track.object]))
-    return SurfaceCurves(links, depth.reshape(len(placed), len(links), len(never)), tuple(touches))
-
-
-def _touch(
-    view: Comparison,
-    track: ContactTrack,
-    own: dict[LinkSkin, LinkDistances],
-    poses: dict[str, Poses],
-    placed: PlacedObject,
-) -> TouchCurve:
-    active, palms = track.active[view.first :], track.contact_points[view.first :]
-    nearest = np.array([distances.skin for distances in own.values()]).argmin(axis=0)
-    gap = np.min(
-        [np.where(one.object < 0.0, np.minimum(one.skin, one.object), one.skin) for one in own.values()], axis=0
     )
+    distances = object_distances(view.kinematics, placed, touching, view.first)
+    return SurfaceCurves(distances.links, distances.depth, tuple(_touch(view, track, distances) for track in tracks))
+
+
+def _touch(view: Comparison, track: ContactTrack, distances: ObjectDistances) -> TouchCurve:
+    active, palms = track.active[view.first :], track.contact_points[view.first :]
+    skins, placed = part_skins(view.kinematics.model, track.part), distances.objects[track.object]
+    pairs = [distances.pairs[skin.link, track.object] for skin in skins]
+    nearest = np.array([pair.skin for pair in pairs]).argmin(axis=0)
     place = np.full(len(active), np.nan)
-    for index, (link, one) in enumerate(own.items()):
+    for index, (skin, pair) in enumerate(zip(skins, pairs, strict=True)):
         chosen = np.flatnonzero(active & (nearest == index))
-        pose = poses[link.link].at(chosen).inside(placed.pose.at(chosen))
-        place[chosen] = place_on(placed, pose.placed(link.points[one.point[chosen]]), palms[chosen])
-    return TouchCurve(track.part, track.object, active, gap, place)
+        pose = distances.poses[skin.link].at(chosen).inside(placed.pose.at(chosen))
+        place[chosen] = place_on(placed, pose.placed(skin.points[pair.point[chosen]]), palms[chosen])
+    return TouchCurve(track.part, track.object, active, distances.gap(skins, track.object), place)
 
 
 def place_on(
@@ -120,10 +103,3 @@ def place_on(
     """
     surface = placed.shape.surface
     return placed.scale * norms(surface.closest_points(robot / placed.scale) - surface.closest_points(human))
-
-
-@lru_cache(maxsize=32)
-def part_skins(model: RobotModel, part: str) -> tuple[LinkSkin, ...]:
-    """Return the skins of the links that stand for a human's hand or foot: the site's link and those it carries."""
-    node = model.sites.frames[_SITES[part]].node
-    return tuple(link for link in skin_of(model).links if model.supports[node, link.frame.node])

@@ -76,6 +76,11 @@ class LinkDistances:
         """How deep one is in the other [m], the larger of both ways; 0 where they are apart."""
         return np.maximum(np.maximum(-self.skin, -self.object), 0.0)
 
+    @property
+    def gap(self) -> Float[np.ndarray, "F"]:
+        """Least signed distance [m]: off the surface, or how deep one is in the other."""
+        return np.where(self.object < 0.0, np.minimum(self.skin, self.object), self.skin)
+
 
 def link_distances(skin: LinkSkin, link: Poses, placed: PlacedObject, measured: Bool[np.ndarray, "F"]) -> LinkDistances:
     """Return the distances of a link and an object in every frame.
@@ -108,21 +113,28 @@ def link_distances(skin: LinkSkin, link: Poses, placed: PlacedObject, measured: 
     if len(hit):
         # Measured at the object's captured size, as its points are.
         back = placed.pose.at(hit).inside(link.at(hit))
-        sunk[hit] = scale * least_in_solid(shape.tree, skin, Poses(back.positions / scale, back.rotations), scale)
+        sunk[hit] = scale * least_in_solid(shape.tree, skin, Poses(back.positions / scale, back.rotations), scale)[0]
     return LinkDistances(least, point, sunk)
 
 
-def least_in_solid(tree: PointTree, skin: LinkSkin, pose: Poses, scale: float = 1.0) -> Float[np.ndarray, "F"]:
-    """Return the least signed distance of points from a link's solid, over the scale, at most 0."""
+def least_in_solid(
+    tree: PointTree, skin: LinkSkin, pose: Poses, scale: float = 1.0
+) -> tuple[Float[np.ndarray, "F"], Float[np.ndarray, "F 3"]]:
+    """Return the least signed distance of points from a link's solid, over the scale, at most 0, and the point.
+
+    Where none is inside, the point is the origin.
+    """
 
     def bounds(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         distances = skin.solid.distances(scale * points) / scale
         return distances, distances
 
     found = tree.nearest(pose.rotations, pose.positions, bounds, 0.0)
-    least = np.zeros(len(pose.positions))
+    least, points = np.zeros(len(pose.positions)), np.zeros((len(pose.positions), 3))
     np.minimum.at(least, found.place, found.lower)
-    return least
+    deepest = (found.lower == least[found.place]) & (found.lower < 0.0)
+    points[found.place[deepest]] = tree.points[found.point[deepest]]
+    return least, points
 
 
 @lru_cache(maxsize=256)

@@ -3,9 +3,10 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from hoi_retarget.evaluation.object_distances import PART_SITES
 from hoi_retarget.evaluation.statistics import norms
 from hoi_retarget.evaluation.surface_curves import surface_curves
-from hoi_retarget.evaluation.view import FOOT_SITES, HAND_SITES, Comparison
+from hoi_retarget.evaluation.view import Comparison
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.report import UNREACHED_M, UnreachedContact
 from hoi_retarget.numerics import se3
@@ -14,8 +15,6 @@ from hoi_retarget.robots.model import Kinematics
 
 SHORTEST_UNREACHED = 3
 """Frames; a hand that takes one or two more to arrive did reach its contact."""
-
-_SITES = {**HAND_SITES, **FOOT_SITES}
 
 
 def unreached_contacts(
@@ -59,7 +58,7 @@ def contact_residuals(motion: Motion, kinematics: Kinematics) -> Float[np.ndarra
         if not len(frames):
             continue
         objects = touched[frames]
-        away = kinematics.site_position(_SITES.get(link, link))[frames] - motion.object_pos[frames, objects]
+        away = kinematics.site_position(PART_SITES.get(link, link))[frames] - motion.object_pos[frames, objects]
         inside = se3.rotate_inverse(motion.object_quat[frames, objects], away)
         residuals[frames, column] = norms(inside - motion.contact_points[frames, column])
     return residuals
@@ -72,9 +71,9 @@ def surface_residuals(view: Comparison) -> Float[np.ndarray, "T C"]:
     """
     motion = view.motion
     residuals = np.full(motion.contact_flags.shape, np.nan)
-    sites = [_SITES.get(link, link) for link in motion.contact_links]
+    sites = [PART_SITES.get(link, link) for link in motion.contact_links]
     for curve in view.once(surface_curves).touches:
-        column = sites.index(_SITES[curve.part])
+        column = sites.index(PART_SITES[curve.part])
         asked = _touched(motion, column) == curve.object
         gaps = np.concatenate([np.repeat(curve.gap[:1], view.first), curve.gap])
         residuals[asked, column] = np.maximum(gaps[asked], 0.0)

@@ -20,12 +20,12 @@ from hoi_retarget.clip.edits import (
     part_text,
 )
 from hoi_retarget.evaluation import COLUMNS
+from hoi_retarget.evaluation.object_distances import distances_of_motion
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.browser.editing import Edited
 from hoi_retarget.viewers.browser.player import MESSAGE
 from hoi_retarget.viewers.browser.surface_gaps import SurfaceGap
 from hoi_retarget.viewers.html import render
-from hoi_retarget.viewers.scene.skin_gaps import skin_gaps
 
 PANEL_WIDTH_PX = 340
 _FIGURES = (
@@ -118,8 +118,8 @@ class EditorPanel:
         self._figures.content = _figures_html(recorded, before or recorded, edited)
 
     def _show_rows(self, edited: Edited, chosen: Segment | None, off: Sequence[SurfaceGap]) -> None:
-        geometries = [track.geometry for track in edited.clip.objects]
-        gaps = [skin_gaps(motion, self._model.forward(motion.qpos), geometries) for motion in edited.motions]
+        geometries = tuple(track.geometry for track in edited.clip.objects)
+        gaps = [distances_of_motion(motion, self._model, geometries)[1] for motion in edited.motions]
         several = len(edited.clip.people) > 1
         labels = []
         for segment, place in zip(edited.segments, off, strict=True):

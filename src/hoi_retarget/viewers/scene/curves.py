@@ -11,14 +11,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget.evaluation import contact_residuals, ground, limits, movement
+from hoi_retarget.evaluation.object_distances import distances_of_motion
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.of_robot import check_robot
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.objects.track import ObjectGeometry
-from hoi_retarget.robots.model import Kinematics, RobotModel
+from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
-from hoi_retarget.viewers.scene.inside_marks import depth_in_objects
-from hoi_retarget.viewers.scene.skin_gaps import skin_gaps
 
 SURFACE_GROUPS = ("surface gap", "inside object")
 """Groups that are there where the objects' shapes are known."""
@@ -76,7 +75,7 @@ def curves_of(
     range_margins = _finite(limits.joint_range_margins(motion, model).min(axis=1))
     speed_margins = _from_frame(1, _finite(limits.joint_speed_margins(motion, model).min(axis=1)))
     return (
-        *_surface_curves(motion, kinematics, geometries),
+        *_surface_curves(motion, model, geometries),
         *(
             curve("contact gap", "mm", link, 1e3 * residuals[:, column])
             for column, link in enumerate(motion.contact_links)
@@ -98,17 +97,16 @@ def curves_of(
 
 
 def _surface_curves(
-    motion: Motion, kinematics: Kinematics, geometries: tuple[ObjectGeometry, ...] | None
+    motion: Motion, model: RobotModel, geometries: tuple[ObjectGeometry, ...] | None
 ) -> Iterator[Curve]:
     if not geometries:
         return
-    gaps = 1e3 * skin_gaps(motion, kinematics, geometries)
+    distances, gaps = distances_of_motion(motion, model, geometries)
     for column, link in enumerate(motion.contact_links):
         if np.isfinite(gaps[:, column]).any():
-            yield Curve(link, "mm", gaps[:, column], SURFACE_GROUPS[0], motion.fps)
-    yield Curve(
-        "deepest", "mm", 1e3 * depth_in_objects(motion, kinematics.model, geometries), SURFACE_GROUPS[1], motion.fps
-    )
+            yield Curve(link, "mm", 1e3 * gaps[:, column], SURFACE_GROUPS[0], motion.fps)
+    deepest = distances.depth.max(axis=(0, 1), initial=0.0)
+    yield Curve("deepest", "mm", 1e3 * deepest, SURFACE_GROUPS[1], motion.fps)
 
 
 def _from_frame(first: int, values: np.ndarray) -> Float[np.ndarray, "..."]:
