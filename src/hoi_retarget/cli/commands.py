@@ -9,6 +9,7 @@ from typing import Annotated, Literal, get_args
 from tyro.conf import Positional, arg, subcommand
 
 from hoi_retarget.clip.read_options import Grasps, Labels, ReadOptions
+from hoi_retarget.physics.settings import Physics
 from hoi_retarget.retargeting.config import BandedInteriorPoint, ContactKind, IkConfig, Weights
 
 DESCRIPTION = (
@@ -65,6 +66,8 @@ class Solving:
     """Settings of inverse kinematics."""
     solver: BandedInteriorPoint = BandedInteriorPoint()
     """Settings of the interior-point Gauss-Newton solver; `trajopt/solvers/banded.py` is its method."""
+    physics: Physics = Physics()
+    """Masses and frictions, for the figures of physics; the motion does not depend on them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,6 +107,18 @@ class MadeFrom:
     """Folder with the objects' geometry, as for run, where it is not where it was."""
     robot: RobotName = "unitree_g1"
     """The robot of other programs' motions, which do not say."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weighed(MadeFrom):
+    """What results were made from, with masses and frictions other than those that the run had."""
+
+    object_mass: Annotated[float | None, arg(metavar="KG", help_behavior_hint="")] = None
+    """Mass of each object; by default the run's setting, else from its size and what it is called."""
+    hand_friction: Annotated[float | None, arg(metavar="NUMBER", help_behavior_hint="")] = None
+    """Coefficient of friction between the robot and objects; by default the run's, 0.8."""
+    floor_friction: Annotated[float | None, arg(metavar="NUMBER", help_behavior_hint="")] = None
+    """Coefficient of friction between the floor and what stands on it; by default the run's, 0.8."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -381,6 +396,16 @@ class CheckMotion:
     """Write what was found to this file as JSON."""
 
 
+@dataclass(frozen=True)
+class Scene(Weighed):
+    """Write a result as a scene of MuJoCo: robot, objects and floor, with keyframes of the motion."""
+
+    result: Annotated[Positional[Path], arg(metavar="RESULT")]
+    """A result file (.npz) or another program's motion."""
+    out: Folder
+    """Folder to write scene.xml and meshes into; made when it does not exist."""
+
+
 Command = (
     Demo
     | Run
@@ -395,6 +420,7 @@ Command = (
     | Edit
     | Export
     | CheckMotion
+    | Scene
     | Render
     | Share
     | Contacts

@@ -67,7 +67,15 @@ def write_file(option: str, path: Path, content: bytes) -> None:
 def config_of(command: Solving) -> Config:
     """Return the configuration that a command asks for; raises `ArgumentError`."""
     scaling = Scaling(command.root_scale, command.object_scale, command.size_multiplier, command.body_scale)
-    return Config(scaling, command.weights, command.ik, command.solver, parse_horizon(command.horizon), command.contact)
+    return Config(
+        scaling,
+        command.weights,
+        command.ik,
+        command.solver,
+        parse_horizon(command.horizon),
+        command.contact,
+        command.physics,
+    )
 
 
 def load_motion(path: Path, robot: str, warn: Callable[[str], None] = warn) -> Motion:

@@ -39,6 +39,7 @@ def _options(config: Config) -> Iterator[tuple[str, str]]:
     yield "--contact", config.contact
     yield from _leaves("--weights.", table["weights"])
     yield from _leaves("--ik.", table["ik"])
+    yield from _leaves("--physics.", table["physics"])
     yield from _leaves("--solver.", {name: value for name, value in table["solver"].items() if name != "name"})
 
 

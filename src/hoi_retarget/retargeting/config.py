@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args, runtime_chec
 
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.files.tables import check_keys, decode, read_toml
+from hoi_retarget.physics.settings import Physics
 
 if TYPE_CHECKING:
     import numpy as np
@@ -272,6 +273,8 @@ class Config:
     contact: ContactKind = "surface"
     """What a labelled contact asks for: the hand's surface on the object's, and nothing inside anything, or the palm's
     landmark at the human's (paper Eq. 1)."""
+    physics: Physics = Physics()
+    """Decides figures of physics, not the motion."""
 
     def as_json(self) -> dict[str, Any]:
         """Return plain JSON values, which `from_table` reads again."""
@@ -307,7 +310,7 @@ class Config:
         return cls(**values)
 
 
-_TABLES = {"scaling": Scaling(), "weights": Weights(), "ik": IkConfig(), "horizon": Horizon()}
+_TABLES = {"scaling": Scaling(), "weights": Weights(), "ik": IkConfig(), "horizon": Horizon(), "physics": Physics()}
 SOLVERS: Mapping[str, type[Solver]] = {solver.__name__: solver for solver in (BandedInteriorPoint, KeepStart)}
 """Solvers that a table can name."""
 

@@ -67,6 +67,16 @@ class Capsule:
 
 
 @dataclass(frozen=True)
+class Motor:
+    """Published facts on one joint's drive, which no MJCF of the maker holds."""
+
+    armature: float
+    """Inertia of the rotors as the joint feels it [kg m^2]."""
+    torque: float | None = None
+    """What it can give [N m], where that is not the MJCF's."""
+
+
+@dataclass(frozen=True)
 class RobotSpec:
     """One robot: a module of data beside its MJCF."""
 
@@ -106,6 +116,8 @@ class RobotSpec:
     """Body name to the vendor's mesh file names, for pictures where a user has those files."""
     capsules: tuple[Capsule, ...] = ()
     """Coarse shapes of the links, for the weight `capsule_clearance`."""
+    motors: Mapping[str, Motor] = field(default_factory=dict)
+    """Drives by joint, where they are published; `physics/actuators.py` estimates others."""
     skin: Path | None = None
     """File of the links' skins, made from the vendor's meshes; without one, the colliding geometries are the skin."""
 

@@ -2,10 +2,12 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import TypeVar
 
 from hoi_retarget.robots.spec import SIDES, Capsule, IkRow
 
 Quat = tuple[float, float, float, float]
+Value = TypeVar("Value")
 
 LIMB_MESHES = (
     *("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll"),
@@ -41,7 +43,7 @@ def ik_table(hip: Quat) -> tuple[IkRow, ...]:
     )
 
 
-def joint_values(limbs: Mapping[str, float], trunk: Mapping[str, float]) -> dict[str, float]:
+def joint_values(limbs: Mapping[str, Value], trunk: Mapping[str, Value]) -> dict[str, Value]:
     """Return values by joint, from those of a limb's joints, alike on both sides, and those of the trunk's."""
     return {
         **{f"{side}_{joint}_joint": value for side in SIDES for joint, value in limbs.items()},

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from hoi_retarget.robots.spec import Capsule, RobotSpec
+from hoi_retarget.robots.spec import Capsule, Motor, RobotSpec
 from hoi_retarget.robots.unitree import ik_table, joint_values, limb_meshes, mirrored, mirrored_capsules
 
 _LEG_SPEEDS = {
@@ -24,6 +24,17 @@ _ARM_SPEEDS = {
     "wrist_yaw": 22.0,
 }
 
+# Rotor inertias by kind of motor: published by BeyondMimic (Liao et al., 2025), and used by mjlab. Two motors of 25 N m
+# turn each ankle, and two the waist, in parallel. The maker's URDF says 35 N m there and its MJCF of the same revision
+# 50, which is what two motors give and what mjlab has.
+_5020, _7520_14, _7520_22, _4010 = Motor(0.003609725), Motor(0.01017752), Motor(0.025101925), Motor(0.00425)
+_PAIR = Motor(2 * _5020.armature, 50.0)
+_LEG_MOTORS = {"hip_pitch": _7520_14, "hip_roll": _7520_22, "hip_yaw": _7520_14, "knee": _7520_22}
+_LEG_MOTORS |= {"ankle_pitch": _PAIR, "ankle_roll": _PAIR}
+_WAIST_MOTORS = {"waist_yaw": _7520_14, "waist_roll": _PAIR, "waist_pitch": _PAIR}
+_ARM_MOTORS = {"shoulder_pitch": _5020, "shoulder_roll": _5020, "shoulder_yaw": _5020, "elbow": _5020}
+_ARM_MOTORS |= {"wrist_roll": _5020, "wrist_pitch": _4010, "wrist_yaw": _4010}
+
 # The frame of the hip roll link is tilted by -10.02 degrees about y in the zero pose. The offset asks
 # for -15.75 degrees: a straight human leg is followed with 5.7 degrees of hip flexion, which keeps the
 # knee off its stretched position.
@@ -43,6 +54,7 @@ SPEC = RobotSpec(
     stature=1.4525,  # root scale 0.83 for a human of 1.75 m
     object_size="root",
     speed_limits=joint_values({**_LEG_SPEEDS, **_ARM_SPEEDS}, _WAIST_SPEEDS),
+    motors=joint_values({**_LEG_MOTORS, **_ARM_MOTORS}, _WAIST_MOTORS),
     home={
         **joint_values(
             {"hip_pitch": -0.15, "knee": 0.3, "ankle_pitch": -0.15, "shoulder_pitch": 0.15, "elbow": 1.1}, {}

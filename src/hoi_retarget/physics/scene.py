@@ -1,0 +1,223 @@
+"""A robot and the objects of its motion as a MuJoCo scene, in which the motion could be simulated.
+
+What collides: the sole corners as small spheres, the robot's other geometries, the objects, and the floor. Palms drawn
+as ellipsoids collide as boxes, which hold a face with more than one point. The robot does not collide with itself,
+and its feet touch the floor by their soles' corners only, as the maker's own model does.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.errors import RobotError
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectGeometry
+from hoi_retarget.physics.actuators import Actuators, actuators_of
+from hoi_retarget.physics.collision_shape import CollisionShape, collision_shape
+from hoi_retarget.physics.object_body import ObjectBody, object_body
+from hoi_retarget.physics.settings import Physics
+from hoi_retarget.robots.mjcf import read_mjcf
+from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
+
+_ROBOT, _FEET, _OBJECT, _FLOOR = 1, 2, 4, 8  # Bits of what collides with what.
+_SOLE_RADIUS = 0.005  # [m]
+_PALMS = {f"{side}_palm" for side in SIDES}
+_SOLES = {f"{side}_sole_{corner}" for side in SIDES for corner in SOLE_CORNERS}
+_ITERATIONS = 20  # Of the constraint solver: more change nothing that is seen, and cost time.
+
+
+@dataclass(frozen=True, eq=False)
+class SceneObject:
+    """One object of a scene."""
+
+    body_name: str
+    """In the scene; `NAME_joint` is its free joint."""
+    body: ObjectBody
+    shape: CollisionShape
+    scale: float
+    """Of the shape."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A robot with objects on a floor."""
+
+    model: RobotModel
+    actuators: Actuators
+    objects: tuple[SceneObject, ...]
+    physics: Physics
+
+    def qpos(self, motion: Motion) -> Float[np.ndarray, "T nq"]:
+        """Return the scene's configurations along a motion: the robot's, then each object's pose."""
+        poses = np.concatenate([motion.object_pos, motion.object_quat], axis=2)
+        return np.concatenate([motion.qpos, poses.reshape(motion.frames, -1)], axis=1)
+
+
+def scene_of(
+    motion: Motion, model: RobotModel, geometries: Mapping[str, ObjectGeometry], physics: Physics = Physics()
+) -> Scene:
+    """Return the scene of a motion.
+
+    Args:
+        motion: The motion; its objects are in the scene.
+        model: Its robot.
+        geometries: Shapes of its objects, by name.
+        physics: Masses and frictions.
+
+    Raises:
+        RobotError: A joint's torque has no limit.
+        GeometryError: An object's mesh cannot be read.
+    """
+    objects = []
+    taken = set(model.body_frames.names)
+    for name, scale in zip(motion.object_names, motion.object_scale.tolist(), strict=True):
+        geometry = geometries[name]
+        body_name = _unused(re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_") or "object", taken)
+        body = object_body(name, geometry, scale, physics)
+        objects.append(SceneObject(body_name, body, collision_shape(geometry), scale))
+    return Scene(model, actuators_of(model), tuple(objects), physics)
+
+
+def scene_description(scene: Scene, meshes: Mapping[str, bytes] | None = None) -> mujoco.MjSpec:
+    """Return a scene as MuJoCo's editable description.
+
+    Args:
+        scene: The scene.
+        meshes: Files by name that the description's meshes name; by default meshes carry their corners.
+
+    Raises:
+        RobotError: MuJoCo cannot read the robot's MJCF.
+    """
+    description = read_mjcf(scene.model.spec.mjcf, scene.model.spec.sites)
+    physics = scene.physics
+    description.modelname = f"{scene.model.spec.name}_scene"
+    description.option.timestep = physics.timestep
+    description.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    description.option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
+    description.option.iterations = _ITERATIONS
+    _set_robot(description, scene)
+    world = description.worldbody
+    world.add_light(pos=[0.0, 0.0, 4.0], dir=[0.0, 0.0, -1.0], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
+    world.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[0.0, 0.0, 1.0],
+        rgba=[0.55, 0.57, 0.6, 1.0],
+        contype=_FLOOR,
+        conaffinity=_ROBOT | _FEET | _OBJECT,
+        priority=1,  # So that the floor's friction counts, not the larger one.
+        friction=_friction(physics.floor_friction),
+    )
+    for item in scene.objects:
+        _add_object(description, item, physics, meshes)
+    return description
+
+
+def compiled(scene: Scene) -> mujoco.MjModel:
+    """Return a scene that MuJoCo can simulate; raises `RobotError` where MuJoCo cannot compile the robot."""
+    try:
+        return scene_description(scene).compile()
+    except ValueError as error:
+        raise RobotError(f"{scene.model.spec.mjcf}: MuJoCo cannot compile it with objects: {error}") from error
+
+
+def mesh_name(item: SceneObject, part: int) -> str:
+    """Return the name of a mesh of one of an object's parts."""
+    return f"{item.body_name}_part{part}"
+
+
+def _set_robot(description: mujoco.MjSpec, scene: Scene) -> None:
+    friction = _friction(scene.physics.hand_friction)
+    sites = {site.name: site for site in description.sites}
+    palms = {sites[name].parent.name for name in _PALMS}
+    feet = {sites[name].parent.name for name in _SOLES}
+    for body in description.bodies[1:]:
+        for geom in list(body.geoms):
+            geom.contype, geom.conaffinity = (_FEET << 4) if body.name in feet else _ROBOT, 0
+            geom.friction = friction
+            if body.name in palms and geom.type == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+                geom.type = mujoco.mjtGeom.mjGEOM_BOX
+    for name in sorted(_SOLES):
+        site = sites[name]
+        up = se3.rotate(np.array(site.quat), np.array([0.0, 0.0, _SOLE_RADIUS]))
+        site.parent.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[_SOLE_RADIUS, 0.0, 0.0],
+            pos=site.pos + up,
+            density=0.0,
+            rgba=[0.2, 0.2, 0.2, 1.0],
+            contype=_FEET,
+            conaffinity=0,
+            friction=friction,
+        )
+    drives = scene.actuators
+    for index, name in enumerate(scene.model.joint_names):
+        joint, limit = description.joint(name), float(drives.torque[index])
+        joint.armature = float(drives.armature[index])
+        joint.frictionloss, joint.damping = 0.0, _damping(joint, 0.0)
+        joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-limit, limit]
+        actuator = description.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        actuator.set_to_position(kp=float(drives.stiffness[index]), kv=float(drives.damping[index]))
+        actuator.forcelimited, actuator.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, [-limit, limit]
+
+
+def _damping(joint: Any, value: float) -> Any:
+    """Return a joint's damping: one number before MuJoCo 4, a polynomial's since."""
+    return value if np.ndim(joint.damping) == 0 else [value] * len(joint.damping)
+
+
+def _add_object(
+    description: mujoco.MjSpec, item: SceneObject, physics: Physics, meshes: Mapping[str, bytes] | None
+) -> None:
+    node = description.worldbody.add_body(name=item.body_name)
+    node.add_freejoint(name=f"{item.body_name}_joint")
+    node.explicitinertial = True
+    node.mass, node.ipos = item.body.mass, item.body.centre
+    inertia = item.body.inertia
+    node.fullinertia = [*np.diag(inertia), inertia[0, 1], inertia[0, 2], inertia[1, 2]]
+    common: dict[str, Any] = {
+        "contype": _OBJECT,
+        "conaffinity": _ROBOT | _FEET | (_FEET << 4) | _OBJECT,
+        "friction": _friction(physics.hand_friction),
+        "rgba": [0.75, 0.56, 0.36, 1.0],
+    }
+    box = item.shape.box
+    if box is not None:
+        node.add_geom(
+            name=f"{item.body_name}_box",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=item.scale * box.half,
+            pos=item.scale * box.centre,
+            quat=se3.matrix_to_quat(box.rotation),
+            **common,
+        )
+    for number, corners in enumerate(item.shape.parts):
+        name = mesh_name(item, number)
+        mesh = description.add_mesh(name=name)
+        if meshes is None:
+            mesh.uservert = (item.scale * corners).reshape(-1)
+        else:
+            mesh.file = f"{name}.obj"
+        node.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, **common)
+
+
+def _friction(sliding: float) -> list[float]:
+    return [sliding, 0.005, 0.0001]  # Torsion and rolling as MuJoCo has them.
+
+
+def _unused(name: str, taken: set[str]) -> str:
+    """Return a name that nothing else has, and take it."""
+    number, candidate = 1, name
+    while candidate in taken:
+        number += 1
+        candidate = f"{name}_{number}"
+    taken.add(candidate)
+    return candidate
