@@ -874,7 +874,8 @@ def test_robots_offer_what_the_figures_need(name):
     figures = evaluate(motion, world.clip, model)
     # A link that stands still has no direction to compare; relative to a moving object it does.
     undefined = {name for name, value in figures.items() if value is None}
-    assert undefined == {figure.name for figure in (touch.FOOT_TOUCH_SHARE, touch.FOOT_TOUCH_GAP_P95)}
+    alone = penetration.ROBOT_PENETRATION_MAX
+    assert undefined == {figure.name for figure in (touch.FOOT_TOUCH_SHARE, touch.FOOT_TOUCH_GAP_P95, alone)}
     assert figures["body_jerk_max_mps3"] == pytest.approx(0.0, abs=1e-8)
     assert figures["stance_slide_mps"] == pytest.approx(0.0, abs=1e-12)
     assert figures["joint_range_margin_rad"] >= 0.0

@@ -68,6 +68,24 @@ def test_each_other_robot_has_a_term_of_its_own():
     assert [term.name for term in found] == ["robot_clearance_0", "robot_clearance_2"]
 
 
+def test_links_that_are_more_than_half_through_leave_on_the_side_on_which_they_came():
+    """A robot comes from the side until arms have crossed, and goes again."""
+    aside = 0.75 - 0.35 * np.hanning(15)
+    qpos = np.tile(G1.home_qpos, (len(aside), 1))
+    fixed = G1.forward(qpos)
+    qpos[:, 1] += aside
+    start = G1.forward(qpos)
+
+    def ways(passing_at: float | None) -> np.ndarray:
+        """How the depths of its own points grow as it goes on aside."""
+        (term,) = robot_clearance_terms(Weights(), start, [fixed], passing_at=passing_at)
+        rows = tuple(term.rows(start))
+        return np.concatenate([item.by_linear[:, 1][item.residual > 0] for item in rows])
+
+    assert ways(None).max() > 0.5, "the nearest way out leads further through"
+    assert np.mean(ways(30.0) < 0.0) > 0.95
+
+
 def test_a_robot_gives_way_to_another():
     fixed, start = standing(H2), standing(aside=0.42)
     assert depth(start, fixed) > 0.01

@@ -2,7 +2,7 @@
 
 from hoi_retarget.evaluation.figure import Figure
 from hoi_retarget.evaluation.figures import FIGURES, evaluate, evaluate_kinematics, figures_of
-from hoi_retarget.evaluation.multi_robot import inter_robot_hand_errors
+from hoi_retarget.evaluation.multi_robot import inter_robot_hand_errors, inter_robot_penetrations, robot_depths
 from hoi_retarget.evaluation.soundness import Soundness, soundness
 from hoi_retarget.evaluation.sunk_links import sunk_links
 from hoi_retarget.evaluation.table import COLUMNS, Score, mean_values, table_rows, to_csv, to_json, worst_values
@@ -21,7 +21,9 @@ __all__ = [
     "evaluate_kinematics",
     "figures_of",
     "inter_robot_hand_errors",
+    "inter_robot_penetrations",
     "mean_values",
+    "robot_depths",
     "soundness",
     "sunk_links",
     "surface_residuals",

@@ -24,6 +24,7 @@ FIGURES: tuple[Figure, ...] = (
     penetration.PENETRATION_P95,
     penetration.PENETRATION_MAX,
     penetration.SELF_PENETRATION_MAX,
+    penetration.ROBOT_PENETRATION_MAX,
     penetration.LINK_BELOW_FLOOR,
     pose.BODY_POSE_DEVIATION,
     movement.LINK_VELOCITY_DIRECTION,

@@ -36,6 +36,11 @@ def self_penetration_max_m(view: Comparison) -> float | None:
     return max_or_none(depths) if skin_of(view.kinematics.model).links else None
 
 
+def robot_penetration_max_m(view: Comparison) -> float | None:
+    """Return how deep the robot is in another person's robot [m], as its report tells; the other is not in view."""
+    return view.motion.report.figures.get("robot_penetration_max_m")
+
+
 def link_below_floor_m(view: Comparison) -> float | None:
     """Return the depth [m] of the lowest skin point of any link, soles included; zero if none is below the floor."""
     return max_or_none(np.maximum(-view.once(_heights), 0.0))
@@ -68,5 +73,8 @@ PENETRATION_P95 = Figure("penetration_p95_m", "penetration p95", "mm", 1e3, 1, "
 PENETRATION_MAX = Figure("penetration_max_m", "penetration max", "mm", 1e3, 1, "lower", penetration_max_m)
 SELF_PENETRATION_MAX = Figure(
     "self_penetration_max_m", "self-penetration", "mm", 1e3, 1, "lower", self_penetration_max_m
+)
+ROBOT_PENETRATION_MAX = Figure(
+    "robot_penetration_max_m", "in another robot", "mm", 1e3, 1, "lower", robot_penetration_max_m
 )
 LINK_BELOW_FLOOR = Figure("link_below_floor_m", "link below floor", "mm", 1e3, 1, "lower", link_below_floor_m)

@@ -121,6 +121,12 @@ THRESHOLDS: tuple[Threshold, ...] = (
         0.030,
         "1 cm as for objects; from 3 cm on a hand is all in the thigh",
     ),
+    Threshold(
+        _KNOWN["robot_penetration_max_m"],
+        0.010,
+        0.030,
+        "as for links of one robot; a robot that is trained alone does not meet the other",
+    ),
     Threshold(_KNOWN["object_below_floor_m"], 0.005, 0.020, "as for the soles"),
     Threshold(
         _KNOWN["object_float_m"],

@@ -181,6 +181,25 @@ class InterRobotHandError:
 
 
 @dataclass(frozen=True)
+class InterRobotPenetration:
+    """A stretch in which a link of one person's robot is inside a link of another's."""
+
+    people: tuple[int, int]
+    links: tuple[str, str]
+    first_frame: int
+    last_frame: int
+    """Included."""
+    max_depth_m: float
+
+    def __str__(self) -> str:
+        first, second = (f"{link} of person {person}" for link, person in zip(self.links, self.people, strict=True))
+        return (
+            f"{first} and {second} are up to {1e3 * self.max_depth_m:.0f} mm inside each other, "
+            f"frames {self.first_frame} to {self.last_frame}"
+        )
+
+
+@dataclass(frozen=True)
 class Report:
     """The report of one robot's motion; what a foreign motion's does not tell is None or empty."""
 
@@ -206,6 +225,7 @@ class Report:
     rotation_jumps: tuple[RotationJump, ...] = ()
     """Of the recording, which the robot does not follow."""
     inter_robot_hand_errors: tuple[InterRobotHandError, ...] = ()
+    inter_robot_penetrations: tuple[InterRobotPenetration, ...] = ()
     cpu_seconds: Mapping[str, float] = field(default_factory=dict)
     """CPU time by stage [s]."""
 
@@ -234,7 +254,7 @@ class Report:
 
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:
-        """What went wrong with trunk, contacts, links in objects, hands of two robots, or the recording."""
+        """What went wrong with trunk, contacts, links in objects, two robots, or the recording."""
         turned = tuple(QualityWarning("trunk_turn", Severity.ERROR, f"{item}.") for item in self.trunk_turns)
         unreached = [("unreached_contact", f"not reached: {item}.") for item in self.unreached_contacts or ()]
         sunk = [("sunk_link", f"{item}.") for item in self.sunk_links]
@@ -243,7 +263,8 @@ class Report:
         ]
         flipped = [("orientation_flip", f"{item}.") for item in self.orientation_flips or ()]
         jumped = [("rotation_jump", f"{item}.") for item in self.rotation_jumps]
-        found = (*unreached, *sunk, *misplaced, *flipped, *jumped)
+        met = [("inter_robot_penetration", f"{item}.") for item in self.inter_robot_penetrations]
+        found = (*unreached, *sunk, *misplaced, *met, *flipped, *jumped)
         return (*turned, *(QualityWarning(code, Severity.WARNING, text) for code, text in found))
 
 

@@ -8,12 +8,12 @@ from typing import Any
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, SolveError
-from hoi_retarget.evaluation import inter_robot_hand_errors
 from hoi_retarget.files.atomic import write_together
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import encode, set_aside
 from hoi_retarget.retargeting.config import Config
-from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.local_resolve import draft
+from hoi_retarget.retargeting.robots_apart import kept_apart
 from hoi_retarget.retargeting.targets import shared_scalings
 from hoi_retarget.robots.model import RobotModel
 
@@ -28,7 +28,7 @@ def result_paths(clip: Clip, stem: str, out: Path) -> tuple[Path, ...]:
 def retarget_people(
     clip: Clip, models: Sequence[RobotModel], config: Config = Config(), *, command: Mapping[str, Any] | None = None
 ) -> tuple[Motion, ...]:
-    """Return one motion per person of a clip, in one world with the same objects.
+    """Return one motion per person of a clip, in one world with the same objects, robots outside each other.
 
     Args:
         clip: The recording.
@@ -47,14 +47,13 @@ def retarget_people(
             "Name one robot for all, or one for each."
         )
     team = tuple(models) * (people if len(models) == 1 else 1)
-    motions = [
-        retarget(clip, model, replace(config, scaling=scaling), person=person)
+    drafts = [
+        draft(clip, model, replace(config, scaling=scaling), person=person)
         for person, (model, scaling) in enumerate(zip(team, shared_scalings(clip, team, config.scaling), strict=True))
     ]
-    errors = inter_robot_hand_errors(motions, team)
     # Scalings that make different robots share one world follow from what was asked for.
-    asked = {"config": config.as_json(), "command": command or {}, "inter_robot_hand_errors": errors}
-    return tuple(with_report(motion, **asked) for motion in motions)
+    asked = {"config": config.as_json(), "command": command or {}}
+    return tuple(with_report(item.motion, **asked) for item in kept_apart(drafts, team, config))
 
 
 def with_report(motion: Motion, **fields: Any) -> Motion:

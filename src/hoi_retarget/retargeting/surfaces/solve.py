@@ -66,7 +66,11 @@ class SurfaceProblems:
         qpos = solve(points, self.ik_qpos, _loosened(solver, ROUGHLY), False)
         moved = self._moved(qpos)
         qpos = solve(self._with_surfaces(moved, qpos, yielding=False), qpos, _loosened(solver, CLOSELY), False)
-        return solve(self._with_surfaces(moved, qpos, yielding=True), qpos, _loosened(solver, TO_THE_END), True)
+        return solve(self._with_surfaces(moved, qpos, yielding=True), qpos, to_the_end(solver), True)
+
+    def last(self, qpos: Float[np.ndarray, "T nq"]) -> ProblemOf:
+        """Return the problem of the last pass, for a trajectory that has been through all of them."""
+        return self._with_surfaces(self._moved(qpos), qpos, yielding=True)
 
     def _moved(self, qpos: np.ndarray) -> Targets:
         of = self.surfaces
@@ -112,6 +116,11 @@ def solve_on_surfaces(
         return qpos
 
     return SurfaceProblems.of(model, targets, ik_qpos, config).passes(solve), windows
+
+
+def to_the_end(solver: Solver) -> Solver:
+    """Return the solver of the last pass."""
+    return _loosened(solver, TO_THE_END)
 
 
 def _loosened(solver: Solver, factor: float) -> Solver:

@@ -20,6 +20,8 @@ from hoi_retarget.robots.skin import LinkSkin
 
 GRAZING = 8e-3  # [m]
 REACH = 0.02  # [m]: links that are further apart do not meet in one solve.
+LONGEST_WAY, STEPS_OUT = 0.1, 12
+"""[m]; a link that is longer than this in a direction is left another way. Steps to its surface."""
 SPACING, COARSE = 0.006, 0.035  # [m] between a link's points; between those of them that tell where it is near.
 _OVERRATED = 1.5  # Beyond its grid, a solid may seem further away than it is by a factor of up to the root of 2.
 
@@ -48,6 +50,8 @@ class LinkPair:
     deepest: float
     """Depth from which on a point no longer tells the way out [m]."""
     frames: Int[np.ndarray, "F"]
+    side: Float[np.ndarray, "3 T"] | None = None
+    """World direction in which points are out of the solid; None where it is the nearest."""
 
     def meeting(self, here: Kinematics, there: Kinematics, margin: float) -> "Meeting | None":
         """Return the points that are inside or not as far from the solid as the margin [m], or None.
@@ -67,6 +71,11 @@ class LinkPair:
         times, seen, depths = times[inside], seen[inside], depths[inside]
         _, slopes = self.solid.distances_and_slopes(seen)
         slopes[depths > self.deepest] = 0.0
+        if self.side is not None:
+            away = np.einsum("jik,jk->ki", turn[:, :, times], self.side[:, self.frames[times]])
+            ways = self._ways_out(seen, away, margin)
+            out = ways < LONGEST_WAY
+            depths, slopes = np.where(out, ways, depths), np.where(out[:, None], away, slopes)
         active, first, column = np.unique(times, return_index=True, return_inverse=True)
         row = np.arange(len(times)) - first[column]
         found = np.zeros((row.max() + 1, len(active)))
@@ -75,6 +84,15 @@ class LinkPair:
         inwards[row, :, column] = -np.einsum("ijk,kj->ki", turn[:, :, times], slopes)
         levers[row, :, column] = np.einsum("ijk,kj->ki", turn[:, :, times], seen - offset[:, times].T)
         return Meeting(self.frames[active], found, inwards, levers)
+
+    def _ways_out(
+        self, points: Float[np.ndarray, "K 3"], away: Float[np.ndarray, "K 3"], margin: float
+    ) -> Float[np.ndarray, "K"]:
+        """Return how far points are from out of the solid in some directions, in the solid's frame [m]."""
+        ways = np.zeros(len(points))
+        for _ in range(STEPS_OUT):
+            ways += np.maximum(margin - self.solid.distances(points + ways[:, None] * away), 0.0)
+        return np.where(self.solid.distances(points + ways[:, None] * away) > 0.0, ways, np.inf)
 
     def nearest(self, here: Kinematics, there: Kinematics) -> Float[np.ndarray, "F"]:
         """Return the distance of the nearest of the coarse points in every frame [m]."""

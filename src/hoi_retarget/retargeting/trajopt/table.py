@@ -40,9 +40,14 @@ COSTS: tuple[Callable[[Weights, Targets, Kinematics], Iterable[Term]], ...] = (
 )
 
 
-def trajectory_terms(weights: Weights, targets: Targets, reference: Kinematics) -> tuple[Term, ...]:
-    """Return the terms of all costs against an IK reference; those that would be empty are left out."""
-    used = weights if targets.object_names else weights.without_objects
+def trajectory_terms(
+    weights: Weights, targets: Targets, reference: Kinematics, *, gives_way: bool = False
+) -> tuple[Term, ...]:
+    """Return the terms of all costs against an IK reference; those that would be empty are left out.
+
+    A body without objects that gives way to something else follows its references as loosely as one with objects.
+    """
+    used = weights if targets.object_names or gives_way else weights.without_objects
     if targets.contact == "surface":
         # Anchors hold the feet that stand; those that swing are smoother with the weight that they have with objects.
         used = replace(used, feet_position=weights.feet_position)

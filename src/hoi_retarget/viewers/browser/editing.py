@@ -9,6 +9,7 @@ from hoi_retarget.errors import ArgumentError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.local_resolve import Draft, draft, revise
+from hoi_retarget.retargeting.robots_apart import kept_apart
 from hoi_retarget.robots.model import RobotModel
 
 
@@ -86,12 +87,12 @@ class Editing:
 
     def _revised(self, edits: ContactEdits) -> Edited:
         clip = apply(self.recorded, edits)
-        drafts = tuple(revise(item, clip, self._model, self._config) for item in self.now.drafts)
-        return Edited(edits, clip, drafts, complete=False)
+        drafts = [revise(item, clip, self._model, self._config) for item in self.now.drafts]
+        return Edited(edits, clip, kept_apart(drafts, [self._model] * len(drafts), self._config), complete=False)
 
 
 def solved(recorded: Clip, model: RobotModel, config: Config, edits: ContactEdits) -> Edited:
     """Return a clip with edits, solved whole; raises what `apply` and `retarget` raise."""
     clip = apply(recorded, edits)
-    drafts = tuple(draft(clip, model, config, person=person) for person in range(len(clip.people)))
-    return Edited(edits, clip, drafts, complete=True)
+    drafts = [draft(clip, model, config, person=person) for person in range(len(clip.people))]
+    return Edited(edits, clip, kept_apart(drafts, [model] * len(drafts), config), complete=True)

@@ -10,8 +10,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
+from hoi_retarget.evaluation.link_depths import pair_depths, placed_links
 from hoi_retarget.evaluation.object_distances import distances_of_motion
-from hoi_retarget.evaluation.self_penetration import looked_at, pair_depths
+from hoi_retarget.evaluation.self_penetration import looked_at
 from hoi_retarget.evaluation.surface_distances import Poses, least_in_solid, tree_of
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
@@ -66,7 +67,8 @@ def _in_floor(kinematics: Kinematics) -> Iterator[_Dots]:
 
 
 def _in_links(kinematics: Kinematics) -> Iterator[_Dots]:
-    depths, pairs = pair_depths(kinematics, looked_at(kinematics.model))
+    links = placed_links(kinematics)
+    depths, pairs = pair_depths(links, links, looked_at(kinematics.model))
     for depth, (one, other) in zip(depths, pairs, strict=True):
         frames = np.flatnonzero(depth >= LEVELS[0][0])
         if len(frames):

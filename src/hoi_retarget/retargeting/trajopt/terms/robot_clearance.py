@@ -1,7 +1,7 @@
 """Skin of a robot outside other robots, whose motions are known; the paper has one robot."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,11 @@ from hoi_retarget.retargeting.trajopt.rows import FrameRows
 from hoi_retarget.retargeting.trajopt.terms.self_clearance import MARGIN
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.skin import skin_of
+
+CLEARLY_OUTSIDE = 0.04
+"""[m]; a link that is so far outside shows its side as well as any."""
+STEADY_SECONDS = 0.27
+"""A side turns over this time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +55,7 @@ class RobotClearance:
 
 
 def robot_clearance_terms(
-    weights: Weights, reference: Kinematics, others: Sequence[Kinematics]
+    weights: Weights, reference: Kinematics, others: Sequence[Kinematics], *, passing_at: float | None = None
 ) -> Iterator[RobotClearance]:
     """Yield the clearance from each other robot that comes near at the trajectory that a solve starts from.
 
@@ -58,6 +63,7 @@ def robot_clearance_terms(
         weights: `self_clearance` is the weight against other robots, too.
         reference: The trajectory.
         others: Motions of the other robots, frame by frame in step.
+        passing_at: Frames a second, where links that pass each other are to keep to the side on which they come.
     """
     if weights.self_clearance == 0:
         return
@@ -68,5 +74,28 @@ def robot_clearance_terms(
             for second in skin_of(other.model).links
         ]
         own, theirs = (tuple(pair for pair in side if pair is not None) for side in zip(*found, strict=True))
+        if passing_at is not None:
+            own = tuple(_passing(pair, reference, other, passing_at) for pair in own)
+            theirs = tuple(_passing(pair, other, reference, passing_at) for pair in theirs)
         if own or theirs:
             yield RobotClearance(f"robot_clearance_{index}", other, own, theirs, MARGIN, weights.self_clearance)
+
+
+def _passing(pair: LinkPair, here: Kinematics, there: Kinematics, fps: float) -> LinkPair:
+    """Return a pair whose points leave the solid on the side where the link is before and after.
+
+    An arm that is more than half in another one would leave it on the wrong side, and one that goes right through it is
+    pushed back in one frame and forwards in the next: of the two, the mean is the way around.
+    """
+    every = np.arange(len(here.qpos))
+    link = here.point(pair.link.of(pair.skin.points.mean(axis=0), np.eye(3)))
+    offset = link - there.point(pair.other)
+    turn = there.orientation(pair.other)
+    distances, slopes = pair.solid.distances_and_slopes(np.einsum("jit,jt->ti", turn, offset))
+    outwards = np.einsum("jit,ti->jt", turn, slopes)
+    shown = np.clip(distances, 1e-5, CLEARLY_OUTSIDE) * outwards
+    nearness = 1.0 / (1.0 + ((every[:, None] - every) / (STEADY_SECONDS * fps)) ** 2)
+    side = shown @ nearness
+    length = np.linalg.norm(side, axis=0)
+    side = np.where(length > 1e-9, side / np.maximum(length, 1e-9), outwards)
+    return replace(pair, side=side, deepest=np.inf)
