@@ -117,7 +117,9 @@ def test_a_damaged_file_is_one_row_with_its_reason_and_the_rest_is_there(folder:
     assert "damaged.npz" in rows["damaged.npz"].error and str(folder) not in rows["damaged.npz"].error
     assert rows["a.npz"].level is Level.PASS
     assert rows["deeper/bad.npz"].level is Level.FAIL
-    assert rows["a.npz"].figures == judged_figures(good(), G1)
+    judged = judged_figures(good(), G1)
+    assert rows["a.npz"].judged == {name: value for name, value in judged.items() if value is not None}
+    assert rows["a.npz"].figures["contact_gap_m"] == good().report.figures["contact_gap_m"], "measured, not judged"
 
 
 def test_results_without_figures_are_judged_by_what_is_there(tmp_path: Path) -> None:
@@ -216,7 +218,7 @@ def test_of_another_programs_file_what_needs_no_clip_is_judged(folder: Path) -> 
     rows = {row.file: row for row in rows_of(folder)}
     foreign, own = rows["foreign.csv"], rows["a.npz"]
     assert foreign.format == "unitree-csv" and foreign.robot == "unitree_g1"
-    assert foreign.notes == ("30 frames a second are assumed",)
+    assert foreign.notes[0] == "30 frames a second are assumed" and "(--clip)" in foreign.notes[1]
     assert foreign.frames == own.frames
     assert foreign.figures["joint_speed_margin_radps"] == pytest.approx(own.figures["joint_speed_margin_radps"])
     assert set(foreign.verdict.not_judged) > {"contact_gap_m", "orientation_flip_s"}

@@ -173,14 +173,29 @@ class Batch:
     """How much memory one worker may allocate."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class BesideClip:
+    """What other programs' motions, which do not say, were made from."""
+
+    robot: RobotName = "unitree_g1"
+    """The robot of other programs' motions, which do not say."""
+    clip: Annotated[Path | None, arg(metavar="CLIP|DIR", help_behavior_hint="")] = None
+    """The clip of other programs' motions, or a folder with clips of their names: it tells their contacts, what goes
+    into objects, and how like the human's they are."""
+    objects: OptionalFolder = None
+    """Folder with the objects' geometry, as for run."""
+    object_scale: Annotated[float, arg(metavar="NUMBER")] = 1.0
+    """Size of the objects in other programs' motions; 1.0 is as captured."""
+    root_scale: Annotated[float, arg(metavar="NUMBER")] = 1.0
+    """By which the clip's object is brought to other programs' motions that hold none: its path, about the origin."""
+
+
 @dataclass(frozen=True)
-class Evaluate:
+class Evaluate(BesideClip):
     """Show the figures of merit of results, per clip and their mean."""
 
     results: ResultFiles
     """Result files (.npz), with the figures that the run stored in them, or other programs' motions."""
-    robot: RobotName = "unitree_g1"
-    """The robot of other programs' motions, which do not say."""
     json: OptionalFile = None
     """Write the figures to this file as JSON."""
     csv: OptionalFile = None
@@ -317,17 +332,13 @@ class Share(MadeFrom):
 
 
 @dataclass(frozen=True)
-class Report:
+class Report(BesideClip):
     """Judge many motions: a page, tables, and a verdict on each with its reasons."""
 
     paths: Annotated[Positional[tuple[Path, ...]], arg(metavar="DIR|FILE...", help_behavior_hint="(required)")]
     """Results, other programs' motions (.npz, .pkl, .csv, .motion), folders with such files, and batches' folders."""
     out: Folder
     """Folder to write report.html, index.csv, index.parquet and verdicts.json into; made when it does not exist."""
-    objects: OptionalFolder = None
-    """Folder with the objects' geometry, as for run, where it is not where it was; for the pictures."""
-    robot: RobotName = "unitree_g1"
-    """The robot of other programs' motions, which do not say."""
     title: str = "Retargeting report"
     """Title of the page."""
     strict: bool = False

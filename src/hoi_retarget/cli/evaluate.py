@@ -4,7 +4,7 @@ from pathlib import Path
 
 from hoi_retarget.cli.commands import Evaluate
 from hoi_retarget.cli.figures import show_figures
-from hoi_retarget.cli.jobs import check_writable, do_for_each, exit_code, load_motion, score, write_file
+from hoi_retarget.cli.jobs import check_writable, do_for_each, exit_code, load_motion, recording_of, score, write_file
 from hoi_retarget.cli.terminal import say, warn
 from hoi_retarget.evaluation import Score, to_csv, to_json
 
@@ -15,11 +15,12 @@ def execute(command: Evaluate) -> int:
     for option, path in files.items():
         if path is not None:
             check_writable(option, path.parent)
+    recording = recording_of(command)
     scores: list[Score] = []
     foreign: list[Path] = []
 
     def evaluate_one(path: Path) -> None:
-        motion = load_motion(path, command.robot)
+        motion = load_motion(path, command.robot, recording=recording)
         scores.append(score(motion, path))
         if motion.report.is_foreign:
             foreign.append(path)
@@ -28,7 +29,8 @@ def execute(command: Evaluate) -> int:
 
     failures = do_for_each("reading", command.results, evaluate_one)
     if scores:
-        others = ", and those of other programs' motions that need no recording" if foreign else ""
+        from_what = "that need no recording" if command.clip is None else "as they are beside the clip"
+        others = f", and those of other programs' motions {from_what}" if foreign else ""
         say(f"Figures as the run computed and stored them{others}:")
         show_figures(scores)
         for (option, path), text in zip(files.items(), (to_json, to_csv), strict=True):

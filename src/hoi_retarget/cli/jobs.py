@@ -3,20 +3,23 @@
 import os
 import tempfile
 from collections.abc import Callable, Collection, Iterable
+from math import isfinite
 from pathlib import Path
 
-from hoi_retarget.cli.commands import MadeFrom, Solving
+from hoi_retarget.cli.commands import BesideClip, MadeFrom, Solving
 from hoi_retarget.cli.terminal import Working, fail, program, say, warn
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, WriteError
 from hoi_retarget.evaluation import FIGURES, Score
 from hoi_retarget.evaluation.table import scales_text
 from hoi_retarget.files.atomic import write_atomically
+from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers import own_layout
-from hoi_retarget.readers.open import clip_of, result_stem
+from hoi_retarget.readers.open import builtin_scene, clip_of, result_stem
 from hoi_retarget.report.load_any_motion import open_motion
+from hoi_retarget.report.recording import Recording, with_recording
 from hoi_retarget.retargeting.config import Config, Scaling, parse_horizon
 from hoi_retarget.robots import load_robot
 
@@ -78,17 +81,34 @@ def config_of(command: Solving) -> Config:
     )
 
 
-def load_motion(path: Path, robot: str, warn: Callable[[str], None] = warn) -> Motion:
+def recording_of(command: BesideClip) -> Recording:
+    """Return what a command says of other programs' motions; raises `ArgumentError` for what cannot be."""
+    for name, scale in (("--object-scale", command.object_scale), ("--root-scale", command.root_scale)):
+        if not (isfinite(scale) and scale > 0):
+            raise ArgumentError(f"{name} is {scale:g}; it must be a positive number.")
+    clip = command.clip
+    if clip is not None and builtin_scene(clip) is None and not os.path.exists(SourceFile(clip).path):  # noqa: PTH110  # raises nothing
+        raise ArgumentError(f"--clip {clip}: there is no such file or folder.")
+    return Recording(clip, command.objects, command.root_scale, command.object_scale)
+
+
+def load_motion(
+    path: Path, robot: str, warn: Callable[[str], None] = warn, recording: Recording | None = None
+) -> Motion:
     """Return the motion in a result or in another program's file; raises `ReadError`, which for a clip says so.
 
     Args:
         path: The file, or a folder that is one motion.
         robot: The robot of another program's file, which does not say.
         warn: Takes what was assumed, and what contradicts such a file.
+        recording: The clip of such a file, whose figures are wanted.
     """
     if path.suffix.lower() in (".pt", ".pth") and os.path.isfile(path):  # noqa: PTH113  # raises nothing
         raise ReadError(f"{path}: this is a clip, not a result. Use `{program()} run` on it first.")
-    opened = open_motion(path, load_robot(robot))
+    model = load_robot(robot)
+    opened = open_motion(path, model)
+    if recording is not None:
+        opened = with_recording(opened, path, model, recording)
     for note in (*opened.contradictions, *opened.notes):
         warn(f"{path.name}: {note}")
     return opened.motion

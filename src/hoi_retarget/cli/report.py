@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hoi_retarget.cli.commands import Report
-from hoi_retarget.cli.jobs import check_inputs_kept, check_writable
+from hoi_retarget.cli.jobs import check_inputs_kept, check_writable, recording_of
 from hoi_retarget.cli.terminal import Working, say, show_table, warn
 from hoi_retarget.errors import DrawingError
 from hoi_retarget.evaluation.thresholds import Level
@@ -27,6 +27,7 @@ _PAGE, _TABLE, _PARQUET = "report.html", "index.csv", "index.parquet"
 def execute(command: Report) -> int:
     """Write the report; return 1 when `--strict` is given and a file fails or cannot be read."""
     check_writable("--out", command.out)
+    recording = recording_of(command)
     motions, manifests = find(command.paths)
     # Of what is written, only the table can be a motion.
     check_inputs_kept("--out", [command.out / _TABLE], motions.values())
@@ -34,7 +35,7 @@ def execute(command: Report) -> int:
     model = load_robot(command.robot)
     with Working("judging", len(motions)) as working:
         for name, path in motions.items():
-            rows.append(read_row(name, path, model, lineages.get(path.resolve())))
+            rows.append(read_row(name, path, model, lineages.get(path.resolve()), recording))
             working.advance()
         working.describe("drawing")
         try:

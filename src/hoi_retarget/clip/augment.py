@@ -80,12 +80,17 @@ def at_speed(clip: Clip, speed: float) -> Clip:
         )
     times = np.linspace(0.0, clip.frames - 1, frames)
     source = _noted(replace(clip.source, augmentation=done), f"Played at {speed:g} times the speed.")
+    return replace(resampled(clip, times, clip.fps), source=source)
+
+
+def resampled(clip: Clip, times: Float[np.ndarray, "T"], fps: float) -> Clip:
+    """Return the clip at other times, counted in its frames, as frames of this rate."""
     return replace(
         clip,
+        fps=fps,
         people=tuple(_resampled_person(person, times) for person in clip.people),
         objects=tuple(_resampled_object(track, times) for track in clip.objects),
         contacts=tuple(_resampled_contact(track, times) for track in clip.contacts),
-        source=source,
     )
 
 

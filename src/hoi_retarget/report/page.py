@@ -17,10 +17,17 @@ from hoi_retarget.viewers.html import render, with_exponents
 _IN_TABLE = (
     "contact_gap_m",
     "contact_gap_max_m",
+    "touch_share",
+    "touch_gap_p95_m",
+    "touch_place_m",
     "contact_slip_mps",
     "unreached_share",
     "relative_hand_rotation_deg",
+    "penetration_p95_m",
+    "penetration_max_m",
+    "self_penetration_max_m",
     "floor_penetration_max_m",
+    "link_below_floor_m",
     "object_below_floor_m",
     "object_float_m",
     "stance_float_m",
@@ -32,7 +39,14 @@ _IN_TABLE = (
     "joint_speed_margin_radps",
 )
 _DRAWN = tuple(name for name in _IN_TABLE if name != "joint_range_margin_rad")  # At its limit by design.
-_IN_GROUPS = (*_IN_TABLE[:3], "floor_penetration_max_m", "stance_slide_mps", "body_jerk_mps3")
+_IN_GROUPS = (
+    "contact_gap_m",
+    "touch_share",
+    "penetration_p95_m",
+    "floor_penetration_max_m",
+    "stance_slide_mps",
+    "body_jerk_mps3",
+)
 
 
 @dataclass(frozen=True)
@@ -68,7 +82,11 @@ def report_page(title: str, rows: Sequence[Row], pictures: Mapping[str, bytes]) 
         counts={**{str(level): sum(row.level is level for row in rows) for level in Level}, "unread": len(unread)},
         unread=Table("Without a motion", {"file": "", "reason": ""}, [(row.file, row.error) for row in unread]),
         reasons=_reasons(judged),
-        histograms=[_histogram(threshold, judged) for threshold in _chosen(_DRAWN) if _values(judged, threshold.name)],
+        histograms=[
+            _histogram(threshold, judged)
+            for threshold in _chosen(_DRAWN)
+            if _values(judged, threshold.name, judged=True)
+        ],
         cards_title="Nearest to a threshold" if all(row.level is Level.PASS for row in shown) else "Worst motions",
         cards=[(row, base64.b64encode(pictures[row.file]).decode("ascii")) for row in shown],
         groups=_groups(judged),
@@ -99,7 +117,7 @@ def _reasons(rows: Sequence[Row]) -> Table:
 
 
 def _histogram(threshold: Threshold, rows: Sequence[Row]) -> dict[str, str]:
-    column, values = threshold.column, _values(rows, threshold.name)
+    column, values = threshold.column, _values(rows, threshold.name, judged=True)
     worst = max(values) if column.better == "lower" else min(values)
     told = f"median {column.text(float(np.median(values)))}, worst {column.text(worst)} {column.unit}"
     return {"title": column.title, "told": told, "svg": histogram(threshold, values)}
@@ -176,8 +194,8 @@ def _mean(column: Figure, values: Sequence[float]) -> str:
     return column.text(float(np.mean(values)) if values else None)
 
 
-def _values(rows: Sequence[Row], name: str) -> list[float]:
-    found = (row.figures.get(name) for row in rows)
+def _values(rows: Sequence[Row], name: str, *, judged: bool = False) -> list[float]:
+    found = ((row.judged if judged else row.figures).get(name) for row in rows)
     return [value for value in found if value is not None and np.isfinite(value)]
 
 

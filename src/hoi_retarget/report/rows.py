@@ -10,6 +10,7 @@ from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.evaluation.thresholds import THRESHOLDS, Level, Verdict, judged_figures, verdict_of_figures
 from hoi_retarget.motion.check import Finding
 from hoi_retarget.report.load_any_motion import OWN_FORMAT, open_motion
+from hoi_retarget.report.recording import Recording, with_recording
 from hoi_retarget.robots.model import RobotModel
 
 
@@ -40,6 +41,7 @@ class Row:
     contradictions: tuple[str, ...] = ()
     """What contradicts the file's claims; its figures are those of its numbers as they were found to be."""
     figures: Mapping[str, float | None] = field(default_factory=dict)
+    """All that were measured, those that are not judged included."""
     verdict: Verdict | None = None
 
     def __post_init__(self) -> None:
@@ -75,6 +77,12 @@ class Row:
         reasons = sum(reason.level for reason in self.verdict.reasons) + Level.FAIL * len(self.contradictions)
         return (float(self.verdict.level), float(reasons), max(self._shares(), default=0.0))
 
+    @property
+    def judged(self) -> dict[str, float]:
+        """The figures that its verdict looked at."""
+        passed_over = self.verdict.not_judged if self.verdict is not None else ()
+        return {name: value for name, value in self.figures.items() if value is not None and name not in passed_over}
+
     def _shares(self) -> list[float]:
         """Return figures over their thresholds, where lower is better and the threshold is not zero."""
         return [
@@ -82,7 +90,7 @@ class Row:
             for threshold in THRESHOLDS
             if threshold.column.better == "lower"
             and threshold.warn > 0
-            and (value := self.figures.get(threshold.name)) is not None
+            and (value := self.judged.get(threshold.name)) is not None
         ]
 
 
@@ -92,7 +100,13 @@ def worst_first(rows: Sequence[Row]) -> tuple[Row, ...]:
     return tuple(sorted(judged, key=lambda row: row.badness, reverse=True))
 
 
-def read_row(name: str, path: Path, robot: RobotModel, lineage: Mapping[str, Any] | None = None) -> Row:
+def read_row(
+    name: str,
+    path: Path,
+    robot: RobotModel,
+    lineage: Mapping[str, Any] | None = None,
+    recording: Recording = Recording(),
+) -> Row:
     """Return what a file holds; one that cannot be read gives a row with the reason.
 
     Args:
@@ -100,14 +114,17 @@ def read_row(name: str, path: Path, robot: RobotModel, lineage: Mapping[str, Any
         path: The file.
         robot: The robot of files that do not say which.
         lineage: What was done to the recording, where it is known from elsewhere.
+        recording: The clip of files that do not say which.
     """
     try:
-        opened = open_motion(path, robot)
+        opened = with_recording(open_motion(path, robot), path, robot, recording)
     except HoiRetargetError as error:
         return Row(name, path, str(error).replace(str(path), path.name))
     motion = opened.motion
-    figures = {**judged_figures(motion), **dict.fromkeys(opened.not_judged)}
-    verdict = verdict_of_figures(figures)
+    judged = {**judged_figures(motion), **dict.fromkeys(opened.not_judged)}
+    measured = {**motion.report.figures, **dict.fromkeys(opened.not_judged)}
+    figures = {**judged, **{name: value for name, value in measured.items() if judged.get(name) is None}}
+    verdict = verdict_of_figures(judged)
     source = motion.report.source
     return Row(
         file=name,
