@@ -126,7 +126,7 @@ def test_a_folder_of_clips_has_the_one_of_its_name(tmp_path):
     assert row_of(named, clip=clips, root_scale=SCALE).figures["touch_share"] is not None
     other = named.rename(tmp_path / "other.pkl")
     row = row_of(other, clip=clips)
-    assert row.figures.get("touch_share") is None and "clips" in row.notes[-1]
+    assert row.figures.get("touch_share") is None and "no clip of its name" in row.notes[-1]
 
 
 def test_evaluate_and_report_take_the_clip(tmp_path, capsys):

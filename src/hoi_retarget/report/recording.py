@@ -52,8 +52,7 @@ def with_recording(opened: OpenedMotion, path: Path, model: RobotModel, recordin
     if recording.clip is None:
         return replace(opened, notes=(*opened.notes, f"{_UNKNOWN}: no clip is named (--clip)"))
     try:
-        clip = open_clip(_clip_named(recording.clip, path), ReadOptions(objects=recording.objects))
-        clip = _at_frames_of(opened.motion, clip)
+        clip = _at_frames_of(opened.motion, _clip_of(path, recording.clip, ReadOptions(objects=recording.objects)))
         motion = _with_objects_of(clip, opened.motion, recording)
         figures = dict(figures_of(Comparison(motion, clip, 0, model.forward(motion.qpos))))
     except HoiRetargetError as error:
@@ -69,17 +68,22 @@ def with_recording(opened: OpenedMotion, path: Path, model: RobotModel, recordin
     return replace(opened, motion=replace(motion, report=report), notes=(*opened.notes, *notes))
 
 
-def _clip_named(clip: Path, motion: Path) -> Path:
-    """Return the clip itself, or the one in a folder of clips whose name the motion's begins with."""
+def _clip_of(motion: Path, clip: Path, options: ReadOptions) -> Clip:
+    """Return the clip that is named, or the one in a folder of clips whose name the motion's begins with."""
     if builtin_scene(clip) is not None or not clip.is_dir():
-        return clip
+        return open_clip(clip, options)
     stems = {file: clip_stem(file) for file in sorted(clip.iterdir())}
     fitting = {file: stem for file, stem in stems.items() if f"{motion.name}.".startswith(f"{stem}.")}
     longest = max(map(len, fitting.values()), default=0)
     found = [file for file, stem in fitting.items() if len(stem) == longest]
     if len(found) > 1:
         raise ReadError(f"{clip} has several clips of its name: {', '.join(file.name for file in found)}")
-    return found[0] if found else clip  # A folder can be a clip, too.
+    if found:
+        return open_clip(found[0], options)
+    try:
+        return open_clip(clip, options)  # A folder can be a clip.
+    except ReadError as error:
+        raise ReadError(f"{clip} has no clip of its name, and is none itself") from error
 
 
 def _at_frames_of(motion: Motion, clip: Clip) -> Clip:
