@@ -21,7 +21,6 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.evaluation import figures, penetration, touch
 from hoi_retarget.evaluation.figure import Figure
-from hoi_retarget.evaluation.object_shape import shape_of
 from hoi_retarget.evaluation.surface_curves import surface_curves
 from hoi_retarget.evaluation.view import Comparison
 from hoi_retarget.motion.motion import Motion, Stage
@@ -80,11 +79,11 @@ def measured(file: Path, arguments: Arguments, contact: str) -> dict[str, Any]:
     seconds = {stage: spent for stage, spent in motion.report.cpu_seconds.items() if stage != "metrics"}
     view = looked_at(motion, clip, arguments.every, arguments.robot)
     curves = view.once(surface_curves)
-    shapes = [shape_of(track.geometry) for track in clip.objects]
+    kinds = set(motion.report.object_surfaces.values())
     windows = motion.stages[-1].windows
     return {
         "clip": clip.name,
-        "mark": "*" * any(shape.field.shell for shape in shapes) + "+" * any(is_hull(track) for track in clip.objects),
+        "mark": "*" * ("shell" in kinds) + "+" * ("hull" in kinds),
         "frames": clip.frames,
         "worst_link": curves.worst_link or "-",
         "solved": all(window.status is Status.SOLVED for window in windows),
@@ -93,12 +92,6 @@ def measured(file: Path, arguments: Arguments, contact: str) -> dict[str, Any]:
         **{name: motion.report.figures[name] for name in KEPT},
         **{figure.name: figure.measure(view) for figure in SURFACE if figure.measure is not None},
     }
-
-
-def is_hull(track: Any) -> bool:
-    """Return whether an object is known by its convex hull."""
-    path = track.geometry.mesh_path
-    return path.stem.endswith("_hull") if path is not None else track.geometry.faces is None
 
 
 def looked_at(motion: Motion, clip: Clip, every: int, robot: str) -> Comparison:

@@ -18,6 +18,7 @@ import motion_writers as writers
 from browser import chromium
 from hoi_retarget.batch.manifest import ManifestEntry, ManifestSource
 from hoi_retarget.cli import main
+from hoi_retarget.cli.jobs import OBJECT_SURFACES, describe_result
 from hoi_retarget.clip.clip import Source
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.evaluation import FIGURES
@@ -419,6 +420,23 @@ def test_a_histogram_shows_every_level_that_occurs_inside_the_picture(threshold,
     assert {str(level) for level in Level} & classes == {str(threshold.level(value)) for value in values}
     for name in ("x", "y", "height", "width"):
         assert all(0 <= float(value) <= 264 for key, value in drawn.attributes if key == name and value)
+
+
+@pytest.mark.parametrize("kind", ["shell", "hull"])
+def test_what_stands_for_an_objects_surface_is_marked_everywhere(tmp_path: Path, capsys, kind: str) -> None:
+    assert carried().report.object_surfaces == {"box": "solid"}
+    marked = replace(good(), report=replace(good().report, object_surfaces={"box": kind}))
+    for motion, there in ((good(), False), (marked, True)):
+        path = tmp_path / f"{there}.npz"
+        save(motion, path)
+        (row,) = rows_of(path)
+        assert (f"box ({kind})" in report_page("Report", [row], {})) is there
+        assert (kind in index_columns([row])["object_surfaces"]) is there
+        describe_result(motion, path)
+        assert (f"  box: {OBJECT_SURFACES[kind]}\n" in capsys.readouterr().out) is there
+        assert main(["evaluate", str(path), "--json", str(tmp_path / "it.json")]) == 0
+        assert (f" {kind}\n" in capsys.readouterr().out) is there
+        assert (json.loads((tmp_path / "it.json").read_text())["per_clip"][0]["object_surfaces"] == [kind]) is there
 
 
 # The command.

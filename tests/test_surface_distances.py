@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from hoi_retarget.evaluation.link_heights import link_heights
-from hoi_retarget.evaluation.object_shape import ObjectShape, shape_of
+from hoi_retarget.evaluation.object_shape import ObjectShape, shape_of, surface_kind
 from hoi_retarget.evaluation.self_penetration import looked_at, self_depths
 from hoi_retarget.evaluation.surface_distances import PlacedObject, Poses, link_distances
 from hoi_retarget.numerics import se3
@@ -173,3 +173,15 @@ def test_robots_without_a_skin_file_are_measured_too(tmp_path):
     assert heights.shape == (len(skin_of(model).links), 1)
     assert np.isfinite(self_depths(model.forward(model.home_qpos[None]))[0]).all()
     assert replace(model.spec, skin=None) == model.spec
+
+
+def test_what_stands_for_a_surface_is_told(tmp_path):
+    box = trimesh.creation.box((0.3, 0.2, 0.1))
+    corners = np.array(box.vertices)
+    assert surface_kind(ObjectGeometry(corners, faces=np.array(box.faces))) == "solid"
+    sheet = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    assert surface_kind(ObjectGeometry(sheet, faces=np.array([[0, 1, 2], [0, 2, 3]]))) == "shell"
+    assert surface_kind(ObjectGeometry(corners)) == "hull"
+    for name, kind in (("box.obj", "solid"), ("box_hull.obj", "hull")):
+        box.export(tmp_path / name)
+        assert surface_kind(ObjectGeometry(corners, mesh_path=tmp_path / name)) == kind

@@ -23,6 +23,12 @@ from hoi_retarget.report.recording import Recording, with_recording
 from hoi_retarget.retargeting.config import Config, Scaling, parse_horizon
 from hoi_retarget.robots import load_robot
 
+OBJECT_SURFACES = {
+    "shell": "a shell, with no inside: what is within 1 mm of its surface counts as inside",
+    "hull": "only points of it are known: touch and penetration are those of their convex hull",
+}
+"""What is to be known of surfaces that are not an object's own solid."""
+
 
 def check_writable(option: str, folder: Path) -> None:
     """Raise `ArgumentError` unless files can be made in a folder, which need not exist yet; leave nothing behind."""
@@ -183,6 +189,9 @@ def describe_result(motion: Motion, path: Path) -> None:
     seconds = sum(motion.report.cpu_seconds.values())
     say(f"  {path}  ({motion.frames} frames, {seconds:.2f} s)")
     say(f"  root scale {motion.report.root_scale:.3f}, object scale {scales_text(motion.object_scale)}")
+    for name, surface in motion.report.object_surfaces.items():
+        if surface in OBJECT_SURFACES:
+            say(f"  {name}: {OBJECT_SURFACES[surface]}")
     for warning in motion.warnings:
         warn(f"{path.name}: {warning}")
 
@@ -205,4 +214,5 @@ def score(motion: Motion, path: Path) -> Score:
         robot=motion.robot,
         root_scale=report.root_scale,
         object_scale=tuple(motion.object_scale.tolist()),
+        object_surfaces=tuple(report.object_surfaces.get(name, "") for name in motion.object_names),
     )

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -59,6 +60,19 @@ class ObjectShape:
         unsure = ~inside & (lower < 0.0)
         inside[unsure] = self.surface.encloses(points[unsure], away[unsure])
         return np.where(inside, -away, away)
+
+
+ObjectSurface = Literal["solid", "shell", "hull"]
+"""What stands for an object's surface: one that has an inside, one that has none, or the convex hull of its points."""
+
+
+def surface_kind(geometry: ObjectGeometry) -> ObjectSurface:
+    """Return what stands for an object's surface; raises `GeometryError` when its mesh cannot be read."""
+    path = geometry.mesh_path
+    # Data sets whose objects are known by points alone come with meshes of their hulls.
+    if not surface_of(geometry).exact or (path is not None and path.stem.endswith("_hull")):
+        return "hull"
+    return "shell" if distance_field(geometry).shell else "solid"
 
 
 @lru_cache(maxsize=8)

@@ -8,6 +8,7 @@ import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Any
 
 from hoi_retarget.evaluation.figure import Figure
@@ -33,12 +34,16 @@ class Score:
     root_scale: float | None = None
     object_scale: tuple[float, ...] = ()
     """One for each object."""
+    object_surfaces: tuple[str, ...] = ()
+    """What stands for the surface of each, where the report says it: `solid`, `shell` or `hull`."""
 
     def facts(self) -> dict[str, Any]:
         """Return what tells this result from others, by name."""
         return {
             **{"name": self.name, "file": self.file, "robot": self.robot, "root_scale": self.root_scale},
-            **{"object_scale": list(self.object_scale), "frames": self.frames},
+            "object_scale": list(self.object_scale),
+            "object_surfaces": list(self.object_surfaces),
+            "frames": self.frames,
         }
 
     def values(self) -> dict[str, float | None]:
@@ -71,7 +76,7 @@ def table_rows(scores: Sequence[Score], columns: Sequence[Figure] = COLUMNS) -> 
             *(
                 score.file if several and score.file else score.name,
                 score.robot or "-",
-                scales_text(score.object_scale),
+                scales_text(score.object_scale, score.object_surfaces),
             ),
             *(str(score.frames), *_texts(score.values(), columns)),
         )
@@ -82,9 +87,10 @@ def table_rows(scores: Sequence[Score], columns: Sequence[Figure] = COLUMNS) -> 
     return (header, *rows)
 
 
-def scales_text(scales: Iterable[float]) -> str:
-    """Return the scales of objects as they are shown."""
-    return " ".join(f"{scale:.3f}" for scale in scales) or "-"
+def scales_text(scales: Iterable[float], surfaces: Iterable[str] = ()) -> str:
+    """Return the scales of objects as they are shown, with what stands for a surface that is not the object's own."""
+    told = zip_longest((f"{scale:.3f}" for scale in scales), (surface.replace("solid", "") for surface in surfaces))
+    return " ".join(" ".join(filter(None, item)) for item in told) or "-"
 
 
 def to_json(scores: Sequence[Score]) -> str:
@@ -106,10 +112,11 @@ def to_csv(scores: Sequence[Score]) -> str:
     names = [column.name for column in COLUMNS]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    facts = ["name", "file", "robot", "root_scale", "object_scale", "frames"]
+    facts = ["name", "file", "robot", "root_scale", "object_scale", "object_surfaces", "frames"]
     writer.writerow([*facts, *names])
     for score in scores:
-        values = {**score.facts(), **score.values(), "object_scale": " ".join(map(str, score.object_scale))}
+        texts = {name: " ".join(map(str, getattr(score, name))) for name in ("object_scale", "object_surfaces")}
+        values = {**score.facts(), **score.values(), **texts}
         writer.writerow([values[name] for name in (*facts, *names)])
     for label, values in _summaries(scores):
         writer.writerow([label, *[""] * (len(facts) - 1), *(values[name] for name in names)])

@@ -218,6 +218,8 @@ class Report:
     """Of this package and of those that compute."""
     figures: Mapping[str, float | None] = field(default_factory=dict)
     """By name, in the unit in the name; None where a figure is undefined."""
+    object_surfaces: Mapping[str, str] = field(default_factory=dict)
+    """What stands for the surface of each object: `solid`, `shell` or `hull`; empty in files of earlier versions."""
     unreached_contacts: tuple[UnreachedContact, ...] | None = None
     sunk_links: tuple[SunkLink, ...] = ()
     orientation_flips: tuple[OrientationFlip, ...] | None = None

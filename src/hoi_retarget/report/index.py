@@ -15,6 +15,7 @@ _COLUMNS: Mapping[str, tuple[type, Callable[[Row], Any]]] = {
     "format": (str, lambda row: row.format),
     "robot": (str, lambda row: row.robot),
     "objects": (str, lambda row: "; ".join(row.objects)),
+    "object_surfaces": (str, lambda row: "; ".join(row.object_surfaces.get(name, "") for name in row.objects)),
     "clip": (str, lambda row: row.clip),
     "licence": (str, lambda row: row.licence),
     "lineage": (str, lambda row: row.lineage),

@@ -127,7 +127,7 @@ def _groups(rows: Sequence[Row]) -> list[Table]:
     tables = [
         _group("robot", rows, lambda row: row.robot or "-"),
         _group("format", rows, lambda row: row.format or "-"),
-        _group("object", rows, lambda row: ", ".join(row.objects) or "none"),
+        _group("object", rows, lambda row: ", ".join(row.object_titles) or "none"),
     ]
     return [table for table in tables if len(table.rows) > 1 or "format" not in table.heads]
 

@@ -11,6 +11,7 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, HoiRetargetError, ReadError
 from hoi_retarget.evaluation import Comparison, figures_of
+from hoi_retarget.evaluation.object_shape import surface_kind
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers.open import builtin_scene, clip_stem, open_clip
 from hoi_retarget.report.load_any_motion import OpenedMotion
@@ -64,7 +65,8 @@ def with_recording(opened: OpenedMotion, path: Path, model: RobotModel, recordin
         notes.append(f"it holds no objects: they are taken to move as in the clip, scaled by {recording.root_scale:g}")
         figures |= dict.fromkeys(_OF_OBJECT_PATHS)
     figures |= {name: value for name, value in opened.motion.report.figures.items() if value is not None}
-    report = replace(motion.report, figures=figures)
+    kinds = {track.name: surface_kind(track.geometry) for track in clip.objects}
+    report = replace(motion.report, figures=figures, object_surfaces=kinds)
     return replace(opened, motion=replace(motion, report=report), notes=(*opened.notes, *notes))
 
 

@@ -27,6 +27,8 @@ class Row:
     format: str = ""
     robot: str = ""
     objects: tuple[str, ...] = ()
+    object_surfaces: Mapping[str, str] = field(default_factory=dict)
+    """What stands for the surface of each object: `solid`, `shell` or `hull`; empty where the file does not say."""
     clip: str = ""
     frames: int | None = None
     fps: float | None = None
@@ -53,6 +55,12 @@ class Row:
     def name(self) -> str:
         """Name of the file without folders and ending."""
         return PureWindowsPath(self.file).stem
+
+    @property
+    def object_titles(self) -> tuple[str, ...]:
+        """Names of the objects, with what stands for a surface that is not the object's own."""
+        kinds = {name: kind for name, kind in self.object_surfaces.items() if kind != "solid"}
+        return tuple(f"{name} ({kinds[name]})" if name in kinds else name for name in self.objects)
 
     @property
     def seconds(self) -> float | None:
@@ -132,6 +140,7 @@ def read_row(
         format=opened.format,
         robot=motion.robot,
         objects=motion.object_names,
+        object_surfaces=motion.report.object_surfaces,
         clip=motion.report.clip,
         frames=motion.frames,
         fps=motion.fps,

@@ -13,6 +13,7 @@ from threadpoolctl import ThreadpoolController
 from hoi_retarget import __version__
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.evaluation import Comparison, figures_of, sunk_links, surface_residuals, unreached_contacts
+from hoi_retarget.evaluation.object_shape import surface_kind
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.report import Report, Window
 from hoi_retarget.retargeting.config import Config
@@ -116,6 +117,7 @@ def scored(motion: Motion, targets: Targets, clip: Clip, model: RobotModel, pers
     report = replace(
         motion.report,
         figures=figures,
+        object_surfaces={track.name: surface_kind(track.geometry) for track in clip.objects},
         unreached_contacts=unreached,
         sunk_links=sunk,
         orientation_flips=with_reasons(flips, kinematics, targets),
