@@ -62,7 +62,8 @@ def _in_floor(kinematics: Kinematics) -> Iterator[_Dots]:
     for skin in skin_of(kinematics.model).links:
         pose = Poses.of_link(kinematics, skin)
         if ((pose.positions + pose.rotations @ skin.centre)[:, 2] < skin.radius).any():
-            world = _placed(pose, skin.points[:POINTS])
+            lowest = skin.extreme_points[(skin.extreme_points @ pose.rotations[:, 2].T).argmin(axis=0)]
+            world = _placed(pose, _with(skin.points[:POINTS], lowest))
             yield world * [1.0, 1.0, 0.0], np.maximum(-world[..., 2], 0.0)
 
 
