@@ -5,12 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hoi_retarget.evaluation.link_heights import link_heights
 from hoi_retarget.human.stance import stance
 from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.config import Config, Scaling
+from hoi_retarget.retargeting.floor_lift import SUNK, lifted
 from hoi_retarget.retargeting.pipeline import retarget_with_targets
 from hoi_retarget.retargeting.targets import make_targets
 from hoi_retarget.retargeting.trunk_turns import LARGEST_TURN_DEG, trunk_errors_deg, trunk_turns
+from hoi_retarget.robots.skin import skin_of
 from posed_people import POSTURES, posed
 from trajectories import MODELS
 
@@ -25,6 +28,25 @@ def test_the_trunk_follows_in_every_posture(posture, robot):
     assert motion.converged
     assert trunk_errors_deg(model.forward(motion.qpos), targets).max() < 20.0
     assert motion.report.trunk_turns == ()
+    assert motion.report.figures["link_below_floor_m"] < 0.01
+
+
+@pytest.mark.parametrize("robot", list(MODELS))
+@pytest.mark.parametrize("posture", list(POSTURES))
+def test_a_reference_in_the_floor_is_lifted_and_no_other(posture, robot):
+    model = MODELS[robot]
+    targets = make_targets(posed(posture), model, Scaling())
+    standing = np.tile(model.home_qpos, (targets.frames, 1))
+    assert lifted(model, targets, standing) is standing
+    sunk = standing.copy()
+    sunk[20:30, 2] -= 0.3
+    above = lifted(model, targets, sunk)
+    np.testing.assert_array_equal(np.delete(above, 2, axis=1), np.delete(sunk, 2, axis=1))
+    ends = {model.site_bodies[model.sites.index[site]] for site in targets.contact_links}
+    inner = [skin.link not in ends for skin in skin_of(model).links]
+    assert link_heights(model.forward(above))[inner].min() > -SUNK - 1e-9
+    lift = above[:, 2] - sunk[:, 2]
+    assert lift.min() >= 0.0 and lift[:5].max() == 0.0 and np.abs(np.diff(lift)).max() < 0.2 * lift.max()
 
 
 @given(st.sampled_from(list(POSTURES)), st.floats(-np.pi, np.pi))

@@ -2,12 +2,14 @@
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.signal import savgol_filter
 
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
 
 SMOOTHING_SECONDS, SMOOTHING_ORDER = 11 / 30, 3
+LIFT_SECONDS = 0.2  # In each direction, of each of two means over time.
 
 
 def smooth(path: Float[np.ndarray, "T k"], fps: float) -> Float[np.ndarray, "T k"]:
@@ -25,6 +27,14 @@ def smooth_quats(quats: Float[np.ndarray, "T 4"], fps: float) -> Float[np.ndarra
 def speeds(path: Float[np.ndarray, "T *batch 3"], fps: float) -> Float[np.ndarray, "T *batch"]:
     """Return the speed of points [m/s], by central differences."""
     return np.linalg.norm(np.gradient(path, axis=0), axis=-1) * fps
+
+
+def slow_cover(values: Float[np.ndarray, "T"], fps: float) -> Float[np.ndarray, "T"]:
+    """Return values that are nowhere below the given ones, and rise and fall slowly."""
+    window = 2 * frames_in(LIFT_SECONDS, fps) + 1
+    # As wide as both means together: these are then nowhere below.
+    largest = maximum_filter1d(values, 2 * window - 1)
+    return uniform_filter1d(uniform_filter1d(largest, window), window)
 
 
 def steadied(active: Bool[np.ndarray, "T"], *, gap: int, shortest: int) -> Bool[np.ndarray, "T"]:

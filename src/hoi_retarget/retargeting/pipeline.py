@@ -17,6 +17,7 @@ from hoi_retarget.evaluation.object_shape import surface_kind
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.report import Report, Window
 from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.floor_lift import lifted
 from hoi_retarget.retargeting.ik import solve_ik
 from hoi_retarget.retargeting.orientation_flips import orientation_flips, rotation_errors_deg, with_reasons
 from hoi_retarget.retargeting.surfaces.solve import solve_on_surfaces
@@ -57,12 +58,10 @@ def _retarget(clip: Clip, model: RobotModel, config: Config, person: int) -> tup
     targets = make_targets(clip, model, config.scaling, contact=config.contact, person=person)
     clock.append(time.process_time())
     ik_qpos, ik_windows = solve_ik(model, targets, config.ik, config.horizon)
+    if config.contact == "surface":
+        ik_qpos = lifted(model, targets, ik_qpos)
     clock.append(time.process_time())
     qpos, windows = solve_trajectory(model, targets, ik_qpos, config)
-    if config.contact == "surface" and _turned_over(model, targets, qpos, ik_qpos):
-        # A robot that lies on its side is rolled over by the floor: it stays where inverse kinematics has it instead.
-        free = replace(config, weights=replace(config.weights, link_floor=0.0))
-        qpos, windows = solve_trajectory(model, targets, ik_qpos, free)
     clock.append(time.process_time())
     report = Report(
         clip=clip.name,
@@ -76,11 +75,6 @@ def _retarget(clip: Clip, model: RobotModel, config: Config, person: int) -> tup
     stages = (Stage("ik", ik_qpos, ik_windows), Stage("trajectory", qpos, windows))
     motion = _motion(clip, model, targets, stages, report)
     return scored(motion, targets, clip, model, person), targets
-
-
-def _turned_over(model: RobotModel, targets: Targets, qpos: np.ndarray, ik_qpos: np.ndarray) -> bool:
-    """Return whether the trunk is turned over by the trajectory, and not by inverse kinematics."""
-    return bool(trunk_turns(model.forward(qpos), targets)) and not trunk_turns(model.forward(ik_qpos), targets)
 
 
 def solve_trajectory(

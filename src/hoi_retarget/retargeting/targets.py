@@ -10,7 +10,6 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.human.person import Person
@@ -19,7 +18,7 @@ from hoi_retarget.human.stance import LARGEST_DIFFERENCE, stance
 from hoi_retarget.human.trunk import trunk_rotations
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
-from hoi_retarget.numerics.filters import fade, frames_in, nearest_active, smooth, smooth_quats
+from hoi_retarget.numerics.filters import fade, frames_in, nearest_active, slow_cover, smooth, smooth_quats
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.retargeting.config import ContactKind, Scaling
 from hoi_retarget.retargeting.foot_anchors import anchor, anchor_weights
@@ -30,7 +29,6 @@ from hoi_retarget.robots.spec import SIDES
 # Contact labels switch from frame to frame; hands come and go, and turn, over these times.
 CONTACT_RAMP_SECONDS, ROTATION_RAMP_SECONDS = 1 / 30, 2 / 30
 MAXIMUM_SINK = 0.005  # [m] of a smoothed object under its own unsmoothed height
-LIFT_SECONDS = 0.2  # In each direction, of each of two means over time.
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -279,10 +277,7 @@ def _lift_out(
     Its rotation is smoothed on its own: where it tips over an edge, the edge then dips into the floor by millimetres.
     """
     lowest = path[:, 2] + scale * track.geometry.lowest_along(se3.quat_to_matrix(quats)[:, 2])
-    window = 2 * frames_in(LIFT_SECONDS, fps) + 1
-    # As wide as both means together: these are then nowhere below the depth.
-    largest = maximum_filter1d(np.maximum(-lowest, 0.0), 2 * window - 1)
-    return uniform_filter1d(uniform_filter1d(largest, window), window)
+    return slow_cover(np.maximum(-lowest, 0.0), fps)
 
 
 def _contact_fields(clip: Clip, model: RobotModel, person: int, geometry_scale: float) -> dict[str, np.ndarray]:

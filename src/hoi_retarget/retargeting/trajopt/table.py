@@ -21,7 +21,7 @@ from hoi_retarget.retargeting.trajopt.terms.floor_clearance import floor_terms
 from hoi_retarget.retargeting.trajopt.terms.link_floor import link_floor_terms
 from hoi_retarget.retargeting.trajopt.terms.object_contact import contact_terms
 from hoi_retarget.retargeting.trajopt.terms.posture import Posture, posture_terms
-from hoi_retarget.retargeting.trajopt.terms.relative_rotation import torso_terms
+from hoi_retarget.retargeting.trajopt.terms.relative_rotation import lying_terms, torso_terms
 from hoi_retarget.retargeting.trajopt.terms.site_height import stance_terms
 from hoi_retarget.retargeting.trajopt.terms.site_position import SitePosition, position_terms
 from hoi_retarget.retargeting.trajopt.terms.site_rotation import SiteRotation
@@ -31,6 +31,7 @@ COSTS: tuple[Callable[[Weights, Targets, Kinematics], Iterable[Term]], ...] = (
     posture_terms,
     position_terms,
     torso_terms,
+    lying_terms,
     contact_terms,
     stance_terms,
     jerk_terms,

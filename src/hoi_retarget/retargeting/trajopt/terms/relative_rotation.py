@@ -7,10 +7,17 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.filters import slow_cover
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.rows import TangentRows
+from hoi_retarget.retargeting.trajopt.terms.site_rotation import SiteRotation
 from hoi_retarget.robots.model import Kinematics
+
+UPRIGHT, LYING = 0.5, 0.26
+"""How much of the trunk's length is upwards; a trunk that is tilted by 60 degrees begins to lie, one by 75 lies."""
+LYING_FACTOR = 100.0
+"""Times the weight of the torso's rotation in the base frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,3 +56,15 @@ def torso_terms(weights: Weights, targets: Targets, reference: Kinematics) -> It
     base = reference.node_rotation[:, :, 0]
     torso = np.einsum("jit,jkt->ikt", base, reference.orientation("torso"))
     yield RelativeRotation("torso_orientation", "torso", torso, weights.torso_orientation)
+
+
+def lying_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[SiteRotation]:
+    """Yield the torso's rotation in the world near that of inverse kinematics where a person lies, in surface contact.
+
+    Head, base and feet are then in a line, about which nothing else holds a robot that the floor pushes.
+    """
+    tilt = np.clip((UPRIGHT - targets.trunk_rotations[:, 2, 2]) / (UPRIGHT - LYING), 0.0, 1.0)
+    lies = np.where(targets.stance_flags.any(axis=1), 0.0, tilt)
+    if targets.contact == "surface" and lies.any():
+        weight = LYING_FACTOR * weights.torso_orientation * slow_cover(lies, targets.fps)
+        yield SiteRotation("lying_orientation", "torso", reference.orientation("torso"), weight)
