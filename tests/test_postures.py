@@ -32,14 +32,13 @@ def test_the_trunk_follows_in_every_posture(posture, robot):
 
 
 @pytest.mark.parametrize("robot", list(MODELS))
-@pytest.mark.parametrize("posture", list(POSTURES))
-def test_a_reference_in_the_floor_is_lifted_and_no_other(posture, robot):
+def test_a_reference_in_the_floor_is_lifted_and_no_other(robot):
     model = MODELS[robot]
-    targets = make_targets(posed(posture), model, Scaling())
+    targets = make_targets(posed("standing"), model, Scaling())
     standing = np.tile(model.home_qpos, (targets.frames, 1))
     assert lifted(model, targets, standing) is standing
     sunk = standing.copy()
-    sunk[20:30, 2] -= 0.3
+    sunk[31:34, 2] -= 0.3
     above = lifted(model, targets, sunk)
     np.testing.assert_array_equal(np.delete(above, 2, axis=1), np.delete(sunk, 2, axis=1))
     ends = {model.site_bodies[model.sites.index[site]] for site in targets.contact_links}
