@@ -22,6 +22,7 @@ from hoi_retarget.evaluation import (
     Score,
     evaluate,
     evaluate_kinematics,
+    feasibility,
     mean_values,
     penetration,
     table_rows,
@@ -97,9 +98,10 @@ def two_joints() -> RobotModel:
         return load_model(spec)
 
 
-# A robot without geometries has no surface to touch with.
+# A robot without geometries has no surface to touch with, and one without torque limits no forces that are judged.
 OF_SURFACES = {
-    figure.name for module in (touch, penetration) for figure in vars(module).values() if isinstance(figure, Figure)
+    *(figure.name for module in (touch, penetration) for figure in vars(module).values() if isinstance(figure, Figure)),
+    *(figure.name for figure in feasibility.FEASIBILITY),
 }
 
 

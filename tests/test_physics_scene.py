@@ -13,6 +13,7 @@ from hoi_retarget.errors import ArgumentError, RobotError
 from hoi_retarget.motion import result_file
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry
+from hoi_retarget.physics import collision_shape as collision_shape_module
 from hoi_retarget.physics.actuators import actuators_of
 from hoi_retarget.physics.collision_shape import collision_shape, oriented_box
 from hoi_retarget.physics.object_body import object_body
@@ -47,7 +48,7 @@ def staged(request):
     quats = se3.quat_normalize(generator.normal(size=(40, 1, 4)))
     motion = plain_motion(model, random_qpos(model, 40, generator), object_quat=quats)
     (track,) = make("move_chair").objects
-    return motion, model, scene_of(motion, model, {"box": track.geometry})
+    return motion, model, scene_of(motion, model, (track.geometry,))
 
 
 @settings(deadline=None, max_examples=25)
@@ -87,6 +88,26 @@ def test_a_box_collides_as_the_same_box(size, quat):
 def test_an_open_box_is_no_box():
     bin_without_lid = box(np.array([0.5, 0.4, 0.3]), faces=BOX_FACES[2:])
     assert collision_shape(bin_without_lid).kind != "box"
+
+
+def test_convex_parts_are_made_once_and_kept(monkeypatch, tmp_path):
+    made = []
+
+    def halves(surface):
+        made.append(surface)
+        return tuple(surface.vertices[surface.vertices[:, 0] * sign >= 0.0] for sign in (-1.0, 1.0))
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(collision_shape_module, "find_spec", lambda name: name)
+    monkeypatch.setattr(collision_shape_module, "_decomposed", halves)
+    bin_without_lid = box(np.array([0.5, 0.4, 0.3]), faces=BOX_FACES[2:])
+    first, second = collision_shape(bin_without_lid), collision_shape(bin_without_lid)
+    assert len(made) == 1 and first.text == second.text == "2 convex parts"
+    for one, other in zip(first.parts, second.parts, strict=True):
+        np.testing.assert_array_equal(one, other)
+    (kept,) = tmp_path.rglob("parts-*.npz")
+    kept.write_bytes(b"damaged")
+    assert collision_shape(bin_without_lid).kind == "convex parts" and len(made) == 2
 
 
 def test_the_smallest_box_holds_all_points():
@@ -155,7 +176,7 @@ def test_robots_and_objects_do_not_share_names(staged):
     motion, model, _ = staged
     renamed = replace(motion, object_names=("torso_link", *motion.object_names[1:]))
     shape = box(np.array([0.3, 0.3, 0.3]))
-    scene = scene_of(renamed, model, dict.fromkeys(renamed.object_names, shape))
+    scene = scene_of(renamed, model, (shape,))
     assert len({item.body_name for item in scene.objects} | set(model.body_frames.names)) == len(scene.objects) + len(
         model.body_frames.names
     )
@@ -170,7 +191,7 @@ def test_settings_that_no_world_has_are_refused(wrong):
 
 def test_the_command_writes_a_scene_and_says_what_is_in_it(tmp_path, capsys):
     model = load_robot("unitree_g1")
-    motion = plain_motion(model, standing_qpos(model))
+    motion = plain_motion(model, standing_qpos(model, make("carry_box").frames))
     result_file.save(motion, tmp_path / "carry.npz")
     words = ["scene", str(tmp_path / "carry.npz"), "--out", str(tmp_path / "out"), "--clip", "builtin:carry_box"]
     assert main([*words, "--object-mass", "2.5"]) == 0

@@ -417,6 +417,16 @@ class Scene(Weighed):
     """Folder to write scene.xml and meshes into; made when it does not exist."""
 
 
+@dataclass(frozen=True)
+class Feasible(Weighed):
+    """Say which forces and torques results would need, and what speaks against them; nothing is simulated."""
+
+    results: ResultFiles
+    """Result files (.npz) or other programs' motions."""
+    json: OptionalFile = None
+    """Write figures and all that speaks against the results to this file as JSON."""
+
+
 Command = (
     Demo
     | Run
@@ -432,6 +442,7 @@ Command = (
     | Export
     | CheckMotion
     | Scene
+    | Feasible
     | Render
     | Share
     | Contacts

@@ -5,7 +5,7 @@ import sys
 from hoi_retarget.cli.commands import Scene
 from hoi_retarget.cli.jobs import check_inputs_kept, check_writable, load_motion
 from hoi_retarget.cli.terminal import Working, say
-from hoi_retarget.cli.weighed import geometries_of, physics_of
+from hoi_retarget.cli.weighed import clip_with_objects, physics_of
 from hoi_retarget.files.atomic import write_together
 from hoi_retarget.physics.scene import scene_of
 from hoi_retarget.physics.scene_files import FILE, scene_files
@@ -18,7 +18,9 @@ def execute(command: Scene) -> int:
     motion = load_motion(command.result, command.robot)
     physics = physics_of(motion, command)
     with Working("making the scene", None):
-        scene = scene_of(motion, load_robot(motion.robot), geometries_of(motion, command), physics)
+        clip = clip_with_objects(motion, command)
+        geometries = [] if clip is None else [track.geometry for track in clip.objects]
+        scene = scene_of(motion, load_robot(motion.robot), geometries, physics)
         files = {command.out / place: content for place, content in scene_files(scene, motion).items()}
     check_inputs_kept("--out", files, [command.result])
     write_together(files)

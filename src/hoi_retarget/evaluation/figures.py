@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.evaluation import contact, ground, limits, movement, penetration, pose, touch
+from hoi_retarget.evaluation import contact, feasibility, ground, limits, movement, penetration, pose, touch
 from hoi_retarget.evaluation.figure import Figure
 from hoi_retarget.evaluation.view import Comparison
 from hoi_retarget.motion.motion import Motion
@@ -40,6 +40,7 @@ FIGURES: tuple[Figure, ...] = (
     movement.OBJECT_PATH_ERROR,
     limits.JOINT_RANGE_MARGIN,
     limits.JOINT_SPEED_MARGIN,
+    *feasibility.FEASIBILITY,
 )
 
 

@@ -14,7 +14,7 @@ from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots.model import Kinematics, RobotModel
-from hoi_retarget.robots.skin import LinkSkin, skin_of
+from hoi_retarget.robots.skin import LinkSkin, skin_of, skins_from
 
 PART_SITES = {**HAND_SITES, **FOOT_SITES}
 Touching = dict[tuple[str, int], Bool[np.ndarray, "F"]]
@@ -100,8 +100,6 @@ def distances_of_motion(
     return distances, gaps
 
 
-@lru_cache(maxsize=32)
 def part_skins(model: RobotModel, part: str) -> tuple[LinkSkin, ...]:
     """Return the skins of the links that stand for a human's hand or foot: the site's link and those it carries."""
-    node = model.sites.frames[PART_SITES[part]].node
-    return tuple(link for link in skin_of(model).links if model.supports[node, link.frame.node])
+    return skins_from(model, PART_SITES[part])

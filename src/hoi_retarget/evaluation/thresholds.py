@@ -179,6 +179,30 @@ THRESHOLDS: tuple[Threshold, ...] = (
         "a joint step longer than the motor's limit; 5 rad/s beyond it no motor follows, and a joint has flipped",
     ),
     Threshold(
+        _KNOWN["missing_wrench_p95_share"],
+        0.15,
+        None,
+        "of the robot's weight, from nowhere: as if it stood while it leans by 9 degrees; real clips have 28 % at most",
+    ),
+    Threshold(
+        _KNOWN["object_missing_wrench_p95_share"],
+        0.50,
+        None,
+        "of the object's weight: half of it hangs from hands that cannot hold it; grips by fingers have 100 %",
+    ),
+    Threshold(
+        _KNOWN["torque_p95_share"],
+        1.5,
+        None,
+        "of a joint's limit: a little more is given up by a little lag; half of real clips stay below 100 %",
+    ),
+    Threshold(
+        _KNOWN["one_hand_unheld_s"],
+        0.5,
+        None,
+        "time in which one rigid palm alone carries what it cannot; for a moment, inertia does",
+    ),
+    Threshold(
         Figure("orientation_flip_s", "orientation flip", "s", 1.0, 2, "lower"),
         0.0,
         0.2,

@@ -9,6 +9,7 @@ stands for the object, and `kind` says so.
 import hashlib
 from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
@@ -40,6 +41,12 @@ class Box:
     """Box to object."""
     half: Float[np.ndarray, "3"]
     """Half extents [m]."""
+
+    @property
+    def corners(self) -> Float[np.ndarray, "8 3"]:
+        """Corners in the object's frame [m]."""
+        signs = np.array(list(product((-1.0, 1.0), repeat=3)))
+        return self.centre + (self.half * signs) @ self.rotation.T
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ and its feet touch the floor by their soles' corners only, as the maker's own mo
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,7 +29,7 @@ from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 _ROBOT, _FEET, _OBJECT, _FLOOR = 1, 2, 4, 8  # Bits of what collides with what.
 _SOLE_RADIUS = 0.005  # [m]
 _PALMS = {f"{side}_palm" for side in SIDES}
-_SOLES = {f"{side}_sole_{corner}" for side in SIDES for corner in SOLE_CORNERS}
+SOLES = frozenset(f"{side}_sole_{corner}" for side in SIDES for corner in SOLE_CORNERS)
 _ITERATIONS = 20  # Of the constraint solver: more change nothing that is seen, and cost time.
 
 
@@ -43,6 +43,11 @@ class SceneObject:
     shape: CollisionShape
     scale: float
     """Of the shape."""
+
+    @property
+    def corners(self) -> Float[np.ndarray, "V 3"]:
+        """Corners of what collides, in the object's frame [m]."""
+        return self.scale * np.concatenate([self.shape.box.corners] if self.shape.box else self.shape.parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,14 +66,14 @@ class Scene:
 
 
 def scene_of(
-    motion: Motion, model: RobotModel, geometries: Mapping[str, ObjectGeometry], physics: Physics = Physics()
+    motion: Motion, model: RobotModel, geometries: Sequence[ObjectGeometry], physics: Physics = Physics()
 ) -> Scene:
     """Return the scene of a motion.
 
     Args:
         motion: The motion; its objects are in the scene.
         model: Its robot.
-        geometries: Shapes of its objects, by name.
+        geometries: Shapes of its objects, in their order.
         physics: Masses and frictions.
 
     Raises:
@@ -77,8 +82,7 @@ def scene_of(
     """
     objects = []
     taken = set(model.body_frames.names)
-    for name, scale in zip(motion.object_names, motion.object_scale.tolist(), strict=True):
-        geometry = geometries[name]
+    for name, geometry, scale in zip(motion.object_names, geometries, motion.object_scale.tolist(), strict=True):
         body_name = _unused(re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_") or "object", taken)
         body = object_body(name, geometry, scale, physics)
         objects.append(SceneObject(body_name, body, collision_shape(geometry), scale))
@@ -137,14 +141,14 @@ def _set_robot(description: mujoco.MjSpec, scene: Scene) -> None:
     friction = _friction(scene.physics.hand_friction)
     sites = {site.name: site for site in description.sites}
     palms = {sites[name].parent.name for name in _PALMS}
-    feet = {sites[name].parent.name for name in _SOLES}
+    feet = {sites[name].parent.name for name in SOLES}
     for body in description.bodies[1:]:
         for geom in list(body.geoms):
             geom.contype, geom.conaffinity = (_FEET << 4) if body.name in feet else _ROBOT, 0
             geom.friction = friction
             if body.name in palms and geom.type == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
                 geom.type = mujoco.mjtGeom.mjGEOM_BOX
-    for name in sorted(_SOLES):
+    for name in sorted(SOLES):
         site = sites[name]
         up = se3.rotate(np.array(site.quat), np.array([0.0, 0.0, _SOLE_RADIUS]))
         site.parent.add_geom(

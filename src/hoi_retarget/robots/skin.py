@@ -72,6 +72,13 @@ class Skin:
         return self.by_link[link].solid
 
 
+@lru_cache(maxsize=32)
+def skins_from(model: RobotModel, site: str) -> tuple[LinkSkin, ...]:
+    """Return the skins of a site's link and of those it carries, such as a hand's; raises what `skin_of` raises."""
+    node = model.sites.frames[site].node
+    return tuple(link for link in skin_of(model).links if model.supports[node, link.frame.node])
+
+
 @lru_cache(maxsize=8)
 def skin_of(model: RobotModel) -> Skin:
     """Return a robot's skin, computed once per model.

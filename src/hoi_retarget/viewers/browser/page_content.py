@@ -16,6 +16,7 @@ from hoi_retarget.viewers.html import render
 from hoi_retarget.viewers.scene.curve_chart import CHART_STEP_PX, TITLES_HEIGHT_PX, chart_html
 from hoi_retarget.viewers.scene.curves import SURFACE_GROUPS, curves_of
 from hoi_retarget.viewers.scene.drawing import Scene
+from hoi_retarget.viewers.scene.force_curves import FORCE_GROUPS, force_curves
 from hoi_retarget.viewers.scene.scene import Shown, make_scene
 from hoi_retarget.viewers.scene.titles import titles_of
 
@@ -67,12 +68,20 @@ def page_content(shown: Sequence[Shown], notices: tuple[str, ...] = ()) -> PageC
     """Return the content for results and clips; raises what `make_scene` raises."""
     scene = make_scene(shown)
     curves = [
-        (item.title, curves_of(item.motion, item.model, item.geometries))
+        (
+            item.title,
+            (
+                *curves_of(item.motion, item.model, item.geometries),
+                *force_curves(item.motion, item.model, item.clip),
+            ),
+        )
         for item in shown
         if item.motion and item.model
     ]
     groups = {curve.group for _, own in curves for curve in own}
-    extra = CHART_STEP_PX * len(groups.intersection(SURFACE_GROUPS)) + (TITLES_HEIGHT_PX if len(shown) > 1 else 0)
+    extra = CHART_STEP_PX * len(groups.intersection((*SURFACE_GROUPS, *FORCE_GROUPS))) + (
+        TITLES_HEIGHT_PX if len(shown) > 1 else 0
+    )
     return PageContent(scene, chart_html(curves, scene.fps), extra, figures_html(shown), notices)
 
 

@@ -15,6 +15,7 @@ from hoi_retarget.viewers.offscreen.thumbnail import representative_frame, thumb
 from hoi_retarget.viewers.scene.auto_camera import fit_camera
 from hoi_retarget.viewers.scene.curve_chart import chart_html
 from hoi_retarget.viewers.scene.curves import curves_of
+from hoi_retarget.viewers.scene.force_curves import force_curves
 from hoi_retarget.viewers.scene.scene import Shown, make_scene
 from hoi_retarget.viewers.share.gallery import GalleryEntry, clip_page, file_name, index_page
 from hoi_retarget.viewers.share.packed_scene import pack
@@ -42,7 +43,10 @@ class Gallery:
         assert shown.model is not None
         scene = make_scene([shown])
         fitted = fit_camera(scene, shown.ahead)
-        curves = curves_of(entry.motion, shown.model, shown.geometries)
+        curves = (
+            *curves_of(entry.motion, shown.model, shown.geometries),
+            *force_curves(entry.motion, shown.model, shown.clip),
+        )
         chart = chart_html([(entry.title, curves)], scene.fps, chart_height_px=44)
         taken = ("index", *(Path(page).stem for _, page, _ in self._entries))
         name = file_name(entry.title, taken)
