@@ -1,0 +1,120 @@
+"""A motion tracked in simulation by the robot's own joint drives: how long it stands, and how near it stays.
+
+Targets of the drives are the reference's angles, shifted such that the drive gives the feedforward torque where the
+robot is on the reference. With feedback gains they also answer to where robot and objects are.
+"""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.arrays import frozen
+from hoi_retarget.physics.reference import TICK, Reference
+from hoi_retarget.physics.scene import Scene
+
+FALLEN = 0.6
+"""A robot whose base is lower than this share of the reference's has fallen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """A simulated motion at the controller's ticks, up to its end or the fall."""
+
+    qpos: Float[np.ndarray, "K nq"]
+    qvel: Float[np.ndarray, "K nv"]
+    targets: Float[np.ndarray, "K n"]
+    """Of the drives [rad], held for one tick each."""
+    fell_after: float | None
+    """[s]; None when it did not fall."""
+
+    @property
+    def seconds(self) -> float:
+        """How long it stood [s]."""
+        return self.fell_after if self.fell_after is not None else TICK * (len(self.qpos) - 1)
+
+
+def drive_targets(scene: Scene, reference: Reference, *, feedforward: bool = True) -> Float[np.ndarray, "K n"]:
+    """Return the targets of the drives [rad] along a reference; without feedforward, its angles."""
+    drives, n = scene.actuators, scene.model.n
+    angles = reference.qpos[:, 7 : 7 + n]
+    if not feedforward:
+        return angles
+    torques = np.clip(reference.torques, -drives.torque, drives.torque)
+    return angles + (torques + drives.damping * reference.qvel[:, 6 : 6 + n]) / drives.stiffness
+
+
+def tracked(
+    simulated: mujoco.MjModel,
+    reference: Reference,
+    targets: Float[np.ndarray, "K n"],
+    gains: Float[np.ndarray, "K n x"] | None = None,
+) -> Rollout:
+    """Return the simulation of drives that follow targets, from the reference's first state on.
+
+    Args:
+        simulated: The compiled scene.
+        reference: What is followed.
+        targets: Of the drives.
+        gains: From deviations of the state (2 nv numbers: configuration, then velocity) to changes of the targets.
+    """
+    data = mujoco.MjData(simulated)
+    data.qpos[:], data.qvel[:] = reference.qpos[0], reference.qvel[0]
+    steps = max(1, round(TICK / simulated.opt.timestep))
+    qpos, qvel, given = [data.qpos.copy()], [data.qvel.copy()], []
+    fell_after = None
+    for tick in range(len(reference.qpos) - 1):
+        target = targets[tick]
+        if gains is not None:
+            target = target + gains[tick] @ deviation(simulated, reference, tick, data)
+        data.ctrl[:] = target
+        given.append(data.ctrl.copy())
+        if not _stepped(simulated, data, steps) or data.qpos[2] < FALLEN * reference.qpos[tick + 1, 2]:
+            fell_after = TICK * (tick + 1)
+            break
+        qpos.append(data.qpos.copy())
+        qvel.append(data.qvel.copy())
+    given = [*given, targets[-1]][: len(qpos)]
+    return Rollout(frozen(qpos), frozen(qvel), frozen(given), fell_after)
+
+
+def _stepped(simulated: mujoco.MjModel, data: mujoco.MjData, steps: int) -> bool:
+    """Simulate one tick; return whether numbers stayed finite and small, without which a robot falls."""
+    kinds = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+    told = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(_ignore)  # Its own would write a log file into the current folder.
+    try:
+        mujoco.mj_step(simulated, data, steps)
+    finally:
+        mujoco.set_mju_user_warning(told)
+    return not any(data.warning[kind].number for kind in kinds)
+
+
+def _ignore(_: str) -> None:
+    """Take a warning, which the counts in the data tell as well."""
+
+
+def deviation(
+    simulated: mujoco.MjModel, reference: Reference, tick: int, data: mujoco.MjData
+) -> Float[np.ndarray, "x"]:
+    """Return where a state is beside the reference's: 2 nv numbers, configuration and velocity."""
+    apart = np.empty(simulated.nv)
+    mujoco.mj_differentiatePos(simulated, apart, 1.0, reference.qpos[tick], data.qpos)
+    return np.concatenate([apart, data.qvel - reference.qvel[tick]])
+
+
+def object_errors(rollout: Rollout, reference: Reference, joints: int) -> Float[np.ndarray, "K O"]:
+    """Return how far objects are from where the reference has them [m]."""
+    first = 7 + joints
+    count = (reference.qpos.shape[1] - first) // 7
+    frames = len(rollout.qpos)
+    places = [slice(first + 7 * index, first + 7 * index + 3) for index in range(count)]
+    found = [np.linalg.norm(rollout.qpos[:, at] - reference.qpos[:frames, at], axis=1) for at in places]
+    return np.stack(found, axis=1) if found else np.zeros((frames, 0))
+
+
+def base_errors_deg(rollout: Rollout, reference: Reference) -> Float[np.ndarray, "K"]:
+    """Return how far the base is turned from the reference's [deg]."""
+    return np.degrees(se3.angle_between(rollout.qpos[:, 3:7], reference.qpos[: len(rollout.qpos), 3:7]))
