@@ -51,6 +51,22 @@ PARENT: dict[str, str | None] = {
     **{name: _finger_parent(name) for name in (*LEFT_FINGERS, *RIGHT_FINGERS)},
 }
 
+LIMBS: tuple[tuple[str, str], ...] = (
+    ("pelvis", "neck"),
+    *(
+        (f"{side}_{first}", f"{side}_{second}")
+        for side in ("left", "right")
+        for first, second in (
+            ("hip", "knee"),
+            ("knee", "ankle"),
+            ("ankle", "foot"),
+            ("shoulder", "elbow"),
+            ("elbow", "wrist"),
+        )
+    ),
+)
+"""The body in eleven straight pieces, each from joint to joint."""
+
 # Standing height over the length of the chain hip-knee + knee-ankle + pelvis-to-head joint:
 # reproduces the stated heights of ten OMOMO subjects within 2.2 cm.
 HEIGHT_OVER_CHAIN = 1.204

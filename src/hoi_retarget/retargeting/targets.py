@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.rotation_jumps import RotationJump, without_rotation_jumps
+from hoi_retarget.human.skeleton import LIMBS
 from hoi_retarget.human.stance import LARGEST_DIFFERENCE, stance
 from hoi_retarget.human.trunk import trunk_rotations
 from hoi_retarget.numerics import se3
@@ -76,6 +77,8 @@ class Targets:
     """1 in contact, fading to 0 around it."""
     contact_rotation_weights: Float[np.ndarray, "T C"]
     """The same for the links' rotations, which need longer."""
+    limbs: Float[np.ndarray, "T O L 2 3"]
+    """The ends of the human's limbs (`LIMBS`) in the frames of the objects at their scaled size [m]."""
     rotation_jumps: tuple[RotationJump, ...] = ()
     """Of the recording; the targets do without them."""
     contact: ContactKind = "landmark"
@@ -147,6 +150,7 @@ def make_targets(
         object_quat=frozen(np.stack(turns, axis=1) if turns else np.zeros((clip.frames, 0, 4))),
         contact_links=tuple(model.spec.part_sites.values()),
         stance_flags=frozen(stands, bool),
+        limbs=frozen(_limbs(human, clip.objects, geometry_scale)),
         rotation_jumps=jumps,
         contact=contact,
         **_contact_fields(clip, model, person, geometry_scale),
@@ -278,6 +282,15 @@ def _lift_out(
     """
     lowest = path[:, 2] + scale * track.geometry.lowest_along(se3.quat_to_matrix(quats)[:, 2])
     return slow_cover(np.maximum(-lowest, 0.0), fps)
+
+
+def _limbs(human: Person, objects: Sequence[ObjectTrack], scale: float) -> Float[np.ndarray, "T O L 2 3"]:
+    """Return the ends of the human's limbs in the objects' frames, at their scaled size [m]."""
+    ends = [human.position(joint) for limb in LIMBS for joint in limb]
+    seen = np.zeros((len(ends[0]), len(objects), len(ends), 3))
+    for index, track in enumerate(objects):
+        seen[:, index] = scale * np.stack([track.to_object(end) for end in ends], axis=1)
+    return seen.reshape(len(seen), len(objects), len(LIMBS), 2, 3)
 
 
 def _contact_fields(clip: Clip, model: RobotModel, person: int, geometry_scale: float) -> dict[str, np.ndarray]:

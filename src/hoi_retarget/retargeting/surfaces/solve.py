@@ -17,16 +17,19 @@ from hoi_retarget.retargeting.surfaces.contact_sides import contact_sides
 from hoi_retarget.retargeting.surfaces.moving_object import moving_objects
 from hoi_retarget.retargeting.surfaces.table import Surfaces, surface_terms
 from hoi_retarget.retargeting.surfaces.touching_targets import touching_targets
+from hoi_retarget.retargeting.surfaces.ways_out import WayOut, ways_out, windows_of
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import Problem
 from hoi_retarget.retargeting.trajopt.table import trajectory_terms
 from hoi_retarget.retargeting.trajopt.windows import solve_windows
 from hoi_retarget.robots.model import RobotModel
-from hoi_retarget.robots.skin import skin_of
+from hoi_retarget.robots.skin import Skin, skin_of
 
 ROUGHLY, CLOSELY, TO_THE_END = 300.0, 60.0, 7.0
 """Tolerances of the passes, as multiples of the solver's own: contacts weigh so much that less shows nowhere."""
 
+ROUNDS = 3
+"""Of ways out of an object."""
 MOST_ITERATIONS = 40
 """Of each pass."""
 
@@ -62,29 +65,45 @@ class SurfaceProblems:
             solve: Solves one pass from a start with a solver, and is told whether it is the last one.
         """
         solver = self.config.solver
-        points = self._with_points(self._moved(self.ik_qpos))
-        qpos = solve(points, self.ik_qpos, _loosened(solver, ROUGHLY), False)
+        qpos: np.ndarray = self.ik_qpos
+        ways: tuple[WayOut, ...] = ()
+        for _ in range(1 + ROUNDS):
+            qpos = solve(self._with_points(self._moved(qpos), ways), qpos, _loosened(solver, ROUGHLY), False)
+            further = self._ways_out(qpos, ways)
+            if not further:
+                break
+            ways = (*ways, *further)
         moved = self._moved(qpos)
-        qpos = solve(self._with_surfaces(moved, qpos, yielding=False), qpos, _loosened(solver, CLOSELY), False)
-        return solve(self._with_surfaces(moved, qpos, yielding=True), qpos, to_the_end(solver), True)
+        qpos = solve(self._with_surfaces(moved, qpos, ways, yielding=False), qpos, _loosened(solver, CLOSELY), False)
+        return solve(self._with_surfaces(moved, qpos, ways, yielding=True), qpos, to_the_end(solver), True)
 
     def last(self, qpos: Float[np.ndarray, "T nq"]) -> ProblemOf:
         """Return the problem of the last pass, for a trajectory that has been through all of them."""
-        return self._with_surfaces(self._moved(qpos), qpos, yielding=True)
+        return self._with_surfaces(self._moved(qpos), qpos, (), yielding=True)
+
+    def _ways_out(self, qpos: np.ndarray, earlier: tuple[WayOut, ...]) -> tuple[WayOut, ...]:
+        """Return ways out for links that are deep in an object, other than those that are to touch it."""
+        of, targets = self.surfaces, self.targets
+        touching = {self.model.body_of(site) for site in targets.contact_links}
+        free = Skin(tuple(skin for skin in of.skin.links if skin.link not in touching))
+        weight, start = self.config.weights.clearance, self.model.forward(qpos)
+        return ways_out(of.objects, targets.limbs, free, start, earlier, weight, targets.fps)
 
     def _moved(self, qpos: np.ndarray) -> Targets:
         of = self.surfaces
         return touching_targets(self.targets, of.objects, of.sides, of.skin, self.model.forward(qpos))
 
-    def _with_points(self, moved: Targets) -> ProblemOf:
+    def _with_points(self, moved: Targets, ways: tuple[WayOut, ...]) -> ProblemOf:
         def problem_of(first: int, stop: int, pinned: int) -> Problem:
             reference = self.model.forward(self.ik_qpos[first:stop])
             terms = trajectory_terms(self.config.weights.with_surfaces, moved.window(first, stop), reference)
-            return Problem(self.model, terms, moved.fps, pinned)
+            return Problem(self.model, (*terms, *windows_of(ways, first, stop)), moved.fps, pinned)
 
         return problem_of
 
-    def _with_surfaces(self, moved: Targets, qpos: np.ndarray, *, yielding: bool) -> ProblemOf:
+    def _with_surfaces(
+        self, moved: Targets, qpos: np.ndarray, ways: tuple[WayOut, ...], *, yielding: bool
+    ) -> ProblemOf:
         def problem_of(first: int, stop: int, pinned: int) -> Problem:
             terms = surface_terms(
                 self.config.weights.with_surfaces,
@@ -92,6 +111,7 @@ class SurfaceProblems:
                 self.model.forward(self.ik_qpos[first:stop]),
                 self.model.forward(qpos[first:stop]),
                 self.surfaces.window(first, stop),
+                windows_of(ways, first, stop),
                 yielding=yielding,
             )
             return Problem(self.model, terms, moved.fps, pinned)

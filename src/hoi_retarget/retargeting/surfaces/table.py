@@ -11,6 +11,7 @@ from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.surfaces.moving_object import MovingObject
 from hoi_retarget.retargeting.surfaces.object_outside_link import ObjectOutsideLink, object_outside_link
 from hoi_retarget.retargeting.surfaces.skin_contact import SkinContact, skin_contact
+from hoi_retarget.retargeting.surfaces.ways_out import WayOut
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import Term
 from hoi_retarget.retargeting.trajopt.table import trajectory_terms
@@ -25,6 +26,8 @@ TRAPPED = 0.012
 """[m]; a link that is still so deep after a solve has no way out near by."""
 YIELDING, YIELDING_SECONDS = 0.3, 0.5
 """Share of the clearances' weight then, and for how long before and after: more would tear at the motion."""
+ON_A_WAY = 0.1
+"""Share of a link's clearance while it is on a way out."""
 ALONG_NORMAL = 0.05
 """Share of the contact's cost along its side: there the surfaces decide."""
 HAND_POINTS, LINK_POINTS, SAMPLES = 12, 6, 6
@@ -58,6 +61,7 @@ def surface_terms(  # noqa: PLR0913 - what the terms are made of
     reference: Kinematics,
     start: Kinematics,
     surfaces: Surfaces,
+    ways: tuple[WayOut, ...] = (),
     *,
     yielding: bool = False,
 ) -> tuple[Term, ...]:
@@ -69,16 +73,26 @@ def surface_terms(  # noqa: PLR0913 - what the terms are made of
         reference: The IK trajectory.
         start: The trajectory that the solve starts from, by which points are chosen.
         surfaces: Of the same frames.
+        ways: Of links out of objects: these links' clearance hardly weighs, for it has other ideas of the way.
         yielding: Whether links that are trapped in an object at the start may stay there.
     """
     table = (
         _along_surface(term, targets, surfaces) if isinstance(term, ObjectContact) else term
         for term in trajectory_terms(weights, targets, reference)
     )
-    clearances = tuple(_clearances(weights, targets, start, surfaces))
+    clearances = tuple(_on_ways(term, ways) for term in _clearances(weights, targets, start, surfaces))
     if yielding:
         clearances = _yielding(clearances, start, frames_in(YIELDING_SECONDS, targets.fps))
-    return (*table, *clearances, *self_clearance_terms(weights, targets, start))
+    return (*table, *clearances, *ways, *self_clearance_terms(weights, targets, start))
+
+
+def _on_ways(term: Clearance, ways: tuple[WayOut, ...]) -> Clearance:
+    """Return a term that hardly weighs in the frames in which its link is on a way out."""
+    of_link = [way.frames for way in ways if way.link == term.skin.link]
+    if not of_link:
+        return term
+    on = np.isin(term.frames, np.concatenate(of_link))
+    return replace(term, weights=np.where(on, ON_A_WAY, 1.0) * term.weights)
 
 
 def _yielding(clearances: tuple[Clearance, ...], start: Kinematics, ramp: int) -> tuple[Clearance, ...]:

@@ -27,6 +27,8 @@ SMOOTHING_SECONDS = 0.4
 STRIDE_SECONDS = 0.1
 OVERSHOOT = 1.15
 """A step out is longer than the depth: where the side is oblique to the surface, the depth shrinks by less."""
+LEFT = 0.001
+"""[m] of an object may be left in a link."""
 LARGEST_MOVE = 0.2
 """[m]; a hand that would have to go further stays as it is."""
 
@@ -77,6 +79,8 @@ def _moves(  # noqa: PLR0913, PLR0917 - what decides a move
     distances, normals = thing.distances_and_normals(goals)
     apart = (goals - distances * normals - touched).mean(axis=1, keepdims=True)
     moves, _ = _settled(moves + TOWARDS_PLACE * apart, goals, lever, outward, thing)
+    origins = np.einsum("jif,jf->if", to_object, to_link) + goals
+    moves = _outside(moves, origins, turned, outward, thing, skin)
     return np.where(np.linalg.norm(moves, axis=0) < LARGEST_MOVE, moves, 0.0)
 
 
@@ -96,3 +100,28 @@ def _settled(
         distances, normals = thing.distances_and_normals(touched)
         moves = moves + np.where(distances < 0.0, -OVERSHOOT * distances * outward, -distances * normals)
     return moves, touched
+
+
+def _outside(  # noqa: PLR0913, PLR0917 - what decides a move
+    moves: Float[np.ndarray, "3 F"],
+    origins: Float[np.ndarray, "3 F"],
+    turned: Float[np.ndarray, "3 3 F"],
+    outward: Float[np.ndarray, "3 F"],
+    thing: MovingObject,
+    skin: LinkSkin,
+) -> Float[np.ndarray, "3 F"]:
+    """Return moves that are longer where something of the object is in the link, between its skin points."""
+    moves = moves.copy()
+    surface = np.asarray(thing.samples.data)
+    for frame in range(moves.shape[1]):
+        turn, side = turned[:, :, frame], outward[:, frame]
+        origin = origins[:, frame] + moves[:, frame]
+        samples = surface[thing.samples.query_ball_point(origin + turn @ skin.centre, skin.radius)]
+        seen, back, way = (samples - origin) @ turn, turn.T @ side, 0.0
+        for _ in range(STEPS):
+            depth = -skin.solid.distances(seen - way * back).min(initial=np.inf)
+            if depth < LEFT:
+                break
+            way += OVERSHOOT * depth
+        moves[:, frame] += way * side
+    return moves
