@@ -25,7 +25,7 @@ from hoi_retarget.retargeting.trajopt.windows import solve_windows
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.skin import Skin, skin_of
 
-ROUGHLY, CLOSELY, TO_THE_END = 300.0, 60.0, 7.0
+ROUGHLY, CLOSELY, TO_THE_END = 300.0, 20.0, 7.0
 """Tolerances of the passes, as multiples of the solver's own: contacts weigh so much that less shows nowhere."""
 
 ROUNDS = 3

@@ -30,8 +30,8 @@ ON_A_WAY = 0.1
 """Share of a link's clearance while it is on a way out."""
 ALONG_NORMAL = 0.05
 """Share of the contact's cost along its side: there the surfaces decide."""
-HAND_POINTS, LINK_POINTS, SAMPLES = 12, 6, 6
-HAND_SPREAD, LINK_SPREAD = 0.012, 0.03
+HAND_POINTS, LINK_POINTS, SAMPLES = 24, 6, 14
+HAND_SPREAD, LINK_SPREAD = 0.008, 0.03
 """[m] between points of one link."""
 
 
