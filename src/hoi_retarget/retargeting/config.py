@@ -123,7 +123,7 @@ class Weights:
         return replace(self, **{name: factor * getattr(self, name) for name, factor in factors.items()})
 
 
-SURFACE_CONTACT: Mapping[str, float] = MappingProxyType({"base_position": 30.0, "jerk": 2.0})
+SURFACE_CONTACT: Mapping[str, float] = MappingProxyType({"base_position": 40.0, "jerk": 2.0, "hand_orientation": 1.5})
 """Weight -> its factor where surfaces touch: what hands lose of the human's small motions, the body keeps."""
 
 

@@ -78,8 +78,11 @@ def _distances(  # noqa: PLR0913, PLR0917 - as above
 
 def nearest_spread(distances: Float[np.ndarray, "P F"], patches: Patches, count: int) -> Int[np.ndarray, "K F"]:
     """Return, in every frame, the point with the least distance, then the next one that is not close to these, ..."""
-    left, chosen = distances.copy(), []
-    for _ in range(min(count, len(distances))):
+    # Most of a skin is never looked at.
+    seen = np.flatnonzero((distances < FAR).any(axis=1))
+    seen = seen if seen.size else np.arange(min(count, len(distances)))
+    left, close, chosen = distances[seen], patches.close[np.ix_(seen, seen)], []
+    for _ in range(min(count, len(seen))):
         chosen.append(left.argmin(axis=0))
-        left += np.where(patches.close[:, chosen[-1]], FAR, 0.0)
-    return np.array(chosen)
+        left += np.where(close[:, chosen[-1]], FAR, 0.0)
+    return seen[np.array(chosen)]

@@ -3,13 +3,15 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.targets import Targets
-from hoi_retarget.retargeting.trajopt.link_pairs import LinkPair, near_pairs
+from hoi_retarget.retargeting.trajopt.link_pairs import REACH, LinkPair, near_pairs
 from hoi_retarget.retargeting.trajopt.rows import FrameRows, PairRows
 from hoi_retarget.robots.limbs import separable_pairs
 from hoi_retarget.robots.model import Kinematics
-from hoi_retarget.robots.skin import skin_of
+from hoi_retarget.robots.skin import LinkSkin, skin_of
 
 MARGIN = 3e-3  # [m]
 
@@ -40,12 +42,23 @@ def self_clearance_terms(weights: Weights, targets: Targets, reference: Kinemati
     """Yield the clearance of links that come near to each other at the trajectory a solve starts from, if any do."""
     if weights.self_clearance == 0:
         return
-    skins = skin_of(reference.model).by_link
     pairs = tuple(
         pair
-        for first, second in separable_pairs(reference.model, tuple(skins))
-        for pair in near_pairs(skins[first], skins[second], reference, reference)
+        for first, second in _within_reach(reference)
+        for pair in near_pairs(first, second, reference, reference)
         if pair is not None
     )
     if pairs:
         yield SelfClearance("self_clearance", pairs, MARGIN, weights.self_clearance)
+
+
+def _within_reach(reference: Kinematics) -> Iterator[tuple[LinkSkin, LinkSkin]]:
+    """Yield the links that must stay apart and whose balls come near to each other in any frame."""
+    skins = skin_of(reference.model).by_link
+    centres = {
+        link: reference.point(skin.frame.of(skin.centre, np.eye(3))) for link, skin in skins.items()
+    }
+    for first, second in separable_pairs(reference.model, tuple(skins)):
+        apart = ((centres[first] - centres[second]) ** 2).sum(axis=0).min()
+        if apart < (skins[first].radius + skins[second].radius + REACH) ** 2:
+            yield skins[first], skins[second]
