@@ -55,7 +55,7 @@ class Surfaces:
         return Surfaces(objects, self.skin, self.sides[start:stop])
 
 
-def surface_terms(  # noqa: PLR0913 - what the terms are made of
+def surface_terms(  # noqa: PLR0913, PLR0917 - what the terms are made of
     weights: Weights,
     targets: Targets,
     reference: Kinematics,

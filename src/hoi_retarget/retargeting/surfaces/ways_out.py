@@ -19,7 +19,7 @@ from hoi_retarget.retargeting.surfaces.link_points import hinge_rows, levers
 from hoi_retarget.retargeting.surfaces.moving_object import MovingObject
 from hoi_retarget.retargeting.trajopt.rows import FrameRows
 from hoi_retarget.robots.model import Kinematics, RobotModel
-from hoi_retarget.robots.skin import LinkSkin, Skin
+from hoi_retarget.robots.skin import LinkSkin, Skin, skin_of
 
 DEEP = 0.006
 """[m]; links that are less deep find out by themselves."""
@@ -28,6 +28,8 @@ FURTHEST, SHORTEST_STEP = 0.12, 0.004
 AROUND_SECONDS = 0.4
 """A way begins and ends so long before and after the link is deep."""
 SIDE_SECONDS, SMOOTHING_SECONDS = 0.3, 0.15
+NEXT_TO_BODY = 0.25
+"""Share of a human's limb that shows the side, where it begins: a limb that is caught goes back, too."""
 WHOLE_RUN = 0.02
 """Share of the whole run in the side of each of its frames."""
 STRIDE_SECONDS = 0.1
@@ -114,20 +116,20 @@ def windows_of(ways: Sequence[WayOut], start: int, stop: int) -> tuple[WayOut, .
 
 @lru_cache(maxsize=8)
 def limb_of_link(model: RobotModel) -> dict[str, int]:
-    """Return which of the human's limbs each body of a robot stands for: the nearest one in the home pose."""
+    """Return which of the human's limbs each link of a robot stands for: the nearest one in the home pose."""
     standing = model.forward(model.home_qpos[None])
     ends = np.array([[standing.point(_site_of(joint))[:, 0] for joint in limb] for limb in LIMBS])
-    return {
-        body: int(np.linalg.norm(_beside(ends, standing.point(frame)[:, 0]), axis=1).argmin())
-        for body, frame in model.body_frames.frames.items()
-    }
+    middles = {skin.link: standing.point(skin.frame.of(skin.centre, np.eye(3)))[:, 0] for skin in skin_of(model).links}
+    return {link: int(np.linalg.norm(_beside(ends, middle), axis=1).argmin()) for link, middle in middles.items()}
 
 
 def _site_of(joint: str) -> str:
     return {"neck": "head"}.get(joint, joint.replace("foot", "toe").replace("ankle", "foot"))
 
 
-def _beside(limbs: Float[np.ndarray, "*many 2 3"], points: Float[np.ndarray, "*many 3"]) -> np.ndarray:
+def _beside(
+    limbs: Float[np.ndarray, "*limbs 2 3"], points: Float[np.ndarray, "*points 3"]
+) -> Float[np.ndarray, "many 3"]:
     """Return the way [m] from points to the nearest ones of straight limbs."""
     start, along = limbs[..., 0, :], limbs[..., 1, :] - limbs[..., 0, :]
     share = ((points - start) * along).sum(axis=-1) / np.maximum((along**2).sum(axis=-1), 1e-12)
@@ -179,16 +181,22 @@ class _Sunk:
         """Return how deep the object is in the link [m], and the way from what is inside to the human's limb."""
         depths, sides = np.zeros(len(keys)), np.zeros((len(keys), 3))
         near = np.abs(self.thing.distances(self._centres)[keys]) < self.skin.radius
-        for key in np.flatnonzero(near):
-            samples, seen = self._samples(keys[key], 0.0)
+        for key in np.flatnonzero(near).tolist():
+            frame = int(keys[key])
+            samples, seen = self._samples(frame, 0.0)
             distances = self.skin.solid.distances(seen)
             inside = distances < 0
             if inside.any():
                 depths[key] = -distances.min()
-                beside = _beside(self.limb[keys[key]], samples[inside])
+                beside = _beside(self._beginning(frame), samples[inside])
                 beside /= np.maximum(np.linalg.norm(beside, axis=1, keepdims=True), 1e-9)
                 sides[key] = -distances[inside] @ beside
         return depths, sides
+
+    def _beginning(self, frame: int) -> Float[np.ndarray, "2 3"]:
+        """Return the part of the human's limb that shows the side [m]."""
+        start, end = self.limb[frame]
+        return np.stack([start, start + NEXT_TO_BODY * (end - start)])
 
     def _to_the_end(self, frame: int, side: Float[np.ndarray, "3"]) -> tuple[float, Float[np.ndarray, "3"]]:
         """Return how far the link has to go until nothing is inside it [m], and its deepest point at the start."""

@@ -55,9 +55,7 @@ def self_clearance_terms(weights: Weights, targets: Targets, reference: Kinemati
 def _within_reach(reference: Kinematics) -> Iterator[tuple[LinkSkin, LinkSkin]]:
     """Yield the links that must stay apart and whose balls come near to each other in any frame."""
     skins = skin_of(reference.model).by_link
-    centres = {
-        link: reference.point(skin.frame.of(skin.centre, np.eye(3))) for link, skin in skins.items()
-    }
+    centres = {link: reference.point(skin.frame.of(skin.centre, np.eye(3))) for link, skin in skins.items()}
     for first, second in separable_pairs(reference.model, tuple(skins)):
         apart = ((centres[first] - centres[second]) ** 2).sum(axis=0).min()
         if apart < (skins[first].radius + skins[second].radius + REACH) ** 2:
