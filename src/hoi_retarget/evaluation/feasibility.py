@@ -8,7 +8,7 @@ from hoi_retarget.errors import RobotError
 from hoi_retarget.evaluation.figure import Figure
 from hoi_retarget.evaluation.view import Comparison
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.physics.feasibility import forces_on_clip, unheld_by_one
+from hoi_retarget.physics.feasibility import forces_on_clip, over_torque, unheld_by_one
 from hoi_retarget.physics.forces import Forces
 
 _PERCENTILE = 95
@@ -23,7 +23,7 @@ def forces_figures(forces: Forces, motion: Motion) -> dict[str, float | None]:
         "missing_wrench_p95_share": float(np.percentile(forces.missing_share, _PERCENTILE)),
         "object_missing_wrench_p95_share": float(np.percentile(judged, _PERCENTILE)) if judged.size else None,
         "torque_p95_share": float(np.percentile(largest, _PERCENTILE)),
-        "torque_over_limit_share": float((largest > 1.0).mean()),
+        "torque_over_limit_share": float(over_torque(forces).any(axis=1).mean()),
         "one_hand_unheld_s": float(unheld_by_one(forces, motion).sum() / motion.fps) if judged.size else None,
     }
 

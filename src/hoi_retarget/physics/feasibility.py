@@ -17,6 +17,7 @@ from hoi_retarget.robots.model import RobotModel
 
 MISSING = 0.10
 """Of a body's weight: with less missing, a controller that leans or gives way a little may still do it."""
+_COSTLY = 0.02  # Of a weight or a limit: rounding, and less than anybody notices.
 _BRIEF = 0.1  # [s]; shorter stretches are not told, and shorter breaks are passed over.
 
 
@@ -79,6 +80,17 @@ def unheld_by_one(forces: Forces, motion: Motion) -> Bool[np.ndarray, "T"]:
     return found
 
 
+def over_torque(forces: Forces) -> Bool[np.ndarray, "T n"]:
+    """Return where a joint would need more than its limit, and to stay within it costs something.
+
+    It costs nothing where other forces do it as well: then hardly anything is missing, and no torque is over.
+    """
+    missing = np.concatenate([forces.missing_share[:, None], forces.missing_share_at_objects], axis=1)
+    lacking = np.nanmax(missing, axis=1) > _COSTLY
+    still_over = (np.abs(forces.torques) > (1.0 + _COSTLY) * forces.limits).any(axis=1)
+    return (forces.torque_shares > 1.0) & (lacking | still_over)[:, None]
+
+
 def shortcomings(forces: Forces, motion: Motion) -> tuple[Shortcoming, ...]:
     """Return what cannot be performed, the worst of each kind first: balance, objects, torques."""
     found = (_balance(forces, motion), _at_objects(forces, motion), _torques(forces, motion))
@@ -116,13 +128,14 @@ def _at_objects(forces: Forces, motion: Motion) -> Iterator[Shortcoming]:
 
 
 def _torques(forces: Forces, motion: Motion) -> Iterator[Shortcoming]:
+    over = over_torque(forces)
     for joint, name in enumerate(motion.joint_names):
         shares = forces.torque_shares[:, joint]
-        for first, last in _stretches(shares > 1.0, motion.fps):
+        for first, last in _stretches(over[:, joint], motion.fps):
             frame = first + int(shares[first : last + 1].argmax())
             needed, limit = abs(float(forces.unlimited_torques[frame, joint])), float(forces.limits[joint])
             held = [
-                _thing(forces, index) for index in range(len(forces.bodies)) if _labelled(motion, index)[frame].any()
+                _thing(forces, index) for index in np.flatnonzero(np.isfinite(forces.missing_at_objects[frame, :, 0]))
             ]
             why = f" with {', '.join(held)}" if held else ""
             text = f"{name} would need {needed:.1f} N m{why}, {needed - limit:.1f} more than it has"
@@ -152,7 +165,7 @@ def _stretches(active: Bool[np.ndarray, "T"], fps: float) -> list[tuple[int, int
     return [(first, stop - 1) for first, stop in runs(steadied(active, gap=brief, shortest=brief), brief)]
 
 
-def _thing(forces: Forces, index: int) -> str:
+def _thing(forces: Forces, index: int | np.intp) -> str:
     body = forces.bodies[index]
     return f"the {body.name} of {body.mass:.1f} kg"
 
