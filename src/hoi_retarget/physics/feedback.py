@@ -32,12 +32,17 @@ _Linear = tuple[np.ndarray, np.ndarray]
 """How a state follows the one before it, and the targets."""
 
 
-def feedback_gains(scene: Scene, simulated: mujoco.MjModel, reference: Reference) -> Float[np.ndarray, "K n x"]:
-    """Return the gains at every tick, from deviations (`rollout.deviation`) to changes of the drives' targets."""
+def feedback_gains(
+    scene: Scene, simulated: mujoco.MjModel, reference: Reference, *, objects: bool = True
+) -> Float[np.ndarray, "K n x"]:
+    """Return the gains at every tick, from deviations (`rollout.deviations`) to changes of the drives' targets.
+
+    Where objects do not count, the robot minds itself alone.
+    """
     ticks = list(range(0, len(reference.qpos), _EVERY))
     steps = max(1, round(TICK / simulated.opt.timestep))
     linear = _tame(_linearized(scene, simulated, reference, ticks, steps))
-    cost = np.diag(_costs(scene.model.n, len(scene.objects)))
+    cost = np.diag(_costs(scene.model.n, len(scene.objects), 1.0 if objects else 0.0))
     effort = _EFFORT * np.eye(scene.model.n)
     ahead = _LAST * cost
     gains = np.zeros((len(reference.qpos), scene.model.n, len(cost)))
@@ -88,7 +93,12 @@ def _linearized(
     return found
 
 
-def _costs(joints: int, objects: int) -> Float[np.ndarray, "x"]:
-    places = [_BASE] * 3 + [_BASE_TURN] * 3 + [_JOINT] * joints + ([_OBJECT] * 3 + [_OBJECT_TURN] * 3) * objects
+def _costs(joints: int, objects: int, share: float) -> Float[np.ndarray, "x"]:
+    places = (
+        [_BASE] * 3
+        + [_BASE_TURN] * 3
+        + [_JOINT] * joints
+        + ([share * _OBJECT] * 3 + [share * _OBJECT_TURN] * 3) * objects
+    )
     speeds = [_BASE_SPEED, _BASE_SPEED, _SINKING] + [_TURNING] * 3 + [_JOINT_SPEED] * joints
-    return np.array([*places, *speeds, *([_OBJECT_SPEED] * 3 + [_OBJECT_TURNING] * 3) * objects])
+    return np.array([*places, *speeds, *([share * _OBJECT_SPEED] * 3 + [share * _OBJECT_TURNING] * 3) * objects])

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from hoi_retarget.motion.motion import Motion
@@ -25,6 +25,10 @@ class Reference:
     qvel: Float[np.ndarray, "K nv"]
     torques: Float[np.ndarray, "K n"]
     """Feedforward [N m]."""
+    links: tuple[str, ...]
+    """Sites of the robot that may touch objects."""
+    touched: Int[np.ndarray, "K C"]
+    """Which object each of them is labelled to touch; -1 for none."""
 
     @property
     def seconds(self) -> float:
@@ -42,7 +46,9 @@ def reference_of(scene: Scene, motion: Motion, forces: Forces) -> Reference:
     # The scene has the robot's coordinates first, then each object's.
     qpos = np.concatenate([body[0] for body in bodies], axis=1)
     qvel = np.concatenate([body[1] for body in bodies], axis=1)
-    return Reference(frozen(qpos), frozen(qvel), frozen(CubicSpline(times, forces.torques)(ticks)))
+    torques = CubicSpline(times, forces.torques)(ticks)
+    touched = np.where(motion.contact_flags, motion.contact_object, -1)[np.round(ticks * motion.fps).astype(int)]
+    return Reference(frozen(qpos), frozen(qvel), frozen(torques), motion.contact_links, frozen(touched, int))
 
 
 def _at(movement: Movement, times: np.ndarray, ticks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,6 +4,8 @@ Targets of the drives are the reference's angles, shifted such that the drive gi
 robot is on the reference. With feedback gains they also answer to where robot and objects are.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import mujoco
@@ -62,16 +64,16 @@ def tracked(
     """
     data = mujoco.MjData(simulated)
     data.qpos[:], data.qvel[:] = reference.qpos[0], reference.qvel[0]
-    steps = max(1, round(TICK / simulated.opt.timestep))
     qpos, qvel, given = [data.qpos.copy()], [data.qvel.copy()], []
     fell_after = None
     for tick in range(len(reference.qpos) - 1):
         target = targets[tick]
         if gains is not None:
-            target = target + gains[tick] @ deviation(simulated, reference, tick, data)
+            apart = deviations(reference, len(target), tick, data.qpos[None], data.qvel[None])[0]
+            target = target + gains[tick] @ apart
         data.ctrl[:] = target
         given.append(data.ctrl.copy())
-        if not _stepped(simulated, data, steps) or data.qpos[2] < FALLEN * reference.qpos[tick + 1, 2]:
+        if not stepped(simulated, data) or has_fallen(reference, tick + 1, data):
             fell_after = TICK * (tick + 1)
             break
         qpos.append(data.qpos.copy())
@@ -80,29 +82,51 @@ def tracked(
     return Rollout(frozen(qpos), frozen(qvel), frozen(given), fell_after)
 
 
-def _stepped(simulated: mujoco.MjModel, data: mujoco.MjData, steps: int) -> bool:
+def steps_of(simulated: mujoco.MjModel) -> int:
+    """Return how many steps of a simulation a tick has."""
+    return max(1, round(TICK / simulated.opt.timestep))
+
+
+def stepped(simulated: mujoco.MjModel, data: mujoco.MjData) -> bool:
     """Simulate one tick; return whether numbers stayed finite and small, without which a robot falls."""
     kinds = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+    with quiet():
+        mujoco.mj_step(simulated, data, steps_of(simulated))
+    return not any(data.warning[kind].number for kind in kinds)
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep MuJoCo from writing its warnings into a log file in the current folder."""
     told = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(_ignore)  # Its own would write a log file into the current folder.
+    mujoco.set_mju_user_warning(_ignore)
     try:
-        mujoco.mj_step(simulated, data, steps)
+        yield
     finally:
         mujoco.set_mju_user_warning(told)
-    return not any(data.warning[kind].number for kind in kinds)
+
+
+def has_fallen(reference: Reference, tick: int, data: mujoco.MjData) -> bool:
+    """Return whether a robot's base is too low for a tick of a reference."""
+    return bool(data.qpos[2] < FALLEN * reference.qpos[tick, 2])
 
 
 def _ignore(_: str) -> None:
     """Take a warning, which the counts in the data tell as well."""
 
 
-def deviation(
-    simulated: mujoco.MjModel, reference: Reference, tick: int, data: mujoco.MjData
-) -> Float[np.ndarray, "x"]:
-    """Return where a state is beside the reference's: 2 nv numbers, configuration and velocity."""
-    apart = np.empty(simulated.nv)
-    mujoco.mj_differentiatePos(simulated, apart, 1.0, reference.qpos[tick], data.qpos)
-    return np.concatenate([apart, data.qvel - reference.qvel[tick]])
+def deviations(
+    reference: Reference, joints: int, tick: int, qpos: Float[np.ndarray, "N nq"], qvel: Float[np.ndarray, "N nv"]
+) -> Float[np.ndarray, "N x"]:
+    """Return where states are beside the reference's: 2 nv numbers each, configuration and velocity."""
+    wanted = reference.qpos[tick]
+    free = [0, *range(7 + joints, len(wanted), 7)]
+    apart = []
+    for first in free:
+        turn = se3.quat_multiply(se3.quat_conjugate(wanted[first + 3 : first + 7]), qpos[:, first + 3 : first + 7])
+        apart += [qpos[:, first : first + 3] - wanted[first : first + 3], se3.log(turn)]
+    apart.insert(2, qpos[:, 7 : 7 + joints] - wanted[7 : 7 + joints])
+    return np.concatenate([*apart, qvel - reference.qvel[tick]], axis=1)
 
 
 def object_errors(rollout: Rollout, reference: Reference, joints: int) -> Float[np.ndarray, "K O"]:

@@ -26,3 +26,32 @@ class Physics:
         for name, value in vars(self).items():
             if not isinstance(value, str) and not (isfinite(value) and value > 0):
                 raise ArgumentError(f"physics: {name.replace('_', '-')} is {value}; it must be a positive number.")
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """How much a refinement tries."""
+
+    horizon: float = 1.0
+    """How far ahead plans look [s]."""
+    iterations: int = 3
+    """Rounds of samples of each plan."""
+    samples: int = 48
+    """In each round."""
+    most_samples: int = 192
+    """In each round where the robot is about to fall."""
+    noise: float = 1.0
+    """Of the samples; 1 is 0.1 rad at the arms' joints, and 0.04 at the others."""
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.horizon) and 0.2 <= self.horizon <= 10.0):
+            raise ArgumentError(f"refinement: horizon is {self.horizon}; it must be 0.2 to 10 seconds.")
+        if not (isfinite(self.noise) and self.noise >= 0.0):
+            raise ArgumentError(f"refinement: noise is {self.noise}; it must be a number that is not negative.")
+        if self.iterations < 1:
+            raise ArgumentError(f"refinement: iterations is {self.iterations}; it must be 1 or more.")
+        if not 8 <= self.samples <= self.most_samples:
+            raise ArgumentError(
+                f"refinement: samples is {self.samples} and most-samples {self.most_samples}; samples must be 8 or "
+                "more, and no more than most-samples."
+            )

@@ -1,0 +1,116 @@
+"""How far states are from a reference, as one number each: what sampled motions are judged by.
+
+Squares of deviations, weighted: of joints, base, head, feet and palms; of the capture point, which is the centre of
+mass and its velocity over the pendulum's frequency; of objects; and of hands as the objects see them, where they are
+labelled to touch.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.numerics import se3
+from hoi_retarget.physics.needs import GRAVITY
+from hoi_retarget.physics.reference import Reference
+from hoi_retarget.physics.rollout import FALLEN
+from hoi_retarget.physics.scene import Scene
+from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.robots.spec import SIDES
+
+_BASE, _BASE_TURN, _TURNING, _JOINT, _JOINT_SPEED = 10.0, 2.0, 0.05, 0.3, 0.002  # [1/m^2], [1/rad^2], [s^2/rad^2]
+_OBJECT, _OBJECT_TURN, _OBJECT_SPEED = 60.0, 3.0, 0.3
+_PLACES = {"head": 15.0} | {f"{side}_foot": 10.0 for side in SIDES} | {f"{side}_palm": 3.0 for side in SIDES}
+_TILT = 1.0  # Of a foot's axis, a unit vector.
+_CAPTURE = 15.0
+_TOUCH = 30.0  # Of a point of the robot in the frame of the object that it touches.
+_FALLING = 50.0
+_MOMENT = 1e-4  # [s]
+
+
+@dataclass(frozen=True, eq=False)
+class _Postures:
+    """What is compared, of N states."""
+
+    places: Float[np.ndarray, "N P 3"]
+    tilts: Float[np.ndarray, "N 2 3"]
+    """Up-axes of the feet."""
+    capture: Float[np.ndarray, "N 2"]
+    touching: Float[np.ndarray, "N C 3"]
+    """Places of the links that may touch, in the world."""
+
+
+class TrackingCost:
+    """The cost of states at the ticks of one reference."""
+
+    def __init__(self, scene: Scene, reference: Reference) -> None:
+        self._model, self._reference, self._n = scene.model, reference, scene.model.n
+        heights = _centres(scene.model.forward(reference.qpos[:, : 7 + self._n]))[:, 2]
+        self._pendulum = np.sqrt(GRAVITY / np.median(heights))
+        self._goals = self._postures(reference.qpos, reference.qvel)
+        self._weights = np.array(list(_PLACES.values()))
+        self._touched = [self._object(reference.qpos, index) for index in range(len(scene.objects))]
+
+    def __call__(
+        self, tick: int, qpos: Float[np.ndarray, "N nq"], qvel: Float[np.ndarray, "N nv"]
+    ) -> Float[np.ndarray, "N"]:
+        """Return the cost of states at a tick of the reference; infinite where numbers are not finite."""
+        finite = np.isfinite(qpos).all(axis=1) & np.isfinite(qvel).all(axis=1)
+        cost = np.full(len(qpos), np.inf)
+        if finite.any():
+            cost[finite] = self._finite(tick, qpos[finite], qvel[finite])
+        return cost
+
+    def _finite(self, tick: int, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+        n, goals, wanted, wanted_speed = self._n, self._goals, self._reference.qpos[tick], self._reference.qvel[tick]
+        found = self._postures(qpos, qvel)
+        joints, speeds = slice(7, 7 + n), slice(6, 6 + n)
+        cost = _JOINT * _squares(qpos[:, joints] - wanted[joints])
+        cost += _JOINT_SPEED * _squares(qvel[:, speeds] - wanted_speed[speeds])
+        cost += _BASE * _squares(qpos[:, :3] - wanted[:3])
+        cost += _BASE_TURN * se3.angle_between(wanted[None, 3:7], qpos[:, 3:7]) ** 2
+        cost += _TURNING * _squares(qvel[:, 3:6] - wanted_speed[3:6])
+        cost += ((found.places - goals.places[tick]) ** 2).sum(axis=2) @ self._weights
+        cost += _TILT * _squares((found.tilts - goals.tilts[tick]).reshape(len(qpos), -1))
+        cost += _CAPTURE * _squares(found.capture - goals.capture[tick])
+        for index, path in enumerate(self._touched):
+            at, moving = slice(7 + n + 7 * index, 14 + n + 7 * index), slice(6 + n + 6 * index, 9 + n + 6 * index)
+            pose, goal = qpos[:, at], path[tick]
+            cost += _OBJECT * _squares(pose[:, :3] - goal[:3])
+            cost += _OBJECT_TURN * se3.angle_between(goal[None, 3:], pose[:, 3:]) ** 2
+            cost += _OBJECT_SPEED * _squares(qvel[:, moving] - wanted_speed[moving])
+            touching = self._reference.touched[tick] == index
+            here = se3.rotate_inverse(pose[:, None, 3:], found.touching[:, touching] - pose[:, None, :3])
+            there = se3.rotate_inverse(goal[3:], goals.touching[tick, touching] - goal[:3])
+            cost += _TOUCH * _squares((here - there).reshape(len(qpos), -1))
+        return cost + _FALLING * (qpos[:, 2] < FALLEN * wanted[2])
+
+    def _postures(self, qpos: np.ndarray, qvel: np.ndarray) -> _Postures:
+        n = self._n
+        kinematics = self._model.forward(qpos[:, : 7 + n])
+        later = self._model.forward(self._model.integrate(qpos[:, : 7 + n], _MOMENT * qvel[:, : 6 + n]))
+        centres = _centres(kinematics)
+        capture = centres + (_centres(later) - centres) / (_MOMENT * self._pendulum)
+        places = [kinematics.point(name) for name in _PLACES]
+        tilts = [kinematics.orientation(f"{side}_foot")[:, 2] for side in SIDES]
+        links = [kinematics.point(name) for name in self._reference.links]
+        touching = np.stack(links, axis=0).transpose(2, 0, 1) if links else np.zeros((len(qpos), 0, 3))
+        return _Postures(
+            np.stack(places).transpose(2, 0, 1), np.stack(tilts).transpose(2, 0, 1), capture[:, :2], touching
+        )
+
+    def _object(self, qpos: np.ndarray, index: int) -> np.ndarray:
+        return qpos[:, 7 + self._n + 7 * index :][:, :7]
+
+
+def _centres(kinematics: Kinematics) -> Float[np.ndarray, "N 3"]:
+    """Return the robot's centres of mass [m]."""
+    bodies, inertias = kinematics.model.bodies, kinematics.model.inertias
+    shares = inertias.masses / inertias.masses.sum()
+    inside = bodies.positions + np.einsum("ijb,bj->ib", bodies.rotations, inertias.centres)
+    turned = np.einsum("ijbn,jb,b->ni", kinematics.node_rotation[:, :, bodies.nodes], inside, shares, optimize=True)
+    return turned + np.einsum("ibn,b->ni", kinematics.node_position[:, bodies.nodes], shares)
+
+
+def _squares(apart: np.ndarray) -> np.ndarray:
+    return np.einsum("ni,ni->n", apart, apart)

@@ -1,0 +1,203 @@
+"""A reference made into a motion that a simulated robot performs: sampling with a receding horizon.
+
+Every fifth of a second, changes of the drives' targets for the next second are sampled, simulated with feedback, and
+drawn towards those of least cost, three times over. Until the next plan, the best of them is performed. Changes are
+linear between knots. Where costs run away, the last second is planned again with more samples.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.numerics.arrays import frozen
+from hoi_retarget.physics.closed_loop import KNOT, Course, changes_at, simulated_costs
+from hoi_retarget.physics.costs import TrackingCost
+from hoi_retarget.physics.feedback import feedback_gains
+from hoi_retarget.physics.reference import TICK, Reference
+from hoi_retarget.physics.rollout import Rollout, drive_targets, has_fallen, stepped
+from hoi_retarget.physics.scene import Scene, compiled
+from hoi_retarget.physics.settings import Refinement
+
+_ARMS, _OTHERS = 0.1, 0.04  # Noise of the targets [rad].
+_TINY = 1e-9
+_LEAST_NOISE = 0.3  # Of the noise at first, after narrowing.
+_ELITE = 0.15  # Share of the samples that are averaged.
+_SIZE = 0.002  # Cost of changes as large as the noise.
+_RUNAWAY = 8.0  # A cost that a robot about to fall has, or an object that is lost.
+_BACK = 5  # Plans that are made again.
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a refinement is."""
+
+    seconds: float
+    """Of the motion, performed so far."""
+    cost: float
+    """Of the plan, a mean over its horizon."""
+    samples: int
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """A performed motion."""
+
+    rollout: Rollout
+    gains: Float[np.ndarray, "K n x"]
+    """From deviations from the performed motion to changes of the drives' targets."""
+    steps: int
+    """How many steps were simulated."""
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """All that the rest of a refinement depends on, but for the random numbers."""
+
+    tick: int
+    simulation: np.ndarray
+    knots: Float[np.ndarray, "M n"]
+    """Of the plan that goes on."""
+
+
+def refine(
+    scene: Scene,
+    reference: Reference,
+    settings: Refinement = Refinement(),
+    *,
+    seed: int = 0,
+    on_progress: Callable[[Progress], None] = lambda _: None,
+) -> Refined:
+    """Return a motion near a reference that drives perform in simulation, up to its end or a fall.
+
+    The same arguments give the same bytes, with one version of MuJoCo on one kind of processor.
+
+    Args:
+        scene: Robot, objects, and floor.
+        reference: What is to be performed; the simulation begins with its first state.
+        settings: How much is tried.
+        seed: Of the random numbers.
+        on_progress: Is called after every plan.
+
+    Raises:
+        RobotError: MuJoCo cannot compile the robot with the objects.
+    """
+    return _Refinement(scene, reference, settings, seed).run(on_progress)
+
+
+class _Refinement:
+    def __init__(self, scene: Scene, reference: Reference, settings: Refinement, seed: int) -> None:
+        simulated = compiled(scene)
+        gains = feedback_gains(scene, simulated, reference, objects=False)
+        cost = TrackingCost(scene, reference)
+        self.course = Course(scene, simulated, reference, drive_targets(scene, reference), gains, cost)
+        self.settings, self.random = settings, np.random.default_rng(seed)
+        self.noise = settings.noise * _noise(scene)
+        self.data = mujoco.MjData(simulated)
+        self.last = len(reference.qpos) - 1
+        self.qpos, self.qvel = np.empty_like(reference.qpos), np.empty_like(reference.qvel)
+        self.given = np.empty_like(reference.torques)
+        self.performed = 0  # Last tick in which the robot is on its feet.
+        self.steps = 0
+
+    def run(self, on_progress: Callable[[Progress], None]) -> Refined:
+        reference = self.course.reference
+        self.data.qpos[:], self.data.qvel[:] = reference.qpos[0], reference.qvel[0]
+        self.qpos[0], self.qvel[0] = reference.qpos[0], reference.qvel[0]
+        states = [self._state(0, np.zeros((round(self.settings.horizon / (KNOT * TICK)) + 1, len(self.noise))))]
+        samples, until, fell = self.settings.samples, 0, False
+        while states[-1].tick < self.last and not fell:
+            now = states[-1]
+            if now.tick >= until:
+                samples = self.settings.samples
+            knots, cost = self._planned(now, samples)
+            fell = not self._performed(now.tick, knots)
+            tick = min(now.tick + KNOT, self.last)
+            on_progress(Progress(TICK * tick, cost, samples))
+            if (fell or cost > _RUNAWAY) and samples < self.settings.most_samples:
+                until, samples, fell = tick + KNOT, min(2 * samples, self.settings.most_samples), False
+                states = states[: max(1, len(states) - _BACK)]
+                self._restore(states[-1])
+            elif not fell:
+                states.append(self._state(tick, np.concatenate([knots[1:], 0.8 * knots[-1:]])))
+        return self._refined(fell)
+
+    def _planned(self, state: _State, samples: int) -> tuple[np.ndarray, float]:
+        """Return the knots of least cost, and the cost."""
+        length = min(KNOT * (len(state.knots) - 1), self.last - state.tick)
+        mean, spread = state.knots, np.tile(self.noise, (len(state.knots), 1))
+        best, least = state.knots, np.inf
+        elite = max(4, round(_ELITE * samples))
+        for _ in range(self.settings.iterations):
+            knots = mean + spread * self.random.standard_normal((samples, *mean.shape))
+            knots[0], knots[1] = mean, best
+            knots[:, 0] = state.knots[0]  # Targets go on where they are.
+            cost = self._costs(state.tick, knots, length)
+            order = np.argsort(cost, kind="stable")[:elite]
+            if cost[order[0]] < least:
+                best, least = knots[order[0]], float(cost[order[0]])
+            if not np.isfinite(cost[order[-1]]):
+                continue
+            mean, found = _drawn(knots[order], cost[order])
+            spread = np.maximum(0.5 * (spread + found), _LEAST_NOISE * self.noise)
+        return best, least
+
+    def _costs(self, tick: int, knots: np.ndarray, length: int) -> np.ndarray:
+        cost = simulated_costs(self.course, self.data, tick, knots, length)
+        self.steps += len(knots) * length * self.course.steps
+        return cost + _SIZE * np.mean((knots / np.maximum(self.noise, _TINY)) ** 2, axis=(1, 2))
+
+    def _performed(self, tick: int, knots: np.ndarray) -> bool:
+        """Perform a plan until the next one; return whether the robot is on its feet."""
+        course, data = self.course, self.data
+        for now in range(tick, min(tick + KNOT, self.last)):
+            changes = changes_at(knots[None], now - tick)
+            data.ctrl[:] = course.given(now, data.qpos[None], data.qvel[None], changes)[0]
+            self.given[now] = data.ctrl
+            if not stepped(course.simulated, data) or has_fallen(course.reference, now + 1, data):
+                self.performed = now
+                return False
+            self.qpos[now + 1], self.qvel[now + 1] = data.qpos, data.qvel
+            self.performed = now + 1
+        return True
+
+    def _state(self, tick: int, knots: np.ndarray) -> _State:
+        kind = mujoco.mjtState.mjSTATE_INTEGRATION
+        simulation = np.empty(mujoco.mj_stateSize(self.course.simulated, kind))
+        mujoco.mj_getState(self.course.simulated, self.data, simulation, kind)
+        return _State(tick, simulation, knots)
+
+    def _restore(self, state: _State) -> None:
+        mujoco.mj_resetData(self.course.simulated, self.data)
+        mujoco.mj_setState(self.course.simulated, self.data, state.simulation, mujoco.mjtState.mjSTATE_INTEGRATION)
+
+    def _refined(self, fell: bool) -> Refined:
+        course, ticks = self.course, slice(self.performed + 1)
+        self.given[self.last] = self.given[self.last - 1]
+        qpos, qvel, given = (frozen(item[ticks]) for item in (self.qpos, self.qvel, self.given))
+        path = replace(
+            course.reference,
+            qpos=qpos,
+            qvel=qvel,
+            torques=course.reference.torques[ticks],
+            touched=course.reference.touched[ticks],
+        )
+        gains = feedback_gains(course.scene, course.simulated, path, objects=False)
+        return Refined(Rollout(qpos, qvel, given, TICK * len(qpos) if fell else None), gains, self.steps)
+
+
+def _noise(scene: Scene) -> Float[np.ndarray, "n"]:
+    """Return the noise of each joint's target [rad]; an arm's joints move one palm, not both."""
+    model = scene.model
+    left, right = (model.supports[1:, model.sites.frames[f"{side}_palm"].node] for side in ("left", "right"))
+    return np.where(left != right, _ARMS, _OTHERS)
+
+
+def _drawn(knots: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and spread of good samples, the better ones counting more."""
+    share = np.exp(-(cost - cost[0]) / max(1e-6, 0.5 * (cost[-1] - cost[0])))
+    share /= share.sum()
+    mean = np.einsum("s,smn->mn", share, knots)
+    return mean, np.sqrt(np.einsum("s,smn->mn", share, (knots - mean) ** 2))

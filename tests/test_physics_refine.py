@@ -1,0 +1,176 @@
+"""Laws of refinement: costs of states, simulations side by side, and motions that are performed."""
+
+from dataclasses import replace
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hoi_retarget.errors import ArgumentError
+from hoi_retarget.physics.closed_loop import Course, changes_at, simulated_costs
+from hoi_retarget.physics.costs import TrackingCost
+from hoi_retarget.physics.feedback import feedback_gains
+from hoi_retarget.physics.reference import TICK
+from hoi_retarget.physics.refine import refine
+from hoi_retarget.physics.rollout import deviations, drive_targets, tracked
+from hoi_retarget.physics.scene import compiled
+from hoi_retarget.physics.settings import Refinement
+from plain_motions import standing_qpos
+from test_physics_rollout import G1, staged
+
+FEW = Refinement(horizon=0.4, samples=8, most_samples=16, iterations=1)
+
+
+@cache
+def standing_course():
+    """A robot that stands still for a second, with a hand on a box."""
+    qpos = standing_qpos(G1, 31)
+    touching = np.tile([True, False], (len(qpos), 1))
+    points = np.where(touching[..., None], np.full(3, 0.1), np.nan)
+    _, scene, reference = staged(
+        qpos, contact_flags=touching, contact_object=np.where(touching, 0, -1), contact_points=points
+    )
+    simulated = compiled(scene)
+    gains = feedback_gains(scene, simulated, reference, objects=False)
+    return Course(scene, simulated, reference, drive_targets(scene, reference), gains, TrackingCost(scene, reference))
+
+
+@pytest.fixture
+def course():
+    return standing_course()
+
+
+def states(course, tick, move, count=1):
+    """The reference's state at a tick, moved along 2 nv numbers, some times over."""
+    qpos, nv = course.reference.qpos[tick].copy(), course.simulated.nv
+    mujoco.mj_integratePos(course.simulated, qpos, np.array(move[:nv]), 1.0)
+    return np.tile(qpos, (count, 1)), np.tile(course.reference.qvel[tick] + move[nv:], (count, 1))
+
+
+@settings(deadline=None, max_examples=30)
+@given(index=st.integers(0, 2 * (6 + G1.n + 6) - 1), size=st.floats(0.01, 0.3), sign=st.sampled_from([-1, 1]))
+def test_cost_is_zero_on_the_reference_and_nowhere_else(index, size, sign):
+    course = standing_course()
+    move = np.zeros(2 * course.simulated.nv)
+    assert course.cost(7, *states(course, 7, move)) == pytest.approx(0.0, abs=1e-18)
+    move[index] = sign * size
+    no_cost = index in range(2 * course.simulated.nv - 3, 2 * course.simulated.nv)  # How fast objects turn.
+    found, twice = (course.cost(7, *states(course, 7, share * move))[0] for share in (1.0, 2.0))
+    assert (found == pytest.approx(0.0, abs=1e-18)) if no_cost else twice > found > 0.0
+
+
+@settings(deadline=None, max_examples=20)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_cost_does_not_depend_on_where_the_world_is_or_on_other_states(seed):
+    course = standing_course()
+    random = np.random.default_rng(seed)
+    moves = 0.1 * random.standard_normal((3, 2 * course.simulated.nv))
+    alone = [course.cost(3, *states(course, 3, move)) for move in moves]
+    qpos, qvel = (np.concatenate(parts) for parts in zip(*(states(course, 3, move) for move in moves), strict=True))
+    np.testing.assert_allclose(course.cost(3, qpos, qvel), np.concatenate(alone), rtol=1e-9)
+    offset = np.zeros(len(qpos[0]))
+    offset[[0, 1, 7 + G1.n, 8 + G1.n]] = [3.0, -2.0, 3.0, -2.0]
+    moved = replace(course.reference, qpos=course.reference.qpos + offset)
+    np.testing.assert_allclose(
+        TrackingCost(course.scene, moved)(3, qpos + offset, qvel), np.concatenate(alone), rtol=1e-6
+    )
+
+
+def test_cost_of_numbers_that_are_not_finite_is_infinite(course):
+    qpos, qvel = states(course, 0, np.zeros(2 * course.simulated.nv), count=3)
+    qpos[0, 9], qvel[1, 2] = np.nan, np.inf
+    assert np.isinf(course.cost(0, qpos, qvel)).tolist() == [True, True, False]
+
+
+@settings(deadline=None, max_examples=30)
+@given(seed=st.integers(0, 2**32 - 1), size=st.floats(0.0, 2.0))
+def test_deviations_are_mujocos(seed, size):
+    course = standing_course()
+    move = size * np.random.default_rng(seed).uniform(-1.0, 1.0, 2 * course.simulated.nv)
+    qpos, qvel = states(course, 4, move)
+    expected = np.empty(course.simulated.nv)
+    mujoco.mj_differentiatePos(course.simulated, expected, 1.0, course.reference.qpos[4], qpos[0])
+    found = deviations(course.reference, G1.n, 4, qpos, qvel)[0]
+    np.testing.assert_allclose(found, [*expected, *move[course.simulated.nv :]], atol=1e-9)
+
+
+def test_simulations_side_by_side_do_what_one_alone_does(course):
+    """The cost that was promised is that of the motion that is then performed, tick by tick."""
+    simulated, nv = course.simulated, course.simulated.nv
+    data = mujoco.MjData(simulated)
+    data.qpos[:], data.qvel[:] = course.reference.qpos[0], course.reference.qvel[0]
+    knots = np.random.default_rng(1).normal(0.0, 0.02, (4, 4, G1.n))
+    promised = simulated_costs(course, data, 0, knots, 25)
+    costs = []
+    for tick in range(25):
+        changes = changes_at(knots[2:3], tick)
+        data.ctrl[:] = course.given(tick, data.qpos[None], data.qvel[None], changes)[0]
+        mujoco.mj_step(simulated, data, course.steps)
+        costs.append(course.cost(tick + 1, data.qpos[None], data.qvel[None])[0])
+    assert promised[2] == pytest.approx((np.sum(costs[4::5]) + costs[-1]) / 6.0, rel=1e-3)
+    assert len(set(promised.tolist())) == 4 and len(data.qvel) == nv
+
+
+def test_simulations_that_mujoco_cannot_continue_cost_infinitely_much(course, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    data = mujoco.MjData(course.simulated)
+    data.qpos[:], data.qvel[10] = course.reference.qpos[0], 1e12
+    costs = simulated_costs(course, data, 0, np.zeros((2, 2, G1.n)), 5)
+    assert np.isinf(costs).all() and not list(tmp_path.iterdir())
+
+
+def test_without_noise_refinement_is_tracking_with_feedback(course):
+    refined = refine(course.scene, course.reference, replace(FEW, noise=0.0))
+    plain = tracked(course.simulated, course.reference, course.targets, course.gains)
+    np.testing.assert_allclose(refined.rollout.qpos, plain.qpos, atol=1e-12)
+    np.testing.assert_allclose(refined.rollout.targets[:-1], plain.targets[:-1], atol=1e-12)
+    assert refined.rollout.fell_after is plain.fell_after is None
+
+
+@cache
+def gliding():
+    """A robot that glides away, on feet that stand."""
+    qpos = standing_qpos(G1, 46)
+    qpos[:, 0] += np.linspace(0.0, 1.0, len(qpos)) ** 2 * 5.0
+    _, scene, reference = staged(qpos)
+    return scene, reference
+
+
+def test_the_same_seed_has_the_same_bytes_and_another_seed_others():
+    told = []
+    one, two = (refine(*gliding(), FEW, seed=3, on_progress=told.append) for _ in range(2))
+    other = refine(*gliding(), FEW, seed=4)
+    for name in ("qpos", "qvel", "targets"):
+        assert getattr(one.rollout, name).tobytes() == getattr(two.rollout, name).tobytes()
+    assert one.gains.tobytes() == two.gains.tobytes() and one.steps == two.steps
+    assert one.rollout.qpos.tobytes() != other.rollout.qpos.tobytes()
+    assert told[: len(told) // 2] == told[len(told) // 2 :]
+
+
+def test_performed_targets_give_the_performed_motion_again():
+    scene, reference = gliding()
+    refined = refine(scene, reference, FEW, seed=5)
+    again = tracked(compiled(scene), reference, refined.rollout.targets)
+    assert again.qpos.tobytes() == refined.rollout.qpos.tobytes()
+
+
+def test_a_motion_that_nothing_holds_up_is_kept_to_the_fall_after_every_attempt():
+    scene, reference = gliding()
+    told = []
+    refined = refine(scene, reference, FEW, on_progress=told.append)
+    rollout = refined.rollout
+    assert rollout.fell_after is not None and rollout.fell_after < reference.seconds
+    assert len(rollout.qpos) == len(rollout.targets) == len(refined.gains) == round(rollout.fell_after / TICK)
+    assert np.isfinite(rollout.qpos).all() and {item.samples for item in told} == {8, 16}
+
+
+@pytest.mark.parametrize(
+    "values",
+    [{"horizon": 0.1}, {"noise": -1.0}, {"iterations": 0}, {"samples": 4}, {"samples": 500}, {"noise": float("nan")}],
+)
+def test_settings_out_of_range_are_refused(values):
+    with pytest.raises(ArgumentError, match=next(iter(values))):
+        Refinement(**values)
