@@ -1,5 +1,7 @@
 """Ways out of an object: on the human's side, as long as they must be, and rows against finite differences."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -105,6 +107,15 @@ def test_windows_of_a_way_are_its_frames(model):
         halves.append(part.rows(model.forward(kinematics.qpos[first:stop]))[0].residual)
     np.testing.assert_allclose(np.concatenate(halves, axis=1), whole.residual, atol=1e-12)
     assert not windows_of(ways, FRAMES, FRAMES + 5)
+
+
+def test_a_clip_of_one_frame_has_its_way(model):
+    kinematics = standing(model)
+    bar = bar_through_the_forearm(kinematics)
+    one = replace(bar, position=bar.position[:, :1], rotation=bar.rotation[:, :, :1])
+    (way,) = ways_out((one,), human_beside(1.0)[:1], forearm(model), model.forward(kinematics.qpos[:1]), (), 1.0, FPS)
+    assert way.frames.tolist() == [0]
+    assert way.outward[1, 0, 0] > 0.9
 
 
 def test_links_that_are_not_deep_have_none(model):

@@ -30,8 +30,8 @@ ROUGHLY, CLOSELY, TO_THE_END = 300.0, 20.0, 7.0
 
 ROUNDS = 3
 """Of ways out of an object."""
-MOST_ITERATIONS = 40
-"""Of each pass."""
+ON_THE_WAY, MOST_ITERATIONS = 15, 40
+"""Iterations of each pass on the way to the last one, and of that one."""
 
 ProblemOf = Callable[[int, int, int], Problem]
 """The problem of the frames from the first to the one before the second, of which so many leading ones are pinned."""
@@ -140,12 +140,12 @@ def solve_on_surfaces(
 
 def to_the_end(solver: Solver) -> Solver:
     """Return the solver of the last pass."""
-    return _loosened(solver, TO_THE_END)
+    return _loosened(solver, TO_THE_END, MOST_ITERATIONS)
 
 
-def _loosened(solver: Solver, factor: float) -> Solver:
+def _loosened(solver: Solver, factor: float, most: int = ON_THE_WAY) -> Solver:
     """Return a solver with another tolerance, which does not try for ever to get out what is trapped."""
     if not isinstance(solver, BandedInteriorPoint):
         return solver
-    iterations = min(solver.max_iterations, MOST_ITERATIONS)
+    iterations = min(solver.max_iterations, most)
     return replace(solver, tolerance=factor * solver.tolerance, max_iterations=iterations)

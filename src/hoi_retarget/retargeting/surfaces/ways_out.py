@@ -149,7 +149,8 @@ class _Sunk:
 
     def ways(self, earlier: Sequence[WayOut], weight: float) -> Iterator[WayOut]:
         """Yield a way for each run of frames in which the object is deep in the link, or nearly."""
-        keys = np.arange(0, len(self.limb), frames_in(STRIDE_SECONDS, self.fps))
+        last, stride = len(self.limb) - 1, frames_in(STRIDE_SECONDS, self.fps)
+        keys = np.unique(np.append(np.arange(0, last, stride), last))
         depths, sides = self._depths_and_sides(keys)
         if depths.max() < DEEP:
             return
@@ -157,7 +158,7 @@ class _Sunk:
             if (way.link, way.thing) == (self.skin.link, self.index):
                 _, at, of = np.intersect1d(keys, way.frames, return_indices=True)
                 sides[at] = EARLIER * way.sides[:, of].T
-        around = binary_dilation(depths >= DEEP, iterations=frames_in(AROUND_SECONDS, self.fps / (keys[1] - keys[0])))
+        around = binary_dilation(depths >= DEEP, iterations=frames_in(AROUND_SECONDS, self.fps / stride))
         for first, stop in runs(around):
             yield self._way(keys[first:stop], sides[first:stop], weight)
 
