@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -308,7 +309,10 @@ def test_contacts_out_of_reach_are_named(run, recording):
 
 
 def two_people(clip: Clip) -> Clip:
-    return Clip("two", clip.fps, (clip.people[0], clip.people[0]), clip.objects, clip.contacts, clip.source)
+    """Return a clip with a second person who does the same two metres away."""
+    (person,) = clip.people
+    other = replace(person, joint_positions=person.joint_positions + np.array([0.0, 2.0, 0.0]))
+    return Clip("two", clip.fps, (person, other), clip.objects, clip.contacts, clip.source)
 
 
 def test_each_person_gets_a_result(run, recording, monkeypatch):
@@ -380,6 +384,7 @@ def test_the_output_is_on_a_full_disk(words):
 def test_ctrl_c_while_modules_are_imported(module):
     preparation = f"""
 import sys
+from dataclasses import replace
 class Interrupter:
     def find_spec(self, name, *_):
         if name == {module!r}: raise KeyboardInterrupt

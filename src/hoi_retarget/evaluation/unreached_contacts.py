@@ -13,6 +13,8 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.robots.model import Kinematics
 
+ELSEWHERE = 0.12
+"""[m] along an object from the human's place: more than the length of a palm."""
 SHORTEST_UNREACHED = 3
 """Frames; a hand that takes one or two more to arrive did reach its contact."""
 
@@ -65,8 +67,9 @@ def contact_residuals(motion: Motion, kinematics: Kinematics) -> Float[np.ndarra
 
 
 def surface_residuals(view: Comparison) -> Float[np.ndarray, "T C"]:
-    """Return how far the skin of each contact link is from the surface it is to touch [m]; NaN where there is none.
+    """Return how far each contact link is from touch [m]; NaN where there is none.
 
+    That is how far its skin is from the surface; where it is at another place of the object, it is how far that one is.
     Frames before the first that counts are as that one. Raises `GeometryError` when an object's mesh cannot be read.
     """
     motion = view.motion
@@ -75,8 +78,9 @@ def surface_residuals(view: Comparison) -> Float[np.ndarray, "T C"]:
     for curve in view.once(surface_curves).touches:
         column = sites.index(PART_SITES[curve.part])
         asked = _touched(motion, column) == curve.object
-        gaps = np.concatenate([np.repeat(curve.gap[:1], view.first), curve.gap])
-        residuals[asked, column] = np.maximum(gaps[asked], 0.0)
+        off = np.where(curve.place > ELSEWHERE, curve.place, np.maximum(curve.gap, 0.0))
+        off = np.concatenate([np.repeat(off[:1], view.first), off])
+        residuals[asked, column] = off[asked]
     return residuals
 
 
