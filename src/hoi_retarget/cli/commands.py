@@ -9,7 +9,7 @@ from typing import Annotated, Literal, get_args
 from tyro.conf import Positional, arg, subcommand
 
 from hoi_retarget.clip.read_options import Grasps, Labels, ReadOptions
-from hoi_retarget.physics.settings import Physics
+from hoi_retarget.physics.settings import Physics, Refinement
 from hoi_retarget.retargeting.config import BandedInteriorPoint, ContactKind, IkConfig, Weights
 
 DESCRIPTION = (
@@ -427,6 +427,24 @@ class Feasible(Weighed):
     """Write figures and all that speaks against the results to this file as JSON."""
 
 
+@dataclass(frozen=True)
+class Refine(Weighed):
+    """Change results until a simulated robot performs them, objects and all; each goes to OUT under its own name.
+
+    OUT/physics has files of the same names for controllers: targets and gains of the drives, and contact forces. What
+    falls is kept up to the fall, with the ending .failed.
+    """
+
+    results: ResultFiles
+    """Result files (.npz)."""
+    out: Folder = Path("refined")
+    """Folder to write into; made when it does not exist."""
+    seed: Annotated[int, arg(metavar="NUMBER")] = 0
+    """Of the random numbers; the same gives the same motion."""
+    refinement: Refinement = Refinement()
+    """How much is tried."""
+
+
 Command = (
     Demo
     | Run
@@ -443,6 +461,7 @@ Command = (
     | CheckMotion
     | Scene
     | Feasible
+    | Refine
     | Render
     | Share
     | Contacts

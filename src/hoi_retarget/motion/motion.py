@@ -19,7 +19,7 @@ FARTHEST = 1000.0
 _SCALES = (1e-3, 1e3)
 _TALLEST = 10.0  # [m]
 
-STAGE_TITLES = {"ik": "inverse kinematics", "trajectory": "trajectory"}
+STAGE_TITLES = {"ik": "inverse kinematics", "trajectory": "trajectory", "physics": "performed in simulation"}
 """What stages are called in sentences."""
 
 

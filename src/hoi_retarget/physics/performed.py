@@ -1,0 +1,182 @@
+"""What a refinement hands on: the motion as it was performed, why it ended, and a file for a controller."""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
+
+from hoi_retarget.files import npz
+from hoi_retarget.motion.motion import ARRAYS, Motion, Stage
+from hoi_retarget.numerics import se3
+from hoi_retarget.physics.feasibility import Shortcoming
+from hoi_retarget.physics.reference import TICK, Reference
+from hoi_retarget.physics.refine import Refined
+from hoi_retarget.physics.rollout import Rollout, object_errors
+from hoi_retarget.physics.scene import Scene, compiled
+from hoi_retarget.physics.settings import Refinement
+
+STAGE = "physics"
+"""Name of the stage of a motion that was performed in simulation."""
+FORMAT = "hoi-retarget performed motion 1"
+_LOST = 0.1  # An object so far from its place [m] is not held as it should be.
+_BEFORE = 1.0  # What happens so long before a fall [s] may be why.
+_TOPPLING = 0.3  # What happens so shortly before it is the fall.
+
+
+def performed_motion(motion: Motion, scene: Scene, rollout: Rollout) -> Motion:
+    """Return a motion as it was performed, at its own frames: one more stage, and the objects where they were.
+
+    Frames after a fall are left out. The last frame may be less than a tick after the last one that was simulated.
+    Figures and warnings, which are those of the reference, are left out.
+    """
+    n, frames = scene.model.n, motion.frames
+    if rollout.fell_after is not None:
+        frames = int(TICK * (len(rollout.qpos) - 1) * motion.fps + 1e-9) + 1
+    times = np.arange(frames) / motion.fps
+    robot = _at(rollout.qpos[:, : 7 + n], rollout.qvel[:, : 6 + n], times)
+    objects = np.zeros((frames, len(scene.objects), 7))
+    for index in range(len(scene.objects)):
+        poses, speeds = rollout.qpos[:, 7 + n + 7 * index :][:, :7], rollout.qvel[:, 6 + n + 6 * index :][:, :6]
+        objects[:, index] = _at(poses, speeds, times)
+    kept = {name: getattr(motion, name)[:frames] for name in ARRAYS if name != "object_scale"}
+    earlier = [replace(stage, qpos=stage.qpos[:frames]) for stage in motion.stages]
+    if frames < motion.frames:
+        earlier = [replace(stage, windows=()) for stage in earlier]
+    report = replace(
+        motion.report,
+        figures={},
+        unreached_contacts=None,
+        sunk_links=(),
+        orientation_flips=None,
+        trunk_turns=(),
+        config={**motion.report.config, "physics": asdict(scene.physics)},
+    )
+    kept |= {"object_pos": objects[..., :3], "object_quat": objects[..., 3:]}
+    return replace(motion, stages=(*earlier, Stage(STAGE, robot)), report=report, **kept)
+
+
+def why_it_fell(
+    scene: Scene, reference: Reference, rollout: Rollout, fps: float, found: tuple[Shortcoming, ...]
+) -> str:
+    """Return what may have made a robot fall, in words: lost objects, torques at their limits, what spoke against it.
+
+    Args:
+        scene: What was simulated.
+        reference: What was to be performed.
+        rollout: What was performed, up to the fall.
+        fps: Frames a second of the motion, in which words tell the time.
+        found: What spoke against the motion before.
+    """
+    reasons = [*_lost(scene, reference, rollout, fps), *_at_limits(scene, rollout)]
+    fall = len(rollout.qpos) * TICK * fps
+    reasons += [str(item) for item in found if item.first_frame <= fall and item.last_frame >= fall - _BEFORE * fps][:2]
+    return "; ".join(reasons) or "no single cause is seen: the robot lost its balance"
+
+
+def performed_file(  # noqa: PLR0913  # one file holds it all
+    motion: Motion, scene: Scene, refined: Refined, *, settings: Refinement, seed: int, cause: str
+) -> bytes:
+    """Return a performed motion for a controller, as the content of an .npz file at 50 ticks a second.
+
+    Args:
+        motion: What was refined.
+        scene: What was simulated.
+        refined: What came of it.
+        settings: How much was tried.
+        seed: Of the random numbers.
+        cause: Why it fell; empty where it did not.
+    """
+    rollout, drives, simulated = refined.rollout, scene.actuators, compiled(scene)
+    facts = {
+        "format": FORMAT,
+        "clip": motion.report.clip,
+        "robot": motion.robot,
+        "robot_sha256": hashlib.sha256(scene.model.spec.mjcf.read_bytes()).hexdigest(),
+        "mujoco": mujoco.__version__,
+        "seed": seed,
+        "refinement": asdict(settings),
+        "physics": asdict(scene.physics),
+        "objects": [
+            {"name": item.body.name, "body": item.body_name, "mass": item.body.mass, "shape": item.shape.text}
+            for item in scene.objects
+        ],
+        "fell_after": rollout.fell_after,
+        "cause": cause,
+        "certificate": None,
+    }
+    values: dict[str, Any] = {
+        "qpos": rollout.qpos,
+        "qvel": rollout.qvel,
+        "targets": rollout.targets,
+        "gains": refined.gains.astype(np.float32),
+        "contact_forces": contact_forces(simulated, rollout).astype(np.float32),
+        "bodies": np.array([simulated.body(index).name for index in range(1, simulated.nbody)]),
+        "joint_names": np.array(motion.joint_names),
+        "stiffness": drives.stiffness,
+        "damping": drives.damping,
+        "armature": drives.armature,
+        "torque_limits": drives.torque,
+        "tick": np.float64(TICK),
+        "facts": np.str_(json.dumps(facts, allow_nan=False)),
+    }
+    return npz.encode(values)
+
+
+def contact_forces(simulated: mujoco.MjModel, rollout: Rollout) -> Float[np.ndarray, "K B 3"]:
+    """Return the sum of contact forces on every body but the world at every tick [N], in the world."""
+    data, wrench = mujoco.MjData(simulated), np.empty(6)
+    forces = np.zeros((len(rollout.qpos), simulated.nbody, 3))
+    for tick, (qpos, qvel, target) in enumerate(zip(rollout.qpos, rollout.qvel, rollout.targets, strict=True)):
+        data.qpos[:], data.qvel[:], data.ctrl[:] = qpos, qvel, target
+        mujoco.mj_forward(simulated, data)
+        for number, contact in enumerate(data.contact):
+            mujoco.mj_contactForce(simulated, data, number, wrench)
+            force = contact.frame.reshape(3, 3).T @ wrench[:3]  # On the second geometry.
+            forces[tick, simulated.geom_bodyid[contact.geom2]] += force
+            forces[tick, simulated.geom_bodyid[contact.geom1]] -= force
+    return forces[:, 1:]
+
+
+def _at(poses: np.ndarray, speeds: np.ndarray, times: np.ndarray) -> Float[np.ndarray, "T nq"]:
+    """Return the configurations of a body with a free base at times, from those at ticks."""
+    ticks = TICK * np.arange(len(poses))
+    straight, rates = np.delete(poses, np.s_[3:7], axis=1), np.delete(speeds, np.s_[3:6], axis=1)
+    if len(poses) == 1:
+        return np.repeat(poses, len(times), axis=0)
+    value = CubicHermiteSpline(ticks, straight, rates)(times)
+    quats = se3.quat_normalize(CubicSpline(ticks, se3.quat_continuous(poses[:, 3:7]))(times))
+    return np.concatenate([value[:, :3], quats, value[:, 3:]], axis=1)
+
+
+def _lost(scene: Scene, reference: Reference, rollout: Rollout, fps: float) -> Iterator[str]:
+    errors = object_errors(rollout, reference, scene.model.n)
+    for index, item in enumerate(scene.objects):
+        if errors[-1, index] > _LOST:
+            since = len(errors) - int((errors[::-1, index] <= _LOST).argmax())
+            links = [
+                link
+                for link, touched in zip(reference.links, reference.touched[: len(errors)].T, strict=True)
+                if (touched[max(0, since - 1) :] == index).any()
+            ]
+            hands = f", which {' and '.join(links)} should hold," if links else ""
+            yield (
+                f"the {item.body.name}{hands} is {100 * errors[-1, index]:.0f} cm from its place, more than "
+                f"{100 * _LOST:.0f} cm since frame {int(TICK * since * fps)}: see its contacts"
+            )
+
+
+def _at_limits(scene: Scene, rollout: Rollout) -> Iterator[str]:
+    drives, n, ticks = scene.actuators, scene.model.n, len(rollout.qpos)
+    when = slice(max(0, ticks - round(_BEFORE / TICK)), max(1, ticks - round(_TOPPLING / TICK)))
+    apart = rollout.targets[when] - rollout.qpos[when, 7 : 7 + n]
+    torques = drives.stiffness * apart - drives.damping * rollout.qvel[when, 6 : 6 + n]
+    share = (np.abs(torques) >= drives.torque).mean(axis=0)
+    for joint in np.argsort(-share, kind="stable")[:2]:
+        if share[joint] > 0.5:
+            yield f"{scene.model.joint_names[joint]} gives all of its {drives.torque[joint]:g} N m"

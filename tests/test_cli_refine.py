@@ -1,0 +1,100 @@
+"""`hoi-retarget refine`: what is written, what is told, and what is refused."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hoi_retarget.cli import main
+from hoi_retarget.motion import result_file
+from hoi_retarget.motion.motion import ARRAYS, Stage
+from plain_motions import plain_motion, standing_qpos
+from trajectories import MODELS
+
+G1 = MODELS["unitree_g1"]
+QUICK = ("--refinement.samples", "8", "--refinement.most-samples", "8", "--refinement.iterations", "1")
+QUICK += ("--refinement.horizon", "0.4")
+
+
+def alone(frames, glide=0.0):
+    """A robot without objects that stands, or glides away on feet that stand."""
+    qpos = standing_qpos(G1, frames)
+    qpos[:, 0] += glide * np.linspace(0.0, 1.0, frames) ** 2
+    return plain_motion(G1, qpos, object_names=())
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_what_is_performed_goes_out_beside_what_a_controller_needs(folder, capsys):
+    motion = alone(31)
+    result_file.save(motion, folder / "stands.npz")
+    assert main(["refine", "stands.npz", "--out", "out", "--seed", "3", *QUICK]) == 0
+    assert "1 performed whole, 0 fell, 0 failed." in capsys.readouterr().out
+    performed = result_file.load(folder / "out" / "stands.npz")
+    assert [stage.name for stage in performed.stages] == ["trajectory", "physics"]
+    assert performed.stages[0].qpos.tobytes() == motion.qpos.tobytes()
+    assert 0.0 < np.abs(performed.qpos - motion.qpos).max() < 0.05
+    assert "physics" in performed.report.cpu_seconds
+    with np.load(folder / "out" / "physics" / "stands.npz") as held:
+        facts = json.loads(str(held["facts"]))
+        ticks = len(held["qpos"])
+        assert (facts["seed"], facts["fell_after"], facts["certificate"]) == (3, None, None)
+        assert held["gains"].shape == (ticks, G1.n, 2 * (6 + G1.n)) and len(held["targets"]) == ticks
+        weight = 9.81 * G1.inertias.masses.sum()
+        standing = held["contact_forces"].sum(axis=1)[ticks // 2 :].mean(axis=0)
+        np.testing.assert_allclose(standing, [0.0, 0.0, weight], atol=0.02 * weight)
+        # Frames of the motion that are at ticks are the ticks.
+        np.testing.assert_allclose(performed.qpos[::3], held["qpos"][::5], atol=1e-9)
+
+
+def test_the_same_seed_has_the_same_files(folder):
+    result_file.save(alone(31, glide=0.3), folder / "glides.npz")
+    for out in ("one", "two"):
+        assert main(["refine", "glides.npz", "--out", out, *QUICK]) in (0, 1)
+    one, two = (
+        {path.relative_to(folder / out): path for path in sorted((folder / out).rglob("*.npz*"))}
+        for out in ("one", "two")
+    )
+    assert one.keys() == two.keys() and len(one) == 2
+    for name in one:
+        with np.load(one[name]) as first, np.load(two[name]) as second:
+            assert all(first[key].tobytes() == second[key].tobytes() for key in first.files if key != "report")
+
+
+def test_what_falls_is_kept_to_the_fall_in_place_of_what_stood(folder, capsys):
+    motion = alone(46, glide=5.0)
+    result_file.save(motion, folder / "glides.npz")
+    (folder / "refined").mkdir()
+    (folder / "refined" / "glides.npz").write_bytes(b"of an earlier refinement")
+    assert main(["refine", "glides.npz", *QUICK]) == 1
+    said = capsys.readouterr()
+    assert "0 performed whole, 1 fell, 0 failed." in said.out and "of 46: " in said.err
+    assert not (folder / "refined" / "glides.npz").exists()
+    performed = result_file.load(folder / "refined" / "glides.npz.failed")
+    assert 1 < performed.frames < motion.frames and not performed.report.figures
+    for name in set(ARRAYS) - {"object_scale"}:
+        assert len(getattr(performed, name)) == performed.frames
+    with np.load(folder / "refined" / "physics" / "glides.npz") as held:
+        facts = json.loads(str(held["facts"]))
+        assert 0.0 < facts["fell_after"] < 1.5 and "the robot lacks" in facts["cause"]
+
+
+def test_what_cannot_be_refined_is_refused_and_nothing_is_written(folder, capsys):
+    motion = alone(10)
+    refined = replace(motion, stages=(*motion.stages, Stage("physics", motion.qpos)))
+    result_file.save(refined, folder / "refined.npz")
+    result_file.save(alone(1), folder / "one.npz")
+    assert main(["refine", "refined.npz", "one.npz", "none.npz", "--out", "out", *QUICK]) == 1
+    said = capsys.readouterr().err
+    assert "it is refined already" in said and "no motion" in said and "none.npz" in said
+    assert not (folder / "out").exists()
+    result_file.save(motion, folder / "plain.npz")
+    assert main(["refine", "plain.npz", "--out", ".", *QUICK]) == 2
+    assert "which was read" in capsys.readouterr().err
+    assert main(["refine", "plain.npz", "--refinement.samples", "2"]) == 2
+    assert "samples must be 8 or more" in " ".join(capsys.readouterr().err.split())
