@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.physics.closed_loop import Course, changes_at, simulated_costs
+from hoi_retarget.physics.closed_loop import KNOT, Course, changes_at, simulated_costs
 from hoi_retarget.physics.costs import TrackingCost
 from hoi_retarget.physics.feedback import feedback_gains
 from hoi_retarget.physics.reference import TICK
@@ -95,6 +95,17 @@ def test_deviations_are_mujocos(seed, size):
     mujoco.mj_differentiatePos(course.simulated, expected, 1.0, course.reference.qpos[4], qpos[0])
     found = deviations(course.reference, G1.n, 4, qpos, qvel)[0]
     np.testing.assert_allclose(found, [*expected, *move[course.simulated.nv :]], atol=1e-9)
+
+
+def test_changes_go_from_knot_to_knot_without_a_kink():
+    knots = np.random.default_rng(2).standard_normal((3, 4, 2))
+    path = np.stack([changes_at(knots, tick) for tick in range(3 * KNOT + 1)], axis=1)
+    np.testing.assert_array_equal(path[:, ::KNOT], knots)
+    low, high = np.minimum(knots[:, :-1], knots[:, 1:]), np.maximum(knots[:, :-1], knots[:, 1:])
+    between = path[:, :-1].reshape(3, 3, KNOT, 2)
+    assert (between >= low[:, :, None] - 1e-12).all() and (between <= high[:, :, None] + 1e-12).all()
+    turns, steps = np.abs(np.diff(path, 2, axis=1)), np.abs(np.diff(knots, axis=1)).max()
+    assert turns.max() < 0.7 * steps / KNOT  # Straight lines turn by up to twice the step over its ticks.
 
 
 def test_simulations_side_by_side_do_what_one_alone_does(course):

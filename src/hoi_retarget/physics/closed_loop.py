@@ -48,11 +48,11 @@ class Course:
 
 
 def changes_at(knots: Float[np.ndarray, "N M n"], tick: int) -> Float[np.ndarray, "N n"]:
-    """Return the changes at a tick after the first knot: linear between knots."""
+    """Return the changes at a tick after the first knot: from knot to knot without a kink, which would jerk."""
     first, part = divmod(tick, KNOT)
     if part == 0:
         return knots[:, first]
-    share = part / KNOT
+    share = (3.0 - 2.0 * part / KNOT) * (part / KNOT) ** 2
     return (1.0 - share) * knots[:, first] + share * knots[:, first + 1]
 
 

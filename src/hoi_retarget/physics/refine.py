@@ -1,8 +1,8 @@
 """A reference made into a motion that a simulated robot performs: sampling with a receding horizon.
 
 Every fifth of a second, changes of the drives' targets for the next second are sampled, simulated with feedback, and
-drawn towards those of least cost, three times over. Until the next plan, the best of them is performed. Changes are
-linear between knots. Where costs run away, the last second is planned again with more samples.
+drawn towards those of least cost, three times over. Until the next plan, their mean is performed, or the best of them
+where it is much better. Where costs run away, the last second is planned again with more samples.
 """
 
 from collections.abc import Callable
@@ -25,8 +25,9 @@ _ARMS, _OTHERS = 0.1, 0.04  # Noise of the targets [rad].
 _TINY = 1e-9
 _LEAST_NOISE = 0.3  # Of the noise at first, after narrowing.
 _ELITE = 0.15  # Share of the samples that are averaged.
-_SIZE = 0.002  # Cost of changes as large as the noise.
-_RUNAWAY = 8.0  # A cost that a robot about to fall has, or an object that is lost.
+_WORTH = 1.1  # How much a smoother plan may cost, over a rougher one.
+_SIZE = 0.005  # Cost of changes as large as the noise.
+_RUNAWAY = 5.0  # A cost that a robot about to fall has, or an object that is lost.
 _BACK = 5  # Plans that are made again.
 
 
@@ -125,7 +126,7 @@ class _Refinement:
         return self._refined(fell)
 
     def _planned(self, state: _State, samples: int) -> tuple[np.ndarray, float]:
-        """Return the knots of least cost, and the cost."""
+        """Return knots of little cost, and the cost: the mean, which is smoother, or the best sample."""
         length = min(KNOT * (len(state.knots) - 1), self.last - state.tick)
         mean, spread = state.knots, np.tile(self.noise, (len(state.knots), 1))
         best, least = state.knots, np.inf
@@ -142,7 +143,10 @@ class _Refinement:
                 continue
             mean, found = _drawn(knots[order], cost[order])
             spread = np.maximum(0.5 * (spread + found), _LEAST_NOISE * self.noise)
-        return best, least
+        final = np.stack([mean, best])
+        final[:, 0] = state.knots[0]
+        smooth, rough = self._costs(state.tick, final, length).tolist()
+        return (final[0], smooth) if smooth <= _WORTH * rough else (best, rough)
 
     def _costs(self, tick: int, knots: np.ndarray, length: int) -> np.ndarray:
         cost = simulated_costs(self.course, self.data, tick, knots, length)
