@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ import pytest
 from hoi_retarget.cli import main
 from hoi_retarget.motion import result_file
 from hoi_retarget.motion.motion import ARRAYS, Stage
+from hoi_retarget.readers.open import clip_of
+from hoi_retarget.synthetic import make
 from plain_motions import plain_motion, standing_qpos
 from trajectories import MODELS
 
@@ -82,6 +85,24 @@ def test_what_falls_is_kept_to_the_fall_in_place_of_what_stood(folder, capsys):
     with np.load(folder / "refined" / "physics" / "glides.npz") as held:
         facts = json.loads(str(held["facts"]))
         assert 0.0 < facts["fell_after"] < 1.5 and "the robot lacks" in facts["cause"]
+
+
+def test_a_fall_is_looked_at_beside_its_clip(folder, capsys):
+    clip = make("carry_box")
+    motion = plain_motion(
+        G1,
+        alone(clip.frames, glide=60.0).qpos,
+        object_pos=np.stack([track.positions for track in clip.objects], axis=1),
+        object_quat=np.stack([track.quats for track in clip.objects], axis=1),
+    )
+    result_file.save(motion, folder / "glides.npz")
+    assert main(["refine", "glides.npz", "--clip", "builtin:carry_box", "--out", "out", *QUICK]) == 1
+    fallen = result_file.load(folder / "out" / "glides.npz.failed")
+    there = clip_of(fallen, name=Path("builtin:carry_box"))
+    assert there.frames == fallen.frames < clip.frames
+    for short, whole in zip(there.objects, clip.objects, strict=True):
+        np.testing.assert_allclose(short.positions, whole.positions[: there.frames], atol=1e-12)
+    assert clip_of(motion, name=Path("builtin:carry_box")).frames == clip.frames
 
 
 def test_what_cannot_be_refined_is_refused_and_nothing_is_written(folder, capsys):

@@ -64,7 +64,7 @@ def _result(motion: Motion) -> Iterator[tuple[str, str]]:
     for stage in motion.stages:
         counts = Counter(window.status for window in stage.windows)
         counted = ", ".join(f"{count} {status.name.lower().replace('_', ' ')}" for status, count in counts.items())
-        yield "windows", f"{counted} ({STAGE_TITLES.get(stage.name, stage.name)})"
+        yield "windows", f"{counted or 'none'} ({STAGE_TITLES.get(stage.name, stage.name)})"
     for title, segments in (("unreached", report.unreached_contacts), ("flipped", report.orientation_flips)):
         if segments is not None:
             yield title, f"{len(segments)} stretch(es)" if segments else "none"

@@ -21,10 +21,10 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, ClipError, HoiRetargetError
 from hoi_retarget.evaluation import evaluate
 from hoi_retarget.files.atomic import write_together
-from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.motion import SIMULATED, Motion
 from hoi_retarget.motion.result_file import encode, set_aside
 from hoi_retarget.physics.feasibility import forces_on_clip, held_by_others, shortcomings
-from hoi_retarget.physics.performed import STAGE, performed_file, performed_motion, why_it_fell
+from hoi_retarget.physics.performed import performed_file, performed_motion, why_it_fell
 from hoi_retarget.physics.reference import reference_of
 from hoi_retarget.physics.refine import Progress, refine
 from hoi_retarget.physics.rollout import base_errors_deg, object_errors
@@ -112,7 +112,7 @@ def _refined(path: Path, command: Refine, working: Working) -> tuple[str, ...]:
 
 def _task(path: Path, command: Refine) -> _Task:
     motion = load_motion(path, command.robot)
-    if any(stage.name == STAGE for stage in motion.stages):
+    if any(stage.name == SIMULATED for stage in motion.stages):
         raise ArgumentError(f"{path}: it is refined already. Name the result that it was made from.")
     if motion.frames == 1:
         raise ClipError(f"{path}: it has one frame, which is no motion.")
@@ -128,5 +128,5 @@ def _with_figures(performed: Motion, task: _Task, cpu: float, *, whole: bool) ->
     figures = {}
     if whole and task.clip is not None:
         figures = evaluate(performed, task.clip, task.scene.model, person=performed.person)
-    seconds = {**performed.report.cpu_seconds, STAGE: cpu}
+    seconds = {**performed.report.cpu_seconds, SIMULATED: cpu}
     return replace(performed, report=replace(performed.report, figures=figures, cpu_seconds=seconds))

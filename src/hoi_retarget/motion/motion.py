@@ -19,7 +19,9 @@ FARTHEST = 1000.0
 _SCALES = (1e-3, 1e3)
 _TALLEST = 10.0  # [m]
 
-STAGE_TITLES = {"ik": "inverse kinematics", "trajectory": "trajectory", "physics": "performed in simulation"}
+SIMULATED = "physics"
+"""Name of the stage in which a simulated robot performed the motion; it ends where the robot fell."""
+STAGE_TITLES = {"ik": "inverse kinematics", "trajectory": "trajectory", SIMULATED: "performed in simulation"}
 """What stages are called in sentences."""
 
 

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from hoi_retarget.files import npz
-from hoi_retarget.motion.motion import ARRAYS, Motion, Stage
+from hoi_retarget.motion.motion import ARRAYS, SIMULATED, Motion, Stage
 from hoi_retarget.numerics import se3
 from hoi_retarget.physics.feasibility import Shortcoming
 from hoi_retarget.physics.reference import TICK, Reference
@@ -21,8 +21,6 @@ from hoi_retarget.physics.rollout import Rollout, object_errors
 from hoi_retarget.physics.scene import Scene, compiled
 from hoi_retarget.physics.settings import Refinement
 
-STAGE = "physics"
-"""Name of the stage of a motion that was performed in simulation."""
 FORMAT = "hoi-retarget performed motion 1"
 _LOST = 0.1  # An object so far from its place [m] is not held as it should be.
 _BEFORE = 1.0  # What happens so long before a fall [s] may be why.
@@ -58,7 +56,7 @@ def performed_motion(motion: Motion, scene: Scene, rollout: Rollout) -> Motion:
         config={**motion.report.config, "physics": asdict(scene.physics)},
     )
     kept |= {"object_pos": objects[..., :3], "object_quat": objects[..., 3:]}
-    return replace(motion, stages=(*earlier, Stage(STAGE, robot)), report=report, **kept)
+    return replace(motion, stages=(*earlier, Stage(SIMULATED, robot)), report=report, **kept)
 
 
 def why_it_fell(

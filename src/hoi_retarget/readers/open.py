@@ -3,8 +3,10 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from hoi_retarget.clip import grasp_check
-from hoi_retarget.clip.augment import augment
+from hoi_retarget.clip.augment import augment, resampled
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import ContactEdits, apply, from_text
 from hoi_retarget.clip.floor import on_floor
@@ -12,7 +14,7 @@ from hoi_retarget.clip.infer_contacts import with_contacts
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
 from hoi_retarget.files.source_file import FOLDER, SourceFile
-from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.motion import SIMULATED, Motion
 from hoi_retarget.readers import READERS, gvhmr, read_clip
 from hoi_retarget.synthetic import BUILTIN, SCENES, make
 
@@ -93,6 +95,8 @@ def clip_stem(name: Path | str) -> str:
 def clip_of(motion: Motion, *, name: Path | None = None, objects: Path | None = None) -> Clip:
     """Return the clip that a result was made from, edited and augmented as it was, by what the result's report says.
 
+    Of a motion that fell in simulation, it is the clip up to the fall.
+
     Args:
         motion: The result.
         name: The clip's name, where it is not the one that the report says; what it holds is then not compared.
@@ -108,9 +112,12 @@ def clip_of(motion: Motion, *, name: Path | None = None, objects: Path | None = 
     except HoiRetargetError as error:
         raise ReadError(f"the result's contact edits no longer fit its clip: {error} {_ADVICE}") from error
     try:
-        return augment(clip, motion.report.source.augmentation)
+        clip = augment(clip, motion.report.source.augmentation)
     except HoiRetargetError as error:
         raise ReadError(f"the result's clip cannot be augmented again as it was: {error} {_ADVICE}") from error
+    if motion.stages[-1].name == SIMULATED and motion.frames < clip.frames:
+        return resampled(clip, np.arange(motion.frames, dtype=float), clip.fps)  # Up to the fall.
+    return clip
 
 
 def recording_of(motion: Motion, *, name: Path | None = None, objects: Path | None = None) -> tuple[Clip, ContactEdits]:
