@@ -118,7 +118,8 @@ class _Refinement:
             tick = min(now.tick + KNOT, self.last)
             on_progress(Progress(TICK * tick, cost, samples))
             if (fell or cost > _RUNAWAY) and samples < self.settings.most_samples:
-                until, samples, fell = tick + KNOT, min(2 * samples, self.settings.most_samples), False
+                until = max(until, tick + KNOT)  # It never shrinks, so that there is an end.
+                samples, fell = min(2 * samples, self.settings.most_samples), False
                 states = states[: max(1, len(states) - _BACK)]
                 self._restore(states[-1])
             elif not fell:
