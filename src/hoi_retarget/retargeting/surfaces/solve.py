@@ -30,8 +30,6 @@ ROUGHLY, CLOSELY, TO_THE_END = 300.0, 20.0, 7.0
 
 ROUNDS = 3
 """Of ways out of an object."""
-OF_A_WAY = 0.3
-"""Share of the clearance's weight for ways out: with more, hands leave their places for them."""
 ON_THE_WAY, MOST_ITERATIONS = 15, 40
 """Iterations of each pass on the way to the last one, and of that one."""
 
@@ -88,7 +86,7 @@ class SurfaceProblems:
         of, targets = self.surfaces, self.targets
         touching = {self.model.body_of(site) for site in targets.contact_links}
         free = Skin(tuple(skin for skin in of.skin.links if skin.link not in touching))
-        weight, start = OF_A_WAY * self.config.weights.clearance, self.model.forward(qpos)
+        weight, start = self.config.weights.clearance, self.model.forward(qpos)
         return ways_out(of.objects, targets.limbs, free, start, earlier, weight, targets.fps)
 
     def _moved(self, qpos: np.ndarray) -> Targets:

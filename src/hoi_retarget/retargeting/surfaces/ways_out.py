@@ -28,6 +28,8 @@ FURTHEST, SHORTEST_STEP = 0.12, 0.004
 AROUND_SECONDS = 0.4
 """A way begins and ends so long before and after the link is deep."""
 SIDE_SECONDS, SMOOTHING_SECONDS = 0.3, 0.15
+NEXT_TO_BODY = 0.25
+"""Share of a human's limb that shows the side, where it begins: a limb that is caught goes back, too."""
 WHOLE_RUN = 0.02
 """Share of the whole run in the side of each of its frames."""
 STRIDE_SECONDS = 0.1
@@ -187,10 +189,15 @@ class _Sunk:
             inside = distances < 0
             if inside.any():
                 depths[key] = -distances.min()
-                beside = _beside(self.limb[frame], samples[inside])
+                beside = _beside(self._beginning(frame), samples[inside])
                 beside /= np.maximum(np.linalg.norm(beside, axis=1, keepdims=True), 1e-9)
                 sides[key] = -distances[inside] @ beside
         return depths, sides
+
+    def _beginning(self, frame: int) -> Float[np.ndarray, "2 3"]:
+        """Return the part of the human's limb that shows the side [m]."""
+        start, end = self.limb[frame]
+        return np.stack([start, start + NEXT_TO_BODY * (end - start)])
 
     def _to_the_end(self, frame: int, side: Float[np.ndarray, "3"]) -> tuple[float, Float[np.ndarray, "3"]]:
         """Return how far the link has to go until nothing is inside it [m], and its deepest point at the start."""
