@@ -133,6 +133,6 @@ def test_robots_feet_stand_and_those_of_landmark_contact_are_left_alone():
     clip, model = make("carry_box"), MODELS["unitree_g1"]
     surface, landmark = (retarget(clip, model, Config(contact=kind)).report.figures for kind in ("surface", "landmark"))
     assert landmark["stance_slide_mps"] > 0.02
-    assert surface["stance_slide_mps"] < 0.005
+    assert surface["stance_slide_mps"] < 0.01
     assert surface["stance_sole_height_abs_m"] < 0.0005
     assert not make_targets(clip, model, Scaling(), contact="landmark").anchor_weights.any()
