@@ -51,7 +51,7 @@ def test_it_says_where_the_page_is_and_ends_with_ctrl_c(demo, words):
     with started(*words, folder=demo.parent) as (process, said):
         assert b"<html" in page_at(said).lower()
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=20)
+        out, err = process.communicate(timeout=60)
         assert process.returncode == 0
         assert "Traceback" not in err
         assert "viser" not in said + out
