@@ -170,7 +170,7 @@ def test_results_open_their_clip_as_it_was_read(tmp_path, capsys):
     again, direct = clip_of(motion), open_clip(path, ReadOptions(floor=0.3, labels="interact"))
     np.testing.assert_array_equal(again.objects[0].positions, direct.objects[0].positions)
     assert [track.active.sum() for track in again.contacts] == [track.active.sum() for track in direct.contacts]
-    assert motion.contact_flags.any() and motion.report.figures["contact_gap_m"] < 0.01
+    assert motion.contact_flags.any() and motion.report.figures["touch_gap_p95_m"] < 0.01
     capsys.readouterr()
     assert main(["inspect", str(path)]) == 0
     assert "none in the file; found from distances" in capsys.readouterr().out

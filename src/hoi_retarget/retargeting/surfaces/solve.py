@@ -22,6 +22,7 @@ from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import Problem
 from hoi_retarget.retargeting.trajopt.table import trajectory_terms
 from hoi_retarget.retargeting.trajopt.windows import solve_windows
+from hoi_retarget.retargeting.trunk_turns import trunk_turns
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.skin import Skin, skin_of
 
@@ -66,6 +67,7 @@ class SurfaceProblems:
         """
         solver = self.config.solver
         qpos: np.ndarray = self.ik_qpos
+        first = qpos
         ways: tuple[WayOut, ...] = ()
         for _ in range(1 + ROUNDS):
             qpos = solve(self._with_points(self._moved(qpos), ways), qpos, _loosened(solver, ROUGHLY), False)
@@ -73,6 +75,10 @@ class SurfaceProblems:
             if not further:
                 break
             ways = (*ways, *further)
+            first = qpos if len(ways) == len(further) else first
+        if ways and trunk_turns(self.model.forward(qpos), self.targets):
+            # Ways that turn the robot over are none.
+            qpos, ways = first, ()
         moved = self._moved(qpos)
         qpos = solve(self._with_surfaces(moved, qpos, ways, yielding=False), qpos, _loosened(solver, CLOSELY), False)
         return solve(self._with_surfaces(moved, qpos, ways, yielding=True), qpos, to_the_end(solver), True)
