@@ -8,6 +8,7 @@ from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.trajopt.normal import assemble
 from hoi_retarget.retargeting.trajopt.problem import Term, cost_by_term
 from hoi_retarget.retargeting.trajopt.rows import FrameRows, PairRows, Rows, StencilRows, cost
+from hoi_retarget.retargeting.trajopt.terms.relative_rotation import RelativeRotation
 from hoi_retarget.robots.model import Kinematics
 from trajectories import MODELS, all_terms, sunk_qpos, term_classes, terms_by_class
 
@@ -81,6 +82,20 @@ def test_jacobian_agrees_with_finite_differences(model, name):
         assert np.abs(numeric).max() > 1e-2, f"the direction must move the residual of {term.name}"
         tolerance = 1e-6 * np.abs(numeric).max()
         np.testing.assert_allclose(analytic @ direction.ravel(), numeric, atol=tolerance, err_msg=term.name)
+
+
+@pytest.mark.parametrize("base", ["left_palm", "left_knee"])
+def test_rotation_seen_from_any_link_agrees_with_finite_differences(model, base):
+    """The pelvis need not be on the root link: of robots without a waist, or with one below the trunk, it is not."""
+    rng = np.random.default_rng(5)
+    qpos = sunk_qpos(model, FRAMES, rng)
+    term = RelativeRotation("torso", "torso", base, np.zeros((3, 3, FRAMES)), 1.0)
+    direction, step = rng.normal(size=(FRAMES, model.nv)), 1e-6
+    ahead, behind = (residuals(term, model.forward(model.integrate(qpos, s * direction))) for s in (step, -step))
+    numeric = (ahead - behind) / (2 * step)
+    (part,) = term.rows(model.forward(qpos))
+    analytic = dense_jacobian(part, model.forward(qpos)) @ direction.ravel()
+    np.testing.assert_allclose(analytic, numeric, atol=1e-6 * np.abs(numeric).max())
 
 
 def test_band_holds_the_dense_normal_equations(model):

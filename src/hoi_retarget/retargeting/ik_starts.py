@@ -34,9 +34,13 @@ def _pelvis(model: RobotModel) -> int:
 
 
 def _home(model: RobotModel, targets: Targets, quats: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, "T nq"]:
+    """Return the home pose, its pelvis where its target is and turned by `quats`; the root may be any other link."""
+    at_origin = np.concatenate([[0, 0, 0, 1, 0, 0, 0], model.home_qpos[7:]])
+    pelvis = model.forward(at_origin[None])
+    place, turn = pelvis.site_position("pelvis")[0], pelvis.site_rotation("pelvis")[0]
     qpos = np.tile(model.home_qpos, (targets.frames, 1))
-    qpos[:, :3] = targets.site_positions[:, _pelvis(model)]
-    qpos[:, 3:7] = quats
+    qpos[:, 3:7] = se3.quat_multiply(quats, se3.matrix_to_quat(turn.T))
+    qpos[:, :3] = targets.site_positions[:, _pelvis(model)] - se3.rotate(qpos[:, 3:7], place)
     return qpos
 
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import evenly_spaced
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
@@ -84,7 +83,7 @@ def plausibility(model: RobotModel, qpos: Float[np.ndarray, "P nq"], fps: float)
     half = len(qpos) // 2
     steps = np.linalg.norm(corners[half:] - corners[:half], axis=-1).mean(axis=-1) * fps
     low, middle, high = np.quantile(heights, [0.05, 0.5, 0.95])
-    up = se3.rotate(qpos[:, 3:7], np.array([0.0, 0.0, 1.0]))[:, 2]
+    up = kinematics.orientation("pelvis")[2, 2]
     theta = qpos[:, 7:]
     outside = np.maximum(model.lower - theta, theta - model.upper) > _RANGE_TOLERANCE
     return Plausibility(

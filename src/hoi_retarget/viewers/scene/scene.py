@@ -82,8 +82,8 @@ class Shown:
     @property
     def ahead(self) -> Float[np.ndarray, "2"]:
         """Mean horizontal direction that the robot faces, or the person without one; of any length."""
-        if self.motion is not None:
-            return se3.rotate(self.motion.qpos[:, 3:7], np.array([1.0, 0.0, 0.0])).mean(axis=0)[:2]
+        if self.motion is not None and self.model is not None:
+            return self.model.forward(self.motion.qpos).orientation("pelvis")[:2, 0].mean(axis=1)
         assert self.clip is not None, "one of the two is there"
         return se3.rotate(self.clip.people[self.person].quat("pelvis"), np.array([0.0, 0.0, 1.0])).mean(axis=0)[:2]
 

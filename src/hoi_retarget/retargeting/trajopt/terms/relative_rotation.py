@@ -1,4 +1,4 @@
-"""Rotation of a site in the frame of the robot's base: the paper's E^r for the torso."""
+"""Rotation of a site in the frame of the robot's pelvis: the paper's E^r for the torso."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -22,23 +22,28 @@ LYING_FACTOR = 100.0
 
 @dataclass(frozen=True, eq=False)
 class RelativeRotation:
-    """`|R^b - R^b*|_F^2` of one site, where `R^b` is its rotation in the base frame."""
+    """`|R^b - R^b*|_F^2` of one site, where `R^b` is its rotation in the frame of the site `base`.
+
+    Either of the two may be on the robot's root link, or none.
+    """
 
     name: str
     site: str
+    base: str
     target_base: Float[np.ndarray, "3 3 T"]
     weight: float
 
     def rows(self, kinematics: Kinematics) -> tuple[TangentRows, ...]:
         """Return the rows at a trajectory, by the hinges between base and site; none where there is no hinge."""
-        model = kinematics.model
-        hinges = np.flatnonzero(model.supports[1:, kinematics.frame(self.site).node])
+        supports = kinematics.model.supports[1:]
+        moves = supports[:, kinematics.frame(self.site).node] - supports[:, kinematics.frame(self.base).node]
+        hinges = np.flatnonzero(moves)
         if not hinges.size:
             return ()
-        base = kinematics.node_rotation[:, :, 0]
+        base = kinematics.orientation(self.base)
         relative = np.einsum("jit,jkt->ikt", base, kinematics.orientation(self.site))
         frames = relative.shape[-1]
-        axes = np.einsum("jit,jkt->ikt", base, kinematics.motion_axes[3:, 6 + hinges])
+        axes = np.einsum("jit,jkt->ikt", base, kinematics.motion_axes[3:, 6 + hinges] * moves[hinges, None])
         # Column c of the matrix moves with axis x c.
         moved = np.einsum("cjit,ikt->cjkt", _crosses(relative), axes)
         residual = (relative - self.target_base).transpose(1, 0, 2).reshape(9, frames)
@@ -52,10 +57,9 @@ def _crosses(rotation: np.ndarray) -> np.ndarray:
 
 
 def torso_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[RelativeRotation]:
-    """Yield the torso's rotation in the base frame near that of inverse kinematics."""
-    base = reference.node_rotation[:, :, 0]
-    torso = np.einsum("jit,jkt->ikt", base, reference.orientation("torso"))
-    yield RelativeRotation("torso_orientation", "torso", torso, weights.torso_orientation)
+    """Yield the torso's rotation in the pelvis' frame near that of inverse kinematics."""
+    torso = np.einsum("jit,jkt->ikt", reference.orientation("pelvis"), reference.orientation("torso"))
+    yield RelativeRotation("torso_orientation", "torso", "pelvis", torso, weights.torso_orientation)
 
 
 def lying_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[SiteRotation]:
