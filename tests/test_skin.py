@@ -145,11 +145,17 @@ def test_colliding_geometries_are_the_skin_of_a_robot_without_a_skin_file(name):
     model = load_model(replace(load_robot(name).spec, skin=None))
     skin = skin_of(model)
     assert "left_wrist_yaw_link" in skin.by_link
+    outside = []
     for link in skin.links:
         assert np.abs(link.solid.distances(link.points)).max() < 0.5 * link.solid.step
-        assert (link.solid.distances(link.points + 0.01 * link.normals) > 0.0).mean() > 0.97
+        without, within = (link.solid.distances(link.points + way * link.normals) for way in (0.003, -0.003))
+        assert (without > within).mean() > 0.99
+        # Where two geometries of a link meet, what is off the one is in the other.
+        outside.append(link.solid.distances(link.points + 0.01 * link.normals) > 0.0)
+        assert outside[-1].mean() > 0.9
         own = cKDTree(link.points).query(link.points, k=2)[0][:, 1]
         assert own.max() <= 2.0 * fineness_of(model, link.link).spacing
+    assert np.concatenate(outside).mean() > 0.97
 
 
 def maker_meshes(name: str):
@@ -198,6 +204,28 @@ def test_bodies_lie_where_the_makers_do(name):
     np.testing.assert_allclose(places[1], places[3], atol=1e-4)
 
 
+def plugged(model, link: str, places: np.ndarray) -> np.ndarray:
+    """Return which places next to a link are within 1 cm of other links in every pose: slits between links."""
+    random = np.random.default_rng(0)
+    low, high = model.lower, model.upper
+    theta = low + random.uniform(0.3, 0.7, (6, len(low))) * (high - low)
+    qpos = np.concatenate([np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (6, 1)), theta], axis=1)
+    kinematics, skin = model.forward(qpos), skin_of(model)
+    own = skin.by_link[link].frame
+    near = np.ones(len(places), dtype=bool)
+    for pose in range(len(qpos)):
+        turns = {each.link: kinematics.orientation(each.frame)[:, :, pose] for each in skin.links}
+        origins = {each.link: kinematics.point(each.frame)[:, pose] for each in skin.links}
+        world = places @ kinematics.orientation(own)[:, :, pose].T + kinematics.point(own)[:, pose]
+        others = [
+            each.solid.distances((world - origins[each.link]) @ turns[each.link])
+            for each in skin.links
+            if each.link != link
+        ]
+        near &= np.min(others, axis=0) < 0.01
+    return near
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
 def test_skins_against_the_makers_meshes(name):
@@ -224,13 +252,17 @@ def test_skins_against_the_makers_meshes(name):
         outward = normals * (free[0].astype(float) - free[1])[:, None]
         # What other links hide in every pose is no skin.
         seen = (np.linalg.norm(outward, axis=1) > 0.5) & (np.abs(own.solid.distances(points)) < 0.0015)
+        seen &= ~plugged(model, own.link, points + 0.01 * outward)
         points, outward = points[seen], outward[seen]
         away, nearest = cKDTree(own.points).query(points)
         assert (away <= spacing + 0.001).mean() > 0.97, body
         # The inner side of a wall is seen, too, through openings that other links plug.
         outer = np.einsum("ki,ki->k", outward, own.normals[nearest]) > 0.0
         points, outward = points[outer], outward[outer]
-        inside.append(own.solid.distances(points - 0.003 * outward) < 0.0)
+        # Walls as thin as the grid's step enclose nothing.
+        way = tree.intersect_ray_first(vertices, faces, points - 1e-4 * outward, -outward)[1]
+        thick = way > own.solid.step
+        inside.append(own.solid.distances(points - 0.003 * outward)[thick] < 0.0)
         outside.append(own.solid.distances(points + 0.003 * outward) > 0.0)
         if "wrist_yaw" in body:
             fingers = mesh.vertices[mesh.vertices[:, 0] > 0.06]

@@ -24,7 +24,7 @@ from hoi_retarget.viewers.scene.scene import OBJECT_LAYERS, SEE_THROUGH
 WORLD = "/world"
 MESSAGE = "viewers/browser/page/message.html.j2"
 SPEEDS = {"0.1x": 0.1, "0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4.0}
-CURVES_HEIGHT_PX = 245
+CURVES_HEIGHT_PX = 161
 _CONTROLS_WIDTH_PX, _PANEL_MARGIN_PX = 320, 15
 _PANEL_HEAD_PX = 60  # Of the curves' panel, with its margin.
 _LookKey = Literal["1", "2", "3", "4", "5", "6", "7", "8", "9"]

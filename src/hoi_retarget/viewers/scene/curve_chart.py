@@ -15,10 +15,10 @@ from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.viewers.html import render
 from hoi_retarget.viewers.scene.curves import Curve
 
-LEFT_INSET_PX = 132
+LEFT_INSET_PX = 164
 RIGHT_INSET_PX = 160
-CHART_HEIGHT_PX = 32
-CHART_STEP_PX = CHART_HEIGHT_PX + 5
+CHART_HEIGHT_PX = 20
+CHART_STEP_PX = CHART_HEIGHT_PX + 3
 """From one chart to the next."""
 TITLES_HEIGHT_PX = 19
 """Of the line that names several results."""
