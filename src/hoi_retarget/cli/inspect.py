@@ -65,6 +65,8 @@ def _result(motion: Motion) -> Iterator[tuple[str, str]]:
         counts = Counter(window.status for window in stage.windows)
         counted = ", ".join(f"{count} {status.name.lower().replace('_', ' ')}" for status, count in counts.items())
         yield "windows", f"{counted or 'none'} ({STAGE_TITLES.get(stage.name, stage.name)})"
+    if report.performance is not None:
+        yield "certificate", report.performance.robustness
     for title, segments in (("unreached", report.unreached_contacts), ("flipped", report.orientation_flips)):
         if segments is not None:
             yield title, f"{len(segments)} stretch(es)" if segments else "none"

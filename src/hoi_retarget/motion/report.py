@@ -14,6 +14,7 @@ from hoi_retarget.clip.clip import Source
 from hoi_retarget.clip.quality_warning import QualityWarning, Severity
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.human.rotation_jumps import RotationJump
+from hoi_retarget.motion.performance import Performance
 
 UNREACHED_M = 0.02
 """A link further from its target than this [m] does not reach it."""
@@ -230,6 +231,8 @@ class Report:
     inter_robot_penetrations: tuple[InterRobotPenetration, ...] = ()
     cpu_seconds: Mapping[str, float] = field(default_factory=dict)
     """CPU time by stage [s]."""
+    performance: Performance | None = None
+    """How a simulated robot performed it; None where none has."""
 
     def as_json(self) -> dict[str, Any]:
         """Return plain JSON values, which `from_json` reads again."""

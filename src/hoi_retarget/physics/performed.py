@@ -13,6 +13,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from hoi_retarget.files import npz
 from hoi_retarget.motion.motion import ARRAYS, SIMULATED, Motion, Stage
+from hoi_retarget.motion.performance import Performance
 from hoi_retarget.numerics import se3
 from hoi_retarget.physics.feasibility import Shortcoming
 from hoi_retarget.physics.reference import TICK, Reference
@@ -78,7 +79,7 @@ def why_it_fell(
 
 
 def performed_file(  # noqa: PLR0913  # one file holds it all
-    motion: Motion, scene: Scene, refined: Refined, *, settings: Refinement, seed: int, cause: str
+    motion: Motion, scene: Scene, refined: Refined, performance: Performance, *, settings: Refinement, seed: int
 ) -> bytes:
     """Return a performed motion for a controller, as the content of an .npz file at 50 ticks a second.
 
@@ -86,9 +87,9 @@ def performed_file(  # noqa: PLR0913  # one file holds it all
         motion: What was refined.
         scene: What was simulated.
         refined: What came of it.
+        performance: How far it was performed, and its certificate.
         settings: How much was tried.
         seed: Of the random numbers.
-        cause: Why it fell; empty where it did not.
     """
     rollout, drives, simulated = refined.rollout, scene.actuators, compiled(scene)
     facts = {
@@ -105,8 +106,8 @@ def performed_file(  # noqa: PLR0913  # one file holds it all
             for item in scene.objects
         ],
         "fell_after": rollout.fell_after,
-        "cause": cause,
-        "certificate": None,
+        "cause": performance.cause,
+        "certificate": performance.certificate and asdict(performance.certificate),
     }
     values: dict[str, Any] = {
         "qpos": rollout.qpos,

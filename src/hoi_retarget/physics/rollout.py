@@ -53,6 +53,7 @@ def tracked(
     reference: Reference,
     targets: Float[np.ndarray, "K n"],
     gains: Float[np.ndarray, "K n x"] | None = None,
+    push: tuple[int, Float[np.ndarray, "3"]] | None = None,
 ) -> Rollout:
     """Return the simulation of drives that follow targets, from the reference's first state on.
 
@@ -61,12 +62,15 @@ def tracked(
         reference: What is followed.
         targets: Of the drives.
         gains: From deviations of the state (2 nv numbers: configuration, then velocity) to changes of the targets.
+        push: A tick, and by how much the base's velocity changes then [m/s].
     """
     data = mujoco.MjData(simulated)
     data.qpos[:], data.qvel[:] = reference.qpos[0], reference.qvel[0]
     qpos, qvel, given = [data.qpos.copy()], [data.qvel.copy()], []
     fell_after = None
     for tick in range(len(reference.qpos) - 1):
+        if push is not None and tick == push[0]:
+            data.qvel[:3] += push[1]
         target = targets[tick]
         if gains is not None:
             apart = deviations(reference, len(target), tick, data.qpos[None], data.qvel[None])[0]

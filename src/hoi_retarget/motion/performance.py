@@ -1,0 +1,78 @@
+"""How a simulated robot performed a motion, as its result keeps it: to the end or to a fall, and its certificate."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+LARGEST_OBJECT_M, LARGEST_BASE_M = 0.1, 0.15
+"""A replay in which an object or the robot's base is farther from the performed motion [m] does not keep to it."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A performed motion simulated again, with its feedback, in other physics."""
+
+    name: str
+    """The change, such as `mass +20 %`."""
+    seconds: float
+    """How long the robot stood [s]."""
+    fell: bool
+    object_m: float | None
+    """Largest distance of an object from the performed motion [m]; None without objects."""
+    base_m: float
+    """The same of the robot's base."""
+
+    @property
+    def kept(self) -> bool:
+        """Whether it stood, and stayed near the performed motion."""
+        return not self.fell and (self.object_m or 0.0) <= LARGEST_OBJECT_M and self.base_m <= LARGEST_BASE_M
+
+    def __str__(self) -> str:
+        if self.fell:
+            return f"{self.name} falls at {self.seconds:.1f} s"
+        apart = [f"base {100 * self.base_m:.0f} cm"]
+        if self.object_m is not None:
+            apart.append(f"object {100 * self.object_m:.0f} cm")
+        return f"{self.name} stands ({', '.join(apart)} off at most)"
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What became of a motion that was performed whole when it was simulated again."""
+
+    repeats: bool
+    """Whether its targets alone, without feedback, give it to the bit."""
+    replays: tuple[Replay, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether it repeats, and all replays keep to it."""
+        return self.repeats and all(replay.kept for replay in self.replays)
+
+    def __str__(self) -> str:
+        return "; ".join(self._parts())
+
+    def _parts(self) -> Iterator[str]:
+        kept = sum(replay.kept for replay in self.replays)
+        yield f"{kept} of {len(self.replays)} replays keep to the motion"
+        if not self.repeats:
+            yield "its targets alone do not repeat it"
+        yield from (str(replay) for replay in self.replays if not replay.kept)
+
+
+@dataclass(frozen=True)
+class Performance:
+    """How far a motion was performed."""
+
+    seconds: float
+    """How long the robot stood [s]."""
+    fell: bool
+    cause: str = ""
+    """Why it fell, as far as known."""
+    certificate: Certificate | None = None
+
+    @property
+    def robustness(self) -> str:
+        """What is certified, in words."""
+        if self.certificate is not None:
+            return str(self.certificate)
+        return "none, as the robot falls" if self.fell else "none"
