@@ -32,7 +32,7 @@ def model(robot: str = "unitree_g1") -> RobotModel:
 
 @cache
 def motion(scene: str = "carry_box", robot: str = "unitree_g1", fps: float = 50.0) -> Motion:
-    return retarget(synthetic.make(scene, fps=fps, seconds=5.0), model(robot), Config())
+    return retarget(synthetic.make(scene, fps=fps, seconds=5.0), model(robot), Config(contact="landmark"))
 
 
 @dataclass(frozen=True, eq=False)

@@ -157,7 +157,7 @@ def test_run_gives_to_the_bit_what_python_gives(scene, call, tmp_path):
 
 
 def test_results_of_built_in_clips_have_their_names(call, tmp_path):
-    code, out, _ = call("run", BOX, "builtin:push_table", "--out", "out")
+    code, out, _ = call("run", BOX, "builtin:push_table", "--contact", "landmark", "--out", "out")
     assert code == 0 and "builtin:carry_box: 268 frames" in out
     assert listing(tmp_path / "out") == ["carry_box.npz", "push_table.npz"]
     assert load_motion(tmp_path / "out" / "carry_box.npz").report.source.path == BOX
@@ -255,6 +255,7 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", PAGE, flags=re.MULTILINE | re.DOTALL)
 
 
+@pytest.mark.slow
 def test_the_pages_commands_write_its_file(call, tmp_path):
     (commands,), (text,) = blocks("sh"), blocks("toml")
     for line in commands.splitlines():
@@ -269,6 +270,7 @@ def test_the_pages_commands_write_its_file(call, tmp_path):
     assert (tmp_path / "edits.toml").read_text().endswith(text)
 
 
+@pytest.mark.slow
 def test_the_pages_python_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (code,) = blocks("python")

@@ -18,7 +18,7 @@ pytest.importorskip("viser", reason="viser is not installed")
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demo")
-    assert main(["demo", "--out", str(folder)]) == 0
+    assert main(["run", "builtin:carry_box", "--contact", "landmark", "--out", str(folder)]) == 0
     return folder / "carry_box.npz"
 
 

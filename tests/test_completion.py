@@ -188,7 +188,7 @@ def test_what_moves_untouched_and_feet_off_the_floor_are_warnings_that_run_tells
     assert not on_floor(shifted(CLIP, 1.0), at_zero=False, floor=1.0).source.warnings
     path = tmp_path / "high.npz"
     own_layout.write(shifted(CLIP, 1.0), path)
-    assert main(["run", str(path), "--out", str(tmp_path)[:-1] + "x"]) == 0
+    assert main(["run", str(path), "--contact", "landmark", "--out", str(tmp_path)[:-1] + "x"]) == 0
     assert "warning: high.npz: Feet stand at z = 0.97 m" in capsys.readouterr().err
 
 

@@ -23,7 +23,7 @@ G1, H2 = MODELS["unitree_g1"], MODELS["unitree_h2"]
 def demo(tmp_path_factory):
     """The result of a built-in clip."""
     folder = tmp_path_factory.mktemp("demo")
-    assert main(["demo", "--out", str(folder)]) == 0
+    assert main(["run", "builtin:carry_box", "--contact", "landmark", "--out", str(folder)]) == 0
     return folder / "carry_box.npz"
 
 

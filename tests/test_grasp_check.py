@@ -26,6 +26,7 @@ from hoi_retarget.synthetic import SCENES, make
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 REAL = [(path, SHARED / "objects") for path in sorted((SHARED / "omomo").glob("*.pt"))]
 REAL += [(path, SHARED / "parahome" / "objects") for path in sorted((SHARED / "parahome").glob("*.pt"))]
+LANDMARK = ("--contact", "landmark")
 TURNING = ("carry_box", "drag_suitcase")  # In the others the object keeps its heading.
 
 
@@ -133,7 +134,7 @@ def test_what_is_turned_in_the_hand_is_read_from_a_format_with_one_order(tmp_pat
         checked(clip)
     own_layout.write(clip, tmp_path / "clip.npz")
     assert main(["run", str(tmp_path / "clip.npz"), "--out", str(tmp_path / "out")]) == 1
-    assert main(["run", str(tmp_path / "clip.npz"), "--grasps", "warn", "--out", str(tmp_path / "out")]) == 0
+    assert main(["run", str(tmp_path / "clip.npz"), "--grasps", "warn", *LANDMARK, "--out", str(tmp_path / "out")]) == 0
     path = humoto(clip).write(tmp_path / "turned.glb")
     assert not any("read wrongly" in str(it) for it in open_clip(path).source.warnings)
     capsys.readouterr()
@@ -186,7 +187,7 @@ def test_warnings_are_shown_where_clips_are_looked_at(tmp_path, capsys):
     facts = inspect(tmp_path / "inverse.npz")
     assert "rotations are read wrongly" in facts.problems[0]
     assert not facts.command
-    main(["run", str(tmp_path / "late.npz"), "--out", str(tmp_path / "out")])  # Its motion may be a bad one.
+    main(["run", str(tmp_path / "late.npz"), *LANDMARK, "--out", str(tmp_path / "out")])  # Its motion may be a bad one.
     assert "warning: late.npz: Contacts fit better" in capsys.readouterr().err
 
 

@@ -302,7 +302,7 @@ def test_clips_are_converted_inspected_and_run(tmp_path, capsys):
     assert main(["convert", "builtin:carry_box", "--out", str(clip)]) == 0
     assert main(["inspect", str(clip)]) == 0
     assert main(["contacts", str(clip)]) == 0
-    assert main(["run", str(clip), "--out", str(tmp_path / "out")]) == 0
+    assert main(["run", str(clip), "--contact", "landmark", "--out", str(tmp_path / "out")]) == 0
     out = capsys.readouterr().out
     for words in ("[hoi-retarget-clip]", "Converted from builtin:carry_box (synthetic, SHA-256", "1 solved"):
         assert words in out

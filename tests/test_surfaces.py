@@ -220,7 +220,7 @@ def test_sides_do_not_depend_on_where_the_clip_starts(model):
     np.testing.assert_allclose(contact_sides(cut, moving_objects(cut))[20:], whole[25:], atol=1e-2)
 
 
-@pytest.mark.parametrize(("name", "scene"), [("unitree_g1", "carry_box"), ("unitree_h2", "push_table")])
+@pytest.mark.parametrize(("name", "scene"), [("unitree_g1", "carry_box"), pytest.param("unitree_h2", "push_table", marks=pytest.mark.slow)])
 def test_hands_touch_and_nothing_is_inside(name, scene):
     # Not for the H2 with its box: its knees are in the box's way when it squats, which docs/contact.md says.
     clip, model = make(scene), MODELS[name]
@@ -244,6 +244,7 @@ def touch_share(motion) -> float:
     return motion.report.figures["touch_share"]
 
 
+@pytest.mark.slow
 def test_windows_touch_as_the_whole_does():
     clip, model = make("carry_box", seconds=4.0), MODELS["unitree_g1"]
     whole = retarget(clip, model)
@@ -261,6 +262,7 @@ def test_an_edited_contact_touches_after_a_local_solve():
     assert not np.array_equal(after.motion.qpos, before.motion.qpos)
 
 
+@pytest.mark.slow
 def test_landmark_contact_has_palms_at_the_human_points(model):
     clip = make("push_table")
     landmark, surface = retarget(clip, model, Config(contact="landmark")), retarget(clip, model)
