@@ -28,7 +28,7 @@ _OBJECT, _OBJECT_TURN = 30.0, 1.5
 _BASE_SPEED, _SINKING, _TURNING, _JOINT_SPEED = 1.07, 0.5, 0.1, 0.004
 _OBJECT_SPEED, _OBJECT_TURNING = 0.3, 0.02
 
-_Linear = tuple[np.ndarray, np.ndarray]
+Linear = tuple[np.ndarray, np.ndarray]
 """How a state follows the one before it, and the targets."""
 
 
@@ -41,13 +41,25 @@ def feedback_gains(
     """
     ticks = list(range(0, len(reference.qpos), _EVERY))
     steps = max(1, round(TICK / simulated.opt.timestep))
-    linear = _tame(_linearized(scene, simulated, reference, ticks, steps))
-    cost = np.diag(_costs(scene.model.n, len(scene.objects), 1.0 if objects else 0.0))
+    linear = tame(_linearized(scene, simulated, reference, ticks, steps))
+    nearest = [linear[min(round(tick / _EVERY), len(linear) - 1)] for tick in range(len(reference.qpos))]
+    return gains_of(scene, nearest, objects=1.0 if objects else 0.0)
+
+
+def gains_of(scene: Scene, linear: Sequence[Linear], *, objects: float) -> Float[np.ndarray, "K n x"]:
+    """Return the gains at every tick by Riccati's recursion.
+
+    Args:
+        scene: Robot and objects.
+        linear: How the state after each tick follows the state and the targets before it.
+        objects: What deviations of objects count; 0 is a robot that minds itself alone.
+    """
+    cost = np.diag(_costs(scene.model.n, len(scene.objects), objects))
     effort = _EFFORT * np.eye(scene.model.n)
     ahead = _LAST * cost
-    gains = np.zeros((len(reference.qpos), scene.model.n, len(cost)))
-    for tick in range(len(reference.qpos) - 1, -1, -1):
-        a, b = linear[min(round(tick / _EVERY), len(linear) - 1)]
+    gains = np.zeros((len(linear), scene.model.n, len(cost)))
+    for tick in range(len(linear) - 1, -1, -1):
+        a, b = linear[tick]
         pulled = b.T @ ahead
         gains[tick] = -np.linalg.solve(effort + pulled @ b, pulled @ a)
         ahead = cost + a.T @ ahead @ (a + b @ gains[tick])
@@ -57,7 +69,7 @@ def feedback_gains(
     return gains
 
 
-def _tame(linear: list[_Linear]) -> list[_Linear]:
+def tame(linear: list[Linear]) -> list[Linear]:
     """Return the linearizations, with the nearest one that is not wild in the place of wild ones."""
     sizes = np.array([np.abs(a).max() for a, _ in linear])
     good = np.flatnonzero(sizes < max(_WILD, sizes.min() + 1.0))
@@ -66,11 +78,11 @@ def _tame(linear: list[_Linear]) -> list[_Linear]:
 
 def _linearized(
     scene: Scene, simulated: mujoco.MjModel, reference: Reference, ticks: Sequence[int], steps: int
-) -> list[_Linear]:
+) -> list[Linear]:
     """Return how the state after a tick follows the state and the targets before it."""
     data = mujoco.MjData(simulated)
     nv, soles = simulated.nv, [simulated.geom(name).id for name in sorted(SOLES)]
-    found: list[_Linear] = []
+    found: list[Linear] = []
     for tick in ticks:
         mujoco.mj_resetData(simulated, data)
         data.qpos[:], data.qvel[:] = reference.qpos[tick], reference.qvel[tick]

@@ -6,7 +6,7 @@ where it is much better. Where costs run away, the last second is planned again 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -16,6 +16,7 @@ from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.physics.closed_loop import KNOT, Course, changes_at, simulated_costs
 from hoi_retarget.physics.costs import TrackingCost
 from hoi_retarget.physics.feedback import feedback_gains
+from hoi_retarget.physics.performed_gains import performed_gains
 from hoi_retarget.physics.reference import TICK, Reference
 from hoi_retarget.physics.rollout import Rollout, drive_targets, has_fallen, stepped
 from hoi_retarget.physics.scene import Scene, compiled
@@ -182,15 +183,8 @@ class _Refinement:
         course, ticks = self.course, slice(self.performed + 1)
         self.given[self.last] = self.given[self.last - 1]
         qpos, qvel, given = (frozen(item[ticks]) for item in (self.qpos, self.qvel, self.given))
-        path = replace(
-            course.reference,
-            qpos=qpos,
-            qvel=qvel,
-            torques=course.reference.torques[ticks],
-            touched=course.reference.touched[ticks],
-        )
-        gains = feedback_gains(course.scene, course.simulated, path, objects=False)
-        return Refined(Rollout(qpos, qvel, given, TICK * len(qpos) if fell else None), gains, self.steps)
+        rollout = Rollout(qpos, qvel, given, TICK * len(qpos) if fell else None)
+        return Refined(rollout, performed_gains(course.scene, course.simulated, rollout), self.steps)
 
 
 def _noise(scene: Scene) -> Float[np.ndarray, "n"]:
