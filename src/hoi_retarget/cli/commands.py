@@ -346,13 +346,14 @@ class Report(BesideClip):
 
 
 @dataclass(frozen=True)
-class Export(MadeFrom):
+class Export(Weighed):
     """Write results as the files that trackers and other tools read."""
 
     results: ResultFiles
     """Result files (.npz) or other programs' motions."""
     to: Annotated[str, arg(metavar="FORMAT")]
-    """beyondmimic, mjlab, holosoma, holosoma-qpos, hdmi, gmr, unitree-csv, or dataset: many results in one folder."""
+    """beyondmimic, mjlab, holosoma, holosoma-qpos, hdmi, gmr, unitree-csv, dataset (many results in one folder), or
+    mjlab-task (a training task for mjlab, with objects; masses and frictions are for it alone)."""
     out: Annotated[Path, arg(metavar="PATH")]
     """Folder to write <result's stem>.<format>.* into, or the file to write; the folder of a data set."""
     fps: Annotated[float | None, arg(metavar="NUMBER", help_behavior_hint="")] = None

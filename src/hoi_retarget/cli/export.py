@@ -3,15 +3,16 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from hashlib import sha256
 from pathlib import Path
 
 from hoi_retarget.cli.commands import Export
+from hoi_retarget.cli.export_task import export_tasks
 from hoi_retarget.cli.jobs import (
     check_inputs_kept,
     check_stems,
     check_writable,
     clip_or_warning,
+    digest_of,
     do_for_each,
     exit_code,
     load_motion,
@@ -24,11 +25,15 @@ from hoi_retarget.motion.export import DATASET, export, format_named
 from hoi_retarget.motion.formats import WRITABLE, Format
 from hoi_retarget.motion.formats.dataset import CARD, FOLDER, write_dataset
 from hoi_retarget.motion.result import Result
+from hoi_retarget.physics.mjlab_task import NAME as TASK
 from hoi_retarget.robots import load_robot
 
 
 def execute(command: Export) -> int:
     """Export every result; return 0 when all succeeded."""
+    if command.to == TASK:
+        return export_tasks(command)
+    _check_not_weighed(command)
     if command.to == DATASET:
         return _export_dataset(command)
     format = format_named(command.to)
@@ -51,6 +56,15 @@ def execute(command: Export) -> int:
         say(f"note: {note}")
     say(f"{len(targets) - len(failures)} exported, {len(failures)} failed.")
     return exit_code(failures, len(targets))
+
+
+def _check_not_weighed(command: Export) -> None:
+    """Raise `ArgumentError` for masses and frictions, which a motion file does not hold."""
+    for name in ("object_mass", "hand_friction", "floor_friction"):
+        if (value := getattr(command, name)) is not None:
+            raise ArgumentError(
+                f"--{name.replace('_', '-')} {value:g}: only {TASK} has masses and frictions. Leave the option out."
+            )
 
 
 def _export_dataset(command: Export) -> int:
@@ -115,16 +129,10 @@ def _targets(command: Export, format: Format) -> dict[Path, Path]:
     return {path: command.out.with_suffix("")}
 
 
-def _sha256(path: Path) -> str:
-    """Return the hash of a file, or of all files of a folder in the order of their names."""
-    files = sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
-    return sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
-
-
 def _read(path: Path, command: Export) -> Result:
     """Return a result with the clip it was made from, where that is to be had."""
     motion = load_motion(path, command.robot)
-    alone = Result(path.stem, _sha256(path), motion, load_robot(motion.robot), suffix=path.suffix)
+    alone = Result(path.stem, digest_of(path), motion, load_robot(motion.robot), suffix=path.suffix)
     if motion.report.is_foreign:
         warn(f"{path.name}: who touches what is not known: no contacts are written.")
     if motion.report.is_foreign or not motion.object_names:

@@ -3,6 +3,7 @@
 import os
 import tempfile
 from collections.abc import Callable, Collection, Iterable
+from hashlib import sha256
 from math import isfinite
 from pathlib import Path
 
@@ -118,6 +119,12 @@ def load_motion(
     for note in (*opened.contradictions, *opened.notes):
         warn(f"{path.name}: {note}")
     return opened.motion
+
+
+def digest_of(path: Path) -> str:
+    """Return the SHA-256 of a file, or of all files of a folder in the order of their names."""
+    files = sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
+    return sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
 def clip_or_warning(

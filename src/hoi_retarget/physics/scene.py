@@ -99,14 +99,12 @@ def scene_description(scene: Scene, meshes: Mapping[str, bytes] | None = None) -
     Raises:
         RobotError: MuJoCo cannot read the robot's MJCF.
     """
-    description = read_mjcf(scene.model.spec.mjcf, scene.model.spec.sites)
-    physics = scene.physics
+    description, physics = robot_description(scene), scene.physics
     description.modelname = f"{scene.model.spec.name}_scene"
     description.option.timestep = physics.timestep
     description.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     description.option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
     description.option.iterations = _ITERATIONS
-    _set_robot(description, scene)
     world = description.worldbody
     world.add_light(pos=[0.0, 0.0, 4.0], dir=[0.0, 0.0, -1.0], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
     world.add_geom(
@@ -114,14 +112,36 @@ def scene_description(scene: Scene, meshes: Mapping[str, bytes] | None = None) -
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         size=[0.0, 0.0, 1.0],
         rgba=[0.55, 0.57, 0.6, 1.0],
-        contype=_FLOOR,
-        conaffinity=_ROBOT | _FEET | _OBJECT,
-        priority=1,  # So that the floor's friction counts, not the larger one.
-        friction=_friction(physics.floor_friction),
+        **floor_contacts(physics),
     )
     for item in scene.objects:
         _add_object(description, item, physics, meshes)
     return description
+
+
+def robot_description(scene: Scene) -> mujoco.MjSpec:
+    """Return a scene's robot alone with its drives, and with contacts as in the scene; raises `RobotError`."""
+    description = read_mjcf(scene.model.spec.mjcf, scene.model.spec.sites)
+    _set_robot(description, scene)
+    return description
+
+
+def object_description(item: SceneObject, physics: Physics) -> mujoco.MjSpec:
+    """Return one of a scene's objects alone, with contacts as in the scene."""
+    description = mujoco.MjSpec()
+    description.modelname = item.body_name
+    _add_object(description, item, physics, None)
+    return description
+
+
+def floor_contacts(physics: Physics) -> dict[str, Any]:
+    """Return what the floor touches, and its friction, as attributes of its geometry."""
+    return {
+        "contype": _FLOOR,
+        "conaffinity": _ROBOT | _FEET | _OBJECT,
+        "priority": 1,  # So that the floor's friction counts, not the larger one.
+        "friction": _friction(physics.floor_friction),
+    }
 
 
 def compiled(scene: Scene) -> mujoco.MjModel:

@@ -4,7 +4,7 @@ MuJoCo writes six digits. Places of bodies, joints' axes and keyframes are put i
 kinematics of the file are those of the motion.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -38,23 +38,39 @@ def scene_files(scene: Scene, motion: Motion) -> Mapping[Path, bytes]:
         for number, corners in enumerate(item.shape.parts)
     }
     description = scene_description(scene, meshes)
-    if own := [mesh.name for mesh in description.meshes if f"{mesh.name}.obj" not in meshes]:
-        raise RobotError(f"{scene.model.spec.mjcf}: a scene of a robot with meshes ({own[0]}, ...) is not written yet.")
+    check_no_meshes(scene, description, meshes)
     description.assets = meshes
+    root = exact_xml(scene, description)
+    for compiler in root.iter("compiler"):
+        compiler.set("meshdir", MESHES)
+    _add_keyframes(root, scene.qpos(motion), scene.model.n)
+    return {
+        Path(FILE): to_bytes(root),
+        **{Path(MESHES) / name: content for name, content in meshes.items()},
+    }
+
+
+def check_no_meshes(scene: Scene, description: mujoco.MjSpec, known: Collection[str] = ()) -> None:
+    """Raise `RobotError` where a description has other meshes than those of objects, which have these files."""
+    if own := [mesh.name for mesh in description.meshes if f"{mesh.name}.obj" not in known]:
+        raise RobotError(f"{scene.model.spec.mjcf}: a scene of a robot with meshes ({own[0]}, ...) is not written yet.")
+
+
+def exact_xml(scene: Scene, description: mujoco.MjSpec) -> ElementTree.Element:
+    """Return a description of a scene, or of a part of it, as MJCF; raises `RobotError` when it cannot be compiled."""
     try:
         compiled = description.compile()
     except ValueError as error:
         raise RobotError(f"{scene.model.spec.mjcf}: MuJoCo cannot compile it with objects: {error}") from error
     root = ElementTree.fromstring(description.to_xml())
     _set_exactly(root, compiled)
-    for compiler in root.iter("compiler"):
-        compiler.set("meshdir", MESHES)
-    _add_keyframes(root, scene.qpos(motion), scene.model.n)
+    return root
+
+
+def to_bytes(root: ElementTree.Element) -> bytes:
+    """Return MJCF as the content of a file."""
     ElementTree.indent(root)
-    return {
-        Path(FILE): ElementTree.tostring(root, encoding="utf-8") + b"\n",
-        **{Path(MESHES) / name: content for name, content in meshes.items()},
-    }
+    return ElementTree.tostring(root, encoding="utf-8") + b"\n"
 
 
 def _set_exactly(root: ElementTree.Element, compiled: mujoco.MjModel) -> None:
