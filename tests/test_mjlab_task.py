@@ -104,9 +104,12 @@ def test_what_is_told_of_the_robot_is_in_its_files(model):
     # Floor before object before robot: then these frictions are the ones that count.
     assert told["floor"]["priority"] > told["object_priority"] > robot.geom_priority.max()
     assert told["floor"]["friction"][0] == 0.6
+    # mjlab makes environments of these places, in which nothing may be inside anything else.
+    np.testing.assert_allclose(robot.qpos0[:7], [*told["root"]["pos"], *told["root"]["quat"]], atol=1e-12)
     for number, item in enumerate(told["objects"]):
         thing = mujoco.MjModel.from_xml_string(files[TASK / f"object_{number}.xml"].decode())
         assert thing.body(item["body"]).mass == pytest.approx(1.5) and thing.njnt == 1
+        np.testing.assert_allclose(thing.qpos0, [*item["pos"], *item["quat"]], atol=1e-12)
         assert thing.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
         np.testing.assert_allclose(thing.geom_friction[:, 0], 0.9)
         # With the robot and the floor it collides, as bits of both tell.

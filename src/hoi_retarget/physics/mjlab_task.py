@@ -43,7 +43,7 @@ RATE = 50.0
 _TIMESTEP = 0.005
 _ACTION_SHARE = 0.25
 """An action of 1 moves a drive's target so far that the drive gives this share of its torque limit."""
-_LEAST_CONTACTS = 64
+_LEAST_CONTACTS = 96
 _TRACKED = ("hip", "knee", "foot", "shoulder", "elbow", "palm")
 """Sites on either side whose bodies are compared with the reference, beside root and torso."""
 _ENDS = ("foot", "palm")
@@ -93,10 +93,12 @@ def task_of(result: Result, scene: Scene) -> Task:
     folder = Path(PACKAGE) / TASKS / name
     robot = robot_description(scene)
     check_no_meshes(scene, robot)
+    _place(robot, resampled.qpos[0])
     files = {folder / "robot.xml": to_bytes(_without_drives(exact_xml(scene, robot)))}
     for number, item in enumerate(scene.objects):
-        xml = exact_xml(scene, object_description(item, scene.physics))
-        files[folder / f"object_{number}.xml"] = to_bytes(xml)
+        description = object_description(item, scene.physics)
+        _place(description, _first_pose(resampled, number))
+        files[folder / f"object_{number}.xml"] = to_bytes(exact_xml(scene, description))
     files[folder / "motion.npz"] = npz.encode(_arrays(resampled, states))
     files[folder / "task.json"] = to_json(_description(result, scene, resampled, states, f"Hoi-{name}"))
     return Task(f"Hoi-{name}", files, resampled.frames)
@@ -151,7 +153,7 @@ def _states(resampled: ResampledMotion, scene: Scene) -> _States:
             mujoco.mj_objectVelocity(simulated, data, mujoco.mjtObj.mjOBJ_XBODY, 1 + body, twist, 0)
             ang_vel[frame, body], lin_vel[frame, body] = twist[:3], twist[3:]
     data.qpos[:] = qpos[0]
-    data.qpos[7 : 7 + scene.model.n] = scene.model.home_qpos[7:]
+    data.qpos[7 : 7 + scene.model.n] = 0.0
     mujoco.mj_forward(simulated, data)
     names = tuple(simulated.body(1 + body).name for body in range(count))
     contacts = max(contacts, data.ncon)
@@ -218,7 +220,7 @@ def _description(
                 "body": item.body_name,
                 "mass": item.body.mass,
                 "shape": item.shape.text,
-                **_pose(np.concatenate([resampled.object_pos[0, index], resampled.object_quat[0, index]])),
+                **_pose(_first_pose(resampled, index)),
             }
             for index, item in enumerate(scene.objects)
         ],
@@ -254,6 +256,16 @@ def _pose(values: np.ndarray) -> dict[str, list[float]]:
 
 def _bodies(model: RobotModel, sites: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(map(model.body_of, sites)))
+
+
+def _first_pose(resampled: ResampledMotion, index: int) -> Float[np.ndarray, "7"]:
+    return np.concatenate([resampled.object_pos[0, index], resampled.object_quat[0, index]])
+
+
+def _place(description: mujoco.MjSpec, pose: np.ndarray) -> None:
+    """Put a free body where it is at first: where mjlab makes its environments, nothing is inside anything else."""
+    body = description.worldbody.first_body()
+    body.pos, body.quat = pose[:3], pose[3:7]
 
 
 def _without_drives(root: Any) -> Any:

@@ -106,8 +106,12 @@ class ObjectMotionCommand(MotionCommand):
             *(values[env_ids] for values in (self.joint_pos, self.joint_vel)),
         )
         handled = self._handled[self.time_steps[env_ids], None]
-        mixed = (torch.where(handled, own, given) for own, given in zip(exact, state, strict=True))
+        mixed = [torch.where(handled, own, given) for own, given in zip(exact, state, strict=True)]
         super()._write_reference_state_to_sim(env_ids, *mixed)
+        # mjlab ends at the joints' limits, which a simulated reference may exceed a little.
+        limits, reference = self.robot.data.soft_joint_pos_limits[env_ids], exact[4]
+        lower, upper = torch.minimum(limits[..., 0], reference), torch.maximum(limits[..., 1], reference)
+        self.robot.write_joint_state_to_sim(torch.clip(mixed[4], lower, upper), mixed[5], env_ids=env_ids)
         frames = self.time_steps[env_ids]
         for number, item in enumerate(self.objects):
             place = self._pos[frames, number] + self._env.scene.env_origins[env_ids]
