@@ -13,11 +13,13 @@ from hoi_retarget.errors import ArgumentError
 from hoi_retarget.physics.closed_loop import KNOT, Course, changes_at, simulated_costs
 from hoi_retarget.physics.costs import TrackingCost
 from hoi_retarget.physics.feedback import feedback_gains
+from hoi_retarget.physics.performed_gains import performed_gains
 from hoi_retarget.physics.reference import TICK
 from hoi_retarget.physics.refine import refine
-from hoi_retarget.physics.rollout import deviations, drive_targets, tracked
+from hoi_retarget.physics.rollout import deviations, drive_targets, object_errors, tracked
 from hoi_retarget.physics.scene import compiled
 from hoi_retarget.physics.settings import Refinement
+from hoi_retarget.physics.smoother import jerk, smoother
 from plain_motions import standing_qpos
 from test_physics_rollout import G1, staged
 
@@ -113,7 +115,7 @@ def test_simulations_side_by_side_do_what_one_alone_does(course):
     simulated, nv = course.simulated, course.simulated.nv
     data = mujoco.MjData(simulated)
     data.qpos[:], data.qvel[:] = course.reference.qpos[0], course.reference.qvel[0]
-    knots = np.random.default_rng(1).normal(0.0, 0.02, (4, 4, G1.n))
+    knots = np.random.default_rng(1).normal(0.0, 0.02, (4, 4, G1.n + 6))
     promised = simulated_costs(course, data, 0, knots, 25)
     costs = []
     for tick in range(25):
@@ -129,7 +131,7 @@ def test_simulations_that_mujoco_cannot_continue_cost_infinitely_much(course, tm
     monkeypatch.chdir(tmp_path)
     data = mujoco.MjData(course.simulated)
     data.qpos[:], data.qvel[10] = course.reference.qpos[0], 1e12
-    costs = simulated_costs(course, data, 0, np.zeros((2, 2, G1.n)), 5)
+    costs = simulated_costs(course, data, 0, np.zeros((2, 2, G1.n + 6)), 5)
     assert np.isinf(costs).all() and not list(tmp_path.iterdir())
 
 
@@ -166,6 +168,37 @@ def test_performed_targets_give_the_performed_motion_again():
     refined = refine(scene, reference, FEW, seed=5)
     again = tracked(compiled(scene), reference, refined.rollout.targets)
     assert again.qpos.tobytes() == refined.rollout.qpos.tobytes()
+
+
+def test_a_smoother_motion_is_simulated_too_and_keeps_objects_where_they_were(course):
+    rough = refine(course.scene, course.reference, replace(FEW, noise=0.0))
+    shaken = rough.rollout.targets + 0.02 * np.random.default_rng(0).standard_normal(rough.rollout.targets.shape)
+    rollout = tracked(course.simulated, course.reference, shaken, course.gains)
+    assert rollout.fell_after is None
+    gains = performed_gains(course.scene, course.simulated, rollout)
+    found, _ = smoother(course.scene, course.simulated, course.reference, rollout, gains)
+    assert jerk(course.scene, found) < 0.8 * jerk(course.scene, rollout)
+    before, after = (object_errors(item, course.reference, G1.n).mean() for item in (rollout, found))
+    assert after <= 1.05 * before + 0.002
+    again = tracked(course.simulated, course.reference, found.targets)
+    assert again.qpos.tobytes() == found.qpos.tobytes() and found.fell_after is None
+
+
+@pytest.mark.parametrize("end", ["begins", "ends"])
+def test_a_motion_off_balance_is_performed_with_a_lead_and_goes_on_from_it(end):
+    qpos = standing_qpos(G1, 31)
+    way = np.linspace(1.0, 0.0, 31) if end == "begins" else np.linspace(0.0, 1.0, 31)
+    qpos[:, 0] += 0.13 * way**3 * (-1.0 if end == "begins" else 1.0)
+    _, scene, reference = staged(qpos)
+    refined = refine(scene, reference, replace(FEW, noise=0.0))
+    rollout, simulated = refined.rollout, compiled(scene)
+    lead = refined.lead_in if end == "begins" else refined.lead_out
+    assert lead is not None and (refined.lead_in is None) != (refined.lead_out is None)
+    assert rollout.fell_after is None and len(rollout.qpos) == len(reference.qpos) == len(refined.gains)
+    meeting = lead.rollout.qpos[-1] if end == "begins" else lead.rollout.qpos[0]
+    assert meeting.tobytes() == rollout.qpos[0 if end == "begins" else -1].tobytes()
+    path = replace(reference, qpos=rollout.qpos, qvel=rollout.qvel)
+    assert tracked(simulated, path, rollout.targets).qpos.tobytes() == rollout.qpos.tobytes()
 
 
 def test_a_motion_that_nothing_holds_up_is_kept_to_the_fall_after_every_attempt():

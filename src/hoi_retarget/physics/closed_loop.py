@@ -41,10 +41,15 @@ class Course:
     def given(
         self, tick: int, qpos: Float[np.ndarray, "N nq"], qvel: Float[np.ndarray, "N nv"], changes: np.ndarray
     ) -> Float[np.ndarray, "N n"]:
-        """Return the drives' targets at a tick, in states, with changes [rad]."""
+        """Return the drives' targets at a tick, in states [rad].
+
+        Changes are of the targets, then of where feedback has the base: six numbers as a deviation has them.
+        """
         model = self.scene.model
-        fed_back = deviations(self.reference, model.n, tick, qpos, qvel) @ self.gains[tick].T
-        return np.clip(self.targets[tick] + changes + fed_back, model.lower - _SLACK, model.upper + _SLACK)
+        apart = deviations(self.reference, model.n, tick, qpos, qvel)
+        apart[:, :6] -= changes[:, model.n :]
+        given = self.targets[tick] + changes[:, : model.n] + apart @ self.gains[tick].T
+        return np.clip(given, model.lower - _SLACK, model.upper + _SLACK)
 
 
 def changes_at(knots: Float[np.ndarray, "N M n"], tick: int) -> Float[np.ndarray, "N n"]:
@@ -65,7 +70,7 @@ def simulated_costs(
         course: What is followed.
         data: The state.
         tick: Of the reference, at the state.
-        knots: Changes of the targets [rad], the first at this tick.
+        knots: Changes (`Course.given`), the first at this tick.
         length: Of the simulations, in ticks.
     """
     simulated, scratch = course.simulated, mujoco.MjData(course.simulated)

@@ -11,11 +11,11 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.numerics import se3
+from hoi_retarget.physics.mass_centre import mass_centres
 from hoi_retarget.physics.needs import GRAVITY
 from hoi_retarget.physics.reference import Reference
 from hoi_retarget.physics.rollout import FALLEN
 from hoi_retarget.physics.scene import Scene
-from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.spec import SIDES
 
 _BASE, _BASE_TURN, _TURNING, _JOINT, _JOINT_SPEED = 10.0, 2.0, 0.05, 0.3, 0.002  # [1/m^2], [1/rad^2], [s^2/rad^2]
@@ -45,7 +45,7 @@ class TrackingCost:
 
     def __init__(self, scene: Scene, reference: Reference) -> None:
         self._model, self._reference, self._n = scene.model, reference, scene.model.n
-        heights = _centres(scene.model.forward(reference.qpos[:, : 7 + self._n]))[:, 2]
+        heights = mass_centres(scene.model.forward(reference.qpos[:, : 7 + self._n]))[:, 2]
         self._pendulum = np.sqrt(GRAVITY / np.median(heights))
         self._goals = self._postures(reference.qpos, reference.qvel)
         self._weights = np.array(list(_PLACES.values()))
@@ -89,8 +89,8 @@ class TrackingCost:
         n = self._n
         kinematics = self._model.forward(qpos[:, : 7 + n])
         later = self._model.forward(self._model.integrate(qpos[:, : 7 + n], _MOMENT * qvel[:, : 6 + n]))
-        centres = _centres(kinematics)
-        capture = centres + (_centres(later) - centres) / (_MOMENT * self._pendulum)
+        centres = mass_centres(kinematics)
+        capture = centres + (mass_centres(later) - centres) / (_MOMENT * self._pendulum)
         places = [kinematics.point(name) for name in _PLACES]
         tilts = [kinematics.orientation(f"{side}_foot")[:, 2] for side in SIDES]
         links = [kinematics.point(name) for name in self._reference.links]
@@ -101,15 +101,6 @@ class TrackingCost:
 
     def _object(self, qpos: np.ndarray, index: int) -> np.ndarray:
         return qpos[:, 7 + self._n + 7 * index :][:, :7]
-
-
-def _centres(kinematics: Kinematics) -> Float[np.ndarray, "N 3"]:
-    """Return the robot's centres of mass [m]."""
-    bodies, inertias = kinematics.model.bodies, kinematics.model.inertias
-    shares = inertias.masses / inertias.masses.sum()
-    inside = bodies.positions + np.einsum("ijb,bj->ib", bodies.rotations, inertias.centres)
-    turned = np.einsum("ijbn,jb,b->ni", kinematics.node_rotation[:, :, bodies.nodes], inside, shares, optimize=True)
-    return turned + np.einsum("ibn,b->ni", kinematics.node_position[:, bodies.nodes], shares)
 
 
 def _squares(apart: np.ndarray) -> np.ndarray:

@@ -92,7 +92,7 @@ def performed_file(  # noqa: PLR0913  # one file holds it all
         seed: Of the random numbers.
     """
     rollout, drives, simulated = refined.rollout, scene.actuators, compiled(scene)
-    facts = {
+    facts: dict[str, Any] = {
         "format": FORMAT,
         "clip": motion.report.clip,
         "robot": motion.robot,
@@ -122,8 +122,13 @@ def performed_file(  # noqa: PLR0913  # one file holds it all
         "armature": drives.armature,
         "torque_limits": drives.torque,
         "tick": np.float64(TICK),
-        "facts": np.str_(json.dumps(facts, allow_nan=False)),
     }
+    for name, lead in (("lead_in", refined.lead_in), ("lead_out", refined.lead_out)):
+        if lead is not None:
+            values |= {f"{name}_{item}": getattr(lead.rollout, item) for item in ("qpos", "qvel", "targets")}
+            values[f"{name}_gains"] = lead.gains.astype(np.float32)
+            facts[f"{name}_fell_after"] = lead.rollout.fell_after
+    values["facts"] = np.str_(json.dumps(facts, allow_nan=False))
     return npz.encode(values)
 
 

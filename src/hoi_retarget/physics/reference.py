@@ -1,6 +1,6 @@
 """A motion at the ticks of a controller: configurations, velocities and torques of a scene's robot and objects."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -12,7 +12,9 @@ from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.physics.forces import Forces
 from hoi_retarget.physics.movement import Movement, movement_of
 from hoi_retarget.physics.scene import Scene
+from hoi_retarget.physics.settings import Physics
 
+_GRIP = 0.4
 TICK = 0.02
 """Of the controller [s]: robots take targets 50 times a second."""
 
@@ -34,6 +36,11 @@ class Reference:
     def seconds(self) -> float:
         """From the first tick to the last [s]."""
         return TICK * (len(self.qpos) - 1)
+
+
+def held_firmly(physics: Physics) -> Physics:
+    """Return physics with less friction at the hands: forces that just hold there hold firmly in the given one."""
+    return replace(physics, hand_friction=_GRIP * physics.hand_friction)
 
 
 def reference_of(scene: Scene, motion: Motion, forces: Forces) -> Reference:

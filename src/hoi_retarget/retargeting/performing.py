@@ -15,7 +15,7 @@ from hoi_retarget.motion.result_file import encode, set_aside
 from hoi_retarget.physics.certificate import certificate_of
 from hoi_retarget.physics.feasibility import forces_on_clip, held_by_others, shortcomings
 from hoi_retarget.physics.performed import performed_file, performed_motion, why_it_fell
-from hoi_retarget.physics.reference import Reference, reference_of
+from hoi_retarget.physics.reference import Reference, held_firmly, reference_of
 from hoi_retarget.physics.refine import Progress, refine
 from hoi_retarget.physics.rollout import Rollout
 from hoi_retarget.physics.scene import Scene, scene_of
@@ -70,7 +70,7 @@ def perform(  # noqa: PLR0913 - the last three are options
     geometries = [] if clip is None else [track.geometry for track in clip.objects]
     scene = scene_of(motion, model, geometries, physics)
     forces = forces_on_clip(motion, clip, model, physics)
-    reference = reference_of(scene, motion, forces)
+    reference = reference_of(scene, motion, forces_on_clip(motion, clip, model, held_firmly(physics)))
     refined = refine(
         scene, reference, settings, seed=seed, on_progress=lambda progress: on_progress(progress, reference)
     )
