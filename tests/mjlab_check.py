@@ -20,7 +20,7 @@ def main(task: str, steps: int) -> None:
     cfg.scene.num_envs = ENVIRONMENTS
     env = ManagerBasedRlEnv(cfg=cfg, device="cpu")
     found = {"contacts": _contacts(env), "reset": _resets(env), "drives": _drives(env)}
-    found["squeezed"] = _squeezed(env)
+    found["squeezed"] = _squeezed(task)
     observations, _ = env.reset()
     found["observations"] = {name: list(values.shape) for name, values in observations.items()}
     finite, ended = True, 0
@@ -102,8 +102,12 @@ def _resets(env) -> dict:
     return {"told": told, "random": random}
 
 
-def _squeezed(env) -> dict:
+def _squeezed(task: str) -> dict:
     """Return what sensors and rewards tell while the G1 presses the object that it holds from both sides."""
+    cfg = load_env_cfg(task)
+    cfg.scene.num_envs, cfg.events, cfg.terminations = ENVIRONMENTS, {}, {}  # Nothing at random, and no end.
+    env = ManagerBasedRlEnv(cfg=cfg, device="cpu")
+    env.reset()
     command, everybody = env.command_manager.get_term("motion"), torch.arange(ENVIRONMENTS)
     action = env.action_manager.get_term("joint_pos")
     inwards = torch.zeros(len(command.robot.joint_names))
@@ -115,7 +119,7 @@ def _squeezed(env) -> dict:
     env.sim.forward()
     found = {"force": 0.0, "made": 0.0, "labels": int(command.labels[0].sum())}
     terms = env.reward_manager.active_terms
-    for _ in range(15):
+    for _ in range(25):
         targets = command.joint_pos + inwards - command.robot.data.default_joint_pos
         env.step(targets / action._scale)
         forces = command.touching("force")[command.labels].reshape(ENVIRONMENTS, -1)
