@@ -5,8 +5,15 @@ import os
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
-from hypothesis import settings  # noqa: E402 - after the variables, which numpy reads when it is imported
+import pytest  # noqa: E402 - after the variables, which numpy reads when it is imported
+from hypothesis import settings  # noqa: E402 - as above
 
 # A test that fails on one run of many is a fault that nobody can look into.
 settings.register_profile("repeatable", derandomize=True, database=None)
 settings.load_profile("repeatable")
+
+
+@pytest.fixture(autouse=True)
+def no_lines_of_progress(monkeypatch):
+    """Keep what a busy machine takes long for from saying so, where tests read what is said."""
+    monkeypatch.setattr("hoi_retarget.cli.terminal.PAUSE_S", 3600.0)

@@ -80,7 +80,6 @@ def test_version(capsys):
     "words",
     [
         [],
-        ["rum"],
         ["run", "a.pt"],
         ["run", "a.pt", "--out", "out", "--size-multiplier", "big"],
         ["run", "a.pt", "--out", "out", "--root-scale", "tall"],
@@ -427,7 +426,7 @@ def test_no_color_holds_for_wrong_words_too(variable):
     pty = pytest.importorskip("pty")
     ours, theirs = pty.openpty()
     environment = {**{k: v for k, v in os.environ.items() if k != "NO_COLOR"}, "TERM": "xterm", variable: "1"}
-    words = [sys.executable, "-m", "hoi_retarget", "rum"]
+    words = [sys.executable, "-m", "hoi_retarget", "run"]
     done = subprocess.run(words, stdout=theirs, stderr=theirs, env=environment, check=False)
     text = os.read(ours, 100_000)
     os.close(ours)

@@ -17,6 +17,16 @@ Each message says what is wrong, where, what exists or was expected, and what to
 The command line exits with 2 for an `ArgumentError` and with 1 for the others.
 """
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return ` Did you mean NAME?` with the known name that is most like another one; nothing where none is."""
+    by_letters = {item.lower(): item for item in known}
+    near = get_close_matches(name.lower(), by_letters, n=1)
+    return f" Did you mean {by_letters[near[0]]}?" if near else ""
+
 
 class HoiRetargetError(Exception):
     """Base of all errors that a caller can act on."""

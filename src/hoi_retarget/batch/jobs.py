@@ -15,6 +15,7 @@ from hoi_retarget.files.source_file import FOLDER
 from hoi_retarget.readers import SUFFIXES, can_be_clip, clips_in, recordings_below
 from hoi_retarget.readers.open import builtin_scene, clip_stem, result_stem
 from hoi_retarget.retargeting.config import Config
+from hoi_retarget.robots import team
 
 _WILD = frozenset("*?[")
 
@@ -75,7 +76,8 @@ def _variants(clip: _NamedClip, specification: Specification) -> Iterator[Job]:
         specification.mirrored,
         specification.speeds,
     )
-    for robot, object_scale, multiplier, mirrored, speed in grid:
+    for names, object_scale, multiplier, mirrored, speed in grid:
+        robot = ",".join(spec.name for spec in team(names))
         augmentation = Augmentation(mirrored, speed)
         words = (
             *(() if object_scale == "auto" else (f"object {object_scale:g}",)),

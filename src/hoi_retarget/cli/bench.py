@@ -4,6 +4,7 @@ import tempfile
 from pathlib import Path
 
 from hoi_retarget.cli.commands import Bench
+from hoi_retarget.cli.jobs import check_json, write_json
 from hoi_retarget.cli.terminal import Working, say, show_table
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.retargeting.multi_person import retarget_people, write
@@ -24,6 +25,7 @@ def execute(command: Bench) -> int:
     """Time the pipeline and print a table."""
     if command.repeats < 1:
         raise ArgumentError(f"--repeats is {command.repeats}; at least one run is needed.")
+    check_json(command.json)
     model = load_robot(command.robot)
     clip = make(SCENE, seconds=command.seconds)
     runs = []
@@ -36,9 +38,12 @@ def execute(command: Bench) -> int:
     best = min(runs, key=lambda seconds: sum(seconds.values()))
     rows = [(title, *_texts(best.get(name, 0.0), clip.frames)) for name, title in STAGES.items()]
     total = sum(best.values())
-    say(f"{command.robot}, {clip.frames} frames at {clip.fps:g} frames/s; CPU time, fastest of {command.repeats}.")
+    say(f"{model.spec.name}, {clip.frames} frames at {clip.fps:g} frames/s; CPU time, fastest of {command.repeats}.")
     show_table([("stage", "ms a frame", "s in all"), *rows, ("all", *_texts(total, clip.frames))])
     say(f"{clip.frames / total:.0f} frames a second, {clip.frames / total / clip.fps:.0f} times real time.")
+    write_json(
+        command.json, {"robot": model.spec.name, "frames": clip.frames, "fps": clip.fps, "cpu_seconds": dict(best)}
+    )
     return 0
 
 

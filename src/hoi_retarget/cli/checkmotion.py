@@ -1,10 +1,9 @@
 """`hoi-retarget check-motion`: what a robot-motion file is, and what contradicts what it claims."""
 
-import json
 from dataclasses import asdict
 
 from hoi_retarget.cli.commands import CheckMotion
-from hoi_retarget.cli.jobs import check_inputs_kept, check_writable, write_file
+from hoi_retarget.cli.jobs import check_json, write_json
 from hoi_retarget.cli.terminal import say
 from hoi_retarget.motion.check import CheckedMotion, Finding, check
 from hoi_retarget.motion.formats import MotionFile, read
@@ -16,10 +15,7 @@ _MARKS = {"ok": "ok", "note": "note", "unknown": "unknown", "contradiction": "WR
 def execute(command: CheckMotion) -> int:
     """Describe a file; return 1 when something contradicts what it claims."""
     model = load_robot(command.robot)
-    if command.json is not None:
-        check_writable("--json", command.json.parent)
-        read_from = command.file.iterdir() if command.file.is_dir() else [command.file]
-        check_inputs_kept("--json", [command.json], read_from)
+    check_json(command.json, command.file.iterdir() if command.file.is_dir() else [command.file])
     file = read(command.file)
     checked = check(file, model)
     _describe(file, checked)
@@ -31,9 +27,7 @@ def execute(command: CheckMotion) -> int:
                     say(f"{'':9}follows: {_told(other)}")
     say()
     say(_conclusion(checked))
-    if command.json is not None:
-        write_file("--json", command.json, (json.dumps(facts(checked), indent=1) + "\n").encode())
-        say(f"written: {command.json}")
+    write_json(command.json, facts(checked))
     return 1 if checked.contradictions else 0
 
 

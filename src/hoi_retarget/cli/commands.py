@@ -26,6 +26,7 @@ Meshes = Annotated[Path | None, arg(metavar="DIR|menagerie", help_behavior_hint=
 ResultFiles = Annotated[Positional[tuple[Path, ...]], arg(metavar="RESULT...", help_behavior_hint="(required)")]
 ConfigFile = Annotated[Path | None, arg(metavar="FILE.toml|RESULT.npz", help_behavior_hint="")]
 OptionalFile = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
+JsonFile = Annotated[Path | None, arg(metavar="FILE|-", help_behavior_hint="")]
 
 
 @dataclass(frozen=True)
@@ -141,6 +142,8 @@ class Run(Reading, Solving):
     """Folder to write into; made when it does not exist."""
     edits: OptionalFile = None
     """Contact edits for the clip, as `hoi-retarget contacts` writes them; then only one clip can be named."""
+    json: JsonFile = None
+    """Write the figures to this file as JSON; - prints it, and everything else goes to stderr."""
 
 
 @dataclass(frozen=True)
@@ -196,8 +199,8 @@ class Evaluate(BesideClip):
 
     results: ResultFiles
     """Result files (.npz), with the figures that the run stored in them, or other programs' motions."""
-    json: OptionalFile = None
-    """Write the figures to this file as JSON."""
+    json: JsonFile = None
+    """Write the figures to this file as JSON; - prints it, and everything else goes to stderr."""
     csv: OptionalFile = None
     """Write the figures to this file as CSV."""
 
@@ -208,6 +211,8 @@ class Inspect(Reading):
 
     file: Annotated[Positional[Path], arg(metavar="FILE")]
     """A clip, as a file or a folder, or a result."""
+    json: JsonFile = None
+    """Write what is known of it to this file as JSON; - prints it, and everything else goes to stderr."""
 
 
 @dataclass(frozen=True)
@@ -222,6 +227,9 @@ class Convert(OneClip):
 class ListRobots:
     """List the robots."""
 
+    json: JsonFile = None
+    """Write the list to this file as JSON; - prints it, and everything else goes to stderr."""
+
 
 @dataclass(frozen=True)
 class ShowRobot:
@@ -233,6 +241,8 @@ class ShowRobot:
     """Write a picture of the robot to this file (.png)."""
     meshes: Meshes = None
     """Draw the vendor meshes: from a folder, or those of the package mujoco-menagerie."""
+    json: JsonFile = None
+    """Write joints and roles to this file as JSON; - prints it, and everything else goes to stderr."""
 
 
 @dataclass(frozen=True)
@@ -264,6 +274,8 @@ class Bench:
     """Length of the clip [s]."""
     repeats: int = 3
     """Runs; the fastest one is shown."""
+    json: JsonFile = None
+    """Write the seconds of each stage to this file as JSON; - prints it, and everything else goes to stderr."""
 
 
 @dataclass(frozen=True)
@@ -299,6 +311,8 @@ class Contacts(OneClip):
     """Shift contact points: metres in the object's frame, at captured size."""
     out: OptionalFile = None
     """Write the edits to this file, for `hoi-retarget run CLIP --edits FILE`."""
+    json: JsonFile = None
+    """Write the contacts to this file as JSON; - prints it, and everything else goes to stderr."""
 
 
 @dataclass(frozen=True)
@@ -404,8 +418,8 @@ class CheckMotion:
     """A result, or another program's motion: .npz, .pkl, .csv, .motion, or a folder that is one motion."""
     robot: RobotName = "unitree_g1"
     """A robot's name; `hoi-retarget robots list` shows those there are."""
-    json: OptionalFile = None
-    """Write what was found to this file as JSON."""
+    json: JsonFile = None
+    """Write what was found to this file as JSON; - prints it, and everything else goes to stderr."""
 
 
 @dataclass(frozen=True)
@@ -424,8 +438,9 @@ class Feasible(Weighed):
 
     results: ResultFiles
     """Result files (.npz) or other programs' motions."""
-    json: OptionalFile = None
-    """Write figures and all that speaks against the results to this file as JSON."""
+    json: JsonFile = None
+    """Write figures and all that speaks against the results to this file as JSON; - prints it, and everything else
+    goes to stderr."""
 
 
 @dataclass(frozen=True)

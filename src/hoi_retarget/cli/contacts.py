@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hoi_retarget.cli.commands import Contacts
-from hoi_retarget.cli.jobs import check_writable, write_file
+from hoi_retarget.cli.jobs import check_json, check_writable, write_file, write_json
 from hoi_retarget.cli.run_arguments import words_of
 from hoi_retarget.cli.terminal import program, say, show_table, warn
 from hoi_retarget.clip.clip import Clip
@@ -44,6 +44,7 @@ def execute(command: Contacts) -> int:
     asked = tuple(_asked(command))
     if command.out is not None:
         check_writable("--out", command.out.parent)
+    check_json(command.json, [command.clip])
     begun = None if command.edits is None else load(command.edits)
     clip = open_clip(command.clip, command)
     edits = ContactEdits.of(clip) if begun is None else begun
@@ -54,12 +55,25 @@ def execute(command: Contacts) -> int:
     after = f", after {count} edit{'s' if count > 1 else ''}" if count else ""
     say(f"{command.clip}: {clip.frames} frames at {clip.fps:g} frames/s{after}")
     _show(edited)
+    write_json(command.json, facts(edited))
     if command.out is not None:
         write_file("--out", command.out, to_text(edits).encode())
         say()
         say(f"written: {command.out}")
         say(f"to run: {program()} {shlex.join(_run_words(command, command.out))}")
     return 0
+
+
+def facts(clip: Clip) -> dict[str, object]:
+    """Return the contacts of a clip as plain JSON values; points are in the object's frame [m]."""
+    contacts = [
+        {
+            **{"person": item.person, "part": item.part, "object": clip.objects[item.object].name},
+            **{"start": item.start, "stop": item.stop, "spread": item.spread, "points": item.points.tolist()},
+        }
+        for item in segments_of(clip)
+    ]
+    return {"clip": clip.name, "frames": clip.frames, "fps": clip.fps, "contacts": contacts}
 
 
 def _show(clip: Clip) -> None:

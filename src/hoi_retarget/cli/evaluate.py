@@ -1,20 +1,30 @@
 """`hoi-retarget evaluate`: the figures that results carry, as a table, JSON and CSV."""
 
+import json
 from pathlib import Path
 
 from hoi_retarget.cli.commands import Evaluate
 from hoi_retarget.cli.figures import show_figures
-from hoi_retarget.cli.jobs import check_writable, do_for_each, exit_code, load_motion, recording_of, score, write_file
+from hoi_retarget.cli.jobs import (
+    check_json,
+    check_writable,
+    do_for_each,
+    exit_code,
+    load_motion,
+    recording_of,
+    score,
+    write_file,
+    write_json,
+)
 from hoi_retarget.cli.terminal import say, warn
 from hoi_retarget.evaluation import Score, to_csv, to_json
 
 
 def execute(command: Evaluate) -> int:
     """Show the figures of every result; return 0 when all could be read."""
-    files = {"--json": command.json, "--csv": command.csv}
-    for option, path in files.items():
-        if path is not None:
-            check_writable(option, path.parent)
+    check_json(command.json)
+    if command.csv is not None:
+        check_writable("--csv", command.csv.parent)
     recording = recording_of(command)
     scores: list[Score] = []
     foreign: list[Path] = []
@@ -33,10 +43,10 @@ def execute(command: Evaluate) -> int:
         others = f", and those of other programs' motions {from_what}" if foreign else ""
         say(f"Figures as the run computed and stored them{others}:")
         show_figures(scores)
-        for (option, path), text in zip(files.items(), (to_json, to_csv), strict=True):
-            if path is not None:
-                write_file(option, path, text(scores).encode())
-                say(f"written: {path}")
+        write_json(command.json, json.loads(to_json(scores)))
+        if command.csv is not None:
+            write_file("--csv", command.csv, to_csv(scores).encode())
+            say(f"written: {command.csv}")
     if failures:
         say(f"{len(scores)} evaluated, {len(failures)} failed.")
     return exit_code(failures, len(command.results))

@@ -1,12 +1,11 @@
 """`hoi-retarget feasible`: the forces and torques that results would need, and what speaks against them."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 from hoi_retarget.cli.commands import Feasible
-from hoi_retarget.cli.jobs import check_inputs_kept, check_writable, do_for_each, exit_code, load_motion, write_file
+from hoi_retarget.cli.jobs import check_json, do_for_each, exit_code, load_motion, write_json
 from hoi_retarget.cli.terminal import say, show_table
 from hoi_retarget.cli.weighed import clip_with_objects, physics_of
 from hoi_retarget.evaluation.feasibility import FEASIBILITY, forces_figures
@@ -20,9 +19,7 @@ _MOST = 6  # Shortcomings of a result that are printed.
 
 def execute(command: Feasible) -> int:
     """Show what speaks against every result; return 0 when all could be judged."""
-    if command.json is not None:
-        check_writable("--json", command.json.parent)
-        check_inputs_kept("--json", [command.json], command.results)
+    check_json(command.json, command.results)
     rows: list[tuple[str, ...]] = []
     facts: list[object] = []
 
@@ -46,9 +43,8 @@ def execute(command: Feasible) -> int:
         show_table(
             [("result", "robot", "objects [kg]", *(figure.header for figure in FEASIBILITY)), *rows], words=(0, 1)
         )
-    if command.json is not None and facts:
-        write_file("--json", command.json, (json.dumps(facts, indent=1, allow_nan=False) + "\n").encode())
-        say(f"written: {command.json}")
+    if facts:
+        write_json(command.json, facts)
     return exit_code(failures, len(command.results))
 
 

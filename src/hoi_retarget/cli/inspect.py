@@ -3,9 +3,10 @@
 import shlex
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from dataclasses import asdict, replace
 
 from hoi_retarget.cli.commands import Inspect
-from hoi_retarget.cli.jobs import with_file
+from hoi_retarget.cli.jobs import check_json, with_file, write_json
 from hoi_retarget.cli.terminal import NAME, fail, program, say, show_table, warn
 from hoi_retarget.evaluation.table import scales_text
 from hoi_retarget.motion.motion import STAGE_TITLES, Motion
@@ -14,6 +15,7 @@ from hoi_retarget.readers.describe import MOTION, Inspection, inspect
 
 def execute(command: Inspect) -> int:
     """Describe a file; return 0 unless something is wrong with it."""
+    check_json(command.json, [command.file])
     facts = inspect(command.file, command)
     say(f"{facts.path}: {facts.description}  [{facts.format}]")
     _facts(facts)
@@ -30,6 +32,7 @@ def execute(command: Inspect) -> int:
     next_command = evaluate if facts.format == MOTION else facts.command
     if next_command:
         say(f"to run: {program()}{next_command.removeprefix(NAME)}")
+    write_json(command.json, {**asdict(replace(facts, result=None)), "is_result": facts.result is not None})
     for doubt in (*facts.warnings, *(() if facts.result is None else map(str, facts.result.warnings))):
         warn(with_file(facts.path, doubt))
     for problem in facts.problems:

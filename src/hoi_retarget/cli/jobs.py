@@ -1,5 +1,6 @@
 """Parts of several commands: checks of places to write, results with their clips, and work on many files."""
 
+import json
 import os
 import tempfile
 from collections.abc import Callable, Collection, Iterable
@@ -8,7 +9,7 @@ from math import isfinite
 from pathlib import Path
 
 from hoi_retarget.cli.commands import BesideClip, MadeFrom, Solving
-from hoi_retarget.cli.terminal import Working, fail, program, say, warn
+from hoi_retarget.cli.terminal import STDOUT, Working, fail, program, put, say, warn
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, WriteError
 from hoi_retarget.evaluation import FIGURES, Score
@@ -72,6 +73,25 @@ def write_file(option: str, path: Path, content: bytes) -> None:
         raise WriteError(
             f"{option} {path}: cannot be written ({reason}). Free some space or name another file."
         ) from error
+
+
+def check_json(path: Path | None, inputs: Iterable[Path] = ()) -> None:
+    """Raise `ArgumentError` where what `--json` names cannot be written."""
+    if path is not None and path != STDOUT:
+        check_writable("--json", path.parent)
+        check_inputs_kept("--json", [path], inputs)
+
+
+def write_json(path: Path | None, facts: object) -> None:
+    """Write what `--json` asks for, where it is given: to a file, or `-` for stdout."""
+    if path is None:
+        return
+    text = json.dumps(facts, indent=1, allow_nan=False) + "\n"
+    if path == STDOUT:
+        put(text)
+        return
+    write_file("--json", path, text.encode())
+    say(f"written: {path}")
 
 
 def config_of(command: Solving) -> Config:

@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -22,7 +23,8 @@ if _PLAIN and not _DECIDED:
 from hoi_retarget import __version__  # noqa: E402
 from hoi_retarget.cli.commands import COMMANDS, DESCRIPTION, Command, Render, Report, Robots, Share, Solving  # noqa: E402
 from hoi_retarget.cli.settings import words_of_config  # noqa: E402
-from hoi_retarget.cli.terminal import fail, say  # noqa: E402
+from hoi_retarget.cli.spelling import check_spelling  # noqa: E402
+from hoi_retarget.cli.terminal import STDOUT, fail, say, stdout_for_json  # noqa: E402
 from hoi_retarget.errors import ArgumentError, HoiRetargetError  # noqa: E402
 
 _TYRO = (tyro.conf.OmitSubcommandPrefixes,)
@@ -47,11 +49,13 @@ def run(arguments: Sequence[str]) -> int:
         return 0
     _use_one_thread()
     try:
+        check_spelling(words)
         command = _parsed(words)
         _check_named(words[0], command)
         if isinstance(command, Render | Report | Robots | Share):
             _draw_without_a_screen()
-        return _module(type(command).__name__.lower()).execute(command)
+        with stdout_for_json(json_of(command) == STDOUT):
+            return _module(type(command).__name__.lower()).execute(command)
     except ArgumentError as error:
         fail(str(error))
         return 2
@@ -74,6 +78,11 @@ def _parsed(words: list[str]) -> Any:
     # Options that come later win: those of the user stand behind those of the file that --config names.
     settings = words_of_config(words[1:]) if issubclass(kind, Solving) else []
     return tyro.cli(kind, prog=f"hoi-retarget {words[0]}", args=[*settings, *words[1:]], config=_TYRO)
+
+
+def json_of(command: Any) -> Path | None:
+    """Return where a command, or its action, is to write what it says as JSON."""
+    return getattr(getattr(command, "action", command), "json", None)
 
 
 def _check_named(word: str, command: Command) -> None:

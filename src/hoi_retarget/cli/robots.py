@@ -1,12 +1,13 @@
 """`hoi-retarget robots`: list, show and check."""
 
 import os
+from dataclasses import asdict
 from importlib.util import find_spec
 from math import degrees
 from pathlib import Path
 
 from hoi_retarget.cli.commands import CheckRobot, ListRobots, Robots, ShowRobot
-from hoi_retarget.cli.jobs import check_writable, write_file
+from hoi_retarget.cli.jobs import check_json, check_writable, write_file, write_json
 from hoi_retarget.cli.terminal import say, show_table
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.robots import ROBOTS, load_robot, robot
@@ -20,18 +21,26 @@ MENAGERIE = Path("menagerie")
 def execute(command: Robots) -> int:
     """Do what is asked about robots."""
     match command.action:
-        case ListRobots():
-            return _list()
+        case ListRobots() as action:
+            return _list(action)
         case ShowRobot() as action:
             return _show(action)
         case CheckRobot() as action:
             return _check(action)
 
 
-def _list() -> int:
+def _list(action: ListRobots) -> int:
+    check_json(action.json)
     sizes = {"root": "shrinks with the robot", "captured": "as captured"}
     rows = [(spec.name, spec.title, f"{spec.stature:.3f}", sizes[spec.object_size]) for spec in ROBOTS.values()]
     show_table([("robot", "is", "stature [m]", "object size"), *rows], words=(0, 1, 3))
+    write_json(
+        action.json,
+        [
+            {"name": spec.name, "title": spec.title, "stature_m": spec.stature, "object_size": spec.object_size}
+            for spec in ROBOTS.values()
+        ],
+    )
     return 0
 
 
@@ -39,6 +48,7 @@ def _show(action: ShowRobot) -> int:
     spec = robot(action.name)
     if action.picture is not None:
         _check_picture(action.picture, action.meshes)
+    check_json(action.json)
     model = load_robot(action.name)
     say(f"{spec.name}: {spec.title}")
     say(f"  {spec.provenance}")
@@ -60,6 +70,14 @@ def _show(action: ShowRobot) -> int:
         for row in role_table(model)
     ]
     show_table([("site", "on", "at [m]", "follows"), *places], words=(0, 1, 2, 3))
+    write_json(
+        action.json,
+        {
+            "name": spec.name,
+            "joints": [{**asdict(row), "home": spec.home.get(row.joint, 0.0)} for row in joint_table(model)],
+            "sites": [{**asdict(row), "place": list(row.place)} for row in role_table(model)],
+        },
+    )
     if action.picture is not None:
         _draw(spec, action.picture, action.meshes)
     return 0

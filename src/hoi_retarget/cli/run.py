@@ -1,5 +1,6 @@
 """`hoi-retarget run`: recorded clips to result files."""
 
+import json
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,6 +9,7 @@ from pathlib import Path
 from hoi_retarget.cli.commands import Run
 from hoi_retarget.cli.figures import show_figures
 from hoi_retarget.cli.jobs import (
+    check_json,
     check_spared,
     check_stems,
     check_writable,
@@ -16,13 +18,14 @@ from hoi_retarget.cli.jobs import (
     do_for_each,
     exit_code,
     score,
+    write_json,
 )
 from hoi_retarget.cli.run_arguments import settings_of
 from hoi_retarget.cli.terminal import say, warn
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import apply, load
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.evaluation import Score
+from hoi_retarget.evaluation import Score, to_json
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers import can_be_clip, recordings_below, why_no_clip
 from hoi_retarget.readers.object_files import known_objects
@@ -44,6 +47,7 @@ def execute(command: Run) -> int:
     if command.edits is not None and len(command.clips) > 1:
         raise ArgumentError(f"--edits {command.edits} is for one clip, and {len(command.clips)} are named. Name one.")
     check_writable("--out", command.out)
+    check_json(command.json, command.clips)
     scores: list[Score] = []
 
     def run_one(path: Path) -> None:
@@ -54,6 +58,7 @@ def execute(command: Run) -> int:
     if scores:
         say()
         show_figures(scores)
+        write_json(command.json, json.loads(to_json(scores)))
         say()
     say(f"{len(command.clips) - len(failures)} solved, {len(failures)} failed.")
     return exit_code(failures, len(command.clips))

@@ -18,7 +18,9 @@ _OPTIONS = {"object_name": "--object"}
 
 def settings_of(command: Run) -> dict[str, Any]:
     """Return a command's arguments as plain JSON values, without those that a report keeps in its configuration."""
-    plain = {item.name: getattr(command, item.name) for item in fields(command) if item.name not in _IN_CONFIG}
+    plain = {
+        item.name: getattr(command, item.name) for item in fields(command) if item.name not in (*_IN_CONFIG, "json")
+    }
     settings = {name: str(value) if isinstance(value, Path) else value for name, value in plain.items()}
     return {**settings, "clips": [str(clip) for clip in command.clips]}
 

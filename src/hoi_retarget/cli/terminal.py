@@ -4,9 +4,10 @@ import shlex
 import shutil
 import sys
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from threading import Timer
+from threading import Event, Thread, Timer
+from time import monotonic
 
 from rich.cells import cell_len
 from rich.console import Console
@@ -16,7 +17,11 @@ from rich.table import Table
 NAME = "hoi-retarget"
 PATIENCE_S = 2.0  # Nobody needs a bar for less.
 PLAIN_WIDTH = 140  # Of tables that do not go to a terminal.
+PAUSE_S = 10.0  # Between lines of progress that do not go to a terminal.
+STDOUT = Path("-")
+"""Instead of a file: what is written goes to stdout, and all that is said to stderr."""
 _GAP = 2  # Between columns.
+_said_on_stderr = False
 
 
 def program() -> str:
@@ -30,10 +35,27 @@ def program() -> str:
     return shlex.quote(sys.argv[0])
 
 
+@contextmanager
+def stdout_for_json(kept: bool) -> Iterator[None]:
+    """Let `say` print on stderr, where stdout is kept for JSON."""
+    global _said_on_stderr  # noqa: PLW0603  # as there is one stdout
+    _said_on_stderr = kept
+    try:
+        yield
+    finally:
+        _said_on_stderr = False
+
+
 def say(text: str = "") -> None:
     """Print a line."""
     with _without_bar():
-        print(text, flush=True)
+        print(text, file=sys.stderr if _said_on_stderr else sys.stdout, flush=True)
+
+
+def put(text: str) -> None:
+    """Print what another program reads on stdout."""
+    with _without_bar():
+        print(text, end="", flush=True)
 
 
 def warn(text: str) -> None:
@@ -99,9 +121,9 @@ def _widths(part: Sequence[int], full: Sequence[int], least: Sequence[int], room
 
 
 class Working:
-    """A bar on stderr that appears when the work takes longer than two seconds.
+    """A bar on stderr that appears when the work takes longer than two seconds; no terminal gets a line now and then.
 
-    It is drawn on terminals only, and goes away while a line is printed.
+    The bar goes away while a line is printed.
     """
 
     shown: "Progress | None" = None
@@ -119,18 +141,30 @@ class Working:
         self._visible = console.is_terminal
         self._timer = Timer(PATIENCE_S, self._progress.start)
         self._timer.daemon = True
+        self._start, self._ended = monotonic(), Event()
 
     def __enter__(self) -> "Working":
         Working.shown = self._progress
         if self._visible:
             self._timer.start()
+        else:
+            Thread(target=self._tell, daemon=True).start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._timer.cancel()
+        self._ended.set()
         Working.shown = None
         if self._progress.live.is_started:
             self._progress.stop()
+
+    def _tell(self) -> None:
+        """Print how far the work has come, after every pause."""
+        task = self._progress.tasks[0]
+        while not self._ended.wait(PAUSE_S):
+            counted = f"{task.completed:.0f} of {task.total:.0f}, " if task.total is not None and task.total > 1 else ""
+            with suppress(OSError, ValueError):  # Nobody reads stderr any more; the work goes on.
+                print(f"{task.description}: {counted}{monotonic() - self._start:.0f} s", file=sys.stderr, flush=True)
 
     def describe(self, what: str) -> None:
         """Say what is being worked on now."""

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import make_interp_spline
 
 from hoi_retarget.clip.clip import MINIMUM_FRAMES, Augmentation, Clip, ContactTrack, Source
 from hoi_retarget.errors import ClipError
@@ -172,6 +171,8 @@ def _resampled_contact(track: ContactTrack, times: Float[np.ndarray, "T"]) -> Co
 
 def _resampled(values: Float[np.ndarray, "F *rest"], times: Float[np.ndarray, "T"]) -> Float[np.ndarray, "T *rest"]:
     """Return values at fractional frames: on a spline of third degree, or less where they are few."""
+    from scipy.interpolate import make_interp_spline  # noqa: PLC0415  # takes a quarter of a second
+
     return np.asarray(make_interp_spline(np.arange(len(values)), values, k=min(3, len(values) - 1))(times))
 
 

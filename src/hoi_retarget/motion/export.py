@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from hoi_retarget.errors import ArgumentError
+from hoi_retarget.errors import ArgumentError, did_you_mean
 from hoi_retarget.files import npz
 from hoi_retarget.motion.contacts import contact_arrays
 from hoi_retarget.motion.formats import WRITABLE, Format
@@ -33,7 +33,8 @@ class Exported:
 def format_named(name: str) -> Format:
     """Return a format of one motion per file; raises `ArgumentError` that lists those there are."""
     if name not in WRITABLE:
-        raise ArgumentError(f"--to {name}: there is no such format. Formats: {', '.join(NAMES)}.")
+        near = did_you_mean(name, NAMES)
+        raise ArgumentError(f"--to {name}: there is no such format.{near} Formats: {', '.join(NAMES)}.")
     return WRITABLE[name]
 
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.interpolate import CubicSpline
 
 from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.motion.motion import HIGHEST_RATE, Motion
@@ -127,6 +126,8 @@ def _places(frames: int, source_fps: float, fps: float) -> Float[np.ndarray, "K"
 
 def _curve(values: np.ndarray, place: np.ndarray, source_fps: float) -> tuple[np.ndarray, np.ndarray]:
     """Return a cubic spline through `values`, frames first, and its derivative by time."""
+    from scipy.interpolate import CubicSpline  # noqa: PLC0415  # takes a quarter of a second
+
     spline = CubicSpline(np.arange(len(values)), values)
     return spline(place), spline(place, 1) * source_fps
 

@@ -3,7 +3,6 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
-from scipy.signal import savgol_filter
 
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
@@ -14,6 +13,8 @@ LIFT_SECONDS = 0.2  # In each direction, of each of two means over time.
 
 def smooth(path: Float[np.ndarray, "T k"], fps: float) -> Float[np.ndarray, "T k"]:
     """Return a path after a Savitzky-Golay filter; one too short for the filter's order as it is."""
+    from scipy.signal import savgol_filter  # noqa: PLC0415  # takes half a second, and not every command smooths
+
     longest = len(path) - 1 + len(path) % 2
     window = min(2 * round(0.5 * (SMOOTHING_SECONDS * fps - 1)) + 1, longest)
     return np.asarray(savgol_filter(path, window, SMOOTHING_ORDER, axis=0)) if window > SMOOTHING_ORDER else path.copy()

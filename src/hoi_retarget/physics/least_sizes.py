@@ -2,7 +2,6 @@
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import nnls
 
 _EFFORT, _SIZE = 1e-3, 1e-4
 """What a torque at its limit, and a force of the robot's weight, weigh against a missing weight."""
@@ -43,6 +42,8 @@ def _of_least_effort(
     effort: Float[np.ndarray, "n N"],
     held: Float[np.ndarray, "n"],
 ) -> Float[np.ndarray, "N"]:
+    from scipy.optimize import nnls  # noqa: PLC0415  # takes a quarter of a second
+
     columns = rows.shape[1]
     weak = np.concatenate([rows, _EFFORT * effort, _SIZE * np.eye(columns)])
     sizes, _ = nnls(weak, np.concatenate([targets, _EFFORT * held, np.zeros(columns)]), maxiter=30 * columns)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.signal import savgol_filter
 
 from hoi_retarget.numerics import se3
 
@@ -45,6 +44,8 @@ def movement_of(qpos: Float[np.ndarray, "T nq"], fps: float, seconds: float) -> 
 
 def _fitted(path: np.ndarray, fps: float, seconds: float, derivative: int) -> np.ndarray:
     """Return a derivative of the cubics."""
+    from scipy.signal import savgol_filter  # noqa: PLC0415  # as in numerics/filters.py
+
     frames = len(path)
     window = min(2 * round(0.5 * (seconds * fps - 1.0)) + 1, frames - 1 + frames % 2)
     window = max(window, min(_ORDER + 2, frames - 1 + frames % 2))

@@ -12,7 +12,7 @@ from hoi_retarget.clip.edits import ContactEdits, apply, from_text
 from hoi_retarget.clip.floor import on_floor
 from hoi_retarget.clip.infer_contacts import with_contacts
 from hoi_retarget.clip.read_options import ReadOptions
-from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
+from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, did_you_mean
 from hoi_retarget.files.source_file import FOLDER, SourceFile
 from hoi_retarget.motion.motion import SIMULATED, Motion
 from hoi_retarget.readers import READERS, gvhmr, read_clip
@@ -52,8 +52,9 @@ def _as_recorded(name: Path | str, options: ReadOptions) -> Clip:
     if scene is None:
         return read_clip(Path(name), options)
     if scene not in SCENES:
-        listing = ", ".join(f"{BUILTIN}{known}" for known in SCENES)
-        raise ArgumentError(f"{name}: there is no such built-in clip. Built-in clips: {listing}.")
+        known = [f"{BUILTIN}{known}" for known in SCENES]
+        near = did_you_mean(str(name), known)
+        raise ArgumentError(f"{name}: there is no such built-in clip.{near} Built-in clips: {', '.join(known)}.")
     return make(scene)
 
 

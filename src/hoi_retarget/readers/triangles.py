@@ -6,7 +6,6 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
 from hoi_retarget.errors import ClipError, GeometryError, MeshError
 from hoi_retarget.objects.track import ObjectGeometry
@@ -35,6 +34,8 @@ def first_mesh(name: str, candidates: Sequence[Path], *, centred: bool, scale: f
 
 @lru_cache(maxsize=64)
 def _load(path: Path, centred: bool, scale: float, *_changed: int) -> ObjectGeometry:
+    import trimesh  # noqa: PLC0415  # takes a third of a second, and not every source has meshes
+
     try:
         # From bytes: a path would be followed to materials and pictures that the file names, which no shape needs.
         mesh = trimesh.load_mesh(io.BytesIO(path.read_bytes()), file_type=path.suffix[1:], process=False)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from functools import cache
 from types import MappingProxyType
 
-from hoi_retarget.errors import ArgumentError
+from hoi_retarget.errors import ArgumentError, did_you_mean
 from hoi_retarget.robots import unitree_g1, unitree_h2
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.robots.spec import RobotSpec
@@ -23,17 +23,23 @@ def load_team(names: str) -> tuple[RobotModel, ...]:
 
 
 def robot(name: str) -> RobotSpec:
-    """Return the robot called `name`.
+    """Return the robot called `name`, in full or by the last part of its name: `unitree_g1` or `g1`.
 
     Raises:
         ArgumentError: There is no such robot; the message lists those there are.
     """
-    if name not in ROBOTS:
-        raise ArgumentError(f"There is no robot '{name}'. The robots are: {', '.join(ROBOTS)}.")
-    return ROBOTS[name]
+    named = [spec for full, spec in ROBOTS.items() if name.lower() in (full, full.rpartition("_")[2])]
+    if len(named) != 1:
+        near = did_you_mean(name, ROBOTS) or did_you_mean(name, (full.rpartition("_")[2] for full in ROBOTS))
+        raise ArgumentError(f"There is no robot '{name}'.{near} The robots are: {', '.join(ROBOTS)}.")
+    return named[0]
+
+
+def load_robot(name: str) -> RobotModel:
+    """Return the model of the robot called `name`, which is compiled once; raises as `robot`."""
+    return _loaded(robot(name).name)
 
 
 @cache
-def load_robot(name: str) -> RobotModel:
-    """Return the model of the robot called `name`, which is compiled once; raises as `robot`."""
-    return load_model(robot(name))
+def _loaded(name: str) -> RobotModel:
+    return load_model(ROBOTS[name])

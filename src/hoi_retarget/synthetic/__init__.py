@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, Source
-from hoi_retarget.errors import ArgumentError
+from hoi_retarget.errors import ArgumentError, did_you_mean
 from hoi_retarget.synthetic.acting import act, contacts_of
 from hoi_retarget.synthetic.objects import OBJECTS, object_mesh, write_objects
 from hoi_retarget.synthetic.scenes import carry_box, carry_table, drag_suitcase, move_chair, push_table
@@ -73,7 +73,8 @@ def make(  # noqa: PLR0913 - all but the name are options with defaults
 
 def _check_scene(name: str, height: float, seed: int) -> None:
     if name not in SCENES:
-        raise ArgumentError(f"There is no synthetic scene {name!r}. Scenes: {', '.join(SCENES)}.")
+        near = did_you_mean(name, SCENES)
+        raise ArgumentError(f"There is no synthetic scene {name!r}.{near} Scenes: {', '.join(SCENES)}.")
     if not MINIMUM_HEIGHT <= height <= MAXIMUM_HEIGHT:
         raise ArgumentError(f"The height is {height} m; it must lie between {MINIMUM_HEIGHT} and {MAXIMUM_HEIGHT} m.")
     if seed < 0:

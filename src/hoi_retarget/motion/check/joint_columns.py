@@ -6,7 +6,6 @@ from itertools import permutations
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.optimize import linear_sum_assignment
 
 from hoi_retarget.motion.check.body_poses import BodyReading, implied_angles
 from hoi_retarget.motion.check.interpretation import Interpretation
@@ -52,6 +51,8 @@ class AnglesOfBodies:
 
         Joints between whose bodies others are missing are told by where the bodies behind them are, up to four.
         """
+        from scipy.optimize import linear_sum_assignment  # noqa: PLC0415  # takes a quarter of a second
+
         told, columns = self.told, np.array(claim.columns)
         there = columns[columns >= 0]
         apart = np.abs(self.implied[:, told, None] - self.joint_pos[:, None, there]).mean(axis=0)

@@ -1,7 +1,6 @@
 """An object as a mesh that moves: its surface, with no more triangles than drawing needs."""
 
 import numpy as np
-import trimesh
 from jaxtyping import Float, Int
 
 from hoi_retarget.numerics import se3
@@ -70,6 +69,8 @@ def thinned(vertices: Vertices, faces: Faces, most: int = MOST_FACES) -> tuple[V
 
 
 def _box_of(vertices: Vertices) -> tuple[Vertices, Faces]:
+    import trimesh  # noqa: PLC0415  # takes a third of a second, and hardly anything is so thin
+
     box = trimesh.creation.box(bounds=[vertices.min(axis=0), vertices.max(axis=0)])
     return np.asarray(box.vertices), np.asarray(box.faces)
 
