@@ -22,7 +22,7 @@ def check_spelling(words: Sequence[str]) -> None:
     if kind is None:
         return
     options = dict(_options(kind))
-    for word, following in pairwise([*rest, None]):
+    for word, following in pairwise((*rest, "")):
         name, equals, value = word.partition("=")
         option = name.replace("_", "-")
         if not option.startswith("--") or option in ("--", "--help"):
@@ -30,7 +30,7 @@ def check_spelling(words: Sequence[str]) -> None:
         if option not in options:
             raise ArgumentError(f"{shown} has no option {name}.{_near(option, options)} See {shown} --help.")
         chosen, choices = value if equals else following, options[option]
-        if choices and chosen is not None and chosen not in choices:
+        if choices and chosen and chosen not in choices:
             near = did_you_mean(chosen, choices)
             raise ArgumentError(f"{option} {chosen}: there is no such choice.{near} Choices: {', '.join(choices)}.")
 
