@@ -12,6 +12,8 @@ import pytest
 
 PATIENCE_MS = 120_000  # Two browsers that draw without a graphics card can stall each other.
 WINDOW = {"width": 1100, "height": 700}
+DRAWN = (220, 140)
+"""Width and height of pictures of a scene as it was drawn."""
 CONTROLS_PX, CURVES_PX = 330, 320  # What panels cover of the window, at the right and at the bottom.
 
 
@@ -49,9 +51,37 @@ def chromium() -> Iterator:
             browser.close()
 
 
+_KEEP_DRAWN = """
+window.drawn = [];
+const animate = window.requestAnimationFrame.bind(window);
+window.requestAnimationFrame = (callback) => animate((time) => {
+  callback(time);
+  if (!window.keepDrawn) return;
+  const [scene] = [...document.querySelectorAll("canvas")].sort((a, b) => b.width - a.width);
+  const copy = new OffscreenCanvas(WIDTH, HEIGHT).getContext("2d");
+  copy.drawImage(scene, 0, 0, WIDTH, HEIGHT);
+  const picture = Array.from(copy.getImageData(0, 0, WIDTH, HEIGHT).data.filter((_, index) => index % 4 < 3));
+  const text = JSON.stringify(picture);
+  if (text !== window.lastDrawn) window.drawn.push(picture);
+  window.lastDrawn = text;
+});
+""".replace("WIDTH", str(DRAWN[0])).replace("HEIGHT", str(DRAWN[1]))
+
+
+@contextmanager
+def every_drawing(page) -> Iterator[list[np.ndarray]]:
+    """Give all different pictures that the page's scene draws in this block, in small: an opened page's own."""
+    pictures: list[np.ndarray] = []
+    page.evaluate("window.drawn = []; window.lastDrawn = ''; window.keepDrawn = true")
+    yield pictures
+    kept = page.evaluate("window.keepDrawn = false, window.drawn")
+    pictures.extend(np.array(picture).reshape(DRAWN[1], DRAWN[0], 3) for picture in kept)
+
+
 def open_page(browser, address: str):
     """Open a page of a Viser server in a tab of its own, and wait for its controls."""
     page = browser.new_page(viewport=WINDOW)
+    page.add_init_script(_KEEP_DRAWN)
     page.set_default_timeout(PATIENCE_MS)
     page.goto(address)
     page.get_by_text("Playback", exact=True).wait_for()

@@ -513,7 +513,10 @@ def results(tmp_path_factory):
     """Two results of the demo, one for each robot."""
     folder = tmp_path_factory.mktemp("results")
     for robot in ROBOTS:
-        assert main(["run", "builtin:carry_box", "--robot", robot, "--contact", "landmark", "--out", str(folder / robot)]) == 0
+        assert (
+            main(["run", "builtin:carry_box", "--robot", robot, "--contact", "landmark", "--out", str(folder / robot)])
+            == 0
+        )
     return [folder / robot / "carry_box.npz" for robot in ROBOTS]
 
 

@@ -31,7 +31,9 @@ def example(name: str) -> ModuleType:
 
 
 def carried(**config) -> hr.Motion:
-    return hr.retarget(hr.open_clip("builtin:carry_box"), hr.load_robot("unitree_g1"), hr.Config(contact="landmark", **config))
+    return hr.retarget(
+        hr.open_clip("builtin:carry_box"), hr.load_robot("unitree_g1"), hr.Config(contact="landmark", **config)
+    )
 
 
 def test_a_cost_term(monkeypatch):

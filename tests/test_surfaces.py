@@ -220,7 +220,9 @@ def test_sides_do_not_depend_on_where_the_clip_starts(model):
     np.testing.assert_allclose(contact_sides(cut, moving_objects(cut))[20:], whole[25:], atol=1e-2)
 
 
-@pytest.mark.parametrize(("name", "scene"), [("unitree_g1", "carry_box"), pytest.param("unitree_h2", "push_table", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("name", "scene"), [("unitree_g1", "carry_box"), pytest.param("unitree_h2", "push_table", marks=pytest.mark.slow)]
+)
 def test_hands_touch_and_nothing_is_inside(name, scene):
     # Not for the H2 with its box: its knees are in the box's way when it squats, which docs/contact.md says.
     clip, model = make(scene), MODELS[name]

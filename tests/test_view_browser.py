@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from browser import chromium, frame_box, open_page, scene_pixels, shown_frame, wait_until
+from browser import chromium, every_drawing, frame_box, open_page, scene_pixels, shown_frame, wait_until
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.retargeting.config import Config
@@ -88,6 +88,32 @@ def test_slider_keys_and_cursor_go_to_their_frames(browser, server):
     page.mouse.move(curves["x"] + 0.5 * curves["width"], height, steps=4)
     page.mouse.up()
     wait_until(lambda: abs(shown_frame(page) - last / 2) <= 2, "the cursor was dragged to the middle")
+    page.close()
+
+
+def test_hands_and_objects_are_never_seen_in_different_frames(browser, server):
+    """Whatever is drawn after a jump is the frame before or the frame after."""
+    page = open_page(browser, address(server))
+    wait_until(lambda: scene_pixels(page).std() > 10, "the canvas is drawn")
+    page.get_by_label("Follow", exact=True).click()
+    page.get_by_label("contacts", exact=True).click()  # Lines, which may come later than what they join.
+    page.get_by_label("human's contacts", exact=True).click()
+
+    def jump(frame: int) -> list[np.ndarray]:
+        with every_drawing(page) as pictures:
+            frame_box(page).fill(str(frame))
+            wait_until(lambda: shown_frame(page) == frame, "the frame is shown")
+            page.wait_for_timeout(3000)
+        return pictures
+
+    def unlike(a: np.ndarray, b: np.ndarray) -> float:
+        return float((np.abs(a - b).max(axis=2) > 40).mean())
+
+    first, last = jump(70)[-1], jump(115)[-1]
+    assert unlike(first, last) > 0.01
+    torn = [min(unlike(it, first), unlike(it, last)) for frame in (70, 115, 70, 115) for it in jump(frame)]
+    assert len(torn) >= 4
+    assert max(torn) < 0.1 * unlike(first, last), torn
     page.close()
 
 

@@ -176,7 +176,7 @@ class Player:
         gui, subjects = self._client.gui, self._scene.subjects
         for name, shown in {layer.name: layer.shown for subject in subjects for layer in subject.layers}.items():
             box = gui.add_checkbox(name, shown)
-            box.on_update(lambda event, name=name: self._drawn.show_layer(name, event.target.value))
+            box.on_update(lambda event, name=name: self.do(lambda: self._drawn.show_layer(name, event.target.value)))
         for index, subject in enumerate(subjects) if len(subjects) > 1 else ():
             box = gui.add_checkbox(subject.title, True)
             box.on_update(lambda event, index=index: self._drawn.show_subject(index, event.target.value))
