@@ -18,6 +18,9 @@ class Session(Protocol):
         ...
 
 
+_MESSAGES_AT_ONCE = 10_000
+
+
 def serve_sessions(server: PageServer, receive: Callable[[viser.ClientHandle], Session | None]) -> None:
     """Call `receive` for every browser that connects, and stop what it returns when the browser or the server goes."""
     sessions: dict[int, Session] = {}
@@ -25,6 +28,8 @@ def serve_sessions(server: PageServer, receive: Callable[[viser.ClientHandle], S
 
     @server.on_client_connect
     def _(client: viser.ClientHandle) -> None:
+        # Viser sends at most 128 messages together, which would draw the parts of one frame in several.
+        client._websock_connection.get_message_buffer().max_window_size = _MESSAGES_AT_ONCE  # noqa: SLF001
         session = receive(client)
         if session is None:
             return
