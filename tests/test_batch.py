@@ -31,6 +31,7 @@ from hoi_retarget.evaluation import FIGURES
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
+from hoi_retarget.physics.settings import Refinement
 from hoi_retarget.readers import own_layout
 from hoi_retarget.readers.open import clip_of, open_clip
 from hoi_retarget.retargeting.config import Config, KeepStart, Weights
@@ -186,6 +187,9 @@ object_scales = ["auto", 1]
 size_multipliers = [0.5, 1.0]
 mirrored = [true]
 speeds = [2]
+refine = true
+refinement.samples = 24
+seed = 3
 [config.weights]
 jerk = 2e-3
 """
@@ -208,6 +212,9 @@ jerk = 2e-3
         size_multipliers=(0.5, 1.0),
         mirrored=(True,),
         speeds=(2.0,),
+        refine=True,
+        refinement=Refinement(samples=24),
+        seed=3,
     )
     assert read_specification(path) == wanted
     assert all(getattr(wanted, field.name) != field.default for field in fields(wanted)), "each field is in the test"

@@ -54,11 +54,19 @@ class ManifestResult:
     figures: Mapping[str, Any] = field(default_factory=dict)
     verdict: Mapping[str, Any] = field(default_factory=dict)
     """The level, and its reasons."""
+    companions: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of the files that belong to it, by their paths below the output folder."""
 
     def __post_init__(self) -> None:
-        path = PurePosixPath(self.path)
-        if path.is_absolute() or ".." in path.parts or "\0" in self.path:
-            raise ValueError(f"{self.path!r} is no path below the output folder")
+        for name in (self.path, *self.companions):
+            path = PurePosixPath(name)
+            if path.is_absolute() or ".." in path.parts or "\0" in name:
+                raise ValueError(f"{name!r} is no path below the output folder")
+
+    @property
+    def files(self) -> dict[str, str]:
+        """SHA-256 of all its files by their paths."""
+        return {self.path: self.sha256, **self.companions}
 
 
 @dataclass(frozen=True)
@@ -90,6 +98,10 @@ class ManifestEntry:
     """What it was allowed to take [s]."""
     results: tuple[ManifestResult, ...] = ()
     """One for each person."""
+    fell_after: float | None = None
+    """Time of the motion after which the simulated robot fell [s]; None where it did not, or none was simulated."""
+    certificate: str = ""
+    """What is certified of a motion that was performed whole, in words."""
     key: str = ""
     """Digest of everything that the result depends on."""
 

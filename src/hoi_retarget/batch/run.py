@@ -12,6 +12,7 @@ from hoi_retarget.batch.folder import locked, remove_temporaries
 from hoi_retarget.batch.jobs import Job, jobs_of
 from hoi_retarget.batch.manifest import Manifest, ManifestEntry
 from hoi_retarget.batch.pool import Lost, Pool
+from hoi_retarget.batch.refining import FOLDER, Refining, refinings_of, unrefined
 from hoi_retarget.batch.specification import Specification
 from hoi_retarget.batch.work import Task, entry_without_results
 from hoi_retarget.errors import ArgumentError
@@ -47,6 +48,7 @@ def run_batch(  # noqa: PLR0913 - all but three are callbacks
     pool: Pool,
     *,
     planned: Callable[[int, int], None] = lambda _all, _todo: None,
+    refining: Callable[[int, int], None] = lambda _all, _todo: None,
     ended: Callable[[ManifestEntry], None] = lambda _entry: None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Summary:
@@ -57,6 +59,7 @@ def run_batch(  # noqa: PLR0913 - all but three are callbacks
         out: Folder for results, `<robot>/<clip>...npz`, and the manifest; made when it does not exist.
         pool: The workers; its function is `work.run_job`.
         planned: Called with the number of jobs, and the number of those to run.
+        refining: The same of results to be refined, once all are solved that can be.
         ended: Called with the entry of each job that ends.
         stopped: Returns whether to end early; finished jobs stay complete.
 
@@ -73,32 +76,48 @@ def run_batch(  # noqa: PLR0913 - all but three are callbacks
         contents = Contents()
         done_now: list[ManifestEntry] = []
         with Manifest(out, [job.name for job in jobs]) as manifest:
+
+            def work(
+                tasks: Sequence[Task | Refining], finished: Callable[[int, ManifestEntry | Lost], ManifestEntry]
+            ) -> None:
+                with closing(pool.run(tasks, stopped)) as outcomes:
+                    for index, outcome in outcomes:
+                        entry = finished(index, outcome)
+                        _remove_outdated(out, manifest.entries.get(entry.name), entry)
+                        manifest.add(entry)
+                        done_now.append(entry)
+                        ended(entry)
+
             todo = [job for job in jobs if not _is_done(job, manifest.entries.get(job.name), out, contents, pool)]
             for job in todo:
                 contents.key(job, None, ())  # Digests of the files now: they may change while the batch runs.
             planned(len(jobs), len(todo))
-            with closing(pool.run([Task(job, out) for job in todo], stopped)) as outcomes:
-                for index, outcome in outcomes:
-                    entry = _entry(todo[index], outcome, contents, pool.time_limit)
-                    _remove_outdated(out, manifest.entries.get(entry.name), entry)
-                    manifest.add(entry)
-                    done_now.append(entry)
-                    ended(entry)
+            work(
+                [Task(job, out) for job in todo],
+                lambda index, outcome: _entry(todo[index], outcome, contents, pool.time_limit),
+            )
+            solved = [manifest.entries[job.name] for job in jobs if job.name in manifest.entries]
+            refinings = list(refinings_of(specification, solved, out))
+            left = [task for task in refinings if not _is_refined(task, manifest.entries.get(task.name), pool)]
+            if refinings and not stopped():
+                refining(len(refinings), len(left))
+                work(left, lambda index, outcome: _refined_entry(left[index], outcome, pool.time_limit))
             remove_temporaries(out)
-        entries = tuple(manifest.entries[job.name] for job in jobs if job.name in manifest.entries)
-        return Summary(len(jobs), entries, tuple(done_now), time.monotonic() - start)
+        names = [*(job.name for job in jobs), *(task.name for task in refinings)]
+        entries = tuple(manifest.entries[name] for name in names if name in manifest.entries)
+        return Summary(len(names), entries, tuple(done_now), time.monotonic() - start)
 
 
 def _check_spared(jobs: Sequence[Job], out: Path) -> None:
     """Raise `ArgumentError` when a result would be written over a recording."""
     recordings = {Path(job.clip).resolve() for job in jobs if job.clip.endswith(".npz")}
     stems = {str(path.with_name(_RESULT.sub("", path.name))): path for path in recordings}
-    for job in jobs if recordings else ():
-        path = stems.get(str((out / job.name).resolve()))
+    names = [name for job in jobs for name in (job.name, f"{FOLDER}/{job.name}")] if recordings else []
+    for name in names:
+        path = stems.get(str((out / name).resolve()))
         if path is not None:
             raise ArgumentError(
-                f"{path}: this is a recording, and a result of {job.name} would be written over it. "
-                "Choose another --out."
+                f"{path}: this is a recording, and a result of {name} would be written over it. Choose another --out."
             )
 
 
@@ -108,7 +127,19 @@ def _is_done(job: Job, entry: ManifestEntry | None, out: Path, contents: Content
         return False
     if not entry.source.sha256 and has_companions(Path(job.clip)):
         return False  # A companion file that was missing may be there by now.
-    return all(digest_of_file(out / result.path) == result.sha256 for result in entry.results)
+    return _holds_results(entry, out)
+
+
+def _is_refined(task: Refining, entry: ManifestEntry | None, pool: Pool) -> bool:
+    """Return whether refining a result again would give what is there."""
+    known = entry is not None and entry.is_final(pool.time_limit) and entry.key == task.key
+    return known and entry is not None and _holds_results(entry, task.out)
+
+
+def _holds_results(entry: ManifestEntry, out: Path) -> bool:
+    """Return whether the results of a job are there as they were written."""
+    files = [item for result in entry.results for item in result.files.items()]
+    return all(digest_of_file(out / path) == digest for path, digest in files)
 
 
 def _key(job: Job, entry: ManifestEntry, contents: Contents) -> str:
@@ -122,10 +153,16 @@ def _entry(job: Job, outcome: ManifestEntry | Lost, contents: Contents, time_lim
     return replace(outcome, time_limit=time_limit, key=_key(job, outcome, contents))
 
 
+def _refined_entry(task: Refining, outcome: ManifestEntry | Lost, time_limit: float | None) -> ManifestEntry:
+    if isinstance(outcome, Lost):
+        outcome = replace(unrefined(task, outcome.status, outcome.reason), seconds=round(outcome.seconds, 3))
+    return replace(outcome, time_limit=time_limit, key=task.key)
+
+
 def _remove_outdated(out: Path, before: ManifestEntry | None, after: ManifestEntry) -> None:
     """Remove results of an earlier run that the new one did not replace: their inputs have changed."""
-    new = {result.path for result in after.results}
+    new = {path for result in after.results for path in result.files}
     with writing(out):
         for result in before.results if before else ():
-            if result.path not in new:
-                (out / result.path).unlink(missing_ok=True)
+            for path in set(result.files) - new:
+                (out / path).unlink(missing_ok=True)

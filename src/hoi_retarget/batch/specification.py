@@ -9,6 +9,7 @@ from hoi_retarget.clip.clip import Augmentation
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.files.tables import check_keys, decode, read_toml
+from hoi_retarget.physics.settings import Refinement
 from hoi_retarget.retargeting.config import Config, Scaling, parse_horizon, read_config
 from hoi_retarget.robots import team
 
@@ -31,6 +32,12 @@ class _Table(ReadOptions):
     size_multipliers: tuple[float, ...] = (1.0,)
     mirrored: tuple[bool, ...] = (False,)
     speeds: tuple[float, ...] = (1.0,)
+    refine: bool = False
+    """Whether a simulated robot is to perform every result, in a stage of its own."""
+    refinement: Refinement = Refinement()
+    """How much that stage tries."""
+    seed: int = 0
+    """Of its random numbers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +72,9 @@ class Specification(_Table):
         return replace(self.config, scaling=scaling, horizon=parse_horizon(self.horizon))
 
 
-def of_folder(folder: Path, options: ReadOptions = ReadOptions(), config: Config = Config()) -> Specification:
+def of_folder(
+    folder: Path, options: ReadOptions = ReadOptions(), config: Config = Config(), *, refine: bool = False
+) -> Specification:
     """Return the default specification of a folder: every clip in it once, for the default robot.
 
     Without `options.objects`, a folder of that name in it is taken where there is one.
@@ -73,7 +82,7 @@ def of_folder(folder: Path, options: ReadOptions = ReadOptions(), config: Config
     own = folder / _OBJECTS
     objects = options.objects or (own if own.is_dir() else None)
     table = {**vars(options), "objects": objects, **_settings_of(config)}
-    return Specification(clips=("",), folder=folder, config=config, **table)
+    return Specification(clips=("",), folder=folder, config=config, refine=refine, **table)
 
 
 def read_specification(path: Path) -> Specification:

@@ -9,6 +9,7 @@ from typing import Any
 
 from hoi_retarget.batch.jobs import Job
 from hoi_retarget.batch.manifest import ManifestEntry, ManifestResult, ManifestSource, Status
+from hoi_retarget.batch.refining import Refining, refined, unrefined
 from hoi_retarget.clip.augment import augment
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import apply, load
@@ -31,10 +32,11 @@ class Task:
     out: Path
 
 
-def run_job(task: Task) -> ManifestEntry:
+def run_job(task: Task | Refining) -> ManifestEntry:
     """Run one job and return its manifest entry; all of its result files are written, or none."""
     start = time.monotonic()
-    return replace(_run(task), seconds=round(time.monotonic() - start, 3))
+    entry = _run(task) if isinstance(task, Task) else _refine(task)
+    return replace(entry, seconds=round(time.monotonic() - start, 3))
 
 
 def entry_without_results(job: Job, status: Status, reason: str) -> ManifestEntry:
@@ -70,12 +72,15 @@ def _run(task: Task) -> ManifestEntry:
         paths = result_paths(clip, Path(job.name).name, (task.out / job.name).parent)
         motions = write(motions, paths, read_seconds=seconds)
         return _finished(entry, task, motions, paths)
-    except HoiRetargetError as error:
-        return _failed(entry, error, str(error))
-    except MemoryError as error:
-        return _failed(entry, error, "the memory that a worker may use did not suffice")
     except Exception as error:  # noqa: BLE001 - any fault of a clip costs that clip alone
-        return _failed(entry, error, f"unexpected {type(error).__name__}: {error}")
+        return failed(entry, error)
+
+
+def _refine(task: Refining) -> ManifestEntry:
+    try:
+        return refined(task)
+    except Exception as error:  # noqa: BLE001 - as above
+        return failed(unrefined(task, "failed", ""), error)
 
 
 def _finished(entry: ManifestEntry, task: Task, motions: tuple[Motion, ...], paths: tuple[Path, ...]) -> ManifestEntry:
@@ -99,7 +104,13 @@ def _finished(entry: ManifestEntry, task: Task, motions: tuple[Motion, ...], pat
     )
 
 
-def _failed(entry: ManifestEntry, error: Exception, text: str) -> ManifestEntry:
+def failed(entry: ManifestEntry, error: Exception) -> ManifestEntry:
+    """Return the entry of a job that an error ended."""
+    text = f"unexpected {type(error).__name__}: {error}"
+    if isinstance(error, HoiRetargetError):
+        text = str(error)
+    elif isinstance(error, MemoryError):
+        text = "the memory that a worker may use did not suffice"
     reason = " ".join(text.split())
     found = _FRAME.search(reason)
     by_machine = isinstance(error, OSError) or (isinstance(error, ReadError | GeometryError) and _is_disk_error(error))

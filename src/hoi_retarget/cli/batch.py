@@ -39,6 +39,7 @@ def execute(command: Batch) -> int:
             command.out,
             pool,
             planned=progress.planned,
+            refining=progress.refining,
             ended=progress.ended,
             stopped=lambda: bool(received),
         )
@@ -55,7 +56,10 @@ def _specification(command: Batch) -> Specification:
         reading = ReadOptions(
             objects=command.objects, body_models=command.body_models, labels=command.labels, grasps=command.grasps
         )
-        return of_folder(command.source, reading, Config() if command.config is None else config_in(command.config))
+        config = Config() if command.config is None else config_in(command.config)
+        return of_folder(command.source, reading, config, refine=command.refine)
+    if command.refine:
+        raise ArgumentError(f"--refine is for a folder of clips. In {command.source} write refine = true.")
     for name in ("objects", "body_models", "labels", "grasps", "config"):
         value = getattr(command, name)
         if value != getattr(Batch, name):
@@ -121,9 +125,17 @@ class _Progress:
 
     def planned(self, jobs: int, todo: int) -> None:
         """Say what is to be done, and begin to count."""
-        self.todo, self.start = todo, time.monotonic()
+        self._begun(f"{jobs} job{'' if jobs == 1 else 's'}", jobs, todo)
+
+    def refining(self, results: int, todo: int) -> None:
+        """Do the same for results that a simulated robot is to perform."""
+        self._begun(f"{results} result{'' if results == 1 else 's'} to refine", results, todo)
+
+    def _begun(self, what: str, jobs: int, todo: int) -> None:
+        self.shown.close()
+        self.todo, self.finished, self.failed, self.start = todo, 0, 0, time.monotonic()
         done = f", {jobs - todo} of them done before" if jobs > todo else ""
-        say(f"{jobs} job{'' if jobs == 1 else 's'}{done}.")
+        say(f"{what}{done}.")
         if todo:
             self.working = self.shown.enter_context(Working("starting workers", todo))
 

@@ -164,6 +164,8 @@ class Batch:
     """What is done with clips of a folder whose grasps contradict how they are read, as for run."""
     config: ConfigFile = None
     """Settings for a folder of clips, as for run."""
+    refine: bool = False
+    """Have a simulated robot perform every result of a folder of clips, into OUT/refined, in a stage of its own."""
     workers: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: the number of cores)")] = None
     """How many clips are worked on at a time."""
     engine: Literal["local", "ray"] = "local"
@@ -374,6 +376,10 @@ class Export(Weighed):
     """Frames a second; by default what the format's readers expect, mostly 50."""
     object_name: ObjectName = None
     """Which object goes into a format that has one place for it, where there are several."""
+    stage: Annotated[Literal["ik", "trajectory", "physics"] | None, arg(help_behavior_hint="(default: the last)")] = (
+        None
+    )
+    """What the motion was after a stage: inverse kinematics, the trajectory, or performed in simulation (refine)."""
 
 
 @dataclass(frozen=True)
@@ -396,6 +402,8 @@ class Render(MadeFrom):
     """Move along, or stay where the whole motion is seen."""
     look_at: Literal["body", "left_hand", "right_hand"] = "body"
     """See everything, or stay near to a hand."""
+    also: Annotated[tuple[Literal["reference", "forces"], ...], arg(help_behavior_hint="")] = ()
+    """Of motions performed in simulation: draw what they follow as a ghost, and forces of contacts as arrows."""
     see_through: bool = False
     """Draw objects so that what they hide is seen."""
     azimuth: Scale = "auto"

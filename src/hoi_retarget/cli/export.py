@@ -8,6 +8,7 @@ from pathlib import Path
 from hoi_retarget.cli.commands import Export
 from hoi_retarget.cli.export_task import export_tasks
 from hoi_retarget.cli.jobs import (
+    at_stage,
     check_inputs_kept,
     check_stems,
     check_writable,
@@ -132,7 +133,8 @@ def _targets(command: Export, format: Format) -> dict[Path, Path]:
 def _read(path: Path, command: Export) -> Result:
     """Return a result with the clip it was made from, where that is to be had."""
     motion = load_motion(path, command.robot)
-    alone = Result(path.stem, digest_of(path), motion, load_robot(motion.robot), suffix=path.suffix)
+    chosen = at_stage(motion, path, command.stage)
+    alone = Result(path.stem, digest_of(path), chosen, load_robot(motion.robot), suffix=path.suffix)
     if motion.report.is_foreign:
         warn(f"{path.name}: who touches what is not known: no contacts are written.")
     if motion.report.is_foreign or not motion.object_names:

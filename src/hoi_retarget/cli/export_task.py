@@ -5,6 +5,7 @@ from pathlib import Path
 
 from hoi_retarget.cli.commands import Export
 from hoi_retarget.cli.jobs import (
+    at_stage,
     check_inputs_kept,
     check_stems,
     check_writable,
@@ -68,7 +69,7 @@ def _check(command: Export) -> None:
 def _export(path: Path, command: Export) -> _Exported:
     if path == set_aside(path.with_suffix("")):
         raise ClipError(f"{path}: it is kept to be looked at, and no result. Export the one it was to become.")
-    motion = load_motion(path, command.robot)
+    motion = at_stage(load_motion(path, command.robot), path, command.stage)
     check_usable(motion)
     physics, clip = physics_of(motion, command), clip_with_objects(motion, command)
     if clip is not None and held_by_others(clip, motion.person).any():

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from hoi_retarget.cli.terminal import say, show_table
-from hoi_retarget.evaluation import COLUMNS, Score, mean_values, table_rows, worst_values
+from hoi_retarget.evaluation import COLUMNS, Score, mean_values, shown_columns, table_rows, worst_values
 
 FEW = 4  # Results that stand side by side, one a column.
 _SHORT = (
@@ -20,14 +20,17 @@ _SHORT = (
 def show_figures(scores: Sequence[Score]) -> None:
     """Print all figures of a few results, or the paper's of each of many and the mean and worst of all."""
     if len(scores) <= FEW:
-        show_table(_turned(table_rows(scores)))
+        show_table(_turned(table_rows(scores, shown_columns(scores))))
         return
     short = [column for column in COLUMNS if column.name in _SHORT]
     clips = table_rows(scores, short)[: len(scores) + 1]
     show_table(clips)
     say()
     mean, worst = mean_values(scores), worst_values(scores)
-    summary = [(column.header, column.text(mean[column.name]), column.text(worst[column.name])) for column in COLUMNS]
+    summary = [
+        (column.header, column.text(mean[column.name]), column.text(worst[column.name]))
+        for column in shown_columns(scores)
+    ]
     show_table([("all clips", "mean", "worst"), *summary])
 
 

@@ -13,10 +13,11 @@ from hoi_retarget.cli.terminal import STDOUT, Working, fail, program, put, say, 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, WriteError
 from hoi_retarget.evaluation import FIGURES, Score
+from hoi_retarget.evaluation.performed import PERFORMED
 from hoi_retarget.evaluation.table import scales_text
 from hoi_retarget.files.atomic import write_atomically
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.motion import SIMULATED, Motion
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers import own_layout
 from hoi_retarget.readers.open import builtin_scene, clip_of, result_stem
@@ -147,6 +148,17 @@ def digest_of(path: Path) -> str:
     return sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
+def at_stage(motion: Motion, path: Path, stage: str | None) -> Motion:
+    """Return a motion as it was after a stage; None is its last. Raises `ArgumentError` where it has no such stage."""
+    if stage is None:
+        return motion
+    try:
+        return motion.at_stage(stage)
+    except ArgumentError as error:
+        advice = f" `{program()} refine {path}` makes it." if stage == SIMULATED else ""
+        raise ArgumentError(f"--stage {stage}: {error}{advice}") from error
+
+
 def clip_or_warning(
     path: Path, motion: Motion, command: MadeFrom, without: str, *, surfaces: bool = False
 ) -> Clip | None:
@@ -230,6 +242,7 @@ def score(motion: Motion, path: Path) -> Score:
     """
     report = motion.report
     figures = {figure.name: report.figures.get(figure.name) for figure in FIGURES}
+    figures |= {figure.name: value for figure in PERFORMED if (value := report.figures.get(figure.name)) is not None}
     if not set(figures) & set(report.figures):
         raise ReadError(f"{path}: its report has none of the figures. Run the retarget again.")
     return Score(

@@ -12,8 +12,9 @@ import numpy as np
 from hoi_retarget.cli.commands import Render
 from hoi_retarget.cli.jobs import check_writable, clip_or_warning, load_motion, write_file
 from hoi_retarget.cli.robots import vendor_meshes
-from hoi_retarget.cli.terminal import Working, say
+from hoi_retarget.cli.terminal import Working, program, say
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
+from hoi_retarget.motion.motion import SIMULATED
 from hoi_retarget.readers.open import clip_of
 from hoi_retarget.robots import load_robot
 from hoi_retarget.viewers.offscreen import film
@@ -42,7 +43,7 @@ def execute(command: Render) -> int:
     """Draw the results into one file."""
     kind = _check(command)
     shown = _titled(command.results, [_shown(path, command) for path in command.results])
-    filmed = film.panels(shown, command.only)
+    filmed = film.panels(shown, command.only, command.also)
     if command.see_through:
         filmed = tuple(seen_through(scene) for scene in filmed)
     azimuth = film.good_azimuth(shown) if command.azimuth == "auto" else command.azimuth
@@ -84,6 +85,11 @@ def _titled(results: Sequence[Path], shown: Sequence[Shown]) -> list[Shown]:
 
 def _shown(path: Path, command: Render) -> Shown:
     motion = load_motion(path, command.robot)
+    if command.also and motion.stages[-1].name != SIMULATED:
+        raise ArgumentError(
+            f"--also {' '.join(command.also)}: {path} was not performed in simulation. "
+            f"`{program()} refine {path}` does so."
+        )
     model = load_robot(motion.robot)
     if command.only == "human":
         clip = clip_of(motion, name=command.clip, objects=command.objects)

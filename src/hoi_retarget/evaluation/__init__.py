@@ -5,7 +5,16 @@ from hoi_retarget.evaluation.figures import FIGURES, evaluate, evaluate_kinemati
 from hoi_retarget.evaluation.multi_robot import inter_robot_hand_errors, inter_robot_penetrations, robot_depths
 from hoi_retarget.evaluation.soundness import Soundness, soundness
 from hoi_retarget.evaluation.sunk_links import sunk_links
-from hoi_retarget.evaluation.table import COLUMNS, Score, mean_values, table_rows, to_csv, to_json, worst_values
+from hoi_retarget.evaluation.table import (
+    COLUMNS,
+    Score,
+    mean_values,
+    shown_columns,
+    table_rows,
+    to_csv,
+    to_json,
+    worst_values,
+)
 from hoi_retarget.evaluation.unreached_contacts import contact_residuals, surface_residuals, unreached_contacts
 from hoi_retarget.evaluation.view import Comparison
 
@@ -24,6 +33,7 @@ __all__ = [
     "inter_robot_penetrations",
     "mean_values",
     "robot_depths",
+    "shown_columns",
     "soundness",
     "sunk_links",
     "surface_residuals",

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.evaluation import contact, feasibility, ground, limits, movement, penetration, pose, touch
 from hoi_retarget.evaluation.figure import Figure
+from hoi_retarget.evaluation.performed import performed_figures
 from hoi_retarget.evaluation.view import Comparison
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.of_robot import check_robot
@@ -71,5 +72,6 @@ def evaluate_kinematics(
 
 
 def figures_of(view: Comparison) -> Mapping[str, float | None]:
-    """Return the figures of a comparison, by name."""
-    return {figure.name: figure.measure(view) for figure in FIGURES if figure.measure is not None}
+    """Return the figures of a comparison, by name, with those that only a performed motion has."""
+    measured = {figure.name: figure.measure(view) for figure in FIGURES if figure.measure is not None}
+    return measured | performed_figures(view.motion)

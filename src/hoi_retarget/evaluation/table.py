@@ -13,9 +13,10 @@ from typing import Any
 
 from hoi_retarget.evaluation.figure import Figure
 from hoi_retarget.evaluation.figures import FIGURES
+from hoi_retarget.evaluation.performed import PERFORMED
 
 COMPUTE_TIME = Figure("compute_s", "time", "s", 1.0, 2, "lower", in_paper=True)
-COLUMNS: tuple[Figure, ...] = (*FIGURES, COMPUTE_TIME)
+COLUMNS: tuple[Figure, ...] = (*FIGURES, *PERFORMED, COMPUTE_TIME)
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,12 @@ def worst_values(scores: Sequence[Score]) -> dict[str, float | None]:
     present = _present(scores)
     worst = {column.name: max if column.better == "lower" else min for column in COLUMNS}
     return {name: worst[name](values) if values else None for name, values in present.items()}
+
+
+def shown_columns(scores: Sequence[Score]) -> tuple[Figure, ...]:
+    """Return the columns that results fill: those of performed motions only where there are such."""
+    present = _present(scores)
+    return tuple(column for column in COLUMNS if column not in PERFORMED or present[column.name])
 
 
 def table_rows(scores: Sequence[Score], columns: Sequence[Figure] = COLUMNS) -> tuple[tuple[str, ...], ...]:
@@ -117,9 +124,9 @@ def to_csv(scores: Sequence[Score]) -> str:
     for score in scores:
         texts = {name: " ".join(map(str, getattr(score, name))) for name in ("object_scale", "object_surfaces")}
         values = {**score.facts(), **score.values(), **texts}
-        writer.writerow([values[name] for name in (*facts, *names)])
+        writer.writerow([values.get(name) for name in (*facts, *names)])
     for label, values in _summaries(scores):
-        writer.writerow([label, *[""] * (len(facts) - 1), *(values[name] for name in names)])
+        writer.writerow([label, *[""] * (len(facts) - 1), *(values.get(name) for name in names)])
     return text.getvalue()
 
 
@@ -129,8 +136,10 @@ def _summaries(scores: Sequence[Score]) -> tuple[tuple[str, dict[str, float | No
 
 def _present(scores: Sequence[Score]) -> dict[str, list[float]]:
     tables = [score.values() for score in scores]
-    return {column.name: [value for table in tables if (value := table[column.name]) is not None] for column in COLUMNS}
+    return {
+        column.name: [value for table in tables if (value := table.get(column.name)) is not None] for column in COLUMNS
+    }
 
 
 def _texts(values: dict[str, float | None], columns: Sequence[Figure]) -> tuple[str, ...]:
-    return tuple(column.text(values[column.name]) for column in columns)
+    return tuple(column.text(values.get(column.name)) for column in columns)

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.clip.quality_warning import QualityWarning, Severity
-from hoi_retarget.errors import ClipError
+from hoi_retarget.errors import ArgumentError, ClipError
+from hoi_retarget.motion.contact_forces import ContactForces
 from hoi_retarget.motion.report import Report, Status, Window
 from hoi_retarget.numerics.arrays import check_shape, frozen
 
@@ -34,9 +35,16 @@ class Stage:
     """Root position [m], root rotation wxyz, joints [rad]."""
     windows: tuple[Window, ...] = ()
     """None for a motion that was recorded or made elsewhere."""
+    objects: Float[np.ndarray, "T O 7"] | None = None
+    """Poses of the objects, position [m] and rotation wxyz, where a later stage has them elsewhere."""
+
+    forces: ContactForces | None = None
+    """Of contacts, where they were simulated."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "qpos", frozen(self.qpos))
+        if self.objects is not None:
+            object.__setattr__(self, "objects", frozen(self.objects))
         if self.qpos.ndim != 2:
             raise ClipError(f"motion: {self.name} qpos has shape {self.qpos.shape}, expected two dimensions.")
 
@@ -108,6 +116,10 @@ class Motion:
         }
         for stage in self.stages:
             check_shape("motion", f"{stage.name} qpos", stage.qpos, (frames, 7 + n))
+            if stage.forces is not None and len(stage.forces.forces) != frames:
+                raise ClipError(f"motion: {stage.name} has forces of {len(stage.forces.forces)} frames of {frames}.")
+            if stage.objects is not None:
+                check_shape("motion", f"{stage.name} objects", stage.objects, (frames, objects, 7))
         for name, shape in expected.items():
             check_shape("motion", name, getattr(self, name), shape)
         if frames == 0:
@@ -116,6 +128,8 @@ class Motion:
     def _check_values(self) -> None:
         touching = self.contact_flags
         numbers = {f"{stage.name} qpos": stage.qpos for stage in self.stages}
+        moved = {f"{stage.name} objects": stage.objects for stage in self.stages if stage.objects is not None}
+        numbers |= moved
         numbers |= {name: getattr(self, name) for name in ("object_pos", "object_quat", "object_scale")}
         numbers |= {"contact_points, where there is contact,": self.contact_points[touching]}
         for name, values in numbers.items():
@@ -131,7 +145,7 @@ class Motion:
                 f"motion: object_scale is {self.object_scale.tolist()}; it must be {_SCALES[0]:g} to {_SCALES[1]:g}."
             )
         rotations = {f"{stage.name} qpos": stage.qpos[:, 3:7] for stage in self.stages}
-        rotations |= {"object_quat": self.object_quat}
+        rotations |= {"object_quat": self.object_quat} | {name: poses[..., 3:] for name, poses in moved.items()}
         for name, quats in rotations.items():
             lengths = np.linalg.norm(np.clip(quats, -2.0, 2.0), axis=-1)  # Damage may hold any number.
             if (np.abs(lengths - 1.0) > UNIT_TOLERANCE).any():
@@ -197,6 +211,23 @@ class Motion:
     def with_qpos(self, qpos: Float[np.ndarray, "T nq"]) -> "Motion":
         """Return the motion with another last stage."""
         return replace(self, stages=(*self.stages[:-1], replace(self.stages[-1], qpos=qpos)))
+
+    def at_stage(self, name: str) -> "Motion":
+        """Return the motion as it was after one of its stages, without the figures of later ones.
+
+        Raises `ArgumentError`, which lists its stages, where it has no such stage.
+        """
+        names = [stage.name for stage in self.stages]
+        if name not in names:
+            raise ArgumentError(f"the motion has no stage {name!r}. Its stages: {', '.join(names)}.")
+        *earlier, last = self.stages[: names.index(name) + 1]
+        if last is self.stages[-1]:
+            return self
+        report = replace(self.report, figures={}, performance=None)
+        if last.objects is None:
+            return replace(self, stages=(*earlier, last), report=report)
+        poses = {"object_pos": last.objects[..., :3], "object_quat": last.objects[..., 3:]}
+        return replace(self, stages=(*earlier, replace(last, objects=None)), report=report, **poses)
 
     def _unsolved(self) -> Iterator[tuple[Stage, Window]]:
         for stage in self.stages:

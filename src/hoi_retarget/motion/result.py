@@ -83,7 +83,12 @@ class Result:
                 "person": motion.person,
                 "first_source_frame": motion.first_source_frame,
             },
-            "result": {"name": f"{self.stem}{self.suffix}", "sha256": self.sha256, "fps": motion.fps},
+            "result": {
+                "name": f"{self.stem}{self.suffix}",
+                "sha256": self.sha256,
+                "stage": motion.stages[-1].name,
+                "fps": motion.fps,
+            },
             "hoi_retarget": __version__,
         }
 

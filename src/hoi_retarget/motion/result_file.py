@@ -18,6 +18,7 @@ from hoi_retarget.files import npz
 from hoi_retarget.files.archive import limit_of_motion
 from hoi_retarget.files.atomic import write_atomically
 from hoi_retarget.files.reading import read_bytes
+from hoi_retarget.motion.contact_forces import ContactForces
 from hoi_retarget.motion.motion import ARRAYS, Motion, Stage
 from hoi_retarget.motion.of_robot import check_robot, check_turns
 from hoi_retarget.motion.report import Report, Window, windows_from_json
@@ -45,6 +46,10 @@ def encode(motion: Motion) -> bytes:
     stages = {stage.name: [_plain(window) for window in stage.windows] for stage in motion.stages}
     report = motion.report.as_json() | {"stages": stages}
     values: dict[str, Any] = {"qpos": last.qpos, **{f"{stage.name}_qpos": stage.qpos for stage in earlier}}
+    values |= {f"{stage.name}_objects": stage.objects for stage in earlier if stage.objects is not None}
+    if last.forces is not None:
+        values |= {"contact_forces": last.forces.forces, "contact_force_points": last.forces.points}
+        values["force_bodies"] = np.array(last.forces.bodies, dtype=np.str_)
     values |= {_ENTRIES.get(name, name): getattr(motion, name) for name in ARRAYS}
     values |= {name: np.array(getattr(motion, name), dtype=np.str_) for name in _NAMES}
     values |= {
@@ -146,7 +151,19 @@ def _stages(members: Mapping[str, bytes], windows: Mapping[str, tuple[Window, ..
         entry = "qpos" if name == names[-1] else f"{name}_qpos"
         if entry not in members:
             raise ReadError(f"it lacks {entry}")
-        yield Stage(name, npz.array(entry, members[entry], "f"), windows.get(name, ()))
+        moved = f"{name}_objects"
+        objects = npz.array(moved, members[moved], "f") if moved in members else None
+        forces = _forces(members) if name == names[-1] and "contact_forces" in members else None
+        yield Stage(name, npz.array(entry, members[entry], "f"), windows.get(name, ()), objects, forces)
+
+
+def _forces(members: Mapping[str, bytes]) -> ContactForces:
+    missing = [name for name in ("force_bodies", "contact_force_points") if name not in members]
+    if missing:
+        raise ReadError(f"it lacks {', '.join(missing)}")
+    bodies = npz.array("force_bodies", members["force_bodies"], "U").ravel().tolist()
+    forces, points = (npz.array(name, members[name], "f") for name in ("contact_forces", "contact_force_points"))
+    return ContactForces(tuple(bodies), forces, points)
 
 
 def _refuse(constant: str) -> Any:

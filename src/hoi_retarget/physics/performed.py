@@ -12,6 +12,7 @@ from jaxtyping import Float
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from hoi_retarget.files import npz
+from hoi_retarget.motion.contact_forces import ContactForces
 from hoi_retarget.motion.motion import ARRAYS, SIMULATED, Motion, Stage
 from hoi_retarget.motion.performance import Performance
 from hoi_retarget.numerics import se3
@@ -25,6 +26,7 @@ from hoi_retarget.physics.settings import Refinement
 FORMAT = "hoi-retarget performed motion 1"
 _LOST = 0.1  # An object so far from its place [m] is not held as it should be.
 _BEFORE = 1.0  # What happens so long before a fall [s] may be why.
+_TINY = 1e-9
 _TOPPLING = 0.3  # What happens so shortly before it is the fall.
 
 
@@ -44,7 +46,8 @@ def performed_motion(motion: Motion, scene: Scene, rollout: Rollout) -> Motion:
         poses, speeds = rollout.qpos[:, 7 + n + 7 * index :][:, :7], rollout.qvel[:, 6 + n + 6 * index :][:, :6]
         objects[:, index] = _at(poses, speeds, times)
     kept = {name: getattr(motion, name)[:frames] for name in ARRAYS if name != "object_scale"}
-    earlier = [replace(stage, qpos=stage.qpos[:frames]) for stage in motion.stages]
+    before = np.concatenate([motion.object_pos, motion.object_quat], axis=2)[:frames]
+    earlier = [replace(stage, qpos=stage.qpos[:frames], objects=before) for stage in motion.stages]
     if frames < motion.frames:
         earlier = [replace(stage, windows=()) for stage in earlier]
     report = replace(
@@ -56,8 +59,9 @@ def performed_motion(motion: Motion, scene: Scene, rollout: Rollout) -> Motion:
         trunk_turns=(),
         config={**motion.report.config, "physics": asdict(scene.physics)},
     )
+    performed = Stage(SIMULATED, robot, forces=_drawn_forces(scene, rollout, times))
     kept |= {"object_pos": objects[..., :3], "object_quat": objects[..., 3:]}
-    return replace(motion, stages=(*earlier, Stage(SIMULATED, robot)), report=report, **kept)
+    return replace(motion, stages=(*earlier, performed), report=report, **kept)
 
 
 def why_it_fell(
@@ -134,17 +138,45 @@ def performed_file(  # noqa: PLR0913  # one file holds it all
 
 def contact_forces(simulated: mujoco.MjModel, rollout: Rollout) -> Float[np.ndarray, "K B 3"]:
     """Return the sum of contact forces on every body but the world at every tick [N], in the world."""
-    data, wrench = mujoco.MjData(simulated), np.empty(6)
     forces = np.zeros((len(rollout.qpos), simulated.nbody, 3))
+    for tick, bodies, force, _ in _contacts(simulated, rollout):
+        forces[tick, bodies[1]] += force
+        forces[tick, bodies[0]] -= force
+    return forces[:, 1:]
+
+
+def _contacts(
+    simulated: mujoco.MjModel, rollout: Rollout
+) -> Iterator[tuple[int, tuple[int, int], Float[np.ndarray, "3"], Float[np.ndarray, "3"]]]:
+    """Yield every contact: its tick, its two bodies, the force on the second [N], and its place [m]."""
+    data, wrench = mujoco.MjData(simulated), np.empty(6)
     for tick, (qpos, qvel, target) in enumerate(zip(rollout.qpos, rollout.qvel, rollout.targets, strict=True)):
         data.qpos[:], data.qvel[:], data.ctrl[:] = qpos, qvel, target
         mujoco.mj_forward(simulated, data)
         for number, contact in enumerate(data.contact):
             mujoco.mj_contactForce(simulated, data, number, wrench)
-            force = contact.frame.reshape(3, 3).T @ wrench[:3]  # On the second geometry.
-            forces[tick, simulated.geom_bodyid[contact.geom2]] += force
-            forces[tick, simulated.geom_bodyid[contact.geom1]] -= force
-    return forces[:, 1:]
+            bodies = (int(simulated.geom_bodyid[contact.geom1]), int(simulated.geom_bodyid[contact.geom2]))
+            yield tick, bodies, contact.frame.reshape(3, 3).T @ wrench[:3], contact.pos.copy()
+
+
+def _drawn_forces(scene: Scene, rollout: Rollout, times: np.ndarray) -> ContactForces:
+    """Return the forces at times, each at the nearest tick."""
+    simulated = compiled(scene)
+    objects = {simulated.body(item.body_name).id for item in scene.objects}
+    forces = np.zeros((len(rollout.qpos), simulated.nbody, 3))
+    points, sizes = np.zeros_like(forces), np.zeros(forces.shape[:2])
+    for tick, bodies, force, place in _contacts(simulated, rollout):
+        for body, other, sign in ((bodies[1], bodies[0], 1.0), (bodies[0], bodies[1], -1.0)):
+            if body != 0 and (body not in objects or other == 0):
+                size = float(np.linalg.norm(force))
+                forces[tick, body] += sign * force
+                points[tick, body] += size * place
+                sizes[tick, body] += size
+    touching = np.flatnonzero((sizes > 0.0).any(axis=0))
+    ticks = np.minimum(np.round(times / TICK).astype(int), len(forces) - 1)[:, None]
+    points /= np.maximum(sizes, _TINY)[..., None]
+    names = tuple(simulated.body(body).name for body in touching)
+    return ContactForces(names, forces[ticks, touching], points[ticks, touching])
 
 
 def _at(poses: np.ndarray, speeds: np.ndarray, times: np.ndarray) -> Float[np.ndarray, "T nq"]:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.physics.feedback import Linear, gains_of, tame
-from hoi_retarget.physics.rollout import Rollout, steps_of
+from hoi_retarget.physics.rollout import Rollout, quiet, steps_of
 from hoi_retarget.physics.scene import Scene
 
 _OBJECTS = 0.2  # What deviations of objects count: with all of it, hands reach for boxes that slip.
@@ -41,7 +41,8 @@ def _linearized(simulated: mujoco.MjModel, rollout: Rollout) -> Iterator[Linear]
         for _ in range(steps_of(simulated)):
             once, pushed = np.zeros((size, size)), np.zeros((size, simulated.nu))
             mujoco.mj_copyData(aside, simulated, data)
-            mujoco.mjd_transitionFD(simulated, aside, _MOVED, False, once, pushed, None, None)
+            with quiet():
+                mujoco.mjd_transitionFD(simulated, aside, _MOVED, False, once, pushed, None, None)
+                mujoco.mj_step(simulated, data)
             after, given = once @ after, once @ given + pushed
-            mujoco.mj_step(simulated, data)
         yield after, given

@@ -8,6 +8,8 @@ from hoi_retarget.errors import ArgumentError
 from hoi_retarget.motion.formats import seed_csv, sonic
 from hoi_retarget.motion.formats.containers import HEADER, header_of
 from hoi_retarget.motion.formats.named_columns import named_columns
+from hoi_retarget.motion.result_file import set_aside
+from hoi_retarget.retargeting.performing import FOR_CONTROLLERS
 
 MANIFEST = "manifest.jsonl"
 """A batch's manifest, in the folder of its results."""
@@ -59,10 +61,21 @@ def _walk(folder: Path) -> Iterator[Path]:
             path = Path(parent) / name
             if name == MANIFEST:
                 yield path
-            elif name.startswith(".") or name.endswith(_CONTACTS) or (report and name in _OWN):
+            elif (
+                name.startswith(".")
+                or name.endswith(_CONTACTS)
+                or (report and name in _OWN)
+                or _is_for_controllers(path)
+            ):
                 continue
             elif path.suffix.lower() in _SUFFIXES and (path.suffix.lower() != ".csv" or _holds_motion(path)):
                 yield path
+
+
+def _is_for_controllers(path: Path) -> bool:
+    """Return whether a file lies beside a refined result, which tells what is in it."""
+    result = path.parent.parent / path.name
+    return path.parent.name == FOR_CONTROLLERS and (result.is_file() or set_aside(result).is_file())
 
 
 def _is_motion(folder: Path) -> bool:

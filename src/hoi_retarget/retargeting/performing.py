@@ -8,6 +8,7 @@ from pathlib import Path
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.evaluation import evaluate
+from hoi_retarget.evaluation.performed import performed_figures
 from hoi_retarget.files.atomic import write_together
 from hoi_retarget.motion.motion import SIMULATED, Motion
 from hoi_retarget.motion.performance import Performance
@@ -85,9 +86,13 @@ def perform(  # noqa: PLR0913 - the last three are options
     content = performed_file(motion, scene, refined, performance, settings=settings, seed=seed)
     seconds = {**motion.report.cpu_seconds, SIMULATED: time.process_time() - start}
     performed = performed_motion(motion, scene, rollout)
-    figures = {} if fell or clip is None else evaluate(performed, clip, model, person=motion.person)
-    report = replace(performed.report, performance=performance, figures=figures, cpu_seconds=seconds)
-    return Performed(replace(performed, report=report), content, scene, reference, rollout, performance)
+    performed = replace(performed, report=replace(performed.report, performance=performance, cpu_seconds=seconds))
+    if fell or clip is None:
+        figures = performed_figures(performed)
+    else:
+        figures = evaluate(performed, clip, model, person=motion.person)
+    performed = replace(performed, report=replace(performed.report, figures=figures))
+    return Performed(performed, content, scene, reference, rollout, performance)
 
 
 def write_performed(performed: Performed, place: Path) -> tuple[Path, Path]:

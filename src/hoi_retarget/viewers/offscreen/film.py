@@ -40,8 +40,13 @@ _GIF_COLOURS = 200
 _GIF_TICK = 10  # A GIF counts time in hundredths of a second [ms].
 
 
-def panels(shown: Sequence[Shown], side: Side = "both") -> tuple[Scene, ...]:
+def panels(shown: Sequence[Shown], side: Side = "both", also: Sequence[str] = ()) -> tuple[Scene, ...]:
     """Return what each panel shows: the human of each clip, then each robot, or robots that share objects.
+
+    Args:
+        shown: Results and clips.
+        side: Whose panels.
+        also: More layers of robots, such as `reference` and `forces`.
 
     Raises:
         ArgumentError: There is nothing to see on that side.
@@ -52,7 +57,7 @@ def panels(shown: Sequence[Shown], side: Side = "both") -> tuple[Scene, ...]:
     humans = {_recorded(group): _people(group) for group in groups if group[0].clip is not None}
     robots = [group for group in groups if group[0].motion is not None]
     filmed = [_only(make_scene(people), _HUMAN_LAYERS) for people in humans.values() if side != "robot"]
-    filmed += [_only(make_scene(group), _ROBOT_LAYERS) for group in robots if side != "human"]
+    filmed += [_only(make_scene(group), (*_ROBOT_LAYERS, *also)) for group in robots if side != "human"]
     if not filmed:
         raise ArgumentError(f"there is no {side} to draw. Name a {'clip' if side == 'human' else 'result'}.")
     return tuple(filmed)

@@ -16,12 +16,13 @@ from scipy.ndimage import gaussian_filter1d
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.human.skeleton import PARTS
-from hoi_retarget.motion.motion import STAGE_TITLES, Motion, Stage
+from hoi_retarget.motion.motion import SIMULATED, STAGE_TITLES, Motion, Stage
 from hoi_retarget.motion.of_robot import check_robot
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.scene.drawing import Colour, Layer, Lines, Part, Scene, Shapes, Solid, Subject
+from hoi_retarget.viewers.scene.force_arrows import force_arrows
 from hoi_retarget.viewers.scene.human_shapes import human_shapes
 from hoi_retarget.viewers.scene.human_skin import human_skin
 from hoi_retarget.viewers.scene.inside_marks import inside_marks
@@ -32,6 +33,8 @@ from hoi_retarget.viewers.scene.robot_shapes import robot_parts, robot_shapes
 FREE_SPACE = 0.3  # Between what neighbours reach [m].
 _ARM_REACH = 0.8  # Of a body, around its pelvis [m].
 OBJECT_LAYERS = ("object", "human's object")
+REFERENCE, FORCES = "reference", "forces"
+"""Layers of a motion that was performed in simulation: the stage that it follows, and arrows."""
 SEE_THROUGH = 0.35  # Opacity of objects through which hands are seen.
 _IK_TINT: Colour = (60, 120, 225)
 _EARLIER_OPACITY = 0.35
@@ -198,19 +201,26 @@ def _robot_side(item: Shown, motion: Motion, model: RobotModel) -> _Side:
     looks = {part.replace("_", " "): kinematics.site_position(site) for part, site in hands.items()}
     layers = (
         Layer("robot", robot_parts(model, kinematics, item.meshes)),
-        *(_earlier_stage(model, stage) for stage in motion.stages[:-1]),
+        *(_earlier_stage(motion, model, stage, item.clip) for stage in motion.stages[:-1]),
         Layer("object", _robot_objects(motion, item.clip)),
         Layer("contacts", contact_marks(motion, kinematics, item.geometries)),
         Layer("inside something", inside_marks(motion, model, item.geometries)),
         Layer("stance", (stance_marks(motion, kinematics),)),
     )
+    forces = motion.stages[-1].forces
+    if forces is not None:
+        layers += (Layer(FORCES, force_arrows(forces)),)
     return _Side("robot", motion.fps, motion.qpos[:, :3], motion.object_pos, layers, looks)
 
 
-def _earlier_stage(model: RobotModel, stage: Stage) -> Layer:
-    shapes = robot_shapes(model, model.forward(stage.qpos))
-    title = STAGE_TITLES.get(stage.name, stage.name)
-    return Layer(title, tuple(map(_tinted, shapes)), opacity=_EARLIER_OPACITY, shown=False)
+def _earlier_stage(motion: Motion, model: RobotModel, stage: Stage, clip: Clip | None) -> Layer:
+    """Return a stage as a ghost, with its objects where a simulation has moved them since."""
+    parts: list[Part] = list(map(_tinted, robot_shapes(model, model.forward(stage.qpos))))
+    if stage.objects is not None:
+        parts += _robot_objects(motion.at_stage(stage.name), clip)
+    followed = motion.stages[-1].name == SIMULATED and stage is motion.stages[-2]
+    title = REFERENCE if followed else STAGE_TITLES.get(stage.name, stage.name)
+    return Layer(title, tuple(parts), opacity=_EARLIER_OPACITY, shown=False)
 
 
 def _robot_objects(motion: Motion, clip: Clip | None) -> tuple[Part, ...]:

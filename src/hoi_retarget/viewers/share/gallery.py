@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PureWindowsPath
 
-from hoi_retarget.evaluation import COLUMNS, Score, mean_values
+from hoi_retarget.evaluation import COLUMNS, Score, mean_values, shown_columns
 from hoi_retarget.evaluation.table import scales_text
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.robots.spec import RobotSpec
@@ -58,7 +58,7 @@ def clip_page(entry: GalleryEntry, *, scene: str, curves: str, gallery: str) -> 
         curves: Of `curve_chart.chart_html`.
         gallery: The gallery's title.
     """
-    values = entry.score.values()
+    values, columns = entry.score.values(), shown_columns([entry.score])
     return render(
         "viewers/share/page/clip.html.j2",
         title=entry.title,
@@ -69,7 +69,7 @@ def clip_page(entry: GalleryEntry, *, scene: str, curves: str, gallery: str) -> 
         left_px=LEFT_INSET_PX,
         right_px=RIGHT_INSET_PX,
         warnings=entry.warnings,
-        figures=[(column.title, column.text(values[column.name]), column.unit) for column in COLUMNS],
+        figures=[(column.title, column.text(values[column.name]), column.unit) for column in columns],
         facts=_facts(entry),
         command=entry.command,
     )
