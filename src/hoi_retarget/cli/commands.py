@@ -18,7 +18,7 @@ DESCRIPTION = (
 )
 
 Scale = Annotated[float | Literal["auto"], arg(metavar="auto|NUMBER")]
-RobotName = Annotated[str, arg(metavar="NAME")]
+RobotName = Annotated[str, arg(metavar="NAME|FILE")]
 Folder = Annotated[Path, arg(metavar="DIR")]
 OptionalFolder = Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="")]
 ObjectName = Annotated[str | None, arg(name="object", aliases=["--object-name"], metavar="NAME", help_behavior_hint="")]
@@ -34,7 +34,7 @@ class Demo:
     """Retarget a built-in clip, in which a person carries a box; nothing is downloaded."""
 
     robot: RobotName = "unitree_g1"
-    """A robot's name; `hoi-retarget robots list` shows those there are."""
+    """A robot's name, or its maker's URDF or MJCF; `hoi-retarget robots list` shows those there are."""
     out: Folder = Path("hoi-retarget-demo")
     """Folder to write into; made when it does not exist."""
 
@@ -44,7 +44,8 @@ class Solving:
     """Everything that decides a result beside the clip and its contacts: a robot, and the fields of `Config`."""
 
     robot: RobotName = "unitree_g1"
-    """A robot's name, or one for each person with commas between; `hoi-retarget robots list` shows those there are."""
+    """A robot's name, or its maker's URDF or MJCF, or one for each person with commas between; `hoi-retarget robots
+    list` shows those there are."""
     config: ConfigFile = None
     """Settings to begin with, from a TOML file or from a result; the options below change single ones of them."""
     root_scale: Scale = "auto"
@@ -226,6 +227,30 @@ class Convert(OneClip):
 
 
 @dataclass(frozen=True)
+class AddRobot:
+    """Make a robot of a maker's URDF or MJCF, say what its parts were taken for, and try it on a clip."""
+
+    file: Annotated[Positional[Path], arg(metavar="FILE")]
+    """The robot's description (.urdf, .xml)."""
+    name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None
+    """What it is to be called; by default as its file is. An added robot of that name is replaced."""
+    hints: OptionalFile = None
+    """What the file does not tell, as TOML; docs/robots.md has all keys."""
+    meshes: OptionalFolder = None
+    """Folder with its meshes, where they are not beside it."""
+    tried: Annotated[tuple[str, ...], arg(name="try", metavar="CLIP...")] = ("builtin:carry_box",)
+    """Built-in clips that it is tried on."""
+
+
+@dataclass(frozen=True)
+class RemoveRobot:
+    """Delete a robot that was added."""
+
+    name: Annotated[Positional[str], arg(metavar="NAME")]
+    """Its name."""
+
+
+@dataclass(frozen=True)
 class ListRobots:
     """List the robots."""
 
@@ -257,10 +282,12 @@ class CheckRobot:
 
 @dataclass(frozen=True)
 class Robots:
-    """List, show or check robots."""
+    """Add, list, show, check or remove robots."""
 
     action: (
-        Annotated[ListRobots, subcommand("list")]
+        Annotated[AddRobot, subcommand("add")]
+        | Annotated[RemoveRobot, subcommand("remove")]
+        | Annotated[ListRobots, subcommand("list")]
         | Annotated[ShowRobot, subcommand("show")]
         | Annotated[CheckRobot, subcommand("check")]
     )
@@ -425,7 +452,7 @@ class CheckMotion:
     file: Annotated[Positional[Path], arg(metavar="FILE")]
     """A result, or another program's motion: .npz, .pkl, .csv, .motion, or a folder that is one motion."""
     robot: RobotName = "unitree_g1"
-    """A robot's name; `hoi-retarget robots list` shows those there are."""
+    """A robot's name, or its maker's URDF or MJCF; `hoi-retarget robots list` shows those there are."""
     json: JsonFile = None
     """Write what was found to this file as JSON; - prints it, and everything else goes to stderr."""
 

@@ -1,4 +1,4 @@
-"""`hoi-retarget robots`: list, show and check."""
+"""`hoi-retarget robots`: list, show, check, remove; `robot_adding.py` adds."""
 
 import os
 from dataclasses import asdict
@@ -6,11 +6,12 @@ from importlib.util import find_spec
 from math import degrees
 from pathlib import Path
 
-from hoi_retarget.cli.commands import CheckRobot, ListRobots, Robots, ShowRobot
+from hoi_retarget.cli.commands import AddRobot, CheckRobot, ListRobots, RemoveRobot, Robots, ShowRobot
 from hoi_retarget.cli.jobs import check_json, check_writable, write_file, write_json
+from hoi_retarget.cli.robot_adding import add
 from hoi_retarget.cli.terminal import say, show_table
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.robots import ROBOTS, load_robot, robot
+from hoi_retarget.robots import ROBOTS, load_robot, robot, user_robots
 from hoi_retarget.robots.check import check, has_errors
 from hoi_retarget.robots.spec import RobotSpec
 from hoi_retarget.robots.tables import joint_table, role_table
@@ -21,6 +22,11 @@ MENAGERIE = Path("menagerie")
 def execute(command: Robots) -> int:
     """Do what is asked about robots."""
     match command.action:
+        case AddRobot() as action:
+            return add(action)
+        case RemoveRobot() as action:
+            say(f"removed: {user_robots.remove(action.name)}")
+            return 0
         case ListRobots() as action:
             return _list(action)
         case ShowRobot() as action:
@@ -32,13 +38,14 @@ def execute(command: Robots) -> int:
 def _list(action: ListRobots) -> int:
     check_json(action.json)
     sizes = {"root": "shrinks with the robot", "captured": "as captured"}
-    rows = [(spec.name, spec.title, f"{spec.stature:.3f}", sizes[spec.object_size]) for spec in ROBOTS.values()]
+    specs = [*ROBOTS.values(), *(user_robots.load(name) for name in user_robots.names())]
+    rows = [(spec.name, spec.title, f"{spec.stature:.3f}", sizes[spec.object_size]) for spec in specs]
     show_table([("robot", "is", "stature [m]", "object size"), *rows], words=(0, 1, 3))
     write_json(
         action.json,
         [
             {"name": spec.name, "title": spec.title, "stature_m": spec.stature, "object_size": spec.object_size}
-            for spec in ROBOTS.values()
+            for spec in specs
         ],
     )
     return 0
@@ -112,14 +119,13 @@ def vendor_meshes(spec: RobotSpec, folder: Path | None) -> Path | None:
 
 def _check(action: CheckRobot) -> int:
     """Print every result; return 0 unless one is an error."""
-    suffix = Path(action.subject).suffix.lower()
-    is_file = suffix == ".xml"
-    if not is_file and action.subject not in ROBOTS and (suffix or os.path.exists(action.subject)):  # noqa: PTH110
+    path = Path(action.subject)
+    is_own = path.suffix.lower() == ".xml" and action.subject not in user_robots.names()
+    if not is_own and action.subject not in ROBOTS and os.path.exists(path) and path.suffix.lower() != ".urdf":  # noqa: PTH110
         raise ArgumentError(
-            f"{action.subject}: only MJCF files (.xml) can be checked. "
-            "Load a URDF into MuJoCo once and save it as MJCF: mujoco.mj_saveLastXML('robot.xml', model)."
+            f"{path}: descriptions of robots are MJCF (.xml) or URDF (.urdf). Name one of them, or a robot."
         )
-    results = check(Path(action.subject) if is_file else robot(action.subject))
+    results = check(path if is_own else robot(action.subject))
     for result in results:
         say(f"{result.level:6}{result.where}: {result.what}" + (f". {result.advice}" if result.advice else ""))
     return 1 if has_errors(results) else 0

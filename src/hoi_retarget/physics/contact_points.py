@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import ConvexHull, QhullError
 
+from hoi_retarget.errors import RobotError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.distance_field import distance_field
@@ -136,6 +137,8 @@ def _patch(
     site, frames = motion.contact_links[column], np.flatnonzero(labelled)
     field, scale = distance_field(geometry), float(motion.object_scale[index])
     skins = skins_from(kinematics.model, site)
+    if not skins:
+        raise RobotError(f"{motion.robot}: the link of {site} has no shape, so nothing tells where it touches.")
     placed = np.concatenate(
         [
             kinematics.point(skin.frame).T[frames, None]

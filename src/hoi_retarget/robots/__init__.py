@@ -1,11 +1,12 @@
-"""The robots this package knows, each a module of data beside its MJCF."""
+"""The robots this package knows, each a module of data beside its MJCF, and those that the user added."""
 
 from collections.abc import Mapping
 from functools import cache
+from pathlib import Path
 from types import MappingProxyType
 
 from hoi_retarget.errors import ArgumentError, did_you_mean
-from hoi_retarget.robots import unitree_g1, unitree_h2
+from hoi_retarget.robots import unitree_g1, unitree_h2, user_robots
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.robots.spec import RobotSpec
 
@@ -23,15 +24,23 @@ def load_team(names: str) -> tuple[RobotModel, ...]:
 
 
 def robot(name: str) -> RobotSpec:
-    """Return the robot called `name`, in full or by the last part of its name: `unitree_g1` or `g1`.
+    """Return a robot: one of this package by its name or the last part of it, `unitree_g1` or `g1`, or an added one.
+
+    The path of a maker's file stands for the robot made of it, which is added where it was not yet.
 
     Raises:
         ArgumentError: There is no such robot; the message lists those there are.
+        RobotError: The file cannot be made a robot of, or an added robot's files are damaged.
     """
+    added = user_robots.names()
+    if name in added:
+        return user_robots.load(name)
+    if Path(name).suffix.lower() in user_robots.SUFFIXES:
+        return user_robots.of_file(Path(name), taken=ROBOTS)
     named = [spec for full, spec in ROBOTS.items() if name.lower() in (full, full.rpartition("_")[2])]
     if len(named) != 1:
-        near = did_you_mean(name, ROBOTS) or did_you_mean(name, (full.rpartition("_")[2] for full in ROBOTS))
-        raise ArgumentError(f"There is no robot '{name}'.{near} The robots are: {', '.join(ROBOTS)}.")
+        near = did_you_mean(name, (*ROBOTS, *added)) or did_you_mean(name, (full.rpartition("_")[2] for full in ROBOTS))
+        raise ArgumentError(f"There is no robot '{name}'.{near} The robots are: {', '.join((*ROBOTS, *added))}.")
     return named[0]
 
 

@@ -4,6 +4,8 @@ A robot of this package has its skin in a file, made by `tools/make_skins.py` fr
 other robot is that of its colliding geometries.
 """
 
+import io
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -16,8 +18,10 @@ from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.numerics.distance_grid import DistanceGrid
 from hoi_retarget.robots.collision_skin import collision_skins
 from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.robots.outer_skin import OuterSkin
 from hoi_retarget.robots.parts import Frame
-from hoi_retarget.robots.skin_file import read_skins
+from hoi_retarget.robots.skin_file import read_skins, write_skins
+from hoi_retarget.robots.user_robots import keep_skin
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +91,7 @@ def skin_of(model: RobotModel) -> Skin:
         RobotError: The specification's skin file is missing or damaged, or names links that the robot has not.
     """
     file = model.spec.skin
-    skins = read_skins(file) if file is not None else collision_skins(model)
+    skins = read_skins(file) if file is not None else _computed(model)
     frames = model.body_frames.frames
     if unknown := sorted(set(skins) - set(frames)):
         raise RobotError(f"{file}: skins of links that {model.spec.name} has not: {', '.join(unknown)}.")
@@ -104,3 +108,12 @@ def skin_of(model: RobotModel) -> Skin:
             for link, skin in skins.items()
         )
     )
+
+
+def _computed(model: RobotModel) -> Mapping[str, OuterSkin]:
+    skins = collision_skins(model)
+    if skins:
+        content = io.BytesIO()
+        write_skins(content, skins, {})
+        keep_skin(model.spec, content.getvalue())
+    return skins

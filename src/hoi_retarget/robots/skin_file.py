@@ -1,6 +1,7 @@
 """Files of skins: points, normals and distance grids of a robot's links, in whole numbers of small steps."""
 
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ def mirrored_skin(skin: OuterSkin) -> OuterSkin:
     )
 
 
-def write_skins(path: Path, skins: Mapping[str, OuterSkin], mirrored: Mapping[str, str]) -> None:
+def write_skins(path: Path | BytesIO, skins: Mapping[str, OuterSkin], mirrored: Mapping[str, str]) -> None:
     """Write skins by link, and the names of links whose skins are others' mirror images."""
     own = list(skins.values())
     grids = [skin.solid for skin in own]

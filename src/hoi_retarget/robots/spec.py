@@ -77,8 +77,20 @@ class Motor:
 
 
 @dataclass(frozen=True)
+class HeldJoint:
+    """A joint of the maker's that the MJCF has not: a finger's, or one that is coupled to another."""
+
+    joint: str
+    other: str
+    """The joint that it follows; empty where it is held at `offset`."""
+    ratio: float
+    offset: float
+    """[rad], of a slide [m]; its value is `offset + ratio * other`."""
+
+
+@dataclass(frozen=True)
 class RobotSpec:
-    """One robot: a module of data beside its MJCF."""
+    """One robot: a module of data beside its MJCF, or one that the user added."""
 
     name: str
     """As given on the command line and stored in results."""
@@ -120,6 +132,13 @@ class RobotSpec:
     """Drives by joint, where they are published; `physics/actuators.py` estimates others."""
     skin: Path | None = None
     """File of the links' skins, made from the vendor's meshes; without one, the colliding geometries are the skin."""
+
+    held: tuple[HeldJoint, ...] = ()
+    """Joints of the maker's that are not moved; exports give them back."""
+    joint_order: tuple[str, ...] = ()
+    """All of the maker's joints in its order, held ones included; empty where none is held."""
+    description_sha256: str = ""
+    """Digest of the maker's file that the robot was made from; empty for the robots of this package."""
 
     @property
     def ik_rows(self) -> tuple[IkRow, ...]:

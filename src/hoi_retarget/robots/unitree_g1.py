@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
+from hoi_retarget.robots.ik_table import ik_table
 from hoi_retarget.robots.spec import Capsule, Motor, RobotSpec
-from hoi_retarget.robots.unitree import ik_table, joint_values, limb_meshes, mirrored, mirrored_capsules
+from hoi_retarget.robots.unitree import joint_values, limb_meshes, mirrored, mirrored_capsules
 
 _LEG_SPEEDS = {
     "hip_pitch": 32.0,

@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
+from hoi_retarget.robots.ik_table import TRUNK, ik_table
 from hoi_retarget.robots.spec import Capsule, RobotSpec
-from hoi_retarget.robots.unitree import TRUNK, ik_table, joint_values, limb_meshes, mirrored, mirrored_capsules
+from hoi_retarget.robots.unitree import joint_values, limb_meshes, mirrored, mirrored_capsules
 
 _LEG_SPEEDS = {
     "hip_pitch": 20.0,

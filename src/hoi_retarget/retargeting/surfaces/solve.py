@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.errors import RobotError
 from hoi_retarget.motion.report import Window
 from hoi_retarget.retargeting.config import BandedInteriorPoint, Config, Solver
 from hoi_retarget.retargeting.surfaces.contact_sides import contact_sides
@@ -21,10 +22,11 @@ from hoi_retarget.retargeting.surfaces.ways_out import WayOut, ways_out, windows
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import Problem
 from hoi_retarget.retargeting.trajopt.table import trajectory_terms
+from hoi_retarget.retargeting.trajopt.terms.object_contact import PALMS
 from hoi_retarget.retargeting.trajopt.windows import solve_windows
 from hoi_retarget.retargeting.trunk_turns import trunk_turns
 from hoi_retarget.robots.model import RobotModel
-from hoi_retarget.robots.skin import Skin, skin_of
+from hoi_retarget.robots.skin import Skin, skin_of, skins_from
 
 ROUGHLY, CLOSELY, TO_THE_END = 300.0, 20.0, 7.0
 """Tolerances of the passes, as multiples of the solver's own: contacts weigh so much that less shows nowhere."""
@@ -52,7 +54,17 @@ class SurfaceProblems:
     def of(
         cls, model: RobotModel, targets: Targets, ik_qpos: Float[np.ndarray, "T nq"], config: Config
     ) -> "SurfaceProblems":
-        """Return the problems; raises `GeometryError` when an object's mesh cannot be read."""
+        """Return the problems.
+
+        Raises:
+            GeometryError: An object's mesh cannot be read.
+            RobotError: The robot's hands have no shapes.
+        """
+        if not all(skins_from(model, palm) for palm in PALMS):
+            raise RobotError(
+                f"{model.spec.name}: its hands have no shapes, so surfaces cannot touch. Use --contact landmark, "
+                "or add the robot again with its meshes."
+            )
         objects = moving_objects(targets)
         surfaces = Surfaces(objects, skin_of(model), contact_sides(targets, objects))
         return cls(model, targets, ik_qpos, config, surfaces)

@@ -1,0 +1,365 @@
+"""A maker's URDF or MJCF, read as data: its tree, its limits and its meshes, everything else left out.
+
+Nothing in it is executed, and no path in it is followed: meshes are found by name below its own folder.
+"""
+
+import hashlib
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import mujoco
+import numpy as np
+
+from hoi_retarget.errors import RobotError
+from hoi_retarget.robots.adding.findings import Finding
+from hoi_retarget.robots.adding.mesh_files import MeshFolder, mesh_folder, read_mesh
+from hoi_retarget.robots.spec import HeldJoint
+
+DEFAULT_SPEED = 20.0
+"""Of joints of which no file says a speed limit [rad/s]."""
+_FASTEST = 200.0
+_MOST_BYTES = 16 << 20
+_DEEPEST_INCLUDE = 8
+_COMPILER = {
+    "strippath": "false",
+    "fusestatic": "false",
+    "discardvisual": "false",
+    "balanceinertia": "true",
+    "boundmass": "1e-6",
+    "boundinertia": "1e-9",
+    "angle": "radian",
+}
+_LEFT_OUT = (
+    "keyframe",
+    "sensor",
+    "tendon",
+    "contact",
+    "custom",
+    "visual",
+    "statistic",
+    "size",
+    "deformable",
+    "extension",
+)
+"""Sections of an MJCF without which the tree is the same."""
+_NO_SURFACE = ("hfield", "skin", "texture", "plugin", "flexcomp", "composite", "light", "camera")
+
+
+@dataclass(frozen=True, eq=False)
+class Description:
+    """What a file says of a robot."""
+
+    path: Path
+    sha256: str
+    """Of the file."""
+    kind: str
+    """`urdf` or `mjcf`."""
+    licence: str
+    """File name of a licence beside it; empty where there is none."""
+    compiled: mujoco.MjModel
+    speeds: Mapping[str, float]
+    """Speed limits [rad/s] by joint, where a file has them."""
+    torques: Mapping[str, float]
+    """Torque limits [N m] by joint, where the file has them."""
+    couplings: tuple[HeldJoint, ...]
+    findings: tuple[Finding, ...]
+
+
+def read_description(path: Path, meshes: Path | None = None) -> Description:
+    """Read a URDF or an MJCF.
+
+    Args:
+        path: The file.
+        meshes: A folder with its meshes, where they are not beside it.
+
+    Raises:
+        RobotError: The file cannot be read, is no description, or cannot be compiled.
+    """
+    root, content = _parsed(path)
+    folder = mesh_folder(path, meshes)
+    findings: list[Finding] = []
+    kind = {"robot": "urdf", "mujoco": "mjcf"}.get(root.tag)
+    if kind is None:
+        raise RobotError(f"{path}: it is neither a URDF nor an MJCF: its outermost element is <{root.tag}>.")
+    speeds: dict[str, float] = {}
+    couplings: list[HeldJoint] = []
+    if kind == "urdf":
+        speeds, couplings = dict(_urdf_speeds(root)), list(_urdf_couplings(root))
+        assets = _with_urdf_meshes(root, folder, findings)
+    else:
+        root = _with_includes(root, path, 0)
+        assets = _with_mjcf_meshes(root, folder, findings)
+        speeds = _speeds_of_siblings(path, folder)
+    description = _described(path, root, assets)
+    couplings += _mjcf_couplings(description, findings)
+    torques = _actuator_torques(description)
+    compiled = _compiled(path, description)
+    torques |= {
+        compiled.joint(k).name: float(compiled.jnt_actfrcrange[k, 1])
+        for k in range(compiled.njnt)
+        if compiled.jnt_actfrclimited[k] and compiled.jnt_actfrcrange[k, 1] > 0
+    }
+    licence = next(
+        (file.name for top in (path.parent, path.parent.parent) for file in sorted(top.glob("LICEN[SC]E*"))), ""
+    )
+    return Description(
+        path,
+        hashlib.sha256(content).hexdigest(),
+        kind,
+        licence,
+        compiled,
+        speeds,
+        torques,
+        tuple(couplings),
+        tuple(findings),
+    )
+
+
+def _parsed(path: Path) -> tuple[ET.Element, bytes]:
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise RobotError(f"{path}: larger than {_MOST_BYTES >> 20} MiB: no description of a robot.")
+        content = path.read_bytes()
+    except OSError as error:
+        raise RobotError(f"{path}: cannot be read ({error.strerror or error}).") from error
+    if b"<!ENTITY" in content or b"<!DOCTYPE" in content:
+        raise RobotError(f"{path}: it declares entities, which a description does not need. Take the declaration out.")
+    try:
+        return ET.fromstring(re.sub(rb"^\s*<\?xml[^>]*\?>", b"", content)), content
+    except (ET.ParseError, ValueError, RecursionError) as error:
+        raise RobotError(f"{path}: it is no XML ({error}).") from error
+
+
+def _with_includes(root: ET.Element, path: Path, depth: int) -> ET.Element:
+    """Return an MJCF with the contents of the files that it includes, which are beside it or below."""
+    own = path.resolve().parent
+    for parent in list(root.iter()):
+        for index, child in reversed(list(enumerate(parent))):
+            if child.tag != "include":
+                continue
+            file = (own / child.get("file", "")).resolve()
+            if not file.is_relative_to(own) or depth >= _DEEPEST_INCLUDE:
+                raise RobotError(f"{path}: it includes {child.get('file', '')!a}, which is not in its folder.")
+            included = _with_includes(_parsed(file)[0], file if depth else path.with_name(file.name), depth + 1)
+            parent[index : index + 1] = list(included)
+    return root
+
+
+def _with_urdf_meshes(  # noqa: C901, PLR0912 - one pass over a tree of elements
+    root: ET.Element, folder: MeshFolder, findings: list[Finding]
+) -> dict[str, bytes]:
+    for tag in ("transmission", "gazebo", "ros2_control", "mujoco", "material"):
+        for element in root.findall(tag):
+            root.remove(element)
+    if any("${" in value for element in root.iter() for value in element.attrib.values()):
+        raise RobotError("it is a xacro file. Expand it first: xacro FILE > robot.urdf")
+    assets = _Assets(folder)
+    for parent in list(root.iter()):
+        for child in list(parent):
+            # What only other programs read, and couplings, which are known by now.
+            if not isinstance(child.tag, str) or child.tag.startswith("{") or child.tag == "mimic":
+                parent.remove(child)
+    for link in root.findall("link"):
+        for shape in (*link.findall("visual"), *link.findall("collision")):
+            shape.attrib.pop("name", None)
+            for material in shape.findall("material"):
+                if material.find("color") is None:
+                    shape.remove(material)
+                elif (texture := material.find("texture")) is not None:
+                    material.remove(texture)
+            mesh = shape.find("geometry/mesh")
+            if mesh is None:
+                continue
+            name = assets.name_of(mesh.get("filename", ""))
+            if name is None:
+                link.remove(shape)
+            else:
+                mesh.set("filename", name)
+    ET.SubElement(ET.SubElement(root, "mujoco"), "compiler", _COMPILER)
+    _say_missing(assets.missing, folder, findings)
+    return assets.contents
+
+
+def _with_mjcf_meshes(  # noqa: C901, PLR0912 - one pass over a tree of elements
+    root: ET.Element, folder: MeshFolder, findings: list[Finding]
+) -> dict[str, bytes]:
+    for tag in _LEFT_OUT:
+        for element in root.findall(tag):
+            root.remove(element)
+    for parent in list(root.iter()):
+        for child in list(parent):
+            on_tendon = parent.tag == "actuator" and child.get("joint") is None
+            if child.tag in _NO_SURFACE or on_tendon:
+                parent.remove(child)
+            elif child.tag == "material":
+                child.attrib.pop("texture", None)
+                for layer in child.findall("layer"):
+                    child.remove(layer)
+    for compiler in root.iter("compiler"):
+        for attribute in ("meshdir", "texturedir", "assetdir", "strippath", "discardvisual", "fusestatic"):
+            compiler.attrib.pop(attribute, None)
+    assets, gone = _Assets(folder), set()
+    for asset in root.iter("asset"):
+        for mesh in asset.findall("mesh"):
+            file = mesh.get("file")
+            if file is None:
+                continue
+            mesh.set("name", mesh.get("name") or Path(file.replace("\\", "/")).stem)
+            name = assets.name_of(file)
+            if name is None:
+                asset.remove(mesh)
+                gone.add(mesh.get("name"))
+            else:
+                mesh.set("file", name)
+                mesh.attrib.pop("content_type", None)
+    for parent in list(root.iter()):
+        for geom in parent.findall("geom"):
+            if geom.get("mesh") in gone:
+                parent.remove(geom)
+    _say_missing(assets.missing, folder, findings)
+    return assets.contents
+
+
+class _Assets:
+    """Contents of mesh files under new names, each file read once."""
+
+    def __init__(self, folder: MeshFolder) -> None:
+        self.folder = folder
+        self.contents: dict[str, bytes] = {}
+        self.missing: list[str] = []
+        self._names: dict[Path, str | None] = {}
+
+    def name_of(self, wanted: str) -> str | None:
+        """Return the asset that a description's path stands for; None where there is no such file or surface."""
+        file = self.folder.find(wanted)
+        if file is not None and file not in self._names:
+            content = read_mesh(file)
+            self._names[file] = None if content is None else f"mesh{len(self._names)}.stl"
+            if content is not None:
+                self.contents[f"mesh{len(self._names) - 1}.stl"] = content
+        name = None if file is None else self._names[file]
+        if name is None:
+            self.missing.append(wanted.replace("\\", "/").rsplit("/", 1)[-1])
+        return name
+
+
+def _say_missing(missing: list[str], folder: MeshFolder, findings: list[Finding]) -> None:
+    names = list(dict.fromkeys(missing))
+    if names:
+        shown = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
+        places = " or ".join(str(top) for top in folder.folders)
+        findings.append(
+            Finding(
+                "warn",
+                "meshes",
+                f"{len(names)} files are not there or cannot be read ({shown}); none is below {places} as .stl or .obj",
+                "--meshes DIR",
+            )
+        )
+
+
+def _described(path: Path, root: ET.Element, assets: Mapping[str, bytes]) -> mujoco.MjSpec:
+    try:
+        description = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"), assets=dict(assets))
+    except ValueError as error:
+        raise RobotError(f"{path}: MuJoCo cannot read it: {_one_line(error)}") from error
+    return description
+
+
+def _compiled(path: Path, description: mujoco.MjSpec) -> mujoco.MjModel:
+    for kind in ("actuators", "equalities"):
+        for element in list(getattr(description, kind)):
+            description.delete(element)
+    for geom in description.geoms:
+        # Whether a shape collides is told apart by MuJoCo's group of what is only seen; hulls are not needed here.
+        geom.group = 0 if geom.contype or geom.conaffinity else 1
+        geom.contype = geom.conaffinity = 0
+    for mesh in description.meshes:
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+    for index, joint in enumerate(description.joints):
+        joint.name = joint.name or f"joint{index}"
+    for index, body in enumerate(description.bodies):
+        body.name = body.name or f"body{index}"
+    compiler = description.compiler
+    compiler.fusestatic, compiler.discardvisual = False, False
+    compiler.balanceinertia, compiler.boundmass, compiler.boundinertia = True, 1e-6, 1e-9
+    try:
+        return description.compile()
+    except ValueError as error:
+        raise RobotError(f"{path}: MuJoCo cannot compile it: {_one_line(error)}") from error
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:300]
+
+
+def _urdf_speeds(root: ET.Element) -> Iterator[tuple[str, float]]:
+    for joint in root.findall("joint"):
+        limit = joint.find("limit")
+        speed = _number(None if limit is None else limit.get("velocity"), 0.0)
+        if 0.0 < speed < _FASTEST:
+            yield joint.get("name", ""), speed
+
+
+def _speeds_of_siblings(path: Path, folder: MeshFolder) -> dict[str, float]:
+    """Return speed limits that URDFs beside an MJCF have for joints of the same names."""
+    speeds: dict[str, float] = {}
+    for file in sorted({*path.parent.glob("*.urdf"), *(folder.folders[-1]).glob("*/*.urdf")}):
+        try:
+            root, _ = _parsed(file)
+        except RobotError:
+            continue
+        speeds = dict(_urdf_speeds(root)) | speeds
+    return speeds
+
+
+def _urdf_couplings(root: ET.Element) -> Iterator[HeldJoint]:
+    for joint in root.findall("joint"):
+        mimic = joint.find("mimic")
+        if mimic is not None:
+            ratio, offset = _number(mimic.get("multiplier"), 1.0), _number(mimic.get("offset"), 0.0)
+            yield HeldJoint(joint.get("name", ""), mimic.get("joint", ""), ratio, offset)
+
+
+def _mjcf_couplings(description: mujoco.MjSpec, findings: list[Finding]) -> Iterator[HeldJoint]:
+    loops = 0
+    for equality in description.equalities:
+        if equality.type == mujoco.mjtEq.mjEQ_JOINT:
+            offset, ratio = float(equality.data[0]), float(equality.data[1])
+            yield HeldJoint(equality.name1, equality.name2 or "", ratio if equality.name2 else 0.0, offset)
+        else:
+            loops += 1
+    if loops:
+        what = f"{loops} constraints that close loops are left out; joints in such loops move on their own"
+        findings.append(Finding("warn", "closed loops", what, 'lock = ["JOINT", ...]'))
+
+
+def _actuator_torques(description: mujoco.MjSpec) -> dict[str, float]:
+    """Return what an MJCF's drives give [N m], by joint."""
+    torques: dict[str, float] = {}
+    for actuator in description.actuators:
+        ranged = actuator.forcerange if actuator.forcerange[1] > 0 else None
+        if ranged is None and actuator.biastype == mujoco.mjtBias.mjBIAS_NONE and actuator.ctrlrange[1] > 0:
+            ranged = actuator.ctrlrange * actuator.gainprm[0]
+        if ranged is not None and actuator.target:
+            torques[actuator.target] = abs(float(ranged[1] * (actuator.gear[0] or 1.0)))
+    return torques
+
+
+def _number(text: str | None, otherwise: float) -> float:
+    try:
+        value = float(text) if text is not None else otherwise
+    except ValueError:
+        return otherwise
+    return value if math.isfinite(value) else otherwise
+
+
+def finite_range(compiled: mujoco.MjModel, joint: int) -> tuple[float, float] | None:
+    """Return a joint's range [rad]; None where it has none."""
+    lower, upper = compiled.jnt_range[joint].tolist()
+    limited = bool(compiled.jnt_limited[joint]) and np.isfinite([lower, upper]).all() and upper - lower > 1e-6
+    return (lower, upper) if limited else None

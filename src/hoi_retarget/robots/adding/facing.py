@@ -1,0 +1,105 @@
+"""Which way a humanoid looks, by several witnesses, each of which is wrong on some robot."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.robots.adding.bends import Bend, straight_angle
+from hoi_retarget.robots.adding.findings import Finding, Refused
+from hoi_retarget.robots.adding.limbs import Limbs
+from hoi_retarget.robots.adding.zero_pose import ZeroPose
+
+_ROOT_WEIGHT = 0.3
+_TIE = 0.15
+_SIDE_NAMES = (("l", "left"), ("r", "right"))
+_AXES = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
+
+
+@dataclass(frozen=True)
+class Facing:
+    """Axes of the trunk in the zero pose."""
+
+    axes: Float[np.ndarray, "3 3"]
+    """Columns: ahead, left, up."""
+    first_is_left: bool
+    """Whether the limbs that were found first are the left ones."""
+    finding: Finding
+
+
+def side_of(name: str) -> int:
+    """Return 1 where a name says left, -1 where it says right, 0 where it says neither."""
+    words = [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+", name)]
+    left, right = ({f"{side}{limb}" for side in sides for limb in ("", "leg", "arm")} for sides in _SIDE_NAMES)
+    return bool(left & set(words)) - bool(right & set(words))
+
+
+def find_facing(pose: ZeroPose, limbs: Limbs, knees: Sequence[Bend], ankles: Sequence[np.ndarray], hint: str) -> Facing:
+    """Return which way a humanoid looks.
+
+    Witnesses are the side to which the knees bend, the longer end of the feet, left and right in the joints' names, and
+    the root's x axis.
+
+    Raises `Refused` where they do not decide, or where `hint` is none of the axes across the legs.
+    """
+    ahead = np.cross(limbs.lateral, limbs.up)  # If the first limbs are the left ones.
+    ahead /= np.linalg.norm(ahead)
+    if hint:
+        if hint not in _AXES or abs(np.dot(_AXES[hint], ahead)) < 0.7:
+            raise Refused(f"ahead = {hint!r}: it has to be an axis across the line of the hips, of {', '.join(_AXES)}.")
+        votes = {"the hint": float(np.sign(np.dot(_AXES[hint], ahead)))}
+    else:
+        votes = {
+            "knees": float(
+                np.mean([_knee_vote(pose, knee, ankle, ahead) for knee, ankle in zip(knees, ankles, strict=True)])
+            ),
+            "feet": float(
+                np.mean(
+                    [_foot_vote(pose, limb.tip, ankle, ahead) for limb, ankle in zip(limbs.legs, ankles, strict=True)]
+                )
+            ),
+            "names": _name_vote(pose, limbs),
+            "the root's x": _ROOT_WEIGHT * float(np.clip(pose.body_rotation[pose.root.body][:, 0] @ ahead, -1, 1)),
+        }
+    total = sum(votes.values())
+    if abs(total) < _TIE:
+        raise Refused(
+            f'which way it looks is not told: {_told(votes, 1.0)}. Say it in a hints file: ahead = "x" (or -x, y, -y).'
+        )
+    first_is_left, sign = total > 0, float(np.sign(total))
+    left = sign * limbs.lateral
+    left = left - limbs.up * (left @ limbs.up)
+    left /= np.linalg.norm(left)
+    ahead = np.cross(left, limbs.up)
+    against = [name for name, vote in votes.items() if vote * sign < -0.1]
+    what = f"{np.round(ahead, 2) + 0.0} by {_told(votes, sign)}"
+    finding = Finding("warn" if against else "ok", "ahead", what, 'ahead = "x"  # or -x, y, -y')
+    return Facing(np.stack([ahead, left, limbs.up], axis=1), first_is_left, finding)
+
+
+def _told(votes: dict[str, float], sign: float) -> str:
+    return ", ".join(f"{name} {sign * vote:+.1f}" for name, vote in votes.items())
+
+
+def _knee_vote(pose: ZeroPose, knee: Bend, ankle: np.ndarray, ahead: np.ndarray) -> float:
+    """Return whether knees bend backwards if `ahead` is ahead: 1 for yes, by how one-sided the range is."""
+    _, above, below = straight_angle(pose, knee, ankle)
+    one_sided = (above - below) / max(above + below, 1e-9)
+    swing = np.cross(pose.axes[knee.joint], knee.middle - knee.top)
+    return float(np.clip(-2 * one_sided, -1, 1) * np.sign(swing @ ahead))
+
+
+def _foot_vote(pose: ZeroPose, foot: Sequence, ankle: np.ndarray, ahead: np.ndarray) -> float:
+    points = pose.points(*foot, meshes_only=True)
+    if len(points) < 4:
+        return 0.0
+    along = (points - ankle) @ ahead
+    return float(np.clip(2 * (along.max() + along.min()) / max(np.ptp(along), 1e-9), -1, 1))
+
+
+def _name_vote(pose: ZeroPose, limbs: Limbs) -> float:
+    first = [side_of(pose.name(joint)) for chain in (limbs.legs[0], limbs.arms[0]) for joint in chain.hinges]
+    second = [side_of(pose.name(joint)) for chain in (limbs.legs[1], limbs.arms[1]) for joint in chain.hinges]
+    return float(np.clip(np.mean(first) - np.mean(second), -1, 1))

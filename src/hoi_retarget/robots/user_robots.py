@@ -1,0 +1,159 @@
+"""Robots that the user added: one folder each, with an MJCF and what the package knows of it, both data."""
+
+import hashlib
+import os
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Container
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from hoi_retarget.errors import ArgumentError, RobotError, WriteError
+from hoi_retarget.files.atomic import write_atomically, writing
+from hoi_retarget.robots.adding.build import build_robot
+from hoi_retarget.robots.adding.hints import Hints
+from hoi_retarget.robots.spec import RobotSpec
+
+FOLDER_VARIABLE = "HOI_RETARGET_ROBOTS"
+"""Environment variable with another folder for them."""
+SUFFIXES = (".urdf", ".xml", ".mjcf")
+"""Of makers' files."""
+_MJCF, _SPEC, _SKIN = "robot.xml", "robot.json", "skin.npz"
+_NAME = re.compile(r"[a-z0-9][a-z0-9_.-]{0,63}")
+_MOST_BYTES = 64 << 20
+
+
+def folder() -> Path:
+    """Return where the platform wants a user's data, or the folder of the environment."""
+    if named := os.environ.get(FOLDER_VARIABLE):
+        return Path(named)
+    home = Path(os.path.expanduser("~"))  # noqa: PTH111  # unlike Path.home, never fails
+    if sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        base = home / "Library" / "Application Support"
+    else:
+        base = Path(os.environ.get("XDG_DATA_HOME") or home / ".local" / "share")
+    return base / "hoi-retarget" / "robots"
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of the robots there are, sorted."""
+    try:
+        found = sorted(path.name for path in folder().iterdir() if (path / _SPEC).is_file())
+    except OSError:
+        return ()
+    return tuple(name for name in found if _NAME.fullmatch(name))
+
+
+def check_name(name: str) -> None:
+    """Raise `ArgumentError` unless a robot can be called so."""
+    if not _NAME.fullmatch(name):
+        raise ArgumentError(f"{name!r} is no name for a robot: small letters, digits, '_', '-' and '.', 64 at most.")
+
+
+def load(name: str) -> RobotSpec:
+    """Return an added robot.
+
+    Raises `RobotError` when its files are damaged.
+    """
+    own = folder() / name
+    try:
+        content = (own / _SPEC).read_bytes()
+        if len(content) > _MOST_BYTES:
+            raise ValueError("it is too large")
+        spec = msgspec.json.decode(content, type=RobotSpec, dec_hook=_decoded)
+    except (OSError, ValueError, msgspec.MsgspecError, RecursionError) as error:
+        raise RobotError(
+            f"{own}: the added robot is damaged ({error}). Add it again: robots add FILE --name {name}"
+        ) from error
+    # A file's name and path are what its folder says, nothing else.
+    skin = own / _SKIN
+    return replace(spec, name=name, mjcf=own / _MJCF, skin=skin if skin.is_file() else None)
+
+
+def keep_skin(spec: RobotSpec, content: bytes) -> None:
+    """Keep the skin of an added robot, which takes minutes to compute, beside it; nothing fails where it cannot be."""
+    own = spec.mjcf.parent
+    if own == folder() / spec.name:
+        with suppress(WriteError):
+            write_atomically(own / _SKIN, content)
+
+
+def save(spec: RobotSpec, mjcf: str) -> Path:
+    """Write a robot into the user's folder, all of it or nothing, and return its folder; one of its name is replaced.
+
+    Raises `WriteError`.
+    """
+    own = folder() / spec.name
+    with writing(own):
+        own.parent.mkdir(parents=True, exist_ok=True)
+        new = Path(tempfile.mkdtemp(dir=own.parent, prefix=f".{spec.name}."))
+        try:
+            (new / _MJCF).write_text(mjcf, encoding="utf-8")
+            (new / _SPEC).write_bytes(msgspec.json.format(msgspec.json.encode(spec, enc_hook=str), indent=1))
+            new.chmod(0o755)
+            if own.exists():
+                old = new.with_name(new.name + ".old")
+                own.rename(old)
+                new.rename(own)
+                shutil.rmtree(old, ignore_errors=True)
+            else:
+                new.rename(own)
+        finally:
+            shutil.rmtree(new, ignore_errors=True)
+    return own
+
+
+def of_file(path: Path, taken: Container[str] = ()) -> RobotSpec:
+    """Return the robot that was made of a maker's file; made now, under the file's name, where there is none.
+
+    Args:
+        path: The file.
+        taken: Names that no added robot can have.
+
+    Raises `RobotError`, as `build_robot` does, and `WriteError`.
+    """
+    try:
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise RobotError(f"{path}: cannot be read ({error.strerror or error}).") from error
+    for name in names():
+        with suppress(RobotError):
+            spec = load(name)
+            if spec.description_sha256 == digest:
+                return spec
+    name = name_of(path)
+    if name in taken or name in names():
+        name = f"{name[:50]}_{digest[:8]}"
+    built = build_robot(path, name, Hints())
+    save(built.spec, built.mjcf)
+    return load(name)
+
+
+def name_of(path: Path) -> str:
+    """Return what a robot of a file is called."""
+    return re.sub(r"[^a-z0-9_.-]+", "_", path.stem.lower()).strip("._-")[:64] or "robot"
+
+
+def remove(name: str) -> Path:
+    """Delete an added robot and return where it was; raises `ArgumentError` where there is none, and `WriteError`."""
+    if name not in names():
+        there = ", ".join(names()) or "none"
+        raise ArgumentError(f"no robot {name!r} was added. Added are: {there}.")
+    own = folder() / name
+    with writing(own):
+        shutil.rmtree(own)
+    return own
+
+
+def _decoded(kind: type, value: Any) -> Any:
+    if kind is Path:
+        return Path(str(value))
+    raise NotImplementedError(kind)
