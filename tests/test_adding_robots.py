@@ -7,7 +7,8 @@ import pytest
 
 import hoi_retarget as hr
 from hoi_retarget.cli.robot_adding import without_shapes
-from hoi_retarget.errors import RobotError
+from hoi_retarget.errors import ArgumentError, RobotError
+from hoi_retarget.robots import load_robot, robot, user_robots
 from hoi_retarget.robots.adding.anatomy import find_anatomy
 from hoi_retarget.robots.adding.build import build_robot
 from hoi_retarget.robots.adding.description import read_description
@@ -132,3 +133,17 @@ def test_legs_alone_are_refused(tmp_path):
     path.write_text(truth.mjcf)
     with pytest.raises(Refused, match="two legs and two arms"):
         build_robot(path, "made", Hints())
+
+
+def test_added_robot_is_known_by_its_name_and_by_its_file_until_it_is_removed(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOI_RETARGET_ROBOTS", str(tmp_path / "robots"))
+    _, path = written(tmp_path, Choices(2, fingers=3))
+    spec = robot(str(path))
+    assert spec == robot("maker") == robot(str(path)), "the same file is the same robot"
+    assert user_robots.names() == ("maker",)
+    assert load_robot("maker").joint_names == tuple(spec.speed_limits)
+    assert len(spec.held) == 12
+    assert user_robots.remove("maker") == tmp_path / "robots" / "maker"
+    assert not list((tmp_path / "robots").iterdir()), "nothing is left behind"
+    with pytest.raises(ArgumentError, match="no robot 'maker'"):
+        robot("maker")

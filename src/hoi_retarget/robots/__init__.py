@@ -51,4 +51,4 @@ def load_robot(name: str) -> RobotModel:
 
 @cache
 def _loaded(name: str) -> RobotModel:
-    return load_model(ROBOTS[name])
+    return load_model(ROBOTS[name] if name in ROBOTS else user_robots.load(name))
