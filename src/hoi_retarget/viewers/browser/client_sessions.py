@@ -29,7 +29,7 @@ def serve_sessions(server: PageServer, receive: Callable[[viser.ClientHandle], S
     @server.on_client_connect
     def _(client: viser.ClientHandle) -> None:
         # Viser sends at most 128 messages together, which would draw the parts of one frame in several.
-        client._websock_connection.get_message_buffer().max_window_size = _MESSAGES_AT_ONCE  # noqa: SLF001
+        client._websock_connection.get_message_buffer().max_window_size = _MESSAGES_AT_ONCE
         session = receive(client)
         if session is None:
             return
