@@ -3,7 +3,7 @@
 python benchmarks/refine.py --results results/*.npz --objects ../shared/data/objects --object-mass 1
 """
 
-import time
+import resource
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
@@ -13,20 +13,26 @@ from typing import Any
 import numpy as np
 import tyro
 from common import pin_threads, show, write_json
+from scipy.stats import spearmanr
 
-from hoi_retarget.evaluation import evaluate
+from hoi_retarget.evaluation.feasibility import FEASIBILITY, forces_figures
+from hoi_retarget.motion.motion import SIMULATED, Motion
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.numerics import se3
-from hoi_retarget.physics.feasibility import forces_on_clip, physics_of_motion, shortcomings
-from hoi_retarget.physics.performed import performed_motion, why_it_fell
-from hoi_retarget.physics.reference import Reference, reference_of
-from hoi_retarget.physics.refine import refine
+from hoi_retarget.physics.feasibility import forces_on_clip, physics_of_motion
+from hoi_retarget.physics.lead import led
+from hoi_retarget.physics.reference import Reference
 from hoi_retarget.physics.rollout import Rollout, base_errors_deg, object_errors
-from hoi_retarget.physics.scene import Scene, scene_of
+from hoi_retarget.physics.scene import Scene
 from hoi_retarget.physics.settings import Refinement
 from hoi_retarget.readers.open import clip_of
+from hoi_retarget.retargeting.performing import perform
 from hoi_retarget.robots import load_robot
 
+MOVING, RAISED = 0.1, 0.03
+"""An object is moved that is faster [m/s], or higher over its lowest place [m]."""
+BOTH, ALONE = 0.7, 0.5
+"""Both palms are labelled in this share of the frames in which it is moved, and one alone for less time [s]."""
 COLUMNS = {
     "performed_s": "performed [s]",
     "seconds": "of [s]",
@@ -42,6 +48,7 @@ COLUMNS = {
     "hand_deg": "hand rotation [deg]",
     "jerk": "jerk [m/s^3]",
     "cpu_per_s": "CPU [s/s]",
+    "memory_mb": "memory [MB]",
 }
 
 
@@ -60,6 +67,26 @@ class Arguments:
     json: Path | None = None
 
 
+def one_handed(motion: Motion) -> str:
+    """Return why a motion is none of two hands; empty where it is one."""
+    moved = np.zeros(motion.frames, dtype=bool)
+    for place in np.moveaxis(motion.object_pos, 1, 0):
+        speed = np.linalg.norm(np.gradient(place, axis=0), axis=1) * motion.fps
+        moved |= (speed > MOVING) | (place[:, 2] > place[:, 2].min() + RAISED)
+    left, right = (motion.contact_flags[:, motion.contact_links.index(f"{side}_palm")] for side in ("left", "right"))
+    both = float((moved & left & right).sum() / max(1, moved.sum()))
+    longest = current = 0
+    for alone in moved & (left ^ right):
+        current = current + 1 if alone else 0
+        longest = max(longest, current)
+    reasons = []
+    if both < BOTH:
+        reasons.append(f"both palms in {100 * both:.0f} % of the frames in which the object is moved")
+    if longest / motion.fps >= ALONE:
+        reasons.append(f"one alone for {longest / motion.fps:.1f} s")
+    return ", ".join(reasons)
+
+
 def measured(file: Path, arguments: Arguments) -> dict[str, Any]:
     """Return the figures of one result; those that need a whole motion are None for one that falls."""
     motion = load(file)
@@ -67,30 +94,29 @@ def measured(file: Path, arguments: Arguments) -> dict[str, Any]:
     physics = physics_of_motion(motion)
     if arguments.object_mass is not None:
         physics = replace(physics, object_mass=arguments.object_mass)
-    start = time.process_time()
-    forces = forces_on_clip(motion, clip, model, physics)
-    scene = scene_of(motion, model, [track.geometry for track in clip.objects], physics)
-    reference = reference_of(scene, motion, forces)
-    rollout = refine(scene, reference, arguments.refinement, seed=arguments.seed).rollout
-    cpu = time.process_time() - start
-    performed = {} if rollout.fell_after else evaluate(performed_motion(motion, scene, rollout), clip, model)
-    gap = performed.get("contact_gap_m")
+    verdict = forces_figures(forces_on_clip(motion, clip, model, physics), motion)
+    found = perform(motion, clip, physics, arguments.refinement, seed=arguments.seed)
+    rollout, figures = found.rollout, found.motion.report.figures
+    gap, leads = figures.get("contact_gap_m"), led(found.scene, found.reference)
     return {
         "clip": file.stem,
         "robot": motion.robot,
         "whole": rollout.fell_after is None,
+        "starts_standing": leads.before == 0,
+        "ends_standing": leads.after == 0,
         "performed_s": rollout.seconds,
-        "seconds": reference.seconds,
-        **deviations_of(scene, reference, rollout),
+        "seconds": found.reference.seconds,
+        **deviations_of(found.scene, found.reference, rollout),
         "gap_cm": None if gap is None else 100 * gap,
-        "pose_deg": performed.get("body_pose_deviation_deg"),
-        "direction_deg": performed.get("link_velocity_direction_deg"),
-        "hand_deg": performed.get("relative_hand_rotation_deg"),
-        "jerk": performed.get("body_jerk_mps3"),
-        "cpu_per_s": cpu / rollout.seconds,
-        "cause": why_it_fell(scene, reference, rollout, motion.fps, shortcomings(forces, motion))
-        if rollout.fell_after
-        else "",
+        "pose_deg": figures.get("body_pose_deviation_deg"),
+        "direction_deg": figures.get("link_velocity_direction_deg"),
+        "hand_deg": figures.get("relative_hand_rotation_deg"),
+        "jerk": figures.get("body_jerk_mps3"),
+        "cpu_per_s": found.motion.report.cpu_seconds[SIMULATED] / rollout.seconds,
+        "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "certificate": found.performance.robustness,
+        "cause": found.performance.cause,
+        **verdict,
     }
 
 
@@ -114,10 +140,20 @@ def deviations_of(scene: Scene, reference: Reference, rollout: Rollout) -> dict[
 
 
 def main(arguments: Arguments) -> None:
-    """Measure every result, and print each, and the means of those that are performed whole."""
+    """Measure every motion of two hands, and print each, and the means of those that are performed whole."""
+    reasons = {file: one_handed(load(file)) for file in arguments.results}
     with ProcessPoolExecutor(arguments.jobs, mp_context=get_context("spawn")) as pool:
-        futures = [pool.submit(measured, file, arguments) for file in arguments.results]
+        futures = [pool.submit(measured, file, arguments) for file, reason in reasons.items() if not reason]
         results = [future.result() for future in futures]
+    show_rows(results)
+    for file, reason in reasons.items():
+        if reason:
+            print(f"{file.stem} is left out: {reason}")
+    write_json(arguments.json, {"clips": results})
+
+
+def show_rows(results: list[dict[str, Any]]) -> None:
+    """Print the tables of measured motions."""
     whole = [result for result in results if result["whole"]]
     rows = [[result["clip"], result["robot"], "yes" if result["whole"] else "no", *cells(result)] for result in results]
     if whole:
@@ -127,10 +163,16 @@ def main(arguments: Arguments) -> None:
             means[name] = float(np.mean(values)) if values else None
         rows.append([f"mean of {len(whole)} whole", "", f"{len(whole)} of {len(results)}", *cells(means)])
     show("refinement", ["clip", "robot", "whole", *COLUMNS.values()], rows)
+    standing = [result for result in results if result["starts_standing"]]
+    print(f"{sum(result['whole'] for result in standing)} of {len(standing)} that start standing are performed whole")
     for result in results:
-        if result["cause"]:
-            print(f"{result['clip']}: {result['cause']}")
-    write_json(arguments.json, {"clips": results})
+        print(f"{result['clip']}: {result['cause'] or result['certificate']}")
+    if len(results) > 2:
+        shares = [result["performed_s"] / result["seconds"] for result in results]
+        for figure in FEASIBILITY:
+            pairs = [(result[figure.name], share) for result, share in zip(results, shares, strict=True)]
+            known = np.array([pair for pair in pairs if pair[0] is not None])
+            print(f"rank correlation of {figure.title} with the share performed: {spearmanr(*known.T)[0]:+.2f}")
 
 
 def cells(values: dict[str, Any]) -> list[str]:
