@@ -2,7 +2,8 @@
 
 Every fifth of a second, changes of the drives' targets for the next second are sampled, simulated with feedback, and
 drawn towards those of least cost, three times over. Until the next plan, their mean is performed, or the best of them
-where it is much better. Where costs run away, the last second is planned again with more samples.
+where it is much better. Where costs run away, the last second is planned again with more samples. Leads are added first
+(`lead.py`), and what did not fall is smoothed last (`smoother.py`).
 """
 
 from collections.abc import Callable
