@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import hoi_retarget as hr
+from hoi_retarget.cli import main
 from hoi_retarget.cli.robot_adding import without_shapes
 from hoi_retarget.errors import ArgumentError, RobotError
 from hoi_retarget.robots import load_robot, robot, user_robots
@@ -147,3 +148,17 @@ def test_added_robot_is_known_by_its_name_and_by_its_file_until_it_is_removed(tm
     assert not list((tmp_path / "robots").iterdir()), "nothing is left behind"
     with pytest.raises(ArgumentError, match="no robot 'maker'"):
         robot("maker")
+
+
+def test_command_adds_lists_and_removes_a_robot(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("HOI_RETARGET_ROBOTS", str(tmp_path / "robots"))
+    _, path = written(tmp_path, Choices(2))
+    assert main(["robots", "add", str(path), "--name", "mine"]) == 1, "speeds are assumed, which is a warning"
+    assert "left_knee_joint" in capsys.readouterr().out
+    assert main(["robots", "list"]) == 0
+    assert "mine" in capsys.readouterr().out
+    assert main(["robots", "remove", "mine"]) == 0
+    path.write_text("<mujoco><worldbody><body><geom size='1'/></body></worldbody></mujoco>")
+    assert main(["robots", "add", str(path)]) == 2
+    assert "no legs" in capsys.readouterr().err
+    assert user_robots.names() == ()

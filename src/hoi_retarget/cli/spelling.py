@@ -7,10 +7,16 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from tyro.conf import Positional
 
-from hoi_retarget.cli.commands import COMMANDS, CheckRobot, ListRobots, Robots, ShowRobot
+from hoi_retarget.cli.commands import COMMANDS, AddRobot, CheckRobot, ListRobots, RemoveRobot, Robots, ShowRobot
 from hoi_retarget.errors import ArgumentError, did_you_mean
 
-_ACTIONS: Mapping[str, type] = {"list": ListRobots, "show": ShowRobot, "check": CheckRobot}
+_ACTIONS: Mapping[str, type] = {
+    "add": AddRobot,
+    "remove": RemoveRobot,
+    "list": ListRobots,
+    "show": ShowRobot,
+    "check": CheckRobot,
+}
 _POSITIONAL = get_args(Positional[int])[1]
 
 
