@@ -421,6 +421,14 @@ class Render(MadeFrom):
     """Whom to draw."""
     meshes: Meshes = None
     """Draw the vendor meshes of the robot: from a folder, or those of the package mujoco-menagerie."""
+    style: Literal["plain", "paper"] = "plain"
+    """Plain, or for a paper (.png): 300 dpi, no floor, cut to what is seen, rows and times named, touch shaded; the
+    frames are those of first touch, lift, peak, set-down and release, or --frames evenly spaced ones."""
+    background: Literal["white", "transparent"] = "white"
+    """Of a picture for a paper."""
+    overlaid: bool = False
+    """Lay the frames of a picture for a paper over each other, the earlier ones fainter, instead of beside each
+    other; the camera is fixed."""
     frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: 6)")] = None
     """How many frames of the motion a picture shows beside each other."""
     frame: Annotated[int | None, arg(metavar="FRAME", help_behavior_hint="")] = None

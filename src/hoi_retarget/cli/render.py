@@ -18,10 +18,12 @@ from hoi_retarget.motion.motion import SIMULATED
 from hoi_retarget.readers.open import clip_of
 from hoi_retarget.robots import load_robot
 from hoi_retarget.viewers.offscreen import film
+from hoi_retarget.viewers.offscreen.moments import contact_moments
+from hoi_retarget.viewers.offscreen.paper import paper_picture
 from hoi_retarget.viewers.offscreen.robot_picture import png
 from hoi_retarget.viewers.scene.camera import CameraSettings
 from hoi_retarget.viewers.scene.drawing import Scene
-from hoi_retarget.viewers.scene.scene import Shown, seen_through
+from hoi_retarget.viewers.scene.scene import Shown, seen_through, without_marks
 from hoi_retarget.viewers.scene.titles import titles_of
 
 _SHEET_FRAMES = 6  # Of a contact sheet, where nothing else is asked for.
@@ -43,6 +45,8 @@ def execute(command: Render) -> int:
     """Draw the results into one file."""
     kind = _check(command)
     shown = _titled(command.results, [_shown(path, command) for path in command.results])
+    if command.style == "paper" and len(shown) == 1 and shown[0].model is not None:
+        shown = [replace(shown[0], title=shown[0].model.spec.title.partition(",")[0])]
     filmed = film.panels(shown, command.only, command.also)
     if command.see_through:
         filmed = tuple(seen_through(scene) for scene in filmed)
@@ -50,10 +54,55 @@ def execute(command: Render) -> int:
     distance = None if command.distance == "auto" else command.distance
     look = None if command.look_at == "body" else command.look_at.replace("_", " ")
     view = CameraSettings(azimuth, command.elevation, distance, follow=command.camera == "follow", look=look)
-    content = _picture(command, filmed, view) if kind == ".png" else _film(command, kind, filmed, view)
+    if command.style == "paper":
+        content = _for_paper(command, shown, filmed, view)
+    else:
+        content = _drawn_content(command, kind, filmed, view)
     write_file("--out", command.out, content)
     say(f"written: {command.out}  ({len(content) / 1e6:.2f} MB)")
     return 0
+
+
+def _drawn_content(command: Render, kind: str, filmed: Sequence[Scene], view: CameraSettings) -> bytes:
+    return _picture(command, filmed, view) if kind == ".png" else _film(command, kind, filmed, view)
+
+
+def _for_paper(command: Render, shown: Sequence[Shown], filmed: Sequence[Scene], view: CameraSettings) -> bytes:
+    """Return the moments of the first motion, or the frames that are asked for, cut out."""
+    plain = tuple(without_marks(scene) for scene in filmed)
+    motion = shown[0].motion
+    moments = () if motion is None or command.frames or command.frame is not None else contact_moments(motion)
+    if command.frame is not None:
+        times = [_time_of(command.frame, plain)]
+    elif moments:
+        times = [moment.frame / motion.fps for moment in moments]
+    else:
+        times = film.sheet_times(plain, command.frames or _SHEET_FRAMES).tolist()
+    names = [f"{moment.title}, " for moment in moments] or [""] * len(times)
+    titles = [f"{name}{time:.2f} s" for name, time in zip(names, times, strict=True)]
+    cell = _size(command, *_PANEL[".png"])
+    fixed = replace(view, follow=view.follow and not command.overlaid)
+    with Working("drawing", len(times) * len(plain)) as working:
+        return paper_picture(
+            plain,
+            fixed,
+            cell,
+            times=times,
+            titles=titles,
+            rows=film.row_names(plain),
+            overlaid=command.overlaid,
+            transparent=command.background == "transparent",
+            drawn=working.advance,
+        )
+
+
+def _time_of(frame: int, filmed: Sequence[Scene]) -> float:
+    """Return when a frame is [s]; raises `ArgumentError` for one that there is not."""
+    rate = max(scene.fps for scene in filmed)
+    last = round(film.duration(filmed) * rate)
+    if not 0 <= frame <= last:
+        raise ArgumentError(f"--frame {frame}: the motion has the frames 0 to {last}.")
+    return frame / rate
 
 
 def _check(command: Render) -> str:
@@ -67,6 +116,7 @@ def _check(command: Render) -> str:
     for name in others:
         if (value := getattr(command, name)) is not None:
             raise ArgumentError(f"--{name} {value}: this is for {fitting} files; --out names a {kind} file.")
+    _check_style(command, kind)
     if command.frame is not None and command.frames is not None:
         raise ArgumentError("both --frame and --frames are given: the one draws one frame, the other so many.")
     for name, (fits, expected) in _NUMBERS.items():
@@ -75,6 +125,14 @@ def _check(command: Render) -> str:
             raise ArgumentError(f"--{name} {value}: it must be {expected}.")
     check_writable("--out", command.out.parent)
     return kind
+
+
+def _check_style(command: Render, kind: str) -> None:
+    if command.style == "paper" and kind != ".png":
+        raise ArgumentError(f"--style paper: this is for .png files; --out names a {kind} file.")
+    for name, given in (("background", command.background != "white"), ("overlaid", command.overlaid)):
+        if given and command.style != "paper":
+            raise ArgumentError(f"--{name} is for pictures for a paper. Add --style paper.")
 
 
 def _titled(results: Sequence[Path], shown: Sequence[Shown]) -> list[Shown]:
@@ -101,10 +159,7 @@ def _shown(path: Path, command: Render) -> Shown:
 def _picture(command: Render, filmed: Sequence[Scene], view: CameraSettings) -> bytes:
     """Return one frame, or a contact sheet."""
     if command.frame is not None:
-        times = np.array([command.frame / max(scene.fps for scene in filmed)])
-        last = round(film.duration(filmed) * max(scene.fps for scene in filmed))
-        if not 0 <= command.frame <= last:
-            raise ArgumentError(f"--frame {command.frame}: the motion has the frames 0 to {last}.")
+        times = np.array([_time_of(command.frame, filmed)])
         width, height = _size(command, *_beside(filmed, _PANEL[".png"]))
     else:
         times = film.sheet_times(filmed, command.frames or _SHEET_FRAMES)

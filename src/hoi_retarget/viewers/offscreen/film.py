@@ -130,12 +130,16 @@ def opened(
         yield draw
 
 
-def _captions(filmed: Sequence[Scene]) -> list[str]:
+def row_names(filmed: Sequence[Scene]) -> list[str]:
+    """Return whose each panel is: `human`, or the titles of its robots' results."""
     humans = [any(layer.name == "human" and layer.shown for layer in scene.subjects[0].layers) for scene in filmed]
-    if len(filmed) - sum(humans) < 2:
-        return [""] * len(filmed)
     titles = [" + ".join(subject.title for subject in scene.subjects) for scene in filmed]
     return ["human" if human else title for human, title in zip(humans, titles, strict=True)]
+
+
+def _captions(filmed: Sequence[Scene]) -> list[str]:
+    names = row_names(filmed)
+    return names if len(filmed) - names.count("human") > 1 else [""] * len(filmed)
 
 
 def _titled(picture: Picture, caption: str) -> Picture:

@@ -34,6 +34,30 @@ def offscreen_renderer(scene: Scene, width: int, height: int) -> Iterator[Callab
     Raises:
         DrawingError: This machine has no way to draw without a screen.
     """
+    with filled_renderer(scene, width, height) as (renderer, fill):
+
+        def draw(frame: int, camera: Camera) -> Picture:
+            stage.cast_shadows(renderer.scene, fill(frame, camera))
+            return renderer.render().copy()
+
+        yield draw
+
+
+@contextmanager
+def filled_renderer(
+    scene: Scene, width: int, height: int, *, samples: int = stage.SAMPLES
+) -> Iterator[tuple[mujoco.Renderer, Callable[[int, Camera], Float[np.ndarray, "3"]]]]:
+    """Open a renderer, and a function that fills it with a lit frame and returns where the sun shines to.
+
+    Args:
+        scene: What is drawn: its shown layers.
+        width: Of a picture [px].
+        height: Of a picture [px].
+        samples: By which edges are smoothed.
+
+    Raises:
+        DrawingError: This machine has no way to draw without a screen.
+    """
     stage.check_can_draw()
     layers = [
         (number, layer) for number, subject in enumerate(scene.subjects) for layer in subject.layers if layer.shown
@@ -46,6 +70,7 @@ def offscreen_renderer(scene: Scene, width: int, height: int) -> Iterator[Callab
     ]
     spec = mujoco.MjSpec()
     stage.add_floor_and_lights(spec, width, height)
+    spec.visual.quality.offsamples = samples
     for index, (_, solid, opacity) in enumerate(solids):
         _add_mesh(spec, f"solid_{index}", solid, opacity)
     compiled = spec.compile()
@@ -54,7 +79,7 @@ def offscreen_renderer(scene: Scene, width: int, height: int) -> Iterator[Callab
     room = 100 + 2 * sum(part.count for _, part, _ in items)
     with mujoco.Renderer(compiled, height, width, max_geom=room) as renderer:
 
-        def draw(frame: int, camera: Camera) -> Picture:
+        def fill(frame: int, camera: Camera) -> Float[np.ndarray, "3"]:
             frames = [scene.frame_of(subject, frame) for subject in scene.subjects]
             for index, (number, solid, _) in enumerate(solids):
                 data.mocap_pos[index] = solid.positions[frames[number]]
@@ -68,10 +93,9 @@ def offscreen_renderer(scene: Scene, width: int, height: int) -> Iterator[Callab
                         _add_shapes(renderer.scene, part, frames[number], opacity)
                     case Lines():
                         _add_lines(renderer.scene, part, frames[number], opacity)
-            stage.illuminate(renderer.scene, camera.azimuth)
-            return renderer.render().copy()
+            return stage.illuminate(renderer.scene, camera.azimuth)
 
-        yield draw
+        yield renderer, fill
 
 
 def _mujoco_camera(camera: Camera) -> mujoco.MjvCamera:

@@ -13,6 +13,8 @@ from jaxtyping import Float
 
 from hoi_retarget.errors import DrawingError
 
+SAMPLES = 8
+"""By which edges are smoothed."""
 _HORIZON = 60.0  # The floor fades into the sky before it [m].
 _SKY, _FLOOR = (0.93, 0.945, 0.96), ((0.845, 0.86, 0.88), (0.812, 0.83, 0.853))
 # Where the lights shine to: to the right of the camera, up, ahead of it.
@@ -65,7 +67,7 @@ def add_floor_and_lights(spec: mujoco.MjSpec, width: int, height: int) -> None:
         )
     visual = spec.visual
     visual.headlight.ambient, visual.headlight.diffuse, visual.headlight.specular = [0.42] * 3, [0.2] * 3, [0.05] * 3
-    visual.quality.shadowsize, visual.quality.offsamples = 0, 8
+    visual.quality.shadowsize, visual.quality.offsamples = 0, SAMPLES
     visual.quality.numslices, visual.quality.numstacks = 24, 14
     visual.global_.offwidth, visual.global_.offheight = width, height
     visual.map.haze, visual.rgba.haze = 0.6, [*_SKY, 1.0]
@@ -75,12 +77,8 @@ def add_floor_and_lights(spec: mujoco.MjSpec, width: int, height: int) -> None:
     visual.map.fogstart, visual.map.fogend, visual.rgba.fog = 0.2 * _HORIZON, 0.9 * _HORIZON, [*_SKY, 1.0]
 
 
-def illuminate(scene: mujoco.MjvScene, azimuth: float) -> None:
-    """Light a frame from behind a camera that looks along `azimuth` [deg], and let it cast shadows on the floor.
-
-    A shadow is what casts it, flattened along the light. Shadow maps, the usual way, are ragged,
-    speckle where they end, and take twice the time without a graphics card.
-    """
+def illuminate(scene: mujoco.MjvScene, azimuth: float) -> Float[np.ndarray, "3"]:
+    """Light a frame from behind a camera that looks along `azimuth` [deg]; return where the sun shines to."""
     for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
         scene.flags[flag] = 0
     scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = 1
@@ -91,10 +89,15 @@ def illuminate(scene: mujoco.MjvScene, azimuth: float) -> None:
     lights = [light for light in scene.lights[: scene.nlight] if not light.headlight]
     for light, aim in zip(lights, (sun, fill), strict=True):
         light.dir[:] = aim / np.linalg.norm(aim)
-    _cast_shadows(scene, sun)
+    return sun
 
 
-def _cast_shadows(scene: mujoco.MjvScene, sun: Float[np.ndarray, "3"]) -> None:
+def cast_shadows(scene: mujoco.MjvScene, sun: Float[np.ndarray, "3"]) -> None:
+    """Let a frame cast shadows on the floor.
+
+    A shadow is what casts it, flattened along the light. Shadow maps, the usual way, are ragged,
+    speckle where they end, and take twice the time without a graphics card.
+    """
     # Takes points along the light to the floor; a trace of their height is left, so that surfaces keep their order.
     flatten = np.eye(3) - np.outer(sun / sun[2], [0.0, 0.0, 1.0])
     flatten[2, 2] = _SHADOW_SLOPE

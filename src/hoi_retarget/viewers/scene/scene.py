@@ -140,6 +140,16 @@ def seen_through(scene: Scene) -> Scene:
     return Scene(tuple(subjects))
 
 
+def without_marks(scene: Scene) -> Scene:
+    """Return a scene without marks of contact, stance and depth."""
+    marks = ("contacts", "human's contacts", "inside something", "stance")
+    subjects = [
+        replace(subject, layers=tuple(layer for layer in subject.layers if layer.name not in marks))
+        for subject in scene.subjects
+    ]
+    return Scene(tuple(subjects))
+
+
 def group_by_shared_objects(shown: Sequence[Shown]) -> tuple[int, ...]:
     """Return, for each, the index of the first one whose place and objects it shares: its own where it is alone."""
     hosts: list[int] = []
