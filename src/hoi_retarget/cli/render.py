@@ -74,7 +74,7 @@ def _for_paper(command: Render, shown: Sequence[Shown], filmed: Sequence[Scene],
     moments = () if motion is None or command.frames or command.frame is not None else contact_moments(motion)
     if command.frame is not None:
         times = [_time_of(command.frame, plain)]
-    elif moments:
+    elif motion is not None and moments:
         times = [moment.frame / motion.fps for moment in moments]
     else:
         times = film.sheet_times(plain, command.frames or _SHEET_FRAMES).tolist()
