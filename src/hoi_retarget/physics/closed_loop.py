@@ -9,8 +9,9 @@ from mujoco import rollout
 
 from hoi_retarget.physics.costs import TrackingCost
 from hoi_retarget.physics.reference import Reference
-from hoi_retarget.physics.rollout import deviations, quiet, steps_of
+from hoi_retarget.physics.rollout import deviations, steps_of
 from hoi_retarget.physics.scene import Scene
+from hoi_retarget.robots.mujoco_warnings import quiet
 
 KNOT = 10
 """Ticks between knots of changes."""

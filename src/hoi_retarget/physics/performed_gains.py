@@ -12,8 +12,9 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.physics.feedback import Linear, gains_of, tame
-from hoi_retarget.physics.rollout import Rollout, quiet, steps_of
+from hoi_retarget.physics.rollout import Rollout, steps_of
 from hoi_retarget.physics.scene import Scene
+from hoi_retarget.robots.mujoco_warnings import quiet
 
 _OBJECTS = 0.2  # What deviations of objects count: with all of it, hands reach for boxes that slip.
 _MOVED = 1e-6  # For finite differences.

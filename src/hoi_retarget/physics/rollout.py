@@ -4,8 +4,6 @@ Targets of the drives are the reference's angles, shifted such that the drive gi
 robot is on the reference. With feedback gains they also answer to where robot and objects are.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import mujoco
@@ -16,6 +14,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.physics.reference import TICK, Reference
 from hoi_retarget.physics.scene import Scene
+from hoi_retarget.robots.mujoco_warnings import quiet
 
 FALLEN = 0.6
 """A robot whose base is lower than this share of the reference's has fallen."""
@@ -99,24 +98,9 @@ def stepped(simulated: mujoco.MjModel, data: mujoco.MjData) -> bool:
     return not any(data.warning[kind].number for kind in kinds)
 
 
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Keep MuJoCo from writing its warnings into a log file in the current folder."""
-    told = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(_ignore)
-    try:
-        yield
-    finally:
-        mujoco.set_mju_user_warning(told)
-
-
 def has_fallen(reference: Reference, tick: int, data: mujoco.MjData) -> bool:
     """Return whether a robot's base is too low for a tick of a reference."""
     return bool(data.qpos[2] < FALLEN * reference.qpos[tick, 2])
-
-
-def _ignore(_: str) -> None:
-    """Take a warning, which the counts in the data tell as well."""
 
 
 def deviations(

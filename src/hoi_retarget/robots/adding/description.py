@@ -17,6 +17,7 @@ import numpy as np
 from hoi_retarget.errors import RobotError
 from hoi_retarget.robots.adding.findings import Finding
 from hoi_retarget.robots.adding.mesh_files import MeshFolder, mesh_folder, read_mesh
+from hoi_retarget.robots.mujoco_warnings import quiet
 from hoi_retarget.robots.spec import HeldJoint
 
 DEFAULT_SPEED = 20.0
@@ -264,7 +265,8 @@ def _say_missing(missing: list[str], folder: MeshFolder, findings: list[Finding]
 
 def _described(path: Path, root: ET.Element, assets: Mapping[str, bytes]) -> mujoco.MjSpec:
     try:
-        description = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"), assets=dict(assets))
+        with quiet():
+            description = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"), assets=dict(assets))
     except ValueError as error:
         raise RobotError(f"{path}: MuJoCo cannot read it: {_one_line(error)}") from error
     return description
@@ -288,7 +290,8 @@ def _compiled(path: Path, description: mujoco.MjSpec) -> mujoco.MjModel:
     compiler.fusestatic, compiler.discardvisual = False, False
     compiler.balanceinertia, compiler.boundmass, compiler.boundinertia = True, 1e-6, 1e-9
     try:
-        return description.compile()
+        with quiet():
+            return description.compile()
     except ValueError as error:
         raise RobotError(f"{path}: MuJoCo cannot compile it: {_one_line(error)}") from error
 
