@@ -16,7 +16,15 @@ from hoi_retarget.cli.program import run
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src" / "hoi_retarget"
-DOCUMENTS = {path.name: path for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))}
+DOCUMENTS = {
+    path.name: path
+    for path in (
+        ROOT / "README.md",
+        ROOT / "README.zh-CN.md",
+        ROOT / "CONTRIBUTING.md",
+        *sorted((ROOT / "docs").glob("*.md")),
+    )
+}
 TEXTS = {name: path.read_text() for name, path in DOCUMENTS.items()}
 OF_OTHERS = {"simulation/interact2mimic.py"}
 """Files that are part of other projects."""
