@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
+import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.numerics import se3
-from hoi_retarget.robots.mjcf import read_mjcf
+from hoi_retarget.robots.mjcf import compile_mjcf, read_mjcf
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.parts import Geometries, geometries_of, tree_of
 from hoi_retarget.viewers.scene.drawing import Colour, Kind, Part, Shapes, Solid
@@ -34,13 +35,19 @@ class _Attached:
 
 
 def robot_parts(model: RobotModel, kinematics: Kinematics, meshes: Path | None) -> tuple[Part, ...]:
-    """Return a robot over time: its vendor meshes from a folder, or its primitives where none is given.
+    """Return a robot over time: its vendor meshes from a folder, or the shapes of its MJCF where none is given.
 
     Raises:
         RobotError: The robot's specification names no meshes.
         ReadError: A mesh file is missing, or MuJoCo cannot read it.
     """
-    return robot_shapes(model, kinematics) if meshes is None else robot_meshes(model, kinematics, meshes)
+    if meshes is not None:
+        return robot_meshes(model, kinematics, meshes)
+    own = any(model.geometries.meshes)
+    return (
+        *robot_shapes(model, kinematics),
+        *(_solids(compile_mjcf(model.spec.mjcf, model.spec.sites), kinematics) if own else ()),
+    )
 
 
 def robot_shapes(model: RobotModel, kinematics: Kinematics) -> tuple[Shapes, ...]:
@@ -66,6 +73,11 @@ def robot_meshes(model: RobotModel, kinematics: Kinematics, folder: Path) -> tup
         compiled = description.compile()
     except ValueError as error:
         raise ReadError(f"{folder}: MuJoCo cannot read the meshes of {model.spec.title}: {error}") from error
+    return _solids(compiled, kinematics)
+
+
+def _solids(compiled: mujoco.MjModel, kinematics: Kinematics) -> tuple[Solid, ...]:
+    """Return the meshes of a compiled description over time."""
     geometries = geometries_of(compiled, tree_of(compiled))
     attached = [item for item in _attached(geometries) if geometries.meshes[item.geom]]
     positions, quats = _world_poses(kinematics, attached)
