@@ -34,6 +34,7 @@ _COMPILER = {
     "boundinertia": "1e-9",
     "angle": "radian",
 }
+_GREY = "0.5 0.5 0.5 1"
 _LEFT_OUT = (
     "keyframe",
     "sensor",
@@ -150,9 +151,10 @@ def _with_includes(root: ET.Element, path: Path, depth: int) -> ET.Element:
     return root
 
 
-def _with_urdf_meshes(  # noqa: C901, PLR0912 - one pass over a tree of elements
+def _with_urdf_meshes(  # noqa: C901 - one pass over a tree of elements
     root: ET.Element, folder: MeshFolder, findings: list[Finding]
 ) -> dict[str, bytes]:
+    colours = {material.get("name"): material.find("color") for material in root.findall("material")}
     for tag in ("transmission", "gazebo", "ros2_control", "mujoco", "material"):
         for element in root.findall(tag):
             root.remove(element)
@@ -167,11 +169,7 @@ def _with_urdf_meshes(  # noqa: C901, PLR0912 - one pass over a tree of elements
     for link in root.findall("link"):
         for shape in (*link.findall("visual"), *link.findall("collision")):
             shape.attrib.pop("name", None)
-            for material in shape.findall("material"):
-                if material.find("color") is None:
-                    shape.remove(material)
-                elif (texture := material.find("texture")) is not None:
-                    material.remove(texture)
+            _colour(shape, colours)
             mesh = shape.find("geometry/mesh")
             if mesh is None:
                 continue
@@ -183,6 +181,17 @@ def _with_urdf_meshes(  # noqa: C901, PLR0912 - one pass over a tree of elements
     ET.SubElement(ET.SubElement(root, "mujoco"), "compiler", _COMPILER)
     _say_missing(assets.missing, folder, findings)
     return assets.contents
+
+
+def _colour(shape: ET.Element, named: Mapping[str | None, ET.Element | None]) -> None:
+    """Give a shape the colour of its material: MuJoCo would take one without a colour for the one before it."""
+    colour = None
+    for material in shape.findall("material"):
+        shape.remove(material)
+        own = material.find("color")
+        colour = named.get(material.get("name")) if own is None else own
+    if shape.tag == "visual":
+        ET.SubElement(shape, "material", name="").append(ET.Element("color", rgba=_GREY) if colour is None else colour)
 
 
 def _with_mjcf_meshes(  # noqa: C901, PLR0912 - one pass over a tree of elements

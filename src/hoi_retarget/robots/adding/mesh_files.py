@@ -105,7 +105,9 @@ def coarser(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
         vertices = np.stack([np.bincount(cell, axis) / count for axis in vertices.T], axis=1)
         faces = cell[faces]
         faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
-        _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+        # Of walls that became one, both sides stay: viewers draw only the side that a triangle is wound for.
+        turns = (faces.argmin(axis=1)[:, None] + np.arange(3)) % 3
+        _, first = np.unique(np.take_along_axis(faces, turns, axis=1), axis=0, return_index=True)
         faces = faces[np.sort(first)]
         parts = int(parts * 0.75)
     return vertices, faces

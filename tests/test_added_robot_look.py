@@ -1,0 +1,93 @@
+"""What added robots look like: their maker's meshes, where the maker has them, closed and in the maker's colours."""
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import KDTree
+
+from hoi_retarget.numerics import se3
+from hoi_retarget.robots import load_robot, user_robots
+from hoi_retarget.robots.adding.build import build_robot
+from hoi_retarget.robots.adding.description import read_description
+from hoi_retarget.robots.adding.hints import Hints
+from hoi_retarget.robots.adding.mesh_files import coarser
+from hoi_retarget.viewers.scene.drawing import Solid
+from hoi_retarget.viewers.scene.robot_shapes import robot_parts
+from synthetic_humanoids import Choices, humanoid
+
+LINKS = ("left_shank", "torso")
+
+
+def with_meshes(folder, seed):
+    """Write a humanoid with a mesh on some links: off its origin, scaled, and turned against its geometry."""
+    rng = np.random.default_rng(seed)
+    text = humanoid(Choices(seed, yaw=1.0)).mjcf
+    for link in LINKS:
+        ball = trimesh.creation.icosphere(subdivisions=1)
+        corners = ball.vertices * rng.uniform(0.02, 0.05, 3) + rng.uniform(-0.3, 0.3, 3)
+        trimesh.Trimesh(corners, ball.faces).export(folder / f"{link}.stl")
+        numbers = {"refpos": rng.normal(0, 0.1, 3), "refquat": rng.normal(size=4), "scale": rng.uniform(0.5, 2.0, 3)}
+        asset = " ".join(f'{name}="{" ".join(map(str, values))}"' for name, values in numbers.items())
+        place, turn = (" ".join(map(str, rng.normal(size=count))) for count in (3, 4))
+        own = f'<geom type="mesh" mesh="{link}" contype="0" conaffinity="0" pos="{place}" quat="{turn}"/>'
+        text = text.replace("<worldbody>", f'<asset><mesh file="{link}.stl" {asset}/></asset><worldbody>', 1)
+        text = text.replace(f'<body name="{link}"', f'{own}<body name="{link}"', 1)
+    path = folder / "maker.xml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_meshes_lie_where_the_makers_file_has_them(tmp_path, monkeypatch, seed):
+    """MuJoCo moves the vertices of a mesh into the frame of its inertia, and its geometry the other way."""
+    monkeypatch.setenv("HOI_RETARGET_ROBOTS", str(tmp_path / "robots"))
+    path = with_meshes(tmp_path, seed)
+    compiled = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(compiled)
+    mujoco.mj_kinematics(compiled, data)
+    built = build_robot(path, f"made{seed}", Hints())
+    user_robots.save(built.spec, built.mjcf)
+    model = load_robot(f"made{seed}")
+    posed = model.forward(np.concatenate([[0, 0, 0, 1, 0, 0, 0], np.zeros(model.n)])[None])
+    solids = [part for part in robot_parts(model, posed, None) if isinstance(part, Solid)]
+    root = compiled.body(model.body_names[0]).id
+    makers, ours = [], []
+    for geom in np.flatnonzero(compiled.geom_type == mujoco.mjtGeom.mjGEOM_MESH):
+        mesh = compiled.mesh(int(compiled.geom_dataid[geom]))
+        corners = compiled.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]]
+        world = corners @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+        makers.append((world - data.xpos[root]) @ data.xmat[root].reshape(3, 3))
+    for solid in solids:
+        ours.append(se3.rotate(solid.quats[0], solid.vertices) + solid.positions[0])
+    assert len(makers) == len(ours) == len(LINKS)
+    for one, other in ((makers, ours), (ours, makers)):
+        away, _ = KDTree(np.concatenate(one)).query(np.concatenate(other))
+        assert away.max() < 5e-5
+
+
+def test_coarser_mesh_of_a_thin_wall_is_seen_from_both_sides():
+    outer, inner = (trimesh.creation.icosphere(subdivisions=5, radius=radius) for radius in (0.1, 0.0998))
+    faces = np.concatenate([outer.faces, inner.faces[:, ::-1] + len(outer.vertices)])
+    corners, triangles = coarser(np.concatenate([outer.vertices, inner.vertices]), faces)
+    assert len(triangles) < len(faces) / 5
+    coarse = trimesh.Trimesh(corners, triangles, process=False)
+    outward = np.einsum("ki,ki->k", coarse.face_normals, coarse.triangles_center) > 0
+    for side in (outward, ~outward):
+        assert coarse.area_faces[side].sum() > 0.9 * outer.area
+
+
+def test_colours_that_a_urdf_names_once_are_those_of_its_links(tmp_path):
+    box = '<geometry><box size="0.1 0.1 0.1"/></geometry>'
+    mass = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    path = tmp_path / "robot.urdf"
+    path.write_text(
+        f"""<robot name="one"><material name="red"><color rgba="0.9 0.1 0 1"/></material>
+        <link name="base">{mass}<visual>{box}<material name="red"/></visual></link>
+        <link name="arm">{mass}<visual>{box}<material name="own"><color rgba="0 0.2 0.7 1"/></material></visual>
+        <visual>{box}<material name="unknown"/></visual></link>
+        <joint name="elbow" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+        <limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+    )
+    colours = read_description(path).compiled.geom_rgba
+    np.testing.assert_allclose(colours, [[0.9, 0.1, 0, 1], [0, 0.2, 0.7, 1], [0.5, 0.5, 0.5, 1]], atol=1e-6)
