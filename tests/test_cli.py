@@ -468,7 +468,7 @@ def test_what_cannot_be_written_is_named(results, tmp_path, monkeypatch, capsys)
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["check", "robot.urdf"], "only MJCF files (.xml) can be checked"),
+        (["check", __file__], "descriptions of robots are MJCF (.xml) or URDF (.urdf)"),
         (["show", "unitree_g1", "--picture", "g1.foo"], "ends in .png"),
         (
             ["show", "unitree_g1", "--picture", "g1.png", "--meshes", "menagerie"],
