@@ -152,6 +152,14 @@ def read_unitree_csv(path: Path, model: RobotModel) -> Read:
     return Read(None, root, named(list(model.joint_names), rows[:, 7:]))
 
 
+def read_named_csv(path: Path, model: RobotModel) -> Read:
+    header, *_ = path.read_text().splitlines()
+    rows = named(header.split(","), np.loadtxt(path, delimiter=",", skiprows=1))
+    root = [f"root_{name}" for name in ("x", "y", "z", "qw", "qx", "qy", "qz")]
+    fps = (len(rows["time"]) - 1) / (rows["time"][-1] - rows["time"][0])
+    return Read(round(fps, 3), np.stack([rows[name] for name in root], axis=1), rows)
+
+
 READERS: dict[str, Callable[[Path, RobotModel], Read]] = {
     "beyondmimic": read_beyondmimic,
     "mjlab": read_mjlab,
@@ -160,6 +168,7 @@ READERS: dict[str, Callable[[Path, RobotModel], Read]] = {
     "hdmi": read_hdmi,
     "gmr": read_gmr,
     "unitree-csv": read_unitree_csv,
+    "named-csv": read_named_csv,
 }
 
 
@@ -262,7 +271,7 @@ def test_our_own_readers_of_other_programs_files_read_it(name, tmp_path):
 
 @every_format
 def test_the_rate_is_what_the_formats_readers_expect(name, tmp_path):
-    usual = {"holosoma-qpos": 30.0, "gmr": 24.0, "unitree-csv": 30.0}
+    usual = {"holosoma-qpos": 30.0, "gmr": 24.0, "named-csv": 24.0, "unitree-csv": 30.0}
     path, exported = written(tmp_path, as_result(G1, fps=24.0), name)
     read = READERS[name](path, G1)
     assert exported.fps == usual.get(name, 50.0)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from hoi_retarget.motion.formats.format import Format, Written
+from hoi_retarget.motion.makers_joints import held_joints
 from hoi_retarget.motion.resample import ResampledMotion
 from hoi_retarget.motion.result import Result
 
@@ -15,6 +16,7 @@ def describe(
 ) -> dict[str, Any]:
     """Return the sidecar's content as plain values, without folders of the machine it was made on."""
     motion, model = result.motion, result.model
+    joint_names = written.joint_names or model.joint_names
     return {
         "format": format.name,
         "read_by": format.title,
@@ -23,7 +25,8 @@ def describe(
         "fps": resampled.fps,
         "frames": resampled.frames,
         "seconds": (resampled.frames - 1) / resampled.fps,
-        "joint_names": list(written.joint_names or model.joint_names),
+        "joint_names": list(joint_names),
+        **({"held_joints": held_joints(model, joint_names)} if model.spec.held else {}),
         "body_names": list(written.body_names),
         "quaternions": format.convention.quat_order,
         "linear_velocity_of": format.linear_velocity_of,

@@ -10,6 +10,7 @@ from hoi_retarget.motion.check.change import ROOT, Change
 from hoi_retarget.motion.check.finding import Check, Finding
 from hoi_retarget.motion.check.interpretation import isaac_lab_columns
 from hoi_retarget.motion.formats import WITHOUT_WRISTS, MotionFile
+from hoi_retarget.motion.makers_joints import makers_joint_names
 from hoi_retarget.robots.model import RobotModel
 
 UNIT_TOLERANCE = 0.01
@@ -98,7 +99,7 @@ def _columns(file: MotionFile, model: RobotModel, count: int) -> Check[tuple[int
     robot = f"{model.spec.name} has {model.n} joints"
     if file.joint_names is not None:
         missing = [name for name in model.joint_names if name not in file.joint_names]
-        foreign = [name for name in file.joint_names if name not in model.joint_names]
+        foreign = [name for name in file.joint_names if name not in makers_joint_names(model)]
         if len(missing) == model.n:
             says = f"none of the file's joint names is one of them: {', '.join(foreign[:4])}, ..."
             yield Finding("contradiction", "joint count", robot, says, "Name another --robot.", "poses")
@@ -109,6 +110,10 @@ def _columns(file: MotionFile, model: RobotModel, count: int) -> Check[tuple[int
         says = f"the file has {count} columns of angles"
         yield Finding("ok", "joint count", robot, says)
         return isaac_lab_columns(model) if file.convention.order == "breadth_first" else tuple(range(count))
+    if count == len(makers_joint_names(model)):
+        says = f"the file has {count} columns of angles: all joints of its maker, of which the robot holds some still"
+        yield Finding("ok", "joint count", robot, says)
+        return _places(model, makers_joint_names(model))
     known = _known_set(file, model, count)
     if known is not None:
         words, names = known

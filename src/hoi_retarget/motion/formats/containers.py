@@ -135,7 +135,8 @@ def to_pickle(content: Mapping[str, Any]) -> bytes:
 
 def _to_csv(content: Mapping[str, Any]) -> bytes:
     text = io.StringIO()
-    np.savetxt(text, content[TABLE], fmt="%.9f", delimiter=",")
+    header = ",".join(content.get(HEADER, ()))
+    np.savetxt(text, content[TABLE], fmt="%.9f", delimiter=",", header=header, comments="")
     return text.getvalue().encode()
 
 

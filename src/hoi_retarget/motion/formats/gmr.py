@@ -8,6 +8,7 @@ from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
 from hoi_retarget.motion.formats.containers import PICKLE
 from hoi_retarget.motion.formats.format import Format, Written
 from hoi_retarget.motion.formats.motion_file import WITHOUT_WRISTS, Convention
+from hoi_retarget.motion.makers_joints import makers_joints
 from hoi_retarget.motion.resample import ResampledMotion
 from hoi_retarget.numerics import se3
 
@@ -23,16 +24,16 @@ def read(arrays: ArraysByName) -> dict[str, Any]:
 
 def write(motion: ResampledMotion) -> Written:
     """Return one motion as GMR has it."""
-    qpos = motion.qpos
+    qpos, joints = motion.qpos, makers_joints(motion)
     values = {
         "fps": motion.rate,
         "root_pos": np.ascontiguousarray(qpos[:, :3]),
         "root_rot": se3.quat_to_xyzw(qpos[:, 3:7]),
-        "dof_pos": np.ascontiguousarray(qpos[:, 7:]),
+        "dof_pos": joints.pos,
         "local_body_pos": None,
         "link_body_list": None,
     }
-    return Written(values)
+    return Written(values, joints.names)
 
 
 FORMAT = Format(

@@ -13,6 +13,7 @@ from hoi_retarget.motion.formats.body_arrays import body_arrays, object_arrays, 
 from hoi_retarget.motion.formats.containers import META, NPZ_AND_JSON
 from hoi_retarget.motion.formats.format import Format, Written
 from hoi_retarget.motion.formats.motion_file import ContactFlags, Convention
+from hoi_retarget.motion.makers_joints import makers_joints
 from hoi_retarget.motion.resample import ResampledMotion
 
 # Every motion of a training set must have the same meta.json; HDMI's own have no waist links.
@@ -62,17 +63,19 @@ def _meta(path: Path) -> dict:
 def write(motion: ResampledMotion) -> Written:
     """Return one motion as HDMI has it."""
     thing, body_names = object_arrays(motion), motion.model.body_names
+    joints = makers_joints(motion)
     kept = [index for index, name in enumerate(body_names) if name not in _LEFT_OUT]
     names = [*(body_names[index] for index in kept), *([motion.object_name] if thing else [])]
     bodies = {name: array[:, kept] for name, array in body_arrays(motion, FORMAT.linear_velocity_of).items()}
-    arrays = {"joint_pos": motion.qpos[:, 7:], "joint_vel": motion.joint_vel}
+    arrays = {"joint_pos": joints.pos, "joint_vel": joints.vel}
     if thing:
         touching = motion.contact_flags & (motion.contact_object == motion.object)
         arrays["object_contact"] = touching.any(axis=1, keepdims=True)
-    meta = {"body_names": names, "joint_names": list(motion.model.joint_names), "fps": float(motion.fps)}
+    meta = {"body_names": names, "joint_names": list(joints.names), "fps": float(motion.fps)}
     return Written(
         {**with_object(bodies, thing), **arrays, META: meta},
-        body_names=tuple(names),
+        joints.names,
+        tuple(names),
         notes=_notes(motion.fps) if thing else (),
     )
 

@@ -8,6 +8,7 @@ from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
 from hoi_retarget.motion.formats.body_arrays import body_arrays, object_arrays, read_bodies, with_object
 from hoi_retarget.motion.formats.format import Format, Written
 from hoi_retarget.motion.formats.motion_file import Convention, ObjectPoses
+from hoi_retarget.motion.makers_joints import makers_joints
 from hoi_retarget.motion.resample import ResampledMotion
 from hoi_retarget.numerics import se3
 
@@ -49,18 +50,18 @@ def read(arrays: ArraysByName) -> dict[str, Any]:
 
 def write(motion: ResampledMotion) -> Written:
     """Return one motion as holosoma's trainer has it."""
-    thing = object_arrays(motion)
+    thing, joints = object_arrays(motion), makers_joints(motion)
     names = (_WORLD, *motion.model.body_names, *([f"{motion.object_name}_link"] if thing else []))
     arrays = {
         "fps": np.array([motion.rate]),
-        "joint_pos": motion.qpos,
-        "joint_vel": np.concatenate([motion.root_lin_vel, motion.root_ang_vel, motion.joint_vel], axis=1),
+        "joint_pos": np.concatenate([motion.qpos[:, :7], joints.pos], axis=1),
+        "joint_vel": np.concatenate([motion.root_lin_vel, motion.root_ang_vel, joints.vel], axis=1),
         **with_object(_with_world(body_arrays(motion, FORMAT.linear_velocity_of)), thing),
         **thing,
-        "joint_names": np.array(motion.model.joint_names, dtype=np.str_),
+        "joint_names": np.array(joints.names, dtype=np.str_),
         "body_names": np.array(names, dtype=np.str_),
     }
-    return Written(arrays, body_names=names, notes=_notes(motion))
+    return Written(arrays, joints.names, names, notes=_notes(motion))
 
 
 def _with_world(bodies: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

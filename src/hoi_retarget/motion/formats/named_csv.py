@@ -7,10 +7,13 @@ import numpy as np
 from hoi_retarget.errors import ReadError
 from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
 from hoi_retarget.motion.formats.containers import CSV, HEADER, TABLE
-from hoi_retarget.motion.formats.format import Format
+from hoi_retarget.motion.formats.format import Format, Written
 from hoi_retarget.motion.formats.motion_file import Convention
 from hoi_retarget.motion.formats.named_columns import NamedColumns, named_columns
+from hoi_retarget.motion.makers_joints import makers_joints
+from hoi_retarget.motion.resample import ResampledMotion
 
+_ROOT = ("root_x", "root_y", "root_z", "root_qw", "root_qx", "root_qy", "root_qz")
 _EVEN = 0.1  # Of a step: times that differ more are not those of one rate.
 
 
@@ -54,10 +57,22 @@ def _no_root(columns: NamedColumns) -> str:
     raise AssertionError
 
 
+def write(motion: ResampledMotion) -> Written:
+    """Return one motion as a table: times of frames [s], the root's path and all joints."""
+    joints = makers_joints(motion)
+    times = np.arange(motion.frames)[:, None] / motion.fps
+    header = ("time", *_ROOT, *joints.names)
+    return Written(
+        {TABLE: np.concatenate([times, motion.qpos[:, :7], joints.pos], axis=1), HEADER: header}, joints.names
+    )
+
+
 FORMAT = Format(
     name="named-csv",
     convention=Convention("named-csv", usual_fps=30.0, order="names"),
     holds=has(TABLE, HEADER),
     read=read,
     container=CSV,
+    write=write,
+    title="any program that reads tables",
 )

@@ -11,6 +11,7 @@ from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
 from hoi_retarget.motion.formats.body_arrays import body_arrays, read_bodies
 from hoi_retarget.motion.formats.format import VelocityPoint, Written
 from hoi_retarget.motion.formats.motion_file import Convention
+from hoi_retarget.motion.makers_joints import makers_joints
 from hoi_retarget.motion.resample import ResampledMotion
 
 Columns = np.ndarray | slice
@@ -35,12 +36,12 @@ def write(
     motion: ResampledMotion, velocity_of: VelocityPoint, fps: int | float, *, bodies: Columns, joints: Columns
 ) -> Written:
     """Return one motion, its bodies and joints in this order, in single precision."""
-    model = motion.model
-    arrays = {"joint_pos": motion.qpos[:, 7:][:, joints], "joint_vel": motion.joint_vel[:, joints]}
+    model, makers = motion.model, makers_joints(motion)
+    arrays = {"joint_pos": makers.pos[:, joints], "joint_vel": makers.vel[:, joints]}
     arrays |= {name: array[:, bodies] for name, array in body_arrays(motion, velocity_of).items()}
     single = {name: array.astype(np.float32) for name, array in arrays.items()}
     return Written(
         {"fps": np.array([fps]), **single},
-        joint_names=tuple(np.array(model.joint_names)[joints].tolist()),
+        joint_names=tuple(np.array(makers.names)[joints].tolist()),
         body_names=tuple(np.array(model.body_names)[bodies].tolist()),
     )
