@@ -6,6 +6,7 @@ import pytest
 import trimesh
 from scipy.spatial import KDTree
 
+from hoi_retarget.cli import jobs
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots import load_robot, user_robots
 from hoi_retarget.robots.adding.build import build_robot
@@ -91,3 +92,17 @@ def test_colours_that_a_urdf_names_once_are_those_of_its_links(tmp_path):
     )
     colours = read_description(path).compiled.geom_rgba
     np.testing.assert_allclose(colours, [[0.9, 0.1, 0, 1], [0, 0.2, 0.7, 1], [0.5, 0.5, 0.5, 1]], atol=1e-6)
+
+
+def test_skin_of_meshes_is_computed_once_and_said(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("HOI_RETARGET_ROBOTS", str(tmp_path / "robots"))
+    computed = []
+    monkeypatch.setattr(jobs, "skin_of", computed.append)
+    built = build_robot(with_meshes(tmp_path, 0), "with_meshes", Hints())
+    user_robots.save(built.spec, built.mjcf)
+    model = load_robot("with_meshes")
+    for _ in range(2):
+        jobs.prepare_skin(model)
+        jobs.prepare_skin(load_robot("unitree_g1"))
+    assert computed == [model]
+    assert capsys.readouterr().out.count("with_meshes: computing the skins") == 1

@@ -100,6 +100,7 @@ def test_any_link_may_be_the_root_and_look_anywhere(tmp_path, root, waist, yaw):
     model = without_shapes(build_robot(path, "made", Hints()), tmp_path)
     motion = hr.retarget(hr.open_clip("builtin:carry_box"), model, hr.Config(contact="landmark"))
     assert motion.converged
+    assert (motion.report.robot_file, motion.report.robot_sha256) == ("maker.xml", model.spec.description_sha256)
     gap, pose = (motion.report.figures[name] for name in ("contact_gap_m", "body_pose_deviation_deg"))
     assert gap is not None
     assert gap < 0.005

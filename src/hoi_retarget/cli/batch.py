@@ -17,12 +17,13 @@ from hoi_retarget.batch.run import Summary, run_batch
 from hoi_retarget.batch.specification import Specification, of_folder, read_specification
 from hoi_retarget.batch.work import run_job
 from hoi_retarget.cli.commands import Batch
-from hoi_retarget.cli.jobs import check_writable
+from hoi_retarget.cli.jobs import check_writable, prepare_skin
 from hoi_retarget.cli.settings import config_in
 from hoi_retarget.cli.terminal import Working, fail, say, show_table
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.retargeting.config import Config
+from hoi_retarget.robots import load_team
 
 _STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _TENTHS = 10  # Lines of progress where no bar can be drawn.
@@ -32,6 +33,9 @@ def execute(command: Batch) -> int:
     """Run the jobs that have no valid result yet; return 0 when every job has one."""
     specification, pool = _specification(command), _pool(command)
     check_writable("--out", command.out)
+    for names in specification.robots:
+        for model in load_team(names):
+            prepare_skin(model)  # Else every worker would.
     with _stopped_by_signals() as received, ExitStack() as shown:
         progress = _Progress(shown)
         summary = run_batch(

@@ -4,6 +4,7 @@ import json
 import os
 import tempfile
 from collections.abc import Callable, Collection, Iterable
+from functools import cache
 from hashlib import sha256
 from math import isfinite
 from pathlib import Path
@@ -25,6 +26,8 @@ from hoi_retarget.report.load_any_motion import open_motion
 from hoi_retarget.report.recording import Recording, with_recording
 from hoi_retarget.retargeting.config import Config, Scaling, parse_horizon
 from hoi_retarget.robots import load_robot
+from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.robots.skin import skin_of
 
 OBJECT_SURFACES = {
     "shell": "a shell, with no inside: what is within 1 mm of its surface counts as inside",
@@ -256,3 +259,11 @@ def score(motion: Motion, path: Path) -> Score:
         object_scale=tuple(motion.object_scale.tolist()),
         object_surfaces=tuple(report.object_surfaces.get(name, "") for name in motion.object_names),
     )
+
+
+@cache
+def prepare_skin(model: RobotModel) -> None:
+    """Compute the skin of a robot that has meshes and no skin yet, which takes long, and say so."""
+    if model.spec.skin is None and any(model.geometries.meshes):
+        say(f"{model.spec.name}: computing the skins of its meshes, which takes about two minutes, once")
+        skin_of(model)

@@ -17,6 +17,7 @@ from hoi_retarget.cli.jobs import (
     describe_result,
     do_for_each,
     exit_code,
+    prepare_skin,
     score,
     write_json,
 )
@@ -74,6 +75,8 @@ def _run_clip(path: Path, command: Run, models: Sequence[RobotModel], config: Co
     _describe_clip(path, clip)
     for warning in clip.source.warnings:
         warn(f"{path.name}: {warning}")
+    for model in models:
+        prepare_skin(model)
     motions = retarget_people(clip, models, config, command=settings_of(replace(command, clips=(path,))))
     paths = result_paths(clip, result_stem(path), command.out)
     motions = write(motions, paths, read_seconds=read_seconds)

@@ -209,6 +209,10 @@ class Report:
     person: int = 0
     """Index of the clip's person that the robot follows."""
     source: Source = Source()
+    robot_file: str = ""
+    """Name of the maker's file that an added robot was made from; empty for the robots of this package."""
+    robot_sha256: str = ""
+    """Digest of that file."""
     root_scale: float | None = None
     """Human size to robot size, as it came out."""
     config: Mapping[str, Any] = field(default_factory=dict)

@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, fields
 from enum import Enum
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,8 @@ from hoi_retarget.motion.contact_forces import ContactForces
 from hoi_retarget.motion.motion import ARRAYS, Motion, Stage
 from hoi_retarget.motion.of_robot import check_robot, check_turns
 from hoi_retarget.motion.report import Report, Window, windows_from_json
-from hoi_retarget.robots import load_robot
+from hoi_retarget.robots import load_robot, user_robots
+from hoi_retarget.robots.model import RobotModel
 
 SCHEMA = 2
 _READABLE = (1, 2)
@@ -91,7 +92,7 @@ def load(path: Path | str) -> Motion:
     _check_entries(path, members)
     try:
         motion = _motion(members)
-        model = load_robot(motion.robot)
+        model = _robot_of(motion)
         check_robot(motion, model)
         check_turns(motion, model)
     except ArgumentError as error:
@@ -99,6 +100,19 @@ def load(path: Path | str) -> Motion:
     except (ClipError, ReadError, RobotError, ValueError, RecursionError) as error:
         raise ReadError(f"{path}: the motion file is damaged ({error}). Run the retarget again.") from error
     return motion
+
+
+def _robot_of(motion: Motion) -> RobotModel:
+    """Return the robot that a motion was made for; raises `ArgumentError` where an added one is gone or another one."""
+    digest, added = motion.report.robot_sha256, motion.robot in user_robots.names()
+    if not digest or (added and user_robots.load(motion.robot).description_sha256 == digest):
+        return load_robot(motion.robot)
+    file = motion.report.robot_file
+    here = "the robot of that name here was made from another file" if added else "there is none of that name here"
+    raise ArgumentError(
+        f"It was made with {motion.robot!r}, from {file!a} (SHA-256 {digest}), and {here}. "
+        f"Add it again: hoi-retarget robots add {PureWindowsPath(file).name or 'FILE'} --name {motion.robot}"
+    )
 
 
 def _members(path: Path, content: bytes) -> dict[str, bytes]:

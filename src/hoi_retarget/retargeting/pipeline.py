@@ -67,6 +67,8 @@ def _retarget(clip: Clip, model: RobotModel, config: Config, person: int) -> tup
         clip=clip.name,
         person=person,
         source=clip.source,
+        robot_file=model.spec.description_file,
+        robot_sha256=model.spec.description_sha256,
         root_scale=targets.root_scale,
         config=config.as_json(),
         versions=_versions(),

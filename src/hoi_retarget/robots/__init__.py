@@ -46,9 +46,12 @@ def robot(name: str) -> RobotSpec:
 
 def load_robot(name: str) -> RobotModel:
     """Return the model of the robot called `name`, which is compiled once; raises as `robot`."""
-    return _loaded(robot(name).name)
+    spec = robot(name)
+    return _loaded(spec.name, spec.mjcf, spec.description_sha256)
 
 
 @cache
-def _loaded(name: str) -> RobotModel:
+def _loaded(name: str, mjcf: Path, digest: str) -> RobotModel:
+    # An added robot may be another one later: its file and the digest tell.
+    del mjcf, digest
     return load_model(ROBOTS[name] if name in ROBOTS else user_robots.load(name))

@@ -137,8 +137,10 @@ class RobotSpec:
     """Joints of the maker's that are not moved; exports give them back."""
     joint_order: tuple[str, ...] = ()
     """All of the maker's joints in its order, held ones included; empty where none is held."""
+    description_file: str = ""
+    """Name of the maker's file that the robot was made from; empty for the robots of this package."""
     description_sha256: str = ""
-    """Digest of the maker's file that the robot was made from; empty for the robots of this package."""
+    """Digest of that file."""
 
     @property
     def ik_rows(self) -> tuple[IkRow, ...]:

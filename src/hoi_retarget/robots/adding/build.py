@@ -97,6 +97,7 @@ def _spec(anatomy: Anatomy, hints: Hints, name: str, file: Path) -> RobotSpec:
         dropped_rotations=() if turns else ("left_wrist", "right_wrist"),
         held=pose.held,
         joint_order=order if pose.held else (),
+        description_file=description.path.name,
         description_sha256=description.sha256,
     )
 
