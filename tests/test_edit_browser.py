@@ -110,11 +110,11 @@ def drag_upwards(page, session: Session, distance: float) -> None:
 
     begin, end = place(HANDLE), place(HANDLE + distance)
     page.mouse.move(*begin)
-    page.wait_for_timeout(300)
+    page.wait_for_timeout(2000)  # The arrow is taken once a drawn frame has shown it under the pointer.
     page.mouse.down()
     for share in np.linspace(0.0, 1.0, 6)[1:]:
         page.mouse.move(*(begin + share * (end - begin)))
-        page.wait_for_timeout(100)
+        page.wait_for_timeout(300)
     page.mouse.up()
 
 
