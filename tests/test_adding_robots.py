@@ -7,7 +7,7 @@ import pytest
 
 import hoi_retarget as hr
 from hoi_retarget.cli import main
-from hoi_retarget.cli.robot_adding import without_shapes
+from hoi_retarget.cli.robot_trials import without_shapes
 from hoi_retarget.errors import ArgumentError, RobotError
 from hoi_retarget.robots import load_robot, robot, user_robots
 from hoi_retarget.robots.adding.anatomy import find_anatomy
@@ -97,7 +97,8 @@ def test_robot_made_of_a_file_stands_relaxed_whatever_its_zero_pose_is(tmp_path,
 def test_any_link_may_be_the_root_and_look_anywhere(tmp_path, root, waist, yaw):
     """Robots whose torso is the root link, and those whose root frame looks backwards, were never solved before."""
     _, path = written(tmp_path, Choices(3, root=root, waist=waist, yaw=yaw, elbow_zero=0.8))
-    model = without_shapes(build_robot(path, "made", Hints()), tmp_path)
+    built = build_robot(path, "made", Hints())
+    model = without_shapes(built.spec, built.mjcf, tmp_path)
     motion = hr.retarget(hr.open_clip("builtin:carry_box"), model, hr.Config(contact="landmark"))
     assert motion.converged
     assert (motion.report.robot_file, motion.report.robot_sha256) == ("maker.xml", model.spec.description_sha256)

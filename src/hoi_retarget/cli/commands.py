@@ -26,6 +26,8 @@ Meshes = Annotated[Path | None, arg(metavar="DIR|menagerie", help_behavior_hint=
 ResultFiles = Annotated[Positional[tuple[Path, ...]], arg(metavar="RESULT...", help_behavior_hint="(required)")]
 ConfigFile = Annotated[Path | None, arg(metavar="FILE.toml|RESULT.npz", help_behavior_hint="")]
 OptionalFile = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
+TRIED = ("builtin:carry_box",)
+"""Clips that robots are tried on, unless others are named."""
 JsonFile = Annotated[Path | None, arg(metavar="FILE|-", help_behavior_hint="")]
 
 
@@ -238,7 +240,7 @@ class AddRobot:
     """What the file does not tell, as TOML; docs/robots.md has all keys."""
     meshes: OptionalFolder = None
     """Folder with its meshes, where they are not beside it."""
-    tried: Annotated[tuple[str, ...], arg(name="try", metavar="CLIP...")] = ("builtin:carry_box",)
+    tried: Annotated[tuple[str, ...], arg(name="try", metavar="CLIP...")] = TRIED
     """Built-in clips that it is tried on."""
 
 
@@ -266,6 +268,8 @@ class ShowRobot:
     """A robot's name."""
     picture: OptionalFile = None
     """Write a picture of the robot to this file (.png)."""
+    page: OptionalFile = None
+    """Write the robot's page to this file (.html): pictures, findings, and how it does on the clips it was tried on."""
     meshes: Meshes = None
     """Draw the vendor meshes: from a folder, or those of the package mujoco-menagerie."""
     json: JsonFile = None

@@ -1,27 +1,20 @@
 """`hoi-retarget robots add`: a robot made of its maker's file, what was found, and how it does on a clip."""
 
-import tempfile
-from dataclasses import replace
 from pathlib import Path
 
-import mujoco
-
 from hoi_retarget.cli.commands import AddRobot
+from hoi_retarget.cli.jobs import write_file
+from hoi_retarget.cli.robot_trials import Tried, page, tried
 from hoi_retarget.cli.terminal import say, show_table, warn
-from hoi_retarget.errors import ArgumentError, HoiRetargetError, RobotError
-from hoi_retarget.evaluation.thresholds import judged_figures
-from hoi_retarget.motion.motion import Motion
-from hoi_retarget.readers.open import builtin_scene, open_clip
-from hoi_retarget.retargeting.config import Config
-from hoi_retarget.retargeting.pipeline import retarget
-from hoi_retarget.robots import ROBOTS, user_robots
-from hoi_retarget.robots.adding.build import Built, build_robot
+from hoi_retarget.errors import ArgumentError, DrawingError, RobotError
+from hoi_retarget.readers.open import builtin_scene
+from hoi_retarget.robots import ROBOTS, load_robot, user_robots
+from hoi_retarget.robots.adding.build import build_robot
+from hoi_retarget.robots.adding.findings import Record
 from hoi_retarget.robots.adding.hints import read_hints
-from hoi_retarget.robots.model import RobotModel, load_model
 
 USABLE, REFUSED = 1, 2
 """Exit codes beside 0."""
-_GAP, _POSE, _POSE_OF_SHORT_ARMS = 0.002, 25.0, 30.0
 
 
 def add(action: AddRobot) -> int:
@@ -42,49 +35,24 @@ def add(action: AddRobot) -> int:
     rows = [(finding.level, finding.subject, finding.what, finding.hint) for finding in built.findings]
     show_table([("", "part", "taken for", "to change it"), *rows], words=(0, 1, 2, 3))
     say()
-    gates = [gate for clip in action.tried for gate in _gates(built, clip)]
-    folder = user_robots.save(built.spec, built.mjcf)
+    trials = [tried(built.spec, built.mjcf, clip) for clip in action.tried]
+    for trial in trials:
+        say(f"{trial.name}: " + ", ".join(f"{what}{'' if holds else ' (!)'}" for what, holds in trial.gates))
+    record = Record(built.findings, action.tried)
+    folder = user_robots.save(built.spec, built.mjcf, record)
+    _write_page(name, folder / user_robots.PAGE, record, trials)
     say()
     say(f"added: {name} ({folder}). Try it: hoi-retarget run CLIP --robot {name} --out results")
-    well = all(gates) and all(finding.level == "ok" for finding in built.findings)
-    return 0 if well else USABLE
+    well = all(holds for trial in trials for _, holds in trial.gates)
+    return 0 if well and all(finding.level == "ok" for finding in built.findings) else USABLE
 
 
-def _gates(built: Built, clip: str) -> list[bool]:
-    """Retarget a clip by its landmarks, and print whether each figure is as it should be."""
-    with tempfile.TemporaryDirectory() as folder:
-        model = without_shapes(built, Path(folder))
-        try:
-            motion = retarget(open_clip(clip), model, Config(contact="landmark"))
-        except HoiRetargetError as error:
-            warn(f"{clip}: {error}")
-            return [False]
-    gates = gates_of(motion, model)
-    say(f"{clip}: " + ", ".join(f"{what}{'' if well else ' (!)'}" for what, well in gates))
-    return [well for _, well in gates]
-
-
-def gates_of(motion: Motion, model: RobotModel) -> list[tuple[str, bool]]:
-    """Return what a motion must do, in words with its figures, and whether it does."""
-    figures = judged_figures(motion, model)
-    gap, pose = figures["contact_gap_m"], figures["body_pose_deviation_deg"]
-    unreached, margin = figures["unreached_share"] or 0.0, figures["joint_range_margin_rad"]
-    widest = _POSE if model.spec.palm_weight == 1.0 else _POSE_OF_SHORT_ARMS
-    return [
-        ("converged", motion.converged) if motion.converged else ("not converged", False),
-        (f"contacts {1000 * (gap or 0.0):.1f} mm off", gap is None or gap <= _GAP),
-        (f"{100 * unreached:.0f} % of them unreached", unreached == 0.0),
-        (f"pose {pose or 0.0:.0f} deg from the person's", pose is None or pose <= widest),
-        ("ranges kept" if margin is None or margin >= 0 else "ranges not kept", margin is None or margin >= 0),
-    ]
-
-
-def without_shapes(built: Built, folder: Path) -> RobotModel:
-    """Return a robot's model without geometry: skins take minutes, and landmarks need none."""
-    description = mujoco.MjSpec.from_string(built.mjcf)
-    for element in (*description.geoms, *description.meshes):
-        description.delete(element)
-    file = folder / "robot.xml"
-    description.compile()
-    file.write_text(description.to_xml(), encoding="utf-8")
-    return load_model(replace(built.spec, mjcf=file))
+def _write_page(name: str, path: Path, record: Record, trials: list[Tried]) -> None:
+    """Write the page of a robot that was added; without a way to draw it is added all the same."""
+    try:
+        content = page(load_robot(name), record.findings, trials)
+    except DrawingError as error:
+        warn(f"no page of {name} is made: {error}")
+        return
+    write_file("robots add", path, content)
+    say(f"look at it: {path}")

@@ -6,13 +6,15 @@ from importlib.util import find_spec
 from math import degrees
 from pathlib import Path
 
-from hoi_retarget.cli.commands import AddRobot, CheckRobot, ListRobots, RemoveRobot, Robots, ShowRobot
+from hoi_retarget.cli.commands import TRIED, AddRobot, CheckRobot, ListRobots, RemoveRobot, Robots, ShowRobot
 from hoi_retarget.cli.jobs import check_json, check_writable, write_file, write_json
 from hoi_retarget.cli.robot_adding import add
+from hoi_retarget.cli.robot_trials import page, tried
 from hoi_retarget.cli.terminal import say, show_table
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.robots import ROBOTS, load_robot, robot, user_robots
 from hoi_retarget.robots.check import check, has_errors
+from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import RobotSpec
 from hoi_retarget.robots.tables import joint_table, role_table
 
@@ -55,6 +57,8 @@ def _show(action: ShowRobot) -> int:
     spec = robot(action.name)
     if action.picture is not None:
         _check_picture(action.picture, action.meshes)
+    if action.page is not None:
+        _check_page(action.page)
     check_json(action.json)
     model = load_robot(action.name)
     say(f"{spec.name}: {spec.title}")
@@ -87,7 +91,24 @@ def _show(action: ShowRobot) -> int:
     )
     if action.picture is not None:
         _draw(spec, action.picture, action.meshes)
+    if action.page is not None:
+        _write_page(model, action.page)
     return 0
+
+
+def _check_page(path: Path) -> None:
+    if path.suffix.lower() not in {".html", ".htm"}:
+        raise ArgumentError(f"--page {path}: pages are HTML. Name a file that ends in .html.")
+    check_writable("--page", path.parent)
+
+
+def _write_page(model: RobotModel, path: Path) -> None:
+    record = user_robots.record_of(model.spec.name)
+    mjcf = model.spec.mjcf.read_text(encoding="utf-8")
+    trials = [tried(model.spec, mjcf, clip) for clip in record.tried or TRIED]
+    write_file("--page", path, page(model, record.findings, trials))
+    say()
+    say(f"written: {path}")
 
 
 def _check_picture(path: Path, meshes: Path | None) -> None:

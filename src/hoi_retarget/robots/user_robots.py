@@ -17,6 +17,7 @@ import msgspec
 from hoi_retarget.errors import ArgumentError, RobotError, WriteError
 from hoi_retarget.files.atomic import write_atomically, writing
 from hoi_retarget.robots.adding.build import build_robot
+from hoi_retarget.robots.adding.findings import Record
 from hoi_retarget.robots.adding.hints import Hints
 from hoi_retarget.robots.spec import RobotSpec
 
@@ -24,9 +25,12 @@ FOLDER_VARIABLE = "HOI_RETARGET_ROBOTS"
 """Environment variable with another folder for them."""
 SUFFIXES = (".urdf", ".xml", ".mjcf")
 """Of makers' files."""
-_MJCF, _SPEC, _SKIN = "robot.xml", "robot.json", "skin.npz"
+PAGE = "robot.html"
+"""Of the page in a robot's folder."""
+_MJCF, _SPEC, _SKIN, _RECORD = "robot.xml", "robot.json", "skin.npz", "added.json"
 _NAME = re.compile(r"[a-z0-9][a-z0-9_.-]{0,63}")
 _MOST_BYTES = 64 << 20
+_NO_RECORD = Record()
 
 
 def folder() -> Path:
@@ -86,7 +90,15 @@ def keep_skin(spec: RobotSpec, content: bytes) -> None:
             write_atomically(own / _SKIN, content)
 
 
-def save(spec: RobotSpec, mjcf: str) -> Path:
+def record_of(name: str) -> Record:
+    """Return how a robot was added; nothing where that is not known, as of robots of this package."""
+    try:
+        return msgspec.json.decode((folder() / name / _RECORD).read_bytes(), type=Record)
+    except (OSError, msgspec.MsgspecError):
+        return _NO_RECORD
+
+
+def save(spec: RobotSpec, mjcf: str, record: Record = _NO_RECORD) -> Path:
     """Write a robot into the user's folder, all of it or nothing, and return its folder; one of its name is replaced.
 
     Raises `WriteError`.
@@ -98,6 +110,7 @@ def save(spec: RobotSpec, mjcf: str) -> Path:
         try:
             (new / _MJCF).write_text(mjcf, encoding="utf-8")
             (new / _SPEC).write_bytes(msgspec.json.format(msgspec.json.encode(spec, enc_hook=str), indent=1))
+            (new / _RECORD).write_bytes(msgspec.json.format(msgspec.json.encode(record), indent=1))
             new.chmod(0o755)
             if own.exists():
                 old = new.with_name(new.name + ".old")
@@ -133,7 +146,7 @@ def of_file(path: Path, taken: Container[str] = ()) -> RobotSpec:
     if name in taken or name in names():
         name = f"{name[:50]}_{digest[:8]}"
     built = build_robot(path, name, Hints())
-    save(built.spec, built.mjcf)
+    save(built.spec, built.mjcf, Record(built.findings))
     return load(name)
 
 

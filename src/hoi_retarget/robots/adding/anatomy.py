@@ -9,7 +9,7 @@ from jaxtyping import Float
 from hoi_retarget.robots.adding.bends import Bend, find_bend, joint_centre, straight_angle
 from hoi_retarget.robots.adding.description import Description
 from hoi_retarget.robots.adding.facing import Facing, find_facing
-from hoi_retarget.robots.adding.findings import Finding, Refused
+from hoi_retarget.robots.adding.findings import Finding, Refused, hint_of_site
 from hoi_retarget.robots.adding.hands import Arm, find_arm
 from hoi_retarget.robots.adding.hints import Hints
 from hoi_retarget.robots.adding.limbs import Chain, Limbs, find_limbs
@@ -30,6 +30,7 @@ _LEAST_HEAD, _USUAL_HEAD = 0.05, 0.17
 """Of the stature, above the shoulders: a head without a shape has the usual height."""
 _WIDEST, _SHORTEST, _TILTED = 0.18, 0.06, 12.0
 """Soles beyond these are doubtful [m, m, deg]."""
+_LOCK = 'lock = ["JOINT", ...]'
 _MIRROR = 0.005
 """Left and right are mirror images within this [m]."""
 
@@ -249,7 +250,7 @@ def _arm_sites(pose: ZeroPose, chain: Chain, arm: Arm) -> Iterator[tuple[str, Pl
 
 def _leg_findings(pose: ZeroPose, side: str, leg: Leg) -> Iterator[Finding]:
     sole = leg.sole
-    yield Finding("ok", f"{side} leg", _named_chain(pose, leg.chain))
+    yield Finding("ok", f"{side} leg", _named_chain(pose, leg.chain), _LOCK)
     straight, _, _ = straight_angle(pose, leg.knee, leg.ankle)
     yield _bend_finding(pose, side, "knee", leg.knee, straight)
     length, width = sole.toe - sole.heel, sole.left - sole.right
@@ -260,7 +261,7 @@ def _leg_findings(pose: ZeroPose, side: str, leg: Leg) -> Iterator[Finding]:
 
 
 def _arm_findings(pose: ZeroPose, side: str, chain: Chain, arm: Arm) -> Iterator[Finding]:
-    yield Finding("ok", f"{side} arm", _named_chain(pose, chain))
+    yield Finding("ok", f"{side} arm", _named_chain(pose, chain), _LOCK)
     yield _bend_finding(pose, side, "elbow", arm.bend, arm.straight)
     turns = {3: "turn the palm freely", 2: "turn the palm about two axes", 1: "turn the palm about one axis"}
     what = f"{len(arm.beyond)} joints after the elbow {turns.get(arm.free_turns, 'turn the palm not at all')}"
@@ -293,7 +294,10 @@ def _mirror_findings(sites: Mapping[str, PlacedSite], facing: Facing) -> Iterato
     name = max(worst, key=lambda site: worst[site])
     if worst[name] > _MIRROR:
         yield Finding(
-            "warn", "mirror", f"left and right {name} are {1000 * worst[name]:.0f} mm from being mirror images"
+            "warn",
+            "mirror",
+            f"left and right {name} are {1000 * worst[name]:.0f} mm from being mirror images",
+            hint_of_site(f"left_{name}"),
         )
 
 
@@ -301,4 +305,4 @@ def _held_findings(pose: ZeroPose) -> Iterator[Finding]:
     if pose.held:
         names = [one.joint for one in pose.held]
         shown = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
-        yield Finding("ok", "held joints", f"{len(names)} do not move on their own ({shown})", 'lock = ["JOINT", ...]')
+        yield Finding("ok", "held joints", f"{len(names)} do not move on their own ({shown})", _LOCK)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hoi_retarget.robots.adding.anatomy import Anatomy, find_anatomy
 from hoi_retarget.robots.adding.description import DEFAULT_SPEED, read_description
-from hoi_retarget.robots.adding.findings import Finding, Refused
+from hoi_retarget.robots.adding.findings import Finding, Refused, hint_of_site
 from hoi_retarget.robots.adding.hints import Hints
 from hoi_retarget.robots.adding.home_pose import HomePose, solve_home, standing_height
 from hoi_retarget.robots.adding.robot_file import robot_file
@@ -115,7 +115,8 @@ def _home_finding(home: HomePose) -> Finding:
             f"it cannot stand relaxed: in the pose that comes nearest, {site} is {degrees:.0f} degrees off. Either its "
             "joints cannot, or one was taken for another: say knees and elbows in a hints file."
         )
-    return Finding("ok" if degrees <= _WELL else "warn", "home pose", f"missed by {degrees:.1f} deg at most ({site})")
+    what = f"missed by {degrees:.1f} deg at most ({site})"
+    return Finding("ok" if degrees <= _WELL else "warn", "home pose", what, hint_of_site(site))
 
 
 def _speed_findings(anatomy: Anatomy, spec: RobotSpec) -> Iterator[Finding]:
@@ -123,6 +124,8 @@ def _speed_findings(anatomy: Anatomy, spec: RobotSpec) -> Iterator[Finding]:
     if assumed:
         joints = f"{len(assumed)} of {len(spec.speed_limits)} joints"
         what = f"no file says them for {joints}: {DEFAULT_SPEED:g} rad/s is assumed"
-        yield Finding("warn", "speed limits", what, "[speed] default = RAD_PER_S")
+        yield Finding("warn", "speed limits", what, "speed.default = RAD_PER_S")
     else:
-        yield Finding("ok", "speed limits", f"{len(spec.speed_limits)} from the maker's URDF")
+        yield Finding(
+            "ok", "speed limits", f"{len(spec.speed_limits)} from the maker's URDF", "speed.JOINT = RAD_PER_S"
+        )

@@ -74,7 +74,8 @@ def find_facing(pose: ZeroPose, limbs: Limbs, knees: Sequence[Bend], ankles: Seq
     left /= np.linalg.norm(left)
     ahead = np.cross(left, limbs.up)
     against = [name for name, vote in votes.items() if vote * sign < -0.1]
-    what = f"{np.round(ahead, 2) + 0.0} by {_told(votes, sign)}"
+    place = " ".join(f"{number + 0.0:g}" for number in np.round(ahead, 2))
+    what = f"({place}) in the root's frame by {_told(votes, sign)}"
     finding = Finding("warn" if against else "ok", "ahead", what, 'ahead = "x"  # or -x, y, -y')
     return Facing(np.stack([ahead, left, limbs.up], axis=1), first_is_left, finding)
 

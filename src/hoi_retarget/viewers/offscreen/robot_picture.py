@@ -2,6 +2,7 @@
 
 import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -61,10 +62,19 @@ def png(pixels: UInt8[np.ndarray, "H W 3"]) -> bytes:
     Raises:
         HoiRetargetError: Pillow, which writes it, is not installed.
     """
+    return _encoded(pixels, format="PNG", optimize=True)
+
+
+def jpeg(pixels: UInt8[np.ndarray, "H W 3"]) -> bytes:
+    """Return a picture as the bytes of a JPEG file, smaller and made faster than a PNG; raises as `png`."""
+    return _encoded(pixels, format="JPEG", quality=90, subsampling=0)
+
+
+def _encoded(pixels: UInt8[np.ndarray, "H W 3"], **options: Any) -> bytes:
     try:
         from PIL import Image  # noqa: PLC0415 # pyright: ignore[reportMissingImports] - optional
     except ImportError as error:
         raise HoiRetargetError("Writing a picture needs Pillow: pip install pillow.") from error
     buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, format="PNG", optimize=True)
+    Image.fromarray(pixels).save(buffer, **options)
     return buffer.getvalue()

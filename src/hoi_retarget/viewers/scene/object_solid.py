@@ -3,10 +3,10 @@
 import numpy as np
 from jaxtyping import Float, Int
 
-from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.objects.track import ObjectGeometry
-from hoi_retarget.viewers.scene.drawing import Colour, Kind, Shapes, Solid
+from hoi_retarget.viewers.scene.axes import axes
+from hoi_retarget.viewers.scene.drawing import Colour, Shapes, Solid
 
 MOST_FACES = 20_000
 COLOURS: tuple[Colour, ...] = ((190, 144, 92), (112, 148, 176), (150, 160, 110), (176, 122, 138))
@@ -35,16 +35,8 @@ def object_solid(
 
 
 def object_axes(positions: Float[np.ndarray, "T 3"], quats: Float[np.ndarray, "T 4"]) -> Shapes:
-    """Return the axes of an object of unknown shape: x red, y green, z blue."""
-    half = 0.5 * AXIS_LENGTH
-    turns = se3.exp(0.5 * np.pi * np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
-    return Shapes(
-        kind=Kind.CYLINDER,
-        sizes=np.tile(np.array([_AXIS_RADIUS, _AXIS_RADIUS, half], dtype=np.float32), (3, 1)),
-        colours=np.array([[205, 60, 55], [70, 160, 75], [60, 100, 200]], dtype=np.uint8),
-        positions=(positions[:, None] + se3.rotate(quats[:, None], half * np.eye(3))).astype(np.float32),
-        quats=se3.quat_multiply(quats[:, None], turns).astype(np.float32),
-    )
+    """Return the axes of an object of unknown shape."""
+    return axes(positions[:, None], quats[:, None], AXIS_LENGTH, _AXIS_RADIUS)
 
 
 def thinned(vertices: Vertices, faces: Faces, most: int = MOST_FACES) -> tuple[Vertices, Faces]:

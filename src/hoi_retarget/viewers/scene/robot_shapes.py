@@ -3,14 +3,14 @@
 Every geometry is fixed to a node of the kinematic tree.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.numerics import se3
@@ -34,60 +34,96 @@ class _Attached:
     quat: Float[np.ndarray, "4"]
 
 
-def robot_parts(model: RobotModel, kinematics: Kinematics, meshes: Path | None) -> tuple[Part, ...]:
+def robot_parts(
+    model: RobotModel, kinematics: Kinematics, meshes: Path | None, beyond: str | None = None
+) -> tuple[Part, ...]:
     """Return a robot over time: its vendor meshes from a folder, or the shapes of its MJCF where none is given.
+
+    Args:
+        model: The robot.
+        kinematics: Its poses.
+        meshes: The folder.
+        beyond: A site; only the link that carries it and links that hang from that one are returned.
 
     Raises:
         RobotError: The robot's specification names no meshes.
         ReadError: A mesh file is missing, or MuJoCo cannot read it.
     """
+    nodes = _nodes(model, beyond)
     if meshes is not None:
-        return robot_meshes(model, kinematics, meshes)
-    own = any(model.geometries.meshes)
-    return (
-        *robot_shapes(model, kinematics),
-        *(_solids(compile_mjcf(model.spec.mjcf, model.spec.sites), kinematics) if own else ()),
-    )
+        return _solids(_vendor_meshes(model, meshes), kinematics, nodes)
+    return (*robot_shapes(model, kinematics, nodes), *_solids(_own_meshes(model), kinematics, nodes))
 
 
-def robot_shapes(model: RobotModel, kinematics: Kinematics) -> tuple[Shapes, ...]:
-    """Return a robot's primitives over time, one `Shapes` for each kind of them."""
+def _nodes(model: RobotModel, beyond: str | None) -> Collection[int] | None:
+    """Return the nodes that a site's link carries, its own among them; None, which are all, without one."""
+    if beyond is None:
+        return None
+    return np.flatnonzero(model.supports[model.sites.frames[beyond].node]).tolist()
+
+
+def robot_shapes(model: RobotModel, kinematics: Kinematics, nodes: Collection[int] | None = None) -> tuple[Shapes, ...]:
+    """Return a robot's primitives over time, one `Shapes` for each kind of them; those of some nodes, or of all."""
     shapes = []
     for kind, pieces in _primitives(model).items():
-        sizes, attached = zip(*pieces, strict=True)
-        colours = np.array([item.colour for item in attached], dtype=np.uint8)
-        shapes.append(Shapes(kind, np.stack(sizes).astype(np.float32), colours, *_world_poses(kinematics, attached)))
+        own = [(size, item) for size, item in pieces if nodes is None or item.node in nodes]
+        if own:
+            sizes, attached = zip(*own, strict=True)
+            colours = np.array([item.colour for item in attached], dtype=np.uint8)
+            poses = _world_poses(kinematics, attached)
+            shapes.append(Shapes(kind, np.stack(sizes).astype(np.float32), colours, *poses))
     return tuple(shapes)
 
 
-def robot_meshes(model: RobotModel, kinematics: Kinematics, folder: Path) -> tuple[Solid, ...]:
-    """Return the vendor meshes of a robot over time, from a folder with their files.
+@dataclass(frozen=True, eq=False)
+class _Mesh:
+    """A mesh of a compiled model, and its geometry."""
 
-    Raises:
-        RobotError: The robot's specification names no meshes.
-        ReadError: A mesh file is missing, or MuJoCo cannot read it.
-    """
+    vertices: Float[np.ndarray, "V 3"]
+    """[m]"""
+    faces: Int[np.ndarray, "F 3"]
+    attached: _Attached
+
+
+@lru_cache(maxsize=8)
+def _own_meshes(model: RobotModel) -> Sequence[_Mesh]:
+    """Return the meshes of a robot's MJCF."""
+    if not any(model.geometries.meshes):
+        return ()
+    return _meshes(compile_mjcf(model.spec.mjcf, model.spec.sites))
+
+
+def _vendor_meshes(model: RobotModel, folder: Path) -> Sequence[_Mesh]:
     description = read_mjcf(model.spec.mjcf, model.spec.sites)
     attach_visual_meshes(description, model.spec, folder)
     try:
-        compiled = description.compile()
+        return _meshes(description.compile())
     except ValueError as error:
         raise ReadError(f"{folder}: MuJoCo cannot read the meshes of {model.spec.title}: {error}") from error
-    return _solids(compiled, kinematics)
 
 
-def _solids(compiled: mujoco.MjModel, kinematics: Kinematics) -> tuple[Solid, ...]:
-    """Return the meshes of a compiled description over time."""
+def _meshes(compiled: mujoco.MjModel) -> Sequence[_Mesh]:
     geometries = geometries_of(compiled, tree_of(compiled))
-    attached = [item for item in _attached(geometries) if geometries.meshes[item.geom]]
-    positions, quats = _world_poses(kinematics, attached)
-    solids = []
-    for index, item in enumerate(attached):
-        mesh = compiled.mesh(geometries.meshes[item.geom])
-        vertices = compiled.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]].astype(float)
-        faces = compiled.mesh_face[mesh.faceadr[0] :][: mesh.facenum[0]].astype(int)
-        solids.append(Solid(vertices, faces, item.colour, positions[:, index], quats[:, index]))
-    return tuple(solids)
+    found = []
+    for item in _attached(geometries):
+        if geometries.meshes[item.geom]:
+            mesh = compiled.mesh(geometries.meshes[item.geom])
+            vertices = compiled.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]].astype(float)
+            faces = compiled.mesh_face[mesh.faceadr[0] :][: mesh.facenum[0]].astype(int)
+            found.append(_Mesh(vertices, faces, item))
+    return tuple(found)
+
+
+def _solids(meshes: Sequence[_Mesh], kinematics: Kinematics, nodes: Collection[int] | None) -> tuple[Solid, ...]:
+    """Return meshes over time."""
+    own = [mesh for mesh in meshes if nodes is None or mesh.attached.node in nodes]
+    if not own:
+        return ()
+    positions, quats = _world_poses(kinematics, [mesh.attached for mesh in own])
+    return tuple(
+        Solid(mesh.vertices, mesh.faces, mesh.attached.colour, positions[:, index], quats[:, index])
+        for index, mesh in enumerate(own)
+    )
 
 
 def _world_poses(
