@@ -17,3 +17,9 @@ settings.load_profile("repeatable")
 def no_lines_of_progress(monkeypatch):
     """Keep what a busy machine takes long for from saying so, where tests read what is said."""
     monkeypatch.setattr("hoi_retarget.cli.terminal.PAUSE_S", 3600.0)
+
+
+@pytest.fixture(autouse=True)
+def no_robots_of_the_user(monkeypatch, tmp_path):
+    """Keep robots and meshes that the user of this machine has from changing what tests see."""
+    monkeypatch.setenv("HOI_RETARGET_ROBOTS", str(tmp_path / "no robots"))

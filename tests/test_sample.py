@@ -40,7 +40,7 @@ def pip(monkeypatch):
     """Let pip be a function of its command."""
 
     def be(answer):
-        monkeypatch.setattr(sample.subprocess, "run", lambda command, **_: answer(command))
+        monkeypatch.setattr(subprocess, "run", lambda command, **_: answer(command))
 
     return be
 

@@ -253,6 +253,18 @@ class RemoveRobot:
 
 
 @dataclass(frozen=True)
+class FetchMeshes:
+    """Fetch the maker's meshes of a robot of this package once; pictures then show them."""
+
+    name: Annotated[Positional[str], arg(metavar="NAME")]
+    """A robot's name."""
+    folder: OptionalFolder = None
+    """Take them from this folder instead, such as the maker's repository in a checkout."""
+    remove: bool = False
+    """Delete them: pictures show this package's own shapes again."""
+
+
+@dataclass(frozen=True)
 class ListRobots:
     """List the robots."""
 
@@ -286,7 +298,7 @@ class CheckRobot:
 
 @dataclass(frozen=True)
 class Robots:
-    """Add, list, show, check or remove robots."""
+    """Add, list, show, check or remove robots, or fetch their meshes."""
 
     action: (
         Annotated[AddRobot, subcommand("add")]
@@ -294,6 +306,7 @@ class Robots:
         | Annotated[ListRobots, subcommand("list")]
         | Annotated[ShowRobot, subcommand("show")]
         | Annotated[CheckRobot, subcommand("check")]
+        | Annotated[FetchMeshes, subcommand("meshes")]
     )
 
 

@@ -6,14 +6,30 @@ from importlib.util import find_spec
 from math import degrees
 from pathlib import Path
 
-from hoi_retarget.cli.commands import TRIED, AddRobot, CheckRobot, ListRobots, RemoveRobot, Robots, ShowRobot
+from hoi_retarget.cli.commands import (
+    TRIED,
+    AddRobot,
+    CheckRobot,
+    FetchMeshes,
+    ListRobots,
+    RemoveRobot,
+    Robots,
+    ShowRobot,
+)
 from hoi_retarget.cli.jobs import check_json, check_writable, write_file, write_json
 from hoi_retarget.cli.robot_adding import add
 from hoi_retarget.cli.robot_trials import page, tried
-from hoi_retarget.cli.terminal import say, show_table
+from hoi_retarget.cli.terminal import Working, say, show_table
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.robots import ROBOTS, load_robot, robot, user_robots
 from hoi_retarget.robots.check import check, has_errors
+from hoi_retarget.robots.fetched_meshes import (
+    SOURCES,
+    fetch_meshes,
+    mesh_names,
+    read_folder,
+    remove_meshes,
+)
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import RobotSpec
 from hoi_retarget.robots.tables import joint_table, role_table
@@ -29,12 +45,36 @@ def execute(command: Robots) -> int:
         case RemoveRobot() as action:
             say(f"removed: {user_robots.remove(action.name)}")
             return 0
+        case FetchMeshes() as action:
+            return _meshes(action)
         case ListRobots() as action:
             return _list(action)
         case ShowRobot() as action:
             return _show(action)
         case CheckRobot() as action:
             return _check(action)
+
+
+def _meshes(action: FetchMeshes) -> int:
+    spec = robot(action.name)
+    if spec.name not in SOURCES:
+        raise ArgumentError(
+            f"{spec.name} was added from its maker's file, with the meshes that it found then. "
+            "Add it again with --meshes DIR where some were missing."
+        )
+    if action.remove:
+        removed = remove_meshes(spec)
+        say(f"removed: {removed}" if removed else f"No meshes of {spec.name} were fetched.")
+        return 0
+    source = SOURCES[spec.name]
+    read = source.place.read if action.folder is None else read_folder(action.folder)
+    say(f"Fetching {len(mesh_names(spec))} meshes of {spec.title}: {action.folder or source.place}.")
+    say(f"Terms: {source.licence}.")
+    with Working("fetching", None):
+        folder = fetch_meshes(spec, read, source.licence)
+    size = sum(path.stat().st_size for path in folder.iterdir()) / 1e6
+    say(f"kept: {folder} ({size:.1f} MB). Pictures show them from now on.")
+    return 0
 
 
 def _list(action: ListRobots) -> int:

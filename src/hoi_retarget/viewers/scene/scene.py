@@ -57,7 +57,7 @@ class Shown:
     person: int = 0
     """Index among the clip's people."""
     meshes: Path | None = None
-    """Folder with the files of the robot's vendor meshes; None draws the primitives."""
+    """Folder with the files of the robot's vendor meshes; None for those that were fetched, or the primitives."""
 
     def __post_init__(self) -> None:
         motion, clip = self.motion, self.clip

@@ -1,0 +1,177 @@
+"""The maker's meshes of the robots of this package, fetched once into the user's folder, for pictures alone.
+
+The package ships none of them. They come from pinned places, and are what their digests say or nothing at all.
+"""
+
+import hashlib
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from urllib.request import urlopen
+
+from hoi_retarget.errors import ReadError
+from hoi_retarget.files.atomic import write_together, writing
+from hoi_retarget.files.python_package import check_digest, download_wheel, read_members
+from hoi_retarget.robots import user_robots
+from hoi_retarget.robots.adding.mesh_files import coarse_stl
+from hoi_retarget.robots.spec import RobotSpec
+
+_MOST_BYTES = 32 << 20  # Of one file.
+_PATIENCE_S = 30.0
+_LICENCE = "LICENCE.txt"
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """Meshes in a wheel of the Python package index."""
+
+    package: str
+    version: str
+    sha256: str
+    folder: str
+    """Of the meshes in the wheel, with a slash at its end."""
+
+    def __str__(self) -> str:
+        """Return where they come from, in words."""
+        return f"{self.package} {self.version} of the Python package index"
+
+    def read(self, names: tuple[str, ...]) -> dict[str, bytes]:
+        """Return the files; raises `ReadError`."""
+        with tempfile.TemporaryDirectory(prefix="hoi-retarget-") as scratch:
+            wheel = download_wheel("the meshes' wheel", self.package, self.version, Path(scratch))
+            read = read_members(wheel, self.sha256, (self.folder + name for name in names))
+        return {name: read[self.folder + name] for name in names}
+
+
+@dataclass(frozen=True)
+class Repository:
+    """Meshes in a public repository at a commit."""
+
+    address: str
+    """Of its folder of meshes at that commit, with a slash at its end."""
+    digests: Path
+    """File with the SHA-256 of each, as `sha256sum` writes it."""
+
+    def __str__(self) -> str:
+        """Return where they come from, in words."""
+        return self.address
+
+    def read(self, names: tuple[str, ...]) -> dict[str, bytes]:
+        """Return the files; raises `ReadError`."""
+        lines = (line.split() for line in self.digests.read_text(encoding="ascii").splitlines())
+        digests = {name: digest for digest, name in lines}
+        contents = {name: self._file(name) for name in names}
+        for name, content in contents.items():
+            check_digest(self.address + name, hashlib.sha256(content).hexdigest(), digests[name])
+        return contents
+
+    def _file(self, name: str) -> bytes:
+        try:
+            with urlopen(self.address + name, timeout=_PATIENCE_S) as answer:
+                return answer.read(_MOST_BYTES)
+        except OSError as error:  # What urllib raises is of this kind.
+            reason = getattr(error, "reason", error)
+            raise ReadError(
+                f"{self.address}{name}: could not be fetched ({reason}). Check the network, or "
+                "name a folder that has the files: --folder DIR."
+            ) from error
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a robot's meshes come from, and under which terms."""
+
+    place: Wheel | Repository
+    licence: str
+
+
+_UNITREE = "BSD-3-Clause, (c) HangZhou YuShu TECHNOLOGY CO., LTD (Unitree Robotics)"
+SOURCES: Mapping[str, Source] = MappingProxyType(
+    {
+        "unitree_g1": Source(
+            Wheel(
+                "mjlab",
+                "1.6.0",
+                "03d003854e2f44c48330c6dcf4c2253ff7641bb569747846825a21b9efa8540b",
+                "mjlab/asset_zoo/robots/unitree_g1/xmls/assets/",
+            ),
+            _UNITREE,
+        ),
+        "unitree_h2": Source(
+            Repository(
+                "https://raw.githubusercontent.com/unitreerobotics/unitree_ros/"
+                "fceefdfd21389778ebb42419d503c7e5eee4a1be/robots/h2_description/meshes/",
+                Path(__file__).with_name("unitree_h2_meshes.sha256"),
+            ),
+            _UNITREE,
+        ),
+    }
+)
+
+
+def fetched_meshes(spec: RobotSpec) -> Path | None:
+    """Return the folder with all of a robot's fetched meshes, or None."""
+    own = _folder(spec.name)
+    names = mesh_names(spec)
+    return own if names and all((own / name).is_file() for name in names) else None
+
+
+def fetch_meshes(spec: RobotSpec, read: Callable[[tuple[str, ...]], Mapping[str, bytes]], licence: str) -> Path:
+    """Fetch a robot's meshes, make them coarser, and keep all of them or none; return their folder.
+
+    Args:
+        spec: The robot.
+        read: Returns files by name, such as `Wheel.read`; raises `ReadError`.
+        licence: The meshes' terms, which are kept beside them.
+
+    Raises:
+        ReadError: They cannot be fetched, or are not what was expected.
+        WriteError: The user's folder cannot be written.
+    """
+    own = _folder(spec.name)
+    contents: dict[Path, bytes] = {}
+    for name, content in read(mesh_names(spec)).items():
+        coarse = coarse_stl(content, Path(name).suffix.lower().removeprefix("."))
+        if coarse is None:
+            raise ReadError(f"{name} of {spec.title}: it has no surface. Nothing was kept.")
+        contents[own / name] = coarse
+    write_together({**contents, own / _LICENCE: f"{licence}\n".encode()})
+    return own
+
+
+def read_folder(folder: Path) -> Callable[[tuple[str, ...]], dict[str, bytes]]:
+    """Return what reads files by name from a folder of the user's, or from those below it."""
+
+    def read(names: tuple[str, ...]) -> dict[str, bytes]:
+        found = {path.name: path for path in sorted(folder.rglob("*")) if path.is_file()}
+        if missing := [name for name in names if name not in found]:
+            shown = ", ".join(missing[:4]) + (", ..." if len(missing) > 4 else "")
+            raise ReadError(f"{folder}: {len(missing)} mesh files are not there: {shown}.")
+        try:
+            return {name: found[name].read_bytes() for name in names}
+        except OSError as error:
+            raise ReadError(f"{folder}: {error.filename} cannot be read ({error.strerror}).") from error
+
+    return read
+
+
+def remove_meshes(spec: RobotSpec) -> Path | None:
+    """Delete a robot's fetched meshes and return where they were; None where there are none. Raises `WriteError`."""
+    own = _folder(spec.name)
+    if not own.exists():
+        return None
+    with writing(own):
+        shutil.rmtree(own)
+    return own
+
+
+def mesh_names(spec: RobotSpec) -> tuple[str, ...]:
+    """Return the names of the mesh files of a robot."""
+    return tuple(dict.fromkeys(name for names in spec.meshes.values() for name in names))
+
+
+def _folder(name: str) -> Path:
+    return user_robots.folder() / name / "meshes"
