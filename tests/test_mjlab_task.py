@@ -101,9 +101,12 @@ def test_what_is_told_of_the_robot_is_in_its_files(model):
     assert set(told["contact_bodies"]) <= bodies
     assert (robot.geom_condim >= 3).all() and robot.nu == 0
     assert told["timestep"] * told["decimation"] == pytest.approx(0.02)
-    # Floor before object before robot: then these frictions are the ones that count.
-    assert told["floor"]["priority"] > told["object_priority"] > robot.geom_priority.max()
-    assert told["floor"]["friction"][0] == 0.6
+    # The robot before floor and objects: then these frictions are the ones that count.
+    assert "priority" not in told["floor"] and robot.geom_priority.min() == 1
+    soles = [robot.geom(name).id for name in told["soles"]]
+    assert len(soles) == 8 and set(robot.geom_friction[soles, 0]) == {told["floor_friction"]} == {0.6}
+    assert set(np.delete(robot.geom_friction[:, 0], soles)) == {0.9}
+    assert told["floor"]["friction"][0] == told["object_friction"] == 0.4
     # mjlab makes environments of these places, in which nothing may be inside anything else.
     np.testing.assert_allclose(robot.qpos0[:7], [*told["root"]["pos"], *told["root"]["quat"]], atol=1e-12)
     for number, item in enumerate(told["objects"]):
@@ -111,7 +114,7 @@ def test_what_is_told_of_the_robot_is_in_its_files(model):
         assert thing.body(item["body"]).mass == pytest.approx(1.5) and thing.njnt == 1
         np.testing.assert_allclose(thing.qpos0, [*item["pos"], *item["quat"]], atol=1e-12)
         assert thing.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
-        np.testing.assert_allclose(thing.geom_friction[:, 0], 0.9)
+        np.testing.assert_allclose(thing.geom_friction[:, 0], told["object_friction"])
         # With the robot and the floor it collides, as bits of both tell.
         assert all(thing.geom_conaffinity[0] & bits for bits in set(robot.geom_contype) - {0})
         assert thing.geom_contype[0] & told["floor"]["conaffinity"]
@@ -265,9 +268,9 @@ def test_mjlab_resets_steps_and_trains(tmp_path, monkeypatch):
 
     script = str(Path(__file__).with_name("mjlab_check.py"))
     found = json.loads(call(MJLAB_PYTHON, script, "Hoi-carry_box", "200").splitlines()[-1])
-    assert found["contacts"]["terrain"] == {"condim": [3], "priority": [2], "friction": [0.8]}
-    assert found["contacts"]["object_0"] == {"condim": [3], "priority": [1], "friction": [0.8]}
-    assert found["contacts"]["robot"] == {"condim": [3], "priority": [0], "friction": [0.8]}
+    assert found["contacts"]["terrain"] == {"condim": [3], "priority": [0], "friction": [0.4]}
+    assert found["contacts"]["object_0"] == {"condim": [3], "priority": [0], "friction": [0.4]}
+    assert found["contacts"]["robot"] == {"condim": [3, 4], "priority": [1], "friction": [0.8]}
     drives = actuators_of(G1)
     ours = np.stack([drives.stiffness, drives.damping, drives.torque, drives.armature], axis=1)
     np.testing.assert_allclose([found["drives"][name] for name in G1.joint_names], ours, rtol=1e-6)

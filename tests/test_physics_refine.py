@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.physics.closed_loop import KNOT, Course, changes_at, simulated_costs
-from hoi_retarget.physics.costs import TrackingCost
+from hoi_retarget.physics.costs import LOST, TrackingCost
 from hoi_retarget.physics.feedback import feedback_gains
 from hoi_retarget.physics.performed_gains import performed_gains
 from hoi_retarget.physics.reference import TICK
@@ -79,6 +79,15 @@ def test_cost_does_not_depend_on_where_the_world_is_or_on_other_states(seed):
     np.testing.assert_allclose(
         TrackingCost(course.scene, moved)(3, qpos + offset, qvel), np.concatenate(alone), rtol=1e-6
     )
+
+
+def test_an_object_that_is_lost_costs_more_the_further_it_is_off_and_never_more_than_the_limit(course):
+    far = np.zeros((4, 2 * course.simulated.nv))
+    far[:, 6 + G1.n] = [0.1, 0.3, 1.0, 100.0]
+    found = [course.cost(7, *states(course, 7, move))[0] for move in far]
+    assert found == sorted(found) and 0.9 * LOST < found[-1] < LOST
+    freed = TrackingCost(course.scene, course.reference, lost=0.5)
+    assert 0.4 < freed(7, *states(course, 7, far[-1]))[0] < 0.5
 
 
 def test_cost_of_numbers_that_are_not_finite_is_infinite(course):

@@ -12,7 +12,7 @@ from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.physics.feedback import feedback_gains
 from hoi_retarget.physics.forces import forces_of
 from hoi_retarget.physics.reference import TICK, reference_of
-from hoi_retarget.physics.rollout import base_errors_deg, drive_targets, object_errors, tracked
+from hoi_retarget.physics.rollout import base_errors_deg, drive_targets, object_errors, tilt_deg, tracked
 from hoi_retarget.physics.scene import compiled, scene_of
 from plain_motions import FPS, plain_motion, standing_qpos
 from trajectories import MODELS
@@ -87,6 +87,13 @@ def test_feedback_keeps_a_robot_on_its_feet_that_falls_without_it(standing):
     assert np.linalg.norm(held.qpos[-1, :3] - reference.qpos[-1, :3]) < 0.02
     assert base_errors_deg(held, reference)[-1] < 2.0
     assert object_errors(held, reference, G1.n).max() < 0.005
+
+
+@given(angle=st.floats(0.0, 3.1), yaw=st.floats(-3.0, 3.0), heading=st.floats(-3.0, 3.0))
+def test_tilt_is_the_angle_from_upright_and_knows_no_heading(angle, yaw, heading):
+    axis = np.array([np.cos(heading), np.sin(heading), 0.0])
+    tilted = se3.quat_multiply(se3.exp(angle * axis), se3.exp(np.array([0.0, 0.0, yaw])))
+    assert tilt_deg(tilted, se3.IDENTITY_QUAT) == pytest.approx(np.degrees(angle), abs=1e-5)
 
 
 def test_what_a_simulator_cannot_continue_counts_as_a_fall(standing, tmp_path, monkeypatch):

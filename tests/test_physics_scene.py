@@ -172,6 +172,32 @@ def test_a_robot_that_is_set_on_the_floor_is_carried_by_its_soles(staged):
     assert touching == {"floor", *(name for name in model.site_names if "_sole_" in name)}
 
 
+def test_each_contact_has_the_friction_of_its_kind(staged):
+    motion, model, scene = staged
+    physics = Physics(hand_friction=0.7, floor_friction=0.9, object_friction=0.3)
+    scene = replace(scene, physics=physics)
+    simulated = compiled(scene)
+    data = mujoco.MjData(simulated)
+    data.qpos[:] = scene.qpos(motion)[0]
+    data.qpos[: 7 + model.n] = standing_qpos(model, 1)[0]
+    data.qpos[2] -= 0.003
+    for depth, place in ((0.0, data.site("left_palm").xpos), (0.002, np.array([5.0, 0.0, 0.0]))):
+        mujoco.mj_forward(simulated, data)
+        lowest = (se3.rotate(data.qpos[-4:], scene.objects[0].corners))[:, 2].min()
+        data.qpos[-7:-4] = place - [0.0, 0.0, depth and lowest + depth]
+        mujoco.mj_forward(simulated, data)
+        kinds = {}
+        for contact in data.contact:
+            names = [simulated.body(simulated.geom_bodyid[geom]).name for geom in contact.geom]
+            hand = any("wrist" in name for name in names)
+            kinds["hand" if hand else "object" if scene.objects[0].body_name in names else "sole"] = contact
+        assert kinds["sole"].friction[0] == 0.9
+        if depth:
+            assert kinds["object"].friction[0] == 0.3 and kinds["object"].dim == 3
+        else:
+            assert kinds["hand"].friction[0] == 0.7 and kinds["hand"].dim == 4
+
+
 def test_robots_and_objects_do_not_share_names(staged):
     motion, model, _ = staged
     renamed = replace(motion, object_names=("torso_link", *motion.object_names[1:]))

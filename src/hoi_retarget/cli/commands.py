@@ -122,7 +122,9 @@ class Weighed(MadeFrom):
     hand_friction: Annotated[float | None, arg(metavar="NUMBER", help_behavior_hint="")] = None
     """Coefficient of friction between the robot and objects; by default the run's, 0.8."""
     floor_friction: Annotated[float | None, arg(metavar="NUMBER", help_behavior_hint="")] = None
-    """Coefficient of friction between the floor and what stands on it; by default the run's, 0.8."""
+    """Coefficient of friction between the floor and the robot's soles; by default the run's, 0.8."""
+    object_friction: Annotated[float | None, arg(metavar="NUMBER", help_behavior_hint="")] = None
+    """Coefficient of friction between objects and what they stand on; by default the run's, 0.4."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,6 +20,7 @@ from hoi_retarget.cli.jobs import (
     with_file,
 )
 from hoi_retarget.cli.terminal import Working, say, warn
+from hoi_retarget.cli.weighed import WEIGHED
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.files.atomic import write_together
 from hoi_retarget.motion.export import DATASET, export, format_named
@@ -61,7 +62,7 @@ def execute(command: Export) -> int:
 
 def _check_not_weighed(command: Export) -> None:
     """Raise `ArgumentError` for masses and frictions, which a motion file does not hold."""
-    for name in ("object_mass", "hand_friction", "floor_friction"):
+    for name in WEIGHED:
         if (value := getattr(command, name)) is not None:
             raise ArgumentError(
                 f"--{name.replace('_', '-')} {value:g}: only {TASK} has masses and frictions. Leave the option out."

@@ -29,6 +29,7 @@ def execute(command: Scene) -> int:
     say(f"  robot   {scene.model.spec.title}, {source}")
     for item in scene.objects:
         say(f"  object  {item.body.name}: {item.body.mass:.2f} kg ({item.body.reason}), collides as {item.shape.text}")
-    say(f"  friction {physics.hand_friction:g} at hands, {physics.floor_friction:g} on the floor")
+    at_soles = f"{physics.floor_friction:g} at soles, {physics.object_friction:g} under objects"
+    say(f"  friction {physics.hand_friction:g} at hands, {at_soles}")
     say(f"Open it: {sys.executable} -m mujoco.viewer --mjcf={command.out / FILE}   # keyframes: right panel, Physics")
     return 0

@@ -10,11 +10,13 @@ from hoi_retarget.physics.feasibility import physics_of_motion
 from hoi_retarget.physics.settings import Physics
 from hoi_retarget.readers.open import clip_of
 
+WEIGHED = ("object_mass", "hand_friction", "floor_friction", "object_friction")
+"""Fields of `Weighed` that are settings of physics."""
+
 
 def physics_of(motion: Motion, command: Weighed) -> Physics:
     """Return the settings that a result was made with, with those that a command changes; raises `ArgumentError`."""
-    names = ("object_mass", "hand_friction", "floor_friction")
-    changed = {name: value for name in names if (value := getattr(command, name)) is not None}
+    changed = {name: value for name in WEIGHED if (value := getattr(command, name)) is not None}
     return replace(physics_of_motion(motion), **changed)
 
 

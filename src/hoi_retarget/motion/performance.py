@@ -69,6 +69,8 @@ class Performance:
     cause: str = ""
     """Why it fell, as far as known."""
     certificate: Certificate | None = None
+    let_go_after: float | None = None
+    """When its objects began to count little, because the robot fell over them [s]; None where it did not."""
 
     @property
     def robustness(self) -> str:

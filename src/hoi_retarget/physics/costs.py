@@ -2,7 +2,7 @@
 
 Squares of deviations, weighted: of joints, base, head, feet and palms; of the capture point, which is the centre of
 mass and its velocity over the pendulum's frequency; of objects; and of hands as the objects see them, where they are
-labelled to touch.
+labelled to touch. What an object may cost is limited: for an object that is lost, no robot should fall.
 """
 
 from dataclasses import dataclass
@@ -18,12 +18,14 @@ from hoi_retarget.physics.rollout import FALLEN
 from hoi_retarget.physics.scene import Scene
 from hoi_retarget.robots.spec import SIDES
 
-_BASE, _BASE_TURN, _TURNING, _JOINT, _JOINT_SPEED = 10.0, 2.0, 0.05, 0.3, 0.002  # [1/m^2], [1/rad^2], [s^2/rad^2]
+_BASE, _BASE_TURN, _TURNING, _JOINT, _JOINT_SPEED = 10.0, 2.0, 0.05, 0.3, 0.006  # [1/m^2], [1/rad^2], [s^2/rad^2]
 _OBJECT, _OBJECT_TURN, _OBJECT_SPEED = 60.0, 3.0, 0.3
 _PLACES = {"head": 15.0} | {f"{side}_foot": 10.0 for side in SIDES} | {f"{side}_palm": 3.0 for side in SIDES}
 _TILT = 1.0  # Of a foot's axis, a unit vector.
 _CAPTURE = 15.0
-_TOUCH = 30.0  # Of a point of the robot in the frame of the object that it touches.
+_TOUCH, _SPAN = 30.0, 0.2  # Of three points so far from a link [m], in the frame of the object that it touches.
+LOST = 8.0
+"""Most that an object costs, reached in the limit: half of it when it is 30 cm off and touched."""
 _FALLING = 50.0
 _MOMENT = 1e-4  # [s]
 
@@ -36,14 +38,15 @@ class _Postures:
     tilts: Float[np.ndarray, "N 2 3"]
     """Up-axes of the feet."""
     capture: Float[np.ndarray, "N 2"]
-    touching: Float[np.ndarray, "N C 3"]
-    """Places of the links that may touch, in the world."""
+    touching: Float[np.ndarray, "N C 3 3"]
+    """Three points on the axes of each link that may touch, in the world: its place and how it is turned."""
 
 
 class TrackingCost:
     """The cost of states at the ticks of one reference."""
 
-    def __init__(self, scene: Scene, reference: Reference) -> None:
+    def __init__(self, scene: Scene, reference: Reference, *, lost: float = LOST) -> None:
+        self._lost = lost
         self._model, self._reference, self._n = scene.model, reference, scene.model.n
         heights = mass_centres(scene.model.forward(reference.qpos[:, : 7 + self._n]))[:, 2]
         self._pendulum = np.sqrt(GRAVITY / np.median(heights))
@@ -76,13 +79,14 @@ class TrackingCost:
         for index, path in enumerate(self._touched):
             at, moving = slice(7 + n + 7 * index, 14 + n + 7 * index), slice(6 + n + 6 * index, 9 + n + 6 * index)
             pose, goal = qpos[:, at], path[tick]
-            cost += _OBJECT * _squares(pose[:, :3] - goal[:3])
-            cost += _OBJECT_TURN * se3.angle_between(goal[None, 3:], pose[:, 3:]) ** 2
-            cost += _OBJECT_SPEED * _squares(qvel[:, moving] - wanted_speed[moving])
+            lost = _OBJECT * _squares(pose[:, :3] - goal[:3])
+            lost += _OBJECT_TURN * se3.angle_between(goal[None, 3:], pose[:, 3:]) ** 2
+            lost += _OBJECT_SPEED * _squares(qvel[:, moving] - wanted_speed[moving])
             touching = self._reference.touched[tick] == index
-            here = se3.rotate_inverse(pose[:, None, 3:], found.touching[:, touching] - pose[:, None, :3])
+            here = se3.rotate_inverse(pose[:, None, None, 3:], found.touching[:, touching] - pose[:, None, None, :3])
             there = se3.rotate_inverse(goal[3:], goals.touching[tick, touching] - goal[:3])
-            cost += _TOUCH * _squares((here - there).reshape(len(qpos), -1))
+            lost += _TOUCH / 3.0 * _squares((here - there).reshape(len(qpos), -1))
+            cost += self._lost * lost / (self._lost + lost)
         return cost + _FALLING * (qpos[:, 2] < FALLEN * wanted[2])
 
     def _postures(self, qpos: np.ndarray, qvel: np.ndarray) -> _Postures:
@@ -93,8 +97,10 @@ class TrackingCost:
         capture = centres + (mass_centres(later) - centres) / (_MOMENT * self._pendulum)
         places = [kinematics.point(name) for name in _PLACES]
         tilts = [kinematics.orientation(f"{side}_foot")[:, 2] for side in SIDES]
-        links = [kinematics.point(name) for name in self._reference.links]
-        touching = np.stack(links, axis=0).transpose(2, 0, 1) if links else np.zeros((len(qpos), 0, 3))
+        spans = [
+            kinematics.point(name)[:, None] + _SPAN * kinematics.orientation(name) for name in self._reference.links
+        ]
+        touching = np.stack(spans).transpose(3, 0, 2, 1) if spans else np.zeros((len(qpos), 0, 3, 3))
         return _Postures(
             np.stack(places).transpose(2, 0, 1), np.stack(tilts).transpose(2, 0, 1), capture[:, :2], touching
         )

@@ -237,9 +237,7 @@ class _Problem:
         first = np.cross(normal, aside)
         first /= np.linalg.norm(first, axis=-1, keepdims=True)
         second = np.cross(normal, first)
-        friction = np.array(
-            [self.physics.floor_friction if point.on_floor else self.physics.hand_friction for point in self.points]
-        )[:, None]
+        friction = np.array([_friction(point, self.physics) for point in self.points])[:, None]
         sides = [friction * first, -friction * first, friction * second, -friction * second]
         return np.stack([normal + side for side in sides], axis=2)
 
@@ -262,6 +260,12 @@ def _wrenches(
     signed = np.array(signs).reshape(-1, 1, 1) * forces
     arm = levers.position - needs.centre[levers.frames, None]
     return np.concatenate([signed, np.cross(arm[:, :, None], signed)], axis=-1)
+
+
+def _friction(point: ContactPoint, physics: Physics) -> float:
+    if point.link is None:
+        return physics.object_friction
+    return physics.floor_friction if point.on_floor else physics.hand_friction
 
 
 def _scaled(wrench: Float[np.ndarray, "*any 6"], mass: float, length: float) -> Float[np.ndarray, "*any 6"]:

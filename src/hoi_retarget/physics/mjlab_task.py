@@ -24,6 +24,7 @@ from hoi_retarget.motion.resample import ResampledMotion, resample
 from hoi_retarget.motion.result import Result
 from hoi_retarget.numerics import se3
 from hoi_retarget.physics.scene import (
+    SOLES,
     Scene,
     compiled,
     floor_contacts,
@@ -200,7 +201,6 @@ def _description(
     model, motion, physics = scene.model, result.motion, scene.physics
     most = max(_LEAST_CONTACTS, 2 * states.contacts)  # A fall makes more of them than the motion has.
     links = tuple(dict.fromkeys(model.body_of(link) for link in motion.contact_links))
-    floor = floor_contacts(physics)
     return {
         "format": FORMAT,
         "id": task_id,
@@ -224,14 +224,14 @@ def _description(
             }
             for index, item in enumerate(scene.objects)
         ],
-        # Above the objects' priority, which is above the robot's: the floor's friction counts, then an object's.
-        "floor": {**floor, "priority": 1 + floor["priority"]},
-        "object_priority": floor["priority"],
-        "hand_friction": physics.hand_friction,
+        "floor": floor_contacts(physics),
+        "soles": sorted(SOLES),
+        "floor_friction": physics.floor_friction,
+        "object_friction": physics.object_friction,
         "timestep": _TIMESTEP,
         "decimation": round(1.0 / RATE / _TIMESTEP),
         "most_contacts": most,
-        "most_constraints": 4 * most + 2 * model.n,  # Friction pyramids have four edges.
+        "most_constraints": 6 * most + 2 * model.n,  # Friction pyramids with torsion have six edges.
         **result.origin(),
     }
 

@@ -110,6 +110,7 @@ def performed_file(  # noqa: PLR0913  # one file holds it all
             for item in scene.objects
         ],
         "fell_after": rollout.fell_after,
+        "let_go_after": refined.let_go_after,
         "cause": performance.cause,
         "certificate": performance.certificate and asdict(performance.certificate),
     }

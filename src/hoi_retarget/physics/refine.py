@@ -2,8 +2,9 @@
 
 Every fifth of a second, changes of the drives' targets for the next second are sampled, simulated with feedback, and
 drawn towards those of least cost, three times over. Until the next plan, their mean is performed, or the best of them
-where it is much better. Where costs run away, the last second is planned again with more samples. Leads are added first
-(`lead.py`), and what did not fall is smoothed last (`smoother.py`).
+where it is much better. Where costs run away, the last second is planned again with more samples; where the robot falls
+even so, the last two seconds, and from there on objects count little. Leads are added first (`lead.py`), and what did
+not fall is smoothed last (`smoother.py`).
 """
 
 from collections.abc import Callable
@@ -32,8 +33,9 @@ _LEAST_NOISE = 0.3  # Of the noise at first, after narrowing.
 _ELITE = 0.15  # Share of the samples that are averaged.
 _WORTH = 1.1  # How much a smoother plan may cost, over a rougher one.
 _SIZE, _ROUGH = 0.005, 0.02  # Cost of changes as large as the noise, and of such steps from knot to knot.
-_RUNAWAY = 8.0  # A cost that a robot about to fall has, or an object that is lost.
+_RUNAWAY = 7.0  # A cost that a robot about to fall has, or an object that is lost.
 _BACK = 5  # Plans that are made again.
+_LET_GO = 0.5  # Most that an object costs once the robot fell over it.
 _BUDGET = 1.6  # Steps that a refinement may take, over those of a refinement that never plans again.
 
 
@@ -57,6 +59,8 @@ class Refined:
     """From deviations from the performed motion to changes of the drives' targets."""
     steps: int
     """How many steps were simulated."""
+    let_go_after: float | None = None
+    """When objects began to count little, because the robot fell over them [s]; None where it did not."""
     lead_in: "Lead | None" = None
     """From a stance at rest to the first tick, where the reference begins off balance."""
     lead_out: "Lead | None" = None
@@ -118,6 +122,7 @@ class _Refinement:
         self.settings, self.random = settings, np.random.default_rng(seed)
         self.noise = settings.noise * _noise(scene)
         self.data = mujoco.MjData(simulated)
+        self.let_go_after: float | None = None
         self.last = len(reference.qpos) - 1
         self.qpos, self.qvel = np.empty_like(reference.qpos), np.empty_like(reference.qvel)
         self.given = np.empty_like(reference.torques)
@@ -143,11 +148,25 @@ class _Refinement:
             if (fell or cost > _RUNAWAY) and samples < self.settings.most_samples and self.steps < self.budget:
                 until = max(until, tick + KNOT)  # It never shrinks, so that there is an end.
                 samples, fell = min(2 * samples, self.settings.most_samples), False
-                states = states[: max(1, len(states) - _BACK)]
-                self._restore(states[-1])
+                states = self._back(states, _BACK)
+            elif fell and self.let_go_after is None and self.course.scene.objects:
+                until, fell = 0, False
+                states = self._back(states, 2 * _BACK)
+                self._let_objects_go(states[-1].tick)
             elif not fell:
                 states.append(self._state(tick, np.concatenate([knots[1:], 0.8 * knots[-1:]])))
         return self._refined()
+
+    def _back(self, states: list[_State], plans: int) -> list[_State]:
+        kept = states[: max(1, len(states) - plans)]
+        self._restore(kept[-1])
+        return kept
+
+    def _let_objects_go(self, tick: int) -> None:
+        self.let_go_after = TICK * max(0, tick - self.first)
+        cost = TrackingCost(self.course.scene, self.course.reference, lost=_LET_GO)
+        self.course = replace(self.course, cost=cost)
+        self.budget = _BUDGET * max(self.budget, self.steps)
 
     def _planned(self, state: _State, samples: int) -> tuple[np.ndarray, float]:
         """Return knots of little cost, and the cost: the mean, which is smoother, or the best sample."""
@@ -221,13 +240,13 @@ class _Refinement:
         if ticks <= first:
             asked = self.asked
             none = Rollout(asked.qpos[:1], asked.qvel[:1], asked.qpos[:1, 7 : 7 + gains.shape[1]], TICK)
-            return Refined(none, np.zeros_like(gains[:1]), self.steps, lead_in)
+            return Refined(none, np.zeros_like(gains[:1]), self.steps, self.let_go_after, lead_in)
         motion = part(first, stop)
         lead_out = part(stop - 1, self.last + 1) if stop <= min(self.last, ticks) else None
         if motion.rollout.fell_after is None and self.settings.noise > 0.0:
             motion = Lead(*smoother(course.scene, course.simulated, self.asked, motion.rollout, motion.gains))
             lead_out = lead_out and self._going_on(motion.rollout, lead_out)
-        return Refined(motion.rollout, motion.gains, self.steps, lead_in, lead_out)
+        return Refined(motion.rollout, motion.gains, self.steps, self.let_go_after, lead_in, lead_out)
 
     def _going_on(self, motion: Rollout, lead_out: Lead) -> Lead:
         """Return a lead-out from where another motion ends."""

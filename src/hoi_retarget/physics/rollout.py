@@ -16,8 +16,8 @@ from hoi_retarget.physics.reference import TICK, Reference
 from hoi_retarget.physics.scene import Scene
 from hoi_retarget.robots.mujoco_warnings import quiet
 
-FALLEN = 0.6
-"""A robot whose base is lower than this share of the reference's has fallen."""
+FALLEN, LYING_DEG = 0.6, 60.0
+"""A robot has fallen whose base is lower than this share of the reference's, or tilted so much further [deg]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +99,15 @@ def stepped(simulated: mujoco.MjModel, data: mujoco.MjData) -> bool:
 
 
 def has_fallen(reference: Reference, tick: int, data: mujoco.MjData) -> bool:
-    """Return whether a robot's base is too low for a tick of a reference."""
-    return bool(data.qpos[2] < FALLEN * reference.qpos[tick, 2])
+    """Return whether a robot's base is too low for a tick of a reference, or tilted too far from it."""
+    wanted = reference.qpos[tick]
+    return bool(data.qpos[2] < FALLEN * wanted[2]) or tilt_deg(data.qpos[3:7], wanted[3:7]) > LYING_DEG
+
+
+def tilt_deg(quat: Float[np.ndarray, "4"], wanted: Float[np.ndarray, "4"]) -> float:
+    """Return the angle between the upward axes of two orientations [deg]."""
+    ups = [se3.rotate(item, np.array([0.0, 0.0, 1.0])) for item in (quat, wanted)]
+    return float(np.degrees(np.arccos(np.clip(ups[0] @ ups[1], -1.0, 1.0))))
 
 
 def deviations(

@@ -1,8 +1,9 @@
 """A robot and the objects of its motion as a MuJoCo scene, in which the motion could be simulated.
 
 What collides: the sole corners as small spheres, the robot's other geometries, the objects, and the floor. Palms drawn
-as ellipsoids collide as boxes, which hold a face with more than one point. The robot does not collide with itself,
-and its feet touch the floor by their soles' corners only, as the maker's own model does.
+as ellipsoids collide as boxes, and the hands' contacts resist torsion, as a patch of skin of a palm's size does. The
+robot's friction counts in its contacts, the objects' where they stand. The robot does not collide with itself, and its
+feet touch the floor by their soles' corners only, as the maker's own model does.
 """
 
 import re
@@ -28,6 +29,9 @@ from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 
 _ROBOT, _FEET, _OBJECT, _FLOOR = 1, 2, 4, 8  # Bits of what collides with what.
 _SOLE_RADIUS = 0.005  # [m]
+_PALM_TORSION = 0.03  # Of a patch of 4.5 cm radius, evenly pressed: two thirds of it [m].
+_TORSION = 4  # MuJoCo's `condim` of contacts that resist sliding and torsion.
+_ABOVE = 1  # MuJoCo's `priority` of geometries whose friction counts, instead of the larger one.
 _PALMS = {f"{side}_palm" for side in SIDES}
 SOLES = frozenset(f"{side}_sole_{corner}" for side in SIDES for corner in SOLE_CORNERS)
 _ITERATIONS = 20  # Of the constraint solver: more change nothing that is seen, and cost time.
@@ -135,12 +139,11 @@ def object_description(item: SceneObject, physics: Physics) -> mujoco.MjSpec:
 
 
 def floor_contacts(physics: Physics) -> dict[str, Any]:
-    """Return what the floor touches, and its friction, as attributes of its geometry."""
+    """Return what the floor touches, and its friction with objects, as attributes of its geometry."""
     return {
         "contype": _FLOOR,
         "conaffinity": _ROBOT | _FEET | _OBJECT,
-        "priority": 1,  # So that the floor's friction counts, not the larger one.
-        "friction": _friction(physics.floor_friction),
+        "friction": _friction(physics.object_friction),
     }
 
 
@@ -165,9 +168,11 @@ def _set_robot(description: mujoco.MjSpec, scene: Scene) -> None:
     for body in description.bodies[1:]:
         for geom in list(body.geoms):
             geom.contype, geom.conaffinity = (_FEET << 4) if body.name in feet else _ROBOT, 0
-            geom.friction = friction
-            if body.name in palms and geom.type == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-                geom.type = mujoco.mjtGeom.mjGEOM_BOX
+            geom.friction, geom.priority = friction, _ABOVE
+            if body.name in palms:
+                geom.condim, geom.friction = _TORSION, [friction[0], _PALM_TORSION, friction[2]]
+                if geom.type == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+                    geom.type = mujoco.mjtGeom.mjGEOM_BOX
     for name in sorted(SOLES):
         site = sites[name]
         up = se3.rotate(np.array(site.quat), np.array([0.0, 0.0, _SOLE_RADIUS]))
@@ -180,7 +185,8 @@ def _set_robot(description: mujoco.MjSpec, scene: Scene) -> None:
             rgba=[0.2, 0.2, 0.2, 1.0],
             contype=_FEET,
             conaffinity=0,
-            friction=friction,
+            priority=_ABOVE,
+            friction=_friction(scene.physics.floor_friction),
         )
     drives = scene.actuators
     for index, name in enumerate(scene.model.joint_names):
@@ -210,7 +216,7 @@ def _add_object(
     common: dict[str, Any] = {
         "contype": _OBJECT,
         "conaffinity": _ROBOT | _FEET | (_FEET << 4) | _OBJECT,
-        "friction": _friction(physics.hand_friction),
+        "friction": _friction(physics.object_friction),
         "rgba": [0.75, 0.56, 0.36, 1.0],
     }
     box = item.shape.box

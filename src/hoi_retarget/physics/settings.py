@@ -16,7 +16,9 @@ class Physics:
     hand_friction: float = 0.8
     """Coefficient of friction between the robot and objects: rubber on cardboard or plastic."""
     floor_friction: float = 0.8
-    """Coefficient of friction between the floor and whatever stands on it."""
+    """Coefficient of friction between the floor and the robot's soles."""
+    object_friction: float = 0.4
+    """Coefficient of friction between objects and what they stand on: cardboard, plastic or wood."""
     smoothing: float = 0.3
     """Time over which a motion's velocities and accelerations are taken [s]."""
     timestep: float = 0.01

@@ -82,6 +82,7 @@ def perform(  # noqa: PLR0913 - the last three are options
         fell,
         why_it_fell(scene, reference, rollout, motion.fps, shortcomings(forces, motion)) if fell else "",
         None if fell else certificate_of(scene, rollout, refined.gains),
+        refined.let_go_after,
     )
     content = performed_file(motion, scene, refined, performance, settings=settings, seed=seed)
     seconds = {**motion.report.cpu_seconds, SIMULATED: time.process_time() - start}

@@ -81,7 +81,7 @@ def _set_scene(cfg: ManagerBasedRlEnvCfg, task: dict[str, Any], folder: Path) ->
     names = [f"object_{number}" for number in range(len(task["objects"]))]
     cfg.scene.entities = {"robot": _robot(task, folder)}
     for name, item in zip(names, task["objects"], strict=True):
-        read = partial(_read_object, str(folder / f"{name}.xml"), task["object_priority"])
+        read = partial(_read, str(folder / f"{name}.xml"))
         start = EntityCfg.InitialStateCfg(pos=tuple(item["pos"]), rot=tuple(item["quat"]))
         cfg.scene.entities[name] = EntityCfg(spec_fn=read, init_state=start)
     cfg.scene.spec_fn = partial(_set_floor, task["floor"])
@@ -152,13 +152,11 @@ def _set_robot(cfg: ManagerBasedRlEnvCfg, task: dict[str, Any], folder: Path) ->
     cfg.terminations["ee_body_pos"].params["body_names"] = tuple(task["end_bodies"])
     cfg.events["push_robot"].params["velocity_range"] = PUSHES
     cfg.events["base_com"].params["asset_cfg"].body_names = (task["anchor_body"],)
-    friction = task["floor"]["friction"][0]
-    floor = cfg.events.pop("foot_friction")
-    floor.params |= {
-        "asset_cfg": SceneEntityCfg(FLOOR, geom_names=(FLOOR,)),
+    friction = task["floor_friction"]
+    cfg.events["foot_friction"].params |= {
+        "asset_cfg": SceneEntityCfg("robot", geom_names=_exactly(task["soles"])),
         "ranges": (0.5 * friction, 1.5 * friction),
     }
-    cfg.events["floor_friction"] = floor
     cfg.viewer.body_name = task["anchor_body"]
 
 
@@ -180,7 +178,7 @@ def _add_objects(cfg: ManagerBasedRlEnvCfg, task: dict[str, Any]) -> None:
         cfg.rewards["contact_unwanted"] = RewardTermCfg(func=terms.contact_unwanted, weight=-0.1)
     cfg.terminations["object_away"] = TerminationTermCfg(func=terms.object_away, params={"threshold": 0.3})
     cfg.terminations["object_turned"] = TerminationTermCfg(func=terms.object_turned, params={"threshold": 1.2})
-    friction = task["hand_friction"]
+    friction = task["object_friction"]
     for number in range(len(task["objects"])):
         cfg.events[f"object_{number}_friction"] = EventTermCfg(
             mode="startup",
@@ -209,14 +207,6 @@ def _exactly(names: list[str]) -> tuple[str, ...]:
 
 def _read(path: str) -> mujoco.MjSpec:
     return mujoco.MjSpec.from_file(path)
-
-
-def _read_object(path: str, priority: int) -> mujoco.MjSpec:
-    """Return an object whose friction and dimension of contacts count, whatever those of the link that touches it."""
-    description = _read(path)
-    for geom in description.geoms:
-        geom.priority, geom.condim = priority, 3
-    return description
 
 
 def _set_floor(floor: dict[str, Any], description: mujoco.MjSpec) -> None:
