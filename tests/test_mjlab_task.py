@@ -106,6 +106,7 @@ def test_what_is_told_of_the_robot_is_in_its_files(model):
     soles = [robot.geom(name).id for name in told["soles"]]
     assert len(soles) == 8 and set(robot.geom_friction[soles, 0]) == {told["floor_friction"]} == {0.6}
     assert set(np.delete(robot.geom_friction[:, 0], soles)) == {0.9}
+    assert set(told["contact_bodies"]) == {robot.body(robot.geom(name).bodyid[0]).name for name in told["touching"]}
     assert told["floor"]["friction"][0] == told["object_friction"] == 0.4
     # mjlab makes environments of these places, in which nothing may be inside anything else.
     np.testing.assert_allclose(robot.qpos0[:7], [*told["root"]["pos"], *told["root"]["quat"]], atol=1e-12)

@@ -166,7 +166,8 @@ def _set_robot(description: mujoco.MjSpec, scene: Scene) -> None:
     palms = {sites[name].parent.name for name in _PALMS}
     feet = {sites[name].parent.name for name in SOLES}
     for body in description.bodies[1:]:
-        for geom in list(body.geoms):
+        for number, geom in enumerate(list(body.geoms)):
+            geom.name = geom.name or f"{body.name}_geom{number}"
             geom.contype, geom.conaffinity = (_FEET << 4) if body.name in feet else _ROBOT, 0
             geom.friction, geom.priority = friction, _ABOVE
             if body.name in palms:

@@ -178,18 +178,10 @@ def _add_objects(cfg: ManagerBasedRlEnvCfg, task: dict[str, Any]) -> None:
         cfg.rewards["contact_unwanted"] = RewardTermCfg(func=terms.contact_unwanted, weight=-0.1)
     cfg.terminations["object_away"] = TerminationTermCfg(func=terms.object_away, params={"threshold": 0.3})
     cfg.terminations["object_turned"] = TerminationTermCfg(func=terms.object_turned, params={"threshold": 1.2})
-    friction = task["object_friction"]
+    if task["touching"]:
+        cfg.events["hand_friction"] = _friction("robot", _exactly(task["touching"]), task["hand_friction"])
     for number in range(len(task["objects"])):
-        cfg.events[f"object_{number}_friction"] = EventTermCfg(
-            mode="startup",
-            func=dr.geom_friction,
-            params={
-                "asset_cfg": SceneEntityCfg(f"object_{number}", geom_names=(".*",)),
-                "operation": "abs",
-                "ranges": (0.6 * friction, 1.4 * friction),
-                "shared_random": True,
-            },
-        )
+        cfg.events[f"object_{number}_friction"] = _friction(f"object_{number}", (".*",), task["object_friction"])
         cfg.events[f"object_{number}_mass"] = EventTermCfg(
             mode="startup",
             func=dr.pseudo_inertia,
@@ -198,6 +190,19 @@ def _add_objects(cfg: ManagerBasedRlEnvCfg, task: dict[str, Any]) -> None:
                 "alpha_range": (-0.1, 0.1),  # Mass and inertia times exp(2 alpha): 0.82 to 1.22.
             },
         )
+
+
+def _friction(entity: str, geoms: tuple[str, ...], friction: float) -> EventTermCfg:
+    return EventTermCfg(
+        mode="startup",
+        func=dr.geom_friction,
+        params={
+            "asset_cfg": SceneEntityCfg(entity, geom_names=geoms),
+            "operation": "abs",
+            "ranges": (0.6 * friction, 1.4 * friction),
+            "shared_random": True,
+        },
+    )
 
 
 def _exactly(names: list[str]) -> tuple[str, ...]:
