@@ -12,16 +12,18 @@ from PIL import Image
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from browser import chromium
+from hoi_retarget.cli.entries import entry_of
+from hoi_retarget.cli.jobs import known_figures
 from hoi_retarget.clip.edits import ContactEdits
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.robots import load_robot
 from hoi_retarget.viewers.browser.editing import solved
 from hoi_retarget.viewers.browser.editor import Places, serve_editor
-from hoi_retarget.viewers.browser.page_content import page_content
-from hoi_retarget.viewers.browser.player import serve_results
 from hoi_retarget.viewers.browser.server import address, open_server
 from hoi_retarget.viewers.scene.scene import Shown
+from hoi_retarget.viewers.share.clip_page import make_clip_page
+from hoi_retarget.viewers.share.server import OnePageServer
 
 IMAGES = Path(__file__).parent / "images"
 WINDOW = {"width": 1440, "height": 900}
@@ -33,14 +35,15 @@ def main() -> None:
     clip, model = open_clip("builtin:carry_box"), load_robot("unitree_g1")
     start = solved(clip, model, Config(), ContactEdits.of(clip))
     with chromium() as browser:
-        server = open_server("hoi-retarget")
-        content = page_content([Shown("carry box", start.motions[0], model, clip)])
-        serve_results(server, lambda: content)
-        page = _page(browser, address(server))
-        page.locator("input.mantine-NumberInput-input").first.fill("128")
+        motion = start.motions[0]
+        entry = entry_of("carry_box", motion, model, known_figures(motion, Path("carry_box.npz")))
+        text = make_clip_page("carry_box", [(entry, Shown("G1", motion, model, clip))]).text
+        viewer = OnePageServer(lambda: text)
+        page = browser.new_page(viewport=WINDOW)
+        page.goto(f"{viewer.address}#t=4.27")
         _picture(page, "viewer")
         page.close()
-        server.stop()
+        viewer.stop()
 
         server = open_server("contacts of carry_box")
         serve_editor(server, clip, model, Config(), start, Places(Path("carry_box.edits.toml"), lambda _: ()))

@@ -138,7 +138,7 @@ def test_another_robot_is_refused() -> None:
 
 
 WAVE = re.compile(r'<path d="([^"]+)" stroke="#0072b2" stroke-width="1.4"')
-WIDTH, HEIGHT = 4000, 400
+WIDTH, HEIGHT = 20_000, 4000
 
 
 def wave(values: np.ndarray, *, fps: float = 30.0) -> Curve:

@@ -7,10 +7,12 @@ import pytest
 
 import motion_writers as writers
 from hoi_retarget.cli import main
-from hoi_retarget.cli.jobs import load_motion
+from hoi_retarget.cli.entries import entry_of
+from hoi_retarget.cli.jobs import known_figures, load_motion
 from hoi_retarget.motion.check import as_found
 from hoi_retarget.motion.formats import read
-from hoi_retarget.viewers.browser.page_content import load_page_content
+from hoi_retarget.viewers.share.clip_page import make_clip_page
+from hoi_retarget.viewers.share.load_results import load_results
 
 FORMATS = tuple(writers.MAKERS)
 QPOS = writers.motion().qpos
@@ -77,9 +79,11 @@ def test_a_motion_that_cannot_be_read_is_an_error_of_every_verb(tmp_path, capsys
 
 def test_the_viewer_shows_it(tmp_path):
     path = writers.write("sonic", tmp_path)
-    content = load_page_content([path], load_motion=lambda file: load_motion(file, "unitree_g1", lambda _: None))
-    assert content.scene is not None
-    assert "jerk" in content.figures
+    loaded = load_results([path], load_motion=lambda file: load_motion(file, "unitree_g1", lambda _: None))
+    ((_, motion, shown),) = loaded.results
+    assert shown.title == "G1" and "without the human" in loaded.notices[0]
+    entry = entry_of("walk", motion, shown.model, known_figures(motion, path))
+    assert "jerk over time" in make_clip_page("walk", [(entry, shown)]).text
 
 
 def test_an_unknown_robot_is_an_error(tmp_path, capsys):

@@ -9,7 +9,7 @@ from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.synthetic import make
-from hoi_retarget.viewers.browser.page_content import load_page_content
+from hoi_retarget.viewers.share.load_results import load_results
 from trajectories import MODELS
 
 CLIP = make("carry_box", fps=15.0, seconds=3.0)
@@ -25,7 +25,7 @@ def results(tmp_path_factory):
 
 
 def layers(content) -> list[bool]:
-    return ["human" in {layer.name for layer in subject.layers} for subject in content.scene.subjects]
+    return [shown.clip is not None for _, _, shown in content.results]
 
 
 def test_a_damaged_mesh_costs_its_own_result_the_human_and_the_other_nothing(results, tmp_path):
@@ -34,7 +34,7 @@ def test_a_damaged_mesh_costs_its_own_result_the_human_and_the_other_nothing(res
     box = CLIP.objects[0]
     damaged = replace(box, geometry=ObjectGeometry(points=box.geometry.points, mesh_path=mesh))
     clips = iter([replace(CLIP, objects=(damaged,)), CLIP])
-    content = load_page_content(results, lambda _: next(clips))
+    content = load_results(results, lambda _: next(clips))
     assert layers(content) == [False, True]
     (notice,) = content.notices
     assert "one.npz" in notice and "box.obj" in notice
@@ -42,7 +42,7 @@ def test_a_damaged_mesh_costs_its_own_result_the_human_and_the_other_nothing(res
 
 def test_what_is_no_result_is_told_and_hides_no_other(results, tmp_path):
     (tmp_path / "bad.npz").write_bytes(b"PK")
-    content = load_page_content([tmp_path / "bad.npz", tmp_path / "absent.npz", results[0]], lambda _: CLIP)
+    content = load_results([tmp_path / "bad.npz", tmp_path / "absent.npz", results[0]], lambda _: CLIP)
     assert layers(content) == [True]
     assert len(content.notices) == 2
-    assert load_page_content([tmp_path / "absent.npz"]).scene is None
+    assert load_results([tmp_path / "absent.npz"]).results == ()

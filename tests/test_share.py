@@ -34,7 +34,8 @@ from hoi_retarget.viewers.scene.auto_camera import fit_camera
 from hoi_retarget.viewers.scene.drawing import Kind, Layer, Lines, Scene, Shapes, Solid, Subject
 from hoi_retarget.viewers.scene.scene import Shown, make_scene
 from hoi_retarget.viewers.share import share
-from hoi_retarget.viewers.share.gallery import GalleryEntry, clip_page, file_name, index_page
+from hoi_retarget.viewers.share.clip_page import Way, clip_page
+from hoi_retarget.viewers.share.gallery import GalleryEntry, file_name, index_page
 from hoi_retarget.viewers.share.packed_scene import LARGEST_FRAMES, POSITION_STEP, pack
 from hoi_retarget.viewers.share.share import LISTING, gallery_in
 from test_curves import G1, carried, random_motion
@@ -57,7 +58,7 @@ def unpacked(numbers: bytes, track: dict) -> np.ndarray:
 
 
 def content(scene: Scene) -> tuple[dict, bytes]:
-    packed = json.loads(pack(scene, fit_camera(scene, AHEAD)))
+    packed = json.loads(pack(scene, *2 * [fit_camera(scene, AHEAD)]))
     return packed, gzip.decompress(base64.b64decode(packed["numbers"]))
 
 
@@ -177,8 +178,9 @@ def entry(motion: Motion, *, title: str = "carry", **more) -> GalleryEntry:
     return GalleryEntry(title, motion, G1.spec, Score(title, nothing, motion.frames, root_scale=0.75), **more)
 
 
-def page_of(motion: Motion, *, gallery: str = "Gallery", **more) -> str:
-    return clip_page(entry(motion, **more), scene="{}", curves="", gallery=gallery)
+def page_of(motion: Motion, *, gallery: str = "Gallery", title: str = "carry", **more) -> str:
+    results, back = [entry(motion, title=title, **more)], Way(gallery, "index.html")
+    return clip_page(title, results, names=[title], scene="{}", curves="", back=back, notices=more.get("warnings", ()))
 
 
 class Skeleton(HTMLParser):
@@ -208,7 +210,7 @@ def test_text_of_files_stays_text() -> None:
         assert Skeleton(nasty).tags == Skeleton(tame).tags
     scene = carried_scene()
     wicked = replace(scene.subjects[0].layers[0], name=NASTY)
-    packed = pack(Scene((replace(scene.subjects[0], layers=(wicked,)),)), fit_camera(scene, AHEAD))
+    packed = pack(Scene((replace(scene.subjects[0], layers=(wicked,)),)), *2 * [fit_camera(scene, AHEAD)])
     assert "<" not in packed and json.loads(packed)["subjects"][0]["layers"][0]["name"] == NASTY
 
 
@@ -345,7 +347,7 @@ def test_share_shows_the_robot_where_the_clip_is_gone(tmp_path: Path, capsys: py
     assert main(["share", str(result), "--out", str(tmp_path / "out")]) == 0
     assert "without the human" in capsys.readouterr().err
     page = (tmp_path / "out" / "carry_box.html").read_text()
-    assert "nowhere" not in page and '"human"' not in page
+    assert "nowhere" not in page and '"name": "human"' not in page
     assert main(["share", str(result), "--clip", "/nowhere/clip.pt", "--out", str(tmp_path / "out")]) == 1
     assert "/nowhere/clip.pt" in capsys.readouterr().err
 

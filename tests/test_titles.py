@@ -31,8 +31,8 @@ def motions() -> dict[str, Motion]:
     ("results", "titles"),
     [
         ([("a/one.npz", "G1"), ("a/two.npz", "G1")], ("one", "two")),
-        ([("a/one.npz", "G1"), ("b/one.npz", "H2")], ("one, unitree_g1", "one, unitree_h2")),
-        ([("a/one.npz", "G1"), ("b/one.npz", "edited")], ("one, as recorded", "one, edited")),
+        ([("a/one.npz", "G1"), ("b/one.npz", "H2")], ("G1", "H2")),
+        ([("a/one.npz", "G1"), ("b/one.npz", "edited")], ("as recorded", "edited")),
         ([("a/one.npz", "G1"), ("b/one.npz", "G1"), ("b/two.npz", "H2")], ("one, a", "one, b", "two")),
         ([("a/x/one.npz", "G1"), ("b/x/one.npz", "G1")], ("a/x/one.npz", "b/x/one.npz")),
     ],

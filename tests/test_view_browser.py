@@ -1,16 +1,14 @@
-"""The viewer in a browser: what is seen moves, the controls do what they say, and nobody is in another's way."""
+"""The editor's player in a browser: what is seen moves, controls do what they say, and nobody is in another's way."""
 
 import http.client
 import threading
 from contextlib import closing
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from browser import chromium, every_drawing, frame_box, open_page, scene_pixels, shown_frame, wait_until
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.motion.result_file import save
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.synthetic import make
@@ -18,21 +16,21 @@ from trajectories import MODELS
 
 pytest.importorskip("viser", reason="viser is not installed")
 
-from hoi_retarget.viewers.browser.page_content import load_page_content
-from hoi_retarget.viewers.browser.player import serve_results
+from hoi_retarget.viewers.browser.client_sessions import serve_sessions
+from hoi_retarget.viewers.browser.page_content import page_content
+from hoi_retarget.viewers.browser.player import Player
 from hoi_retarget.viewers.browser.server import address, open_server
+from hoi_retarget.viewers.scene.scene import Shown
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory):
+def content():
     clip = make("carry_box", seconds=4.0)
-    motion = retarget(clip, MODELS["unitree_g1"], Config())
-    source = replace(motion.report.source, path="")
-    path = tmp_path_factory.mktemp("results") / "carry_box.npz"
-    save(replace(motion, report=replace(motion.report, source=source)), path)
-    return path, clip
+    return page_content(
+        [Shown("carry box", retarget(clip, MODELS["unitree_g1"], Config()), MODELS["unitree_g1"], clip)]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -42,10 +40,9 @@ def browser():
 
 
 @pytest.fixture
-def server(result):
-    path, clip = result
+def server(content):
     started = open_server("test")
-    serve_results(started, lambda: load_page_content([path], lambda _: clip))
+    serve_sessions(started, lambda client: Player(client, content))
     yield started
     started.stop()
 
@@ -226,35 +223,3 @@ def test_each_server_has_its_own_token(server):
     second = open_server("second")
     second.stop()
     assert second.token != server.token and len(server.token) > 20
-
-
-def test_what_cannot_be_read_is_told_on_the_page(browser, result, tmp_path):
-    path, clip = result
-    cut_off = tmp_path / "cut_off.npz"
-    cut_off.write_bytes(path.read_bytes()[:5000])
-    started = open_server("test")
-    try:
-        serve_results(started, lambda: load_page_content([cut_off, path], lambda _: clip))
-        page = open_page(browser, address(started))
-        page.get_by_text("cut_off.npz").first.wait_for()
-        wait_until(lambda: scene_pixels(page).std() > 10, "the other one is drawn")
-        page.close()
-    finally:
-        started.stop()
-
-
-def test_a_page_that_is_reloaded_shows_the_file_as_it_is_then(browser, result, tmp_path):
-    path, clip = result
-    copy = tmp_path / "copy.npz"
-    copy.write_bytes(path.read_bytes())
-    started = open_server("test")
-    try:
-        serve_results(started, lambda: load_page_content([copy], lambda _: clip))
-        open_page(browser, address(started)).close()
-        copy.write_bytes(b"something else")
-        page = browser.new_page()
-        page.goto(address(started))
-        page.get_by_text("not a readable .npz").wait_for()
-        page.close()
-    finally:
-        started.stop()

@@ -243,11 +243,16 @@ def score(motion: Motion, path: Path) -> Score:
 
     Those that the version which made it did not know are None.
     """
+    if not {figure.name for figure in FIGURES} & set(motion.report.figures):
+        raise ReadError(f"{path}: its report has none of the figures. Run the retarget again.")
+    return known_figures(motion, path)
+
+
+def known_figures(motion: Motion, path: Path) -> Score:
+    """Return the figures that a motion's report holds, be it none."""
     report = motion.report
     figures = {figure.name: report.figures.get(figure.name) for figure in FIGURES}
     figures |= {figure.name: value for figure in PERFORMED if (value := report.figures.get(figure.name)) is not None}
-    if not set(figures) & set(report.figures):
-        raise ReadError(f"{path}: its report has none of the figures. Run the retarget again.")
     return Score(
         path.stem,
         figures,

@@ -1,18 +1,14 @@
 """`hoi-retarget share`: results as a folder of pages that anybody can open."""
 
-import shlex
-from pathlib import Path, PureWindowsPath
+from pathlib import Path
 
 from hoi_retarget.cli.commands import Share
+from hoi_retarget.cli.entries import entry_of
 from hoi_retarget.cli.jobs import check_writable, clip_or_warning, load_motion, score, with_file
-from hoi_retarget.cli.run_arguments import words_of
 from hoi_retarget.cli.terminal import Working, fail, say, warn
 from hoi_retarget.errors import HoiRetargetError, WriteError
-from hoi_retarget.motion.motion import Motion
 from hoi_retarget.robots import load_robot
-from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.scene.scene import Shown
-from hoi_retarget.viewers.share.gallery import GalleryEntry
 from hoi_retarget.viewers.share.share import Gallery, check_replaceable, gallery_in
 
 
@@ -47,22 +43,6 @@ def _add(gallery: Gallery, path: Path, command: Share) -> None:
     motion = load_motion(path, command.robot)
     model = load_robot(motion.robot)
     clip = clip_or_warning(path, motion, command, "its page shows the robot without the human.")
-    gallery.add(_entry(path, motion, model), Shown(path.stem, motion, model, clip, motion.person))
-
-
-def _entry(path: Path, motion: Motion, model: RobotModel) -> GalleryEntry:
-    warnings = tuple(map(str, motion.warnings))
-    return GalleryEntry(path.stem, motion, model.spec, score(motion, path), warnings, command=_made_by(motion))
-
-
-def _made_by(motion: Motion) -> str:
-    """Return the command that makes a result again, paths cut to their last name."""
-    settings = motion.report.command
-    if "clips" not in settings:
-        return ""
-    words = words_of({**settings, "out": "results"}, motion.report.config, shown=_last_name)
-    return shlex.join(["hoi-retarget", *words])
-
-
-def _last_name(path: str) -> str:
-    return PureWindowsPath(path).name or path
+    gallery.add(
+        entry_of(path.stem, motion, model, score(motion, path)), Shown(path.stem, motion, model, clip, motion.person)
+    )

@@ -330,17 +330,29 @@ def judged_figures(motion: Motion, model: RobotModel | None = None) -> dict[str,
 
     What the report does not tell is None.
     """
-    other = LANDMARK_FIGURES if motion.report.touches_with_surfaces else SURFACE_FIGURES
     return {
         **{threshold.name: None for threshold in THRESHOLDS},
         **motion.report.figures,
-        **dict.fromkeys(other),
+        **dict.fromkeys(_not_asked_for(motion)),
         **_of_kinematics(motion, model),
         "unreached_share": _unreached_share(motion),
         "orientation_flip_s": _orientation_flip_s(motion),
         "recording_warnings": float(len(motion.report.source.warnings)) if motion.report.clip else None,
         "unsolved_share": _unsolved_share(motion),
     }
+
+
+def level_of(motion: Motion, name: str) -> Level | None:
+    """Return how good a figure of a result's report is; None where it is not judged, or is not there."""
+    value = motion.report.figures.get(name)
+    threshold = next((item for item in THRESHOLDS if item.name == name), None)
+    if threshold is None or value is None or name in _not_asked_for(motion):
+        return None
+    return threshold.level(value)
+
+
+def _not_asked_for(motion: Motion) -> tuple[str, ...]:
+    return LANDMARK_FIGURES if motion.report.touches_with_surfaces else SURFACE_FIGURES
 
 
 def _of_kinematics(motion: Motion, model: RobotModel | None) -> dict[str, float | None]:

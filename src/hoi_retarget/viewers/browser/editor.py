@@ -285,5 +285,4 @@ class Editor:
         )
         strip = strip_html(segments, edited.clip.frames, self._chosen_of(segments))
         height = plain.extra_height_px + strip_height_px(segments)
-        # The editor's own panel has the figures.
-        return replace(plain, chart=strip + plain.chart, extra_height_px=height, figures="")
+        return replace(plain, chart=strip + plain.chart, extra_height_px=height)

@@ -11,11 +11,9 @@ from typing import Literal
 
 import viser
 
-from hoi_retarget.viewers.browser.client_sessions import serve_sessions
 from hoi_retarget.viewers.browser.clock import Clock
 from hoi_retarget.viewers.browser.page_content import PageContent
 from hoi_retarget.viewers.browser.player_camera import BODY, PlayerCamera, looks_of
-from hoi_retarget.viewers.browser.server import PageServer
 from hoi_retarget.viewers.browser.viser_scene import ViserScene
 from hoi_retarget.viewers.html import render
 from hoi_retarget.viewers.scene.curve_chart import LEFT_INSET_PX, RIGHT_INSET_PX
@@ -37,9 +35,8 @@ class Player:
     """Draws a scene for one browser and follows its controls until `stop`."""
 
     def __init__(self, client: viser.ClientHandle, content: PageContent, *, left_px: int = 0) -> None:
-        """Draw content that has a scene; `left_px` is how wide a panel at the left of the window is."""
+        """Draw content; `left_px` is how wide a panel at the left of the window is."""
         scene = content.scene
-        assert scene is not None, "there is something to play"
         self._client, self._scene = client, scene
         covered_px = CURVES_HEIGHT_PX + content.extra_height_px + _PANEL_HEAD_PX if content.chart else 0
         self._camera = PlayerCamera(client.camera, left_px + _CONTROLS_WIDTH_PX, covered_px)
@@ -78,7 +75,6 @@ class Player:
     def redraw(self, content: PageContent) -> None:
         """Draw another scene of the same subjects and layers, and its curves, at the same frame."""
         scene = content.scene
-        assert scene is not None, "there is something to play"
 
         def draw() -> None:
             self._scene = scene
@@ -149,7 +145,6 @@ class Player:
         gui = self._client.gui
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_CONTROLS_WIDTH_PX)
-        _show_notices(self._client, content)
         with gui.add_folder("Playback"):
             self._button = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="Space")
             self._slider = gui.add_slider("Frame", 0, max(1, self._scene.frames - 1), 1, 0, hint="Arrows, Home, End")
@@ -160,9 +155,6 @@ class Player:
         with gui.add_folder("Show"):
             self._add_layer_boxes()
             self._see_through = gui.add_checkbox("see-through objects", False, hint="X")
-        if content.figures:
-            with gui.add_folder("Figures"):
-                gui.add_html(content.figures)
         self._chart: viser.GuiHtmlHandle | None = None
         self._button.on_click(lambda _: self._toggle())
         speed.on_update(lambda event: self._set(lambda clock, now: clock.at_speed(SPEEDS[event.target.value], now)))
@@ -227,26 +219,8 @@ class Player:
         return html, cursor
 
 
-def serve_results(server: PageServer, load: Callable[[], PageContent]) -> None:
-    """Let a server show every browser that connects what `load` returns then, in a player of its own."""
-
-    def receive(client: viser.ClientHandle) -> Player | None:
-        content = load()
-        if content.scene is None:
-            _show_notices(client, content)
-            return None
-        return Player(client, content)
-
-    serve_sessions(server, receive)
-
-
 def _toggle(box: viser.GuiCheckboxHandle) -> None:
     box.value = not box.value
-
-
-def _show_notices(client: viser.ClientHandle, content: PageContent) -> None:
-    for notice in content.notices:
-        client.gui.add_html(render(MESSAGE, kind="notice", text=notice))
 
 
 def _chart_html(content: PageContent) -> str:

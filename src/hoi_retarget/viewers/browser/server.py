@@ -8,10 +8,9 @@ a connection from a page must come from the server's own.
 import hmac
 import io
 import secrets
-import socket
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import replace
 from functools import partial
 from http import HTTPStatus
@@ -23,10 +22,7 @@ import websockets.asyncio.server
 from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
-from hoi_retarget.errors import ArgumentError
-
-_LOOPBACK = ("127.0.0.1", "localhost", "::1")
-FIRST_PORT, LARGEST_PORT = 8080, 65535  # Taken ports are passed over.
+from hoi_retarget.viewers.addresses import FIRST_PORT, LOOPBACK, check_address, url
 
 
 class PageServer(viser.ViserServer):
@@ -66,7 +62,7 @@ def open_server(title: str, *, host: str = "127.0.0.1", port: int | None = None)
     Raises:
         ArgumentError: The port is taken, or the machine does not have this address.
     """
-    _check_address(host, port)
+    check_address(host, port)
     # A browser that goes while a frame is drawn for it is no mistake.
     warnings.filterwarnings("ignore", message="Queued a .* on a closed connection", category=UserWarning)
     server = PageServer(host=host, port=FIRST_PORT if port is None else port, label=title, verbose=False)
@@ -80,9 +76,7 @@ def open_server(title: str, *, host: str = "127.0.0.1", port: int | None = None)
 
 def address(server: PageServer) -> str:
     """Return the address to open in a browser, token included."""
-    host = server.get_host()
-    name = "localhost" if host in (*_LOOPBACK[:2], "0.0.0.0", "::") else f"[{host}]" if ":" in host else host
-    return f"http://{name}:{server.get_port()}/{server.token}/"
+    return url(server.get_host(), server.get_port(), server.token)
 
 
 @contextmanager
@@ -127,19 +121,4 @@ def _is_own(host: str, origin: str, asked: str) -> bool:
         name = page.hostname
     except ValueError:
         return False
-    return page.scheme in ("http", "https") and page.netloc == asked and (host not in _LOOPBACK or name in _LOOPBACK)
-
-
-def _check_address(host: str, port: int | None) -> None:
-    if port is not None and not 1 <= port <= LARGEST_PORT:
-        raise ArgumentError(f"--port {port}: ports go from 1 to {LARGEST_PORT}.")
-    try:
-        kind, _, _, _, where = socket.getaddrinfo(host, port or 0, type=socket.SOCK_STREAM)[0]
-        with socket.socket(kind, socket.SOCK_STREAM) as probe:
-            with suppress(OSError):
-                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(where)
-    except OSError as error:
-        asked = f"--host {host}" + ("" if port is None else f" --port {port}")
-        advice = "--port away to take a free one" if port else "--host away to listen to this machine alone"
-        raise ArgumentError(f"{asked}: cannot listen there ({error.strerror or error}). Leave {advice}.") from error
+    return page.scheme in ("http", "https") and page.netloc == asked and (host not in LOOPBACK or name in LOOPBACK)

@@ -4,6 +4,7 @@ Every value is escaped unless a template says `safe`, and a value that is missin
 """
 
 import base64
+from collections.abc import Sequence
 from functools import cache
 from hashlib import sha256
 from importlib.resources import files
@@ -30,6 +31,11 @@ def asset(path: str) -> str:
     return (files("hoi_retarget") / path).read_text(encoding="utf-8")
 
 
+def assets(paths: str | Sequence[str]) -> str:
+    """Return the text of a file inside the package, or of several one after the other."""
+    return "\n".join(map(asset, [paths] if isinstance(paths, str) else paths))
+
+
 def csp_hash(script: str) -> str:
     """Return a script's digest as a content security policy names it."""
     return f"sha256-{base64.b64encode(sha256(script.encode()).digest()).decode('ascii')}"
@@ -52,5 +58,5 @@ def _environment() -> "jinja2.Environment":
         lstrip_blocks=True,
     )
     environment.filters |= {"csp_hash": csp_hash, "with_exponents": with_exponents}
-    environment.globals |= {"asset": asset, "version": __version__}
+    environment.globals |= {"asset": asset, "assets": assets, "version": __version__}
     return environment

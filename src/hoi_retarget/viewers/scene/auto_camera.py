@@ -1,7 +1,7 @@
 """Automatic cameras: the whole scene in the picture, and people side by side."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -27,6 +27,8 @@ class FittedCamera:
     """From the followed centre to the middle of the scene, as seen from there [m]."""
     reaches: Float[np.ndarray, "K 3"]
     """Of each part: its reach to a side, up or down, and towards the camera from that middle [m]."""
+    front: float = 0.0
+    """Where a camera stands that sees the robots from the front [rad]."""
 
     def distance(self, aspect: float, field_of_view: float) -> float:
         """Return from how far [m] a picture of some width over height and a vertical field of view [rad] sees it."""
@@ -58,7 +60,19 @@ def fit_camera(scene: Scene, ahead: Float[np.ndarray, "2"]) -> FittedCamera:
     if back @ ahead < 0:
         back = -back
     azimuth = float(np.arctan2(back[1], back[0]))
-    return FittedCamera(azimuth, ELEVATION, *fit_window(seen, camera_axes(azimuth, 0.0), _LEFT_OUT))
+    front = float(np.arctan2(ahead[1], ahead[0]))
+    return FittedCamera(azimuth, ELEVATION, *fit_window(seen, camera_axes(azimuth, 0.0), _LEFT_OUT), front)
+
+
+def fit_each(panes: Scene, place: FittedCamera) -> FittedCamera:
+    """Return a camera with the direction of another one that sees each subject alone, about its own centre."""
+    seen = []
+    for subject in panes.subjects:
+        alone = Scene((subject,))
+        frames = range(alone.frames)
+        seen += extents(alone, frames, np.stack([alone.centre(frame) for frame in frames]))
+    shift, reaches = fit_window(seen, camera_axes(place.azimuth, 0.0), _LEFT_OUT)
+    return replace(place, shift=shift, reaches=reaches)
 
 
 def fit_window(

@@ -103,6 +103,10 @@ class Subject:
     """Path of the point that a following camera looks at [m]."""
     looks: Mapping[str, Float[np.ndarray, "T 3"]] = field(default_factory=dict)
     """Paths of what a camera can look at from near [m], such as `left hand`."""
+    shift: Float[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
+    """Of `make_panes`: from there to its place beside the others on one floor [m]."""
+    scale: float = 1.0
+    """Of `make_panes`: about the origin, what lays it over the first robot."""
 
     @property
     def frames(self) -> int:

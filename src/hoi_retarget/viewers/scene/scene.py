@@ -21,6 +21,7 @@ from hoi_retarget.motion.of_robot import check_robot
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.robots.spec import SIDES
 from hoi_retarget.viewers.scene.drawing import Colour, Layer, Lines, Part, Scene, Shapes, Solid, Subject
 from hoi_retarget.viewers.scene.force_arrows import force_arrows
 from hoi_retarget.viewers.scene.human_shapes import human_shapes
@@ -108,18 +109,18 @@ def make_scene(shown: Sequence[Shown], *, apart: float | Literal["auto"] = "auto
         raise ArgumentError("there is nothing to show. Name a result or a clip.")
     if apart != "auto" and not (np.isfinite(apart) and apart >= 0):
         raise ArgumentError(f"apart is {apart}; it must be auto or a distance in metres.")
-    hosts, sides = group_by_shared_objects(shown), [_sides(item) for item in shown]
-    places: dict[tuple[int, str], list[_Side]] = {}
+    hosts, sides = group_by_shared_objects(shown), [sides_of(item) for item in shown]
+    places: dict[tuple[int, str], list[Side]] = {}
     for host, own in zip(hosts, sides, strict=True):
         for side in own:
             places.setdefault((host, side.name), []).append(side)
-    shifts = dict(zip(places, _shifts([_reach(members) for members in places.values()], apart), strict=True))
+    shifts = dict(zip(places, shifts_of([reach_of(members) for members in places.values()], apart), strict=True))
     subjects = []
     for index, (item, host, own) in enumerate(zip(shown, hosts, sides, strict=True)):
-        layers = [_moved(layer, shifts[host, side.name]) for side in own for layer in side.layers]
+        layers = [moved(layer, shifts[host, side.name]) for side in own for layer in side.layers]
         if index != host:
             layers = [layer for layer in layers if layer.name not in OBJECT_LAYERS]
-        centre = _centre(own[0]) + shifts[host, own[0].name]
+        centre = centre_of(own[0]) + shifts[host, own[0].name]
         looks = {name: path + shifts[host, own[0].name] for name, path in own[0].looks.items()}
         subjects.append(Subject(item.title, own[0].fps, tuple(layers), centre, looks))
     return Scene(tuple(subjects))
@@ -185,7 +186,7 @@ def _origin(motion: Motion) -> tuple[object, object]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Side:
+class Side:
     """A robot or a human with its objects, in one place of the scene."""
 
     name: str
@@ -196,7 +197,8 @@ class _Side:
     looks: Mapping[str, Float[np.ndarray, "T 3"]]
 
 
-def _sides(item: Shown) -> tuple[_Side, ...]:
+def sides_of(item: Shown) -> tuple[Side, ...]:
+    """Return the robot's side and the human's, where they are there."""
     sides = []
     if item.motion is not None and item.model is not None:
         sides.append(_robot_side(item, item.motion, item.model))
@@ -205,10 +207,11 @@ def _sides(item: Shown) -> tuple[_Side, ...]:
     return tuple(sides)
 
 
-def _robot_side(item: Shown, motion: Motion, model: RobotModel) -> _Side:
+def _robot_side(item: Shown, motion: Motion, model: RobotModel) -> Side:
     kinematics = model.forward(motion.qpos)
     hands = {part: site for part, site in model.spec.part_sites.items() if part.endswith("hand")}
     looks = {part.replace("_", " "): kinematics.site_position(site) for part, site in hands.items()}
+    looks["feet"] = np.mean([kinematics.site_position(f"{side}_foot") for side in SIDES], axis=0)
     layers = (
         Layer("robot", robot_parts(model, kinematics, item.meshes)),
         *(_earlier_stage(motion, model, stage, item.clip) for stage in motion.stages[:-1]),
@@ -220,7 +223,7 @@ def _robot_side(item: Shown, motion: Motion, model: RobotModel) -> _Side:
     forces = motion.stages[-1].forces
     if forces is not None:
         layers += (Layer(FORCES, force_arrows(forces)),)
-    return _Side("robot", motion.fps, motion.qpos[:, :3], motion.object_pos, layers, looks)
+    return Side("robot", motion.fps, motion.qpos[:, :3], motion.object_pos, layers, looks)
 
 
 def _earlier_stage(motion: Motion, model: RobotModel, stage: Stage, clip: Clip | None) -> Layer:
@@ -246,7 +249,7 @@ def _robot_objects(motion: Motion, clip: Clip | None) -> tuple[Part, ...]:
     return tuple(parts)
 
 
-def _human_side(clip: Clip, person: int) -> _Side:
+def _human_side(clip: Clip, person: int) -> Side:
     human = clip.people[person]
     contacts = tuple(track for track in clip.contacts if track.person == person)
     solids = (
@@ -261,14 +264,15 @@ def _human_side(clip: Clip, person: int) -> _Side:
     objects = [track.positions for track in clip.objects]
     places = np.stack(objects, axis=1) if objects else np.zeros((clip.frames, 0, 3))
     looks = {part.replace("_", " "): human.part_position(part) for part in PARTS if part.endswith("hand")}
-    return _Side("human", clip.fps, human.position("pelvis"), places, layers, looks)
+    looks["feet"] = np.mean([human.part_position(f"{side}_foot") for side in SIDES], axis=0)
+    return Side("human", clip.fps, human.position("pelvis"), places, layers, looks)
 
 
 def _tinted(shapes: Shapes) -> Shapes:
     return replace(shapes, colours=(0.3 * shapes.colours + 0.7 * np.array(_IK_TINT)).astype(np.uint8))
 
 
-def _reach(sides: Sequence[_Side]) -> Float[np.ndarray, "2 2"]:
+def reach_of(sides: Sequence[Side]) -> Float[np.ndarray, "2 2"]:
     """Return the lowest and highest x and y that bodies and objects of one place reach [m]."""
     paths = [(side.pelvis, _ARM_REACH) for side in sides]
     for side in sides:
@@ -283,7 +287,7 @@ def _radius(part: Part) -> float:
     return float(np.linalg.norm(part.vertices, axis=1).max()) if isinstance(part, Solid) else AXIS_LENGTH
 
 
-def _shifts(
+def shifts_of(
     reaches: Sequence[Float[np.ndarray, "2 2"]], apart: float | Literal["auto"]
 ) -> list[Float[np.ndarray, "3"]]:
     """Return how far each place is moved [m]: beside the others along the axis in which the paths extend least."""
@@ -301,7 +305,8 @@ def _shifts(
     return shifts
 
 
-def _moved(layer: Layer, shift: Float[np.ndarray, "3"]) -> Layer:
+def moved(layer: Layer, shift: Float[np.ndarray, "3"]) -> Layer:
+    """Return a layer moved by so much [m]."""
     return replace(layer, parts=tuple(_moved_part(part, shift.astype(np.float32)) for part in layer.parts))
 
 
@@ -313,7 +318,7 @@ def _moved_part(part: Part, shift: Float[np.ndarray, "3"]) -> Part:
     return replace(part, positions=part.positions + shift)
 
 
-def _centre(side: _Side) -> Float[np.ndarray, "T 3"]:
+def centre_of(side: Side) -> Float[np.ndarray, "T 3"]:
     """Return a smooth path between the pelvis and the object nearest on average [m]."""
     centre = side.pelvis
     if side.objects.shape[1]:

@@ -1,17 +1,13 @@
-"""The pages of a gallery; of paths they tell the last name alone."""
+"""The results of a gallery, and the page of all of them."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import PureWindowsPath
 
-from hoi_retarget.evaluation import COLUMNS, Score, mean_values, shown_columns
-from hoi_retarget.evaluation.table import scales_text
+from hoi_retarget.evaluation import COLUMNS, Score, mean_values
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.robots.spec import RobotSpec
 from hoi_retarget.viewers.html import render
-from hoi_retarget.viewers.scene.curve_chart import LEFT_INSET_PX, RIGHT_INSET_PX
-from hoi_retarget.viewers.share.packed_scene import stride_of
 
 _ON_CARDS = (
     "contact_gap_m",
@@ -49,32 +45,6 @@ def file_name(title: str, taken: Iterable[str]) -> str:
     return name
 
 
-def clip_page(entry: GalleryEntry, *, scene: str, curves: str, gallery: str) -> str:
-    """Return the page of one result.
-
-    Args:
-        entry: The result.
-        scene: Of `packed_scene.pack`.
-        curves: Of `curve_chart.chart_html`.
-        gallery: The gallery's title.
-    """
-    values, columns = entry.score.values(), shown_columns([entry.score])
-    return render(
-        "viewers/share/page/clip.html.j2",
-        title=entry.title,
-        gallery=gallery,
-        summary=_summary(entry),
-        scene=scene,
-        curves=curves,
-        left_px=LEFT_INSET_PX,
-        right_px=RIGHT_INSET_PX,
-        warnings=entry.warnings,
-        figures=[(column.title, column.text(values[column.name]), column.unit) for column in columns],
-        facts=_facts(entry),
-        command=entry.command,
-    )
-
-
 def index_page(title: str, entries: Sequence[tuple[GalleryEntry, str, str | None]]) -> str:
     """Return the page of all results: of each its entry, its page's name, and its picture's where there is one."""
     return render(
@@ -86,7 +56,7 @@ def index_page(title: str, entries: Sequence[tuple[GalleryEntry, str, str | None
                 "page": page,
                 "picture": picture,
                 "title": entry.title,
-                "summary": _summary(entry),
+                "summary": summary_of(entry),
                 # A card is narrow.
                 "figures": [(name.removeprefix("floor "), value) for name, value in _on_card(entry.score.values())],
                 "licence": entry.motion.report.source.licence,
@@ -96,7 +66,8 @@ def index_page(title: str, entries: Sequence[tuple[GalleryEntry, str, str | None
     )
 
 
-def _summary(entry: GalleryEntry) -> str:
+def summary_of(entry: GalleryEntry) -> str:
+    """Return robot, objects and length of a result in a line."""
     motion = entry.motion
     objects = ", ".join(motion.object_names) or "no object"
     return f"{entry.spec.title} · {objects} · {motion.frames} frames, {motion.frames / motion.fps:.1f} s"
@@ -116,26 +87,3 @@ def _on_card(values: Mapping[str, float | None]) -> list[tuple[str, str]]:
         for column in COLUMNS
         if column.name in _ON_CARDS and column.name in values
     ]
-
-
-def _facts(entry: GalleryEntry) -> dict[str, str]:
-    motion, score = entry.motion, entry.score
-    stride = stride_of(motion.frames)
-    return {
-        "robot": entry.spec.title,
-        "recording": _last_name(motion.report.source.path),
-        "format": motion.report.source.format,
-        "licence": motion.report.source.licence,
-        "contacts": "edited" if motion.report.source.contact_edits else "",
-        "objects": ", ".join(motion.object_names),
-        "object scale": scales_text(motion.object_scale) if motion.object_names else "",
-        "root scale": f"{score.root_scale:.3f}" if score.root_scale is not None else "",
-        "human height": f"{motion.human_height:.2f} m",
-        "frames": f"{motion.frames} at {motion.fps:g} a second",
-        "played": f"one frame in {stride}; what lies between is interpolated" if stride > 1 else "",
-    }
-
-
-def _last_name(path: str) -> str:
-    # Knows both kinds of slashes, whichever machine the result comes from.
-    return PureWindowsPath(path).name or path

@@ -1,4 +1,4 @@
-"""A `Scene` as text that a web page carries and `page/player.js` plays, small enough to be sent by mail.
+"""A `Scene` as text that a web page carries and `page/player` plays, small enough to be sent by mail.
 
 Numbers over time become steps of 0.2 mm or so, and these their second differences, which are small
 where something moves smoothly. Low and high bytes apart and compressed, 200 frames take some 200 kB.
@@ -16,6 +16,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.viewers.scene.auto_camera import FittedCamera
 from hoi_retarget.viewers.scene.camera import CLOSE_REACH
 from hoi_retarget.viewers.scene.drawing import Kind, Layer, Lines, Part, Scene, Shapes, Solid, Subject
+from hoi_retarget.viewers.scene.meanings import LAYERS
 from hoi_retarget.viewers.scene.scene import OBJECT_LAYERS, SEE_THROUGH
 
 LARGEST_FRAMES = 2000
@@ -26,23 +27,28 @@ _VERTEX_STEP = 1e-4  # Of a mesh's size.
 _LARGEST_LEVEL = 65535
 
 
-def stride_of(frames: int) -> int:
-    """Return which frames of so many a page holds: every one, every second, and so on."""
-    return -(-frames // LARGEST_FRAMES)
+def pack(panes: Scene, floor: FittedCamera, each: FittedCamera, *, largest_frames: int = LARGEST_FRAMES) -> str:
+    """Return a scene as JSON text: its description, and all its numbers in base64 of gzip.
 
-
-def pack(scene: Scene, place: FittedCamera) -> str:
-    """Return a scene as JSON text: its description, and all its numbers in base64 of gzip."""
+    Args:
+        panes: Of `make_panes`.
+        floor: Sees all subjects beside each other.
+        each: Sees each subject alone, from the same direction.
+        largest_frames: Frames of one subject that are kept at most.
+    """
     numbers = _Numbers()
-    subjects = [_subject(numbers, subject) for subject in scene.subjects]
+    subjects = [_subject(numbers, subject, -(-subject.frames // largest_frames)) for subject in panes.subjects]
     content = base64.b64encode(gzip.compress(bytes(numbers.content), compresslevel=6, mtime=0)).decode("ascii")
     description = {
-        "fps": scene.fps,
+        "fps": panes.fps,
         "close": CLOSE_REACH,
-        "seconds": max(scene.frames - 1, 1) / scene.fps,
+        "seconds": max(panes.frames - 1, 1) / panes.fps,
         "camera": {
-            **{"azimuth": place.azimuth, "elevation": place.elevation},
-            **{"shift": place.shift.tolist(), "reaches": place.reaches.tolist()},
+            **{"azimuth": floor.azimuth, "elevation": floor.elevation, "front": floor.front},
+            **{
+                name: {"shift": place.shift.tolist(), "reaches": place.reaches.tolist()}
+                for name, place in {"floor": floor, "each": each}.items()
+            },
         },
         "subjects": subjects,
         "numbers": content,
@@ -80,9 +86,11 @@ class _Numbers:
         return self.add(se3.quat_continuous(quats), _TURN_STEP)
 
 
-def _subject(numbers: _Numbers, subject: Subject) -> dict[str, Any]:
-    stride = stride_of(subject.frames)
+def _subject(numbers: _Numbers, subject: Subject, stride: int) -> dict[str, Any]:
     return {
+        "title": subject.title,
+        "shift": subject.shift.tolist(),
+        "scale": subject.scale,
         "fps": subject.fps / stride,
         "centre": numbers.add(subject.centre[::stride], POSITION_STEP),
         "looks": {name: numbers.add(path[::stride], POSITION_STEP) for name, path in subject.looks.items()},
@@ -93,7 +101,15 @@ def _subject(numbers: _Numbers, subject: Subject) -> dict[str, Any]:
 def _layer(numbers: _Numbers, layer: Layer, stride: int) -> dict[str, Any]:
     parts = [_part(numbers, part, stride) for part in layer.parts if part.count]
     through = {"through": SEE_THROUGH} if layer.name in OBJECT_LAYERS else {}
-    return {"name": layer.name, "opacity": layer.opacity, **through, "shown": layer.shown, "parts": parts}
+    meaning = LAYERS.get(layer.name, "")
+    return {
+        "name": layer.name,
+        "meaning": meaning,
+        "opacity": layer.opacity,
+        **through,
+        "shown": layer.shown,
+        "parts": parts,
+    }
 
 
 def _part(numbers: _Numbers, part: Part, stride: int) -> dict[str, Any]:

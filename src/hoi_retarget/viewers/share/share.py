@@ -8,17 +8,15 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 
 from hoi_retarget.errors import ArgumentError, DrawingError, WriteError
 from hoi_retarget.viewers.offscreen.thumbnail import representative_frame, thumbnail
-from hoi_retarget.viewers.scene.auto_camera import fit_camera
-from hoi_retarget.viewers.scene.curve_chart import chart_html
-from hoi_retarget.viewers.scene.curves import curves_of
-from hoi_retarget.viewers.scene.force_curves import force_curves
-from hoi_retarget.viewers.scene.scene import Shown, make_scene
-from hoi_retarget.viewers.share.gallery import GalleryEntry, clip_page, file_name, index_page
-from hoi_retarget.viewers.share.packed_scene import pack
+from hoi_retarget.viewers.scene.scene import Shown
+from hoi_retarget.viewers.scene.titles import short_name
+from hoi_retarget.viewers.share.clip_page import Way, make_clip_page
+from hoi_retarget.viewers.share.gallery import GalleryEntry, file_name, index_page
 
 LISTING = "gallery.json"
 """The file that tells a gallery from other folders, and which files are its own."""
@@ -40,21 +38,14 @@ class Gallery:
             GeometryError: An object's mesh file cannot be read.
             WriteError: There is no room, or no permission.
         """
-        assert shown.model is not None
-        scene = make_scene([shown])
-        fitted = fit_camera(scene, shown.ahead)
-        curves = (
-            *curves_of(entry.motion, shown.model, shown.geometries),
-            *force_curves(entry.motion, shown.model, shown.clip),
-        )
-        chart = chart_html([(entry.title, curves)], scene.fps, chart_height_px=44)
         taken = ("index", *(Path(page).stem for _, page, _ in self._entries))
         name = file_name(entry.title, taken)
-        page = clip_page(entry, scene=pack(scene, fitted), curves=chart, gallery=self._title)
-        self._write_page(f"{name}.html", page)
+        named = replace(shown, title=short_name(entry.spec))
+        page = make_clip_page(entry.title, [(entry, named)], back=Way(self._title, "index.html"))
+        self._write_page(f"{name}.html", page.text)
         picture = None
         try:
-            self._write(f"{name}.png", thumbnail(scene, representative_frame(entry.motion), fitted))
+            self._write(f"{name}.png", thumbnail(page.scene, representative_frame(entry.motion), page.camera))
             picture = f"{name}.png"
         except DrawingError as error:
             self.without_pictures = str(error)

@@ -1,0 +1,222 @@
+"""The page that plays results, in a browser: its timeline, its views side by side, and all of it on a phone."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from browser import chromium, wait_until
+from hoi_retarget.motion.report import UnreachedContact
+from hoi_retarget.synthetic import make
+from hoi_retarget.viewers.scene.scene import Shown
+from hoi_retarget.viewers.share.clip_page import make_clip_page
+from test_curves import G1, carried
+from test_share import entry, pixels
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+FPS = 30.0
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator:
+    with chromium() as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Pages of one result with a warning, and of two to be compared."""
+    motion, clip = carried(), make("carry_box")
+    unreached = (UnreachedContact("left_palm", "box", 150, 160, 0.03, 0.05),)
+    worse = replace(motion, report=replace(motion.report, unreached_contacts=unreached))
+    folder = tmp_path_factory.mktemp("pages")
+    found = {}
+    for name, results in {"one": [("G1", worse)], "two": [("before", motion), ("after", worse)]}.items():
+        shown = [(entry(each, title=title), Shown(title, each, G1, clip)) for title, each in results]
+        path: Path = folder / f"{name}.html"
+        path.write_text(make_clip_page(name, shown).text)
+        found[name] = path.as_uri()
+    return found
+
+
+def opened(browser, address: str, width: int = 1100, height: int = 820, **more):
+    page = browser.new_context(viewport={"width": width, "height": height}, **more).new_page()
+    page.troubles = []
+    page.on("pageerror", lambda error: page.troubles.append(str(error)))
+    page.on("console", lambda told: page.troubles.append(told.text) if told.type == "error" else None)
+    page.goto(address)
+    wait_until(lambda: "frame" in page.locator("#clock").inner_text(), "a first frame is drawn")
+    return page
+
+
+def closed(page) -> None:
+    assert page.troubles == []
+    page.context.close()
+
+
+def second(page) -> float:
+    return float(page.locator("#clock").inner_text().split()[0])
+
+
+def at(page, moment: float) -> None:
+    wait_until(lambda: abs(second(page) - moment) < 0.02, f"it shows {moment} s, not {second(page)}")
+
+
+def first_touch() -> float:
+    return float(np.flatnonzero(carried().contact_flags.any(axis=1))[0]) / FPS
+
+
+def test_buttons_keys_and_links_go_to_moments(browser, pages):
+    page = opened(browser, pages["one"] + "#t=1.5")
+    at(page, 1.5)
+    page.locator("#contact-next").click()
+    at(page, first_touch())
+    page.locator("#warning-next").click()
+    at(page, 150 / FPS)
+    page.locator("#contact-before").click()
+    at(page, first_touch())
+    page.locator("h1").click()
+    for key, moment in (
+        ("w", 150 / FPS),
+        ("Shift+C", first_touch()),
+        ("End", (carried().frames - 1) / FPS),
+        ("Home", 0.0),
+    ):
+        page.keyboard.press(key)
+        at(page, moment)
+    chart = page.locator(".chart", has_text="jerk")
+    chart.scroll_into_view_if_needed()
+    chart.hover(position={"x": 30, "y": 10})
+    said = chart.locator(".worst").get_attribute("title")
+    chart.locator(".worst").click()
+    at(page, float(re.search(r"at ([\d.]+) s", said)[1]))
+    largest = float(re.search(r"largest ([\d.e+]+)", said)[1])
+    assert float(chart.locator("b[data-of='largest 0']").inner_text()) == pytest.approx(largest, rel=0.02)
+    closed(page)
+
+
+def test_the_timeline_is_zoomed_read_and_looped(browser, pages):
+    page = opened(browser, pages["one"] + "#t=4")
+    timeline, last = page.locator("#curves .time"), (carried().frames - 1) / FPS
+    axis = timeline.bounding_box()
+    assert axis["width"] > 0.65 * 1100, "it is as wide as the window, but for names and values"
+    bars = page.locator(".bars", has_text="warnings")
+    bar = bars.locator("i").bounding_box()
+    assert bar["x"] - axis["x"] == pytest.approx(axis["width"] * 150 / FPS / last, abs=2.0)
+    page.mouse.move(bar["x"] + 2, bar["y"] + 5)
+    wait_until(lambda: "left_palm on 'box', frames 150 to 160" in page.locator("#note").inner_text(), "the bar is told")
+    values = page.locator("b[data-of='left palm 0']").first
+    touching = values.inner_text()
+    page.mouse.move(axis["x"] + 5, bar["y"] + 100)
+    wait_until(lambda: touching != "" and values.inner_text() == "", "what is under the pointer is read")
+    page.mouse.move(axis["x"] + axis["width"] * 4 / last, bar["y"] + 5)
+    page.mouse.wheel(0, -700)
+    wait_until(lambda: bars.locator("i").bounding_box()["width"] > 2.5 * bar["width"], "the wheel over bars zooms")
+    cursor = page.locator("#cursor").bounding_box()
+    assert cursor["x"] == pytest.approx(axis["x"] + axis["width"] * 4 / last, abs=3.0), "about the pointer"
+    page.locator("#whole").click()
+    wait_until(lambda: abs(bars.locator("i").bounding_box()["width"] - bar["width"]) < 1, "all is shown again")
+    x, y = (lambda moment: axis["x"] + axis["width"] * moment / last), bar["y"] + 100
+    page.keyboard.down("Shift")
+    page.mouse.move(x(2.0), y)
+    page.mouse.down()
+    page.mouse.move(x(2.6), y, steps=3)
+    page.mouse.up()
+    page.keyboard.up("Shift")
+    assert page.locator("#loop").get_attribute("aria-pressed") == "true"
+    page.locator("#play").click()
+    for _ in range(12):
+        page.wait_for_timeout(200)
+        assert 1.9 < second(page) < 2.7, "it stays in the range"
+    page.keyboard.press("Escape")
+    wait_until(lambda: second(page) > 2.8, "it goes on")
+    closed(page)
+
+
+def test_a_link_can_carry_a_range_that_plays(browser, pages):
+    page = opened(browser, pages["one"] + "#t=3.0,3.4")
+    for _ in range(8):
+        page.wait_for_timeout(150)
+        assert 2.9 < second(page) < 3.5
+    page.locator("#play").click()
+    page.locator("#link").click()
+    assert page.evaluate("location.hash") == "#t=3.00,3.40"
+    closed(page)
+
+
+def test_cameras_stand_where_they_say_and_a_picture_is_saved(browser, pages):
+    page = opened(browser, pages["one"] + "#t=4")
+    picture = page.locator("#picture")
+    for name in ("front", "top", "home"):
+        before = pixels(picture.screenshot())
+        page.locator(f"#{name}").click()
+        page.wait_for_timeout(800)
+        assert (np.abs(pixels(picture.screenshot()) - before).max(axis=2) > 25).mean() > 0.02, name
+    with page.expect_download() as saved:
+        page.locator("#shot").click()
+    assert saved.value.suggested_filename == "one-4.00s.png"
+    shot = pixels(Path(saved.value.path()).read_bytes())
+    seen = pixels(picture.screenshot())[: shot.shape[0], : shot.shape[1]]
+    assert shot.std() > 10 and np.abs(shot[: seen.shape[0], : seen.shape[1]] - seen).mean() < 3.0
+    closed(page)
+
+
+def test_results_are_side_by_side_with_one_camera_or_over_each_other(browser, pages):
+    page = opened(browser, pages["two"] + "#t=4")
+    assert page.locator("#labels span").all_inner_texts() == ["human", "before", "after"], "one human"
+
+    def parts() -> list[np.ndarray]:
+        page.wait_for_timeout(900)
+        picture = pixels(page.locator("#picture").screenshot())[40:]
+        width = picture.shape[1] // 3
+        return [picture[:, k * width : (k + 1) * width] for k in range(3)]
+
+    human, before, after = parts()
+    assert np.abs(before - after).max(axis=2).mean() < 2.0, "the same motion is the same picture in both"
+    assert (np.abs(human - before).max(axis=2) > 40).mean() > 0.02
+    page.locator("#front").click()
+    _, turned, other = parts()
+    assert (np.abs(turned - before).max(axis=2) > 25).mean() > 0.02
+    assert np.abs(turned - other).max(axis=2).mean() < 2.0, "one camera turns both"
+    page.select_option("#look", "left hand")
+    _, near, other = parts()
+    assert np.abs(near - other).max(axis=2).mean() < 2.0, "and goes near to each one's hand"
+    page.select_option("#arrange", "over")
+    page.select_option("#look", "")
+    over = parts()
+    assert page.locator("#labels span").count() == 0
+    page.locator("#figures label", has_text="human").click()
+    assert (np.abs(np.hstack(over) - np.hstack(parts())).max(axis=2) > 15).mean() > 0.001, "the ghost was there"
+    closed(page)
+
+
+def test_on_a_phone_curves_are_wide_and_fingers_zoom_the_time(browser, pages):
+    page = opened(browser, pages["one"] + "#t=4", 390, 844, has_touch=True, is_mobile=True)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    for plot in page.locator(".plot").all():
+        assert plot.bounding_box()["width"] > 340
+    assert not page.get_by_text("Space plays").is_visible() and page.get_by_text("two fingers").is_visible()
+    bars = page.locator(".bars", has_text="left palm").locator("i")
+    before = bars.bounding_box()
+    page.locator(".plot").nth(2).scroll_into_view_if_needed()
+    place = page.locator(".plot").nth(1).bounding_box()
+    touch = page.context.new_cdp_session(page)
+
+    def fingers(kind: str, *xs: float) -> None:
+        points = [{"x": x, "y": place["y"] + 20, "id": number} for number, x in enumerate(xs)]
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    fingers("touchStart", 180)
+    fingers("touchStart", 180, 210)
+    for step in range(1, 6):
+        fingers("touchMove", 180 - 12 * step, 210 + 12 * step)
+    fingers("touchEnd")
+    wait_until(lambda: bars.bounding_box()["width"] > 1.5 * before["width"], "two fingers zoom the time")
+    place = page.locator(".plot").nth(1).bounding_box()
+    shown = second(page)
+    page.touchscreen.tap(place["x"] + 0.9 * place["width"], place["y"] + 20)
+    wait_until(lambda: abs(second(page) - shown) > 0.2, "a tap goes to its moment")
+    closed(page)
