@@ -101,7 +101,9 @@ def task_of(result: Result, scene: Scene) -> Task:
         _place(description, _first_pose(resampled, number))
         files[folder / f"object_{number}.xml"] = to_bytes(exact_xml(scene, description))
     files[folder / "motion.npz"] = npz.encode(_arrays(resampled, states))
-    files[folder / "task.json"] = to_json(_description(result, scene, robot, resampled, states, f"Hoi-{name}"))
+    told = _description(result, scene, resampled, states, f"Hoi-{name}")
+    told["touching"] = _geometries(robot, told["contact_bodies"])
+    files[folder / "task.json"] = to_json(told)
     return Task(f"Hoi-{name}", files, resampled.frames)
 
 
@@ -196,7 +198,7 @@ def _arrays(resampled: ResampledMotion, states: _States) -> dict[str, np.ndarray
 
 
 def _description(
-    result: Result, scene: Scene, robot: mujoco.MjSpec, resampled: ResampledMotion, states: _States, task_id: str
+    result: Result, scene: Scene, resampled: ResampledMotion, states: _States, task_id: str
 ) -> dict[str, Any]:
     model, motion, physics = scene.model, result.motion, scene.physics
     most = max(_LEAST_CONTACTS, 2 * states.contacts)  # A fall makes more of them than the motion has.
@@ -226,7 +228,6 @@ def _description(
         ],
         "floor": floor_contacts(physics),
         "soles": sorted(SOLES),
-        "touching": [geom.name for link in links for geom in robot.body(link).geoms if geom.name not in SOLES],
         "hand_friction": physics.hand_friction,
         "floor_friction": physics.floor_friction,
         "object_friction": physics.object_friction,
@@ -236,6 +237,11 @@ def _description(
         "most_constraints": 6 * most + 2 * model.n,  # Friction pyramids with torsion have six edges.
         **result.origin(),
     }
+
+
+def _geometries(robot: mujoco.MjSpec, bodies: Sequence[str]) -> list[str]:
+    """Return the names of what collides on bodies, but for the soles."""
+    return [geom.name for body in bodies for geom in robot.body(body).geoms if geom.name not in SOLES]
 
 
 def _joint(scene: Scene, index: int) -> dict[str, Any]:
