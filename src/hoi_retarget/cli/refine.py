@@ -72,9 +72,8 @@ def _refined(path: Path, command: Refine, working: Working) -> tuple[str, ...]:
     if performance.fell:
         warn(f"{path.name}: falls in frame {frames} of {motion.frames}: {performance.cause}.")
     if performance.let_go_after is not None:
-        warn(
-            f"{path.name}: the robot fell over its object, which counts little from {performance.let_go_after:.1f} s on."
-        )
+        when = f"after {performance.let_go_after:.1f} s"
+        warn(f"{path.name}: the robot fell over its object, which counts little {when}.")
     say(f"  {kept}  ({frames} frames, {cpu:.0f} s of CPU; for controllers: {for_controllers})")
     say(f"  certificate: {performance.robustness}")
     return path.stem, *_row(performed), f"{cpu:.0f}"
