@@ -40,8 +40,12 @@ ARM = Chain(
 
 
 def body_pose_deviation_deg(view: Comparison) -> float | None:
-    """Return the mean angle [deg] between the two sides' bone directions, over 16 bones and frames."""
-    angles = [direction_angles_deg(_robot_bones(view, chain), _human_bones(view, chain)) for chain in (LEG, ARM)]
+    """Return the mean angle [deg] between the two sides' bone directions, over 16 bones and frames.
+
+    Over the 8 of the arms alone where a base carries the robot.
+    """
+    chains = (LEG, ARM) if view.kinematics.model.spec.base == "legs" else (ARM,)
+    angles = [direction_angles_deg(_robot_bones(view, chain), _human_bones(view, chain)) for chain in chains]
     return mean_or_none(np.stack(angles))
 
 

@@ -14,6 +14,8 @@ from hoi_retarget.numerics.arrays import repeated
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 
+_LOWEST = 0.05  # [m]
+
 
 @dataclass(frozen=True)
 class Soundness:
@@ -50,7 +52,8 @@ def soundness(
         standing_height: Of the base, in the robot's home pose [m].
     """
     tilts = sole_tilts_deg(kinematics)[stance]
-    heights = qpos[:, 2] / standing_height
+    # A root link on wheels may be on the floor, and has no height to speak of.
+    heights = qpos[:, 2] / standing_height if standing_height > _LOWEST else np.zeros(0)
     return Soundness(
         sole_tilt_deg=float(np.median(tilts)) if tilts.size else None,
         frozen_share=mean_or_none(repeated(qpos).astype(float)),

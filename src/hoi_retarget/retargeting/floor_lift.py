@@ -20,8 +20,10 @@ SUNK = 0.02
 def lifted(model: RobotModel, targets: Targets, qpos: Float[np.ndarray, "T nq"]) -> Float[np.ndarray, "T nq"]:
     """Return a trajectory in which no link but hands and feet is deeper than `SUNK` under the floor.
 
-    It rises and falls slowly. Where nothing is deeper, it is the same array.
+    It rises and falls slowly. Where nothing is deeper, or a base carries it, it is the same array.
     """
+    if targets.base_qpos is not None:
+        return qpos
     ends = {model.site_bodies[model.sites.index[site]] for site in targets.contact_links}
     inner = [skin.link not in ends for skin in skin_of(model).links]
     depth = -link_heights(model.forward(qpos))[inner].min(axis=0, initial=0.0)

@@ -131,4 +131,7 @@ def _solve(
     def problem_of(first: int, stop: int, pinned: int) -> Problem:
         return Problem(model, ik_terms(config.weights, targets.window(first, stop), model), targets.fps, pinned)
 
+    if targets.base_qpos is not None and model.spec.base == "stays":
+        # Means of equal rotations are not equal to the bit.
+        start = np.concatenate([targets.base_qpos, start[:, 7:]], axis=1)
     return solve_windows(problem_of, start, horizon, config.solver)

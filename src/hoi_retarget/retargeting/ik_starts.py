@@ -34,7 +34,12 @@ def _pelvis(model: RobotModel) -> int:
 
 
 def _home(model: RobotModel, targets: Targets, quats: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, "T nq"]:
-    """Return the home pose, its pelvis where its target is and turned by `quats`; the root may be any other link."""
+    """Return the home pose, its pelvis where its target is and turned by `quats`; the root may be any other link.
+
+    On a base it is where the base goes.
+    """
+    if targets.base_qpos is not None:
+        return np.concatenate([targets.base_qpos, np.tile(model.home_qpos[7:], (targets.frames, 1))], axis=1)
     at_origin = np.concatenate([[0, 0, 0, 1, 0, 0, 0], model.home_qpos[7:]])
     pelvis = model.forward(at_origin[None])
     place, turn = pelvis.site_position("pelvis")[0], pelvis.site_rotation("pelvis")[0]

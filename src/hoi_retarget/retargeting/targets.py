@@ -21,6 +21,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.numerics.filters import fade, frames_in, nearest_active, slow_cover, smooth, smooth_quats
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
+from hoi_retarget.retargeting.base_path import base_path
 from hoi_retarget.retargeting.config import ContactKind, Scaling
 from hoi_retarget.retargeting.foot_anchors import anchor, anchor_weights
 from hoi_retarget.retargeting.foot_planting import Foot, plant, resting_height, resting_tilt
@@ -81,6 +82,8 @@ class Targets:
     """The ends of the human's limbs (`LIMBS`) in the frames of the objects at their scaled size [m]."""
     rotation_jumps: tuple[RotationJump, ...] = ()
     """Of the recording; the targets do without them."""
+    base_qpos: Float[np.ndarray, "T 7"] | None = None
+    """Position [m] and rotation of the root of a robot whose upper body alone follows; None where legs carry it."""
     contact: ContactKind = "landmark"
     """What contact asks for; with surfaces feet are anchored, and nothing is to be under the floor."""
 
@@ -132,6 +135,17 @@ def make_targets(
             path + _lift_out(track, path, turn, geometry_scale, clip.fps)[:, None] * UP
             for track, path, turn in zip(clip.objects, tracks, turns, strict=True)
         ]
+    contacts = _contact_fields(clip, model, person, geometry_scale)
+    base = None
+    if model.spec.base != "legs":
+        row = goals.row("pelvis")
+        working = np.any(contacts["contact_flags"], axis=1)
+        base = frozen(base_path(model, goals.positions[:, row], goals.quats[:, row], working, clip.fps))
+        carried = model.forward(np.concatenate([base, np.tile(model.home_qpos[7:], (clip.frames, 1))], axis=1))
+        goals.positions[:, row] = carried.site_position("pelvis")
+        goals.quats[:, row] = se3.matrix_to_quat(carried.site_rotation("pelvis"))
+        stands = np.zeros_like(stands)
+        anchors = np.zeros_like(anchors)
     return Targets(
         fps=clip.fps,
         root_scale=root_scale,
@@ -153,7 +167,8 @@ def make_targets(
         limbs=frozen(_limbs(human, clip.objects, geometry_scale)),
         rotation_jumps=jumps,
         contact=contact,
-        **_contact_fields(clip, model, person, geometry_scale),
+        base_qpos=base,
+        **contacts,
     )
 
 

@@ -15,7 +15,12 @@ LARGEST_TURN_DEG = 60.0
 
 
 def trunk_turns(kinematics: Kinematics, targets: Targets) -> tuple[TrunkTurn, ...]:
-    """Return where the robot's trunk is turned by more than `LARGEST_TURN_DEG` against the person's."""
+    """Return where the robot's trunk is turned by more than `LARGEST_TURN_DEG` against the person's.
+
+    A trunk on a base stays upright where the person bends down; it is not turned over.
+    """
+    if targets.base_qpos is not None:
+        return ()
     degrees = trunk_errors_deg(kinematics, targets)
     return tuple(
         TrunkTurn(first, stop - 1, float(degrees[first:stop].max())) for first, stop in runs(degrees > LARGEST_TURN_DEG)

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import mujoco
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.errors import RobotError
 from hoi_retarget.numerics import se3
@@ -99,6 +99,23 @@ class RobotModel:
     def column_nodes(self) -> Int[np.ndarray, "nv"]:
         """Return the node that each tangent coordinate moves first."""
         return np.concatenate([np.zeros(6, dtype=int), np.arange(1, self.n + 1)])
+
+    @cached_property
+    def fixed_columns(self) -> Bool[np.ndarray, "nv"]:
+        """Return the tangent coordinates that nothing is solved for.
+
+        All of the root's where its base stays; where it follows, its height and its tilt, and all of its rotation if
+        none of the root link's axes points up.
+        """
+        fixed = np.zeros(self.nv, dtype=bool)
+        if self.spec.base == "legs":
+            return fixed
+        fixed[:6] = True
+        if self.spec.base == "follows":
+            upwards = np.abs(se3.quat_to_matrix(self.home_qpos[3:7])[2])
+            fixed[:2] = False
+            fixed[3:6] = upwards < 1.0 - 1e-9
+        return fixed
 
     @cached_property
     def coupled_columns(self) -> tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]:

@@ -118,6 +118,8 @@ class RobotSpec:
         }
     )
     """Which site touches for which human part."""
+    base: Literal["legs", "stays", "follows"] = "legs"
+    """What carries the trunk: legs, or a base that stands where the hands' work is, or goes where the person goes."""
     palm_weight: float = 1.0
     """Share of the cost table's `hand_orientation`: less where the arms cannot turn the palms freely."""
     dropped_rotations: tuple[str, ...] = ()

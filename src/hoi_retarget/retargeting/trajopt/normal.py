@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from hoi_retarget.retargeting.trajopt.rows import FrameRows, PairRows, Rows, StencilRows, TangentRows
 from hoi_retarget.robots.model import Kinematics
@@ -42,7 +42,19 @@ def assemble(kinematics: Kinematics, rows: Iterable[Rows], *, least_width: int =
             _add_tangent_rows(band, gradient, part)
         elif isinstance(part, PairRows):
             _add_pair_rows(band, gradient, kinematics, part)
+    if model.fixed_columns.any():
+        _fix(band, gradient, model.fixed_columns)
     return NormalEquations(band, gradient)
+
+
+def _fix(band: np.ndarray, gradient: np.ndarray, fixed: Bool[np.ndarray, "nv"]) -> None:
+    """Take coordinates out of the equations in place: their step is zero to the bit."""
+    nv = gradient.shape[1]
+    gradient[:, fixed] = 0.0
+    later = (np.arange(nv)[:, None] + np.arange(band.shape[2])) % nv
+    band[:, fixed[later]] = 0.0
+    band[:, fixed] = 0.0
+    band[:, fixed, 0] = 1.0
 
 
 def _width(part: Rows, nv: int) -> int:

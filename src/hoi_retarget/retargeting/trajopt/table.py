@@ -52,7 +52,7 @@ def trajectory_terms(
     if targets.contact == "surface":
         # Anchors hold the feet that stand; those that swing are smoother with the weight that they have with objects.
         used = replace(used, feet_position=weights.feet_position)
-    return tuple(term for cost in COSTS for term in cost(used, targets, reference))
+    return _movable(targets, reference.model, (term for cost in COSTS for term in cost(used, targets, reference)))
 
 
 def ik_terms(weights: IkWeights, targets: Targets, model: RobotModel) -> tuple[Term, ...]:
@@ -68,4 +68,13 @@ def ik_terms(weights: IkWeights, targets: Targets, model: RobotModel) -> tuple[T
     home = np.repeat(model.home_qpos[7:, None], targets.frames, axis=1)
     terms.append(Posture("posture", home, model.spec.posture_weight))
     terms.append(Differences("smoothness", 1, weights.smoothness * (targets.fps / PAPER_RATE) ** 2))
-    return tuple(terms)
+    return _movable(targets, model, terms)
+
+
+def _movable(targets: Targets, model: RobotModel, terms: Iterable[Term]) -> tuple[Term, ...]:
+    """Return the terms without those of sites on a base that stays, or on one that follows but for its own."""
+    if targets.base_qpos is None:
+        return tuple(terms)
+    on_base = {site for site, frame in model.sites.frames.items() if frame.node == 0}
+    on_base -= {"pelvis"} if model.spec.base == "follows" else set()
+    return tuple(term for term in terms if getattr(term, "site", None) not in on_base)

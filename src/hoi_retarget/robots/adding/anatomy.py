@@ -1,6 +1,6 @@
 """What a description's joints and links are to a person: the sites of a robot, in its zero pose."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,10 +82,9 @@ def find_anatomy(description: Description, hints: Hints) -> Anatomy:
     Raises:
         Refused: It is no humanoid that can be retargeted to; the message says why.
     """
-    _check_names(description, hints)
     pose = zero_pose(description, hints.lock)
     limbs = find_limbs(pose)
-    spare = _spare_joints(pose, limbs)
+    spare = spare_joints(pose, limbs)
     if spare:
         pose = zero_pose(description, (*hints.lock, *spare))
         limbs = find_limbs(pose)
@@ -102,10 +101,14 @@ def find_anatomy(description: Description, hints: Hints) -> Anatomy:
     ]
     height = float(np.mean([leg.length for leg in legs]))
     stature = hints.stature or STATURE_BY_LEG * height
-    sites = dict(_trunk_sites(pose, limbs, facing, legs, arms, stature=stature))
+    hips, shoulders = (
+        0.5 * (first + second)
+        for first, second in ((legs[0].knee.top, legs[1].knee.top), (arms[0].bend.top, arms[1].bend.top))
+    )
+    sites = dict(trunk_sites(pose, limbs, facing, hips, shoulders, stature=stature))
     for index, side in enumerate(SIDES):
         sites |= {f"{side}_{name}": site for name, site in _leg_sites(pose, facing, legs[index], side)}
-        sites |= {f"{side}_{name}": site for name, site in _arm_sites(pose, limbs.arms[index], arms[index])}
+        sites |= {f"{side}_{name}": site for name, site in arm_sites(pose, limbs.arms[index], arms[index])}
     what = f"{stature:.2f} m; the hips are {height:.2f} m high, of which {STATURE_BY_LEG} is taken"
     findings = (
         *description.findings,
@@ -113,7 +116,7 @@ def find_anatomy(description: Description, hints: Hints) -> Anatomy:
         *(
             finding
             for side, chain, arm in zip(SIDES, limbs.arms, arms, strict=True)
-            for finding in _arm_findings(pose, side, chain, arm)
+            for finding in arm_findings(pose, side, chain, arm)
         ),
         facing.finding,
         *_mirror_findings(sites, facing),
@@ -123,7 +126,8 @@ def find_anatomy(description: Description, hints: Hints) -> Anatomy:
     return Anatomy(pose, facing, sites, (arms[0], arms[1]), stature, findings)
 
 
-def _check_names(description: Description, hints: Hints) -> None:
+def check_names(description: Description, hints: Hints) -> None:
+    """Raise `Refused` where hints name joints that a description has not."""
     compiled = description.compiled
     there = {compiled.joint(joint).name for joint in range(compiled.njnt)}
     asked = {*hints.lock, *hints.speed} - {"default"}
@@ -134,8 +138,8 @@ def _check_names(description: Description, hints: Hints) -> None:
         )
 
 
-def _spare_joints(pose: ZeroPose, limbs: Limbs) -> list[str]:
-    """Return joints of no limb, waist or neck: fingers, eyes, tails."""
+def spare_joints(pose: ZeroPose, limbs: Limbs) -> list[str]:
+    """Return joints of no limb, waist or neck: fingers, eyes, tails, wheels."""
     kept = {joint for chain in (*limbs.legs, *limbs.arms) for joint in chain.hinges}
     ways = [_way_up(part) for part in (limbs.pelvis, limbs.torso)]
     waist = [part for way, other in (ways, ways[::-1]) for part in way if part not in other]
@@ -202,13 +206,18 @@ def _leftwards(pose: ZeroPose, facing: Facing, joint: int) -> np.ndarray:
     return axis if axis @ facing.axes[:, 1] > 0 else -axis
 
 
-def _trunk_sites(  # noqa: PLR0913 - all limbs hang on it
-    pose: ZeroPose, limbs: Limbs, facing: Facing, legs: Sequence[Leg], arms: Sequence[Arm], *, stature: float
+def trunk_sites(  # noqa: PLR0913 - all limbs hang on it
+    pose: ZeroPose,
+    limbs: Limbs,
+    facing: Facing,
+    hips: Float[np.ndarray, "3"],
+    shoulders: Float[np.ndarray, "3"],
+    *,
+    stature: float,
 ) -> Iterator[tuple[str, PlacedSite]]:
+    """Yield pelvis, torso and head, from the middles of hips and shoulders [m]."""
     axes = facing.axes
     up = axes[:, 2]
-    hips = 0.5 * (legs[0].knee.top + legs[1].knee.top)
-    shoulders = 0.5 * (arms[0].bend.top + arms[1].bend.top)
     yield "pelvis", PlacedSite(limbs.pelvis, hips + _PELVIS * stature * up, axes)
     yield "torso", PlacedSite(limbs.torso, hips + _CHEST * (shoulders - hips), axes)
     neck = _neck(pose, limbs)
@@ -241,7 +250,8 @@ def _upright(z: np.ndarray, left: np.ndarray) -> Float[np.ndarray, "3 3"]:
     return np.stack([np.cross(left, z), left, z], axis=1)
 
 
-def _arm_sites(pose: ZeroPose, chain: Chain, arm: Arm) -> Iterator[tuple[str, PlacedSite]]:
+def arm_sites(pose: ZeroPose, chain: Chain, arm: Arm) -> Iterator[tuple[str, PlacedSite]]:
+    """Yield the sites of one arm, without the side in their names."""
     yield "shoulder", PlacedSite(_mover(pose, chain, arm.bend.place - 1), arm.bend.top, arm.upper)
     yield "elbow", PlacedSite(_mover(pose, chain, arm.bend.place), arm.bend.middle, arm.fore)
     yield "wrist", PlacedSite(chain.end, arm.wrist, arm.hand)
@@ -260,7 +270,8 @@ def _leg_findings(pose: ZeroPose, side: str, leg: Leg) -> Iterator[Finding]:
     yield Finding("warn" if odd else "ok", f"{side} sole", what, "" if sole.measured else "--meshes DIR")
 
 
-def _arm_findings(pose: ZeroPose, side: str, chain: Chain, arm: Arm) -> Iterator[Finding]:
+def arm_findings(pose: ZeroPose, side: str, chain: Chain, arm: Arm) -> Iterator[Finding]:
+    """Yield what one arm was taken for."""
     yield Finding("ok", f"{side} arm", _named_chain(pose, chain), _LOCK)
     yield _bend_finding(pose, side, "elbow", arm.bend, arm.straight)
     turns = {3: "turn the palm freely", 2: "turn the palm about two axes", 1: "turn the palm about one axis"}

@@ -5,15 +5,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from hoi_retarget.robots.adding.anatomy import Anatomy, find_anatomy
+from hoi_retarget.robots.adding.anatomy import Anatomy, check_names, find_anatomy
 from hoi_retarget.robots.adding.description import DEFAULT_SPEED, read_description
 from hoi_retarget.robots.adding.findings import Finding, Refused, hint_of_site
 from hoi_retarget.robots.adding.hints import Hints
 from hoi_retarget.robots.adding.home_pose import HomePose, solve_home, standing_height
 from hoi_retarget.robots.adding.robot_file import robot_file
+from hoi_retarget.robots.adding.upper_body import find_upper_body
 from hoi_retarget.robots.ik_table import TRUNK, ik_table
 from hoi_retarget.robots.model import load_model
-from hoi_retarget.robots.spec import IkRow, RobotSpec
+from hoi_retarget.robots.spec import SIDES, IkRow, RobotSpec
 
 _SMALL = 1.6
 """Robots of less stature [m] have hands and arms too small for objects of captured size."""
@@ -51,7 +52,8 @@ def build_robot(path: Path, name: str, hints: Hints, meshes: Path | None = None)
         Refused: It is no humanoid that can be retargeted to.
     """
     description = read_description(path, meshes)
-    anatomy = find_anatomy(description, hints)
+    check_names(description, hints)
+    anatomy = find_upper_body(description, hints) if hints.base else find_anatomy(description, hints)
     described = robot_file(anatomy, name)
     described.compile()
     with tempfile.TemporaryDirectory() as folder:
@@ -82,7 +84,7 @@ def _spec(anatomy: Anatomy, hints: Hints, name: str, file: Path) -> RobotSpec:
         if pose.compiled.joint(joint).name in {*moving, *(one.joint for one in pose.held)}
     )
     licence = f", {description.licence} beside it" if description.licence else ", no licence beside it"
-    return RobotSpec(
+    spec = RobotSpec(
         name=name,
         title=f"{description.path.name}, {len(moving)} joints",
         mjcf=file,
@@ -96,10 +98,13 @@ def _spec(anatomy: Anatomy, hints: Hints, name: str, file: Path) -> RobotSpec:
         palm_weight=1.0 if turns >= 3 else _WEAK_PALM,
         dropped_rotations=() if turns else ("left_wrist", "right_wrist"),
         held=pose.held,
+        base=hints.base or "legs",
         joint_order=order if pose.held else (),
         description_file=description.path.name,
         description_sha256=description.sha256,
     )
+    # Feet of a base touch nothing.
+    return replace(spec, part_sites={f"{side}_hand": f"{side}_palm" for side in SIDES}) if hints.base else spec
 
 
 def _with_wrist_weight(row: IkRow, turns: int) -> IkRow:

@@ -52,13 +52,9 @@ def find_facing(pose: ZeroPose, limbs: Limbs, knees: Sequence[Bend], ankles: Seq
         votes = {"the hint": float(np.sign(np.dot(_AXES[hint], ahead)))}
     else:
         votes = {
-            "knees": float(
-                np.mean([_knee_vote(pose, knee, ankle, ahead) for knee, ankle in zip(knees, ankles, strict=True)])
-            ),
-            "feet": float(
-                np.mean(
-                    [_foot_vote(pose, limb.tip, ankle, ahead) for limb, ankle in zip(limbs.legs, ankles, strict=True)]
-                )
+            "knees": _mean([_knee_vote(pose, knee, ankle, ahead) for knee, ankle in zip(knees, ankles, strict=True)]),
+            "feet": _mean(
+                [_foot_vote(pose, limb.tip, ankle, ahead) for limb, ankle in zip(limbs.legs, ankles, strict=True)]
             ),
             "names": _name_vote(pose, limbs),
             "the root's x": _ROOT_WEIGHT * float(np.clip(pose.body_rotation[pose.root.body][:, 0] @ ahead, -1, 1)),
@@ -78,6 +74,10 @@ def find_facing(pose: ZeroPose, limbs: Limbs, knees: Sequence[Bend], ankles: Seq
     what = f"({place}) in the root's frame by {_told(votes, sign)}"
     finding = Finding("warn" if against else "ok", "ahead", what, 'ahead = "x"  # or -x, y, -y')
     return Facing(np.stack([ahead, left, limbs.up], axis=1), first_is_left, finding)
+
+
+def _mean(votes: Sequence[float]) -> float:
+    return float(np.mean(votes)) if votes else 0.0
 
 
 def _told(votes: dict[str, float], sign: float) -> str:
@@ -101,6 +101,6 @@ def _foot_vote(pose: ZeroPose, foot: Sequence, ankle: np.ndarray, ahead: np.ndar
 
 
 def _name_vote(pose: ZeroPose, limbs: Limbs) -> float:
-    first = [side_of(pose.name(joint)) for chain in (limbs.legs[0], limbs.arms[0]) for joint in chain.hinges]
-    second = [side_of(pose.name(joint)) for chain in (limbs.legs[1], limbs.arms[1]) for joint in chain.hinges]
+    first = [side_of(pose.name(joint)) for chain in (*limbs.legs[:1], limbs.arms[0]) for joint in chain.hinges]
+    second = [side_of(pose.name(joint)) for chain in (*limbs.legs[1:], limbs.arms[1]) for joint in chain.hinges]
     return float(np.clip(np.mean(first) - np.mean(second), -1, 1))

@@ -3,6 +3,7 @@
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 
@@ -23,6 +24,8 @@ class Hints:
 
     ahead: str = ""
     """The axis of the zero pose that it looks along: x, -x, y, -y."""
+    base: Literal["", "stays", "follows"] = ""
+    """Of a robot whose upper body alone follows a person: what its base does."""
     stature: float | None = None
     """Human height times root scale [m]."""
     hand_roll: float = 0.0

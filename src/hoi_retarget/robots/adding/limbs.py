@@ -19,6 +19,7 @@ _HANGING = 0.7
 """Share of a leg's reach from its first joint that is downwards."""
 _FEWEST_LEG, _FEWEST_ARM = 4, 4
 _NOTHING = "no legs: no mirrored pair"
+_UPPER = 'For its upper body alone say base = "follows" or base = "stays" in a hints file.'
 _ALIKE = 3.0
 """Fingers differ in mass by less than this factor; a gear beside a forearm is lighter."""
 
@@ -50,7 +51,8 @@ class Limbs:
     """From the second leg to the first, of unit length."""
     pelvis: Part
     torso: Part
-    legs: tuple[Chain, Chain]
+    legs: tuple[Chain, ...]
+    """Two; none of a robot of which the upper body alone is looked for."""
     arms: tuple[Chain, Chain]
     """In the order of the legs: the first arm is on the first leg's side."""
 
@@ -65,6 +67,25 @@ class _Pair:
     def holds(self, part: Part) -> bool:
         """Return whether a part is in one of the two."""
         return any(part is below for side in (self.first, self.second) for below in side.below())
+
+
+def find_arms(pose: ZeroPose) -> Limbs:
+    """Return the arms of a description whose base may be anything: the highest mirrored pair of limbs, z being up.
+
+    Raises:
+        Refused: It has no two arms; the message says what is there.
+    """
+    up = np.array(_UPS[0], dtype=float)
+    level = [pair for pair in _pairs(pose) if abs(pair.lateral @ up) < 0.1]
+    outer = [pair for pair in level if not any(other is not pair and other.holds(pair.trunk) for other in level)]
+    pair = max(outer, key=lambda pair: float(_middle(pose, pair) @ up), default=None)
+    if pair is None:
+        raise Refused("no two arms: no mirrored pair of limbs with three joints or more hangs on one link.")
+    found = Limbs(
+        up, pair.lateral, pose.root, pair.trunk, (), (_arm_chain(pose, pair.first), _arm_chain(pose, pair.second))
+    )
+    _check_joints(pose, found)
+    return found
 
 
 def find_limbs(pose: ZeroPose) -> Limbs:
@@ -83,7 +104,9 @@ def find_limbs(pose: ZeroPose) -> Limbs:
             reasons.append(str(refusal))
     wheels = [pose.name(joint) for part in pose.parts for joint in part.hinges if "wheel" in pose.name(joint).lower()]
     if wheels:
-        raise Refused(f"no legs: it stands on wheels ({', '.join(wheels[:3])}) and cannot follow standing feet.")
+        raise Refused(
+            f"no legs: it stands on wheels ({', '.join(wheels[:3])}) and cannot follow standing feet. {_UPPER}"
+        )
     raise Refused(next((reason for reason in reasons if not reason.startswith(_NOTHING)), reasons[0]))
 
 
@@ -132,7 +155,7 @@ def _check_joints(pose: ZeroPose, limbs: Limbs) -> None:
         ("legs", limbs.legs, _FEWEST_LEG, "a foot cannot be placed and turned with so few."),
         ("arms", limbs.arms, _FEWEST_ARM, "a hand cannot follow a person's with so few."),
     ):
-        count = min(len(chain.hinges) for chain in chains)
+        count = min((len(chain.hinges) for chain in chains), default=fewest)
         if count < fewest:
             names = ", ".join(pose.name(joint) for joint in min(chains, key=lambda chain: len(chain.hinges)).hinges)
             raise Refused(f"its {what} have only {count} joints ({names}): {why}")
@@ -203,7 +226,8 @@ def _no_legs(pose: ZeroPose, pairs: Sequence[_Pair]) -> str:
     if not pairs:
         return f"{_NOTHING} of limbs with three joints or more hangs on one link."
     heights = ", ".join(f"{pose.name(pair.first.hinges[0])} ..." for pair in pairs[:3])
-    return f"no legs: of the mirrored pairs of limbs ({heights}) none hangs down to the ground from where it begins."
+    why = f"of the mirrored pairs of limbs ({heights}) none hangs down to the ground from where it begins"
+    return f"no legs: {why}. {_UPPER}"
 
 
 def _leg_chain(pose: ZeroPose, part: Part, up: np.ndarray) -> Chain:

@@ -30,6 +30,7 @@ _FACING = CameraSettings(180.0, -6.0)
 _NEAR_FEET, _NEAR_HAND = 0.3, 0.17  # What is seen around them, as shares of the stature.
 _INK, _HALO = (20, 22, 28), (255, 255, 255)
 _LINE = 12  # Height of names [px].
+_UPPER_SITES = tuple(site for site in SITES if not any(part in site for part in ("hip", "knee", "foot", "toe", "heel")))
 _UPSIDE_DOWN = np.array([0.0, 1.0, 0.0, 0.0])
 
 
@@ -57,8 +58,9 @@ def portraits(model: RobotModel) -> Iterator[Portrait]:
     yield Portrait("Zero pose", "All joints at zero, as the maker's file has it.", next(with_sites))
     posed = model.forward(home[None])
     yield Portrait("Beside a person", "A person whose limbs are turned as the robot's are.", _beside_person(posed))
-    caption = "From below, the left foot at the right. The corners are to enclose the sole, the toes are up."
-    yield Portrait("Soles", caption, _soles(posed))
+    if model.spec.base == "legs":
+        caption = "From below, the left foot at the right. The corners are to enclose the sole, the toes are up."
+        yield Portrait("Soles", caption, _soles(posed))
     for side in SIDES:
         caption = "From the other hand. x along the fingers; the palm looks at you."
         yield Portrait(f"{side.capitalize()} hand", caption, _hand(posed, side))
@@ -78,9 +80,10 @@ def _scene(posed: Kinematics, *layers: Layer) -> Scene:
 
 def _with_sites(posed: Kinematics) -> Iterator[bytes]:
     """Yield a robot in each pose: it can be seen through, its sites have axes, and those of one side names."""
-    named = [site for site in SITES if not site.startswith("left") and "_sole_" not in site]
+    used = SITES if posed.model.spec.base == "legs" else _UPPER_SITES
+    named = [site for site in used if not site.startswith("left") and "_sole_" not in site]
     robot = Layer("robot", _pale(posed), opacity=_SEE_THROUGH)
-    marks = Layer("sites", site_marks(posed, SITES, _AXES * posed.model.spec.stature))
+    marks = Layer("sites", site_marks(posed, used, _AXES * posed.model.spec.stature))
     scene, width = _scene(posed, robot, marks), round(_TALL * _HEIGHT)
     with offscreen_renderer(scene, width, _HEIGHT) as draw:
         for frame in range(len(posed.qpos)):
@@ -101,9 +104,8 @@ def _pale(posed: Kinematics, beyond: str | None = None) -> tuple[Part, ...]:
     return tuple(
         replace(part, colours=np.tile(np.array(_PALE, dtype=np.uint8), (part.count, 1)))
         if isinstance(part, Shapes)
-        else replace(part, colour=_PALE)
+        else (part if isinstance(part, Lines) else replace(part, colour=_PALE))
         for part in parts
-        if not isinstance(part, Lines)
     )
 
 

@@ -18,9 +18,10 @@ from hoi_retarget.robots.fetched_meshes import fetched_meshes
 from hoi_retarget.robots.mjcf import compile_mjcf, read_mjcf
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.parts import Geometries, geometries_of, tree_of
-from hoi_retarget.viewers.scene.drawing import Colour, Kind, Part, Shapes, Solid
+from hoi_retarget.viewers.scene.drawing import Colour, Kind, Lines, Part, Shapes, Solid
 from hoi_retarget.viewers.scene.vendor_meshes import attach_visual_meshes
 
+_JOINT, _GREY = 0.015, (96, 100, 110)  # Radius of a joint's ball over the stature, of robots without any surface.
 _DRAWN_GROUPS = 3  # As in MuJoCo's own viewer; robots keep what only collides in the groups above.
 
 
@@ -54,7 +55,31 @@ def robot_parts(
     folder = meshes or fetched_meshes(model.spec)
     if folder is not None:
         return _solids(_vendor_meshes(model, folder), kinematics, nodes)
+    if not _primitives(model) and not _own_meshes(model):
+        return _joints(kinematics, nodes)
     return (*robot_shapes(model, kinematics, nodes), *_solids(_own_meshes(model), kinematics, nodes))
+
+
+def _joints(kinematics: Kinematics, nodes: Collection[int] | None) -> tuple[Part, ...]:
+    """Return a robot of which no surface is known: a ball at each joint, and a line from each to the one before."""
+    model = kinematics.model
+    own = [node for node in range(model.n + 1) if nodes is None or node in nodes]
+    places = kinematics.node_position.transpose(2, 1, 0).astype(np.float32)
+    balls = Shapes(
+        kind=Kind.SPHERE,
+        sizes=np.full((len(own), 3), _JOINT * model.spec.stature, dtype=np.float32),
+        colours=np.tile(np.array(_GREY, dtype=np.uint8), (len(own), 1)),
+        positions=places[:, own],
+        quats=np.tile(se3.IDENTITY_QUAT.astype(np.float32), (len(places), len(own), 1)),
+    )
+    hinges = [node for node in own if node > 0]
+    shape = (len(places), len(hinges))
+    return balls, Lines(
+        starts=places[:, [model.parents[node - 1] for node in hinges]],
+        ends=places[:, hinges],
+        colours=np.broadcast_to(np.array(_GREY, dtype=np.uint8), (*shape, 3)),
+        visible=np.ones(shape, dtype=bool),
+    )
 
 
 def _nodes(model: RobotModel, beyond: str | None) -> Collection[int] | None:
