@@ -21,6 +21,7 @@ pytest.importorskip("viser", reason="viser is not installed")
 from hoi_retarget.viewers.browser.client_sessions import serve_sessions
 from hoi_retarget.viewers.browser.editing import Editing, solved
 from hoi_retarget.viewers.browser.editor import Editor, Places
+from hoi_retarget.viewers.browser.editor_panel import PANEL_WIDTH_PX
 from hoi_retarget.viewers.browser.server import address, open_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -238,3 +239,17 @@ def test_two_editors_are_apart_and_a_closed_one_stops_its_work(browser, session)
     wait_until(lambda: all(len(editor.edited.edits.edits) == 1 for editor in session.editors), "the other goes on")
     two.close()
     wait_until(lambda: workers() == 0, "its work ends too")
+
+
+def test_the_curves_leave_the_panels_free_and_lie_under_their_bars(browser, session):
+    page = open_page(browser, address(session.server))
+    page.get_by_text("2 contacts").wait_for()
+    curves, panel = page.locator(".hoi-curves").bounding_box(), page.get_by_text("Playback", exact=True).bounding_box()
+    assert curves["x"] > PANEL_WIDTH_PX and curves["x"] + curves["width"] < panel["x"]
+    plot, cursor = (
+        page.locator(name).bounding_box() for name in (".hoi-curves .plot >> nth=0", ".mantine-Slider-root >> nth=1")
+    )
+    bars = page.locator(".hoi-curves .bars > div").first.bounding_box()
+    for other in (cursor, bars):
+        assert [other["x"], other["width"]] == pytest.approx([plot["x"], plot["width"]], abs=1.0)
+    page.close()

@@ -31,15 +31,17 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.report.discover import find
 from hoi_retarget.report.histogram import histogram
 from hoi_retarget.report.index import index_columns, to_csv, to_json, to_parquet
+from hoi_retarget.report.load_any_motion import OWN_FORMAT
 from hoi_retarget.report.motion_from_qpos import motion_from_qpos
 from hoi_retarget.report.page import report_page
+from hoi_retarget.report.pages import MotionPage, MotionPages
 from hoi_retarget.report.pictures import worst_frame
 from hoi_retarget.report.rows import Row, read_row, worst_first
 from test_curves import G1, carried
 
 NASTY = """<script>alert("1")</script>&'$title'<img src=x onerror=alert(2)>"""
 BLANK = asdict(ManifestEntry("", "solved", "unitree_g1", ManifestSource(), scales={}, lineage={}))
-PIXEL = b"\x89PNG"
+PAGE = MotionPage("a.html", "a.png", 4.0)
 
 
 def with_figures(motion: Motion, **figures: float | None) -> Motion:
@@ -269,7 +271,7 @@ def test_a_batchs_failures_stand_beside_its_results(folder: Path, capsys, monkey
     failed = {"name": "lost", "status": "failed", "reason": f"no such clip {NASTY}", "source": {"licence": "CC0"}}
     lines = [json.dumps({**BLANK, **entry}) for entry in (solved, gone, failed)]
     (folder / "manifest.jsonl").write_text("\n".join([*lines, '{"torn": ']))
-    monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, model, objects: None)
+    monkeypatch.setattr("hoi_retarget.cli.report.page_of", lambda *_: None)
     assert main(["report", str(folder), "--out", str(folder.parent / "out")]) == 0
     assert "failed: no such clip" in capsys.readouterr().out
     table = (folder.parent / "out" / "index.csv").read_text()
@@ -394,17 +396,17 @@ def nasty_rows() -> tuple[Row, ...]:
 
 
 def test_names_from_files_are_escaped() -> None:
-    page = Page(report_page(NASTY, nasty_rows(), {NASTY: PIXEL}))
+    page = Page(report_page(NASTY, nasty_rows(), {NASTY: PAGE}))
     assert page.tags.count("script") == 1
-    assert page.tags.count("img") == 1
+    assert page.tags.count("img") == 2, "on its card and in its row"
     assert not [name for name, _ in page.attributes if name.startswith("on")]
     assert sum(NASTY in word for word in page.words) >= 8
 
 
 def test_a_page_loads_nothing() -> None:
-    attributes = Page(report_page("Report", nasty_rows(), {NASTY: PIXEL})).attributes
+    attributes = Page(report_page("Report", nasty_rows(), {NASTY: PAGE})).attributes
     for name, value in attributes:
-        assert name not in ("src", "href") or (value or "").startswith("data:")
+        assert name not in ("src", "href") or value in ("#all", "motions/a.png", "motions/a.html#t=3.00,5.00")
 
 
 def test_a_page_without_any_motion_still_tells_what_failed() -> None:
@@ -444,7 +446,7 @@ def test_what_stands_for_an_objects_surface_is_marked_everywhere(tmp_path: Path,
 
 def test_report_writes_pages_and_tables_and_tells_how_many_fail(folder: Path, capsys, monkeypatch) -> None:
     out = folder.parent / "out"
-    monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, model, objects: PIXEL)
+    monkeypatch.setattr("hoi_retarget.report.pages.thumbnail", lambda *_: b"PNG")
     assert main(["report", str(folder), "--out", str(out)]) == 0
     said = capsys.readouterr().out
     assert "deeper/bad.npz" in said and "touch gap p95 60 mm, above 50" in said
@@ -453,13 +455,55 @@ def test_report_writes_pages_and_tables_and_tells_how_many_fail(folder: Path, ca
     for name in ("a.npz", "b.npz", "deeper/bad.npz", "damaged.npz"):
         assert name in page
     assert json.loads((out / "verdicts.json").read_text())["counts"] == {"pass": 2, "warn": 0, "fail": 1, "unread": 1}
-    first = {path.name: path.read_bytes() for path in out.iterdir()}
+    assert sorted(path.name for path in (out / "motions").glob("*.html")) == [
+        "a-npz.html",
+        "b-npz.html",
+        "deeper-bad-npz.html",
+    ]
+    first = {path.name: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    for name in ("a-npz.html", "a-npz.png", "deeper-bad-npz.html", "deeper-bad-npz.png"):
+        assert name in page
+    # What did not change is not made again.
+    monkeypatch.setattr("hoi_retarget.cli.report.page_of", lambda *_: pytest.fail("a page was made again"))
     assert main(["report", str(folder), "--out", str(out), "--strict"]) == 1
-    assert {path.name: path.read_bytes() for path in out.iterdir()} == first
+    assert {path.name: path.read_bytes() for path in out.rglob("*") if path.is_file()} == first
+    (folder / "b.npz").unlink()
+    assert main(["report", str(folder), "--out", str(out), "--pages", "1"]) == 0
+    assert "--pages 2 makes" in capsys.readouterr().out
+    assert sorted(path.name for path in (out / "motions").glob("*.*")) == [
+        "deeper-bad-npz.html",
+        "deeper-bad-npz.png",
+        "pages.json",
+    ]
+
+
+def test_what_was_not_looked_at_is_no_pass() -> None:
+    soles = {"stance_slide_mps": 0.01}
+    for figures, objects, format, state in (
+        (soles, ("box",), OWN_FORMAT, "not judged"),
+        (soles, (), "gmr", "not judged"),
+        (soles, (), OWN_FORMAT, "pass"),
+        ({**soles, "penetration_max_m": 0.001}, ("box",), OWN_FORMAT, "pass"),
+        ({**soles, "contact_gap_m": 0.001}, ("box",), "gmr", "pass"),
+        ({"stance_slide_mps": 5.0}, ("box",), "gmr", "fail"),
+    ):
+        row = Row("a", objects=objects, format=format, figures=figures, verdict=verdict_of_figures(figures))
+        assert row.state == state
+        page = Page(report_page("Report", [row], {}))
+        assert ("data-verdict", state) in page.attributes
+
+
+@pytest.mark.parametrize("page", ["../report.html", "/etc/passwd", "pages.json"])
+def test_a_listing_that_leads_elsewhere_is_not_followed(tmp_path: Path, page: str) -> None:
+    (tmp_path / "motions").mkdir()
+    (tmp_path / "report.html").write_text("kept")
+    (tmp_path / "motions" / "pages.json").write_text(json.dumps({"a": {"page": page, "picture": "", "second": 1.0}}))
+    MotionPages(tmp_path, "Report").finish()
+    assert (tmp_path / "report.html").read_text() == "kept" and (tmp_path / "motions" / "pages.json").exists()
 
 
 def test_names_that_no_text_can_hold_are_told_with_question_marks(tmp_path: Path, capsys, monkeypatch) -> None:
-    monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, model, objects: None)
+    monkeypatch.setattr("hoi_retarget.cli.report.page_of", lambda *_: None)
     strange = replace(carried(), report=replace(carried().report, clip="\ud800", source=Source(licence="\udfff")))
     save(strange, tmp_path / "in" / "strange.npz")
     try:
@@ -479,7 +523,7 @@ def test_a_path_that_cannot_be_is_refused(tmp_path: Path, capsys, name: str) -> 
 
 
 def test_a_table_that_is_a_motion_is_not_written_over(tmp_path: Path, capsys, monkeypatch) -> None:
-    monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, model, objects: None)
+    monkeypatch.setattr("hoi_retarget.cli.report.page_of", lambda *_: None)
     path = written_csv(tmp_path / "index.csv", carried().qpos)
     content = path.read_bytes()
     assert main(["report", str(tmp_path), "--out", str(tmp_path)]) == 2
@@ -488,14 +532,14 @@ def test_a_table_that_is_a_motion_is_not_written_over(tmp_path: Path, capsys, mo
 
 
 def test_strict_is_content_when_nothing_fails(folder: Path, monkeypatch) -> None:
-    monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, model, objects: None)
+    monkeypatch.setattr("hoi_retarget.cli.report.page_of", lambda *_: None)
     words = ["report", str(folder / "a.npz"), "--out", str(folder.parent / "out"), "--strict"]
     assert main(words) == 0
 
 
 def test_without_pyarrow_the_rest_is_written_and_the_extra_named(folder: Path, capsys, monkeypatch) -> None:
     monkeypatch.setattr("hoi_retarget.cli.report.to_parquet", lambda rows: None)
-    monkeypatch.setattr("hoi_retarget.cli.report.picture_of", lambda path, model, objects: None)
+    monkeypatch.setattr("hoi_retarget.cli.report.page_of", lambda *_: None)
     out = folder.parent / "out"
     assert main(["report", str(folder / "a.npz"), "--out", str(out)]) == 0
     assert "hoi-retarget[dataset]" in capsys.readouterr().err
@@ -530,7 +574,7 @@ def test_the_page_sorts_and_filters_without_a_network(tmp_path: Path) -> None:
         page.goto(address.as_uri())
 
         def names() -> list[str]:
-            return page.locator("#motions tbody tr:visible td:nth-child(2)").all_inner_texts()
+            return page.locator("#motions tbody tr:visible td:nth-child(1)").all_inner_texts()
 
         assert names() == ["d", NASTY, "b", "a", "c"], "the worst first"
         head = page.locator("#motions th", has_text="contact gap")
@@ -541,11 +585,24 @@ def test_the_page_sorts_and_filters_without_a_network(tmp_path: Path) -> None:
         assert names() == ["d", NASTY, "b", "a", "c"], "what has no number stays last"
         page.locator("#motions th", has_text="motion").locator("button").click()
         assert names()[1:] == ["a", "b", "c", "d"]
-        page.locator("#find select").select_option("fail")
+        page.locator("#find select[data-of=verdict]").select_option("fail")
         assert sorted(names()) == sorted([NASTY, "d"])
-        page.locator("#find input").fill("onerror")
+        page.locator("#find input[type=search]").fill("onerror")
         assert names() == [NASTY]
         assert page.locator("#find output").inner_text() == "1 of 5"
+        page.locator("#find input[type=search]").fill("")
+        page.locator("#find select[data-of=verdict]").select_option("")
+        page.locator("button.filter", has_text="contact gap").click()
+        assert sorted(names()) == sorted([NASTY, "d"]), "a click on a figure shows who does not pass it"
+        page.locator("#find select[data-of=warning]").select_option("")
+        page.locator("rect[data-figure=contact_gap_m]").first.click()
+        assert names() == ["a"], "a click on a bar shows those in it"
+        page.locator("#between").click()
+        assert len(names()) == 5
+        assert not page.locator("#motions th", has_text="foot slide").is_visible(), "nobody slides"
+        page.locator("#columns summary").click()
+        page.locator("#columns label", has_text="foot slide").click()
+        assert page.locator("#motions th", has_text="foot slide").is_visible()
         for width in (1280, 420):
             page.set_viewport_size({"width": width, "height": 800})
             assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth"), "only tables scroll"

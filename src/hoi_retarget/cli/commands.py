@@ -400,9 +400,13 @@ class Report(BesideClip):
     paths: Annotated[Positional[tuple[Path, ...]], arg(metavar="DIR|FILE...", help_behavior_hint="(required)")]
     """Results, other programs' motions (.npz, .pkl, .csv, .motion), folders with such files, and batches' folders."""
     out: Folder
-    """Folder to write report.html, index.csv, index.parquet and verdicts.json into; made when it does not exist."""
+    """Folder to write report.html, motions/, index.csv, index.parquet and verdicts.json into; made when it does not
+    exist."""
     title: str = "Retargeting report"
     """Title of the page."""
+    pages: Annotated[int, arg(metavar="NUMBER")] = 100
+    """How many motions get a page that plays them, and a picture: the worst ones. What did not change is not made
+    again."""
     strict: bool = False
     """Exit with 1 when a motion fails or a file cannot be read."""
 

@@ -2,24 +2,32 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from hoi_retarget.cli.commands import Report
-from hoi_retarget.cli.jobs import check_inputs_kept, check_writable, recording_of
+from hoi_retarget.cli.entries import entry_of
+from hoi_retarget.cli.jobs import check_inputs_kept, check_writable, known_figures, recording_of
 from hoi_retarget.cli.terminal import Working, say, show_table, warn
-from hoi_retarget.errors import DrawingError
+from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.evaluation.thresholds import Level
 from hoi_retarget.files.atomic import write_together
+from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.readers.open import clip_of
 from hoi_retarget.report.batches import read_manifests
 from hoi_retarget.report.discover import find
 from hoi_retarget.report.index import to_csv, to_json, to_parquet
+from hoi_retarget.report.load_any_motion import open_motion
 from hoi_retarget.report.page import report_page
-from hoi_retarget.report.pictures import picture_of
-from hoi_retarget.report.rows import Row, read_row, worst_first
+from hoi_retarget.report.pages import MotionPage, MotionPages
+from hoi_retarget.report.pictures import worst_frame
+from hoi_retarget.report.rows import STATES, Row, read_row, worst_first
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.viewers.scene.scene import Shown
+from hoi_retarget.viewers.scene.titles import short_name
+from hoi_retarget.viewers.share.clip_page import ClipPage, Way, make_clip_page
 
-PICTURES, _PASSING_PICTURES = 6, 3
 _SHOWN = 10  # Files that are named in the terminal.
 _PAGE, _TABLE, _PARQUET = "report.html", "index.csv", "index.parquet"
 
@@ -37,38 +45,56 @@ def execute(command: Report) -> int:
         for name, path in motions.items():
             rows.append(read_row(name, path, model, lineages.get(path.resolve()), recording))
             working.advance()
-        working.describe("drawing")
-        try:
-            pictures = _pictures(rows, model, command.objects)
-        except DrawingError as error:
-            pictures = {}
-            warn(f"The page has no pictures. {error}")
+    pages = _write_pages(rows, model, command)
     rows.sort(key=lambda row: row.file)
-    _write(command.out, command.title, rows, pictures)
+    _write(command.out, command.title, rows, pages)
     _summarize(rows)
+    judged = sum(row.verdict is not None for row in rows)
+    if 0 < command.pages < judged:
+        say(f"The {command.pages} worst motions have pages that play them; --pages {judged} makes those of all.")
     say(f"Open {command.out / _PAGE} in a browser; the tables are beside it.")
     bad = any(row.level in (None, Level.FAIL) for row in rows)
     return 1 if command.strict and bad else 0
 
 
-def _pictures(rows: Sequence[Row], model: RobotModel, objects: Path | None) -> dict[str, bytes]:
-    drawn: dict[str, bytes] = {}
-    for row in _to_draw(rows):
-        picture = picture_of(row.path, model, objects=objects) if row.path is not None else None
-        if picture is not None:
-            drawn[row.file] = picture
-    return drawn
+def _write_pages(rows: Sequence[Row], foreign_robot: RobotModel, command: Report) -> dict[str, MotionPage]:
+    """Write the pages of the worst motions; return them by the rows' files."""
+    pages = MotionPages(command.out, command.title)
+    chosen = [row for row in worst_first(rows) if row.path is not None][: command.pages]
+    back = Way(command.title, f"../{_PAGE}")
+    with Working("pages", len(chosen)) as working:
+        for row in chosen:
+            pages.add(row.file, row.path, partial(page_of, row, foreign_robot, command.objects, back))
+            working.advance()
+    pages.finish()
+    if pages.without_pictures:
+        warn(f"The page has no pictures. {pages.without_pictures}")
+    return pages.pages
 
 
-def _to_draw(rows: Sequence[Row]) -> Sequence[Row]:
-    """Return the worst of the motions that do not pass; where all do, those nearest to a threshold."""
-    ordered = worst_first(rows)
-    return [row for row in ordered if row.level is not Level.PASS][:PICTURES] or ordered[:_PASSING_PICTURES]
+def page_of(row: Row, foreign_robot: RobotModel, objects: Path | None, back: Way) -> tuple[ClipPage, int, float] | None:
+    """Return the page of a motion, its worst frame and that moment [s]; None where it cannot be shown."""
+    assert row.path is not None, "it has a file"
+    try:
+        motion = open_motion(row.path, foreign_robot).motion
+        model = load_robot(motion.robot)
+        try:
+            clip = clip_of(motion, objects=objects)
+            for track in clip.objects:
+                surface_of(track.geometry)
+        except HoiRetargetError:
+            clip = None
+        entry = entry_of(row.name, motion, model, known_figures(motion, row.path))
+        shown = Shown(short_name(model.spec), motion, model, clip, motion.person)
+        page = make_clip_page(row.name, [(entry, shown)], back=back, notices=row.reasons)
+    except HoiRetargetError:
+        return None
+    return page, worst_frame(motion), worst_frame(motion) / motion.fps
 
 
-def _write(out: Path, title: str, rows: Sequence[Row], pictures: dict[str, bytes]) -> None:
+def _write(out: Path, title: str, rows: Sequence[Row], pages: dict[str, MotionPage]) -> None:
     contents = {
-        out / _PAGE: report_page(title, rows, pictures).encode("utf-8", "replace"),
+        out / _PAGE: report_page(title, rows, pages).encode("utf-8", "replace"),
         out / _TABLE: to_csv(rows),
         out / "verdicts.json": to_json(rows),
     }
@@ -82,13 +108,12 @@ def _write(out: Path, title: str, rows: Sequence[Row], pictures: dict[str, bytes
 
 
 def _summarize(rows: Sequence[Row]) -> None:
-    counts: dict[str, Counter[Level | None]] = {}
+    counts: dict[str, Counter[str]] = {}
     for row in sorted(rows, key=lambda row: row.robot):
-        counts.setdefault(row.robot or "-", Counter())[row.level] += 1
-    heads = ("robot", "files", *map(str, Level), "unread")
+        counts.setdefault(row.robot or "-", Counter())[row.state] += 1
+    heads = ("robot", "files", *STATES)
     lines = [
-        (name, str(sum(count.values())), *(str(count[level]) for level in (*Level, None)))
-        for name, count in counts.items()
+        (name, str(sum(count.values())), *(str(count[state]) for state in STATES)) for name, count in counts.items()
     ]
     show_table([heads, *lines])
     say()

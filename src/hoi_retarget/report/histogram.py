@@ -1,6 +1,6 @@
 """Histogram of one figure over all motions, as a small picture with its thresholds."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -38,7 +38,8 @@ def histogram(threshold: Threshold, values: Sequence[float]) -> str:
         header=threshold.column.header,
         **{"width": WIDTH, "height": HEIGHT, "top": _TOP, "base": HEIGHT - _BOTTOM},
         **{"left": _LEFT, "right": WIDTH - _RIGHT, "low": labels[0], "high": labels[1]},
-        bars=_bars(counts),
+        **{"figure": threshold.name, "better": threshold.column.better},
+        bars=_bars(counts, lambda number: sign * (low + number / _BINS * (high - low))),
         marks=[
             {"level": level, "x": _x(along), "side": "end" if along > 0.5 else ""}
             for level, along in shares.items()
@@ -66,13 +67,22 @@ def _x(share: float) -> float:
     return _LEFT + share * (WIDTH - _LEFT - _RIGHT)
 
 
-def _bars(counts: np.ndarray) -> Iterator[dict[str, Any]]:
+def _bars(counts: np.ndarray, value: Callable[[int], float]) -> Iterator[dict[str, Any]]:
     step = (_x(1.0) - _x(0.0)) / _BINS
     room, tallest = HEIGHT - _TOP - _BOTTOM, counts.sum(axis=1).max()
     for number, of_levels in enumerate(counts):
         base = float(HEIGHT - _BOTTOM)
+        # The first bin and the last one hold all that is beyond them.
+        ends = (value(number) if number else None, value(number + 1) if number + 1 < _BINS else None)
         for level in Level:
             if of_levels[level]:
                 height = max(2.0, room * of_levels[level] / tallest)
                 base -= height
-                yield {"level": level, "x": _x(0.0) + number * step, "y": base, "width": step - 1, "height": height}
+                yield {
+                    "level": level,
+                    "x": _x(0.0) + number * step,
+                    "y": base,
+                    "width": step - 1,
+                    "height": height,
+                    "ends": ends,
+                }

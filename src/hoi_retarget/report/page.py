@@ -1,6 +1,5 @@
 """The page of a report: one file that opens from anywhere, without a server or the internet."""
 
-import base64
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,8 +10,10 @@ import numpy as np
 from hoi_retarget.evaluation import Figure
 from hoi_retarget.evaluation.thresholds import THRESHOLDS, Level, Threshold
 from hoi_retarget.report.histogram import histogram
-from hoi_retarget.report.rows import Row, worst_first
+from hoi_retarget.report.pages import MotionPage
+from hoi_retarget.report.rows import STATES, Row, worst_first
 from hoi_retarget.viewers.html import render, with_exponents
+from hoi_retarget.viewers.scene.meanings import in_words, meaning_of_figure
 
 _IN_TABLE = (
     "contact_gap_m",
@@ -39,6 +40,7 @@ _IN_TABLE = (
     "joint_speed_margin_radps",
 )
 _DRAWN = tuple(name for name in _IN_TABLE if name != "joint_range_margin_rad")  # At its limit by design.
+_CARDS, _PASSING_CARDS = 6, 3
 _IN_GROUPS = (
     "contact_gap_m",
     "touch_share",
@@ -58,20 +60,23 @@ class Table:
     """Name of each column, and what its cells are: `number`, `soft` or nothing of these."""
     rows: Sequence[Sequence[Any]]
     """Contents of the cells."""
+    filters: str = ""
+    """What the table of all motions is filtered by at a click on a row's first cell; empty for nothing."""
 
 
-def report_page(title: str, rows: Sequence[Row], pictures: Mapping[str, bytes]) -> str:
+def report_page(title: str, rows: Sequence[Row], pages: Mapping[str, MotionPage]) -> str:
     """Return the page.
 
     Args:
         title: Of the report.
         rows: Its files.
-        pictures: Of the motions that are shown one by one, in their order: file to PNG.
+        pages: Those that play motions, by the motions' files.
     """
     judged = worst_first(rows)
     unread = [row for row in rows if row.verdict is None]
     thresholds = [threshold for threshold in _chosen(_IN_TABLE) if _values(judged, threshold.name)]
-    shown = [row for row in judged if row.file in pictures]
+    # The worst of the motions that do not pass; where all do, those nearest to a threshold.
+    shown = [row for row in judged if row.level is not Level.PASS][:_CARDS] or judged[:_PASSING_CARDS]
     return render(
         "report/page/report.html.j2",
         title=title,
@@ -79,7 +84,7 @@ def report_page(title: str, rows: Sequence[Row], pictures: Mapping[str, bytes]) 
         robots={row.robot for row in judged},
         objects={name for row in judged for name in row.objects},
         seconds=sum(row.seconds or 0.0 for row in judged),
-        counts={**{str(level): sum(row.level is level for row in rows) for level in Level}, "unread": len(unread)},
+        counts={state: sum(row.state == state for row in rows) for state in STATES},
         unread=Table("Without a motion", {"file": "", "reason": ""}, [(row.file, row.error) for row in unread]),
         reasons=_reasons(judged),
         histograms=[
@@ -88,19 +93,45 @@ def report_page(title: str, rows: Sequence[Row], pictures: Mapping[str, bytes]) 
             if _values(judged, threshold.name, judged=True)
         ],
         cards_title="Nearest to a threshold" if all(row.level is Level.PASS for row in shown) else "Worst motions",
-        cards=[(row, base64.b64encode(pictures[row.file]).decode("ascii")) for row in shown],
+        cards=[(row, pages[row.file]) for row in shown if row.file in pages],
         groups=_groups(judged),
-        levels=list(Level),
-        motion_heads={
-            **dict.fromkeys(("verdict", "motion", "format", "robot", "object"), ""),
-            **dict.fromkeys(("scale", "seconds", *(threshold.column.header for threshold in thresholds)), "number"),
-            "why": "",
+        states=[state for state in STATES if state != "unread"],
+        choices={
+            "robot": sorted({row.robot for row in judged if row.robot}),
+            "object": sorted({title for row in judged for title in row.object_titles}),
         },
-        motions=[(row, [_figure(row, threshold) for threshold in thresholds]) for row in judged],
+        warned={threshold.name: threshold.column.title for threshold in THRESHOLDS if _is_warned(threshold, judged)},
+        heads=_heads(thresholds, judged),
+        motions=[(row, pages.get(row.file), [_figure(row, threshold) for threshold in thresholds]) for row in judged],
+        in_words=in_words,
         licences=_licences(judged),
         not_judged=_not_judged(judged),
         thresholds=_thresholds(),
     )
+
+
+def _heads(thresholds: Sequence[Threshold], rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Return the columns of the table of all motions; at first those are shown that tell motions apart."""
+    words = ("motion", "verdict", "why", "robot", "object", "format")
+    formats = {row.format for row in rows}
+    return [
+        *({"name": name, "shown": name != "format" or len(formats) > 1} for name in words),
+        *({"name": name, "kind": "number", "shown": name == "seconds"} for name in ("scale", "seconds")),
+        *(
+            {
+                "name": threshold.column.header,
+                "kind": "number",
+                "figure": threshold.name,
+                "meaning": meaning_of_figure(threshold.column),
+                "shown": _is_warned(threshold, rows),
+            }
+            for threshold in thresholds
+        ),
+    ]
+
+
+def _is_warned(threshold: Threshold, rows: Sequence[Row]) -> bool:
+    return any(row.verdict and threshold in [reason.threshold for reason in row.verdict.reasons] for row in rows)
 
 
 def _reasons(rows: Sequence[Row]) -> Table:
@@ -113,7 +144,7 @@ def _reasons(rows: Sequence[Row]) -> Table:
         for threshold in THRESHOLDS
         if (warn := found[threshold.name, Level.WARN]) + (fail := found[threshold.name, Level.FAIL])
     ]
-    return Table("What does not pass", heads, lines)
+    return Table("What does not pass", heads, lines, filters="warning")
 
 
 def _histogram(threshold: Threshold, rows: Sequence[Row]) -> dict[str, str]:
@@ -144,7 +175,8 @@ def _group(head: str, rows: Sequence[Row], of: Callable[[Row], str]) -> Table:
         lines.append(
             (name, len(members), *levels, *(_mean(column, _values(members, column.name)) for column in columns))
         )
-    return Table(f"By {head}, with mean figures", {head: "", **dict.fromkeys(numbers, "number")}, lines)
+    heads = {head: "", **dict.fromkeys(numbers, "number")}
+    return Table(f"By {head}, with mean figures", heads, lines, filters="" if head == "format" else head)
 
 
 def _figure(row: Row, threshold: Threshold) -> tuple[str, str, str]:

@@ -13,6 +13,10 @@ from hoi_retarget.report.load_any_motion import OWN_FORMAT, open_motion
 from hoi_retarget.report.recording import Recording, with_recording
 from hoi_retarget.robots.model import RobotModel
 
+STATES = ("pass", "not judged", "warn", "fail", "unread")
+"""What a file can be in a report."""
+_OF_OBJECTS = {"touch_share", "contact_gap_m", "penetration_max_m"}
+
 
 @dataclass(frozen=True)
 class Row:
@@ -71,6 +75,14 @@ class Row:
     def level(self) -> Level | None:
         """Level of the verdict; None without one."""
         return self.verdict.level if self.verdict is not None else None
+
+    @property
+    def state(self) -> str:
+        """One of `STATES`: its level, but that a pass needs somebody to have looked at its hands and objects."""
+        if self.level is not Level.PASS:
+            return str(self.level) if self.level is not None else "unread"
+        alone = self.format == OWN_FORMAT and not self.objects
+        return "pass" if alone or self.judged.keys() & _OF_OBJECTS else "not judged"
 
     @property
     def reasons(self) -> tuple[str, ...]:

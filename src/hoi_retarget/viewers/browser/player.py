@@ -214,7 +214,7 @@ class Player:
             html = gui.add_html(_chart_html(content))
             cursor = gui.add_slider("Cursor", 0, max(1, self._scene.frames - 1), 1, 0)
         cursor.on_update(self._on_slider)
-        width = max(500, self._client.camera.image_width - left_px - _CONTROLS_WIDTH_PX - 2 * _PANEL_MARGIN_PX)
+        width = max(300, self._client.camera.image_width - left_px - _CONTROLS_WIDTH_PX - 2 * _PANEL_MARGIN_PX)
         panel.float(x=_PANEL_MARGIN_PX, y=-_PANEL_MARGIN_PX, width=width)
         return html, cursor
 

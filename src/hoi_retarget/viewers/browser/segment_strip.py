@@ -5,7 +5,6 @@ from typing import Any
 
 from hoi_retarget.clip.edits import Segment, part_text
 from hoi_retarget.viewers.html import render
-from hoi_retarget.viewers.scene.curve_chart import LEFT_INSET_PX, RIGHT_INSET_PX
 
 ROW_HEIGHT_PX = 15
 _COLOURS = {"left_hand": "#0072b2", "right_hand": "#d55e00", "left_foot": "#009e73", "right_foot": "#cc79a7"}
@@ -18,7 +17,7 @@ def strip_html(segments: Sequence[Segment], frames: int, chosen: Segment | None)
         rows.setdefault((segment.person, segment.part), []).append(segment)
     return render(
         "viewers/browser/page/strip.html.j2",
-        **{"height_px": ROW_HEIGHT_PX, "left_px": LEFT_INSET_PX, "right_px": RIGHT_INSET_PX},
+        height_px=ROW_HEIGHT_PX,
         rows=[
             {
                 "name": part_text(person, part).replace("_", " "),

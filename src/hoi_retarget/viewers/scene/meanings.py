@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from hoi_retarget.evaluation import Figure
-from hoi_retarget.evaluation.thresholds import LANDMARK_FIGURES, SURFACE_FIGURES, THRESHOLDS
+from hoi_retarget.evaluation.thresholds import LANDMARK_FIGURES, SURFACE_FIGURES, THRESHOLDS, Reason
 
 Badness = Callable[[np.ndarray], np.ndarray]
 """Makes of a curve's values numbers that are the larger the worse."""
@@ -135,6 +135,14 @@ def meaning_of_figure(figure: Figure) -> str:
     asked = {LANDMARK_FIGURES: "human's points", SURFACE_FIGURES: "surfaces"}
     only = [f" (where contacts ask for {what})" for names, what in asked.items() if figure.name in names]
     return f"{good}{unfit}{''.join(only)}."
+
+
+def in_words(reason: Reason) -> str:
+    """Return why a motion is no better as a sentence: what is measured, its value, and which are good."""
+    figure = reason.threshold.column
+    side = "up to" if figure.better == "lower" else "from"
+    good = f"good {side} {figure.scale * reason.threshold.warn:g}"
+    return f"{_FIGURES.get(figure.name, figure.title)}: {figure.text(reason.value)} {figure.unit}; {good}."
 
 
 def badness(group: str, values: np.ndarray) -> np.ndarray:
