@@ -60,11 +60,11 @@ def execute(command: Report) -> int:
 def _write_pages(rows: Sequence[Row], foreign_robot: RobotModel, command: Report) -> dict[str, MotionPage]:
     """Write the pages of the worst motions; return them by the rows' files."""
     pages = MotionPages(command.out, command.title)
-    chosen = [row for row in worst_first(rows) if row.path is not None][: command.pages]
+    chosen = [(row, row.path) for row in worst_first(rows) if row.path is not None][: command.pages]
     back = Way(command.title, f"../{_PAGE}")
     with Working("pages", len(chosen)) as working:
-        for row in chosen:
-            pages.add(row.file, row.path, partial(page_of, row, foreign_robot, command.objects, back))
+        for row, path in chosen:
+            pages.add(row.file, path, partial(page_of, row, path, foreign_robot, command.objects, back))
             working.advance()
     pages.finish()
     if pages.without_pictures:
@@ -72,11 +72,12 @@ def _write_pages(rows: Sequence[Row], foreign_robot: RobotModel, command: Report
     return pages.pages
 
 
-def page_of(row: Row, foreign_robot: RobotModel, objects: Path | None, back: Way) -> tuple[ClipPage, int, float] | None:
+def page_of(
+    row: Row, path: Path, foreign_robot: RobotModel, objects: Path | None, back: Way
+) -> tuple[ClipPage, int, float] | None:
     """Return the page of a motion, its worst frame and that moment [s]; None where it cannot be shown."""
-    assert row.path is not None, "it has a file"
     try:
-        motion = open_motion(row.path, foreign_robot).motion
+        motion = open_motion(path, foreign_robot).motion
         model = load_robot(motion.robot)
         try:
             clip = clip_of(motion, objects=objects)
@@ -84,7 +85,7 @@ def page_of(row: Row, foreign_robot: RobotModel, objects: Path | None, back: Way
                 surface_of(track.geometry)
         except HoiRetargetError:
             clip = None
-        entry = entry_of(row.name, motion, model, known_figures(motion, row.path))
+        entry = entry_of(row.name, motion, model, known_figures(motion, path))
         shown = Shown(short_name(model.spec), motion, model, clip, motion.person)
         page = make_clip_page(row.name, [(entry, shown)], back=back, notices=row.reasons)
     except HoiRetargetError:
