@@ -1,5 +1,6 @@
 """The contact editor in a browser: a point that is dragged takes the hand along, and nothing is lost on the way."""
 
+import re
 import threading
 
 import numpy as np
@@ -139,6 +140,9 @@ def test_a_dragged_point_takes_the_hand_along_and_the_command_line_makes_the_sam
     assert np.linalg.norm(asked - [0.0, 0.0, 0.10]) < 0.005
     moved = palm_in_object(editor.edited.motions[0], frame) - palm_in_object(before.motions[0], frame)
     assert np.linalg.norm(moved - [0.0, 0.0, 0.10]) < 0.005
+    (edit,) = editor.edited.edits.edits
+    assert edit.offset == tuple(round(number, 4) for number in edit.offset), "tenths of a millimetre"
+    wait_until(lambda: re.search(r"jerk [\d.]+ -> [\d.]+ m/s³", told(page)), "what changed is said")
 
     before_saving = editor.edited
     page.get_by_text("Save edits", exact=True).click()
@@ -201,6 +205,9 @@ def test_buttons_edit_undo_and_redo(browser, session):
     wait_until(lambda: editor.edited.complete, "all frames are solved")
     page.get_by_text("Delete", exact=True).click()
     wait_until(lambda: len(editor.edited.segments) == 2, "one is gone")
+    page.get_by_role("combobox", name="Edits").click()
+    page.get_by_role("option", name="1: split").click()
+    wait_until(lambda: edits() == 1, "all but the first edit are taken back at once")
     page.close()
 
 

@@ -74,6 +74,11 @@ class Editing:
         self._taken_back.append(self.now)
         self.now = before
 
+    def undo_to(self, count: int) -> None:
+        """Take edits back until so many are left."""
+        while len(self.now.edits.edits) > count:
+            self.undo()
+
     def redo(self) -> None:
         """Do again what was taken back; raises `ArgumentError` when there is nothing."""
         if not self._taken_back:

@@ -23,7 +23,7 @@ from hoi_retarget.retargeting.config import Config
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.browser.client_sessions import serve_sessions
 from hoi_retarget.viewers.browser.editing import Edited, Editing
-from hoi_retarget.viewers.browser.editor_panel import PANEL_WIDTH_PX, EditorPanel
+from hoi_retarget.viewers.browser.editor_panel import PANEL_WIDTH_PX, EditorPanel, changes_text
 from hoi_retarget.viewers.browser.editor_points import EditorPoints
 from hoi_retarget.viewers.browser.page_content import PageContent, page_content
 from hoi_retarget.viewers.browser.player import Player
@@ -34,6 +34,7 @@ from hoi_retarget.viewers.browser.worker import Worker
 from hoi_retarget.viewers.scene.scene import Shown
 
 _TYPING_SECONDS = 0.6  # Of quiet, after which a number counts as typed.
+_DIGITS = 4  # Of an offset that is dragged [m]: tenths of a millimetre.
 _NEW_SECONDS = 0.5  # Length of a contact that is added.
 
 
@@ -87,6 +88,7 @@ class Editor:
             change=self.change,
             typed=self.typed,
             add=self.add,
+            undo_to=self.undo_to,
             commands=(
                 {
                     "One point each": self._asked(lambda: self._commit(FixAll())),
@@ -169,6 +171,11 @@ class Editor:
         else:
             self._worker.do_latest(lambda: self._guarded(lambda: self._drag(point, released=False)))
 
+    def undo_to(self, count: int) -> None:
+        """Take edits back until so many are left."""
+        if count < len(self._editing.now.edits.edits):
+            self._do(lambda: self._go(lambda: self._editing.undo_to(count), f"Back to {count} edits."))
+
     # What is done about it, in the worker's thread.
 
     def _do(self, task: Callable[[], None]) -> None:
@@ -180,7 +187,8 @@ class Editor:
     def _save_edits(self) -> None:
         save(self._editing.now.edits, self._places.edits)
         self._saved(self._editing.now)
-        self._panel.say(f"Saved {len(self._editing.now.edits.edits)} edits to {self._places.edits}.")
+        count = len(self._editing.now.edits.edits)
+        self._panel.say(f"Saved {count} edit{'s' if count != 1 else ''} to {self._places.edits}.")
 
     def _save_result(self) -> None:
         """Solve the whole clip and write its motions."""
@@ -207,8 +215,8 @@ class Editor:
             self._chosen = (person, part, min(max(frame, edit.start), edit.stop - 1))
         self._show()
         drawn = time.perf_counter() - solved
-        told = f"{describe(edit)}: solved in {1e3 * (solved - start):.0f} ms, drawn in {1e3 * drawn:.0f} ms."
-        self._panel.say(f"{told} {self._gap_text(tried)}".strip())
+        told = f"{describe(edit)}: {changes_text(self._editing.before or self._first, tried)}. {self._gap_text(tried)}"
+        self._panel.say(f"{told} (solved in {1e3 * (solved - start):.0f} ms, drawn in {1e3 * drawn:.0f} ms)")
 
     def _chosen_of(self, segments: Sequence[Segment]) -> Segment | None:
         if self._chosen is None:
@@ -233,6 +241,7 @@ class Editor:
             geometry = self._editing.now.clip.objects[segment.object].geometry
             point = surface_of(geometry).closest_points(point[None])[0]
         offset = point - segment.points.mean(axis=0)
+        offset = np.round(offset, _DIGITS) + 0.0  # No minus before a zero.
         edit = Move(segment.part, segment.start, tuple(offset.tolist()), person=segment.person)
         if released:
             self._commit(edit)

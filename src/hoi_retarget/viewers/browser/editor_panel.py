@@ -17,6 +17,7 @@ from hoi_retarget.clip.edits import (
     Segment,
     Snap,
     Split,
+    describe,
     part_text,
 )
 from hoi_retarget.evaluation import COLUMNS
@@ -25,7 +26,7 @@ from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.browser.editing import Edited
 from hoi_retarget.viewers.browser.player import MESSAGE
 from hoi_retarget.viewers.browser.surface_gaps import SurfaceGap
-from hoi_retarget.viewers.html import render
+from hoi_retarget.viewers.html import render, with_exponents
 
 PANEL_WIDTH_PX = 340
 _FIGURES = (
@@ -37,6 +38,7 @@ _FIGURES = (
     "stance_slide_mps",
 )
 _HOTKEYS: Mapping[str, Literal["Z", "Y", "S"]] = {"Undo": "Z", "Redo": "Y", "Save edits": "S"}
+_RECORDED: str = "0: as recorded"
 _DIGITS = 4  # Of a point's coordinates [m], as they are shown.
 
 Change = Callable[[Callable[[Segment], Edit]], None]
@@ -57,6 +59,7 @@ class EditorPanel:
         change: Change,
         typed: Change,
         add: Callable[[int, str, int], None],
+        undo_to: Callable[[int], None],
         commands: Sequence[Mapping[str, Callable[[], None]]],
     ) -> None:
         """Add the widgets.
@@ -70,6 +73,7 @@ class EditorPanel:
             change: Changes the chosen contact.
             typed: Changes it once nothing has been typed for a moment.
             add: Adds a contact of a person's part with an object.
+            undo_to: Takes edits back until so many are left.
             commands: Buttons that concern all contacts, row by row.
         """
         self._gui, self._model, self._frame = gui, model, frame
@@ -86,6 +90,10 @@ class EditorPanel:
                     self._add_new(edited)
             with gui.add_folder("All"):
                 self._add_commands(commands)
+                self._edits = gui.add_dropdown(
+                    "Edits", (_RECORDED,), hint="All that was done; choose one to go back to it"
+                )
+                self._edits.on_update(lambda event: self._on_edits(event, undo_to))
             with gui.add_folder("Figures"):
                 self._figures = gui.add_html("")
         panel.dock_left()
@@ -116,6 +124,10 @@ class EditorPanel:
             self._frames.value = (chosen.start, chosen.stop - 1)
             self._point.value = tuple(np.round(point, _DIGITS).tolist())
         self._figures.content = _figures_html(recorded, before or recorded, edited)
+        options = _edits_of(edited)
+        if self._edits.options != options:
+            self._edits.options = options
+        self._edits.value = options[-1]
 
     def _show_rows(self, edited: Edited, chosen: Segment | None, off: Sequence[SurfaceGap]) -> None:
         geometries = tuple(track.geometry for track in edited.clip.objects)
@@ -197,6 +209,10 @@ class EditorPanel:
         group = self._gui.add_button_group("", tuple(choices))
         group.on_click(lambda event: ask(choices[event.target.value]))
 
+    def _on_edits(self, event: viser.GuiEvent[Any], undo_to: Callable[[int], None]) -> None:
+        if event.client is not None and event.target.value in event.target.options:
+            undo_to(event.target.options.index(event.target.value))
+
     def _on_frames(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
             first, last = event.target.value
@@ -206,6 +222,22 @@ class EditorPanel:
         if event.client is not None:
             point = np.array(event.target.value)
             self._typed(lambda s: _moved_to(s, point))
+
+
+def _edits_of(edited: Edited) -> tuple[str, ...]:
+    """Return the edits in words, from none on."""
+    return (_RECORDED, *(f"{number}: {describe(edit)}" for number, edit in enumerate(edited.edits.edits, 1)))
+
+
+def changes_text(before: Edited, now: Edited) -> str:
+    """Return which figures changed and how, such as `contact gap 1.5 -> 2.9 mm`; the first person's of several."""
+    sides = [edited.motions[0].report.figures for edited in (before, now)]
+    changes = []
+    for column in (column for column in COLUMNS if column.name in _FIGURES):
+        texts = [column.text(side.get(column.name)) for side in sides]
+        if texts[0] != texts[1]:
+            changes.append(f"{column.title} {texts[0]} -> {texts[1]} {with_exponents(column.unit)}")
+    return ", ".join(changes) or "no figure changed"
 
 
 def _gap_text(gap: float) -> str:
