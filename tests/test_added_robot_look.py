@@ -6,8 +6,12 @@ import pytest
 import trimesh
 from scipy.spatial import KDTree
 
+import hoi_retarget as hr
 from hoi_retarget.cli import jobs
+from hoi_retarget.cli.robot_trials import without_shapes
 from hoi_retarget.numerics import se3
+from hoi_retarget.physics.scene import scene_of
+from hoi_retarget.physics.scene_files import scene_files
 from hoi_retarget.robots import load_robot, user_robots
 from hoi_retarget.robots.adding.build import build_robot
 from hoi_retarget.robots.adding.description import read_description
@@ -106,3 +110,30 @@ def test_skin_of_meshes_is_computed_once_and_said(tmp_path, monkeypatch, capsys)
         jobs.prepare_skin(load_robot("unitree_g1"))
     assert computed == [model]
     assert capsys.readouterr().out.count("with_meshes: computing the skins") == 1
+
+
+def test_scene_of_a_robot_with_meshes_opens_and_is_the_robot(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOI_RETARGET_ROBOTS", str(tmp_path / "robots"))
+    path = with_meshes(tmp_path, 4)
+    path.write_text(path.read_text().replace("<joint ", '<joint actuatorfrcrange="-60 60" '))
+    built = build_robot(path, "with_meshes", Hints())
+    user_robots.save(built.spec, built.mjcf)
+    model = load_robot("with_meshes")
+    clip = hr.open_clip("builtin:carry_box")
+    motion = hr.retarget(clip, without_shapes(built.spec, built.mjcf, tmp_path), hr.Config(contact="landmark"))
+    scene = scene_of(motion, model, [track.geometry for track in clip.objects])
+    for place, content in scene_files(scene, motion).items():
+        (tmp_path / "scene" / place).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "scene" / place).write_bytes(content)
+    path.unlink()
+    opened = mujoco.MjModel.from_xml_path(str(tmp_path / "scene" / "scene.xml"))
+    data = mujoco.MjData(opened)
+    key = opened.nkey - 1
+    mujoco.mj_resetDataKeyframe(opened, data, key)
+    mujoco.mj_forward(opened, data)
+    posed = model.forward(motion.qpos[-1:])
+    for site in model.site_names:
+        np.testing.assert_allclose(data.site(site).xpos, posed.site_position(site)[0], atol=1e-9)
+    own = mujoco.MjModel.from_xml_string(built.mjcf)
+    assert sum(opened.geom_type == mujoco.mjtGeom.mjGEOM_MESH) == sum(own.geom_type == mujoco.mjtGeom.mjGEOM_MESH) > 0
+    assert sum(opened.body(name).mass[0] for name in model.body_names) == pytest.approx(own.body_mass.sum())

@@ -51,8 +51,9 @@ def scene_files(scene: Scene, motion: Motion) -> Mapping[Path, bytes]:
 
 
 def check_no_meshes(scene: Scene, description: mujoco.MjSpec, known: Collection[str] = ()) -> None:
-    """Raise `RobotError` where a description has other meshes than those of objects, which have these files."""
-    if own := [mesh.name for mesh in description.meshes if f"{mesh.name}.obj" not in known]:
+    """Raise `RobotError` where a description has other files of meshes than those of objects."""
+    files = [mesh for mesh in description.meshes if mesh.file]  # An added robot's MJCF holds its meshes' corners.
+    if own := [mesh.name for mesh in files if f"{mesh.name}.obj" not in known]:
         raise RobotError(f"{scene.model.spec.mjcf}: a scene of a robot with meshes ({own[0]}, ...) is not written yet.")
 
 
