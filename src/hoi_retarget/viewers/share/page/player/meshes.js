@@ -1,7 +1,7 @@
 // Meshes: position and normal of each corner.
 
 function sphere() {
-  const rows = 10, columns = 18, corners = [];
+  const rows = 12, columns = 20, corners = [];
   const point = (i, j) => {
     const latitude = Math.PI * (i / rows - 0.5), longitude = (2 * Math.PI * j) / columns;
     const across = Math.cos(latitude);

@@ -55,7 +55,7 @@ void main() {
   vec3 n = normalize(across), look = normalize(eye - point);
   if (dot(n, look) < 0.0) n = -n;
   float direct = max(dot(n, sun), 0.0);
-  if (direct > 0.0) direct *= lit(point + 0.012 * n);
+  if (direct > 0.0) direct *= lit(point + 0.02 * n);
   float gleam = pow(max(dot(n, normalize(sun + look)), 0.0), 40.0) * direct;
   vec3 ambient = mix(vec3(0.34, 0.33, 0.32), vec3(0.58, 0.6, 0.63), 0.5 + 0.5 * n.z);
   float fill = 0.16 * max(dot(n, look), 0.0);
