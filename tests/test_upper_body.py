@@ -78,6 +78,7 @@ def test_base_and_lower_joints_keep_their_values_to_the_bit(tmp_path, base):
     # Nothing of the legs is in what was solved: exports give all of them back as they are held.
     assert not {one.joint for one in built.spec.held} & set(motion.joint_names)
     assert not motion.stance_flags.any()
+    assert not [flip.site for flip in motion.report.orientation_flips if "hip" in flip.site or "knee" in flip.site]
 
 
 def test_contacts_are_exact_where_the_base_follows(tmp_path):

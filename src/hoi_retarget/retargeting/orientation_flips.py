@@ -38,10 +38,14 @@ def short_flips(errors: Mapping[str, Float[np.ndarray, "T"]], fps: float) -> tup
 
 
 def rotation_errors_deg(kinematics: Kinematics, targets: Targets) -> dict[str, Float[np.ndarray, "T"]]:
-    """Return how far the sites of the IK table are from the rotations they should follow [deg], by site."""
-    errors = {}
-    for column, row in enumerate(kinematics.model.spec.ik_rows):
-        if row.rotation_weight > 0:
+    """Return how far the sites of the IK table are from the rotations they should follow [deg], by site.
+
+    Sites on a base follow none.
+    """
+    model, errors = kinematics.model, {}
+    for column, row in enumerate(model.spec.ik_rows):
+        on_base = model.spec.base != "legs" and kinematics.frame(row.site).node == 0
+        if row.rotation_weight > 0 and not on_base:
             wanted = se3.quat_to_matrix(targets.site_quats[:, column])
             errors[row.site] = np.degrees(se3.matrix_angle_between(kinematics.site_rotation(row.site), wanted))
     return errors
