@@ -14,7 +14,7 @@ from hoi_retarget.viewers.share.clip_page import Detail, make_clip_page, notices
 from hoi_retarget.viewers.share.load_results import LoadedResults, load_results
 from hoi_retarget.viewers.share.server import OnePageServer
 
-_DETAIL = Detail(frames=20_000, points=20_000)
+_DETAIL = Detail(frames=20_000, points=3000)
 
 
 def execute(command: View) -> int:

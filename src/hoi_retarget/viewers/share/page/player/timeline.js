@@ -179,7 +179,7 @@ class Timeline {
     const box = this.box.getBoundingClientRect(), axis = this.axis.getBoundingClientRect();
     const x = (second) => axis.left - box.left - this.box.clientLeft + axis.width * this.place(second);
     const place = this.place(this.second);
-    this.cursor.style.left = `${x(this.second)}px`;
+    this.cursor.style.transform = `translateX(${x(this.second)}px)`; // Its own layer: curves are not drawn again.
     this.cursor.hidden = place < -1e-9 || place > 1 + 1e-9;
     this.rangeMark.hidden = !this.range;
     if (!this.range) return;
