@@ -128,6 +128,7 @@ def test_the_timeline_is_zoomed_read_and_looped(browser, pages):
     page.keyboard.up("Shift")
     assert page.locator("#loop").get_attribute("aria-pressed") == "true"
     page.locator("#play").click()
+    wait_until(lambda: second(page) < 2.7, "it goes to the range")
     for _ in range(12):
         page.wait_for_timeout(200)
         assert 1.9 < second(page) < 2.7, "it stays in the range"
