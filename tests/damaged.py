@@ -401,12 +401,12 @@ def outcomes(file: Path, out: Path, to: str) -> Iterator[Outcome]:
 @contextlib.contextmanager
 def serving_nobody() -> Iterator[None]:
     """Let `view` and `edit` make their pages and go."""
-    before = view.serve_until_interrupted
-    view.serve_until_interrupted = edit.serve_until_interrupted = lambda *_: None
+    before = view.wait_for_interrupt, edit.serve_until_interrupted
+    view.wait_for_interrupt = edit.serve_until_interrupted = lambda *_: None
     try:
         yield
     finally:
-        view.serve_until_interrupted = edit.serve_until_interrupted = before
+        view.wait_for_interrupt, edit.serve_until_interrupted = before
 
 
 def check(file: Damaged, out: Path, rng: np.random.Generator) -> list[Outcome]:

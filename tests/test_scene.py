@@ -234,7 +234,7 @@ def test_hands_can_be_looked_at_from_near():
     items = [shown(0, "carry_table", person=person) for person in (0, 1)]
     for item, subject in zip(items, make_scene([*items]).subjects, strict=True):
         kinematics = G1.forward(item.motion.qpos)
-        assert set(subject.looks) == {"left hand", "right hand"}
+        assert set(subject.looks) == {"left hand", "right hand", "feet"}
         np.testing.assert_allclose(subject.looks["left hand"], kinematics.site_position("left_palm"), atol=1e-6)
 
 
