@@ -3,7 +3,6 @@
 import errno
 import json
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -27,6 +26,7 @@ from hoi_retarget.batch.ray_pool import MACHINES_LOST, RayPool
 from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.motion.result_file import encode, load
 from hoi_retarget.retargeting.multi_person import with_report
+from said import complaints_in
 
 PATIENCE_S = 60.0  # On a busy machine.
 
@@ -154,14 +154,6 @@ JOBS = 8
 def folder(tmp_path):
     (tmp_path / "set.toml").write_text(SPECIFICATION)
     return tmp_path
-
-
-_COMPLAINTS = re.compile(r"^(?!.*: \d+ of \d+, \d+ s$).+\n", re.MULTILINE)
-
-
-def complaints_in(said: str) -> str:
-    """Return what was said on stderr but for the progress of a busy machine."""
-    return "".join(_COMPLAINTS.findall(said))
 
 
 def start(folder: Path, *words: str) -> subprocess.Popen:
