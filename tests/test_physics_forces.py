@@ -194,12 +194,14 @@ def test_what_a_robot_gives_to_an_object_is_the_objects_weight():
 def test_forces_stay_in_their_friction_cones():
     model = MODELS["unitree_g1"]
     motion, geometries = holding(model)
-    forces = forces_of(motion, model, geometries, Physics(object_mass=1.0, hand_friction=0.5))
+    physics = Physics(object_mass=1.0, hand_friction=0.5, object_friction=0.3)
+    forces = forces_of(motion, model, geometries, physics)
     for number, point in enumerate(forces.points):
         force = forces.on_robot[:, number]
         normal = np.einsum("ti,ti->t", force, point.normal)
         across = np.linalg.norm(force - normal[:, None] * point.normal, axis=1)
-        assert (across <= (0.8 if point.on_floor else 0.5) * normal + 1e-9).all()
+        friction = 0.3 if point.link is None else 0.8 if point.on_floor else 0.5
+        assert (across <= friction * normal + 1e-9).all()
         assert (force[~point.active] == 0.0).all()
 
 

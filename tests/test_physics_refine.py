@@ -218,6 +218,8 @@ def test_a_motion_that_nothing_holds_up_is_kept_to_the_fall_after_every_attempt(
     assert rollout.fell_after is not None and rollout.fell_after < reference.seconds
     assert len(rollout.qpos) == len(rollout.targets) == len(refined.gains) == round(rollout.fell_after / TICK)
     assert np.isfinite(rollout.qpos).all() and {item.samples for item in told} == {8, 16}
+    # Its objects are let go where the last two seconds before the first fall begin, and that does not help.
+    assert refined.let_go_after is not None and refined.let_go_after < rollout.fell_after
 
 
 @pytest.mark.parametrize(
