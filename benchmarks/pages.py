@@ -1,4 +1,4 @@
-"""How quickly viewer and editor answer, in headless Chromium that draws without a graphics card.
+"""How quickly the editor and its player answer, in headless Chromium that draws without a graphics card.
 
     python benchmarks/pages.py [--clip builtin:carry_box] [--objects DIR] [--minutes 1]
 
@@ -55,11 +55,11 @@ def main() -> None:
     start = solved(clip, model, Config(), ContactEdits.of(clip))
     print(f"{arguments.clip}: {clip.frames} frames at {clip.fps:g}/s")
     with chromium() as browser:
-        viewer(browser, clip, model, start, arguments.minutes)
+        player(browser, clip, model, start, arguments.minutes)
         editor(browser, clip, model, start)
 
 
-def viewer(browser, clip, model, start, minutes: float) -> None:
+def player(browser, clip, model, start, minutes: float) -> None:
     server = open_server("hoi-retarget")
     content = page_content([Shown(clip.name, start.motions[0], model, clip)])
     sent = []
@@ -110,12 +110,13 @@ def editor(browser, clip, model, start) -> None:
     page = open_page(browser, address(server))
     told = page.locator(".told")
     told.wait_for()
-    segment = start.segments[0]
+    editors[0].choose(0)
+    wait_until(lambda: editors[0].chosen is not None, "a contact is chosen")
     seconds, shares = [], []
     for number in range(CHANGES):
         offset = (0.0, 0.0, 0.02 if number % 2 == 0 else -0.02)
         before, begin = told.inner_text(), time.perf_counter()
-        editors[0].commit(Move(segment.part, segment.start, offset, segment.person))
+        editors[0].change(lambda chosen, offset=offset: Move(chosen.part, chosen.start, offset, person=chosen.person))
         wait_until(lambda before=before: told.inner_text() != before, "the change is told")
         seconds.append(time.perf_counter() - begin)
         shares.append([float(number) for number in re.findall(r"(\d+) ms", told.inner_text())])
@@ -126,7 +127,7 @@ def editor(browser, clip, model, start) -> None:
         f"(largest {1e3 * max(seconds):.0f}); solving {solving:.0f} ms, drawing {drawing:.0f} ms"
     )
     begin = time.perf_counter()
-    editors[0].solve_all()
+    page.get_by_role("button", name="Solve whole clip").click()
     wait_until(lambda: "whole clip" in told.inner_text(), "the whole clip is solved")
     print(f"whole clip: {1e3 * (time.perf_counter() - begin):.0f} ms until the page says so")
     page.close()
