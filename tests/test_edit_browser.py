@@ -8,7 +8,7 @@ import pytest
 
 from browser import chromium, open_page, wait_until
 from hoi_retarget.cli import main
-from hoi_retarget.clip.edits import ContactEdits, load
+from hoi_retarget.clip.edits import ContactEdits, Retime, load
 from hoi_retarget.motion.result_file import load as load_motion
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.numerics import se3
@@ -248,6 +248,51 @@ def test_two_editors_are_apart_and_a_closed_one_stops_its_work(browser, session)
     wait_until(lambda: workers() == 0, "its work ends too")
 
 
+ENDS = "div:has(> .hoi-strip) ~ div:has(~ div > .hoi-curves) .mantine-Slider-thumb"
+
+
+def test_an_end_of_a_bar_is_dragged_by_mouse_and_by_finger(browser, session):
+    page = open_page(browser, address(session.server))
+    page.get_by_text("2 contacts").wait_for()
+    editor, bars = session.editors[-1], page.locator(".hoi-strip i")
+    page.locator(ENDS).nth(3).wait_for()
+    start, stop = editor.edited.segments[0].start, editor.edited.segments[0].stop
+    bar = bars.first.bounding_box()
+    frame_px = bar["width"] / (stop - 1 - start)
+
+    def middle(number: int) -> tuple[float, float]:
+        box = page.locator(ENDS).nth(number).bounding_box()
+        return box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+
+    assert middle(0)[0] == pytest.approx(bar["x"], abs=6) and middle(1)[0] == pytest.approx(
+        bar["x"] + bar["width"], abs=6
+    )
+    x, y = middle(0)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 10 * frame_px, y, steps=4)
+    wait_until(lambda: editor.frame > start, "the frame is shown while it is dragged")
+    wait_until(lambda: bars.first.bounding_box()["x"] > bar["x"] + 4, "the bar follows")
+    page.mouse.up()
+    wait_until(lambda: len(editor.edited.edits.edits) == 1, "the drag became an edit")
+    (edit,) = editor.edited.edits.edits
+    assert edit == Retime("left_hand", start, edit.start, stop)
+    assert abs(edit.start - start - 10) <= 6  # Of a thumb beside the end.
+    assert editor.chosen is editor.edited.segments[0]
+
+    touch = page.context.new_cdp_session(page)
+    x, y = middle(3)
+    last = editor.edited.segments[1].stop
+    for kind, away in (("touchStart", 0), ("touchMove", 10), ("touchMove", 20), ("touchEnd", None)):
+        points = [] if away is None else [{"x": x - away * frame_px, "y": y}]
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    wait_until(lambda: len(editor.edited.edits.edits) == 2, "a finger drags too")
+    assert abs(last - 20 - editor.edited.segments[1].stop) <= 6
+    page.get_by_text("Undo", exact=True).click()
+    wait_until(lambda: editor.edited.segments[1].stop == last, "it is taken back as any edit")
+    page.close()
+
+
 def test_the_curves_leave_the_panels_free_and_lie_under_their_bars(browser, session):
     page = open_page(browser, address(session.server))
     page.get_by_text("2 contacts").wait_for()
@@ -256,7 +301,7 @@ def test_the_curves_leave_the_panels_free_and_lie_under_their_bars(browser, sess
     plot, cursor = (
         page.locator(name).bounding_box() for name in (".hoi-curves .plot >> nth=0", ".mantine-Slider-root >> nth=1")
     )
-    bars = page.locator(".hoi-curves .bars > div").first.bounding_box()
+    bars = page.locator(".hoi-strip .row > div").first.bounding_box()
     for other in (cursor, bars):
         assert [other["x"], other["width"]] == pytest.approx([plot["x"], plot["width"]], abs=1.0)
     page.close()

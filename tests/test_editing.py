@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hoi_retarget.clip.edits import (
     ContactEdits,
@@ -21,7 +23,7 @@ from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.browser.editing import Edited, Editing, solved
-from hoi_retarget.viewers.browser.segment_strip import ROW_HEIGHT_PX, strip_height_px, strip_html
+from hoi_retarget.viewers.browser.segment_strip import ROW_HEIGHT_PX, dragged, strip_height_px, strip_html
 from hoi_retarget.viewers.browser.surface_gaps import SurfaceGaps
 from trajectories import MODELS
 
@@ -103,6 +105,44 @@ def test_an_edit_that_cannot_be_done_changes_nothing(editing, start):
     assert editing.now is start
 
 
+def test_a_contact_retimed_again_right_away_was_retimed_once(editing, recorded):
+    for span in ((70, 80), (75, 78), (50, 90)):
+        first = editing.now.segments[0].start
+        editing.take(editing.tried(Retime("left_hand", first, *span)))
+    first = segments_of(recorded)[0].start
+    assert editing.now.edits.edits == (Retime("left_hand", first, 50, 90),)
+    editing.take(editing.tried(Retime("right_hand", 60, 50, 90)))
+    assert len(editing.now.edits.edits) == 2, "another contact's is another edit"
+    points = segments_of(recorded)[0].points
+    assert {*map(tuple, editing.now.segments[0].points)} <= {*map(tuple, points)}, "no point was lost on the way"
+    for _ in range(4):
+        editing.undo()
+    assert editing.now.edits.edits == ()
+
+
+BOUNDS = st.lists(st.integers(0, 60), min_size=2, max_size=8, unique=True).map(sorted)
+
+
+@given(BOUNDS, BOUNDS, st.integers(0, 7), st.integers(0, 1), st.integers(0, 59))
+def test_an_end_goes_where_it_is_dragged_but_never_into_another_contact_or_past_its_own_other_end(
+    left, right, number, end, frame
+):
+    segments = [
+        Segment(0, part, 0, start, stop, np.zeros((stop - start, 3)))
+        for part, bounds in (("left_hand", left), ("right_hand", right))
+        for start, stop in zip(bounds[::2], bounds[1::2], strict=False)
+    ]
+    number %= len(segments)
+    old, new = segments[number], dragged(segments, number, end, frame)
+    assert new[1 - end] == (old.stop, old.start)[end], "the other end stays"
+    assert 0 <= new[0] < new[1] <= 60
+    others = [item for item in segments if item.part == old.part and item is not old]
+    assert all(new[1] <= item.start or item.stop <= new[0] for item in others)
+    asked = (frame, old.stop) if end == 0 else (old.start, frame + 1)
+    if asked[0] < asked[1] and all(asked[1] <= item.start or item.stop <= asked[0] for item in others):
+        assert new == asked
+
+
 @pytest.mark.slow
 def test_each_persons_robot_follows_its_own_contacts():
     recorded = make("carry_table", fps=15.0)
@@ -138,11 +178,11 @@ def test_a_recording_whose_hands_lie_far_off_is_believed(recorded):
 
 def test_the_strip_has_a_row_for_each_part_and_a_bar_for_each_contact(editing):
     segments = editing.now.segments
-    html = strip_html(segments, 120, segments[0])
-    assert html.count("position:absolute") == len(segments)
-    assert html.count("outline") == 1
+    html = strip_html(segments, 120, 0)
+    assert html.count("<i") == len(segments)
+    assert html.count('class="chosen"') == 1
     assert strip_height_px(segments) == 2 * ROW_HEIGHT_PX
     editing.take(editing.tried(Delete("left_hand", 60)))
     editing.take(editing.tried(Retime("right_hand", 60, 62, 63)))
     assert strip_height_px(editing.now.segments) == ROW_HEIGHT_PX
-    assert "outline" not in strip_html(editing.now.segments, 120, None)
+    assert 'class="chosen"' not in strip_html(editing.now.segments, 120, None)

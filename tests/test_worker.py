@@ -51,6 +51,17 @@ def test_what_can_wait_is_done_before_what_is_asked_for_after_it(ask):
     assert done == ["typed", "asked"]
 
 
+def test_what_waits_is_forgotten_for_its_own_kind_alone():
+    worker, done, finished = Worker("test"), [], threading.Event()
+    worker.do_later(lambda: done.append("a"), 60.0, "frames")
+    worker.do_later(lambda: done.append("b"), 60.0, "frames")
+    worker.do_later(lambda: done.append("c"), 60.0, "point")
+    worker.do(finished.set)
+    assert finished.wait(5.0)
+    worker.stop()
+    assert done == ["b", "c"]
+
+
 def test_a_delay_is_kept_and_starts_anew():
     worker, done, finished = Worker("test"), [], threading.Event()
     start = time.monotonic()

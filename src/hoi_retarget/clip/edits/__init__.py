@@ -30,7 +30,7 @@ from hoi_retarget.clip.edits.operations import (
     describe,
     operation_name,
 )
-from hoi_retarget.clip.edits.segments import Segment, Segments, part_text, segments_of, tracks_of
+from hoi_retarget.clip.edits.segments import Segment, Segments, part_text, segments_of, span_text, tracks_of
 from hoi_retarget.errors import ClipError
 
 __all__ = [
@@ -59,6 +59,7 @@ __all__ = [
     "part_text",
     "save",
     "segments_of",
+    "span_text",
     "to_text",
 ]
 

@@ -1,10 +1,10 @@
 """The contacts of one clip while they are edited: every change is solved at once, and can be taken back."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.clip.edits import ContactEdits, Edit, Segment, apply, segments_of
+from hoi_retarget.clip.edits import ContactEdits, Edit, Retime, Segment, apply, segments_of
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.retargeting.config import Config
@@ -53,11 +53,16 @@ class Editing:
     def tried(self, edit: Edit) -> Edited:
         """Return what an edit would make of it, solved around the frames that it changes.
 
+        A contact that is retimed again right away was retimed once, to its latest frames.
+
         Raises:
             ClipError: The edit cannot be done.
             SolveError: The frames around it end without a usable trajectory.
         """
-        return self._revised(self.now.edits.adding(edit))
+        edits, last = self.now.edits, self.now.edits.edits[-1:]
+        if last and isinstance(edit, Retime) and isinstance(last[0], Retime) and _follows(edit, last[0]):
+            return self._revised(edits.without_last().adding(replace(edit, frame=last[0].frame)))
+        return self._revised(edits.adding(edit))
 
     def take(self, edited: Edited) -> None:
         """Go on from what was tried."""
@@ -94,6 +99,11 @@ class Editing:
         clip = apply(self.recorded, edits)
         drafts = [revise(item, clip, self._model, self._config) for item in self.now.drafts]
         return Edited(edits, clip, kept_apart(drafts, [self._model] * len(drafts), self._config), complete=False)
+
+
+def _follows(edit: Retime, before: Retime) -> bool:
+    """Return whether an edit retimes the contact that the one before has retimed."""
+    return (edit.person, edit.part) == (before.person, before.part) and before.start <= edit.frame < before.stop
 
 
 def solved(recorded: Clip, model: RobotModel, config: Config, edits: ContactEdits) -> Edited:

@@ -27,7 +27,14 @@ from hoi_retarget.viewers.browser.editor_panel import PANEL_WIDTH_PX, EditorPane
 from hoi_retarget.viewers.browser.editor_points import EditorPoints
 from hoi_retarget.viewers.browser.page_content import PageContent, page_content
 from hoi_retarget.viewers.browser.player import Player
-from hoi_retarget.viewers.browser.segment_strip import strip_height_px, strip_html
+from hoi_retarget.viewers.browser.segment_strip import (
+    SegmentEnds,
+    Span,
+    dragged,
+    dragged_text,
+    strip_height_px,
+    strip_html,
+)
 from hoi_retarget.viewers.browser.server import PageServer
 from hoi_retarget.viewers.browser.surface_gaps import SurfaceGaps
 from hoi_retarget.viewers.browser.worker import Worker
@@ -78,6 +85,7 @@ class Editor:
         self._chosen: tuple[int, str, int] | None = None
         self._worker = Worker("editor")
         self._player = Player(client, self._content(editing.now), left_px=PANEL_WIDTH_PX)
+        self._ends = SegmentEnds(self._player.timeline, client.gui, editing.recorded.frames)
         self._points = EditorPoints(client.scene, editing.now.motions[0], choose=self.choose, drag=self.drag)
         self._panel = EditorPanel(
             client.gui,
@@ -145,9 +153,28 @@ class Editor:
         """Change the chosen segment."""
         self._do(lambda: self._change(edit_of))
 
-    def typed(self, edit_of: Callable[[Segment], Edit]) -> None:
-        """Change the chosen segment once nothing has been typed for a moment."""
-        self._worker.do_later(lambda: self._guarded(lambda: self._change(edit_of)), _TYPING_SECONDS)
+    def typed(self, kind: str, edit_of: Callable[[Segment], Edit]) -> None:
+        """Change the chosen segment once nothing of a kind has been typed for a moment."""
+        self._worker.do_later(lambda: self._guarded(lambda: self._change(edit_of)), _TYPING_SECONDS, kind)
+
+    def drag_end(self, number: int, end: int, frame: int) -> None:
+        """Show the frame to which an end of a contact's bar is dragged; retime the contact once it lies still."""
+        segments = self._editing.now.segments
+        if number >= len(segments):
+            return
+        span = dragged(segments, number, end, frame)
+        self._player.seek(span[end] - end)
+        self._show_strip(number, (number, span))
+        self._panel.say(dragged_text(segments[number], span))
+
+        def task() -> None:
+            segments = self._editing.now.segments
+            if number < len(segments):
+                segment, (start, stop) = segments[number], dragged(segments, number, end, frame)
+                self._chosen = (segment.person, segment.part, segment.start)
+                self._commit(Retime(segment.part, segment.start, start, stop, person=segment.person))
+
+        self._worker.do_later(lambda: self._guarded(task), _TYPING_SECONDS, f"end {end} of {number}")
 
     def add(self, person: int, part: str, item: int) -> None:
         """Add a contact with an object from this frame on, where the robot's part is nearest to its surface."""
@@ -215,7 +242,8 @@ class Editor:
             self._chosen = (person, part, min(max(frame, edit.start), edit.stop - 1))
         self._show()
         drawn = time.perf_counter() - solved
-        told = f"{describe(edit)}: {changes_text(self._editing.before or self._first, tried)}. {self._gap_text(tried)}"
+        changes = changes_text(self._editing.before or self._first, tried)
+        told = f"{describe(tried.edits.edits[-1])}: {changes}. {self._gap_text(tried)}"
         self._panel.say(f"{told} (solved in {1e3 * (solved - start):.0f} ms, drawn in {1e3 * drawn:.0f} ms)")
 
     def _chosen_of(self, segments: Sequence[Segment]) -> Segment | None:
@@ -271,6 +299,8 @@ class Editor:
         self._draw(now)
         gaps = self._gaps.of(now.segments)
         self._player.do(lambda: self._points.show(now.segments, chosen, gaps))
+        self._ends.show(now.segments, self.drag_end)
+        self._show_strip(None if chosen is None else now.segments.index(chosen))
         self._panel.show(now, chosen, gaps, recorded=self._first, before=self._editing.before)
         if told is not None:
             self._panel.say(told)
@@ -284,7 +314,7 @@ class Editor:
         self._player.redraw(self._content(edited))
 
     def _content(self, edited: Edited) -> PageContent:
-        people, segments = edited.clip.people, edited.segments
+        people = edited.clip.people
         titles = [person.name if len(people) > 1 else edited.clip.name for person in people]
         plain = page_content(
             [
@@ -292,6 +322,8 @@ class Editor:
                 for person, (title, motion) in enumerate(zip(titles, edited.motions, strict=True))
             ]
         )
-        strip = strip_html(segments, edited.clip.frames, self._chosen_of(segments))
-        height = plain.extra_height_px + strip_height_px(segments)
-        return replace(plain, chart=strip + plain.chart, extra_height_px=height)
+        return replace(plain, strip_height_px=strip_height_px(edited.segments))
+
+    def _show_strip(self, chosen: int | None, moved: tuple[int, Span] | None = None) -> None:
+        now = self._editing.now
+        self._player.show_strip(strip_html(now.segments, now.clip.frames, chosen, moved=moved, ends=self._ends.ids))

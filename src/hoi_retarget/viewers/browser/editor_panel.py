@@ -57,7 +57,7 @@ class EditorPanel:
         frame: Callable[[], int],
         choose: Callable[[int], None],
         change: Change,
-        typed: Change,
+        typed: Callable[[str, Callable[[Segment], Edit]], None],
         add: Callable[[int, str, int], None],
         undo_to: Callable[[int], None],
         commands: Sequence[Mapping[str, Callable[[], None]]],
@@ -71,7 +71,7 @@ class EditorPanel:
             frame: Returns the current frame.
             choose: Chooses the contact of a row.
             change: Changes the chosen contact.
-            typed: Changes it once nothing has been typed for a moment.
+            typed: Changes it once nothing of a kind has been typed for a moment.
             add: Adds a contact of a person's part with an object.
             undo_to: Takes edits back until so many are left.
             commands: Buttons that concern all contacts, row by row.
@@ -216,12 +216,12 @@ class EditorPanel:
     def _on_frames(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
             first, last = event.target.value
-            self._typed(lambda s: Retime(s.part, s.start, int(first), int(last) + 1, person=s.person))
+            self._typed("frames", lambda s: Retime(s.part, s.start, int(first), int(last) + 1, person=s.person))
 
     def _on_point(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
             point = np.array(event.target.value)
-            self._typed(lambda s: _moved_to(s, point))
+            self._typed("point", lambda s: _moved_to(s, point))
 
 
 def _edits_of(edited: Edited) -> tuple[str, ...]:

@@ -20,6 +20,8 @@ class PageContent:
     """HTML of the curves (`curve_chart`)."""
     extra_height_px: int = 0
     """Height of the chart beyond that of one result's curves."""
+    strip_height_px: int = 0
+    """Height of what lies above the chart (`Player.show_strip`)."""
 
 
 def page_content(shown: Sequence[Shown]) -> PageContent:

@@ -38,7 +38,8 @@ class Player:
         """Draw content; `left_px` is how wide a panel at the left of the window is."""
         scene = content.scene
         self._client, self._scene = client, scene
-        covered_px = CURVES_HEIGHT_PX + content.extra_height_px + _PANEL_HEAD_PX if content.chart else 0
+        height_px = CURVES_HEIGHT_PX + content.extra_height_px + content.strip_height_px
+        covered_px = height_px + _PANEL_HEAD_PX if content.chart else 0
         self._camera = PlayerCamera(client.camera, left_px + _CONTROLS_WIDTH_PX, covered_px)
         self._changed = Condition()
         self._clock = Clock(scene.frames, scene.fps)
@@ -83,6 +84,10 @@ class Player:
                 self._chart.content = _chart_html(content)
 
         self.do(draw)
+
+    def show_strip(self, strip: str) -> None:
+        """Show HTML above the curves, on their time axis."""
+        self.do(lambda: setattr(self._strip, "content", strip))
 
     def attach(self, show: Callable[[int], None]) -> None:
         """Call this too with every frame that is shown."""
@@ -210,7 +215,10 @@ class Player:
         """Add the curves below the scene, and over them a slider that looks like a cursor."""
         gui = self._client.gui
         panel = gui.add_panel()
-        with panel.add_tab("Curves", viser.Icon.CHART_LINE):
+        self.timeline = panel.add_tab("Curves", viser.Icon.CHART_LINE)
+        """What lies above the curves goes here, with an order from 1 to 9."""
+        with self.timeline:
+            self._strip = gui.add_html("", order=0)
             html = gui.add_html(_chart_html(content))
             cursor = gui.add_slider("Cursor", 0, max(1, self._scene.frames - 1), 1, 0)
         cursor.on_update(self._on_slider)
@@ -229,6 +237,7 @@ def _chart_html(content: PageContent) -> str:
         "viewers/browser/page/curves.html.j2",
         **{"left_px": LEFT_INSET_PX, "right_px": RIGHT_INSET_PX},
         height_px=CURVES_HEIGHT_PX + content.extra_height_px,
+        strip_height_px=content.strip_height_px,
         chart=content.chart,
     )
 

@@ -14,7 +14,7 @@ class Worker:
         self._changed = Condition()
         self._tasks: list[Task] = []
         self._latest: Task | None = None
-        self._later: tuple[float, Task] | None = None
+        self._later: tuple[float, str, Task] | None = None
         self._stopped = False
         self._thread = Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
@@ -34,10 +34,15 @@ class Worker:
             self._latest = task
             self._changed.notify()
 
-    def do_later(self, task: Task, delay: float) -> None:
-        """Do this after so many seconds [s], or before what is asked for until then; forget what waits here."""
+    def do_later(self, task: Task, delay: float, kind: str = "") -> None:
+        """Do this after so many seconds [s], or before what is asked for until then.
+
+        What waits here of the same kind is forgotten; of another kind it is done now.
+        """
         with self._changed:
-            self._later = (time.monotonic() + delay, task)
+            if self._later is not None and self._later[1] != kind:
+                self._hurry()
+            self._later = (time.monotonic() + delay, kind, task)
             self._changed.notify()
 
     def stop(self) -> None:
@@ -54,7 +59,7 @@ class Worker:
     def _hurry(self) -> None:
         """Let what waits in `do_later` wait no longer."""
         if self._later is not None:
-            self._tasks.append(self._later[1])
+            self._tasks.append(self._later[2])
             self._later = None
 
     def _next(self) -> Task | None:
