@@ -1,4 +1,4 @@
-"""Draws the pictures of the documentation from built-in clips: `python docs/make_images.py`.
+"""Draws a picture of the documentation from a built-in clip: `python docs/make_images.py`.
 
 Needs EGL (Debian: `apt-get install libegl1 libgl1-mesa-dri`) or a display; on a machine without a
 display run it with `MUJOCO_GL=egl`.
@@ -18,20 +18,17 @@ from hoi_retarget.viewers.scene.camera import CameraSettings
 from hoi_retarget.viewers.scene.scene import Shown
 
 IMAGES = Path(__file__).parent / "images"
+PANEL, MOMENTS = (400, 680), 4  # [px]
 
 
 def main() -> None:
-    """Write `images/overview.png`, a person and one robot, and `images/contact_sheet.png`, two and two robots."""
+    """Write `images/contact_sheet.png`: two people, and two robots."""
     IMAGES.mkdir(exist_ok=True)
-    for name, scene, robots, columns, width in (
-        ("overview", "carry_box", "unitree_g1", 6, 290),
-        ("contact_sheet", "carry_table", "unitree_h2,unitree_g1", 4, 400),
-    ):
-        shown = results_of(scene, robots)
-        filmed = film.panels(shown)
-        with film.opened(filmed, CameraSettings(film.good_azimuth(shown)), width, 680) as draw:
-            pictures = [draw(time) for time in film.sheet_times(filmed, columns)]
-        (IMAGES / f"{name}.png").write_bytes(png(np.concatenate(pictures, axis=1)))
+    shown = results_of("carry_table", "unitree_h2,unitree_g1")
+    filmed = film.panels(shown)
+    with film.opened(filmed, CameraSettings(film.good_azimuth(shown)), *PANEL) as draw:
+        pictures = [draw(time) for time in film.sheet_times(filmed, MOMENTS)]
+    (IMAGES / "contact_sheet.png").write_bytes(png(np.concatenate(pictures, axis=1)))
 
 
 def results_of(scene: str, robots: str) -> list[Shown]:

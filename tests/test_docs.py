@@ -23,6 +23,7 @@ DOCUMENTS = {
         ROOT / "README.zh-CN.md",
         ROOT / "CONTRIBUTING.md",
         *sorted((ROOT / "docs").glob("*.md")),
+        *sorted((ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml")),
     )
 }
 TEXTS = {name: path.read_text() for name, path in DOCUMENTS.items()}

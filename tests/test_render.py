@@ -273,6 +273,20 @@ def test_a_gif_has_the_pictures_their_colours_and_the_time(fps):
     assert length == pytest.approx(9000 / fps, abs=10)
 
 
+@pytest.mark.parametrize("fps", [7.0, 15.0])
+def test_an_animated_webp_has_the_pictures_and_the_time(fps):
+    pictures = coloured(9)
+    image = Image.open(io.BytesIO(film.webp(iter(pictures), fps)))
+    assert (image.size, image.n_frames, image.info["loop"]) == ((64, 64), 9, 0)
+    length = 0
+    for index, picture in enumerate(pictures):
+        image.seek(index)
+        seen = np.asarray(image.convert("RGB")).astype(int)  # Its time is known once it is decoded.
+        length += image.info["duration"]
+        assert np.abs(seen - picture).mean() < 6
+    assert length == pytest.approx(9000 / fps, abs=2)
+
+
 def decoded(path: Path, size: tuple[int, int]) -> tuple[np.ndarray, str]:
     """Return a video's pictures and what ffmpeg says of it."""
     program = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
@@ -326,9 +340,9 @@ def results(tmp_path_factory):
     ("words", "code", "message"),
     [
         (["--out", "x.png"], 2, "no result is named"),
-        (["good.npz", "--out", "x.avi"], 2, "--out x.avi: name a file that ends in .mp4, .gif or .png"),
+        (["good.npz", "--out", "x.avi"], 2, "--out x.avi: name a file that ends in .mp4, .gif, .webp or .png"),
         (["good.npz", "--out", "x.gif", "--frame", "3"], 2, "--frame 3: this is for .png files"),
-        (["good.npz", "--out", "x.png", "--fps", "3"], 2, "--fps 3.0: this is for .mp4 and .gif files"),
+        (["good.npz", "--out", "x.png", "--fps", "3"], 2, "--fps 3.0: this is for .mp4, .gif and .webp files"),
         (["good.npz", "--out", "x.png", "--frame", "3", "--frames", "4"], 2, "both --frame and --frames"),
         (["good.npz", "--out", "x.png", "--frames", "0"], 2, "--frames 0: it must be a positive number up to 28"),
         (["good.npz", "--out", "x.gif", "--fps", "1e9"], 2, "--fps 1000000000.0: it must be a positive number up to"),
@@ -373,17 +387,20 @@ def render(folder: Path, *words: object, backend: str = "egl") -> subprocess.Com
         (["--out", "o/one.png", "--frame", "20", "--size", "200x90"], (200, 90)),
         (["--out", "o/near.png", "--look-at", "left_hand", "--see-through", "--size", "300x160"], (300, 160)),
         (["--out", "o/film.gif", "--fps", "2", "--size", "128x64"], (128, 64)),
+        (["--out", "o/film.webp", "--fps", "2", "--size", "128x64"], (128, 64)),
         (["--out", "o/fixed.gif", "--fps", "2", "--size", "128x64", "--camera", "fixed"], (128, 64)),
     ],
 )
 def test_pictures_and_films_are_written(words, size, results, tmp_path):
     done = render(tmp_path, results / "good.npz", *words)
     assert done.returncode == 0, done.stderr
-    assert done.stderr == "" and done.stdout.startswith(f"written: {words[1]}")
-    frames = make("carry_box").frames
+    # How far it is is told where that takes long.
+    assert all(line.startswith("drawing: ") for line in done.stderr.splitlines())
+    assert done.stdout.startswith(f"written: {words[1]}")
+    pictures = int((make("carry_box").frames - 1) / 30 * 2) + 1 if words[1].endswith(("gif", "webp")) else 1
     with Image.open(tmp_path / words[1]) as image:
         assert image.size == size
-        assert getattr(image, "n_frames", 1) == (int((frames - 1) / 30 * 2) + 1 if words[1].endswith("gif") else 1)
+        assert getattr(image, "n_frames", 1) == pictures
         assert np.asarray(image.convert("RGB")).std() > 15
     assert [path.name for path in (tmp_path / "o").iterdir()] == [Path(words[1]).name]
 

@@ -439,7 +439,7 @@ class Render(MadeFrom):
     results: ResultFiles
     """Result files (.npz) or other programs' motions."""
     out: Annotated[Path, arg(metavar="FILE")]
-    """File to write: a film (.mp4, or .gif that repeats) or a picture (.png)."""
+    """File to write: a film (.mp4, or .gif and .webp that repeat) or a picture (.png)."""
     only: Literal["robot", "human", "both"] = "both"
     """Whom to draw."""
     meshes: Meshes = None
@@ -473,7 +473,7 @@ class Render(MadeFrom):
     size: Annotated[str, arg(metavar="auto|WIDTHxHEIGHT")] = "auto"
     """Of the picture or the film [px]."""
     fps: Annotated[float | None, arg(metavar="NUMBER", help_behavior_hint="")] = None
-    """Pictures a second of a film; by default the motion's, for .gif no more than 15."""
+    """Pictures a second of a film; by default the motion's, for .gif and .webp no more than 15."""
 
 
 @dataclass(frozen=True)

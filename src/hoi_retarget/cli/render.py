@@ -27,7 +27,8 @@ from hoi_retarget.viewers.scene.scene import Shown, seen_through, without_marks
 from hoi_retarget.viewers.scene.titles import titles_of
 
 _SHEET_FRAMES = 6  # Of a contact sheet, where nothing else is asked for.
-_PANEL = {".mp4": (640, 720), ".gif": (320, 360), ".png": (640, 720)}  # By kind of file: width, height [px].
+# By kind of file: width and height [px].
+_PANEL = {".mp4": (640, 720), ".gif": (320, 360), ".webp": (480, 480), ".png": (640, 720)}
 _SHEET_PANEL = (290, 340)
 _LEAST_SIDE, _MOST_SIDE = 64, 8192  # [px]
 _NUMBERS: Mapping[str, tuple[Callable[[float], bool], str]] = {
@@ -38,7 +39,7 @@ _NUMBERS: Mapping[str, tuple[Callable[[float], bool], str]] = {
     **dict.fromkeys(("azimuth", "elevation"), (isfinite, "a number of degrees")),
 }
 """Options that are numbers: which ones fit."""
-_GIF_RATE, _VIDEO_RATE = 15.0, 60.0  # The most pictures a second, where nothing else is asked for.
+_MOST_RATE = {".mp4": 60.0, ".gif": 15.0, ".webp": 15.0}  # Pictures a second, where nothing else is asked for.
 
 
 def execute(command: Render) -> int:
@@ -109,10 +110,10 @@ def _check(command: Render) -> str:
     """Return the kind of file to write; raise `ArgumentError` for what cannot be drawn, before anything is read."""
     kind = command.out.suffix.lower()
     if kind not in _PANEL:
-        raise ArgumentError(f"--out {command.out}: name a file that ends in .mp4, .gif or .png.")
+        raise ArgumentError(f"--out {command.out}: name a file that ends in .mp4, .gif, .webp or .png.")
     if kind == ".mp4" and find_spec("imageio_ffmpeg") is None:
         raise HoiRetargetError(film.VIDEO_MISSING)
-    others, fitting = (("fps",), ".mp4 and .gif") if kind == ".png" else (("frame", "frames"), ".png")
+    others, fitting = (("fps",), ".mp4, .gif and .webp") if kind == ".png" else (("frame", "frames"), ".png")
     for name in others:
         if (value := getattr(command, name)) is not None:
             raise ArgumentError(f"--{name} {value}: this is for {fitting} files; --out names a {kind} file.")
@@ -170,8 +171,7 @@ def _picture(command: Render, filmed: Sequence[Scene], view: CameraSettings) -> 
 
 def _film(command: Render, kind: str, filmed: Sequence[Scene], view: CameraSettings) -> bytes:
     rate = max(scene.fps for scene in filmed)
-    most = _GIF_RATE if kind == ".gif" else _VIDEO_RATE
-    fps = command.fps or rate / np.ceil(rate / most - 1e-6)
+    fps = command.fps or rate / np.ceil(rate / _MOST_RATE[kind] - 1e-6)
     width, height = _size(command, *_beside(filmed, _PANEL[kind]))
     if kind == ".mp4" and (width % 2 or height % 2):
         raise ArgumentError(f"--size {command.size}: the width and the height of a video must be even.")
@@ -180,6 +180,8 @@ def _film(command: Render, kind: str, filmed: Sequence[Scene], view: CameraSetti
         pictures = _drawn(draw, times)
         if kind == ".mp4":
             return film.mp4(pictures, fps)
+        if kind == ".webp":
+            return film.webp(pictures, fps)
         return film.gif(pictures, [draw(time) for time in film.sheet_times(filmed, _SHEET_FRAMES)], fps)
 
 

@@ -37,6 +37,7 @@ _BEST_ASPECT = 0.85  # Of a panel: whoever stands in it is taller than wide.
 _EMPTY = 255  # Grey of what no panel covers.
 _INK = (60, 64, 72)  # Of captions.
 _GIF_COLOURS = 200
+_WEBP_QUALITY, _WEBP_EFFORT = 70, 4  # Of 100, and of 6.
 _GIF_TICK = 10  # A GIF counts time in hundredths of a second [ms].
 
 
@@ -185,6 +186,24 @@ def gif(pictures: Iterable[Picture], samples: Sequence[Picture], fps: float) -> 
     buffer = io.BytesIO()
     frames[0].save(
         buffer, format="GIF", save_all=True, append_images=frames[1:], duration=np.diff(ends).tolist(), loop=0
+    )
+    return buffer.getvalue()
+
+
+def webp(pictures: Iterable[Picture], fps: float, quality: int = _WEBP_QUALITY) -> bytes:
+    """Return pictures as an animated WebP file that plays again and again."""
+    frames = [Image.fromarray(picture) for picture in pictures]
+    ends = np.round(1000.0 * np.arange(len(frames) + 1) / fps).astype(int)
+    buffer = io.BytesIO()
+    frames[0].save(
+        buffer,
+        format="WEBP",
+        save_all=True,
+        append_images=frames[1:],
+        duration=np.diff(ends).tolist(),
+        loop=0,
+        quality=quality,
+        method=_WEBP_EFFORT,
     )
     return buffer.getvalue()
 
