@@ -12,6 +12,7 @@ from hoi_retarget.errors import ArgumentError
 from hoi_retarget.retargeting.config import SOLVERS, BandedInteriorPoint, Horizon, Solver, parse_horizon
 from hoi_retarget.retargeting.trajopt.bounds import Bounds
 from hoi_retarget.retargeting.trajopt.problem import Problem, cost_by_term
+from hoi_retarget.retargeting.trajopt.solvers import banded
 from hoi_retarget.retargeting.trajopt.solvers.base import Status, optimality
 from hoi_retarget.retargeting.trajopt.terms.differences import Differences
 from hoi_retarget.retargeting.trajopt.terms.posture import Posture
@@ -125,6 +126,29 @@ def test_a_perturbed_solution_is_not_optimal():
     moved = solution.qpos.copy()
     moved[3, 0] += 0.01
     assert optimality(problem, replace(solution, qpos=moved)).stationarity > 1e-7
+
+
+def out_of_reach(seed: int, frames: int) -> Problem:
+    """Return the problem of following sites whose joints swing half as far again as their ranges, smoothly."""
+    rng, seconds = np.random.default_rng(seed), np.arange(frames)[:, None] / 30.0
+    turns = rng.uniform(0.2, 0.6, MODEL.n) * seconds + rng.uniform(0.0, 1.0, MODEL.n)
+    goal = standing(frames)
+    goal[:, 7:] = 0.5 * (MODEL.lower + MODEL.upper) + 0.75 * (MODEL.upper - MODEL.lower) * np.sin(2 * np.pi * turns)
+    return tracking(goal, 0, frames, jerk=810.0)
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_solve_that_bounds_hold_up_converges_when_it_is_begun_again(seed):
+    problem, start, solver = out_of_reach(seed, 40), standing(40), BandedInteriorPoint()
+    once = banded.solve_once(solver, problem, start, bounds_damp=True)
+    assert once.status is Status.MAX_ITERATIONS, "for this to be a test"
+    twice = solver.solve(problem, start)
+    assert twice.status is Status.SOLVED and twice.cost < once.cost
+    assert optimality(problem, twice).stationarity < 10 * solver.tolerance
+    # What does not converge either way is where the first way ended.
+    short = replace(solver, max_iterations=50)
+    first = banded.solve_once(short, problem, start, bounds_damp=True)
+    np.testing.assert_array_equal(short.solve(problem, start).qpos, first.qpos)
 
 
 def test_solution_does_not_depend_on_the_start():
