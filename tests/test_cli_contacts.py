@@ -21,6 +21,7 @@ from hoi_retarget.clip.edits import (
     FixAll,
     Merge,
     Move,
+    Pin,
     Retime,
     Snap,
     SnapAll,
@@ -91,6 +92,7 @@ def test_options_become_edits_in_the_documented_order(call, tmp_path):
         "--split": ["left_hand:100:120", "left_hand:130:140"],
         "--merge": ["left_hand:90"],
         "--delete": ["right_hand:223"],
+        "--pin": ["left_hand:40:0.7,0.25,0.9", "p0.pelvis:50:0.6,0,0.8:0,0,10"],
         "--out": ["edits.toml"],
     }
     del words["--delete"], words["--merge"]
@@ -108,6 +110,8 @@ def test_options_become_edits_in_the_documented_order(call, tmp_path):
         Snap("left_hand", 88),
         Move("left_hand", 100, (0.01, -0.02, 1e-3)),
         Move("right_hand", 100, (1.0, 0.0, 0.0)),
+        Pin("left_hand", 40, (0.7, 0.25, 0.9)),
+        Pin("pelvis", 50, (0.6, 0.0, 0.8), (0.0, 0.0, 10.0)),
     )
 
 
@@ -170,6 +174,16 @@ def test_results_of_built_in_clips_have_their_names(call, tmp_path):
         (["--move", "left_hand:100:0,0"], 2, "expected PART:FRAME:DX,DY,DZ."),
         (["--move", "left_hand:100:0,0,0:box"], 2, "expected PART:FRAME:DX,DY,DZ."),
         (["--move", "left_hand:100:0,0,nan"], 2, "three numbers in metres"),
+        (["--pin", "left_knee:4:0,0,0"], 2, "part is 'left_knee'; parts that can be pinned: left_hand, right_hand,"),
+        (["--pin", "left_hand:4:0,0"], 2, "expected PART:FRAME:X,Y,Z[:RX,RY,RZ]."),
+        (["--pin", "left_hand:4:0,0,0:0,0,181"], 2, "three numbers in degrees, none beyond 180."),
+        (["--pin", "left_hand:268:0.7,0.25,0.9"], 1, "the clip has frames 0 to 267; asked for: frame 268."),
+        (
+            ["--pin", "left_hand:40:4,0,1"],
+            1,
+            "out of reach: 3.33 m from where left_hand is in frame 40 of the recording",
+        ),
+        (["--unpin", "left_hand:40"], 1, "left_hand is not pinned in frame 40. Pinned: none."),
         (["--move", "all"], 2, "expected PART:FRAME:DX,DY,DZ."),
         (["--fix-segments", "some"], 2, "--fix-segments some: expected all or PART:FRAME."),
         (["--split", "left_hand:ten:3"], 2, "expected PART:FRAME:AT."),
@@ -257,7 +271,7 @@ def blocks(language: str) -> list[str]:
 
 @pytest.mark.slow
 def test_the_pages_commands_write_its_file(call, tmp_path):
-    (commands,), (text,) = blocks("sh"), blocks("toml")
+    commands, (text,) = "".join(blocks("sh")), blocks("toml")
     for line in commands.splitlines():
         code, _, err = call(*line.split()[1:])
         assert code == 0, line

@@ -17,16 +17,19 @@ from hoi_retarget.clip.edits import (
     MadeFor,
     Merge,
     Move,
+    Pin,
     Retime,
     Snap,
     SnapAll,
     Split,
+    Unpin,
     apply,
     from_text,
     load,
     save,
     to_text,
 )
+from hoi_retarget.clip.pin import PINNED_PARTS
 from hoi_retarget.errors import ReadError, WriteError
 from hoi_retarget.human.skeleton import PARTS
 from hoi_retarget.synthetic import make
@@ -35,6 +38,7 @@ from outcomes import both_outcomes
 FAST = settings(max_examples=60, deadline=None, derandomize=True, database=None)
 
 parts = st.sampled_from(list(PARTS))
+pinned = st.sampled_from(PINNED_PARTS)
 frames = st.integers(0, 10**12)
 points = st.tuples(*[st.floats(-100, 100)] * 3)
 persons = st.integers(0, 9)
@@ -56,6 +60,16 @@ edits = st.one_of(
             (FixAll, {}),
             (Snap, where),
             (SnapAll, {}),
+            (
+                Pin,
+                {
+                    **where,
+                    "part": pinned,
+                    "position": points,
+                    "turn": st.none() | st.tuples(*[st.floats(-180, 180)] * 3),
+                },
+            ),
+            (Unpin, {**where, "part": pinned}),
         )
     )
 )

@@ -375,7 +375,7 @@ def test_windows_and_strides_cut_every_array_over_time(model, start, length, str
     constant = {field.name for field in fields(Targets)} - set(over_time(targets))
     assert constant == {
         "fps", "root_scale", "human_height", "object_names", "object_geometry", "object_scale", "contact_links",
-        "rotation_jumps", "contact", "base_qpos",
+        "rotation_jumps", "contact", "base_qpos", "pins", "unpinned",
     }, "an array over time has another length than the clip"  # fmt: skip
     window, coarse = targets.window(start, start + length), targets.every(stride)
     for name, array in over_time(targets).items():

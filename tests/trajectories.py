@@ -9,9 +9,10 @@ from functools import cache
 import numpy as np
 
 import hoi_retarget.retargeting.trajopt.terms as terms_package
+from hoi_retarget.clip.pin import PINNED_PARTS, PosePin
 from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.config import IkWeights, Scaling, Weights
-from hoi_retarget.retargeting.targets import Targets, make_targets
+from hoi_retarget.retargeting.targets import Targets, make_targets, with_pins
 from hoi_retarget.retargeting.trajopt.link_pairs import LinkPair, SpreadPoints
 from hoi_retarget.retargeting.trajopt.problem import Term
 from hoi_retarget.retargeting.trajopt.table import ik_terms, trajectory_terms
@@ -90,6 +91,11 @@ def _grasp(model: RobotModel, frames: int) -> Targets:
     targets = make_targets(make("carry_box"), model, Scaling())
     first = int(np.argmax(targets.contact_flags[:, 0])) - frames // 2
     window = targets.window(first, first + frames)
+    clip = replace(
+        make("carry_box"), pins=tuple(PosePin(0, part, first, tuple(START), (0.0, 0.0, 9.0)) for part in PINNED_PARTS)
+    )
+    pins = with_pins(targets, clip, model, np.tile(model.home_qpos, (targets.frames, 1))).pins
+    window = replace(window, pins=tuple(pin.take(slice(first, first + frames)) for pin in pins))
     return replace(window, object_pos=np.tile(START + DEEP, (frames, 1, 1)))
 
 

@@ -336,7 +336,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Contacts(OneClip):
-    """Show the contacts of a clip, and edit them: who touches what, where and when."""
+    """Show the contacts of a clip, and edit them: who touches what, where and when; and pin parts by hand."""
 
     edits: OptionalFile = None
     """Begin with the contact edits in this file. Those of the options below follow, in the order they have here."""
@@ -357,6 +357,11 @@ class Contacts(OneClip):
     """Move contact points to the nearest point of the object's surface."""
     move: Annotated[tuple[str, ...], arg(metavar="PART:FRAME:DX,DY,DZ...", help_behavior_hint="")] = ()
     """Shift contact points: metres in the object's frame, at captured size."""
+    unpin: Annotated[tuple[str, ...], arg(metavar="PART:FRAME...", help_behavior_hint="")] = ()
+    """Let parts go that were pinned."""
+    pin: Annotated[tuple[str, ...], arg(metavar="PART:FRAME:X,Y,Z[:RX,RY,RZ]...", help_behavior_hint="")] = ()
+    """Put parts, pelvis too, somewhere in one frame: metres in the recording's world, and, to turn them from how they
+    were recorded, a rotation vector in the world's axes in degrees."""
     out: OptionalFile = None
     """Write the edits to this file, for `hoi-retarget run CLIP --edits FILE`."""
     json: JsonFile = None

@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -21,17 +22,21 @@ from hoi_retarget.clip.edits import (
     FixAll,
     Merge,
     Move,
+    Pin,
     Point,
     Retime,
     Segments,
     Snap,
     SnapAll,
     Split,
+    Unpin,
     apply,
     load,
+    part_text,
     segments_of,
     to_text,
 )
+from hoi_retarget.clip.pin import pinned_path
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers.open import open_clip
@@ -55,6 +60,7 @@ def execute(command: Contacts) -> int:
     after = f", after {count} edit{'s' if count > 1 else ''}" if count else ""
     say(f"{command.clip}: {clip.frames} frames at {clip.fps:g} frames/s{after}")
     _show(edited)
+    _show_pins(edited)
     write_json(command.json, facts(edited))
     if command.out is not None:
         write_file("--out", command.out, to_text(edits).encode())
@@ -73,7 +79,8 @@ def facts(clip: Clip) -> dict[str, object]:
         }
         for item in segments_of(clip)
     ]
-    return {"clip": clip.name, "frames": clip.frames, "fps": clip.fps, "contacts": contacts}
+    pins = [asdict(pin) for pin in clip.pins]
+    return {"clip": clip.name, "frames": clip.frames, "fps": clip.fps, "contacts": contacts, "pins": pins}
 
 
 def _show(clip: Clip) -> None:
@@ -105,6 +112,21 @@ def _show(clip: Clip) -> None:
             warn(f"object {clip.objects[index].name!r}: no mesh is known; its surface is the hull of its points.")
 
 
+def _show_pins(clip: Clip) -> None:
+    if not clip.pins:
+        return
+    rows = [("pinned", "frame", "place [m]", "turned [deg]", "from recording [mm]")]
+    for pin in clip.pins:
+        away = np.linalg.norm(pinned_path(clip.people[pin.person], pin.part)[pin.frame] - pin.position)
+        place, turn = (
+            "free" if vector is None else " ".join(f"{number:.{digits}f}" for number in vector)
+            for vector, digits in ((pin.position, 3), (pin.turn, 1))
+        )
+        rows.append((part_text(pin.person, pin.part), f"{pin.frame}", place, turn, f"{1e3 * away:.0f}"))
+    say()
+    show_table(rows, words=(0,))
+
+
 def _summarize(segments: Segments, clip: Clip) -> None:
     frames = sum(segment.frames for segment in segments)
     spread = max(segment.spread for segment in segments)
@@ -132,7 +154,7 @@ def _edit(kind: Callable[..., Edit], fields: Sequence[Callable[[str], Any]], wor
     """Return the edit that a word describes, or raise `ValueError`: too few fields, too many, or no numbers."""
     # An object's name may have colons in it.
     part, *texts = word.split(":", len(fields) if fields[-1] is str else -1)
-    if not len(fields) - (fields[-1] is str) <= len(texts) <= len(fields):
+    if not len(fields) - (kind in _LAST_MAY_BE_LEFT_OUT) <= len(texts) <= len(fields):
         raise ValueError
     name, person = _part(part)
     values = [field(text) for field, text in zip(fields, texts, strict=False)]
@@ -161,5 +183,8 @@ _OPTIONS: tuple[tuple[str, str, Callable[..., Edit], Sequence[Callable[[str], An
     ("--fix-segments", "all or PART:FRAME", Fix, (int,)),
     ("--snap", "all or PART:FRAME", Snap, (int,)),
     ("--move", "PART:FRAME:DX,DY,DZ", Move, (int, _point)),
+    ("--unpin", "PART:FRAME", Unpin, (int,)),
+    ("--pin", "PART:FRAME:X,Y,Z[:RX,RY,RZ]", Pin, (int, _point, _point)),
 )
+_LAST_MAY_BE_LEFT_OUT = (Add, Pin)
 _FOR_ALL: Mapping[Callable[..., Edit], Callable[[], Edit]] = {Fix: FixAll, Snap: SnapAll}

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.clip.clip import MINIMUM_FRAMES, Augmentation, Clip, ContactTrack, Source
+from hoi_retarget.clip.pin import PosePin
 from hoi_retarget.errors import ClipError
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS
@@ -54,6 +55,7 @@ def mirrored(clip: Clip) -> Clip:
         people=tuple(map(_mirrored_person, clip.people)),
         objects=tuple(map(_mirrored_object, clip.objects)),
         contacts=tuple(map(_mirrored_contact, clip.contacts)),
+        pins=tuple(map(_mirrored_pin, clip.pins)),
         source=source,
     )
 
@@ -90,6 +92,7 @@ def resampled(clip: Clip, times: Float[np.ndarray, "T"], fps: float) -> Clip:
         people=tuple(_resampled_person(person, times) for person in clip.people),
         objects=tuple(_resampled_object(track, times) for track in clip.objects),
         contacts=tuple(_resampled_contact(track, times) for track in clip.contacts),
+        pins=_resampled_pins(clip.pins, times),
     )
 
 
@@ -144,6 +147,18 @@ def _mirrored_geometry(geometry: ObjectGeometry) -> ObjectGeometry:
 
 def _mirrored_contact(track: ContactTrack) -> ContactTrack:
     return replace(track, part=_other_side(track.part), contact_points=track.contact_points * _MIRROR)
+
+
+def _mirrored_pin(pin: PosePin) -> PosePin:
+    x, y, z = pin.position
+    turn = None if pin.turn is None else (-pin.turn[0], pin.turn[1], -pin.turn[2])
+    return replace(pin, part=_other_side(pin.part), position=(x, -y, z), turn=turn)
+
+
+def _resampled_pins(pins: tuple[PosePin, ...], times: Float[np.ndarray, "T"]) -> tuple[PosePin, ...]:
+    """Return pins in the frames nearest to their own; of those that come to one frame, the last."""
+    nearest = [replace(pin, frame=int(np.abs(times - pin.frame).argmin())) for pin in pins]
+    return tuple({pin.key: pin for pin in nearest}.values())
 
 
 def _resampled_person(person: Person, times: Float[np.ndarray, "T"]) -> Person:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
+from hoi_retarget.clip.pin import PINNED_PARTS, PosePin
 from hoi_retarget.clip.quality_warning import QualityWarning
 from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.human.person import Person
@@ -97,6 +98,8 @@ class Clip:
     source: Source = Source()
     first_source_frame: int = 0
     """How many leading frames of the source were dropped."""
+    pins: tuple[PosePin, ...] = ()
+    """Where parts are to be instead of where they are."""
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.fps) and self.fps > 0):
@@ -114,6 +117,10 @@ class Clip:
         for track in self.contacts:
             if not (0 <= track.person < len(self.people) and 0 <= track.object < len(self.objects)):
                 raise ClipError(f"clip {self.name!r}: a contact of {track.part!r} names an absent person or object.")
+        for pin in self.pins:
+            here = pin.part in PINNED_PARTS and 0 <= pin.person < len(self.people) and 0 <= pin.frame < self.frames
+            if not here:
+                raise ClipError(f"clip {self.name!r}: a pin of {pin.part!r} names an absent person, part or frame.")
 
     @property
     def frames(self) -> int:

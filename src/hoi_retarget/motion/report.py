@@ -16,6 +16,8 @@ from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.human.rotation_jumps import RotationJump
 from hoi_retarget.motion.performance import Performance
 
+MISSED_M, MISSED_DEG = 0.005, 3.0
+"""A part farther off its pin [m], or turned more [degrees], is told."""
 UNREACHED_M = 0.02
 """A link further from its target than this [m] does not reach it."""
 
@@ -98,6 +100,26 @@ class UnreachedContact:
             f"{100 * self.mean_residual_m:.1f} cm off its target on average, "
             f"{100 * self.max_residual_m:.1f} cm at most"
         )
+
+
+@dataclass(frozen=True)
+class PinnedPart:
+    """A part that was pinned by hand in one frame, and how far off it came to be."""
+
+    part: str
+    frame: int
+    off_m: float
+    off_deg: float | None
+    """None where its rotation was left free."""
+
+    @property
+    def missed(self) -> bool:
+        """Whether it is off by more than shows."""
+        return self.off_m > MISSED_M or (self.off_deg or 0.0) > MISSED_DEG
+
+    def __str__(self) -> str:
+        turned = "" if self.off_deg is None else f" and {self.off_deg:.1f} degrees"
+        return f"{self.part} in frame {self.frame} is {1e3 * self.off_m:.0f} mm{turned} off its pin"
 
 
 @dataclass(frozen=True)
@@ -227,6 +249,8 @@ class Report:
     """What stands for the surface of each object: `solid`, `shell` or `hull`; empty in files of earlier versions."""
     unreached_contacts: tuple[UnreachedContact, ...] | None = None
     sunk_links: tuple[SunkLink, ...] = ()
+    pins: tuple[PinnedPart, ...] = ()
+    """All parts that were pinned by hand."""
     orientation_flips: tuple[OrientationFlip, ...] | None = None
     trunk_turns: tuple[TrunkTurn, ...] = ()
     rotation_jumps: tuple[RotationJump, ...] = ()
@@ -267,13 +291,16 @@ class Report:
         turned = tuple(QualityWarning("trunk_turn", Severity.ERROR, f"{item}.") for item in self.trunk_turns)
         unreached = [("unreached_contact", f"not reached: {item}.") for item in self.unreached_contacts or ()]
         sunk = [("sunk_link", f"{item}.") for item in self.sunk_links]
+        missed = [
+            ("missed_pin", f"{item}: out of reach, or in the way of something.") for item in self.pins if item.missed
+        ]
         misplaced = [
             ("inter_robot_hand_error", f"{item}.") for item in self.inter_robot_hand_errors if item.max_m > UNREACHED_M
         ]
         flipped = [("orientation_flip", f"{item}.") for item in self.orientation_flips or ()]
         jumped = [("rotation_jump", f"{item}.") for item in self.rotation_jumps]
         met = [("inter_robot_penetration", f"{item}.") for item in self.inter_robot_penetrations]
-        found = (*unreached, *sunk, *misplaced, *met, *flipped, *jumped)
+        found = (*unreached, *missed, *sunk, *misplaced, *met, *flipped, *jumped)
         return (*turned, *(QualityWarning(code, Severity.WARNING, text) for code, text in found))
 
 

@@ -101,6 +101,8 @@ class Weights:
     """Skin off the surface that it is to touch [1/m^2], in surface contact; not in the paper."""
     clearance: float = 2e4
     """Skin inside an object, or an object inside the robot [1/m^2], in surface contact; not in the paper."""
+    pin: float = 3e4
+    """Parts that are pinned by hand [1/m^2]; not in the paper."""
     capsule_clearance: float = 0.0
     """Objects' surfaces in capsules around the robot's links [1/m^2] (paper App. B); at 0 nothing is computed."""
 

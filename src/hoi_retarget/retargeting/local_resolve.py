@@ -1,6 +1,6 @@
-"""Solves a clip again after its contacts changed, but only around the frames in which they did.
+"""Solves a clip again after its contacts or pins changed, but only around the frames in which they did.
 
-Contacts enter the trajectory's optimization alone: targets of the body and inverse kinematics stay as
+Contacts and pins enter the trajectory's optimization alone: targets of the body and inverse kinematics stay as
 they are. The frames around a change are solved again between pinned ones, which takes as long as the
 change is, not as the clip is. What comes out is a preview: the whole clip solved at once may differ by
 what the optimum gains from moving the pinned frames too.
@@ -18,7 +18,7 @@ from hoi_retarget.numerics.filters import frames_in
 from hoi_retarget.retargeting.config import PINNED, Config, Solver
 from hoi_retarget.retargeting.pipeline import on_surfaces, one_thread, retarget_with_targets, scored, solve_trajectory
 from hoi_retarget.retargeting.surfaces.solve import ProblemOf, SurfaceProblems
-from hoi_retarget.retargeting.targets import Targets, with_contacts_of
+from hoi_retarget.retargeting.targets import Targets, with_contacts_of, with_pins
 from hoi_retarget.retargeting.trajopt.problem import Problem
 from hoi_retarget.retargeting.trajopt.table import trajectory_terms
 from hoi_retarget.retargeting.trajopt.windows import report_window
@@ -44,12 +44,14 @@ def draft(clip: Clip, model: RobotModel, config: Config, *, person: int = 0) -> 
 
 
 def revise(before: Draft, clip: Clip, model: RobotModel, config: Config) -> Draft:
-    """Return the draft for a clip that is equal to the draft's own but for its contacts.
+    """Return the draft for a clip that is equal to the draft's own but for its contacts and pins.
 
     Raises `SolveError` when the frames around a change end without a usable trajectory.
     """
     with one_thread():
-        targets = with_contacts_of(before.targets, clip, model, person=before.person)
+        unpinned = before.targets.unpinned or before.targets
+        targets = with_contacts_of(unpinned, clip, model, person=before.person)
+        targets = with_pins(targets, clip, model, before.motion.stages[0].qpos, person=before.person)
         qpos = before.motion.qpos.copy()
         for first, stop in _pieces(before.targets, targets):
             if stop - first > config.horizon.length:
@@ -73,13 +75,28 @@ def _pieces(before: Targets, after: Targets) -> tuple[tuple[int, int], ...]:
 
 
 def changed_frames(before: Targets, after: Targets) -> np.ndarray:
-    """Return in which frames the contacts ask for something else, T booleans."""
+    """Return in which frames contacts or pins ask for something else, T booleans."""
     asked = (before.contact_weights > 0) | (after.contact_weights > 0)
     moved = (before.carried_contact_points != after.carried_contact_points).any(axis=2)
     exchanged = before.carried_contact_object != after.carried_contact_object
     weighed = before.contact_weights != after.contact_weights
     turned = before.contact_rotation_weights != after.contact_rotation_weights
-    return ((asked & (moved | exchanged)) | weighed | turned).any(axis=1)
+    return ((asked & (moved | exchanged)) | weighed | turned).any(axis=1) | _repinned(before, after)
+
+
+def _repinned(before: Targets, after: Targets) -> np.ndarray:
+    changed = (before.foot_positions != after.foot_positions).any(axis=(1, 2))
+    changed |= (before.foot_quats != after.foot_quats).any(axis=(1, 2))
+    old, new = ({pin.site: pin for pin in targets.pins} for targets in (before, after))
+    for site in old | new:
+        one, other = old.get(site), new.get(site)
+        if one is None or other is None:
+            changed |= (one or new[site]).weights > 0
+            continue
+        asked = (one.weights > 0) | (other.weights > 0)
+        moved = (one.positions != other.positions).any(axis=1) | (one.quats != other.quats).any(axis=1)
+        changed |= (asked & moved) | (one.weights != other.weights) | (one.turn_weights != other.turn_weights)
+    return changed
 
 
 def _solve_piece(  # noqa: PLR0913, PLR0917 - what a problem is made of

@@ -21,7 +21,7 @@ from hoi_retarget.retargeting.floor_lift import lifted
 from hoi_retarget.retargeting.ik import solve_ik
 from hoi_retarget.retargeting.orientation_flips import orientation_flips, rotation_errors_deg, with_reasons
 from hoi_retarget.retargeting.surfaces.solve import solve_on_surfaces
-from hoi_retarget.retargeting.targets import Targets, make_targets
+from hoi_retarget.retargeting.targets import Targets, make_targets, pinned_parts, with_pins
 from hoi_retarget.retargeting.trajopt.problem import Problem
 from hoi_retarget.retargeting.trajopt.table import trajectory_terms
 from hoi_retarget.retargeting.trajopt.windows import solve_windows
@@ -60,6 +60,7 @@ def _retarget(clip: Clip, model: RobotModel, config: Config, person: int) -> tup
     ik_qpos, ik_windows = solve_ik(model, targets, config.ik, config.horizon)
     if config.contact == "surface":
         ik_qpos = lifted(model, targets, ik_qpos)
+    targets = with_pins(targets, clip, model, ik_qpos, person=person)
     clock.append(time.process_time())
     qpos, windows = solve_trajectory(model, targets, ik_qpos, config)
     clock.append(time.process_time())
@@ -116,6 +117,7 @@ def scored(motion: Motion, targets: Targets, clip: Clip, model: RobotModel, pers
         object_surfaces={track.name: surface_kind(track.geometry) for track in clip.objects},
         unreached_contacts=unreached,
         sunk_links=sunk,
+        pins=pinned_parts(kinematics, targets),
         orientation_flips=with_reasons(flips, kinematics, targets),
         trunk_turns=trunk_turns(kinematics, targets),
         rotation_jumps=targets.rotation_jumps,

@@ -7,16 +7,20 @@ by the robot's own soles, and smooths the object's path and rotation.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.pin import PELVIS
+from hoi_retarget.errors import RobotError
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.rotation_jumps import RotationJump, without_rotation_jumps
 from hoi_retarget.human.skeleton import LIMBS
 from hoi_retarget.human.stance import LARGEST_DIFFERENCE, stance
 from hoi_retarget.human.trunk import trunk_rotations
+from hoi_retarget.motion.report import PinnedPart
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.numerics.filters import fade, frames_in, nearest_active, slow_cover, smooth, smooth_quats
@@ -25,13 +29,15 @@ from hoi_retarget.retargeting.base_path import base_path
 from hoi_retarget.retargeting.config import ContactKind, Scaling
 from hoi_retarget.retargeting.foot_anchors import anchor, anchor_weights
 from hoi_retarget.retargeting.foot_planting import Foot, plant, resting_height, resting_tilt
-from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.retargeting.site_pins import SitePin, site_pin
+from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.spec import SIDES
 
 # Contact labels switch from frame to frame; hands come and go, and turn, over these times.
 CONTACT_RAMP_SECONDS, ROTATION_RAMP_SECONDS = 1 / 30, 2 / 30
 MAXIMUM_SINK = 0.005  # [m] of a smoothed object under its own unsmoothed height
 UP = np.array([0.0, 0.0, 1.0])
+PALMS, FEET = (tuple(f"{side}_{part}" for side in SIDES) for part in ("palm", "foot"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +90,10 @@ class Targets:
     """Of the recording; the targets do without them."""
     base_qpos: Float[np.ndarray, "T 7"] | None = None
     """Position [m] and rotation of the root of a robot whose upper body alone follows; None where legs carry it."""
+    pins: tuple[SitePin, ...] = ()
+    """One for each site that is pinned by hand."""
+    unpinned: "Targets | None" = None
+    """The same of the whole clip without pins; None where there are none."""
     contact: ContactKind = "landmark"
     """What contact asks for; with surfaces feet are anchored, and nothing is to be under the floor."""
 
@@ -101,11 +111,13 @@ class Targets:
         return replace(self._take(slice(None, None, stride)), fps=self.fps / stride)
 
     def _take(self, frames: slice) -> "Targets":
-        over_time = {
+        over_time: dict[str, Any] = {
             field.name: getattr(self, field.name)[frames]
             for field in fields(self)
             if isinstance(getattr(self, field.name), np.ndarray) and field.name != "object_scale"
         }
+        if self.pins:
+            over_time["pins"] = tuple(pin.take(frames) for pin in self.pins)
         return replace(self, **over_time)
 
 
@@ -176,6 +188,66 @@ def with_contacts_of(targets: Targets, clip: Clip, model: RobotModel, *, person:
     """Return targets with the contacts of another clip, which is equal to the first one but for its contacts."""
     scale = float(targets.object_scale[0]) if len(targets.object_scale) else 1.0
     return replace(targets, **_contact_fields(clip, model, person, scale))
+
+
+def with_pins(
+    targets: Targets, clip: Clip, model: RobotModel, ik_qpos: Float[np.ndarray, "T nq"], *, person: int = 0
+) -> Targets:
+    """Return targets with the pins of the clip, on top of what inverse kinematics found; without any, the same ones.
+
+    A foot's own targets go where it is pinned: all of a stance in which it is.
+
+    Raises:
+        RobotError: The robot has no such part.
+    """
+    pinned = [pin for pin in clip.pins if pin.person == person]
+    if not pinned:
+        return targets
+    kinematics = model.forward(ik_qpos)
+    sites = _pinned_sites(model)
+    found: dict[str, SitePin] = {}
+    for part in dict.fromkeys(pin.part for pin in pinned):
+        if part not in sites:
+            raise RobotError(f"{model.spec.name} has no {part}, which is pinned. It has {', '.join(sites)}.")
+        site, stands = sites[part], np.zeros(targets.frames, dtype=bool)
+        path, quats = kinematics.site_position(site), se3.matrix_to_quat(kinematics.site_rotation(site))
+        if site in FEET:
+            side = FEET.index(site)
+            path, quats = targets.foot_positions[:, side], targets.foot_quats[:, side]
+            stands = targets.stance_flags[:, side]
+        elif site in PALMS:
+            quats = targets.palm_quats[:, PALMS.index(site)]
+        own = [pin for pin in pinned if pin.part == part]
+        found[site] = site_pin(site, own, path, quats, scale=targets.root_scale, stands=stands, fps=targets.fps)
+    feet, turns = targets.foot_positions.copy(), targets.foot_quats.copy()
+    for side, site in enumerate(FEET):
+        if site in found:
+            feet[:, side], turns[:, side] = found[site].positions, found[site].quats
+    return replace(
+        targets,
+        foot_positions=frozen(feet),
+        foot_quats=frozen(turns),
+        pins=tuple(found.values()),
+        unpinned=targets,
+    )
+
+
+def pinned_parts(kinematics: Kinematics, targets: Targets) -> tuple[PinnedPart, ...]:
+    """Return how far off its pins a motion is, in the order of parts and time."""
+    parts = {site: part for part, site in _pinned_sites(kinematics.model).items()}
+    found = []
+    for pin in targets.pins:
+        off = np.linalg.norm(kinematics.site_position(pin.site) - pin.positions, axis=1)
+        turned = se3.angle_between(se3.matrix_to_quat(kinematics.site_rotation(pin.site)), pin.quats)
+        for frame in pin.frames:
+            degrees = float(np.degrees(turned[frame])) if frame in pin.turned_frames else None
+            found.append(PinnedPart(parts[pin.site], frame, float(off[frame]), degrees))
+    return tuple(found)
+
+
+def _pinned_sites(model: RobotModel) -> dict[str, str]:
+    """Return the sites that stand for the parts that can be pinned."""
+    return {**model.spec.part_sites, PELVIS: PELVIS}
 
 
 def shared_scalings(clip: Clip, models: Sequence[RobotModel], scaling: Scaling) -> tuple[Scaling, ...]:

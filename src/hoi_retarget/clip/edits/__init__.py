@@ -13,6 +13,7 @@ from dataclasses import replace
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits.edits import ContactEdits, MadeFor
 from hoi_retarget.clip.edits.file import from_text, load, save, to_text
+from hoi_retarget.clip.edits.operation import Point
 from hoi_retarget.clip.edits.operations import (
     OPERATIONS,
     Add,
@@ -22,7 +23,6 @@ from hoi_retarget.clip.edits.operations import (
     FixAll,
     Merge,
     Move,
-    Point,
     Retime,
     Snap,
     SnapAll,
@@ -30,6 +30,7 @@ from hoi_retarget.clip.edits.operations import (
     describe,
     operation_name,
 )
+from hoi_retarget.clip.edits.pins import Pin, PinOperation, Unpin
 from hoi_retarget.clip.edits.segments import Segment, Segments, part_text, segments_of, span_text, tracks_of
 from hoi_retarget.errors import ClipError
 
@@ -44,6 +45,7 @@ __all__ = [
     "MadeFor",
     "Merge",
     "Move",
+    "Pin",
     "Point",
     "Retime",
     "Segment",
@@ -51,6 +53,7 @@ __all__ = [
     "Snap",
     "SnapAll",
     "Split",
+    "Unpin",
     "apply",
     "describe",
     "from_text",
@@ -65,7 +68,7 @@ __all__ = [
 
 
 def apply(clip: Clip, edits: ContactEdits) -> Clip:
-    """Return the clip with edited contacts, one track per segment; without edits, the clip itself.
+    """Return the clip with edited contacts, one track per segment, and pins; without edits, the clip itself.
 
     Its source's `contact_edits` holds the edits' text.
 
@@ -77,11 +80,14 @@ def apply(clip: Clip, edits: ContactEdits) -> Clip:
     edits.made_for.check(clip)
     if not edits.edits:
         return clip
-    segments = segments_of(clip)
+    segments, pins = segments_of(clip), clip.pins
     for number, edit in enumerate(edits.edits, start=1):
         try:
-            segments = edit.on(clip, segments)
+            if isinstance(edit, PinOperation):
+                pins = edit.on_pins(clip, pins)
+            else:
+                segments = edit.on(clip, segments)
         except ClipError as error:
             raise ClipError(f"contact edit {number} ({describe(edit)}): {error}") from error
     source = replace(clip.source, contact_edits=to_text(edits))
-    return replace(clip, contacts=tracks_of(segments, clip.frames), source=source)
+    return replace(clip, contacts=tracks_of(segments, clip.frames), pins=pins, source=source)

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from hoi_retarget.clip.edits.edits import ContactEdits, MadeFor
-from hoi_retarget.clip.edits.operations import OPERATIONS, Edit, edit_of, fields_of, operation_name
+from hoi_retarget.clip.edits.operation import fields_of
+from hoi_retarget.clip.edits.operations import OPERATIONS, Edit, edit_of, operation_name
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.files.atomic import write_atomically
 from hoi_retarget.files.reading import read_bytes

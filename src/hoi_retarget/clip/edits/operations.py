@@ -4,16 +4,17 @@ An operation names a segment by its part, its person, and any frame in it: one p
 thing at a time, so no more is needed. Points and offsets are in the object's frame at captured size.
 """
 
-import operator
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import Field, dataclass, field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, get_args
 
 import numpy as np
 
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.edits.operation import Operation, Point
+from hoi_retarget.clip.edits.pins import Pin, Unpin
 from hoi_retarget.clip.edits.segments import (
     Segment,
     Segments,
@@ -26,27 +27,11 @@ from hoi_retarget.clip.edits.segments import (
     span_text,
 )
 from hoi_retarget.errors import ArgumentError, ClipError
-from hoi_retarget.human.skeleton import PARTS
 from hoi_retarget.objects.mesh import surface_of
 
-Point = tuple[float | int, float | int, float | int]
 
-LARGEST_COORDINATE = 100.0
-"""[m]; points farther from an object's origin are another unit or a slip."""
-
-
-class Operation:
-    """An operation on the segments of a clip; its fields are checked, and numbers made plain, when it is made."""
-
-    def __post_init__(self) -> None:
-        for item in fields_of(type(self)):
-            value = getattr(self, item.name)
-            if value is not None or item.default is not None:
-                object.__setattr__(self, item.name, _CHECKS[item.name](item.name, value))
-        if isinstance(self, Add | Retime) and self.start >= self.stop:
-            raise ArgumentError(
-                f"start is {self.start} and stop {self.stop}: no frame is left. Stop is one past the last frame."
-            )
+class ContactOperation(Operation):
+    """An operation on the segments of a clip."""
 
     def on(self, clip: Clip, segments: Segments) -> Segments:
         """Return the segments after the operation.
@@ -59,7 +44,7 @@ class Operation:
 
 
 @dataclass(frozen=True)
-class SegmentOperation(Operation):
+class SegmentOperation(ContactOperation):
     """An operation that replaces one segment."""
 
     part: str
@@ -95,6 +80,10 @@ class Retime(SegmentOperation):
     """Its new first frame."""
     stop: int
     """One past its new last frame."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_span(self.start, self.stop)
 
     def _replacements(self, clip: Clip, segment: Segment) -> Sequence[Segment]:
         check_frames(clip, self.start, self.stop)
@@ -152,7 +141,7 @@ class Delete(SegmentOperation):
 
 
 @dataclass(frozen=True)
-class Add(Operation):
+class Add(ContactOperation):
     """Make a new segment with one fixed point."""
 
     part: str
@@ -165,6 +154,10 @@ class Add(Operation):
     object: str | None = None
     """The object's name; may be left out where the clip has one object."""
     person: int = field(default=0, kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_span(self.start, self.stop)
 
     def on(self, clip: Clip, segments: Segments) -> Segments:
         """Return the segments after the operation."""
@@ -197,7 +190,7 @@ class Fix(SegmentOperation):
 
 
 @dataclass(frozen=True)
-class FixAll(Operation):
+class FixAll(ContactOperation):
     """Give every segment of the clip one point, the mean of its own."""
 
     def on(self, clip: Clip, segments: Segments) -> Segments:
@@ -214,7 +207,7 @@ class Snap(SegmentOperation):
 
 
 @dataclass(frozen=True)
-class SnapAll(Operation):
+class SnapAll(ContactOperation):
     """Move every point of every segment of the clip to the nearest point of the object's surface."""
 
     def on(self, clip: Clip, segments: Segments) -> Segments:
@@ -222,7 +215,7 @@ class SnapAll(Operation):
         return tuple(_snapped(clip, segment) for segment in segments)
 
 
-Edit = Move | Retime | Split | Merge | Delete | Add | Fix | FixAll | Snap | SnapAll
+Edit = Move | Retime | Split | Merge | Delete | Add | Fix | FixAll | Snap | SnapAll | Pin | Unpin
 
 OPERATIONS: Mapping[str, type[Edit]] = MappingProxyType(
     {re.sub("(?<=[a-z])(?=[A-Z])", "_", kind.__name__).lower(): kind for kind in get_args(Edit)}
@@ -233,17 +226,12 @@ _NAMES: Mapping[type, str] = {kind: name for name, kind in OPERATIONS.items()}
 
 def edit_of(kind: type[Edit], values: Mapping[str, Any]) -> Edit:
     """Return the edit with values from a file, of whatever type they are; raises `ArgumentError`."""
-    return kind(**{name: _CHECKS[name](name, value) for name, value in values.items()})
+    return kind(**{name: kind.checked(name, value) for name, value in values.items()})
 
 
 def operation_name(edit: Edit) -> str:
     """Return an edit's name in `OPERATIONS`."""
     return _NAMES[type(edit)]
-
-
-def fields_of(kind: type[Operation]) -> list["Field[Any]"]:
-    """Return the fields of an operation in the order in which files have them: the person last."""
-    return sorted(fields(kind), key=lambda item: bool(item.kw_only))  # pyright: ignore[reportArgumentType]  # a dataclass
 
 
 def describe(edit: Edit) -> str:
@@ -257,7 +245,14 @@ def describe(edit: Edit) -> str:
         words.append(f"{'to ' if isinstance(edit, Retime) else ''}{span_text(edit.start, edit.stop)}")
     if isinstance(edit, Split):
         words.append(f"at {edit.at}")
+    if isinstance(edit, Pin):
+        words.append("to " + " ".join(f"{number:.3f}" for number in edit.position))
     return ", ".join(words)
+
+
+def _check_span(start: int, stop: int) -> None:
+    if start >= stop:
+        raise ArgumentError(f"start is {start} and stop {stop}: no frame is left. Stop is one past the last frame.")
 
 
 def _fixed(segment: Segment, point: Point | None) -> Segment:
@@ -270,51 +265,3 @@ def _fixed(segment: Segment, point: Point | None) -> Segment:
 def _snapped(clip: Clip, segment: Segment) -> Segment:
     surface = surface_of(clip.objects[segment.object].geometry)
     return segment.changed(points=surface.closest_points(segment.points))
-
-
-def _part(name: str, value: Any) -> str:
-    if not isinstance(value, str) or value not in PARTS:
-        raise ArgumentError(f"{name} is {value!r}; parts that can touch: {', '.join(PARTS)}.")
-    return value
-
-
-def _text(name: str, value: Any) -> str:
-    if not isinstance(value, str):
-        raise ArgumentError(f"{name} is {value!r}; expected a name.")
-    return value
-
-
-def _count(name: str, value: Any) -> int:
-    try:
-        number = -1 if isinstance(value, bool) else operator.index(value)
-    except TypeError:
-        number = -1
-    if number < 0:
-        raise ArgumentError(f"{name} is {value!r}; expected a whole number from 0 on.")
-    return number
-
-
-def _vector(name: str, value: Any) -> Point:
-    numbers = list(value) if isinstance(value, Iterable) and not isinstance(value, str | bytes) else []
-    sound = len(numbers) == 3 and all(_is_coordinate(number) for number in numbers)
-    if not sound:
-        raise ArgumentError(
-            f"{name} is {value!r}; expected three numbers in metres, none beyond {LARGEST_COORDINATE:g}."
-        )
-    x, y, z = (float(number) for number in numbers)
-    return (x, y, z)
-
-
-def _is_coordinate(number: Any) -> bool:
-    is_number = isinstance(number, int | float | np.integer | np.floating) and not isinstance(number, bool)
-    return is_number and bool(abs(number) <= LARGEST_COORDINATE)  # Not so for NaN.
-
-
-_CHECKS: Mapping[str, Callable[[str, Any], Any]] = MappingProxyType(
-    {
-        "part": _part,
-        "object": _text,
-        **dict.fromkeys(("person", "frame", "start", "stop", "at"), _count),
-        **dict.fromkeys(("offset", "point"), _vector),
-    }
-)

@@ -18,13 +18,17 @@ def write(clip: Clip, path: Path) -> None:
     """Write a clip so that reading it gives the same people, objects, contacts, notes and licence.
 
     Raises:
-        WriteError: the file cannot be written, or the mesh of an object is not in the file's folder.
+        WriteError: the file cannot be written, the mesh of an object is not in the file's folder, or parts are pinned.
     """
     write_atomically(path, encode(clip, path.parent))
 
 
 def encode(clip: Clip, folder: Path) -> bytes:
     """Return the content of a clip's file that will lie in `folder`; raises `WriteError` as `write`."""
+    if clip.pins:
+        raise WriteError(
+            f"clip {clip.name!r}: its file has no place for pins. Write it as recorded, and keep the edits."
+        )
     values: dict[str, Any] = {
         SCHEMA_KEY: np.int64(SCHEMA),
         "name": np.str_(clip.name),

@@ -19,10 +19,9 @@ from hoi_retarget.retargeting.surfaces.moving_object import moving_objects
 from hoi_retarget.retargeting.surfaces.table import Surfaces, surface_terms
 from hoi_retarget.retargeting.surfaces.touching_targets import touching_targets
 from hoi_retarget.retargeting.surfaces.ways_out import WayOut, ways_out, windows_of
-from hoi_retarget.retargeting.targets import Targets
+from hoi_retarget.retargeting.targets import PALMS, Targets
 from hoi_retarget.retargeting.trajopt.problem import Problem
 from hoi_retarget.retargeting.trajopt.table import trajectory_terms
-from hoi_retarget.retargeting.trajopt.terms.object_contact import PALMS
 from hoi_retarget.retargeting.trajopt.windows import solve_windows
 from hoi_retarget.retargeting.trunk_turns import trunk_turns
 from hoi_retarget.robots.model import RobotModel

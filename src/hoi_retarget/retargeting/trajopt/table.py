@@ -20,6 +20,7 @@ from hoi_retarget.retargeting.trajopt.terms.differences import PAPER_RATE, Diffe
 from hoi_retarget.retargeting.trajopt.terms.floor_clearance import floor_terms
 from hoi_retarget.retargeting.trajopt.terms.link_floor import link_floor_terms
 from hoi_retarget.retargeting.trajopt.terms.object_contact import contact_terms
+from hoi_retarget.retargeting.trajopt.terms.pinned import pin_terms
 from hoi_retarget.retargeting.trajopt.terms.posture import Posture, posture_terms
 from hoi_retarget.retargeting.trajopt.terms.relative_rotation import lying_terms, torso_terms
 from hoi_retarget.retargeting.trajopt.terms.site_height import stance_terms
@@ -38,6 +39,7 @@ COSTS: tuple[Callable[[Weights, Targets, Kinematics], Iterable[Term]], ...] = (
     floor_terms,
     link_floor_terms,
     capsule_terms,
+    pin_terms,
 )
 
 

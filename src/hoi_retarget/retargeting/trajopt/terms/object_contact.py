@@ -8,13 +8,10 @@ from jaxtyping import Float
 
 from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.config import Weights
-from hoi_retarget.retargeting.targets import Targets
+from hoi_retarget.retargeting.targets import PALMS, Targets
 from hoi_retarget.retargeting.trajopt.rows import FrameRows
 from hoi_retarget.retargeting.trajopt.terms.site_rotation import SiteRotation
 from hoi_retarget.robots.model import Kinematics
-from hoi_retarget.robots.spec import SIDES
-
-PALMS = tuple(f"{side}_palm" for side in SIDES)
 
 
 @dataclass(frozen=True, eq=False)
