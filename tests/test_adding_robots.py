@@ -1,5 +1,6 @@
 """Any humanoid from its file: what is found is what is true, for makers' choices of all kinds."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -12,9 +13,9 @@ from hoi_retarget.errors import ArgumentError, RobotError
 from hoi_retarget.robots import load_robot, robot, user_robots
 from hoi_retarget.robots.adding.anatomy import find_anatomy
 from hoi_retarget.robots.adding.build import build_robot
-from hoi_retarget.robots.adding.description import read_description
+from hoi_retarget.robots.adding.description import read_description, with_ranges
 from hoi_retarget.robots.adding.findings import Refused
-from hoi_retarget.robots.adding.hints import Hints
+from hoi_retarget.robots.adding.hints import Hints, read_hints
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.robots.spec import SIDES
 from synthetic_humanoids import Choices, humanoid
@@ -73,6 +74,30 @@ def test_what_is_found_is_what_is_true(tmp_path, seed):
     for arm, side in zip(found.arms, SIDES, strict=True):
         assert found.pose.name(arm.bend.joint) == truth.joints[f"{side}_elbow"]
         assert len(arm.beyond) == choices.wrist
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("limb", ["left_knee", "right_elbow"])
+def test_ranges_that_were_not_mirrored_with_their_axes_are_told_and_mended_by_the_hint(tmp_path, seed, limb):
+    truth, path = written(tmp_path, replace(random_choices(seed), scrambled=False))
+    name = truth.joints[limb]
+
+    def told(hints):
+        findings = find_anatomy(with_ranges(read_description(path), hints.range), hints).findings
+        return [finding for finding in findings if finding.subject == "ranges"]
+
+    assert not told(Hints())
+    turned = re.sub(
+        rf'(name="{name}"[^>]* range=")(\S+) (\S+)"',
+        lambda found: f'{found[1]}{-float(found[3])} {-float(found[2])}"',
+        truth.mjcf,
+    )
+    path.write_text(turned)
+    (finding,) = told(Hints())
+    assert name in finding.what
+    for line in finding.hint.split("  # or "):
+        (tmp_path / "hints.toml").write_text(line)
+        assert not told(read_hints(tmp_path / "hints.toml"))
 
 
 @pytest.mark.parametrize("seed", range(4))

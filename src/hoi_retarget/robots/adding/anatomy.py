@@ -13,6 +13,7 @@ from hoi_retarget.robots.adding.findings import Finding, Refused, hint_of_site
 from hoi_retarget.robots.adding.hands import Arm, find_arm
 from hoi_retarget.robots.adding.hints import Hints
 from hoi_retarget.robots.adding.limbs import Chain, Limbs, find_limbs
+from hoi_retarget.robots.adding.mirrored_ranges import range_findings
 from hoi_retarget.robots.adding.soles import Sole, find_sole
 from hoi_retarget.robots.adding.zero_pose import Part, ZeroPose, zero_pose
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
@@ -120,6 +121,11 @@ def find_anatomy(description: Description, hints: Hints) -> Anatomy:
         ),
         facing.finding,
         *_mirror_findings(sites, facing),
+        *(
+            finding
+            for left, right in (limbs.legs, limbs.arms)
+            for finding in range_findings(pose, left.hinges, right.hinges, facing.axes[:, 1])
+        ),
         Finding("ok", "stature", what, "stature = NUMBER"),
         *_held_findings(pose),
     )
@@ -130,7 +136,7 @@ def check_names(description: Description, hints: Hints) -> None:
     """Raise `Refused` where hints name joints that a description has not."""
     compiled = description.compiled
     there = {compiled.joint(joint).name for joint in range(compiled.njnt)}
-    asked = {*hints.lock, *hints.speed} - {"default"}
+    asked = {*hints.lock, *hints.speed, *hints.range} - {"default"}
     asked |= {name for limb in (hints.left, hints.right) for name in (limb.knee, limb.elbow) if name}
     if unknown := sorted(asked - there):
         raise Refused(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hoi_retarget.robots.adding.anatomy import Anatomy, check_names, find_anatomy
-from hoi_retarget.robots.adding.description import DEFAULT_SPEED, read_description
+from hoi_retarget.robots.adding.description import DEFAULT_SPEED, read_description, with_ranges
 from hoi_retarget.robots.adding.findings import Finding, Refused, hint_of_site
 from hoi_retarget.robots.adding.hints import Hints
 from hoi_retarget.robots.adding.home_pose import HomePose, solve_home, standing_height
@@ -53,6 +53,7 @@ def build_robot(path: Path, name: str, hints: Hints, meshes: Path | None = None)
     """
     description = read_description(path, meshes)
     check_names(description, hints)
+    description = with_ranges(description, hints.range)
     anatomy = find_upper_body(description, hints) if hints.base else find_anatomy(description, hints)
     described = robot_file(anatomy, name)
     described.compile()

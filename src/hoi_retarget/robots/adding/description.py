@@ -7,7 +7,8 @@ import hashlib
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -368,6 +369,17 @@ def _number(text: str | None, otherwise: float) -> float:
     except ValueError:
         return otherwise
     return value if math.isfinite(value) else otherwise
+
+
+def with_ranges(description: Description, ranges: Mapping[str, tuple[float, float]]) -> Description:
+    """Return a description some of whose joints have other ranges [rad]."""
+    if not ranges:
+        return description
+    compiled = copy(description.compiled)
+    for name, ends in ranges.items():
+        joint = compiled.joint(name)
+        joint.limited, joint.range = True, ends
+    return replace(description, compiled=compiled)
 
 
 def finite_range(compiled: mujoco.MjModel, joint: int) -> tuple[float, float] | None:

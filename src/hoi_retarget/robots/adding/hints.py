@@ -34,6 +34,8 @@ class Hints:
     """Joints that are held."""
     left: Limb = Limb()
     right: Limb = Limb()
+    range: dict[str, tuple[float, float]] = field(default_factory=dict)
+    """Ranges by joint, in place of those of the file [rad]."""
     speed: dict[str, float] = field(default_factory=dict)
     """Speed limits by joint [rad/s]; `default` is that of all others that have none."""
 
@@ -56,4 +58,7 @@ def read_hints(path: Path | None) -> Hints:
         raise ArgumentError(f"--hints {path}: stature = {hints.stature}: it is in metres, 0.2 to 3.")
     if not all(0.0 < speed < 1000.0 for speed in hints.speed.values()):
         raise ArgumentError(f"--hints {path}: speeds are positive numbers [rad/s].")
+    wrong = [joint for joint, (lower, upper) in hints.range.items() if not -10.0 < lower < upper < 10.0]
+    if wrong:
+        raise ArgumentError(f"--hints {path}: range.{wrong[0]}: a range is [lower, upper] [rad].")
     return hints
