@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.robots.adding.anatomy import Anatomy, check_names, find_anatomy
 from hoi_retarget.robots.adding.description import DEFAULT_SPEED, read_description, with_ranges
 from hoi_retarget.robots.adding.findings import Finding, Refused, hint_of_site
@@ -55,23 +56,22 @@ def build_robot(path: Path, name: str, hints: Hints, meshes: Path | None = None)
     check_names(description, hints)
     description = with_ranges(description, hints.range)
     anatomy = find_upper_body(description, hints) if hints.base else find_anatomy(description, hints)
-    described = robot_file(anatomy, name)
-    described.compile()
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "robot.xml"
         spec = _spec(anatomy, hints, name, file)
-        file.write_text(described.to_xml())
+        bare = robot_file(anatomy, name, shapes=False)
+        bare.compile()
+        file.write_text(bare.to_xml())
         model = load_model(spec)
-        home = solve_home(model)
-        spec = replace(spec, home=home.angles)
-        standing = load_model(spec)
-        root = described.worldbody.first_body()
-        root.pos = (0.0, 0.0, standing_height(standing))
-        described.compile()
-        text = described.to_xml()
+    home = solve_home(model)
+    spec = replace(spec, home=home.angles)
+    standing = replace(model, home_qpos=frozen([*model.home_qpos[:7], *home.angles.values()]))
+    described = robot_file(anatomy, name)
+    described.worldbody.first_body().pos = (0.0, 0.0, standing_height(standing))
+    described.compile()
     home_finding = _home_finding(home)
     findings = (*anatomy.findings, *_speed_findings(anatomy, spec), home_finding)
-    return Built(replace(spec, mjcf=Path("robot.xml")), text, findings, home)
+    return Built(replace(spec, mjcf=Path("robot.xml")), described.to_xml(), findings, home)
 
 
 def _spec(anatomy: Anatomy, hints: Hints, name: str, file: Path) -> RobotSpec:

@@ -206,9 +206,9 @@ def _middle(pose: ZeroPose, pair: _Pair) -> np.ndarray:
 
 def _reach(pose: ZeroPose, part: Part, up: np.ndarray) -> np.ndarray:
     """Return the lowest point of a limb: of its joints, and of its surfaces."""
-    places = [pose.anchors[joint] for below in part.below() for joint in below.hinges]
-    places += list(pose.points(*part.below()))
-    return min(places, key=lambda place: float(place @ up))
+    hinges = [joint for below in part.below() for joint in below.hinges]
+    places = np.concatenate([pose.anchors[hinges], pose.points(*part.below())])
+    return places[(places @ up).argmin()]
 
 
 def _lowest(pose: ZeroPose, pair: _Pair, up: np.ndarray) -> float:

@@ -109,7 +109,10 @@ def coarser(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
         faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
         # Of walls that became one, both sides stay: viewers draw only the side that a triangle is wound for.
         turns = (faces.argmin(axis=1)[:, None] + np.arange(3)) % 3
-        _, first = np.unique(np.take_along_axis(faces, turns, axis=1), axis=0, return_index=True)
+        one, two, three = np.take_along_axis(faces, turns, axis=1).T
+        # One number a triangle: sorting rows takes ten times as long.
+        _, edge = np.unique(one * len(count) + two, return_inverse=True)
+        _, first = np.unique(edge * len(count) + three, return_index=True)
         faces = faces[np.sort(first)]
         parts = int(parts * 0.75)
     return vertices, faces

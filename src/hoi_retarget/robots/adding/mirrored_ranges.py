@@ -1,4 +1,4 @@
-"""Ranges of left and right joints that are no mirror images: a file whose axes were mirrored and whose limits were not."""
+"""Ranges of left and right joints that are no mirror images: axes were mirrored, and limits were not."""
 
 from collections.abc import Iterator, Sequence
 
@@ -39,7 +39,8 @@ def range_findings(
                 for name, (lower, upper) in zip(names, np.degrees([here, there]), strict=True)
             )
             what = f"{told} are no mirror images: one side cannot do what the other does"
-            hint = f"range.{names[0]} = {_line(pose, one, as_there)}  # or range.{names[1]} = {_line(pose, other, as_here)}"
+            mended = _line(pose, one, as_there), _line(pose, other, as_here)
+            hint = "  # or ".join(f"range.{name} = {ends}" for name, ends in zip(names, mended, strict=True))
             yield Finding("warn", "ranges", what, hint)
 
 

@@ -13,10 +13,10 @@ SEEN = 2
 _LEAST_MASS, _LEAST_INERTIA = 1e-3, 1e-7
 
 
-def robot_file(anatomy: Anatomy, name: str) -> mujoco.MjSpec:
+def robot_file(anatomy: Anatomy, name: str, *, shapes: bool = True) -> mujoco.MjSpec:
     """Return a robot's description: upright and looking along x in its zero pose, its root at the origin.
 
-    Frames of bodies, axes and names are the maker's; joints that are held are gone.
+    Frames of bodies, axes and names are the maker's; joints that are held are gone, and shapes where none are wanted.
     """
     pose = anatomy.pose
     description = mujoco.MjSpec()
@@ -26,7 +26,8 @@ def robot_file(anatomy: Anatomy, name: str) -> mujoco.MjSpec:
     bodies: dict[int, mujoco.MjsBody] = {}
     for body in sorted(body for part in pose.parts for body in part.bodies):
         bodies[body] = _body(description, bodies, anatomy, body)
-        _add_shapes(description, bodies[body], pose, body)
+        if shapes:
+            _add_shapes(description, bodies[body], pose, body)
     for site, placed in anatomy.sites.items():
         body = placed.part.body
         position = pose.body_rotation[body].T @ (placed.position - pose.body_position[body])
