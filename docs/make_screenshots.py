@@ -36,7 +36,7 @@ def main() -> None:
     start = solved(clip, model, Config(), ContactEdits.of(clip))
     with chromium() as browser:
         motion = start.motions[0]
-        entry = entry_of("carry_box", motion, model, known_figures(motion, Path("carry_box.npz")))
+        entry = entry_of(motion, model, known_figures(motion, Path("carry_box.npz")))
         text = make_clip_page("carry_box", [(entry, Shown("G1", motion, model, clip))]).text
         viewer = OnePageServer(lambda: text)
         page = browser.new_page(viewport=WINDOW)

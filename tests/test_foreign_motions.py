@@ -82,7 +82,7 @@ def test_the_viewer_shows_it(tmp_path):
     loaded = load_results([path], load_motion=lambda file: load_motion(file, "unitree_g1", lambda _: None))
     ((_, motion, shown),) = loaded.results
     assert shown.title == "G1" and "without the human" in loaded.notices[0]
-    entry = entry_of("walk", motion, shown.model, known_figures(motion, path))
+    entry = entry_of(motion, shown.model, known_figures(motion, path))
     assert "jerk over time" in make_clip_page("walk", [(entry, shown)]).text
 
 

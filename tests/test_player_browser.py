@@ -35,7 +35,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     folder = tmp_path_factory.mktemp("pages")
     found = {}
     for name, results in {"one": [("G1", worse)], "two": [("before", motion), ("after", worse)]}.items():
-        shown = [(entry(each, title=title), Shown(title, each, G1, clip)) for title, each in results]
+        shown = [(entry(each), Shown(title, each, G1, clip)) for title, each in results]
         path: Path = folder / f"{name}.html"
         path.write_text(make_clip_page(name, shown).text)
         found[name] = path.as_uri()

@@ -446,7 +446,7 @@ def test_what_stands_for_an_objects_surface_is_marked_everywhere(tmp_path: Path,
 
 def test_report_writes_pages_and_tables_and_tells_how_many_fail(folder: Path, capsys, monkeypatch) -> None:
     out = folder.parent / "out"
-    monkeypatch.setattr("hoi_retarget.report.pages.thumbnail", lambda *_: b"PNG")
+    monkeypatch.setattr("hoi_retarget.report.pages.thumbnails", lambda *_: {".png": b"PNG", ".webp": b"WebP"})
     assert main(["report", str(folder), "--out", str(out)]) == 0
     said = capsys.readouterr().out
     assert "deeper/bad.npz" in said and "touch gap p95 60 mm, above 50" in said
@@ -473,8 +473,31 @@ def test_report_writes_pages_and_tables_and_tells_how_many_fail(folder: Path, ca
     assert sorted(path.name for path in (out / "motions").glob("*.*")) == [
         "deeper-bad-npz.html",
         "deeper-bad-npz.png",
+        "deeper-bad-npz.webp",
         "pages.json",
     ]
+
+
+def test_rows_of_people_with_one_object_lead_to_one_page_each_at_its_own_moment(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("hoi_retarget.report.pages.thumbnails", lambda *_: {".png": b"PNG", ".webp": b"WebP"})
+    results, out = tmp_path / "results", tmp_path / "out"
+    for person, motion in enumerate((good(), bad())):
+        report = replace(motion.report, person=person, source=Source("/nowhere", "0"))
+        save(replace(motion, report=report), results / f"carry.p{person}.npz")
+    command = ["report", str(results), "--out", str(out), "--pages", "1"]
+    assert main(command) == 0
+    listing = json.loads((out / "motions" / "pages.json").read_text())
+    assert {name: entry["page"] for name, entry in listing.items()} == dict.fromkeys(
+        ("carry.p0.npz", "carry.p1.npz"), "carry-npz.html"
+    )
+    seconds = [entry["second"] for entry in listing.values()]
+    assert seconds == [worst_frame(motion) / motion.fps for motion in (good(), bad())] and len(set(seconds)) == 2
+    page = (out / "motions" / "carry-npz.html").read_text()
+    assert "G1, person 0, G1, person 1" in page and "G1, person 1: touch gap p95 60 mm" in page
+    # One of them alone is on a page of its own.
+    (results / "carry.p0.npz").unlink()
+    assert main(command) == 0
+    assert "person 0" not in (out / "motions" / "carry-npz.html").read_text()
 
 
 def test_what_was_not_looked_at_is_no_pass() -> None:

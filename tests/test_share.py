@@ -28,14 +28,16 @@ from hoi_retarget.motion.report import Report
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.numerics import se3
 from hoi_retarget.synthetic import make
+from hoi_retarget.viewers.offscreen.film import webp
 from hoi_retarget.viewers.offscreen.robot_picture import png
 from hoi_retarget.viewers.offscreen.thumbnail import representative_frame
 from hoi_retarget.viewers.scene.auto_camera import fit_camera
 from hoi_retarget.viewers.scene.drawing import Kind, Layer, Lines, Scene, Shapes, Solid, Subject
 from hoi_retarget.viewers.scene.scene import Shown, make_scene
+from hoi_retarget.viewers.scene.shared_objects import group_people
 from hoi_retarget.viewers.share import share
 from hoi_retarget.viewers.share.clip_page import Way, clip_page
-from hoi_retarget.viewers.share.gallery import GalleryEntry, file_name, index_page
+from hoi_retarget.viewers.share.gallery import Card, GalleryEntry, file_name, index_page
 from hoi_retarget.viewers.share.packed_scene import LARGEST_FRAMES, POSITION_STEP, pack
 from hoi_retarget.viewers.share.share import LISTING, gallery_in
 from test_curves import G1, carried, random_motion
@@ -173,13 +175,13 @@ def carried_scene() -> Scene:
 # The text of the pages.
 
 
-def entry(motion: Motion, *, title: str = "carry", **more) -> GalleryEntry:
+def entry(motion: Motion, **more) -> GalleryEntry:
     nothing = dict.fromkeys([figure.name for figure in FIGURES])
-    return GalleryEntry(title, motion, G1.spec, Score(title, nothing, motion.frames, root_scale=0.75), **more)
+    return GalleryEntry(motion, G1.spec, Score("carry", nothing, motion.frames, root_scale=0.75), **more)
 
 
 def page_of(motion: Motion, *, gallery: str = "Gallery", title: str = "carry", **more) -> str:
-    results, back = [entry(motion, title=title, **more)], Way(gallery, "index.html")
+    results, back = [entry(motion, **more)], Way(gallery, "index.html")
     return clip_page(title, results, names=[title], scene="{}", curves="", back=back, notices=more.get("warnings", ()))
 
 
@@ -202,9 +204,9 @@ def named(text: str) -> Motion:
 
 def test_text_of_files_stays_text() -> None:
     def pages(text: str) -> tuple[str, str]:
-        more = {"title": text, "warnings": (text,), "command": text}
-        cards = [(entry(named(text), **more), "a.html", "a.png")]
-        return page_of(named(text), gallery=text, **more), index_page(text, cards)
+        more = {"warnings": (text,), "command": text}
+        card = Card(text, (entry(named(text), **more),), "a.html", "a.png", "a.webp")
+        return page_of(named(text), gallery=text, title=text, **more), index_page(text, [card])
 
     for nasty, tame in zip(pages(NASTY), pages("tame"), strict=True):
         assert Skeleton(nasty).tags == Skeleton(tame).tags
@@ -233,17 +235,17 @@ def test_pages_load_nothing() -> None:
 def test_a_machine_that_cannot_draw_makes_the_same_pages_without_pictures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def blind(*_: object) -> bytes:
+    def blind(*_: object) -> dict[str, bytes]:
         raise DrawingError("This machine cannot draw. Install a way to draw.")
 
     results = [written(tmp_path, name) for name in ("one.npz", "two.npz")]
     words = [*map(str, results), "--out", str(tmp_path / "out")]
-    monkeypatch.setattr(share, "thumbnail", lambda *_: PIXELS)
+    monkeypatch.setattr(share, "thumbnails", lambda *_: {".png": PIXELS, ".webp": PIXELS})
     assert main(["share", *words]) == 0
     seen = {path.name: path.read_bytes() for path in (tmp_path / "out").glob("*.html")}
     assert seen.pop("index.html").count(b"<img") == 2
     assert (tmp_path / "out" / "one.png").read_bytes() == PIXELS
-    monkeypatch.setattr(share, "thumbnail", blind)
+    monkeypatch.setattr(share, "thumbnails", blind)
     capsys.readouterr()
     assert main(["share", *words]) == 0
     assert capsys.readouterr().err.count("Install a way to draw") == 1, "it is said once"
@@ -264,6 +266,53 @@ def test_the_representative_frame_lies_in_the_longest_contact() -> None:
     assert representative_frame(replace(motion, contact_flags=np.zeros_like(flags))) == motion.frames // 2
 
 
+# People with one object.
+
+MOVED = st.lists(st.tuples(st.sampled_from(["", "table", "box"]), st.integers(0, 2)), max_size=12)
+
+
+@given(motions=MOVED)
+def test_whoever_is_shown_together_moves_the_same_objects_and_is_somebody_else(motions: list[tuple[str, int]]) -> None:
+    hosts = group_people([objects for objects, _ in motions], [person for _, person in motions])
+    assert all(hosts[host] == host <= index for index, host in enumerate(hosts))
+    groups = [[motion for motion, other in zip(motions, hosts, strict=True) if other == host] for host in set(hosts)]
+    for group in groups:
+        assert len({objects for objects, _ in group}) == 1
+        assert len({person for _, person in group}) == len(group)
+        assert len(group) == 1 or group[0][0]
+    # No two pages where one would do.
+    for objects in {objects for objects, _ in motions} - {""}:
+        most = max(motions.count((objects, person)) for person in range(3))
+        assert sum(group[0][0] == objects for group in groups) == most
+
+
+def people(folder: Path) -> list[Path]:
+    """Write results of two people who move one box, and one of somebody who moves it elsewhere."""
+    motion = carried()
+    elsewhere = replace(motion, object_pos=motion.object_pos + np.array([0.0, 1.0, 0.0]))
+    found = []
+    for name, each, person in (("carry.p0", motion, 0), ("carry.p1", motion, 1), ("other.p1", elsewhere, 1)):
+        found.append(folder / f"{name}.npz")
+        save(replace(each, report=replace(each.report, person=person, source=Source("/nowhere", "0"))), found[-1])
+    return found
+
+
+def test_robots_of_people_with_one_object_share_a_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    monkeypatch.setattr(share, "thumbnails", lambda *_: {".png": PIXELS, ".webp": PIXELS})
+    people(tmp_path / "results")
+    out = tmp_path / "out"
+    assert main(["share", str(tmp_path / "results"), "--out", str(out)]) == 0
+    assert "3 motions in" in capsys.readouterr().out
+    assert {path.name for path in out.glob("*.html")} == {"carry.html", "other-p1.html", "index.html"}
+    index = (out / "index.html").read_text()
+    assert index.count('class="card"') == 2 and f"{G1.spec.title} and {G1.spec.title}" in index
+    page = (out / "carry.html").read_text()
+    scene = json.loads(re.search(r'<script id="scene" type="application/json">(.*?)</script>', page, re.DOTALL)[1])
+    assert [subject["title"] for subject in scene["subjects"]] == ["G1, person 0, G1, person 1"], "in one scene"
+    assert [layer["name"] for layer in scene["subjects"][0]["layers"]].count("object") == 1
+    assert '<th class="number">G1, person 0</th>' in page and '<th class="number">G1, person 1</th>' in page
+
+
 # Folders.
 
 
@@ -271,7 +320,7 @@ def shared(out: Path, *titles: str) -> None:
     motion = carried()
     with gallery_in(out, "Gallery") as gallery:
         for title in titles:
-            gallery.add(entry(motion, title=title), Shown(title, motion, G1, make("carry_box")))
+            gallery.add(title, [(entry(motion), Shown("G1", motion, G1, make("carry_box")))])
 
 
 def test_a_gallery_replaces_an_earlier_one_and_nothing_else(tmp_path: Path) -> None:
@@ -303,7 +352,7 @@ def test_a_failure_leaves_what_was_there(tmp_path: Path) -> None:
     out = tmp_path / "gallery"
     shared(out, "a")
     with pytest.raises(HoiRetargetError, match="halfway"), gallery_in(out, "Gallery") as gallery:
-        gallery.add(entry(carried()), Shown("b", carried(), G1))
+        gallery.add("b", [(entry(carried()), Shown("b", carried(), G1))])
         raise HoiRetargetError("halfway")
     assert (out / "a.html").exists()
     assert [path.name for path in tmp_path.iterdir()] == ["gallery"]
@@ -431,19 +480,49 @@ def pixels(picture: bytes) -> np.ndarray:
 
 @pytest.mark.browser
 @pytest.mark.slow
+@pytest.mark.parametrize("touch", [False, True])
+def test_pictures_move_where_they_are_pointed_at_and_nowhere_else(browser, tmp_path: Path, touch: bool) -> None:
+    cards = [Card(name, (entry(named(name)),), "a.html", f"{name}.png", f"{name}.webp") for name in "ab"]
+    for card in cards:
+        (tmp_path / card.picture).write_bytes(PIXELS)
+        (tmp_path / card.film).write_bytes(webp([np.full((90, 160, 3), 20 * k, np.uint8) for k in range(9)], 8.0))
+    (tmp_path / "index.html").write_text(index_page("Gallery", cards))
+    page = browser.new_context(viewport={"width": 390, "height": 844}, has_touch=touch).new_page()
+    requests: list[str] = []
+    page.on("request", lambda request: requests.append(request.url))
+    page.goto((tmp_path / "index.html").as_uri())
+
+    def shown() -> list[str]:
+        return [image.evaluate("image => image.currentSrc")[-6:] for image in page.locator(".card img").all()]
+
+    wait_until(lambda: shown() == ["/a.png", "/b.png"], "the pictures are there")
+    assert not any(url.endswith(".webp") for url in requests), "no film is loaded before it is wanted"
+    event = {"pointerType": "touch"} if touch else {}
+    for index, expected in enumerate((["a.webp", "/b.png"], ["/a.png", "b.webp"])):
+        card = page.locator(".card").nth(index)
+        card.dispatch_event("pointerover", event) if touch else card.hover()
+        wait_until(lambda expected=expected: shown() == expected, f"card {index} moves, and it alone")
+    page.locator("h1").hover()
+    wait_until(lambda: shown() == ["/a.png", "/b.png"], "all stand still again")
+    page.context.close()
+
+
+@pytest.mark.browser
+@pytest.mark.slow
 def test_a_gallery_plays_from_its_folder_without_a_network(
     browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(share, "thumbnail", lambda *_: PIXELS)
+    monkeypatch.setattr(share, "thumbnails", lambda *_: {".png": PIXELS, ".webp": PIXELS})
     motion = carried()
     with gallery_in(tmp_path / "out", NASTY) as gallery:
-        gallery.add(entry(motion, title=NASTY, warnings=(NASTY,)), Shown(NASTY, motion, G1, make("carry_box")))
+        gallery.add(NASTY, [(entry(motion, warnings=(NASTY,)), Shown(NASTY, motion, G1, make("carry_box")))])
     context = browser.new_context(viewport={"width": 1000, "height": 800}, offline=True)
     page = context.new_page()
     troubles: list[str] = []
     page.on("pageerror", lambda error: troubles.append(str(error)))
     page.on("console", lambda message: troubles.append(message.text) if message.type == "error" else None)
-    page.on("requestfailed", lambda request: troubles.append(request.url))
+    # A film that is being loaded when the page is left is not loaded on.
+    page.on("requestfailed", lambda request: request.url.endswith(".webp") or troubles.append(request.url))
     page.on("dialog", lambda dialog: troubles.append(dialog.message))
     requests: list[str] = []
     page.on("request", lambda request: requests.append(request.url))

@@ -391,7 +391,8 @@ class Share(MadeFrom):
     """Write results as a folder of pages that play them in any browser, without a server or the internet."""
 
     results: ResultFiles
-    """Result files (.npz) or other programs' motions, a page each."""
+    """Result files (.npz) or other programs' motions, a page each, or folders with some. Robots of two people who move
+    one object share a page."""
     out: Folder
     """Folder to write; one that `share` wrote before is replaced."""
     title: str = "Retargeted motions"

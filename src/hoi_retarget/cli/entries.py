@@ -10,10 +10,10 @@ from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.share.gallery import GalleryEntry
 
 
-def entry_of(title: str, motion: Motion, model: RobotModel, score: Score) -> GalleryEntry:
+def entry_of(motion: Motion, model: RobotModel, score: Score) -> GalleryEntry:
     """Return what a page says of a result."""
     warnings = tuple(map(str, motion.warnings))
-    return GalleryEntry(title, motion, model.spec, score, warnings, command=_made_by(motion))
+    return GalleryEntry(motion, model.spec, score, warnings, command=_made_by(motion))
 
 
 def _made_by(motion: Motion) -> str:

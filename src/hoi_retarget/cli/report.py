@@ -9,9 +9,11 @@ from hoi_retarget.cli.commands import Report
 from hoi_retarget.cli.entries import entry_of
 from hoi_retarget.cli.jobs import check_inputs_kept, check_writable, known_figures, recording_of
 from hoi_retarget.cli.terminal import Working, say, show_table, warn
+from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.evaluation.thresholds import Level
 from hoi_retarget.files.atomic import write_together
+from hoi_retarget.motion.motion import Motion
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers.open import clip_of
 from hoi_retarget.report.batches import read_manifests
@@ -25,7 +27,8 @@ from hoi_retarget.report.rows import STATES, Row, read_row, worst_first
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.scene.scene import Shown
-from hoi_retarget.viewers.scene.titles import short_name
+from hoi_retarget.viewers.scene.shared_objects import group_people
+from hoi_retarget.viewers.scene.titles import names_together, title_together
 from hoi_retarget.viewers.share.clip_page import ClipPage, Way, make_clip_page
 
 _SHOWN = 10  # Files that are named in the terminal.
@@ -60,11 +63,14 @@ def execute(command: Report) -> int:
 def _write_pages(rows: Sequence[Row], foreign_robot: RobotModel, command: Report) -> dict[str, MotionPage]:
     """Write the pages of the worst motions; return them by the rows' files."""
     pages = MotionPages(command.out, command.title)
-    chosen = [(row, row.path) for row in worst_first(rows) if row.path is not None][: command.pages]
+    chosen = [row for row in worst_first(rows) if row.path is not None][: command.pages]
+    together = _together(rows)
     back = Way(command.title, f"../{_PAGE}")
     with Working("pages", len(chosen)) as working:
-        for row, path in chosen:
-            pages.add(row.file, path, partial(page_of, row, path, foreign_robot, command.objects, back))
+        for row in chosen:
+            if row.file not in pages.pages:
+                paths = {member.file: member.path for member in together[row.file] if member.path is not None}
+                pages.add(paths, partial(page_of, row, together[row.file], foreign_robot, command.objects, back))
             working.advance()
     pages.finish()
     if pages.without_pictures:
@@ -72,25 +78,53 @@ def _write_pages(rows: Sequence[Row], foreign_robot: RobotModel, command: Report
     return pages.pages
 
 
+def _together(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Return the rows that share a page with each, itself included: robots that move the same objects."""
+    found = sorted((row for row in rows if row.verdict is not None), key=lambda row: row.file)
+    hosts = group_people([row.shared for row in found], [row.person for row in found])
+    groups: dict[int, list[Row]] = {}
+    for row, host in zip(found, hosts, strict=True):
+        groups.setdefault(host, []).append(row)
+    return {row.file: group for group in groups.values() for row in group}
+
+
 def page_of(
-    row: Row, path: Path, foreign_robot: RobotModel, objects: Path | None, back: Way
-) -> tuple[ClipPage, int, float] | None:
-    """Return the page of a motion, its worst frame and that moment [s]; None where it cannot be shown."""
+    worst: Row, rows: Sequence[Row], foreign_robot: RobotModel, objects: Path | None, back: Way
+) -> tuple[ClipPage, int, list[float]] | None:
+    """Return the page of motions that are shown together; None where they cannot be.
+
+    With it come the worst frame of the worst of them, and each one's worst moment [s].
+    """
     try:
-        motion = open_motion(path, foreign_robot).motion
-        model = load_robot(motion.robot)
-        try:
-            clip = clip_of(motion, objects=objects)
-            for track in clip.objects:
-                surface_of(track.geometry)
-        except HoiRetargetError:
-            clip = None
-        entry = entry_of(row.name, motion, model, known_figures(motion, path))
-        shown = Shown(short_name(model.spec), motion, model, clip, motion.person)
-        page = make_clip_page(row.name, [(entry, shown)], back=back, notices=row.reasons)
+        opened = [_opened(row.path, foreign_robot, objects) for row in rows if row.path is not None]
+        names = names_together([(model.spec, motion.person) for motion, model, _ in opened])
+        results = [
+            (
+                entry_of(motion, model, known_figures(motion, Path(row.file))),
+                Shown(name, motion, model, clip, motion.person),
+            )
+            for row, name, (motion, model, clip) in zip(rows, names, opened, strict=True)
+        ]
+        reasons = [(name, reason) for row, name in zip(rows, names, strict=True) for reason in row.reasons]
+        notices = [f"{name}: {reason}" if len(rows) > 1 else reason for name, reason in reasons]
+        page = make_clip_page(title_together([row.name for row in rows]), results, back=back, notices=notices)
     except HoiRetargetError:
         return None
-    return page, worst_frame(motion), worst_frame(motion) / motion.fps
+    frames = [worst_frame(motion) for motion, _, _ in opened]
+    seconds = [frame / motion.fps for frame, (motion, _, _) in zip(frames, opened, strict=True)]
+    return page, frames[list(rows).index(worst)], seconds
+
+
+def _opened(path: Path, foreign_robot: RobotModel, objects: Path | None) -> tuple[Motion, RobotModel, Clip | None]:
+    """Return a motion with its robot, and its clip where that is to be had; raises `HoiRetargetError`."""
+    motion = open_motion(path, foreign_robot).motion
+    try:
+        clip = clip_of(motion, objects=objects)
+        for track in clip.objects:
+            surface_of(track.geometry)
+    except HoiRetargetError:
+        clip = None
+    return motion, load_robot(motion.robot), clip
 
 
 def _write(out: Path, title: str, rows: Sequence[Row], pages: dict[str, MotionPage]) -> None:

@@ -170,9 +170,9 @@ class Working:
         """Say what is being worked on now."""
         self._progress.update(self._task, description=what)
 
-    def advance(self) -> None:
-        """Count one piece of work as done."""
-        self._progress.advance(self._task)
+    def advance(self, pieces: int = 1) -> None:
+        """Count some pieces of work as done."""
+        self._progress.advance(self._task, pieces)
 
     def through(self, paths: Iterable[Path]) -> Iterator[Path]:
         """Yield paths, each of which is named while it is worked on and then counted as done."""

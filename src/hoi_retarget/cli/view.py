@@ -73,7 +73,7 @@ def _page(loaded: LoadedResults) -> str:
     results = []
     for path, motion, shown in loaded.results:
         assert shown.model is not None, "results have their robots"
-        results.append((entry_of(path.stem, motion, shown.model, known_figures(motion, path)), shown))
+        results.append((entry_of(motion, shown.model, known_figures(motion, path)), shown))
     stems = list(dict.fromkeys(path.stem for path, _, _ in loaded.results))
     return make_clip_page(", ".join(stems), results, notices=loaded.notices, detail=_DETAIL).text
 

@@ -50,6 +50,12 @@ def find(named: Sequence[Path]) -> tuple[dict[str, Path], tuple[Path, ...]]:
     return dict(sorted(motions.items())), tuple(sorted(manifests.values()))
 
 
+def files_of(path: Path) -> tuple[Path, ...]:
+    """Return a named file, or all motions of a named folder; raises `ArgumentError` where there is none in it."""
+    inside = os.path.isdir(path) and not _is_motion(path)  # noqa: PTH112  # raises nothing
+    return tuple(find([path])[0].values()) if inside else (path,)
+
+
 def _walk(folder: Path) -> Iterator[Path]:
     for parent, folders, files in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))

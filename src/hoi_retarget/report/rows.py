@@ -12,6 +12,7 @@ from hoi_retarget.motion.check import Finding
 from hoi_retarget.report.load_any_motion import OWN_FORMAT, open_motion
 from hoi_retarget.report.recording import Recording, with_recording
 from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.viewers.scene.shared_objects import shared_objects
 
 STATES = ("pass", "not judged", "warn", "fail", "unread")
 """What a file can be in a report."""
@@ -34,6 +35,10 @@ class Row:
     object_surfaces: Mapping[str, str] = field(default_factory=dict)
     """What stands for the surface of each object: `solid`, `shell` or `hull`; empty where the file does not say."""
     clip: str = ""
+    person: int = 0
+    """Whose motion it is, among the clip's people."""
+    shared: str = ""
+    """What tells its objects and their paths from others'; empty without objects."""
     frames: int | None = None
     fps: float | None = None
     root_scale: float | None = None
@@ -154,6 +159,8 @@ def read_row(
         objects=motion.object_names,
         object_surfaces=motion.report.object_surfaces,
         clip=motion.report.clip,
+        person=motion.person,
+        shared=shared_objects(motion),
         frames=motion.frames,
         fps=motion.fps,
         root_scale=motion.report.root_scale,

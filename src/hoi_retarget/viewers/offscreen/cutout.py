@@ -34,7 +34,7 @@ def cutout_renderer(scene: Scene, width: int, height: int) -> Iterator[Callable[
     Raises:
         DrawingError: This machine has no way to draw without a screen.
     """
-    with filled_renderer(scene, _FINE * width, _FINE * height, samples=0) as (renderer, fill):
+    with filled_renderer(scene, _FINE * width, _FINE * height, stage.UNSMOOTHED) as (renderer, fill):
 
         def draw(frame: int, camera: Camera) -> Cutout:
             sun = fill(frame, camera)

@@ -13,6 +13,7 @@ from jaxtyping import Float, UInt8
 
 from hoi_retarget.numerics import se3
 from hoi_retarget.viewers.offscreen import stage
+from hoi_retarget.viewers.offscreen.stage import Quality
 from hoi_retarget.viewers.scene.camera import Camera
 from hoi_retarget.viewers.scene.drawing import Kind, Lines, Scene, Shapes, Solid
 
@@ -28,13 +29,15 @@ _TYPES = {
 
 
 @contextmanager
-def offscreen_renderer(scene: Scene, width: int, height: int) -> Iterator[Callable[[int, Camera], Picture]]:
+def offscreen_renderer(
+    scene: Scene, width: int, height: int, quality: Quality = stage.FINE
+) -> Iterator[Callable[[int, Camera], Picture]]:
     """Open a function that draws a frame of a scene's shown layers, in a picture of a size [px].
 
     Raises:
         DrawingError: This machine has no way to draw without a screen.
     """
-    with filled_renderer(scene, width, height) as (renderer, fill):
+    with filled_renderer(scene, width, height, quality) as (renderer, fill):
 
         def draw(frame: int, camera: Camera) -> Picture:
             stage.cast_shadows(renderer.scene, fill(frame, camera))
@@ -45,7 +48,7 @@ def offscreen_renderer(scene: Scene, width: int, height: int) -> Iterator[Callab
 
 @contextmanager
 def filled_renderer(
-    scene: Scene, width: int, height: int, *, samples: int = stage.SAMPLES
+    scene: Scene, width: int, height: int, quality: Quality = stage.FINE
 ) -> Iterator[tuple[mujoco.Renderer, Callable[[int, Camera], Float[np.ndarray, "3"]]]]:
     """Open a renderer, and a function that fills it with a lit frame and returns where the sun shines to.
 
@@ -53,7 +56,7 @@ def filled_renderer(
         scene: What is drawn: its shown layers.
         width: Of a picture [px].
         height: Of a picture [px].
-        samples: By which edges are smoothed.
+        quality: How smooth edges and round shapes are.
 
     Raises:
         DrawingError: This machine has no way to draw without a screen.
@@ -69,8 +72,7 @@ def filled_renderer(
         if isinstance(part, Solid) and _area(part) >= _LEAST_AREA
     ]
     spec = mujoco.MjSpec()
-    stage.add_floor_and_lights(spec, width, height)
-    spec.visual.quality.offsamples = samples
+    stage.add_floor_and_lights(spec, width, height, quality)
     for index, (_, solid, opacity) in enumerate(solids):
         _add_mesh(spec, f"solid_{index}", solid, opacity)
     compiled = spec.compile()

@@ -30,6 +30,7 @@ from hoi_retarget.viewers.scene.inside_marks import inside_marks
 from hoi_retarget.viewers.scene.marks import contact_marks, human_contact_marks, stance_marks
 from hoi_retarget.viewers.scene.object_solid import AXIS_LENGTH, COLOURS, object_axes, object_solid
 from hoi_retarget.viewers.scene.robot_shapes import robot_parts, robot_shapes
+from hoi_retarget.viewers.scene.shared_objects import group_people, shared_objects
 
 FREE_SPACE = 0.3  # Between what neighbours reach [m].
 _ARM_REACH = 0.8  # Of a body, around its pelvis [m].
@@ -153,36 +154,19 @@ def without_marks(scene: Scene) -> Scene:
 
 def group_by_shared_objects(shown: Sequence[Shown]) -> tuple[int, ...]:
     """Return, for each, the index of the first one whose place and objects it shares: its own where it is alone."""
-    hosts: list[int] = []
-    for index, item in enumerate(shown):
-        # Whoever shares a place must be somebody else: a second result for one person stands apart.
-        fitting = (
-            host
-            for host in dict.fromkeys(hosts)
-            if all(_share(item, shown[member]) for member in range(index) if hosts[member] == host)
-        )
-        hosts.append(next(fitting, index))
-    return tuple(hosts)
+    return group_people([_objects_of(item) for item in shown], [_person_of(item) for item in shown])
 
 
-def _share(a: Shown, b: Shown) -> bool:
-    """Return whether these are two people, or two people's robots, with the same objects of one clip."""
-    if a.motion is None or b.motion is None:
-        return a.motion is b.motion and a.clip is b.clip and a.person != b.person
-    one, two = a.motion, b.motion
-    return (
-        len(one.object_names) > 0
-        and (a.clip is None) == (b.clip is None)
-        and _origin(one) == _origin(two)
-        and one.person != two.person
-        and np.array_equal(one.object_pos, two.object_pos)
-        and np.array_equal(one.object_quat, two.object_quat)
-        and np.array_equal(one.object_scale, two.object_scale)
-    )
+def _objects_of(item: Shown) -> tuple[object, ...]:
+    """Return what people who share a place have in common; nothing where there are no objects."""
+    if item.motion is None:
+        return (id(item.clip),)
+    objects = shared_objects(item.motion)
+    return (objects, item.clip is None) if objects else ()
 
 
-def _origin(motion: Motion) -> tuple[object, object]:
-    return motion.report.clip, motion.report.source.sha256
+def _person_of(item: Shown) -> int:
+    return item.person if item.motion is None else item.motion.person
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,6 @@
 """Titles of results shown together: what tells them apart, as short as it can be."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,12 +15,26 @@ def short_name(spec: RobotSpec) -> str:
     return spec.title.partition(",")[0].removeprefix("Unitree ")
 
 
-def titles_of(results: Sequence[tuple[Path, Motion]]) -> tuple[str, ...]:
+def title_together(titles: Sequence[str]) -> str:
+    """Return the title of results that are shown together, such as `carry` of `carry.p0` and `carry.p1`."""
+    plain = titles if len(titles) == 1 else [re.sub(r"\.p\d+(?=$|, |\.npz$)", "", title) for title in titles]
+    return " + ".join(dict.fromkeys(plain))
+
+
+def names_together(people: Sequence[tuple[RobotSpec, int]]) -> tuple[str, ...]:
+    """Return what robots that are shown together are called: their names, with their people where two bear the same."""
+    names = [short_name(spec) for spec, _ in people]
+    if len(set(names)) == len(names):
+        return tuple(names)
+    return tuple(f"{name}, person {person}" for name, (_, person) in zip(names, people, strict=True))
+
+
+def titles_of(results: Sequence[tuple[Path, Motion]], *, shortest: bool = True) -> tuple[str, ...]:
     """Return a name for each result: its file's stem, with robot, edits or folder where others bear the same.
 
-    Where all files bear one name, it is left out.
+    Where all files bear one name, it is left out if titles are to be as short as they can be.
     """
-    one_name = len(results) > 1 and len({path.stem for path, _ in results}) == 1
+    one_name = shortest and len(results) > 1 and len({path.stem for path, _ in results}) == 1
     return tuple(
         _title(result, [other for other in results if other[0].stem == result[0].stem], one_name) for result in results
     )

@@ -135,7 +135,7 @@ def clip_page(  # noqa: PLR0913
         title=title,
         gallery=back.title if back else "",
         back=back.page if back else "",
-        summary=" | ".join(map(summary_of, entries)),
+        summary=" | ".join(summary_of([entry]) for entry in entries),
         notices=notices,
         scene=scene,
         curves=curves,

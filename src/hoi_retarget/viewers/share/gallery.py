@@ -22,9 +22,8 @@ _LONGEST_NAME = 80
 
 @dataclass(frozen=True, eq=False)
 class GalleryEntry:
-    """One result of a gallery."""
+    """One result of a page."""
 
-    title: str
     motion: Motion
     spec: RobotSpec
     score: Score
@@ -45,45 +44,65 @@ def file_name(title: str, taken: Iterable[str]) -> str:
     return name
 
 
-def index_page(title: str, entries: Sequence[tuple[GalleryEntry, str, str | None]]) -> str:
-    """Return the page of all results: of each its entry, its page's name, and its picture's where there is one."""
+@dataclass(frozen=True, eq=False)
+class Card:
+    """What leads to a page, from the page of all results."""
+
+    title: str
+    entries: tuple[GalleryEntry, ...]
+    """The page's results."""
+    page: str
+    """The page's file."""
+    picture: str = ""
+    """The picture's file; empty where there is none."""
+    film: str = ""
+    """The same of the picture that moves."""
+
+
+def index_page(title: str, cards: Sequence[Card]) -> str:
+    """Return the page of all results."""
     return render(
         "viewers/share/page/index.html.j2",
         title=title,
-        overview=_overview([entry.score for entry, _, _ in entries]),
+        overview=_overview([entry.score for card in cards for entry in card.entries]),
         cards=[
             {
-                "page": page,
-                "picture": picture,
-                "title": entry.title,
-                "summary": summary_of(entry),
+                "of": card,
+                "summary": summary_of(card.entries),
                 # A card is narrow.
-                "figures": [(name.removeprefix("floor "), value) for name, value in _on_card(entry.score.values())],
-                "licence": entry.motion.report.source.licence,
+                "figures": [(name.removeprefix("floor "), value) for name, value in _on_card(_values(card.entries))],
+                "licence": ", ".join(dict.fromkeys(entry.motion.report.source.licence for entry in card.entries)),
             }
-            for entry, page, picture in entries
+            for card in cards
         ],
     )
 
 
-def summary_of(entry: GalleryEntry) -> str:
-    """Return robot, objects and length of a result in a line."""
-    motion = entry.motion
+def summary_of(entries: Sequence[GalleryEntry]) -> str:
+    """Return robots, objects and length of results that are shown together in a line."""
+    motion = entries[0].motion
+    robots = " and ".join(entry.spec.title for entry in entries)
     objects = ", ".join(motion.object_names) or "no object"
-    return f"{entry.spec.title} · {objects} · {motion.frames} frames, {motion.frames / motion.fps:.1f} s"
+    return f"{robots} · {objects} · {motion.frames} frames, {motion.frames / motion.fps:.1f} s"
 
 
 def _overview(scores: Sequence[Score]) -> str:
     means = mean_values(scores)
-    told = [f"{name} {value}" for name, value in _on_card({name: v for name, v in means.items() if v is not None})]
+    told = [f"{name} {value}" for name, value in _on_card({name: [v] for name, v in means.items() if v is not None})]
     count = f"{len(scores)} motion{'s' if len(scores) != 1 else ''}"
     return f"{count}. Mean {', '.join(told)}." if len(scores) > 1 and told else f"{count}."
 
 
-def _on_card(values: Mapping[str, float | None]) -> list[tuple[str, str]]:
+def _values(entries: Sequence[GalleryEntry]) -> dict[str, list[float | None]]:
+    """Return the figures that a result has, each of all results."""
+    names = entries[0].score.values()
+    return {name: [entry.score.values().get(name) for entry in entries] for name in names}
+
+
+def _on_card(values: Mapping[str, Sequence[float | None]]) -> list[tuple[str, str]]:
     """Return the titles of the few figures of a card, and their values with units."""
     return [
-        (column.title, f"{column.text(values[column.name])} {column.unit}")
+        (column.title, f"{' / '.join(map(column.text, values[column.name]))} {column.unit}")
         for column in COLUMNS
         if column.name in _ON_CARDS and column.name in values
     ]

@@ -6,17 +6,15 @@ A page carries its scene, its player and its curves in itself, so it can also be
 import json
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from pathlib import Path
 
 from hoi_retarget.errors import ArgumentError, DrawingError, WriteError
-from hoi_retarget.viewers.offscreen.thumbnail import representative_frame, thumbnail
+from hoi_retarget.viewers.offscreen.thumbnail import representative_frame, thumbnails
 from hoi_retarget.viewers.scene.scene import Shown
-from hoi_retarget.viewers.scene.titles import short_name
 from hoi_retarget.viewers.share.clip_page import Way, make_clip_page
-from hoi_retarget.viewers.share.gallery import GalleryEntry, file_name, index_page
+from hoi_retarget.viewers.share.gallery import Card, GalleryEntry, file_name, index_page
 
 LISTING = "gallery.json"
 """The file that tells a gallery from other folders, and which files are its own."""
@@ -27,33 +25,34 @@ class Gallery:
 
     def __init__(self, folder: Path, title: str) -> None:
         self._folder, self._title = folder, title
-        self._entries: list[tuple[GalleryEntry, str, str | None]] = []
+        self._cards: list[Card] = []
         self.without_pictures = ""
         """Why cards have no pictures; empty where they have."""
 
-    def add(self, entry: GalleryEntry, shown: Shown) -> None:
-        """Write the page of a result, and its picture where this machine can draw.
+    def add(self, title: str, results: Sequence[tuple[GalleryEntry, Shown]]) -> None:
+        """Write the page of results that are shown together, and its pictures where this machine can draw.
 
         Raises:
             GeometryError: An object's mesh file cannot be read.
             WriteError: There is no room, or no permission.
         """
-        taken = ("index", *(Path(page).stem for _, page, _ in self._entries))
-        name = file_name(entry.title, taken)
-        named = replace(shown, title=short_name(entry.spec))
-        page = make_clip_page(entry.title, [(entry, named)], back=Way(self._title, "index.html"))
+        name = file_name(title, ("index", *(Path(card.page).stem for card in self._cards)))
+        page = make_clip_page(title, results, back=Way(self._title, "index.html"))
         self._write_page(f"{name}.html", page.text)
-        picture = None
+        entries = tuple(entry for entry, _ in results)
+        pictures: tuple[str, ...] = ()
         try:
-            self._write(f"{name}.png", thumbnail(page.scene, representative_frame(entry.motion), page.camera))
-            picture = f"{name}.png"
+            drawn = thumbnails(page.scene, representative_frame(entries[0].motion), page.camera)
+            pictures = tuple(f"{name}{ending}" for ending in drawn)
+            for picture, content in zip(pictures, drawn.values(), strict=True):
+                self._write(picture, content)
         except DrawingError as error:
             self.without_pictures = str(error)
-        self._entries.append((entry, f"{name}.html", picture))
+        self._cards.append(Card(title, entries, f"{name}.html", *pictures))
 
     def finish(self) -> None:
         """Write the page of all results; raises `WriteError`."""
-        self._write_page("index.html", index_page(self._title, self._entries))
+        self._write_page("index.html", index_page(self._title, self._cards))
         own = sorted([path.name for path in self._folder.iterdir()] + [LISTING])
         self._write(LISTING, json.dumps({"made by": "hoi-retarget share", "files": own}, indent=1).encode())
 
