@@ -8,7 +8,7 @@ import pytest
 
 from browser import chromium, open_page, wait_until
 from hoi_retarget.cli import main
-from hoi_retarget.clip.edits import ContactEdits, Retime, load
+from hoi_retarget.clip.edits import ContactEdits, Pin, Retime, load
 from hoi_retarget.motion.result_file import load as load_motion
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.numerics import se3
@@ -246,6 +246,46 @@ def test_two_editors_are_apart_and_a_closed_one_stops_its_work(browser, session)
     wait_until(lambda: all(len(editor.edited.edits.edits) == 1 for editor in session.editors), "the other goes on")
     two.close()
     wait_until(lambda: workers() == 0, "its work ends too")
+
+
+def test_a_part_is_pinned_by_dragging_its_handle(browser, session):
+    page = open_page(browser, address(session.server))
+    page.get_by_text("2 contacts").wait_for()
+    editor, client = session.editors[-1], session.clients[-1]
+    page.get_by_role("combobox", name="Pin", exact=True).click()
+    page.get_by_role("option", name="pelvis").click()
+    wait_until(lambda: client.scene.get_handle_by_name("/world/pin") is not None, "the pelvis has a handle")
+    page.wait_for_timeout(1000)
+    before = editor.edited
+
+    def place(along: float) -> np.ndarray:
+        pelvis = MODEL.forward(before.motions[0].qpos[:1]).site_position("pelvis")[0]
+        world = np.array(client.scene.get_handle_by_name("/world").position)
+        turn = MODEL.forward(before.motions[0].qpos[:1]).site_rotation("pelvis")[0]
+        return pixel(page, client, world + pelvis + along * turn[:, 2])
+
+    begin, end = place(0.2), place(0.12)
+    page.mouse.move(*begin)
+    page.wait_for_timeout(2000)
+    page.mouse.down()
+    for share in np.linspace(0.0, 1.0, 5)[1:]:
+        page.mouse.move(*(begin + share * (end - begin)))
+        page.wait_for_timeout(200)
+    page.mouse.up()
+    wait_until(lambda: len(editor.edited.edits.edits) == 1, "the drag became a pin")
+    (edit,) = editor.edited.edits.edits
+    assert isinstance(edit, Pin) and (edit.part, edit.frame, edit.turn) == ("pelvis", 0, None)
+    moved = [MODEL.forward(item.motions[0].qpos[:1]).site_position("pelvis")[0] for item in (before, editor.edited)]
+    assert moved[1][2] - moved[0][2] == pytest.approx(-0.08, abs=0.02)
+    wait_until(lambda: "off its pin" in told(page), "it is said how well it is met")
+    page.get_by_role("combobox", name="Pins").click()
+    page.get_by_role("option", name=re.compile(r"pelvis 0 \(\d+ mm off\)")).wait_for()
+    page.keyboard.press("Escape")
+    page.get_by_text("Unpin here", exact=True).click()
+    wait_until(lambda: len(editor.edited.edits.edits) == 2 and not editor.edited.clip.pins, "it is let go")
+    page.get_by_text("Undo", exact=True).click()
+    wait_until(lambda: len(editor.edited.clip.pins) == 1, "it is taken back as any edit")
+    page.close()
 
 
 ENDS = "div:has(> .hoi-strip) ~ div:has(~ div > .hoi-curves) .mantine-Slider-thumb"

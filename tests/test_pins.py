@@ -49,7 +49,7 @@ def site_of(model, part: str) -> str:
     return {**model.spec.part_sites, "pelvis": "pelvis"}[part]
 
 
-def shifted(before: Draft, model, part: str, frame: int, offset, turn=None) -> Pin:  # noqa: PLR0913, PLR0917
+def shifted(before: Draft, model, part: str, frame: int, offset, turn=None) -> Pin:  # noqa: PLR0917
     """Return a pin that moves a part from where the robot has it."""
     place = model.forward(before.motion.qpos).site_position(site_of(model, part))[frame] + offset
     return Pin(part, frame, tuple((place / before.targets.root_scale).tolist()), turn, person=before.person)

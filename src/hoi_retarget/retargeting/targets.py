@@ -204,19 +204,13 @@ def with_pins(
     if not pinned:
         return targets
     kinematics = model.forward(ik_qpos)
-    sites = _pinned_sites(model)
+    sites = pinned_sites(model)
     found: dict[str, SitePin] = {}
     for part in dict.fromkeys(pin.part for pin in pinned):
         if part not in sites:
             raise RobotError(f"{model.spec.name} has no {part}, which is pinned. It has {', '.join(sites)}.")
-        site, stands = sites[part], np.zeros(targets.frames, dtype=bool)
-        path, quats = kinematics.site_position(site), se3.matrix_to_quat(kinematics.site_rotation(site))
-        if site in FEET:
-            side = FEET.index(site)
-            path, quats = targets.foot_positions[:, side], targets.foot_quats[:, side]
-            stands = targets.stance_flags[:, side]
-        elif site in PALMS:
-            quats = targets.palm_quats[:, PALMS.index(site)]
+        site = sites[part]
+        path, quats, stands = _followed(targets, kinematics, site)
         own = [pin for pin in pinned if pin.part == part]
         found[site] = site_pin(site, own, path, quats, scale=targets.root_scale, stands=stands, fps=targets.fps)
     feet, turns = targets.foot_positions.copy(), targets.foot_quats.copy()
@@ -234,7 +228,7 @@ def with_pins(
 
 def pinned_parts(kinematics: Kinematics, targets: Targets) -> tuple[PinnedPart, ...]:
     """Return how far off its pins a motion is, in the order of parts and time."""
-    parts = {site: part for part, site in _pinned_sites(kinematics.model).items()}
+    parts = {site: part for part, site in pinned_sites(kinematics.model).items()}
     found = []
     for pin in targets.pins:
         off = np.linalg.norm(kinematics.site_position(pin.site) - pin.positions, axis=1)
@@ -245,7 +239,27 @@ def pinned_parts(kinematics: Kinematics, targets: Targets) -> tuple[PinnedPart, 
     return tuple(found)
 
 
-def _pinned_sites(model: RobotModel) -> dict[str, str]:
+def recorded_rotation(targets: Targets, ik_kinematics: Kinematics, part: str) -> Float[np.ndarray, "T 4"]:
+    """Return the rotation on top of which pins turn a part."""
+    return _followed(targets.unpinned or targets, ik_kinematics, pinned_sites(ik_kinematics.model)[part])[1]
+
+
+def _followed(
+    targets: Targets, ik_kinematics: Kinematics, site: str
+) -> tuple[Float[np.ndarray, "T 3"], Float[np.ndarray, "T 4"], Bool[np.ndarray, "T"]]:
+    """Return the path and the rotations that a site follows without pins, and when it is a foot that stands."""
+    if site in FEET:
+        side = FEET.index(site)
+        return targets.foot_positions[:, side], targets.foot_quats[:, side], targets.stance_flags[:, side]
+    quats = (
+        targets.palm_quats[:, PALMS.index(site)]
+        if site in PALMS
+        else se3.matrix_to_quat(ik_kinematics.site_rotation(site))
+    )
+    return ik_kinematics.site_position(site), quats, np.zeros(targets.frames, dtype=bool)
+
+
+def pinned_sites(model: RobotModel) -> dict[str, str]:
     """Return the sites that stand for the parts that can be pinned."""
     return {**model.spec.part_sites, PELVIS: PELVIS}
 
@@ -380,7 +394,7 @@ def _limbs(human: Person, objects: Sequence[ObjectTrack], scale: float) -> Float
     return seen.reshape(len(seen), len(objects), len(LIMBS), 2, 3)
 
 
-def _contact_fields(clip: Clip, model: RobotModel, person: int, geometry_scale: float) -> dict[str, np.ndarray]:
+def _contact_fields(clip: Clip, model: RobotModel, person: int, geometry_scale: float) -> dict[str, Any]:
     """Return the fields of `Targets` that follow from the clip's contacts."""
     flags, touched, points = _contacts(clip, model, person, geometry_scale)
     carried_object, carried_points = _carried(flags, touched, points)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.clip.edits import ContactEdits, Edit, Retime, Segment, apply, segments_of
+from hoi_retarget.clip.edits import ContactEdits, Edit, Pin, Retime, Segment, apply, segments_of
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.retargeting.config import Config
@@ -53,16 +53,15 @@ class Editing:
     def tried(self, edit: Edit) -> Edited:
         """Return what an edit would make of it, solved around the frames that it changes.
 
-        A contact that is retimed again right away was retimed once, to its latest frames.
+        A contact that is retimed again right away was retimed once, and a part that is pinned again was pinned once.
 
         Raises:
             ClipError: The edit cannot be done.
             SolveError: The frames around it end without a usable trajectory.
         """
         edits, last = self.now.edits, self.now.edits.edits[-1:]
-        if last and isinstance(edit, Retime) and isinstance(last[0], Retime) and _follows(edit, last[0]):
-            return self._revised(edits.without_last().adding(replace(edit, frame=last[0].frame)))
-        return self._revised(edits.adding(edit))
+        again = _again(edit, last[0]) if last else None
+        return self._revised(edits.adding(edit) if again is None else edits.without_last().adding(again))
 
     def take(self, edited: Edited) -> None:
         """Go on from what was tried."""
@@ -101,9 +100,16 @@ class Editing:
         return Edited(edits, clip, kept_apart(drafts, [self._model] * len(drafts), self._config), complete=False)
 
 
-def _follows(edit: Retime, before: Retime) -> bool:
-    """Return whether an edit retimes the contact that the one before has retimed."""
-    return (edit.person, edit.part) == (before.person, before.part) and before.start <= edit.frame < before.stop
+def _again(edit: Edit, before: Edit) -> Edit | None:
+    """Return what stands for both of two edits where the second does anew what the first has done; else None."""
+    match edit, before:
+        case Retime(), Retime():
+            same = before.start <= edit.frame < before.stop and (edit.person, edit.part) == (before.person, before.part)
+            return replace(edit, frame=before.frame) if same else None
+        case Pin(), Pin():
+            same = (edit.person, edit.part, edit.frame) == (before.person, before.part, before.frame)
+            return edit if same else None
+    return None
 
 
 def solved(recorded: Clip, model: RobotModel, config: Config, edits: ContactEdits) -> Edited:

@@ -6,11 +6,13 @@ from typing import Any
 import viser
 
 from hoi_retarget.clip.edits import Segment, part_text, span_text
+from hoi_retarget.clip.pin import PosePin
 from hoi_retarget.viewers.html import render
 from hoi_retarget.viewers.scene.curve_chart import LEFT_INSET_PX, RIGHT_INSET_PX
 
 ROW_HEIGHT_PX = 15
 _COLOURS = {"left_hand": "#0072b2", "right_hand": "#d55e00", "left_foot": "#009e73", "right_foot": "#cc79a7"}
+_PINS = (0, "pins")
 
 Span = tuple[int, int]
 """First frame, and one past the last."""
@@ -73,11 +75,12 @@ def dragged(segments: Sequence[Segment], number: int, end: int, frame: int) -> S
     return segment.start, max(min(frame + 1, limit), segment.start + 1)
 
 
-def strip_html(
+def strip_html(  # noqa: PLR0913
     segments: Sequence[Segment],
     frames: int,
     chosen: int | None,
     *,
+    pins: Sequence[PosePin] = (),
     moved: tuple[int, Span] | None = None,
     ends: Callable[[int], Sequence[str]] = lambda _: (),
 ) -> str:
@@ -87,6 +90,7 @@ def strip_html(
         segments: The contacts, a bar each.
         frames: Of the clip.
         chosen: Number of the contact that is framed.
+        pins: Parts that are pinned, a mark each in a row of their own.
         moved: Number of a contact that is being dragged, and its frames now.
         ends: Returns what the page calls the sliders over the ends of a contact.
     """
@@ -95,13 +99,16 @@ def strip_html(
         span = moved[1] if moved and moved[0] == number else (segment.start, segment.stop)
         bar = {**_bar(span, frames), "chosen": chosen == number, "ends": ends(number)}
         rows.setdefault((segment.person, segment.part), []).append(bar)
+    marks = [{**_bar((pin.frame, pin.frame + 1), frames), "chosen": False, "ends": ()} for pin in pins]
+    if marks:
+        rows[_PINS] = marks
     return render(
         "viewers/browser/page/strip.html.j2",
         **{"left_px": LEFT_INSET_PX, "right_px": RIGHT_INSET_PX, "row_px": ROW_HEIGHT_PX},
         rows=[
             {
                 "number": number,
-                "name": part_text(person, part).replace("_", " "),
+                "name": part if (person, part) == _PINS else part_text(person, part).replace("_", " "),
                 "colour": _COLOURS.get(part, "#888"),
                 "bars": bars,
             }
@@ -110,9 +117,9 @@ def strip_html(
     )
 
 
-def strip_height_px(segments: Sequence[Segment]) -> int:
+def strip_height_px(segments: Sequence[Segment], pins: Sequence[PosePin] = ()) -> int:
     """Return how high the rows are."""
-    return ROW_HEIGHT_PX * len({(segment.person, segment.part) for segment in segments})
+    return ROW_HEIGHT_PX * (len({(segment.person, segment.part) for segment in segments}) + bool(pins))
 
 
 def dragged_text(segment: Segment, span: Span) -> str:
