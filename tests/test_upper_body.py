@@ -1,5 +1,7 @@
 """Robots of which the upper body alone follows a person: what carries it is no part of the problem."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ import hoi_retarget as hr
 from hoi_retarget.cli.robot_trials import without_shapes
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.numerics import se3
+from hoi_retarget.retargeting.base_path import base_path
 from hoi_retarget.retargeting.targets import make_targets
 from hoi_retarget.retargeting.trajopt.normal import assemble
 from hoi_retarget.retargeting.trajopt.table import trajectory_terms
@@ -46,6 +49,21 @@ def on_wheels(tmp_path, base=""):
     path = tmp_path / "wheels.xml"
     path.write_text(text)
     return build_robot(path, "wheels", Hints(base=base))
+
+
+@pytest.mark.parametrize("base", ["follows", "stays"])
+def test_base_looks_where_the_person_does_however_far_the_pelvis_bends_or_leans(tmp_path, base):
+    _, built = built_of(tmp_path, base)
+    model = without_shapes(built.spec, built.mjcf, tmp_path)
+    pelvis, working = np.tile([0.3, -0.2, 0.8], (9, 1)), np.ones(9, dtype=bool)
+    hanging = np.tile(model.home_qpos[7:], (9, 1))
+    for axis, angle, turn in product((0, 1), (0.0, 1.0, np.pi / 2, 2.2, -np.pi / 2), (0.0, 1.2, -2.5, np.pi)):
+        lean = se3.exp(np.eye(3)[axis] * angle)
+        quats = np.tile(se3.quat_multiply(se3.exp(np.array([0.0, 0.0, turn])), lean), (9, 1))
+        quats[4] = se3.exp(np.array([np.pi, 0.0, 0.0]))  # Upside down for a moment: that frame says nothing.
+        path = base_path(model, pelvis, quats, working, 30.0)
+        ahead = model.forward(np.concatenate([path, hanging], axis=1)).site_rotation("pelvis")[:, :2, 0]
+        np.testing.assert_allclose(ahead, np.tile([np.cos(turn), np.sin(turn)], (9, 1)), atol=1e-6)
 
 
 @pytest.mark.parametrize(("root", "waist", "yaw"), [("pelvis", 3, 0.0), ("torso", 2, 1.0), ("pelvis", 1, np.pi)])

@@ -8,6 +8,8 @@ from hoi_retarget.numerics.filters import smooth
 from hoi_retarget.robots.model import RobotModel
 
 _UP = np.array([0.0, 0.0, 1.0])
+_LEAST = 0.1
+"""Of a heading's length, which is 1 upright and 0 upside down: with less, a pelvis says nothing of it."""
 
 
 def base_path(
@@ -29,8 +31,7 @@ def base_path(
         working: Whether a hand touches something.
         fps: Of the frames.
     """
-    ahead = se3.rotate(quats, np.array([1.0, 0.0, 0.0]))[:, :2]
-    planar = np.column_stack([pelvis[:, :2], ahead / np.linalg.norm(ahead, axis=1, keepdims=True)])
+    planar = np.column_stack([pelvis[:, :2], _headings(quats)])
     if model.spec.base == "stays":
         planar = np.repeat(planar[working if working.any() else slice(None)].mean(axis=0)[None], len(pelvis), axis=0)
     else:
@@ -42,3 +43,20 @@ def base_path(
     turn = se3.quat_multiply(turn, se3.exp(-np.arctan2(own[1], own[0]) * _UP))
     place = np.column_stack([planar[:, :2], np.full(len(planar), home.site_position("pelvis")[0, 2])])
     return np.column_stack([place + se3.rotate(turn, to_root), se3.quat_multiply(turn, model.home_qpos[3:7])])
+
+
+def _headings(quats: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, "T 2"]:
+    """Return where pelvises look, as seen from above, of unit length, however far they bend or lean.
+
+    It is the turn about the vertical that is left when a pelvis is brought upright on the shortest way. Upside down
+    there are many; the heading is then that of the nearest frame that has one.
+    """
+    turns = se3.quat_to_matrix(quats)
+    ahead, left = turns[:, :2, 0], turns[:, :2, 1]
+    headings = 0.5 * (ahead + np.column_stack([left[:, 1], -left[:, 0]]))
+    lengths = np.linalg.norm(headings, axis=1, keepdims=True)
+    known = np.flatnonzero(lengths > _LEAST)
+    if not len(known):
+        return np.tile([1.0, 0.0], (len(quats), 1))
+    nearest = np.rint(np.interp(np.arange(len(quats)), known, np.arange(len(known)))).astype(int)
+    return (headings / np.maximum(lengths, _LEAST))[known[nearest]]
