@@ -7,8 +7,10 @@ import pytest
 
 import hoi_retarget as hr
 from hoi_retarget.cli.robot_trials import without_shapes
-from hoi_retarget.errors import ArgumentError
+from hoi_retarget.errors import ArgumentError, RobotError
 from hoi_retarget.numerics import se3
+from hoi_retarget.physics.feasibility import forces_on_clip
+from hoi_retarget.physics.scene import scene_of
 from hoi_retarget.retargeting.base_path import base_path
 from hoi_retarget.retargeting.targets import make_targets
 from hoi_retarget.retargeting.trajopt.normal import assemble
@@ -165,6 +167,18 @@ def test_base_that_stays_stands_where_the_hands_work_is(tmp_path):
     np.testing.assert_allclose(pelvis[0, :2], person, atol=0.02)
     upright = se3.quat_to_matrix(targets.base_qpos[0, 3:7])[2] - se3.quat_to_matrix(model.home_qpos[3:7])[2]
     np.testing.assert_allclose(upright, 0.0, atol=1e-12)
+
+
+def test_physics_of_robots_on_a_base_is_refused_with_the_reason(tmp_path):
+    _, built = built_of(tmp_path, "follows")
+    model = without_shapes(built.spec, built.mjcf, tmp_path)
+    clip = hr.open_clip(CLIP)
+    motion = hr.retarget(clip, model, LANDMARK)
+    shapes = [track.geometry for track in clip.objects]
+    for asked in (lambda: scene_of(motion, model, shapes), lambda: forces_on_clip(motion, clip, model)):
+        with pytest.raises(RobotError, match=r"its base follows, .* robots on legs"):
+            asked()
+    assert motion.report.figures["missing_wrench_p95_share"] is None
 
 
 def test_added_robot_knows_what_its_base_does(tmp_path, monkeypatch):

@@ -31,7 +31,7 @@ def forces_figures(forces: Forces, motion: Motion) -> dict[str, float | None]:
 def _of_view(view: Comparison) -> dict[str, float | None]:
     try:
         forces = forces_on_clip(view.motion, view.clip, view.kinematics.model)
-    except RobotError:  # A joint's torque has no limit.
+    except RobotError:  # A base carries the robot, or a joint's torque has no limit.
         return {}
     return forces_figures(forces, view.motion)
 

@@ -36,7 +36,12 @@ class Actuators:
 
 
 def actuators_of(model: RobotModel) -> Actuators:
-    """Return a robot's drives; raises `RobotError` where a joint's torque has no limit."""
+    """Return a robot's drives; raises `RobotError` where a base carries it, or a joint's torque has no limit."""
+    if model.spec.base != "legs":
+        raise RobotError(
+            f"{model.spec.name}: its base {model.spec.base}, and no drive, wheel or stand that carries it is known. "
+            "Forces, scenes and simulations are for robots on legs; motions can be exported."
+        )
     motors = [model.spec.motors.get(name) for name in model.joint_names]
     torque = np.array(
         [

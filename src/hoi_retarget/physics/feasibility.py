@@ -48,7 +48,7 @@ def forces_on_clip(motion: Motion, clip: Clip | None, model: RobotModel, physics
         physics: Masses and frictions; by default those of the motion's own configuration.
 
     Raises:
-        RobotError: A joint's torque has no limit.
+        RobotError: A base carries the robot, or a joint's torque has no limit.
         GeometryError: An object's mesh cannot be read.
     """
     physics = physics_of_motion(motion) if physics is None else physics

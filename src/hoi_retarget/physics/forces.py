@@ -96,7 +96,7 @@ def forces_of(
         held_by_others: Where somebody else touches an object, too; nobody does by default.
 
     Raises:
-        RobotError: A joint's torque has no limit.
+        RobotError: A base carries the robot, or a joint's torque has no limit.
         GeometryError: An object's mesh cannot be read.
     """
     actuators = actuators_of(model)

@@ -40,7 +40,7 @@ class RobotNeeds(Needs):
 
 
 def robot_needs(model: RobotModel, movement: Movement) -> RobotNeeds:
-    """Return what a robot's movement needs; raises `RobotError` where a joint's torque has no limit."""
+    """Return what a robot's movement needs; raises `RobotError` as `actuators_of` does."""
     compiled = _dynamics(model)
     data = mujoco.MjData(compiled)
     needed, centres = np.empty_like(movement.qvel), np.empty((len(movement.qpos), 3))

@@ -81,7 +81,7 @@ def scene_of(
         physics: Masses and frictions.
 
     Raises:
-        RobotError: A joint's torque has no limit.
+        RobotError: A base carries the robot, or a joint's torque has no limit.
         GeometryError: An object's mesh cannot be read.
     """
     objects = []

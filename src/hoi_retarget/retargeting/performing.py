@@ -62,7 +62,7 @@ def perform(  # noqa: PLR0913 - the last three are options
     Raises:
         ArgumentError: It is performed already.
         ClipError: It has one frame, or somebody else handles its objects too.
-        RobotError: A joint's torque has no limit.
+        RobotError: A base carries the robot, or a joint's torque has no limit.
         GeometryError: An object's mesh cannot be read.
     """
     _check(motion, clip)
