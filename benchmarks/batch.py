@@ -1,7 +1,8 @@
-"""A set as it is made overnight: all clips of a folder, two robots, two object sizes, with `hoi-retarget batch`.
+"""A set as it is made overnight and released: all clips of a folder, robots, object sizes, by one specification.
 
-Measured from outside: the time on the clock, the processor time and the memory of all processes together. What
-others do on the machine counts on the clock, so its load is shown beside it.
+`hoi-retarget batch`, then `report` (verdicts, page) and `export --to dataset` (tables, a card). Measured from outside:
+the time on the clock, the processor time and the memory of all processes together. What others do on the machine
+counts on the clock, so its load is shown beside it.
 """
 
 import json
@@ -13,7 +14,7 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import tyro
 from common import show, write_json
@@ -36,14 +37,18 @@ class Arguments:
     objects: Path
     """Folder with the geometry of their objects."""
     robots: tuple[str, ...] = ("unitree_g1", "unitree_h2")
+    object_scales: tuple[float | Literal["auto"], ...] = ("auto", 1.0)
     workers: int = 2
+    out: Path | None = None
+    """Keep what is made in this folder."""
     json: Path | None = None
 
 
 def specification(arguments: Arguments) -> str:
     lists = {"clips": [str(arguments.clips.absolute())], "robots": list(arguments.robots)}
     lines = [f"{key} = {json.dumps(value)}" for key, value in lists.items()]
-    lines += [f"objects = {json.dumps(str(arguments.objects.absolute()))}", 'object_scales = ["auto", 1.0]']
+    lines += [f"objects = {json.dumps(str(arguments.objects.absolute()))}"]
+    lines += [f"object_scales = {json.dumps(arguments.object_scales)}"]
     return "\n".join(lines) + "\n"
 
 
@@ -80,7 +85,25 @@ def measure(arguments: Arguments, folder: Path) -> dict[str, Any]:
         "peak_megabytes": peak,
         "load": (before, os.getloadavg()[0]),
         "workers": arguments.workers,
+        "released": released(folder, [folder / "out" / result.path for entry in entries for result in entry.results]),
     }
+
+
+def released(folder: Path, results: list[Path]) -> dict[str, Any]:
+    """Return processor time [s] and size [MB] of the report and of the data set that is made of results."""
+    made = {
+        "report": ["report", str(folder / "out"), "--out", str(folder / "report")],
+        "dataset": ["export", *map(str, results), "--to", "dataset", "--out", str(folder / "dataset")],
+    }
+    found = {}
+    for name, words in made.items():
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run([sys.executable, "-m", "hoi_retarget", *words], check=True, capture_output=True)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        size = sum(file.stat().st_size for file in (folder / name).rglob("*") if file.is_file())
+        seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        found[name] = {"cpu_seconds": seconds, "megabytes": size / 1e6}
+    return found
 
 
 def report(result: dict[str, Any]) -> None:
@@ -94,6 +117,10 @@ def report(result: dict[str, Any]) -> None:
         ("frames/s", f"{frames / seconds:.0f}"),
         ("processor time [ms/frame]", f"{1e3 * result['cpu_seconds'] / frames:.2f}"),
         ("peak memory of all processes [MB]", f"{result['peak_megabytes']:.0f}"),
+        *(
+            (f"{name}: processor time [s], size [MB]", f"{made['cpu_seconds']:.1f}, {made['megabytes']:.1f}")
+            for name, made in result["released"].items()
+        ),
         ("load of the machine before, after", "{:.1f}, {:.1f}".format(*result["load"])),
     ]
     show(f"Batch with {result['workers']} workers", ("", "value"), rows)
@@ -112,8 +139,10 @@ def report(result: dict[str, Any]) -> None:
 
 
 def main(arguments: Arguments) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        result = measure(arguments, Path(folder))
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = arguments.out or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        result = measure(arguments, folder)
     report(result)
     write_json(arguments.json, result)
 

@@ -64,6 +64,15 @@ def clip_files(folder: Path, limit: int | None) -> list[Path]:
     return [files[index] for index in np.linspace(0, len(files) - 1, limit).round().astype(int)]
 
 
+def one_of_each_first(files: list[Path]) -> list[Path]:
+    """Return clips in rounds of one a kind of object, small files first, so that a part of them has all kinds."""
+    kinds: dict[str, list[Path]] = {}
+    for file in sorted(files, key=lambda file: file.stat().st_size):
+        kinds.setdefault(file.stem.split("_")[1], []).append(file)
+    rank = {file: (index, file.stat().st_size) for clips in kinds.values() for index, file in enumerate(clips)}
+    return sorted(files, key=rank.__getitem__)
+
+
 def pin_threads() -> None:
     """Start this program again with one thread for linear algebra unless that is so already.
 

@@ -147,6 +147,7 @@ def summary(result: dict[str, Any], counted: set[str]) -> dict[str, Any]:
     return {
         "horizon": result["horizon"],
         "clearance": result["clearance"],
+        "clips": len(result["clips"]),
         "solved": sum("failed" not in clip for clip in result["clips"]),
         "frames": sum(clip["frames"] for clip in clips),
         "windows": sum(clip["windows"] for clip in clips),
@@ -230,6 +231,9 @@ def main(arguments: Arguments) -> None:
     note = f"Medians over the {len(counted)} clips that all solved. Seams: jerk [m/s^3] within 2 frames of one."
     show(title, header, [row_of(result, len(clips)) for result in summaries], note)
     show_beside_paper(summaries, len(clips))
+    seams = ("jerk_at_seams", "jerk_elsewhere")
+    for result in results:
+        result["clips"] = [{key: value for key, value in clip.items() if key not in seams} for clip in result["clips"]]
     write_json(arguments.json, {"results": summaries, "clips": results})
 
 

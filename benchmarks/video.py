@@ -13,7 +13,7 @@ import tyro
 from common import pin_threads, show, write_json
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.clip.edits import ContactEdits, Edit, FixAll, SnapAll, apply, segments_of
+from hoi_retarget.clip.edits import ContactEdits, Edit, FixAll, Move, SnapAll, apply, segments_of
 from hoi_retarget.clip.label_contacts import label_contacts
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
@@ -35,6 +35,9 @@ NOISES: dict[str, tuple[str, Noise]] = {
     "all three": ("carry_box", Noise(JITTER, ALTERNATION, (0.0, DRIFT, 0.0))),
 }
 EDITS: dict[str, tuple[Edit, ...]] = {"as read": (), "fixed": (FixAll(),), "fixed, snapped": (FixAll(), SnapAll())}
+BY_HAND = "fixed, moved by hand"
+CENTIMETRE = 2
+"""Decimals [m] of what a person moves a contact by, who sees where it should be."""
 
 
 @dataclass(frozen=True)
@@ -87,21 +90,37 @@ def contact_errors(seeds: int) -> list[dict[str, Any]]:
     return rows
 
 
-def hand_motion(clip: Clip, model: RobotModel) -> dict[str, float]:
-    """Return what the robot's palms do on the object while they touch it, and figures of the result's report."""
-    motion = retarget(clip, model, Config())
-    kinematics, speeds, wanders = model.forward(motion.qpos), [], []
-    for segment in segments_of(clip):
+def by_hand(clip: Clip, truth: Clip) -> tuple[Edit, ...]:
+    """Return the edits of a person who gives each contact one point, and moves it to its true place."""
+    fixed = edited(clip, (FixAll(),))
+    moves = []
+    for own, true in zip(segments_of(fixed), segments_of(truth), strict=True):
+        offset = np.round(true.points.mean(axis=0) - own.points.mean(axis=0), CENTIMETRE)
+        if offset.any():
+            moves.append(Move(own.part, own.start, tuple(offset.tolist()), person=own.person))
+    return FixAll(), *moves
+
+
+def hand_motion(clip: Clip, truth: Clip, model: RobotModel) -> dict[str, float]:
+    """Return what the robot's palms do on the object while they touch it, and figures of the result's report.
+
+    `place` is the mean distance of palms from the true contacts, which the report cannot know.
+    """
+    motion = retarget(clip, model, Config(contact="landmark"))
+    kinematics, speeds, wanders, places = model.forward(motion.qpos), [], [], []
+    for segment, true in zip(segments_of(clip), segments_of(truth), strict=True):
         frames = slice(segment.start, segment.stop)
         palm = kinematics.site_position(model.spec.part_sites[segment.part])[frames]
         pose = motion.object_quat[frames, segment.object], motion.object_pos[frames, segment.object]
         points = se3.rotate_inverse(pose[0], palm - pose[1])
         speeds.append(np.linalg.norm(np.diff(points, axis=0), axis=1) * clip.fps)
         wanders.append(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
+        places.append(np.linalg.norm(points - motion.object_scale[segment.object] * true.points, axis=1))
     figures = motion.report.figures
     return {
         "slip": float(np.concatenate(speeds).mean()),
         "wander": float(np.max(wanders)),
+        "place": float(np.concatenate(places).mean()),
         "gap": figures["contact_gap_m"],
         "gap_max": figures["contact_gap_max_m"],
         "jerk": figures["body_jerk_mps3"],
@@ -111,13 +130,12 @@ def hand_motion(clip: Clip, model: RobotModel) -> dict[str, float]:
 
 def robot_rows(model: RobotModel, seeds: int) -> list[dict[str, Any]]:
     truth = make("carry_box")
-    rows: list[dict[str, Any]] = [{"error": "none", "contacts": "as read"} | hand_motion(truth, model)]
+    rows: list[dict[str, Any]] = [{"error": "none", "contacts": "as read"} | hand_motion(truth, truth, model)]
     for name in ("jitter", "alternation", "drift, as the box turns", "all three"):
-        for kind, edits in EDITS.items():
-            runs = [
-                hand_motion(edited(reconstructed(truth, NOISES[name][1], seed=seed), edits), model)
-                for seed in range(seeds)
-            ]
+        clips = [reconstructed(truth, NOISES[name][1], seed=seed) for seed in range(seeds)]
+        for kind in (*EDITS, BY_HAND):
+            fixes = [by_hand(clip, truth) if kind == BY_HAND else EDITS[kind] for clip in clips]
+            runs = [hand_motion(edited(clip, edits), truth, model) for clip, edits in zip(clips, fixes, strict=True)]
             rows.append(
                 {"error": name, "contacts": kind} | {key: float(np.mean([run[key] for run in runs])) for key in runs[0]}
             )
@@ -145,12 +163,22 @@ def main(arguments: Arguments) -> None:
     motions = robot_rows(load_robot(arguments.robot), arguments.seeds)
     show(
         f"What the robot does, {arguments.robot}, carry_box",
-        ("planted", "contacts", "slip [mm/s]", "wander [mm]", "gap [mm]", "largest", "jerk [m/s^3]", "not reached"),
+        (
+            "planted",
+            "contacts",
+            "slip [mm/s]",
+            "wander [mm]",
+            "place [mm]",
+            "gap [mm]",
+            "largest",
+            "jerk [m/s^3]",
+            "not reached",
+        ),
         [
             (
                 row["error"],
                 row["contacts"],
-                *(f"{1e3 * row[key]:.1f}" for key in ("slip", "wander", "gap", "gap_max")),
+                *(f"{1e3 * row[key]:.1f}" for key in ("slip", "wander", "place", "gap", "gap_max")),
                 f"{row['jerk']:.1f}",
                 f"{row['unreached']:.1f}",
             )

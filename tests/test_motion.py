@@ -352,6 +352,10 @@ def test_warnings_are_values_with_a_code_and_a_text():
     motion = result(report=report)
     assert motion.converged
     assert [warning.code for warning in motion.warnings] == ["inter_robot_hand_error", "orientation_flip"]
+    # Surfaces touch with any part of a palm.
+    errors = tuple(replace(near, max_m=off) for off in (0.06, 0.5))
+    touching = result(report=replace(report, config={"contact": "surface"}, inter_robot_hand_errors=errors))
+    assert [warning.code for warning in touching.warnings] == ["inter_robot_hand_error", "orientation_flip"]
     loose = replace(motion, stages=(motion.stages[0], replace(motion.stages[1], windows=(WINDOW, stalled))))
     assert not loose.converged
     assert loose.warnings[0].code == "not_converged" and loose.warnings[0].severity is Severity.ERROR

@@ -8,13 +8,11 @@ from hoi_retarget.evaluation.statistics import norms
 from hoi_retarget.evaluation.surface_curves import surface_curves
 from hoi_retarget.evaluation.view import Comparison
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.motion.report import UNREACHED_M, UnreachedContact
+from hoi_retarget.motion.report import ELSEWHERE_M, UNREACHED_M, UnreachedContact
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.robots.model import Kinematics
 
-ELSEWHERE = 0.12
-"""[m] along an object from the human's place: more than the length of a palm."""
 SHORTEST_UNREACHED = 3
 """Frames; a hand that takes one or two more to arrive did reach its contact."""
 
@@ -78,7 +76,7 @@ def surface_residuals(view: Comparison) -> Float[np.ndarray, "T C"]:
     for curve in view.once(surface_curves).touches:
         column = sites.index(PART_SITES[curve.part])
         asked = _touched(motion, column) == curve.object
-        off = np.where(curve.place > ELSEWHERE, curve.place, np.maximum(curve.gap, 0.0))
+        off = np.where(curve.place > ELSEWHERE_M, curve.place, np.maximum(curve.gap, 0.0))
         off = np.concatenate([np.repeat(off[:1], view.first), off])
         residuals[asked, column] = off[asked]
     return residuals

@@ -20,6 +20,8 @@ MISSED_M, MISSED_DEG = 0.005, 3.0
 """A part farther off its pin [m], or turned more [degrees], is told."""
 UNREACHED_M = 0.02
 """A link further from its target than this [m] does not reach it."""
+ELSEWHERE_M = 0.12
+"""Surfaces that touch further than this [m] from the human's place, a palm's length, touch elsewhere."""
 
 
 class Status(Enum):
@@ -294,8 +296,9 @@ class Report:
         missed = [
             ("missed_pin", f"{item}: out of reach, or in the way of something.") for item in self.pins if item.missed
         ]
+        limit = ELSEWHERE_M if self.touches_with_surfaces else UNREACHED_M
         misplaced = [
-            ("inter_robot_hand_error", f"{item}.") for item in self.inter_robot_hand_errors if item.max_m > UNREACHED_M
+            ("inter_robot_hand_error", f"{item}.") for item in self.inter_robot_hand_errors if item.max_m > limit
         ]
         flipped = [("orientation_flip", f"{item}.") for item in self.orientation_flips or ()]
         jumped = [("rotation_jump", f"{item}.") for item in self.rotation_jumps]
