@@ -32,6 +32,23 @@ def still(frames: int) -> Poses:
     return Poses(np.zeros((frames, 3)), np.tile(np.eye(3), (frames, 1, 1)))
 
 
+def test_frames_measured_in_blocks_are_those_measured_at_once(hand, monkeypatch):
+    random = np.random.default_rng(3)
+    frames = 23
+    quats = random.normal(size=(frames, 4))
+    rotations = se3.quat_to_matrix(quats / np.linalg.norm(quats, axis=1)[:, None])
+    link = Poses(random.uniform(-0.15, 0.15, size=(frames, 3)), rotations)
+    placed = PlacedObject(shape_of_mesh(trimesh.creation.box((0.2, 0.1, 0.3))), still(frames), 0.8)
+    measured = random.random(frames) < 0.5
+    found = []
+    for block in (frames, 5):
+        monkeypatch.setattr("hoi_retarget.evaluation.surface_distances.FRAMES_AT_ONCE", block)
+        found.append(link_distances(hand, link, placed, measured))
+    for name in ("skin", "point", "object"):
+        np.testing.assert_array_equal(*(getattr(distances, name) for distances in found))
+    assert (found[0].depth > 0.0).any() and np.isinf(found[0].skin).any()
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_tree_finds_what_all_points_have(seed):
     random = np.random.default_rng(seed)

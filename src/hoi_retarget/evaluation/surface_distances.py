@@ -5,7 +5,7 @@ goes right through a thin board is hardly inside the board, but the board is dee
 link and every object is looked at; figures and viewers choose.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -19,6 +19,8 @@ from hoi_retarget.robots.skin import LinkSkin
 REACH = 0.012
 """An object's points are looked for in links whose skin is at most so far from it [m]: skin points are nearer to each
 other, so an object that is in the solid is near one of them, unless all of it is inside."""
+FRAMES_AT_ONCE = 500
+"""That are measured together: enough for numpy to be quick, and few enough for their points to fit in memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +85,7 @@ class LinkDistances:
 
 
 def link_distances(skin: LinkSkin, link: Poses, placed: PlacedObject, measured: Bool[np.ndarray, "F"]) -> LinkDistances:
-    """Return the distances of a link and an object in every frame.
+    """Return the distances of a link and an object in every frame, in memory that long clips do not grow.
 
     Args:
         skin: The link's.
@@ -92,6 +94,18 @@ def link_distances(skin: LinkSkin, link: Poses, placed: PlacedObject, measured: 
         measured: Frames in which they are measured however far apart they are; in others, what is further than
             `REACH` is infinitely far.
     """
+    parts = []
+    for start in range(0, len(measured), FRAMES_AT_ONCE):
+        frames = np.arange(start, min(start + FRAMES_AT_ONCE, len(measured)))
+        there = replace(placed, pose=placed.pose.at(frames))
+        parts.append(_link_distances(skin, link.at(frames), there, measured[frames]))
+    columns = ([part.skin for part in parts], [part.point for part in parts], [part.object for part in parts])
+    return LinkDistances(*map(np.concatenate, columns))
+
+
+def _link_distances(
+    skin: LinkSkin, link: Poses, placed: PlacedObject, measured: Bool[np.ndarray, "F"]
+) -> LinkDistances:
     shape, scale = placed.shape, placed.scale
     limit = np.where(measured, np.inf, REACH)
     least, point, sunk = np.full(len(limit), np.inf), np.full(len(limit), -1), np.zeros(len(limit))
