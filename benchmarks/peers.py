@@ -176,6 +176,7 @@ def summary(results: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
         },
         "frames": sum(rows[base][clip]["frames"] for clip in common),
         "mean": {key: {name: mean(column) for name, column in columns.items()} for key, columns in values.items()},
+        "figures": values,
         "p": {
             key: {name: p_value(columns[base], column) for name, column in columns.items() if name != base}
             for key, columns in values.items()
