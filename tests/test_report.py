@@ -1,10 +1,13 @@
 """Reports: every file once, a reason for what cannot be read, nothing unescaped, the same bytes every time."""
 
+import base64
 import csv
 import functools
+import gzip
 import io
 import json
 import math
+import re
 from dataclasses import asdict, replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -15,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import motion_writers as writers
-from browser import chromium
+from browser import chromium, wait_until
 from hoi_retarget.batch.manifest import ManifestEntry, ManifestSource
 from hoi_retarget.cli import main
 from hoi_retarget.cli.jobs import OBJECT_SURFACES, describe_result
@@ -630,3 +633,47 @@ def test_the_page_sorts_and_filters_without_a_network(tmp_path: Path) -> None:
             page.set_viewport_size({"width": width, "height": 800})
             assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth"), "only tables scroll"
         assert troubles == []
+
+
+def many_rows(count: int) -> list[Row]:
+    """Return rows that pass, each a little better than the one before."""
+    figures = [{"stance_slide_mps": 0.01 * (1 - index / count), "contact_gap_m": 0.001} for index in range(count)]
+    return [
+        Row(f"clip_{index:03d}", robot="robot", frames=90, fps=30.0, figures=each, verdict=verdict_of_figures(each))
+        for index, each in enumerate(figures)
+    ]
+
+
+def test_of_many_rows_the_worst_are_in_the_page_and_the_others_packed_in_it() -> None:
+    page = report_page("Report", many_rows(250), {})
+    further = re.search(r'<script id="further" type="text/plain" data-count="(\d+)">(.*?)</script>', page)
+    rest = gzip.decompress(base64.b64decode(further[2])).decode()
+    names = [re.findall(r"<span>(clip_\d+)</span>", text) for text in (page, rest)]
+    assert [len(each) for each in names] == [100, 150] and int(further[1]) == 150
+    assert names[0] + names[1] == [row.file for row in worst_first(many_rows(250))]
+    assert "further" not in report_page("Report", many_rows(100), {}).partition("<footer")[0]
+
+
+@pytest.mark.slow
+@pytest.mark.browser
+def test_many_rows_are_found_sorted_and_scrolled_to(tmp_path: Path) -> None:
+    address = tmp_path / "report.html"
+    address.write_text(report_page("Report", many_rows(1000), {}))
+    with chromium() as browser:
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.goto(address.as_uri())
+        there, count = page.locator("#motions tbody tr"), page.locator("#find output")
+        assert count.inner_text() == "1000 of 1000" and there.count() <= 200
+        page.locator("#find input[type=search]").fill("clip_999")
+        wait_until(lambda: there.all_inner_texts()[0].startswith("clip_999"), "the last one is found")
+        assert count.inner_text() == "1 of 1000"
+        page.locator("#find input[type=search]").fill("")
+        head = page.locator("#motions th", has_text="motion").locator("button")
+        head.click()
+        head.click()
+        assert there.first.inner_text().startswith("clip_999")
+        for _ in range(30):
+            there.last.scroll_into_view_if_needed()
+            page.wait_for_timeout(50)
+        wait_until(lambda: there.count() == 1000, "all of them are scrolled to")
+        assert there.last.inner_text().startswith("clip_000")

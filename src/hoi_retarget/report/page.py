@@ -41,6 +41,7 @@ _IN_TABLE = (
 )
 _DRAWN = tuple(name for name in _IN_TABLE if name != "joint_range_margin_rad")  # At its limit by design.
 _CARDS, _PASSING_CARDS = 6, 3
+_AT_FIRST = 100  # Rows of the table that a page shows before anybody scrolls.
 _IN_GROUPS = (
     "contact_gap_m",
     "touch_share",
@@ -103,6 +104,7 @@ def report_page(title: str, rows: Sequence[Row], pages: Mapping[str, MotionPage]
         warned={threshold.name: threshold.column.title for threshold in THRESHOLDS if _is_warned(threshold, judged)},
         heads=_heads(thresholds, judged),
         motions=[(row, pages.get(row.file), [_figure(row, threshold) for threshold in thresholds]) for row in judged],
+        at_first=_AT_FIRST,
         in_words=in_words,
         licences=_licences(judged),
         not_judged=_not_judged(judged),

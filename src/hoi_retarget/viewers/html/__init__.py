@@ -4,6 +4,7 @@ Every value is escaped unless a template says `safe`, and a value that is missin
 """
 
 import base64
+import gzip
 from collections.abc import Sequence
 from functools import cache
 from hashlib import sha256
@@ -41,6 +42,11 @@ def csp_hash(script: str) -> str:
     return f"sha256-{base64.b64encode(sha256(script.encode()).digest()).decode('ascii')}"
 
 
+def packed(text: str) -> str:
+    """Return a text as base64 of gzip."""
+    return base64.b64encode(gzip.compress(text.encode(errors="replace"), compresslevel=6, mtime=0)).decode("ascii")
+
+
 def with_exponents(text: str) -> str:
     """Return a unit, or a sentence with units, with raised exponents."""
     return text.replace("^3", "³")
@@ -57,6 +63,6 @@ def _environment() -> "jinja2.Environment":
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"csp_hash": csp_hash, "with_exponents": with_exponents}
+    environment.filters |= {"csp_hash": csp_hash, "packed": packed, "with_exponents": with_exponents}
     environment.globals |= {"asset": asset, "assets": assets, "version": __version__}
     return environment
