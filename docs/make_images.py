@@ -1,6 +1,7 @@
 """Draws a picture of the documentation from a built-in clip: `python docs/make_images.py`.
 
-Needs EGL (Debian: `apt-get install libegl1 libgl1-mesa-dri`) or a display; on a machine without a
+Robots are drawn as their makers' meshes have them, once `hoi-retarget robots meshes unitree_g1` and `unitree_h2` have
+fetched those. Needs EGL (Debian: `apt-get install libegl1 libgl1-mesa-dri`) or a display; on a machine without a
 display run it with `MUJOCO_GL=egl`.
 """
 
@@ -34,7 +35,7 @@ def main() -> None:
 def results_of(scene: str, robots: str) -> list[Shown]:
     """Retarget a built-in clip, one robot for each of its people."""
     clip, models = make(scene), [load_robot(spec.name) for spec in team(robots)]
-    motions = retarget_people(clip, models, Config(), {})
+    motions = retarget_people(clip, models, Config())
     pairs = zip(motions, models, strict=True)
     return [Shown(scene, motion, model, clip, person) for person, (motion, model) in enumerate(pairs)]
 

@@ -43,6 +43,14 @@ def with_meshes(folder, seed):
     return path
 
 
+def test_shapes_in_groups_that_viewers_do_not_draw_are_no_look(tmp_path):
+    path = with_meshes(tmp_path, 0)
+    hidden = '<geom type="box" size="0.1 0.1 0.1" contype="0" conaffinity="0" group="3" rgba="0 1 0 0.4"/>'
+    path.write_text(path.read_text().replace('<body name="left_shank"', f'{hidden}<body name="left_shank"', 1))
+    built = build_robot(path, "made", Hints())
+    assert "mesh" in built.mjcf and "0 1 0" not in built.mjcf
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_meshes_lie_where_the_makers_file_has_them(tmp_path, monkeypatch, seed):
     """MuJoCo moves the vertices of a mesh into the frame of its inertia, and its geometry the other way."""

@@ -17,12 +17,14 @@ import numpy as np
 
 from hoi_retarget.errors import RobotError
 from hoi_retarget.robots.adding.findings import Finding
-from hoi_retarget.robots.adding.mesh_files import MeshFolder, mesh_folder, read_mesh
+from hoi_retarget.robots.adding.mesh_files import SUFFIXES, MeshFolder, mesh_folder, read_mesh
 from hoi_retarget.robots.mujoco_warnings import quiet
 from hoi_retarget.robots.spec import HeldJoint
 
 DEFAULT_SPEED = 20.0
 """Of joints of which no file says a speed limit [rad/s]."""
+_LAST_DRAWN = 2
+"""MuJoCo's viewers draw no later group of shapes unless they are told to."""
 _FASTEST = 200.0
 _MOST_BYTES = 16 << 20
 _DEEPEST_INCLUDE = 8
@@ -263,14 +265,11 @@ def _say_missing(missing: list[str], folder: MeshFolder, findings: list[Finding]
     if names:
         shown = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
         places = " or ".join(str(top) for top in folder.folders)
-        findings.append(
-            Finding(
-                "warn",
-                "meshes",
-                f"{len(names)} files are not there or cannot be read ({shown}); none is below {places} as .stl or .obj",
-                "--meshes DIR",
-            )
-        )
+        what = f"{len(names)} files are not there or cannot be read ({shown}); none is below {places} as .stl or .obj"
+        unread = sorted({Path(name).suffix.lower() for name in names} - {*SUFFIXES, ""})
+        if unread:
+            what += f"; {', '.join(unread)} is not read: convert it, under the same name, with Blender or MeshLab"
+        findings.append(Finding("warn", "meshes", what, "--meshes DIR"))
 
 
 def _described(path: Path, root: ET.Element, assets: Mapping[str, bytes]) -> mujoco.MjSpec:
@@ -288,7 +287,8 @@ def _compiled(path: Path, description: mujoco.MjSpec) -> mujoco.MjModel:
             description.delete(element)
     for geom in description.geoms:
         # Whether a shape collides is told apart by MuJoCo's group of what is only seen; hulls are not needed here.
-        geom.group = 0 if geom.contype or geom.conaffinity else 1
+        # Groups that viewers do not draw are no look, whether they collide or not.
+        geom.group = 0 if geom.contype or geom.conaffinity or geom.group > _LAST_DRAWN else 1
         geom.contype = geom.conaffinity = 0
     for mesh in description.meshes:
         mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
