@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError
+from hoi_retarget.evaluation.object_distances import distances_of_motion
 from hoi_retarget.human.body_model import BodyShape
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
 from hoi_retarget.motion.motion import Motion, Stage
@@ -206,6 +207,25 @@ def test_contacts_are_patches_on_the_surface_and_balls_at_the_robots_links(seed)
         for part in (patches, balls):
             colours = part.colours[part.visible[frame]].astype(int)
             np.testing.assert_allclose(colours, gap_colour(gaps), atol=35, err_msg="to the nearest level")
+
+
+@few
+@given(seed=seeds)
+def test_contacts_of_surfaces_have_the_colour_of_the_skins_distance(seed):
+    item = shown(seed)
+    kinematics = G1.forward(item.motion.qpos)
+    sites = np.stack([kinematics.site_position(link) for link in item.motion.contact_links], axis=1)
+    away = sites - item.motion.object_pos[:, :1]
+    on_palms = se3.rotate_inverse(np.broadcast_to(item.motion.object_quat[:, :1], (*away.shape[:2], 4)), away)
+    motion = replace(item.motion, contact_points=on_palms, report=Report(config={"contact": "surface"}))
+    _, gaps = distances_of_motion(motion, G1, tuple(track.geometry for track in item.clip.objects))
+    (subject,) = make_scene([replace(item, motion=motion)]).subjects
+    patches, balls, lines = layer_of(subject, "contacts").parts
+    for frame in range(motion.frames):
+        off = np.abs(gaps[frame, motion.contact_flags[frame]])
+        np.testing.assert_array_equal(lines.colours[frame][lines.visible[frame]], gap_colour(off))
+        for part in (patches, balls):
+            assert np.abs(part.colours[part.visible[frame]].astype(int) - gap_colour(off)).max(initial=0) <= 35
 
 
 @few

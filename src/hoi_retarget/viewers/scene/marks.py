@@ -6,7 +6,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from hoi_retarget.clip.clip import ContactTrack
+from hoi_retarget.evaluation.object_distances import distances_of_motion
 from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.report import ELSEWHERE_M
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
@@ -50,6 +52,8 @@ def contact_marks(
     sites = np.stack([kinematics.site_position(motion.contact_links[link]) for link in links], axis=1)
     targets = np.where(active[..., None], place + se3.rotate(turn, points), sites)
     gaps = np.linalg.norm(targets - sites, axis=-1)
+    if motion.report.touches_with_surfaces and geometries is not None:
+        gaps = _skin_gaps(motion, kinematics, geometries, gaps, links)
     if geometries is None:
         aims = _coloured(
             Kind.SPHERE,
@@ -69,6 +73,19 @@ def contact_marks(
         Kind.SPHERE, np.full(3, radius), sites, np.broadcast_to(se3.IDENTITY_QUAT, turn.shape), gaps, active
     )
     return aims, balls, Lines(targets.astype(np.float32), sites.astype(np.float32), gap_colour(gaps), active)
+
+
+def _skin_gaps(
+    motion: Motion,
+    kinematics: Kinematics,
+    geometries: Sequence[ObjectGeometry],
+    gaps: Float[np.ndarray, "T C"],
+    links: Int[np.ndarray, "C"],
+) -> Float[np.ndarray, "T C"]:
+    """Return how far skins are off surfaces or in them [m]: sites lie under the skin. Elsewhere on an object is far."""
+    _, signed = distances_of_motion(motion, kinematics.model, tuple(geometries))
+    skin = np.abs(signed[:, links])
+    return np.where(np.isfinite(skin) & (gaps <= ELSEWHERE_M), skin, gaps)
 
 
 def stance_marks(motion: Motion, kinematics: Kinematics) -> Shapes:

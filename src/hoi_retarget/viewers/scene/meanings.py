@@ -68,7 +68,7 @@ LAYERS: Mapping[str, str] = {
     "reference": "What a robot that performed this in simulation was to follow.",
     "object": "The robot's objects, in the size in which it handles them.",
     "contacts": "A patch where the hand is to touch, a dot at the palm and a line between them: green up to 1 cm, "
-    "red from 5 cm on.",
+    "red from 5 cm on; of surfaces that touch, how far the skin is off or in.",
     "inside something": "Dots where the robot is inside an object, itself or the floor: yellow from 2 mm, red from 15.",
     "stance": "Plates under feet that are to stand.",
     "forces": "Forces of contacts in the simulation: an arrow of 20 cm is 100 N.",
