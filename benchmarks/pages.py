@@ -13,6 +13,7 @@ import resource
 import sys
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -20,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from browser import chromium, open_page, scene_pixels, wait_until
 from hoi_retarget.clip.edits import ContactEdits, Move
+from hoi_retarget.clip.edits.versions import EditsFiles
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.config import Config
@@ -56,7 +58,8 @@ def main() -> None:
     print(f"{arguments.clip}: {clip.frames} frames at {clip.fps:g}/s")
     with chromium() as browser:
         player(browser, clip, model, start, arguments.minutes)
-        editor(browser, clip, model, start)
+        with TemporaryDirectory() as folder:
+            editor(browser, clip, model, start, folder)
 
 
 def player(browser, clip, model, start, minutes: float) -> None:
@@ -98,11 +101,11 @@ def player(browser, clip, model, start, minutes: float) -> None:
     server.stop()
 
 
-def editor(browser, clip, model, start) -> None:
+def editor(browser, clip, model, start, folder: str) -> None:
     server, editors = open_server("contacts"), []
 
     def receive(client) -> Editor:
-        places = Places(Path("-"), lambda _: ())
+        places = Places(EditsFiles(Path(folder) / "edits.toml"), lambda _: ())
         editors.append(Editor(client, Editing(clip, model, Config(), start), model, places, lambda _: None))
         return editors[-1]
 

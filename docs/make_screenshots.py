@@ -6,6 +6,7 @@ Needs the extra `dev` and Chromium (Debian: `apt-get install chromium`).
 import io
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from PIL import Image
 
@@ -15,6 +16,7 @@ from browser import chromium
 from hoi_retarget.cli.entries import entry_of
 from hoi_retarget.cli.jobs import known_figures
 from hoi_retarget.clip.edits import ContactEdits
+from hoi_retarget.clip.edits.versions import EditsFiles
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.robots import load_robot
@@ -34,7 +36,7 @@ def main() -> None:
     """Write `images/viewer.png`, `images/editor_before.png` and `images/editor_after.png`."""
     clip, model = open_clip("builtin:carry_box"), load_robot("unitree_g1")
     start = solved(clip, model, Config(), ContactEdits.of(clip))
-    with chromium() as browser:
+    with chromium() as browser, TemporaryDirectory() as folder:
         motion = start.motions[0]
         entry = entry_of(motion, model, known_figures(motion, Path("carry_box.npz")))
         text = make_clip_page("carry_box", [(entry, Shown("G1", motion, model, clip))]).text
@@ -46,13 +48,15 @@ def main() -> None:
         viewer.stop()
 
         server = open_server("contacts of carry_box")
-        serve_editor(server, clip, model, Config(), start, Places(Path("carry_box.edits.toml"), lambda _: ()))
+        places = Places(EditsFiles(Path(folder) / "carry_box.edits.toml"), lambda _: ())
+        serve_editor(server, clip, model, Config(), start, places)
         page = _page(browser, address(server))
         page.get_by_role("button", name="right hand").first.click()
         page.get_by_role("button", name="right hand").first.wait_for()
         _picture(page, "editor_before")
-        page.locator("input.mantine-NumberInput-input").nth(2).fill("0.12")
-        page.get_by_text("move, right_hand").wait_for()
+        point = page.get_by_text("Point [m]", exact=True).locator("xpath=ancestor::div[.//input][1]//input")
+        point.nth(2).fill("0.12")
+        page.locator(".told", has_text="move, right_hand").wait_for(timeout=60_000)
         _picture(page, "editor_after")
         page.close()
         server.stop()

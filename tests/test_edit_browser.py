@@ -1,6 +1,9 @@
 """The contact editor in a browser: a point that is dragged takes the hand along, and nothing is lost on the way."""
 
+import os
 import re
+import subprocess
+import sys
 import threading
 
 import numpy as np
@@ -8,7 +11,8 @@ import pytest
 
 from browser import chromium, open_page, wait_until
 from hoi_retarget.cli import main
-from hoi_retarget.clip.edits import ContactEdits, Pin, Retime, load
+from hoi_retarget.clip.edits import ContactEdits, FixAll, Pin, Retime, load
+from hoi_retarget.clip.edits.versions import EditsFiles
 from hoi_retarget.motion.result_file import load as load_motion
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.numerics import se3
@@ -57,7 +61,7 @@ class Session:
 
     def _receive(self, client, edited):
         editing = Editing(self.clip, MODEL, Config(), edited)
-        places = Places(self.folder / "edits.toml", self._save_result)
+        places = Places(EditsFiles(self.folder / "edits.toml"), self._save_result)
         self.clients.append(client)
         self.editors.append(Editor(client, editing, MODEL, places, self.saved.append))
         return self.editors[-1]
@@ -344,4 +348,74 @@ def test_the_curves_leave_the_panels_free_and_lie_under_their_bars(browser, sess
     bars = page.locator(".hoi-strip .row > div").first.bounding_box()
     for other in (cursor, bars):
         assert [other["x"], other["width"]] == pytest.approx([plot["x"], plot["width"]], abs=1.0)
+    page.close()
+
+
+def serve_in(folder, environment) -> tuple[subprocess.Popen, str]:
+    """Start `edit` as a user would, and return its process and address."""
+    words = [sys.executable, "-u", "-m", "hoi_retarget", "edit", "builtin:carry_box", "--contact", "landmark"]
+    process = subprocess.Popen(words, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    for line in process.stdout:
+        if found := re.search(r"http://\S+", line):
+            return process, found[0]
+    raise AssertionError("the server said no address")
+
+
+def test_work_that_was_not_saved_survives_a_killed_server_and_a_closed_page(browser, tmp_path):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    kept, saved = tmp_path / "carry_box.edits.toml.unsaved", tmp_path / "carry_box.edits.toml"
+    process, where = serve_in(tmp_path, environment)
+    try:
+        page = open_page(browser, where)
+        page.get_by_text("2 contacts").wait_for()
+        page.get_by_text("One point each", exact=True).click()
+        wait_until(kept.exists, "what is not saved is kept")
+        process.kill()
+        process.communicate()  # Which closes its output.
+        page.close()
+        process, where = serve_in(tmp_path, environment)
+        for _ in range(2):  # A page that is closed loses nothing, either.
+            page = open_page(browser, where)
+            page.get_by_text("1 edit of last time not saved").wait_for()
+            page.get_by_text("Take up unsaved edits", exact=True).click()
+            page.get_by_text("Taken up again").wait_for()
+            if _ == 0:
+                page.close()
+        assert load(kept).edits == (FixAll(),)
+        page.get_by_text("Name", exact=True).locator("xpath=ancestor::div[.//input][1]//input").fill("fixed")
+        page.get_by_text("Save as", exact=True).click()
+        wait_until(lambda: "carry_box.fixed.edits.toml" in told(page), "a version is saved")
+        assert not kept.exists() and not saved.exists(), "and nothing is unsaved any more"
+        page.get_by_text("All to surface", exact=True).click()
+        wait_until(kept.exists, "a later edit is not saved")
+        page.get_by_role("combobox", name="Load").click()
+        page.get_by_role("option", name="fixed").click()
+        wait_until(lambda: "Loaded fixed. What was not saved is version unsaved now." in told(page), "it is loaded")
+        assert {path.name for path in tmp_path.iterdir()} == {
+            "carry_box.fixed.edits.toml", "carry_box.unsaved.edits.toml"
+        }  # fmt: skip
+        page.get_by_text("Save edits", exact=True).click()
+        wait_until(saved.exists, "the edits are saved")
+        assert load(saved).edits == (FixAll(),)
+        page.close()
+    finally:
+        process.kill()
+        process.communicate()  # Which closes its output.
+
+
+def test_before_and_after_are_shown_together_when_asked_for(browser, session):
+    page = open_page(browser, address(session.server))
+    page.get_by_text("2 contacts").wait_for()
+    editor = session.editors[-1]
+    page.get_by_text("One point each", exact=True).click()
+    wait_until(lambda: len(editor.edited.edits.edits) == 1, "an edit is made")
+    assert page.locator(".curves .titles").count() == 0
+    page.get_by_role("checkbox", name="Before").check()
+    page.locator(".curves .titles", has_text="carry_box, before").wait_for()
+    layer = session.clients[-1].scene.get_handle_by_name("/world/0/before")
+    assert layer.visible
+    page.get_by_role("checkbox", name="Before").uncheck()
+    wait_until(lambda: not layer.visible, "the ghost goes")
+    wait_until(lambda: page.locator(".curves .titles").count() == 0, "and its curves do")
     page.close()

@@ -12,6 +12,7 @@ from hoi_retarget.cli.run_arguments import settings_of, words_of
 from hoi_retarget.cli.serving import check_viser, serve_until_interrupted
 from hoi_retarget.cli.terminal import Working, program, say
 from hoi_retarget.clip.edits import ContactEdits, load
+from hoi_retarget.clip.edits.versions import EditsFiles
 from hoi_retarget.readers.open import open_clip, result_stem
 from hoi_retarget.retargeting.multi_person import result_paths, with_report, write
 from hoi_retarget.robots import load_robot
@@ -47,7 +48,10 @@ def execute(command: Edit) -> int:
     count = len(edits.edits)
     say(f"Edits are saved to {path}{f', which has {count} already' if count else ''}; then:")
     say(f"  {program()} {shlex.join(words_of(settings, config.as_json()))}")
-    places = Places(path, save_result)
+    files = EditsFiles(path)
+    if os.path.lexists(files.unsaved):
+        say(f"Edits that were not saved last time are in {files.unsaved}; the page offers them.")
+    places = Places(files, save_result)
     serve_until_interrupted(
         f"contacts of {stem}",
         command.host,

@@ -63,6 +63,10 @@ class Editing:
         again = _again(edit, last[0]) if last else None
         return self._revised(edits.adding(edit) if again is None else edits.without_last().adding(again))
 
+    def loaded(self, edits: ContactEdits) -> Edited:
+        """Return what other edits of the same recording make of it; raises what `tried` raises."""
+        return self._revised(edits)
+
     def take(self, edited: Edited) -> None:
         """Go on from what was tried."""
         self._past.append(self.now)
@@ -71,7 +75,7 @@ class Editing:
 
     def undo(self) -> None:
         """Take the last edit back; raises `ArgumentError` when there is none."""
-        if not self.now.edits.edits:
+        if not self._past and not self.now.edits.edits:
             raise ArgumentError("there is no contact edit to take back.")
         # Edits that were made before, and read from a file, were never solved one by one.
         before = self._past.pop() if self._past else self._revised(self.now.edits.without_last())

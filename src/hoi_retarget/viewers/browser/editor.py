@@ -4,6 +4,7 @@ All work is done by one thread per browser, in the order in which it was asked f
 being dragged only the latest place counts.
 """
 
+import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -14,8 +15,23 @@ import viser
 from jaxtyping import Float
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.clip.edits import Add, Edit, FixAll, Move, Pin, Retime, Segment, SnapAll, Unpin, describe, save
-from hoi_retarget.errors import HoiRetargetError
+from hoi_retarget.clip.edits import (
+    Add,
+    ContactEdits,
+    Edit,
+    FixAll,
+    Move,
+    Pin,
+    Retime,
+    Segment,
+    SnapAll,
+    Unpin,
+    describe,
+    load,
+    save,
+)
+from hoi_retarget.clip.edits.versions import EditsFiles
+from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import frames_in
 from hoi_retarget.objects.mesh import surface_of
@@ -24,7 +40,7 @@ from hoi_retarget.retargeting.targets import pinned_sites, recorded_rotation
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.browser.client_sessions import serve_sessions
 from hoi_retarget.viewers.browser.editing import Edited, Editing
-from hoi_retarget.viewers.browser.editor_panel import PANEL_WIDTH_PX, EditorPanel, Pinning, changes_text
+from hoi_retarget.viewers.browser.editor_panel import PANEL_WIDTH_PX, EditorPanel, Keeping, Pinning, changes_text
 from hoi_retarget.viewers.browser.editor_points import EditorPoints
 from hoi_retarget.viewers.browser.page_content import PageContent, page_content
 from hoi_retarget.viewers.browser.pin_handle import PinHandle, handle_path
@@ -52,8 +68,8 @@ _NEW_SECONDS = 0.5  # Length of a contact that is added.
 class Places:
     """Destinations of the editor's work; a browser chooses none of them."""
 
-    edits: Path
-    """The edits' file."""
+    files: EditsFiles
+    """Of the edits."""
     save_result: Callable[[Edited], tuple[Path, ...]]
     """Writes the motions and says where; raises `WriteError`."""
 
@@ -84,9 +100,13 @@ class Editor:
     ) -> None:
         """Begin; `saved` is told what was written to the edits' file."""
         self._editing, self._model, self._places, self._saved = editing, model, places, saved
+        self._kept = editing.now
+        self._offered = os.path.lexists(places.files.unsaved)
         self._first, self._gaps = editing.now, SurfaceGaps(editing.recorded)
         self._chosen: tuple[int, str, int] | None = None
         self._part: tuple[int, str] | None = None
+        self._compared = False
+        self._version: str | None = None
         self._worker = Worker("editor")
         self._player = Player(client, self._content(editing.now), left_px=PANEL_WIDTH_PX)
         self._ends = SegmentEnds(self._player.timeline, client.gui, editing.recorded.frames)
@@ -103,6 +123,12 @@ class Editor:
             add=self.add,
             pinning=Pinning(self.choose_part, self._asked(self._unpin), self.go_to_pin),
             undo_to=self.undo_to,
+            keeping=Keeping(
+                self.compare,
+                self.load,
+                self.save_as,
+                self._asked(self._take_up) if self._offered else None,
+            ),
             commands=(
                 {
                     "One point each": self._asked(lambda: self._commit(FixAll())),
@@ -119,6 +145,8 @@ class Editor:
         self._player.attach(self._points.show_frame)
         self._player.attach(self._pin_handle.show_frame)
         self._worker.do(lambda: self._show(f"{len(editing.now.segments)} contacts. Choose a row or a point."))
+        if self._offered:
+            self._do(self._offer)
 
     def stop(self) -> None:
         """End the editor's work."""
@@ -250,6 +278,45 @@ class Editor:
         if count < len(self._editing.now.edits.edits):
             self._do(lambda: self._go(lambda: self._editing.undo_to(count), f"Back to {count} edits."))
 
+    def compare(self, compared: bool) -> None:
+        """Show the motion as it was when the edits were last saved, too, in scene and curves."""
+
+        def task() -> None:
+            self._compared = compared
+            self._player.show_before(compared)
+            self._draw(self._editing.now)
+
+        self._do(task)
+
+    def save_as(self, name: str) -> None:
+        """Save the edits as a version."""
+
+        def task() -> None:
+            path = self._places.files.version(name)
+            if os.path.lexists(path) and name != self._version:
+                raise ArgumentError(f"there is a version {name} already. Choose another name, or load it first.")
+            save(self._editing.now.edits, path)
+            self._keep(name)
+            self._show(f"Saved as {path}.")
+
+        self._do(task)
+
+    def load(self, name: str) -> None:
+        """Go on from a version."""
+
+        def task() -> None:
+            files, before = self._places.files, self._editing.now
+            self._load(files.version(name))
+            told = f"Loaded {name}."
+            if before.edits.edits != self._kept.edits.edits and os.path.lexists(files.unsaved):
+                told += f" What was not saved is version {files.set_aside()} now."
+                self._offered = False
+                self._panel.offer(False)
+            self._keep(name)
+            self._show(told)
+
+        self._do(task)
+
     # What is done about it, in the worker's thread.
 
     def _do(self, task: Callable[[], None]) -> None:
@@ -262,10 +329,45 @@ class Editor:
         return lambda: self._do(task)
 
     def _save_edits(self) -> None:
-        save(self._editing.now.edits, self._places.edits)
+        save(self._editing.now.edits, self._places.files.saved)
         self._saved(self._editing.now)
-        count = len(self._editing.now.edits.edits)
-        self._panel.say(f"Saved {count} edit{'s' if count != 1 else ''} to {self._places.edits}.")
+        self._keep(None)
+        self._show(f"Saved {_count(self._editing.now.edits)} to {self._places.files.saved}.")
+
+    def _load(self, path: Path) -> None:
+        edits = load(path)
+        edits.made_for.check(self._editing.recorded)
+        self._editing.take(self._editing.loaded(edits))
+
+    def _keep(self, version: str | None) -> None:
+        """Begin anew from what was saved or loaded: nothing is unsaved, and what comes is compared with this."""
+        self._kept, self._version = self._editing.now, version
+        if not self._offered:
+            self._places.files.forget()
+
+    def _offer(self) -> None:
+        count = _count(load(self._places.files.unsaved))
+        self._panel.say(f"{count} of last time not saved. Take them up, under Versions, or go on without.")
+
+    def _take_up(self) -> None:
+        """Go on from what nobody saved."""
+        self._load(self._places.files.unsaved)
+        self._offered = False
+        self._panel.offer(False)
+        self._show("Taken up again. They are not saved yet.")
+
+    def _protect(self) -> str:
+        """Keep what is not saved for the case that the connection or the server is lost; say what became of others."""
+        files, told = self._places.files, ""
+        if self._offered:
+            self._offered = False
+            self._panel.offer(False)
+            told = f" What was not saved last time is version {files.set_aside()} now."
+        if self._editing.now.edits.edits == self._kept.edits.edits:
+            files.forget()
+        else:
+            files.keep(self._editing.now.edits)
+        return told
 
     def _save_result(self) -> None:
         """Solve the whole clip and write its motions."""
@@ -286,6 +388,7 @@ class Editor:
         tried = self._editing.tried(edit)
         solved = time.perf_counter()
         self._editing.take(tried)
+        aside = self._protect()
         if isinstance(edit, Retime) and self._chosen is not None:
             person, part, frame = self._chosen
             # A frame that it still has: otherwise it would not be the chosen one any more.
@@ -295,7 +398,7 @@ class Editor:
         changes = changes_text(self._editing.before or self._first, tried)
         where = _pin_text(tried, edit) if isinstance(edit, Pin) else self._gap_text(tried)
         told = f"{describe(tried.edits.edits[-1])}: {changes}. {where}"
-        self._panel.say(f"{told} (solved in {1e3 * (solved - start):.0f} ms, drawn in {1e3 * drawn:.0f} ms)")
+        self._panel.say(f"{told} (solved in {1e3 * (solved - start):.0f} ms, drawn in {1e3 * drawn:.0f} ms){aside}")
 
     def _chosen_of(self, segments: Sequence[Segment]) -> Segment | None:
         if self._chosen is None:
@@ -365,7 +468,8 @@ class Editor:
     def _go(self, step: Callable[[], None], told: str) -> None:
         start = time.perf_counter()
         step()
-        self._show(f"{told} ({1e3 * (time.perf_counter() - start):.0f} ms)")
+        aside = self._protect()
+        self._show(f"{told} ({1e3 * (time.perf_counter() - start):.0f} ms){aside}")
 
     def _guarded(self, task: Callable[[], None]) -> None:
         try:
@@ -385,6 +489,7 @@ class Editor:
         self._ends.show(now.segments, self.drag_end)
         self._show_strip(None if chosen is None else now.segments.index(chosen))
         self._panel.show(now, chosen, gaps, recorded=self._first, before=self._editing.before)
+        self._panel.show_versions(self._places.files.versions)
         if told is not None:
             self._panel.say(told)
 
@@ -401,9 +506,12 @@ class Editor:
         titles = [person.name if len(people) > 1 else edited.clip.name for person in people]
         plain = page_content(
             [
-                Shown(title, motion, self._model, edited.clip, person)
-                for person, (title, motion) in enumerate(zip(titles, edited.motions, strict=True))
-            ]
+                Shown(title, motion, self._model, edited.clip, person, before=before)
+                for person, (title, motion, before) in enumerate(
+                    zip(titles, edited.motions, self._kept.motions, strict=True)
+                )
+            ],
+            compared=self._compared,
         )
         return replace(plain, strip_height_px=strip_height_px(edited.segments, edited.clip.pins))
 
@@ -419,3 +527,9 @@ def _pin_text(edited: Edited, pin: Pin) -> str:
     parts = edited.motions[pin.person].report.pins
     own = next(item for item in parts if (item.part, item.frame) == (pin.part, pin.frame))
     return f"The {own}{': out of reach, or in the way of something' if own.missed else ''}."
+
+
+def _count(edits: ContactEdits) -> str:
+    """Return how many edits there are."""
+    count = len(edits.edits)
+    return f"{count} edit{'s' if count != 1 else ''}"

@@ -43,6 +43,7 @@ _HOTKEYS: Mapping[str, Literal["Z", "Y", "S"]] = {"Undo": "Z", "Redo": "Y", "Sav
 _RECORDED: str = "0: as recorded"
 _NOTHING: str = "nothing"
 _NO_PINS: str = "none"
+_NO_VERSION: str = "-"
 _DIGITS = 4  # Of a point's coordinates [m], as they are shown.
 
 Change = Callable[[Callable[[Segment], Edit]], None]
@@ -61,6 +62,20 @@ class Pinning:
     """Shows a pin."""
 
 
+@dataclass(frozen=True)
+class Keeping:
+    """What the panel asks for about versions."""
+
+    compare: Callable[[bool], None]
+    """Shows the motion as it was when last saved, too."""
+    load: Callable[[str], None]
+    """Goes on from a version."""
+    save_as: Callable[[str], None]
+    """Makes a version."""
+    take_up: Callable[[], None] | None
+    """Goes on from what was not saved last time; None where there is nothing."""
+
+
 class EditorPanel:
     """The widgets of one browser."""
 
@@ -77,6 +92,7 @@ class EditorPanel:
         add: Callable[[int, str, int], None],
         pinning: Pinning,
         undo_to: Callable[[int], None],
+        keeping: Keeping,
         commands: Sequence[Mapping[str, Callable[[], None]]],
     ) -> None:
         """Add the widgets.
@@ -92,6 +108,7 @@ class EditorPanel:
             add: Adds a contact of a person's part with an object.
             pinning: What is done about pins.
             undo_to: Takes edits back until so many are left.
+            keeping: What is done about versions.
             commands: Buttons that concern all contacts, row by row.
         """
         self._gui, self._model, self._frame = gui, model, frame
@@ -116,6 +133,8 @@ class EditorPanel:
                 self._edits.on_update(lambda event: self._on_edits(event, undo_to))
             with gui.add_folder("Figures"):
                 self._figures = gui.add_html("")
+            with gui.add_folder("Versions"):
+                self._add_versions(keeping)
         panel.dock_left()
         panel.set_width(PANEL_WIDTH_PX)
 
@@ -128,6 +147,18 @@ class EditorPanel:
     def turns_pins(self) -> bool:
         """Whether a pin that is dragged pins the rotation, too."""
         return self._turns.value
+
+    def offer(self, visible: bool) -> None:
+        """Show or hide the button that takes up what was not saved."""
+        if self._take_up is not None:
+            self._take_up.visible = visible
+
+    def show_versions(self, names: Sequence[str]) -> None:
+        """Show which versions there are."""
+        options = (_NO_VERSION, *names)
+        if self._versions.options != options:
+            self._versions.options = options
+        self._versions.value = _NO_VERSION
 
     def choose_part(self, part: tuple[int, str] | None) -> None:
         """Show which part of the robot has the handle."""
@@ -249,6 +280,26 @@ class EditorPanel:
         self._pins = gui.add_dropdown("Pins", (_NO_PINS,), hint="All pins; choose one to go there")
         self._pins.on_update(lambda event: self._on_pins(event, pinning))
         self._add_choices({"Unpin here": pinning.unpin}, lambda command: command())
+
+    def _add_versions(self, keeping: "Keeping") -> None:
+        gui = self._gui
+        self._take_up: viser.GuiButtonHandle | None = None
+        if keeping.take_up is not None:
+            take_up = keeping.take_up
+            self._take_up = gui.add_button("Take up unsaved edits", color="yellow")
+            self._take_up.on_click(lambda _: take_up())
+        compared = gui.add_checkbox("Before", False, hint="Scene and curves as they were when last saved, too")
+        compared.on_update(lambda event: keeping.compare(event.target.value))
+        self._versions = gui.add_dropdown("Load", (_NO_VERSION,), hint="Versions by name; choose one to go on from it")
+        self._versions.on_update(
+            lambda event: (
+                keeping.load(event.target.value)
+                if event.client is not None and event.target.value != _NO_VERSION
+                else None
+            )
+        )
+        name = gui.add_text("Name", "", hint="Of a version")
+        self._add_choices({"Save as": lambda: keeping.save_as(name.value.strip())}, lambda command: command())
 
     def _on_pins(self, event: viser.GuiEvent[Any], pinning: "Pinning") -> None:
         number = event.target.options.index(event.target.value)

@@ -17,7 +17,7 @@ from hoi_retarget.viewers.browser.player_camera import BODY, PlayerCamera, looks
 from hoi_retarget.viewers.browser.viser_scene import ViserScene
 from hoi_retarget.viewers.html import render
 from hoi_retarget.viewers.scene.curve_chart import LEFT_INSET_PX, RIGHT_INSET_PX
-from hoi_retarget.viewers.scene.scene import OBJECT_LAYERS, SEE_THROUGH
+from hoi_retarget.viewers.scene.scene import BEFORE, OBJECT_LAYERS, SEE_THROUGH
 
 WORLD = "/world"
 MESSAGE = "viewers/browser/page/message.html.j2"
@@ -88,6 +88,10 @@ class Player:
     def show_strip(self, strip: str) -> None:
         """Show HTML above the curves, on their time axis."""
         self.do(lambda: setattr(self._strip, "content", strip))
+
+    def show_before(self, visible: bool) -> None:
+        """Show or hide the ghosts of earlier motions."""
+        self.do(lambda: self._drawn.show_layer(BEFORE, visible))
 
     def attach(self, show: Callable[[int], None]) -> None:
         """Call this too with every frame that is shown."""
@@ -171,7 +175,8 @@ class Player:
 
     def _add_layer_boxes(self) -> None:
         gui, subjects = self._client.gui, self._scene.subjects
-        for name, shown in {layer.name: layer.shown for subject in subjects for layer in subject.layers}.items():
+        layers = {layer.name: layer.shown for subject in subjects for layer in subject.layers if layer.name != BEFORE}
+        for name, shown in layers.items():
             box = gui.add_checkbox(name, shown)
             box.on_update(lambda event, name=name: self.do(lambda: self._drawn.show_layer(name, event.target.value)))
         for index, subject in enumerate(subjects) if len(subjects) > 1 else ():

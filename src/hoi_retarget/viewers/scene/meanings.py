@@ -66,6 +66,7 @@ LAYERS: Mapping[str, str] = {
     "inverse kinematics": "The robot as it was before the trajectory was optimized: what the last stage changed.",
     "trajectory": "The robot as the optimized trajectory has it, before later stages.",
     "reference": "What a robot that performed this in simulation was to follow.",
+    "before": "The robot as its motion was before the edits since the last saved ones.",
     "object": "The robot's objects, in the size in which it handles them.",
     "contacts": "A patch where the hand is to touch, a dot at the palm and a line between them: green up to 1 cm, "
     "red from 5 cm on; of surfaces that touch, how far the skin is off or in.",

@@ -35,6 +35,8 @@ from hoi_retarget.viewers.scene.shared_objects import group_people, shared_objec
 FREE_SPACE = 0.3  # Between what neighbours reach [m].
 _ARM_REACH = 0.8  # Of a body, around its pelvis [m].
 OBJECT_LAYERS = ("object", "human's object")
+BEFORE = "before"
+"""Layer of an earlier motion."""
 REFERENCE, FORCES = "reference", "forces"
 """Layers of a motion that was performed in simulation: the stage that it follows, and arrows."""
 SEE_THROUGH = 0.35  # Opacity of objects through which hands are seen.
@@ -60,6 +62,8 @@ class Shown:
     """Index among the clip's people."""
     meshes: Path | None = None
     """Folder with the files of the robot's vendor meshes; None for those that were fetched, or the primitives."""
+    before: Motion | None = None
+    """An earlier motion of the robot for the same clip, shown as a ghost."""
 
     def __post_init__(self) -> None:
         motion, clip = self.motion, self.clip
@@ -205,6 +209,9 @@ def _robot_side(item: Shown, motion: Motion, model: RobotModel) -> Side:
         Layer("stance", (stance_marks(motion, kinematics),)),
     )
     forces = motion.stages[-1].forces
+    if item.before is not None:
+        ghost = robot_shapes(model, model.forward(item.before.qpos))
+        layers += (Layer(BEFORE, tuple(map(_tinted, ghost)), opacity=_EARLIER_OPACITY, shown=False),)
     if forces is not None:
         layers += (Layer(FORCES, force_arrows(forces)),)
     return Side("robot", motion.fps, motion.qpos[:, :3], motion.object_pos, layers, looks)
