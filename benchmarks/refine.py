@@ -172,6 +172,8 @@ def show_rows(results: list[dict[str, Any]]) -> None:
         for figure in FEASIBILITY:
             pairs = [(result[figure.name], share) for result, share in zip(results, shares, strict=True)]
             known = np.array([pair for pair in pairs if pair[0] is not None])
+            if not len(known) or (known == known[0]).all(axis=0).any():
+                continue
             print(f"rank correlation of {figure.title} with the share performed: {spearmanr(*known.T)[0]:+.2f}")
 
 
