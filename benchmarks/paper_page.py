@@ -349,7 +349,7 @@ def refinement(found: Measured) -> str:
     cpu = float(np.mean([row["cpu_per_s"] for row in found["clips"]]))
     return (
         f"Table IV of the paper: 68 clips by a policy a clip (RL) and by sampling (SBTO). Ours: `refine`, sampling on a CPU ([physics.md](physics.md)), {len(found['clips'])} "
-        f"clips of two hands, one of each kind of object, 1 kg, at captured size; {len(whole)} are performed without a fall, {sum(row['whole'] for row in standing)} of the "
+        f"clips of two hands, one of each kind of object, 1 kg, at captured size, in convex parts (extra `physics`); {len(whole)} are performed without a fall, {sum(row['whole'] for row in standing)} of the "
         f"{len(standing)} that start standing. {cpu:.1f} CPU seconds a second of motion, {max(row['memory_mb'] for row in found['clips']):.0f} MB. The paper's "
         "path error is against the human's object, ours against the reference's.\n\n"
         + table(["", "mean", "median", "the paper, RL", "the paper, SBTO"], rows)
