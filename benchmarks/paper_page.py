@@ -82,7 +82,11 @@ def page(measured: Mapping[str, Measured], reasons: Mapping[str, str]) -> str:
         made["refinement_of_omniretarget"] = starts(both[0], both[1])
     behind = [line for name in made for line in BEHIND.get(name, no_lines)(measured[name])]
     out = [f"- **{TITLES[name]}**: {reasons.get(name, 'has not been run')}." for name in missing]
-    parts = [HEAD, "## Where this project is behind\n", "\n".join(behind + list(ALWAYS_BEHIND)), CLAIMS]
+    claims = CLAIMS
+    for name, title in TITLES.items():
+        if not made.get(name):
+            claims = claims.replace(f"](#{title.lower().replace(' ', '-')})", "](#left-out)")
+    parts = [HEAD, "## Where this project is behind\n", "\n".join(behind + list(ALWAYS_BEHIND)), claims]
     parts += [f"## {TITLES[name]}\n\n{text}" for name, text in made.items() if text]
     parts += ["## Left out\n", "\n".join(out + list(NOT_HERE))]
     return "\n".join(part.strip("\n") + "\n" for part in parts)
@@ -454,7 +458,7 @@ TITLES = {
 HEAD = """# The paper, claim by claim
 
 *HOI-Retarget: Contact-Centric Retargeting for Human-Object Interaction* says what such a system does; this page shows what this one does of it, measured. It is written by
-`python benchmarks/paper.py` from the files in [benchmarks/measured](../benchmarks/measured), which its steps write; with no option it writes the page again.
+`python benchmarks/paper.py` from the files in `benchmarks/measured`, which its steps write; with no option it writes the page again.
 With recordings and the other programs' environments it measures again (`--help`). The recordings are OMOMO's in InterMimic's layout, 33 clips of 11 kinds of object;
 the paper has 4,421 of 13. Its figures are quoted beside ours; they are of other clips, on another machine.
 """

@@ -118,6 +118,7 @@ def test_robot_made_of_a_file_stands_relaxed_whatever_its_zero_pose_is(tmp_path,
     assert left[1] > right[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("root", "waist", "yaw"), [("torso", 2, np.pi), ("torso", 0, 0.0), ("pelvis", 3, 1.0)])
 def test_any_link_may_be_the_root_and_look_anywhere(tmp_path, root, waist, yaw):
     """Robots whose torso is the root link, and those whose root frame looks backwards, were never solved before."""

@@ -53,6 +53,7 @@ def test_tracking_counts_more_only_where_there_is_no_object(g1):
         assert close["joint_position"] == WITHOUT_OBJECTS["joint_position"] * with_box["joint_position"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("contact", "room"), [("landmark", 0.0), ("surface", 0.05)])
 def test_a_person_alone_is_followed_closely(g1, contact, room):
     """Closer than with the weights of clips with objects, without skating, floating or more jerk."""

@@ -129,6 +129,7 @@ def test_weights_are_full_within_a_stance_and_fade_towards_its_ends_alone():
     assert (anchor_weights(np.ones(9, bool), FPS) == 1).all(), "a clip's ends are no ends of a stance"
 
 
+@pytest.mark.slow
 def test_robots_feet_stand_and_those_of_landmark_contact_are_left_alone():
     clip, model = make("carry_box"), MODELS["unitree_g1"]
     surface, landmark = (retarget(clip, model, Config(contact=kind)).report.figures for kind in ("surface", "landmark"))

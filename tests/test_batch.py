@@ -239,6 +239,7 @@ def test_another_setting_makes_the_jobs_anew(quick):
     assert len(names(batch(config=Config(solver=KeepStart())))) == 2, "a solver without options is another one"
 
 
+@pytest.mark.slow
 def test_the_command_line_takes_a_configuration_for_a_folder(quick, capsys):
     Path("my.toml").write_text("[weights]\njerk = 2e-3\n")
     assert main(["batch", "clips", "--config", "my.toml", "--out", "set"]) == 0

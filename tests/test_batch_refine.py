@@ -131,6 +131,7 @@ def test_nothing_is_done_twice_and_other_settings_refine_again(done, specificati
     run_batch(specification, out, Inline())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tasks", [1, 3])
 def test_stopped_and_resumed_it_is_what_it_is_in_one_go(done, specification, tmp_path, tasks):
     out, _ = done

@@ -76,6 +76,7 @@ def test_flips_do_not_depend_on_the_frame_at_which_a_clip_starts(first):
     assert flips_of(solved(targets), targets) == ()
 
 
+@pytest.mark.slow
 def test_a_planted_wrong_branch_is_found_and_left(monkeypatch):
     """The first start has the wrist at the wrong end of its range in a second of the clip."""
     targets = make_targets(rolling(np.full(scene().frames, 150.0)), MODEL, Scaling())

@@ -171,6 +171,7 @@ def test_a_robot_without_capsules_is_named():
         list(capsule_terms(Weights(capsule_clearance=1.0), targets, reference))
 
 
+@pytest.mark.slow
 def test_the_weight_moves_the_robot_out_of_the_object():
     clip = make("carry_box")
     sunk = {}

@@ -131,6 +131,7 @@ def test_run_writes_one_result_and_says_so(run, recording):
     assert out.endswith("1 solved, 0 failed.\n")
 
 
+@pytest.mark.slow
 def test_a_result_carries_source_settings_and_seconds(run, recording):
     run(f"{NAME}.pt", "--size-multiplier", "1.1", "--horizon", "windowed:60:10")
     motion = load(recording / "out" / f"{NAME}.npz")

@@ -46,6 +46,7 @@ def page_at(text: str) -> bytes:
         return answer.read()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [("view", "carry_box.npz"), ("edit", "builtin:carry_box")], ids=["view", "edit"])
 def test_it_says_where_the_page_is_and_ends_with_ctrl_c(demo, words):
     with started(*words, folder=demo.parent) as (process, said):
@@ -57,6 +58,7 @@ def test_it_says_where_the_page_is_and_ends_with_ctrl_c(demo, words):
         assert "viser" not in said + out
 
 
+@pytest.mark.slow
 def test_the_editor_says_where_edits_go_and_which_run_makes_the_same(demo):
     words = ("edit", "builtin:carry_box", "--root-scale", "0.8", "--out", "there")
     with started(*words, folder=demo.parent) as (_, said):

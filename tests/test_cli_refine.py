@@ -56,6 +56,7 @@ def test_what_is_performed_goes_out_beside_what_a_controller_needs(folder, capsy
         np.testing.assert_allclose(performed.qpos[::3], held["qpos"][::5], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_same_seed_has_the_same_files(folder):
     result_file.save(alone(31, glide=0.3), folder / "glides.npz")
     for out in ("one", "two"):
@@ -92,6 +93,7 @@ def test_what_falls_is_kept_to_the_fall_in_place_of_what_stood(folder, capsys):
         assert 0.0 < facts["fell_after"] < 1.5 and facts["certificate"] is None and "the robot lacks" in facts["cause"]
 
 
+@pytest.mark.slow
 def test_a_fall_is_looked_at_beside_its_clip(folder, capsys):
     clip = make("carry_box")
     motion = plain_motion(

@@ -87,6 +87,7 @@ def test_a_figure(monkeypatch):
     assert module.HAND_HEIGHT.text(motion.report.figures["hand_height_m"]).replace(".", "").isdecimal()
 
 
+@pytest.mark.slow
 def test_a_robot(monkeypatch):
     spec = example("robot").SPEC
     monkeypatch.setattr(robots, "ROBOTS", MappingProxyType({**robots.ROBOTS, spec.name: spec}))

@@ -98,6 +98,7 @@ def test_run_fails_a_motion_at_landmarks_that_did_not_converge(tmp_path, capsys)
     assert load(tmp_path / "carry_box.npz").faults == ()
 
 
+@pytest.mark.slow
 def test_batch_marks_it_failed_and_resumes_without_it(tmp_path, capsys):
     specification, out = tmp_path / "set.toml", tmp_path / "out"
     specification.write_text(BATCH.format(1))

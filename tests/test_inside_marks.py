@@ -67,6 +67,7 @@ def test_deeper_places_have_deeper_colours():
     assert share_of_deepest(deep) > share_of_deepest(shallow)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 10**6), height=st.sampled_from([0.3, 5.0]))
 def test_the_deepest_colour_is_of_the_depth_that_figures_say(seed, height):

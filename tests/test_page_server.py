@@ -56,6 +56,7 @@ def test_a_second_server_takes_another_port_and_a_taken_one_is_refused(server):
         OnePageServer(lambda: "", port=server.port)
 
 
+@pytest.mark.slow
 def test_a_page_that_is_reloaded_shows_the_files_as_they_are_then(tmp_path, capsys):
     one, two = written(tmp_path, "one.npz"), tmp_path / "two.npz"
     two.write_bytes(one.read_bytes()[:5000])

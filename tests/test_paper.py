@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -35,6 +36,8 @@ def test_every_step_has_a_section_and_says_what_it_needs(paper):
     assert needy == {name for name, step in script.STEPS.items() if step.needs}
     text = page.page({}, dict.fromkeys(script.STEPS, "needs --data"))
     assert all(f"**{title}**: needs --data." in text for title in page.TITLES.values())
+    headings = {line[3:].lower().replace(" ", "-") for line in text.splitlines() if line.startswith("## ")}
+    assert set(re.findall(r"\]\(#([^)]+)\)", text)) <= headings
 
 
 def test_what_is_worse_than_another_program_comes_first(paper):

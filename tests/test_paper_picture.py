@@ -80,6 +80,7 @@ def test_what_cannot_be_drawn_for_a_paper_is_refused(result, words, reason, tmp_
     assert reason in capsys.readouterr().err and not any(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(bool(trouble("egl")), reason="MuJoCo cannot draw here with EGL")
 def test_a_cutout_has_every_shape_that_the_plain_picture_has(result, tmp_path):
     import subprocess

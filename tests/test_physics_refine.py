@@ -161,6 +161,7 @@ def gliding():
     return scene, reference
 
 
+@pytest.mark.slow
 def test_the_same_seed_has_the_same_bytes_and_another_seed_others():
     told = []
     one, two = (refine(*gliding(), FEW, seed=3, on_progress=told.append) for _ in range(2))

@@ -112,6 +112,7 @@ def test_without_pins_targets_are_the_same(recorded):
     assert with_pins(targets, recorded, model, np.tile(model.home_qpos, (recorded.frames, 1))) is targets
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("part", "frame", "offset", "turn"),
     [
@@ -166,6 +167,7 @@ def test_a_later_pin_takes_the_place_of_an_earlier_one_and_can_be_taken_away(rec
         pinned(recorded, Pin("left_hand", 9, place), Unpin("left_hand", 8))
 
 
+@pytest.mark.slow
 @FAST
 @given(st.sampled_from(PINNED_PARTS), st.integers(0, 119), st.booleans(), st.integers(0, 99))
 def test_pins_are_mirrored_and_sped_up_with_their_clip(part, frame, turned, seed):

@@ -254,6 +254,7 @@ def test_contacts_of_single_frames_are_no_jerks():
     assert jerk < 3 * np.abs(np.diff(result().qpos[:, 7:], n=3, axis=0)).max()
 
 
+@pytest.mark.slow
 def test_a_contact_out_of_reach_is_reported_with_link_frames_and_residual():
     start, stop = scene().contacts[0].segments[0]
     clip = cut(scene(), start - 10, min(start + 30, stop))

@@ -20,6 +20,7 @@ from trajectories import MODELS
 LYING_FEET = ("legs stretched", "kneeling", "on the back", "on the front", "on the side")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", list(MODELS))
 @pytest.mark.parametrize("posture", list(POSTURES))
 def test_the_trunk_follows_in_every_posture(posture, robot):

@@ -86,6 +86,7 @@ def test_links_that_are_more_than_half_through_leave_on_the_side_on_which_they_c
     assert np.mean(ways(30.0) < 0.0) > 0.95
 
 
+@pytest.mark.slow
 def test_a_robot_gives_way_to_another():
     fixed, start = standing(H2), standing(aside=0.42)
     assert depth(start, fixed) > 0.01

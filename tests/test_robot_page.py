@@ -97,6 +97,7 @@ def run(*words):
     return done.returncode, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_page_of_an_added_robot_stands_alone_and_is_made_again(tmp_path, monkeypatch):
     need_drawing("egl")
     monkeypatch.setenv("HOI_RETARGET_ROBOTS", str(tmp_path / "robots"))

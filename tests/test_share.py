@@ -323,6 +323,7 @@ def shared(out: Path, *titles: str) -> None:
             gallery.add(title, [(entry(motion), Shown("G1", motion, G1, make("carry_box")))])
 
 
+@pytest.mark.slow
 def test_a_gallery_replaces_an_earlier_one_and_nothing_else(tmp_path: Path) -> None:
     out = tmp_path / "deep" / "gallery"
     shared(out, "a", "A")
@@ -401,6 +402,7 @@ def test_share_shows_the_robot_where_the_clip_is_gone(tmp_path: Path, capsys: py
     assert "/nowhere/clip.pt" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["absent", "garbage", "foreign", "wrong figure", "wrong scale"])
 def test_a_result_that_cannot_be_read_costs_its_own_page_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: str

@@ -137,6 +137,7 @@ def out_of_reach(seed: int, frames: int) -> Problem:
     return tracking(goal, 0, frames, jerk=810.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 3])
 def test_a_solve_that_bounds_hold_up_converges_when_it_is_begun_again(seed):
     problem, start, solver = out_of_reach(seed, 40), standing(40), BandedInteriorPoint()

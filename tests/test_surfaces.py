@@ -255,6 +255,7 @@ def test_windows_touch_as_the_whole_does():
     assert np.abs(windowed.qpos - whole.qpos).mean() < 0.02
 
 
+@pytest.mark.slow
 def test_an_edited_contact_touches_after_a_local_solve():
     clip, model = make("carry_box", seconds=4.0), MODELS["unitree_g1"]
     before = draft(clip, model, Config())

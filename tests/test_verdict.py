@@ -131,6 +131,7 @@ def told(**report) -> dict[str, float | None]:
     return judged_figures(replace(carried(), report=replace(carried().report, **report)), G1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("clip", [make("push_table"), mirrored(make("push_table"))], ids=["as made", "mirrored"])
 def test_a_good_result_passes_and_only_what_was_not_asked_for_is_not_judged(clip):
     motion = retarget(clip, G1, Config())

@@ -215,6 +215,7 @@ def hand_motion(clip: Clip) -> dict[str, float]:
     }
 
 
+@pytest.mark.slow
 def test_alternating_contacts_are_not_reached_and_fixed_ones_are_as_without_errors():
     noisy = reconstructed(BOX, Noise(alternation=0.03))
     clean, before, after = hand_motion(BOX), hand_motion(noisy), hand_motion(edited(noisy, FixAll()))
@@ -226,6 +227,7 @@ def test_alternating_contacts_are_not_reached_and_fixed_ones_are_as_without_erro
         assert after[key] == pytest.approx(clean[key], rel=0.05)
 
 
+@pytest.mark.slow
 def test_trembling_contacts_shake_the_robot_and_fixed_ones_do_so_less():
     noisy = reconstructed(BOX, Noise(jitter=0.01, alternation=0.03, drift=(0.0, DRIFT, 0.0)))
     before, after = hand_motion(noisy), hand_motion(edited(noisy, FixAll()))
