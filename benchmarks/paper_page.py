@@ -139,7 +139,7 @@ def peers(found: Measured) -> str:
         + table(header, rows)
         + "\nGMR knows no object: objects move as in the clip, scaled with its robot's path. OmniRetarget is given each object's mesh in place of its large "
         "box's, which it takes for its convex hull; its hands may touch anywhere, which the place tells. "
-        f"`python benchmarks/peers.py`; figures of each clip: [peers.json](../benchmarks/measured/peers.json). First column: {NAMES[base]}, "
+        f"`python benchmarks/peers.py`; figures of each clip: `benchmarks/measured/peers.json`. First column: {NAMES[base]}, "
         "surfaces that touch ([contact.md](contact.md)).\n"
     )
 
@@ -231,7 +231,7 @@ def horizon(found: Measured) -> str:
         f"Table VII of the paper (Appendix B). Ours / the paper's. {first['clips']} OMOMO clips at captured size, {first['frames']} frames, against the ten longest "
         "clips of each of 13 objects; medians. Our memory is that of the largest clip, the paper's a median.\n\n"
         + table(header, rows, left=2)
-        + "\n`python benchmarks/horizon.py --clearance 1000 --object-scale 1.0`; [horizon.json](../benchmarks/measured/horizon.json).\n"
+        + "\n`python benchmarks/horizon.py --clearance 1000 --object-scale 1.0`; `benchmarks/measured/horizon.json`.\n"
     )
 
 
@@ -253,7 +253,7 @@ def memory(found: Measured) -> str:
         "A built-in clip played forth and back, each length in a process of its own with 2 GB of address space. The paper's whole-clip solves are killed at 16 GB "
         "in 43 of 130 clips with the collision cost.\n\n"
         + table(["horizon", "frames", "CPU [ms/frame]", "peak memory [MB]"], rows)
-        + "\n`python benchmarks/scaling.py --memory-limit 2`; [memory.json](../benchmarks/measured/memory.json).\n"
+        + "\n`python benchmarks/scaling.py --memory-limit 2`; `benchmarks/measured/memory.json`.\n"
     )
 
 
@@ -281,7 +281,7 @@ def augmentation(found: Measured) -> str:
         f"({', '.join(clips)}), sizes on top of the scale that suits the robot; means of clips.\n\n"
         + table(header, rows, left=2)
         + "\n![A G1 and an H2 with a box and a chair of a quarter to one and a half of their size](images/sizes.png)\n\n"
-        "`python benchmarks/augmentation.py --picture sizes.png`; [augmentation.json](../benchmarks/measured/augmentation.json).\n"
+        "`python benchmarks/augmentation.py --picture sizes.png`; `benchmarks/measured/augmentation.json`.\n"
     )
 
 
@@ -306,7 +306,7 @@ def video(found: Measured) -> str:
         "built-in clip whose true contacts are known ([video.md](video.md)). *Fixed* is the paper's remedy, one point for each contact; *by hand* moves that point as "
         "a person would who sees where it should be, to the centimetre.\n\n"
         + table(header, rows, left=2)
-        + "\n`python benchmarks/video.py`; [video.json](../benchmarks/measured/video.json).\n"
+        + "\n`python benchmarks/video.py`; `benchmarks/measured/video.json`.\n"
     )
 
 
@@ -328,7 +328,7 @@ def pairs(found: Measured) -> str:
     return (
         "Two people to two robots in one world. The paper leaves mutual collisions out; here robots keep out of each other.\n\n"
         + table(header, rows, left=2)
-        + "\n`python benchmarks/pairs.py`; [pairs.json](../benchmarks/measured/pairs.json). The first clip is synthetic; in the others two recorded people were put into one world, their joints 4 cm apart.\n"
+        + "\n`python benchmarks/pairs.py`; `benchmarks/measured/pairs.json`. The first clip is synthetic; in the others two recorded people were put into one world, their joints 4 cm apart.\n"
     )
 
 
@@ -359,7 +359,7 @@ def refinement(found: Measured) -> str:
         + table(["", "mean", "median", "the paper, RL", "the paper, SBTO"], rows)
         + "\n"
         + table(["clip", "performed [s]", *(title for _, title in REFINED), "CPU [s/s]"], clips)
-        + "\n`python benchmarks/refine.py --object-mass 1`; [refinement.json](../benchmarks/measured/refinement.json).\n"
+        + "\n`python benchmarks/refine.py --object-mass 1`; `benchmarks/measured/refinement.json`.\n"
     )
 
 
@@ -382,7 +382,7 @@ def starts(ours: Measured, theirs: Measured) -> str:
         f"Table IV's question: which reference is the better start? {len(pairs)} clips, the same refinement, budget and seed; OmniRetarget's motions with the recording's labels. "
         f"Figures are means over the {len(whole)} that both perform without a fall; p of a paired Wilcoxon test. In the paper, SBTO: object 19.4 against 26.9 cm, gap 9.9 against 14.1, hands 28.1 against 38.4 deg.\n\n"
         + table(["", "this project's references", "OmniRetarget's", "p"], rows)
-        + "\n[refinement_of_omniretarget.json](../benchmarks/measured/refinement_of_omniretarget.json).\n"
+        + "\n`benchmarks/measured/refinement_of_omniretarget.json`.\n"
     )
 
 
@@ -428,7 +428,7 @@ def dataset(found: Measured) -> str:
     return (
         "All clips at hand for both robots at their default scales, by one specification: `batch`, `report` with verdicts, `export --to dataset`.\n\n"
         + table(["", "here", "the paper"], rows)
-        + "\n`python benchmarks/batch.py --clips CLIPS --objects OBJECTS --object-scales auto`; [dataset.json](../benchmarks/measured/dataset.json).\n"
+        + "\n`python benchmarks/batch.py --clips CLIPS --objects OBJECTS --object-scales auto`; `benchmarks/measured/dataset.json`.\n"
     )
 
 
