@@ -100,7 +100,10 @@ def test_hands_and_objects_are_never_seen_in_different_frames(browser, server):
         with every_drawing(page) as pictures:
             frame_box(page).fill(str(frame))
             wait_until(lambda: shown_frame(page) == frame, "the frame is shown")
-            page.wait_for_timeout(3000)
+            drawn = -1
+            while drawn != (now := page.evaluate("window.drawn.length")):  # A busy machine draws late.
+                drawn = now
+                page.wait_for_timeout(3000)
         return pictures
 
     def unlike(a: np.ndarray, b: np.ndarray) -> float:
