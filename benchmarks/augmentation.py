@@ -17,6 +17,7 @@ import numpy as np
 import tyro
 from common import clip_files, one_of_each_first, pin_threads, show, write_json
 from PIL import Image
+from scores import mean
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
@@ -62,8 +63,9 @@ def clips_of(arguments: Arguments) -> list[Path]:
     """Return the shortest clip of each kind of object."""
     if arguments.data is None:
         return [Path("builtin:carry_box"), Path("builtin:move_chair")]
-    ordered = one_of_each_first(clip_files(arguments.data, None))
-    kinds = dict(reversed([(kind_of(file), file) for file in ordered]))
+    kinds: dict[str, Path] = {}
+    for file in one_of_each_first(clip_files(arguments.data, None)):
+        kinds.setdefault(kind_of(file), file)
     return [kinds[kind] for kind in sorted(kinds) if kind in (arguments.kinds or kinds)]
 
 
@@ -110,11 +112,6 @@ def mean_row(results: list[dict[str, Any]], robot: str, size: float) -> dict[str
         "clips_with_unreached_landmark": sum(row["unreached_landmark"] > 0 for row in done),
         **{key: mean([row[key] for row in done]) for key, *_ in COLUMNS},
     }
-
-
-def mean(values: list[float | None]) -> float | None:
-    there = [value for value in values if value is not None]
-    return float(np.mean(there)) if there else None
 
 
 def draw(files: list[Path], arguments: Arguments, out: Path) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import paper_figures
 import tyro
 from common import Source, clip_files, peak_memory, pin_threads, run_fresh, show, write_json
 
@@ -33,15 +34,6 @@ FIGURES = (
     ("joint_jerk_radps3", "joint jerk", 1.0, 0),
 )
 NEAR_SEAM = 2  # Frames on either side that a third difference reaches.
-# Horizon, with the collision cost or without: clips solved, time [s/clip], memory [MB], velocity [deg], joint jerk.
-PAPER = {
-    ("per-frame", False): (130, 37.7, 1440, 40.3, 588),
-    ("windowed:60:3", False): (130, 39.4, 1763, 24.4, 251),
-    ("windowed:60:3", True): (130, 159.9, 3876, 24.5, 257),
-    ("whole", False): (130, 45.8, 2400, 23.5, 185),
-    ("whole", True): (87, 210.5, 8671, 24.4, 186),
-}
-PAPER_CLIPS = 130
 
 
 @dataclass(frozen=True)
@@ -188,7 +180,7 @@ def show_beside_paper(results: list[dict[str, Any]], clips: int) -> None:
     base = ("windowed:60:3", False)
     unit = ours[base]["seconds_a_clip"] if base in ours else None
     rows = []
-    for key, (solved, seconds, megabytes, degrees, jerk) in PAPER.items():
+    for key, (solved, seconds, megabytes, degrees, jerk) in paper_figures.HORIZON.items():
         result = ours.get(key)
         if result is None or not result["frames"]:
             continue
@@ -197,9 +189,11 @@ def show_beside_paper(results: list[dict[str, Any]], clips: int) -> None:
             (
                 key[0],
                 "with" if key[1] else "without",
-                f"{result['solved']}/{clips}  {solved}/{PAPER_CLIPS}",
+                f"{result['solved']}/{clips}  {solved}/{paper_figures.HORIZON_CLIPS}",
                 f"{result['seconds_a_clip']:.2f}  {seconds}",
-                f"{result['seconds_a_clip'] / unit:.2f}  {seconds / PAPER[base][1]:.2f}" if unit else "-",
+                f"{result['seconds_a_clip'] / unit:.2f}  {seconds / paper_figures.HORIZON[base][1]:.2f}"
+                if unit
+                else "-",
                 f"{result['megabytes']:.0f}  {megabytes}",
                 f"{figures['link_velocity_direction_deg']:.1f}  {degrees}",
                 f"{figures['joint_jerk_radps3']:.0f}  {jerk}",
@@ -208,9 +202,9 @@ def show_beside_paper(results: list[dict[str, Any]], clips: int) -> None:
     header = ("horizon", "collision cost", "solved", "CPU [s/clip]", "CPU, ratio", "memory [MB]", "velocity [deg]",
               "joint jerk [rad/s^3]")  # fmt: skip
     note = (
-        f"In each cell ours over {clips} clips, then the paper's over {PAPER_CLIPS}, the ten longest of each of 13 "
-        "objects, which are not here. Its medians are over the 87 clips that all completed, its times wall time on "
-        "another machine; its memory is a median too, ours that of the largest clip."
+        f"In each cell ours over {clips} clips, then the paper's over {paper_figures.HORIZON_CLIPS}, the ten longest "
+        "of each of 13 objects, which are not here. Its medians are over the 87 clips that all completed, its times "
+        "wall time on another machine; its memory is a median too, ours that of the largest clip."
     )
     show("Beside the paper's Appendix B", header, rows, note)
 

@@ -104,7 +104,7 @@ def measured(clip: Clip, robots: str, config: Config) -> dict[str, Any]:
     specs = team(robots)
     models = [load_robot(spec.name) for spec in (specs * 2)[:2]]
     motions = retarget_people(clip, models, config)
-    errors = [error for error in motions[0].report.inter_robot_hand_errors]
+    errors = motions[0].report.inter_robot_hand_errors
     before: tuple[float | None, int | None] = (None, None)
     if len({model.spec.name for model in models}) == 1:  # Robots of two kinds share a scaling made for both.
         alone = tuple(retarget(clip, model, config, person=person) for person, model in enumerate(models))

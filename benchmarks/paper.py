@@ -2,7 +2,7 @@ r"""The paper, table by table: runs what is missing, and writes docs/paper.md fr
 
     python benchmarks/paper.py                                     # the page again, from the figures that are kept
     python benchmarks/paper.py --data ../shared/data/omomo --objects ../shared/data/objects \
-        --gmr gmr/bin/python --omniretarget omni/bin/python --again peers
+        --gmr gmr/bin/python --omniretarget omni/bin/python --limit 20 --again peers
 
 Figures are kept in benchmarks/measured, a file for each step. A step runs where its file is missing, or where it is
 named by `--again`, if what it needs is given; else the page says what was left out and why.
@@ -13,6 +13,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import paper_page
@@ -30,6 +31,8 @@ class Arguments:
     """Folder with OMOMO's clips in InterMimic's layout."""
     objects: Path | None = None
     """Folder with the geometry of their objects."""
+    limit: int | None = None
+    """Only so many clips of the step `peers`, one of each kind of object first: OmniRetarget takes minutes for each."""
     gmr: Path | None = None
     """Python of GMR's environment, see peers.py."""
     gmr_script: Path = Path("../shared/peers/run_gmr.py")
@@ -51,7 +54,10 @@ class Step:
     """One script, and what it cannot do without."""
 
     needs: tuple[str, ...]
+    """Arguments that name what is there."""
     words: Callable[[Arguments], Sequence[str | Path]]
+    module: str = ""
+    """That must be installed; `EXTRAS` says how."""
 
 
 def recorded(arguments: Arguments) -> list[str | Path]:
@@ -60,6 +66,7 @@ def recorded(arguments: Arguments) -> list[str | Path]:
 
 def peers(arguments: Arguments) -> list[str | Path]:
     words = ["peers.py", *recorded(arguments), "--out", arguments.motions, "--gmr-script", arguments.gmr_script]
+    words += [] if arguments.limit is None else ["--limit", str(arguments.limit)]
     return [*words, "--gmr", arguments.gmr or "", "--omniretarget", arguments.omniretarget or ""]
 
 
@@ -68,19 +75,9 @@ def horizon(arguments: Arguments) -> list[str | Path]:
     return [*words, "--horizons", "per-frame", "windowed:60:3", "windowed:60:15", "whole"]
 
 
-def memory(arguments: Arguments) -> list[str | Path]:
-    return [
-        "scaling.py",
-        "--horizons",
-        "whole",
-        "windowed:60:15",
-        "--sizes",
-        "2000",
-        "10000",
-        "40000",
-        "--memory-limit",
-        "2",
-    ]
+def memory(_: Arguments) -> list[str | Path]:
+    sizes = ("2000", "10000", "20000")
+    return ["scaling.py", "--horizons", "whole", "windowed:60:15", "--sizes", *sizes, "--memory-limit", "2"]
 
 
 def augmentation(arguments: Arguments) -> list[str | Path]:
@@ -98,17 +95,11 @@ def refinement(arguments: Arguments, program: str) -> list[str | Path]:
 
 
 def dataset(arguments: Arguments) -> list[str | Path]:
-    return [
-        "batch.py",
-        "--clips",
-        arguments.data or "",
-        "--objects",
-        arguments.objects or "",
-        "--object-scales",
-        "auto",
-    ]
+    words = ["batch.py", "--clips", arguments.data or "", "--objects", arguments.objects or ""]
+    return [*words, "--object-scales", "auto"]
 
 
+EXTRAS = {"coacd": "physics", "pyarrow": "dataset"}
 STEPS = {
     "peers": Step(("data", "objects", "gmr", "omniretarget"), peers),
     "horizon": Step(("data", "objects"), horizon),
@@ -116,17 +107,21 @@ STEPS = {
     "augmentation": Step(("data", "objects"), augmentation),
     "video": Step((), lambda _: ["video.py"]),
     "pairs": Step(("data", "objects"), pairs),
-    "refinement": Step(("objects", "motions"), lambda arguments: refinement(arguments, "surface")),
+    # Without CoACD objects are their hulls, and other motions are performed.
+    "refinement": Step(("objects", "motions"), lambda arguments: refinement(arguments, "surface"), "coacd"),
     "refinement_of_omniretarget": Step(
-        ("objects", "motions"), lambda arguments: refinement(arguments, "OmniRetarget labelled")
+        ("objects", "motions"), lambda arguments: refinement(arguments, "OmniRetarget labelled"), "coacd"
     ),
-    "dataset": Step(("data", "objects"), dataset),
+    "dataset": Step(("data", "objects"), dataset, "pyarrow"),
 }
 
 
 def left_out(name: str, arguments: Arguments) -> str:
     """Return why a step cannot run; empty where it can."""
-    missing = [f"--{need}" for need in STEPS[name].needs if not present(getattr(arguments, need))]
+    step = STEPS[name]
+    missing = [f"--{need}" for need in step.needs if not present(getattr(arguments, need))]
+    if step.module and find_spec(step.module) is None:
+        missing.append(f"`pip install '.[{EXTRAS[step.module]}]'`")
     return f"needs {' and '.join(missing)}" if missing else ""
 
 
@@ -161,8 +156,10 @@ def main(arguments: Arguments) -> None:
 
 def put_in(file: Path, table: str) -> None:
     """Write the table between its marks in a file."""
-    before, _, rest = file.read_text().partition(MARKS[0])
-    _, _, after = rest.partition(MARKS[1])
+    before, begin, rest = file.read_text().partition(MARKS[0])
+    _, end, after = rest.partition(MARKS[1])
+    if not (begin and end):
+        raise SystemExit(f"{file} has no {MARKS[0]} with a {MARKS[1]} after it; nothing is written.")
     file.write_text(f"{before}{MARKS[0]}\n\n{table}\n{MARKS[1]}{after}")
     print(f"written: {file}")
 

@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import wilcoxon
+import paper_figures
+from scores import HIGHER_IS_BETTER, SCORES, p_value
 
 Measured = Mapping[str, Any]
 PERFORMED = (
@@ -18,41 +19,6 @@ PERFORMED = (
 )
 """Motions of two hands, one of most kinds of objects; those of the small box and the monitor are of one hand."""
 
-PAPER_SCORES = {  # Mean over 3,997 clips of 13 categories; contacts over 3,604: GMR, OmniRetarget, the paper's own.
-    "contact_gap_m": (0.368, 0.183, 0.005),
-    "body_pose_deviation_deg": (20.0, 25.0, 21.0),
-    "link_velocity_direction_deg": (19.4, 28.9, 25.2),
-    "relative_hand_rotation_deg": (2.3, 37.6, 6.1),
-    "body_jerk_mps3": (66.7, 193.5, 49.9),
-    "cpu_seconds": (9.1, 156.2, 33.7),
-}
-PAPER_PROGRAMS = ("GMR", "OmniRetarget", "paper")
-SCORES = (  # Key, title, factor, digits. All are better the lower, but for touch.
-    ("contact_gap_m", "contact-point gap [mm]", 1e3, 1),
-    ("body_pose_deviation_deg", "body pose deviation [deg]", 1.0, 1),
-    ("link_velocity_direction_deg", "link velocity direction [deg]", 1.0, 1),
-    ("relative_hand_rotation_deg", "relative hand orientation change [deg]", 1.0, 1),
-    ("body_jerk_mps3", "body jerk [m/s³]", 1.0, 1),
-    ("cpu_seconds", "compute time [CPU s/clip]", 1.0, 2),
-    ("touch_share", "labelled hands that touch within 2 mm [%]", 1e2, 1),
-    ("touch_place_m", "place on the object's surface, off the human's [mm]", 1e3, 0),
-    ("penetration_mean_m", "penetration in contact frames, mean [mm]", 1e3, 1),
-    ("penetration_max_m", "penetration, deepest of a clip [mm]", 1e3, 1),
-    ("self_penetration_max_m", "robot in itself, deepest of a clip [mm]", 1e3, 1),
-    ("link_below_floor_m", "any link below the floor, deepest of a clip [mm]", 1e3, 1),
-    ("stance_slide_mps", "foot slide in stance [cm/s]", 1e2, 1),
-    ("stance_float_m", "soles off the floor in stance [mm]", 1e3, 1),
-    ("body_jerk_max_mps3", "largest body jerk of a clip [m/s³]", 1.0, 0),
-)
-HIGHER_IS_BETTER = {"touch_share"}
-PAPER_REFINED = {  # Ours in Table IV of the paper: RL tracker, SBTO; 68 clips, contacts over 63.
-    "pose_deg": (23.5, 23.1),
-    "direction_deg": (46.7, 50.8),
-    "object_cm": (21.3, 19.4),
-    "gap_cm": (8.6, 9.9),
-    "hand_deg": (25.3, 28.1),
-    "jerk": (85.8, 55.4),
-}
 REFINED = (
     ("pose_deg", "body pose deviation [deg]"),
     ("direction_deg", "link velocity direction [deg]"),
@@ -61,16 +27,8 @@ REFINED = (
     ("hand_deg", "relative hand orientation change [deg]"),
     ("jerk", "body jerk [m/s³]"),
 )
-PAPER_HORIZON = {  # Solved of 130, time [s], memory [MB], velocity direction [deg], joint jerk [rad/s^3].
-    ("per-frame", False): (130, 37.7, 1440, 40.3, 588),
-    ("windowed:60:3", False): (130, 39.4, 1763, 24.4, 251),
-    ("windowed:60:3", True): (130, 159.9, 3876, 24.5, 257),
-    ("whole", False): (130, 45.8, 2400, 23.5, 185),
-    ("whole", True): (87, 210.5, 8671, 24.4, 186),
-}
 OURS = ("surface", "landmark")
 NAMES = {"surface": "this project", "landmark": "this project, `--contact landmark`"}
-PAPER_HOURS, PAPER_CLIPS = 13.8, 6952
 
 
 def page(measured: Mapping[str, Measured], reasons: Mapping[str, str]) -> str:
@@ -113,15 +71,19 @@ def no_lines(_: Measured) -> list[str]:
 def peers(found: Measured) -> str:
     means, names = found["mean"], list(next(iter(found["mean"].values())))
     base = names[0]
-    header = ["", *(NAMES.get(name, name) for name in names), *(f"{name}, in the paper" for name in PAPER_PROGRAMS)]
+    header = [
+        "",
+        *(NAMES.get(name, name) for name in names),
+        *(f"{name}, in the paper" for name in paper_figures.PROGRAMS),
+    ]
     header[-1] = "the paper's own"
     rows = []
     for key, title, scale, digits in SCORES:
         ours = [number(means[key][name], scale, digits) + star(found, key, name) for name in names]
-        theirs = [number(value, scale, digits) for value in PAPER_SCORES.get(key, (None,) * 3)]
+        theirs = [number(value, scale, digits) for value in paper_figures.SCORES.get(key, (None,) * 3)]
         rows.append([title, *ours, *theirs])
     ratios = [number(means["cpu_seconds"][name] / means["cpu_seconds"]["landmark"], 1, 1) for name in names]
-    paper_seconds = PAPER_SCORES["cpu_seconds"]
+    paper_seconds = paper_figures.SCORES["cpu_seconds"]
     rows.append(
         [
             "compute time, times that of landmarks",
@@ -139,7 +101,7 @@ def peers(found: Measured) -> str:
         + table(header, rows)
         + "\nGMR knows no object: objects move as in the clip, scaled with its robot's path. OmniRetarget is given each object's mesh in place of its large "
         "box's, which it takes for its convex hull; its hands may touch anywhere, which the place tells. "
-        f"`python benchmarks/peers.py`; figures of each clip: `benchmarks/measured/peers.json`. First column: {NAMES[base]}, "
+        f"`python benchmarks/peers.py --limit {len(found['tried'])}`; figures of each clip: `benchmarks/measured/peers.json`. First column: {NAMES[base]}, "
         "surfaces that touch ([contact.md](contact.md)).\n"
     )
 
@@ -175,7 +137,7 @@ def behind_peers(found: Measured) -> list[str]:
             for name, value in means.items()
             if name not in OURS and value is not None and own is not None and worse_than(key, own, value)
         }
-        paper = PAPER_SCORES.get(key, (None,) * 3)[-1]
+        paper = paper_figures.SCORES.get(key, (None,) * 3)[-1]
         if paper is not None and key != "cpu_seconds" and worse_than(key, own, paper):
             worse["the paper's own on other clips"] = paper
         if worse:
@@ -195,12 +157,12 @@ def worse_than(key: str, own: float, other: float) -> bool:
 def horizon(found: Measured) -> str:
     results = {(row["horizon"], row["clearance"] > 0): row for row in found["results"]}
     unit = results[("windowed:60:3", False)]["seconds_a_clip"]
-    paper_unit = PAPER_HORIZON[("windowed:60:3", False)][1]
+    paper_unit = paper_figures.HORIZON[("windowed:60:3", False)][1]
     rows = []
     for key, row in results.items():
-        paper = PAPER_HORIZON.get(key)
+        paper = paper_figures.HORIZON.get(key)
         theirs = ("-",) * 5 if paper is None else (
-            f"{paper[0]}/130", f"{paper[1] / paper_unit:.2f}", str(paper[2]), str(paper[3]), str(paper[4])
+            f"{paper[0]}/{paper_figures.HORIZON_CLIPS}", f"{paper[1] / paper_unit:.2f}", str(paper[2]), str(paper[3]), str(paper[4])
         )  # fmt: skip
         figures = row["figures"]
         ours = (
@@ -231,7 +193,7 @@ def horizon(found: Measured) -> str:
         f"Table VII of the paper (Appendix B). Ours / the paper's. {first['clips']} OMOMO clips at captured size, {first['frames']} frames, against the ten longest "
         "clips of each of 13 objects; medians. Our memory is that of the largest clip, the paper's a median.\n\n"
         + table(header, rows, left=2)
-        + "\n`python benchmarks/horizon.py --clearance 1000 --object-scale 1.0`; `benchmarks/measured/horizon.json`.\n"
+        + "\n`python benchmarks/horizon.py --limit 11 --clearance 1000 --object-scale 1.0`; `benchmarks/measured/horizon.json`.\n"
     )
 
 
@@ -253,7 +215,7 @@ def memory(found: Measured) -> str:
         "A built-in clip played forth and back, each length in a process of its own with 2 GB of address space. The paper's whole-clip solves are killed at 16 GB "
         "in 43 of 130 clips with the collision cost.\n\n"
         + table(["horizon", "frames", "CPU [ms/frame]", "peak memory [MB]"], rows)
-        + "\n`python benchmarks/scaling.py --memory-limit 2`; `benchmarks/measured/memory.json`.\n"
+        + "\n`python benchmarks/scaling.py --horizons whole windowed:60:15 --sizes 2000 10000 20000 --memory-limit 2`; `benchmarks/measured/memory.json`.\n"
     )
 
 
@@ -339,7 +301,12 @@ def refinement(found: Measured) -> str:
     for key, title in REFINED:
         values = [row[key] for row in whole if row[key] is not None]
         rows.append(
-            [title, number(float(np.mean(values))), number(float(np.median(values))), *map(str, PAPER_REFINED[key])]
+            [
+                title,
+                number(float(np.mean(values))),
+                number(float(np.median(values))),
+                *map(str, paper_figures.REFINED[key]),
+            ]
         )
     clips = [
         [
@@ -353,7 +320,7 @@ def refinement(found: Measured) -> str:
     cpu = float(np.mean([row["cpu_per_s"] for row in found["clips"]]))
     return (
         f"Table IV of the paper: 68 clips by a policy a clip (RL) and by sampling (SBTO). Ours: `refine`, sampling on a CPU ([physics.md](physics.md)), {len(found['clips'])} "
-        f"clips of two hands, one of each kind of object, 1 kg, at captured size, in convex parts (extra `physics`); {len(whole)} are performed without a fall, {sum(row['whole'] for row in standing)} of the "
+        f"clips of two hands, one of each kind of object, 1 kg, at captured size, in convex parts (extra `physics`, without which objects are hulls and other motions fall); {len(whole)} are performed without a fall, {sum(row['whole'] for row in standing)} of the "
         f"{len(standing)} that start standing. {cpu:.1f} CPU seconds a second of motion, {max(row['memory_mb'] for row in found['clips']):.0f} MB. The paper's "
         "path error is against the human's object, ours against the reference's.\n\n"
         + table(["", "mean", "median", "the paper, RL", "the paper, SBTO"], rows)
@@ -376,8 +343,7 @@ def starts(ours: Measured, theirs: Measured) -> str:
             [[own[key], other[key]] for own, other in whole if None not in (own[key], other[key])], dtype=float
         )
         if len(values):
-            p = float(wilcoxon(*values.T).pvalue) if len(values) > 1 and (values[:, 0] != values[:, 1]).any() else None
-            rows.append([title, number(values[:, 0].mean()), number(values[:, 1].mean()), number(p, 1, 2)])
+            rows.append([title, *map(number, values.mean(axis=0)), number(p_value(*values.T), 1, 2)])
     return (
         f"Table IV's question: which reference is the better start? {len(pairs)} clips, the same refinement, budget and seed; OmniRetarget's motions with the recording's labels. "
         f"Figures are means over the {len(whole)} that both perform without a fall; p of a paired Wilcoxon test. In the paper, SBTO: object 19.4 against 26.9 cm, gap 9.9 against 14.1, hands 28.1 against 38.4 deg.\n\n"
@@ -391,23 +357,27 @@ def behind_refinement(found: Measured) -> list[str]:
     lines = []
     for key, title in REFINED:
         own = float(np.mean([row[key] for row in whole if row[key] is not None]))
-        if own > max(PAPER_REFINED[key]):
+        if own > max(paper_figures.REFINED[key]):
             lines.append(
-                f"- **In physics, {title}**: {own:.1f} on average against the paper's {PAPER_REFINED[key][0]} (RL) and {PAPER_REFINED[key][1]} (SBTO)."
+                f"- **In physics, {title}**: {own:.1f} on average against the paper's {paper_figures.REFINED[key][0]} (RL) and {paper_figures.REFINED[key][1]} (SBTO)."
             )
     return lines
 
 
 def dataset(found: Measured) -> str:
-    corpus = PAPER_HOURS * 3600 * 30
+    corpus = paper_figures.RELEASED_HOURS * 3600 * 30
     seconds = found["cpu_seconds"] / found["frames"]
     verdicts = ", ".join(f"{count} {level}" for level, count in found["verdicts"].items())
     made = found["released"]
     rows = [
-        ["clips x robots, with results", f"{found['jobs']}, {found['solved']}", f"{PAPER_CLIPS} clips"],
-        ["motion", f"{found['frames'] / 30 / 60:.1f} min", f"{PAPER_HOURS} h"],
+        [
+            "clips x robots, with results",
+            f"{found['jobs']}, {found['solved']}",
+            f"{paper_figures.RELEASED_CLIPS} clips",
+        ],
+        ["motion", f"{found['frames'] / 30 / 60:.1f} min", f"{paper_figures.RELEASED_HOURS} h"],
         ["verdicts", verdicts, "-"],
-        ["CPU, figures and verdicts included [ms/frame]", f"{1e3 * seconds:.1f}", "145 (solver)"],
+        ["CPU, figures and verdicts included [ms/frame]", f"{1e3 * seconds:.1f}", "-"],
         ["peak memory of all processes [MB]", f"{found['peak_megabytes']:.0f}", "-"],
         [
             "report page: CPU [s], size [MB]",
@@ -420,14 +390,15 @@ def dataset(found: Measured) -> str:
             "-",
         ],
         [
-            f"CPU for {PAPER_HOURS} h of motion, one robot, extrapolated [h]",
+            f"CPU for {paper_figures.RELEASED_HOURS} h of motion, one robot, extrapolated [h]",
             f"{corpus * seconds / 3600:.1f}",
-            f"{corpus * 0.145 / 3600:.0f}",
+            f"{corpus * paper_figures.SECONDS_A_FRAME / 3600:.0f} ¹",
         ],
     ]
     return (
         "All clips at hand for both robots at their default scales, by one specification: `batch`, `report` with verdicts, `export --to dataset`.\n\n"
         + table(["", "here", "the paper"], rows)
+        + f"\n¹ At {1e3 * paper_figures.SECONDS_A_FRAME:.0f} ms a frame of the authors' released program, measured elsewhere, without figures.\n"
         + "\n`python benchmarks/batch.py --clips CLIPS --objects OBJECTS --object-scales auto`; `benchmarks/measured/dataset.json`.\n"
     )
 
@@ -488,6 +459,6 @@ CLAIMS = """## Claims
 """
 NOT_HERE = (
     "- **An RL tracker's table**: no GPU. `export --to mjlab-task` writes the task ([training.md](training.md)).",
-    "- **The authors' own program** beside ours: its repository was not at hand for this run.",
+    "- **The authors' own program** beside ours: its repository was not at hand for this run. README quotes figures of it that were measured elsewhere.",
     "- **OMOMO's mop and vacuum**: no recordings of them were at hand.",
 )

@@ -25,7 +25,7 @@ import numpy as np
 import tyro
 from common import clip_files, one_of_each_first, pin_threads, show, write_json
 from rich.progress import track
-from scipy.stats import wilcoxon
+from scores import SCORES, mean, p_value
 
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.evaluation import Comparison, figures_of
@@ -42,23 +42,6 @@ HERE = Path(__file__).parent
 LABELLED = "OmniRetarget labelled"
 GMR_ROOT_SCALE = 0.9 * 1.66 / 1.8
 """Of its robot's path, for a person of the height that its script states."""
-COLUMNS = (
-    ("contact_gap_m", "contact gap [mm]", 1e3),
-    ("body_pose_deviation_deg", "pose [deg]", 1.0),
-    ("link_velocity_direction_deg", "velocity direction [deg]", 1.0),
-    ("relative_hand_rotation_deg", "hand rotation [deg]", 1.0),
-    ("body_jerk_mps3", "jerk [m/s^3]", 1.0),
-    ("cpu_seconds", "CPU [s/clip]", 1.0),
-    ("touch_share", "hands that touch within 2 mm [%]", 1e2),
-    ("touch_place_m", "place on the object [mm]", 1e3),
-    ("penetration_mean_m", "penetration, mean [mm]", 1e3),
-    ("penetration_max_m", "penetration, deepest [mm]", 1e3),
-    ("self_penetration_max_m", "in itself, deepest [mm]", 1e3),
-    ("link_below_floor_m", "below the floor, deepest [mm]", 1e3),
-    ("stance_slide_mps", "foot slide [cm/s]", 1e2),
-    ("stance_float_m", "soles off the floor in stance [mm]", 1e3),
-    ("body_jerk_max_mps3", "jerk, largest [m/s^3]", 1.0),
-)
 
 
 @dataclass(frozen=True)
@@ -94,14 +77,10 @@ def by_gmr(python: Path, script: Path, file: Path, objects: Path, out: Path) -> 
     del objects  # It knows none.
     called([python, script, out.parent, file])
     with np.load(out) as arrays:
-        qpos, fps, seconds = (
-            arrays["qpos"],
-            arrays["fps"],
-            float(arrays["cpu_ms_per_frame"]) * len(arrays["qpos"]) / 1e3,
-        )
+        qpos, fps, milliseconds = arrays["qpos"], arrays["fps"], float(arrays["cpu_ms_per_frame"])
     # Its script leaves out the clip's first frame, which no figure looks at.
     np.savez(out, qpos=np.concatenate([qpos[:1], qpos]), fps=fps)
-    return seconds
+    return 1e-3 * milliseconds * len(qpos)
 
 
 def by_omniretarget(python: Path, file: Path, objects: Path, out: Path) -> float:
@@ -112,7 +91,7 @@ def by_omniretarget(python: Path, file: Path, objects: Path, out: Path) -> float
 def called(command: list[Path]) -> str:
     """Return what a program prints; raises `RuntimeError` with its last line where it fails."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)  # the user's own
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     if done.returncode:
         raise RuntimeError((done.stderr.strip() or "failed without a word").splitlines()[-1])
     return done.stdout
@@ -165,7 +144,7 @@ def summary(results: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
     sets = [{found["clip"] for found in rows if "failed" not in found} for rows in results.values()]
     common = sorted(set.intersection(*sets))
     rows = {name: {found["clip"]: found for found in found_ones} for name, found_ones in results.items()}
-    values = {key: {name: [rows[name][clip].get(key) for clip in common] for name in rows} for key, *_ in COLUMNS}
+    values = {key: {name: [rows[name][clip].get(key) for clip in common] for name in rows} for key, *_ in SCORES}
     base = next(iter(rows))
     return {
         "clips": common,
@@ -184,25 +163,12 @@ def summary(results: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
     }
 
 
-def mean(column: list[float | None]) -> float | None:
-    there = [value for value in column if value is not None]
-    return float(np.mean(there)) if there else None
-
-
-def p_value(first: list[float | None], second: list[float | None]) -> float | None:
-    """Return the p-value of a paired Wilcoxon test over the clips in which both have the figure."""
-    pairs = [(a, b) for a, b in zip(first, second, strict=True) if a is not None and b is not None and a != b]
-    if not pairs:
-        return None
-    return float(wilcoxon(*(np.array(column) for column in zip(*pairs, strict=True))).pvalue)
-
-
 def report(found: dict[str, Any]) -> None:
     """Print the table, and the failures."""
     names = list(next(iter(found["mean"].values())))
     rows = [
         (title, *(text(found["mean"][key][name], scale, found["p"][key].get(name)) for name in names))
-        for key, title, scale in COLUMNS
+        for key, title, scale, _ in SCORES
     ]
     clips, tried = len(found["clips"]), len(found["tried"])
     note = f"Means over {clips} clips of {tried} tried, {found['frames']} frames, that all did; p: paired Wilcoxon."

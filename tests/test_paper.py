@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+import tyro
 
 ROOT = Path(__file__).parents[1]
 MEASURED = ROOT / "benchmarks" / "measured"
@@ -32,12 +33,36 @@ def test_every_step_has_a_section_and_says_what_it_needs(paper):
     script, page = paper
     assert set(script.STEPS) == set(page.SECTIONS) == set(page.TITLES)
     nothing = script.Arguments(motions=Path("nowhere"))
-    needy = {name for name in script.STEPS if script.left_out(name, nothing)}
-    assert needy == {name for name, step in script.STEPS.items() if step.needs}
+    for name, step in script.STEPS.items():
+        reason = script.left_out(name, nothing)
+        assert bool(reason) == bool(step.needs) and all(f"--{need}" in reason for need in step.needs)
     text = page.page({}, dict.fromkeys(script.STEPS, "needs --data"))
     assert all(f"**{title}**: needs --data." in text for title in page.TITLES.values())
     headings = {line[3:].lower().replace(" ", "-") for line in text.splitlines() if line.startswith("## ")}
     assert set(re.findall(r"\]\(#([^)]+)\)", text)) <= headings
+
+
+def test_every_step_calls_its_script_with_words_that_it_knows(paper, tmp_path):
+    script, page = paper
+    for folder in ("surface", "OmniRetarget labelled"):
+        (tmp_path / folder).mkdir()
+        for name in page.PERFORMED:
+            (tmp_path / folder / f"{name}.npz").touch()
+    there = dict.fromkeys(("data", "objects", "gmr", "gmr_script", "omniretarget", "motions"), tmp_path)
+    arguments = script.Arguments(limit=5, **there)
+    for name, step in script.STEPS.items():
+        file, *words = map(str, step.words(arguments))
+        module = importlib.import_module(file.removesuffix(".py"))
+        kept = tmp_path / f"{name}.json"
+        assert tyro.cli(module.Arguments, args=[*words, "--json", str(kept)]).json == kept
+
+
+def test_a_readme_without_marks_is_left_alone(paper, tmp_path):
+    script, _ = paper
+    (tmp_path / "README.md").write_text("no marks")
+    with pytest.raises(SystemExit, match="nothing is written"):
+        script.put_in(tmp_path / "README.md", "| table |")
+    assert (tmp_path / "README.md").read_text() == "no marks"
 
 
 def test_what_is_worse_than_another_program_comes_first(paper):
