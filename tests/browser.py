@@ -107,6 +107,18 @@ def wait_until(holds: Callable[[], bool], what: str, seconds: float = PATIENCE_M
         time.sleep(0.05)
 
 
+def box_of(locator) -> dict[str, float]:
+    """Return where an element lies [pixels]; one that is being drawn anew lies nowhere, and is waited for."""
+    boxes: list[dict[str, float]] = []
+
+    def lies() -> bool:
+        boxes.extend(filter(None, [locator.bounding_box()]))
+        return bool(boxes)
+
+    wait_until(lies, "the element is drawn")
+    return boxes[0]
+
+
 def frame_box(page):
     """Return the number beside the frame slider."""
     return page.locator("input.mantine-NumberInput-input").first

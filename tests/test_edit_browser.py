@@ -9,7 +9,7 @@ import threading
 import numpy as np
 import pytest
 
-from browser import chromium, open_page, wait_until
+from browser import box_of, chromium, open_page, wait_until
 from hoi_retarget.cli import main
 from hoi_retarget.clip.edits import ContactEdits, FixAll, Pin, Retime, load
 from hoi_retarget.clip.edits.versions import EditsFiles
@@ -301,11 +301,11 @@ def test_an_end_of_a_bar_is_dragged_by_mouse_and_by_finger(browser, session):
     editor, bars = session.editors[-1], page.locator(".hoi-strip i")
     page.locator(ENDS).nth(3).wait_for()
     start, stop = editor.edited.segments[0].start, editor.edited.segments[0].stop
-    bar = bars.first.bounding_box()
+    bar = box_of(bars.first)
     frame_px = bar["width"] / (stop - 1 - start)
 
     def middle(number: int) -> tuple[float, float]:
-        box = page.locator(ENDS).nth(number).bounding_box()
+        box = box_of(page.locator(ENDS).nth(number))
         return box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
 
     assert middle(0)[0] == pytest.approx(bar["x"], abs=6) and middle(1)[0] == pytest.approx(
@@ -316,7 +316,7 @@ def test_an_end_of_a_bar_is_dragged_by_mouse_and_by_finger(browser, session):
     page.mouse.down()
     page.mouse.move(x + 10 * frame_px, y, steps=4)
     wait_until(lambda: editor.frame > start, "the frame is shown while it is dragged")
-    wait_until(lambda: bars.first.bounding_box()["x"] > bar["x"] + 4, "the bar follows")
+    wait_until(lambda: box_of(bars.first)["x"] > bar["x"] + 4, "the bar follows")
     page.mouse.up()
     wait_until(lambda: len(editor.edited.edits.edits) == 1, "the drag became an edit")
     (edit,) = editor.edited.edits.edits

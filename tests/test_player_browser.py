@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from browser import chromium, wait_until
+from browser import box_of, chromium, wait_until
 from hoi_retarget.motion.report import UnreachedContact
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.scene.scene import Shown
@@ -114,11 +114,11 @@ def test_the_timeline_is_zoomed_read_and_looped(browser, pages):
     wait_until(lambda: touching != "" and values.inner_text() == "", "what is under the pointer is read")
     page.mouse.move(axis["x"] + axis["width"] * 4 / last, bar["y"] + 5)
     page.mouse.wheel(0, -700)
-    wait_until(lambda: bars.locator("i").bounding_box()["width"] > 2.5 * bar["width"], "the wheel over bars zooms")
+    wait_until(lambda: box_of(bars.locator("i"))["width"] > 2.5 * bar["width"], "the wheel over bars zooms")
     cursor = page.locator("#cursor").bounding_box()
     assert cursor["x"] == pytest.approx(axis["x"] + axis["width"] * 4 / last, abs=3.0), "about the pointer"
     page.locator("#whole").click()
-    wait_until(lambda: abs(bars.locator("i").bounding_box()["width"] - bar["width"]) < 1, "all is shown again")
+    wait_until(lambda: abs(box_of(bars.locator("i"))["width"] - bar["width"]) < 1, "all is shown again")
     x, y = (lambda moment: axis["x"] + axis["width"] * moment / last), bar["y"] + 100
     page.keyboard.down("Shift")
     page.mouse.move(x(2.0), y)
@@ -198,7 +198,7 @@ def test_on_a_phone_curves_are_wide_and_fingers_zoom_the_time(browser, pages):
     page = opened(browser, pages["one"] + "#t=4", 390, 844, has_touch=True, is_mobile=True)
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     for plot in page.locator(".plot").all():
-        assert plot.bounding_box()["width"] > 340
+        assert box_of(plot)["width"] > 340
     assert not page.get_by_text("Space plays").is_visible() and page.get_by_text("two fingers").is_visible()
     bars = page.locator(".bars", has_text="left palm").locator("i")
     before = bars.bounding_box()
@@ -215,7 +215,7 @@ def test_on_a_phone_curves_are_wide_and_fingers_zoom_the_time(browser, pages):
     for step in range(1, 6):
         fingers("touchMove", 180 - 12 * step, 210 + 12 * step)
     fingers("touchEnd")
-    wait_until(lambda: bars.bounding_box()["width"] > 1.5 * before["width"], "two fingers zoom the time")
+    wait_until(lambda: box_of(bars)["width"] > 1.5 * before["width"], "two fingers zoom the time")
     place = page.locator(".plot").nth(1).bounding_box()
     shown = second(page)
     page.touchscreen.tap(place["x"] + 0.9 * place["width"], place["y"] + 20)

@@ -530,7 +530,8 @@ def test_a_gallery_plays_from_its_folder_without_a_network(
     page.on("request", lambda request: requests.append(request.url))
     page.goto((tmp_path / "out" / "index.html").as_uri())
     assert page.locator("h1").inner_text() == NASTY
-    assert page.locator(".card img").evaluate("image => image.complete && image.naturalWidth") > 300
+    picture = page.locator(".card img")
+    wait_until(lambda: picture.evaluate("image => image.complete && image.naturalWidth") > 300, "the card's picture")
     page.click(".card")
     clock = page.locator("#clock")
     wait_until(lambda: "frame" in clock.inner_text(), "a first frame")

@@ -12,9 +12,9 @@ READY = "ready"
 
 
 def serve(connection: Connection, function: Callable[[Any], Any], memory_limit: float | None) -> None:
-    """Say that this process is ready, then answer each task with the function's value, until nobody asks any more.
+    """Say that this process is ready, answer each task with the function's value, and end it when nobody asks any more.
 
-    An exception ends the process: a function that is given here returns its failures.
+    An exception ends the process, too: a function that is given here returns its failures.
     """
     Thread(target=_end_with_parent, daemon=True).start()
     limit_memory(memory_limit)
@@ -23,8 +23,9 @@ def serve(connection: Connection, function: Callable[[Any], Any], memory_limit: 
         try:
             task = connection.recv()
         except (EOFError, OSError):
-            return
+            break
         value = function(task)
+    _end()
 
 
 def _sent(connection: Connection, value: Any) -> bool:
@@ -47,4 +48,9 @@ def _end_with_parent() -> None:
     parent = parent_process()
     if parent is not None:
         parent.join()
-        os._exit(1)  # In the middle of its task: nobody is left to take the value.
+        _end()  # In the middle of its task: nobody is left to take the value.
+
+
+def _end() -> None:
+    """End this process without a word: where Python ends it, libraries tell of all that is still cached."""
+    os._exit(1)
