@@ -17,9 +17,12 @@ from hoi_retarget.robots.adding.build import build_robot
 from hoi_retarget.robots.adding.description import read_description
 from hoi_retarget.robots.adding.hints import Hints
 from hoi_retarget.robots.adding.mesh_files import coarser
+from hoi_retarget.robots.collision_skin import collision_skins
+from hoi_retarget.robots.model import load_model
 from hoi_retarget.viewers.scene.drawing import Solid
 from hoi_retarget.viewers.scene.robot_shapes import robot_parts
 from synthetic_humanoids import Choices, humanoid
+from tiny_robot import tiny_robot
 
 LINKS = ("left_shank", "torso")
 
@@ -118,6 +121,24 @@ def test_skin_of_meshes_is_computed_once_and_said(tmp_path, monkeypatch, capsys)
         jobs.prepare_skin(load_robot("unitree_g1"))
     assert computed == [model]
     assert capsys.readouterr().out.count("with_meshes: computing the skins") == 1
+
+
+@pytest.mark.parametrize("pieces", [1, 2])
+def test_link_whose_colours_are_meshes_of_their_own_is_one_solid(tmp_path, pieces):
+    """Each piece is open, and a ball that fills what is outside would come in."""
+    model = tiny_robot(tmp_path)
+    box = trimesh.creation.box((0.04, 0.06, 0.08))
+    box.apply_translation((0.01, 0.0, 0.0))
+    assets, geoms = "", ""
+    for index, faces in enumerate(np.split(box.faces[np.argsort(box.triangles_center[:, 2])], pieces)):
+        corners, triangles = (" ".join(map(str, values.ravel())) for values in (box.vertices, faces))
+        assets += f'<mesh name="m{index}" vertex="{corners}" face="{triangles}" inertia="shell"/>'
+        geoms += f'<geom type="mesh" mesh="m{index}" pos="0 0.1 0" quat="1 1 0 0"/>'
+    text = model.spec.mjcf.read_text().replace('<geom type="box" size="0.1 0.15 0.3"/>', geoms)
+    model.spec.mjcf.write_text(text.replace("<worldbody>", f"<asset>{assets}</asset><worldbody>"))
+    skin = collision_skins(load_model(model.spec))["trunk"]
+    places = np.array([[0.02, 0.1, 0.0], [0.01, 0.13, 0.0], [0.01, 0.15, 0.0], [0.01, 0.1, 0.025]])
+    np.testing.assert_allclose(skin.solid.distances(places), [-0.01, -0.01, 0.01, -0.005], atol=2e-3)
 
 
 def test_scene_of_a_robot_with_meshes_opens_and_is_the_robot(tmp_path, monkeypatch):

@@ -21,6 +21,8 @@ from hoi_retarget.robots.outer_skin import (
 )
 
 Distances = Callable[[np.ndarray], np.ndarray]
+Shape = tuple[Distances, np.ndarray]
+"""Distances in a body's frame and the corners of a box around, all [m]."""
 _NEAR = 0.6
 """Distance between the places that are tried, as a share of that between points."""
 _COARSER = 4
@@ -33,15 +35,26 @@ def collision_skins(model: RobotModel) -> dict[str, OuterSkin]:
     if not model.geometries.bodies:
         return {}
     compiled = compile_mjcf(model.spec.mjcf, model.spec.sites)
-    shapes: dict[str, list[tuple[Distances, np.ndarray]]] = {}
-    for geom in np.flatnonzero((compiled.geom_contype != 0) | (compiled.geom_conaffinity != 0)):
-        body = compiled.body(int(compiled.geom_bodyid[geom])).name
-        if body in model.body_frames.index and (shape := _shape(compiled, int(geom), fineness_of(model, body))):
-            shapes.setdefault(body, []).append(shape)
-    return {body: _skin(own, fineness_of(model, body)) for body, own in shapes.items()}
+    colliding: dict[str, list[int]] = {}
+    for geom in np.flatnonzero((compiled.geom_contype != 0) | (compiled.geom_conaffinity != 0)).tolist():
+        colliding.setdefault(compiled.body(int(compiled.geom_bodyid[geom])).name, []).append(geom)
+    skins: dict[str, OuterSkin] = {}
+    for body, geoms in colliding.items():
+        if body in model.body_frames.index:
+            fineness = fineness_of(model, body)
+            if shapes := _shapes(compiled, geoms, fineness):
+                skins[body] = _skin(shapes, fineness)
+    return skins
 
 
-def _skin(shapes: list[tuple[Distances, np.ndarray]], fineness: Fineness) -> OuterSkin:
+def _shapes(compiled: mujoco.MjModel, geoms: list[int], fineness: Fineness) -> list[Shape]:
+    """Return the solids of a link's geometries; its meshes are one, which each alone may not enclose."""
+    meshes = [geom for geom in geoms if compiled.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH]
+    shapes = [_mesh_shape(compiled, meshes, fineness)] if meshes else []
+    return shapes + [_primitive_shape(compiled, geom) for geom in geoms if compiled.geom_type[geom] in _PRIMITIVES]
+
+
+def _skin(shapes: list[Shape], fineness: Fineness) -> OuterSkin:
     """Return the skin of solids that overlap, each with its distances and the corners of its box."""
 
     def distances(points: np.ndarray) -> np.ndarray:
@@ -77,30 +90,40 @@ def _gradients(distances: Distances, points: Float[np.ndarray, "K 3"]) -> Float[
     return gradients / np.maximum(np.linalg.norm(gradients, axis=1, keepdims=True), 1e-12)
 
 
-def _shape(compiled: mujoco.MjModel, geom: int, fineness: Fineness) -> tuple[Distances, np.ndarray] | None:
-    """Return a geometry's distances in its body's frame and the corners of its box; None for what has no inside."""
-    kind, size = mujoco.mjtGeom(compiled.geom_type[geom]), compiled.geom_size[geom]
-    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+def _mesh_shape(compiled: mujoco.MjModel, geoms: list[int], fineness: Fineness) -> Shape:
+    turn, place = _pose(compiled, geoms[0])
+    vertices, faces, before = [], [], 0
+    for geom in geoms:
         mesh = compiled.mesh(int(compiled.geom_dataid[geom]))
-        first, count = int(mesh.vertadr[0]), int(mesh.vertnum[0])
-        face, faces = int(mesh.faceadr[0]), int(mesh.facenum[0])
-        vertices = compiled.mesh_vert[first : first + count].astype(float)
-        triangles = compiled.mesh_face[face : face + faces].astype(np.int64)
-        own: Distances = outer_skin(vertices, triangles, fineness).solid.distances
-        low, high = vertices.min(axis=0), vertices.max(axis=0)
-    elif kind in _PRIMITIVES:
-        own = _PRIMITIVES[kind](size)
-        reach = {
-            mujoco.mjtGeom.mjGEOM_SPHERE: size[[0, 0, 0]],
-            mujoco.mjtGeom.mjGEOM_CAPSULE: np.array([size[0], size[0], size[0] + size[1]]),
-            mujoco.mjtGeom.mjGEOM_CYLINDER: size[[0, 0, 1]],
-        }.get(kind, size)
-        low, high = -reach, reach
-    else:
-        return None
-    turn, place = se3.quat_to_matrix(compiled.geom_quat[geom]), compiled.geom_pos[geom].copy()
+        own = compiled.mesh_vert[int(mesh.vertadr[0]) :][: int(mesh.vertnum[0])].astype(float)
+        if geom != geoms[0]:
+            its_turn, its_place = _pose(compiled, geom)
+            own = (own @ its_turn.T + its_place - place) @ turn
+        vertices.append(own)
+        faces.append(compiled.mesh_face[int(mesh.faceadr[0]) :][: int(mesh.facenum[0])].astype(np.int64) + before)
+        before += len(own)
+    corners = np.concatenate(vertices)
+    distances = outer_skin(corners, np.concatenate(faces), fineness).solid.distances
+    return _placed(distances, corners.min(axis=0), corners.max(axis=0), turn, place)
+
+
+def _primitive_shape(compiled: mujoco.MjModel, geom: int) -> Shape:
+    kind, size = mujoco.mjtGeom(compiled.geom_type[geom]), compiled.geom_size[geom]
+    reach = {
+        mujoco.mjtGeom.mjGEOM_SPHERE: size[[0, 0, 0]],
+        mujoco.mjtGeom.mjGEOM_CAPSULE: np.array([size[0], size[0], size[0] + size[1]]),
+        mujoco.mjtGeom.mjGEOM_CYLINDER: size[[0, 0, 1]],
+    }.get(kind, size)
+    return _placed(_PRIMITIVES[kind](size), -reach, reach, *_pose(compiled, geom))
+
+
+def _pose(compiled: mujoco.MjModel, geom: int) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+    return se3.quat_to_matrix(compiled.geom_quat[geom]), compiled.geom_pos[geom].copy()
+
+
+def _placed(distances: Distances, low: np.ndarray, high: np.ndarray, turn: np.ndarray, place: np.ndarray) -> Shape:
     box = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
-    return (lambda points: own((points - place) @ turn)), box @ turn.T + place
+    return (lambda points: distances((points - place) @ turn)), box @ turn.T + place
 
 
 def _box(size: np.ndarray) -> Distances:

@@ -5,9 +5,8 @@ Nothing in it is executed, and no path in it is followed: meshes are found by na
 
 import hashlib
 import math
-import re
-from collections.abc import Iterator, Mapping
-from copy import copy
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from copy import copy, deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -16,8 +15,10 @@ import mujoco
 import numpy as np
 
 from hoi_retarget.errors import RobotError
+from hoi_retarget.files.xml_file import parse_xml
+from hoi_retarget.robots.adding.collada import Colour
 from hoi_retarget.robots.adding.findings import Finding
-from hoi_retarget.robots.adding.mesh_files import SUFFIXES, MeshFolder, mesh_folder, read_mesh
+from hoi_retarget.robots.adding.mesh_files import SUFFIXES, Mesh, MeshFolder, joined_stl, mesh_folder, read_mesh
 from hoi_retarget.robots.mujoco_warnings import quiet
 from hoi_retarget.robots.spec import HeldJoint
 
@@ -37,6 +38,8 @@ _COMPILER = {
     "boundinertia": "1e-9",
     "angle": "radian",
 }
+_BETTER = 0.7
+"""Of meshes that are turned: so much nearer to the centres of mass."""
 _GREY = "0.5 0.5 0.5 1"
 _LEFT_OUT = (
     "keyframe",
@@ -92,17 +95,18 @@ def read_description(path: Path, meshes: Path | None = None) -> Description:
         raise RobotError(f"{path}: it is neither a URDF nor an MJCF: its outermost element is <{root.tag}>.")
     speeds: dict[str, float] = {}
     couplings: list[HeldJoint] = []
+    torques: dict[str, float] = {}
     if kind == "urdf":
         speeds, couplings = dict(_urdf_speeds(root)), list(_urdf_couplings(root))
-        assets = _with_urdf_meshes(root, folder, findings)
+        compiled = _compiled_urdf(path, root, folder, findings)
     else:
-        root = _with_includes(root, path, 0)
-        assets = _with_mjcf_meshes(root, folder, findings)
+        assets = _Assets(folder)
+        description = _described(path, _with_mjcf_meshes(_with_includes(root, path, 0), assets), assets)
+        findings += assets.findings()
         speeds = _speeds_of_siblings(path, folder)
-    description = _described(path, root, assets)
-    couplings += _mjcf_couplings(description, findings)
-    torques = _actuator_torques(description)
-    compiled = _compiled(path, description)
+        couplings += _mjcf_couplings(description, findings)
+        torques = _actuator_torques(description)
+        compiled = _compiled(path, description)
     torques |= {
         compiled.joint(k).name: float(compiled.jnt_actfrcrange[k, 1])
         for k in range(compiled.njnt)
@@ -131,12 +135,10 @@ def _parsed(path: Path) -> tuple[ET.Element, bytes]:
         content = path.read_bytes()
     except OSError as error:
         raise RobotError(f"{path}: cannot be read ({error.strerror or error}).") from error
-    if b"<!ENTITY" in content or b"<!DOCTYPE" in content:
-        raise RobotError(f"{path}: it declares entities, which a description does not need. Take the declaration out.")
     try:
-        return ET.fromstring(re.sub(rb"^\s*<\?xml[^>]*\?>", b"", content)), content
-    except (ET.ParseError, ValueError, RecursionError) as error:
-        raise RobotError(f"{path}: it is no XML ({error}).") from error
+        return parse_xml(content), content
+    except ValueError as error:
+        raise RobotError(f"{path}: {error}") from error
 
 
 def _with_includes(root: ET.Element, path: Path, depth: int) -> ET.Element:
@@ -154,16 +156,39 @@ def _with_includes(root: ET.Element, path: Path, depth: int) -> ET.Element:
     return root
 
 
-def _with_urdf_meshes(  # noqa: C901 - one pass over a tree of elements
-    root: ET.Element, folder: MeshFolder, findings: list[Finding]
-) -> dict[str, bytes]:
+def _compiled_urdf(path: Path, root: ET.Element, folder: MeshFolder, findings: list[Finding]) -> mujoco.MjModel:
+    """Return a URDF with its meshes; where files say that another axis is up, turned if that places them better."""
+    assets = _Assets(folder)
+    compiled = _compiled(path, _described(path, _with_urdf_meshes(deepcopy(root), assets), assets))
+    findings += assets.findings()
+    if assets.other_up:
+        turned = _Assets(folder, upright=True)
+        upright = _compiled(path, _described(path, _with_urdf_meshes(deepcopy(root), turned), turned))
+        before, after = 1000 * _off_masses(compiled), 1000 * _off_masses(upright)
+        if after < _BETTER * before:
+            what = (
+                f"turned by the up_axis of the .dae files, which rviz leaves out: centres of links are {after:.0f} mm "
+                f"from their centres of mass, {before:.0f} mm otherwise"
+            )
+            findings.append(Finding("warn", "meshes", what, "--meshes DIR"))
+            return upright
+    return compiled
+
+
+def _off_masses(compiled: mujoco.MjModel) -> float:
+    """Return how far the centres of meshes are from the centres of mass of their links, on average [m]."""
+    meshes = compiled.geom_type == mujoco.mjtGeom.mjGEOM_MESH
+    away = compiled.geom_pos[meshes] - compiled.body_ipos[compiled.geom_bodyid[meshes]]
+    return float(np.linalg.norm(away, axis=1).mean()) if len(away) else 0.0
+
+
+def _with_urdf_meshes(root: ET.Element, assets: "_Assets") -> ET.Element:
     colours = {material.get("name"): material.find("color") for material in root.findall("material")}
     for tag in ("transmission", "gazebo", "ros2_control", "mujoco", "material"):
         for element in root.findall(tag):
             root.remove(element)
     if any("${" in value for element in root.iter() for value in element.attrib.values()):
         raise RobotError("it is a xacro file. Expand it first: xacro FILE > robot.urdf")
-    assets = _Assets(folder)
     for parent in list(root.iter()):
         for child in list(parent):
             # What only other programs read, and couplings, which are known by now.
@@ -176,14 +201,22 @@ def _with_urdf_meshes(  # noqa: C901 - one pass over a tree of elements
             mesh = shape.find("geometry/mesh")
             if mesh is None:
                 continue
-            name = assets.name_of(mesh.get("filename", ""))
-            if name is None:
-                link.remove(shape)
-            else:
-                mesh.set("filename", name)
+            parts = assets.parts_of(mesh.get("filename", ""))
+            at = list(link).index(shape)
+            link[at : at + 1] = [_part(shape, name, colour) for name, colour in parts]
     ET.SubElement(ET.SubElement(root, "mujoco"), "compiler", _COMPILER)
-    _say_missing(assets.missing, folder, findings)
-    return assets.contents
+    return root
+
+
+def _part(shape: ET.Element, name: str, colour: Colour | None) -> ET.Element:
+    """Return a shape with one part of its mesh, in the mesh's own colour where it has one, as rviz does."""
+    part = deepcopy(shape)
+    for mesh in part.iter("mesh"):
+        mesh.set("filename", name)
+    if colour is not None:
+        for material in part.iter("color"):
+            material.set("rgba", " ".join(map(str, (*colour, 1.0))))
+    return part
 
 
 def _colour(shape: ET.Element, named: Mapping[str | None, ET.Element | None]) -> None:
@@ -197,9 +230,7 @@ def _colour(shape: ET.Element, named: Mapping[str | None, ET.Element | None]) ->
         ET.SubElement(shape, "material", name="").append(ET.Element("color", rgba=_GREY) if colour is None else colour)
 
 
-def _with_mjcf_meshes(  # noqa: C901, PLR0912 - one pass over a tree of elements
-    root: ET.Element, folder: MeshFolder, findings: list[Finding]
-) -> dict[str, bytes]:
+def _with_mjcf_meshes(root: ET.Element, assets: "_Assets") -> ET.Element:  # noqa: C901, PLR0912 - one pass over a tree
     for tag in _LEFT_OUT:
         for element in root.findall(tag):
             root.remove(element)
@@ -215,67 +246,92 @@ def _with_mjcf_meshes(  # noqa: C901, PLR0912 - one pass over a tree of elements
     for compiler in root.iter("compiler"):
         for attribute in ("meshdir", "texturedir", "assetdir", "strippath", "discardvisual", "fusestatic"):
             compiler.attrib.pop(attribute, None)
-    assets, gone = _Assets(folder), set()
+    gone = set()
     for asset in root.iter("asset"):
         for mesh in asset.findall("mesh"):
             file = mesh.get("file")
             if file is None:
                 continue
             mesh.set("name", mesh.get("name") or Path(file.replace("\\", "/")).stem)
-            name = assets.name_of(file)
-            if name is None:
+            parts = assets.parts_of(file)
+            if not parts:
                 asset.remove(mesh)
                 gone.add(mesh.get("name"))
             else:
-                mesh.set("file", name)
+                mesh.set("file", assets.joined(parts))
                 mesh.attrib.pop("content_type", None)
     for parent in list(root.iter()):
         for geom in parent.findall("geom"):
             if geom.get("mesh") in gone:
                 parent.remove(geom)
-    _say_missing(assets.missing, folder, findings)
-    return assets.contents
+    return root
 
 
 class _Assets:
     """Contents of mesh files under new names, each file read once."""
 
-    def __init__(self, folder: MeshFolder) -> None:
+    def __init__(self, folder: MeshFolder, *, upright: bool = False) -> None:
         self.folder = folder
+        self.upright = upright
+        self.other_up = False
         self.contents: dict[str, bytes] = {}
-        self.missing: list[str] = []
-        self._names: dict[Path, str | None] = {}
+        self._missing: dict[str, None] = {}
+        self._unread: dict[str, str] = {}
+        self._parts: dict[Path, tuple[tuple[str, Colour | None], ...]] = {}
 
-    def name_of(self, wanted: str) -> str | None:
-        """Return the asset that a description's path stands for; None where there is no such file or surface."""
+    def parts_of(self, wanted: str) -> tuple[tuple[str, Colour | None], ...]:
+        """Return the assets that a description's path stands for; none where there is no such file or surface."""
         file = self.folder.find(wanted)
-        if file is not None and file not in self._names:
-            content = read_mesh(file)
-            self._names[file] = None if content is None else f"mesh{len(self._names)}.stl"
-            if content is not None:
-                self.contents[f"mesh{len(self._names) - 1}.stl"] = content
-        name = None if file is None else self._names[file]
-        if name is None:
-            self.missing.append(wanted.replace("\\", "/").rsplit("/", 1)[-1])
-        return name
+        if file is None:
+            self._missing[wanted.replace("\\", "/").rsplit("/", 1)[-1]] = None
+            return ()
+        if file not in self._parts:
+            try:
+                mesh = read_mesh(file, upright=self.upright)
+            except (ValueError, OSError) as error:
+                self._unread[file.name] = str(error)
+                mesh = Mesh((), other_up=False)
+            self.other_up |= mesh.other_up
+            names = [f"mesh{len(self.contents) + index}.stl" for index in range(len(mesh.parts))]
+            self.contents |= {name: content for name, (content, _) in zip(names, mesh.parts, strict=True)}
+            self._parts[file] = tuple((name, colour) for name, (_, colour) in zip(names, mesh.parts, strict=True))
+        return self._parts[file]
 
+    def joined(self, parts: Sequence[tuple[str, Colour | None]]) -> str:
+        """Return the one asset of all parts of a file, whatever their colours."""
+        first = parts[0][0]
+        if len(parts) > 1:
+            name = first.replace("mesh", "whole")
+            self.contents[name] = joined_stl([self.contents[name] for name, _ in parts])
+            return name
+        return first
 
-def _say_missing(missing: list[str], folder: MeshFolder, findings: list[Finding]) -> None:
-    names = list(dict.fromkeys(missing))
-    if names:
-        shown = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
-        places = " or ".join(str(top) for top in folder.folders)
-        what = f"{len(names)} files are not there or cannot be read ({shown}); none is below {places} as .stl or .obj"
-        unread = sorted({Path(name).suffix.lower() for name in names} - {*SUFFIXES, ""})
+    def findings(self) -> Iterator[Finding]:
+        """Yield what to tell of files that are not there, or cannot be read."""
+        if self._unread:
+            name, why = next(iter(self._unread.items()))
+            what = f"{len(self._unread)} files cannot be read ({_some(self._unread)}); {name}: {why}"
+            yield Finding("warn", "meshes", what, "--meshes DIR")
+        if not self._missing:
+            return
+        places = " or ".join(str(top) for top in self.folder.folders)
+        endings = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
+        what = f"{len(self._missing)} files are not there ({_some(self._missing)}); none is below {places} as {endings}"
+        unread = sorted({Path(name).suffix.lower() for name in self._missing} - {*SUFFIXES, ""})
         if unread:
             what += f"; {', '.join(unread)} is not read: convert it, under the same name, with Blender or MeshLab"
-        findings.append(Finding("warn", "meshes", what, "--meshes DIR"))
+        yield Finding("warn", "meshes", what, "--meshes DIR")
 
 
-def _described(path: Path, root: ET.Element, assets: Mapping[str, bytes]) -> mujoco.MjSpec:
+def _some(names: Iterable[str]) -> str:
+    shown = list(names)
+    return ", ".join(shown[:3]) + (", ..." if len(shown) > 3 else "")
+
+
+def _described(path: Path, root: ET.Element, assets: _Assets) -> mujoco.MjSpec:
     try:
         with quiet():
-            description = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"), assets=dict(assets))
+            description = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"), assets=assets.contents)
     except ValueError as error:
         raise RobotError(f"{path}: MuJoCo cannot read it: {_one_line(error)}") from error
     return description

@@ -9,13 +9,17 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-SUFFIXES = (".stl", ".obj")
-"""Of mesh files that can be read; of one that has another ending, a file of the same stem is taken."""
+from hoi_retarget.robots.adding.collada import Collada, Colour, Surface, read_collada
+
+SUFFIXES = (".stl", ".obj", ".dae")
+"""Of mesh files that can be read; of one that is not there, a file of the same stem is taken, the first of these."""
 MESH_FOLDERS = ("meshes", "assets", "visuals", "mesh")
 _LEVELS_UP = 2
 _MOST_FILES = 20_000
 _MOST_BYTES = 256 << 20
 _MOST_FACES = 2500
+_STL_HEAD = 84
+_STL_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
 _FINEST = 256
 """Parts of a mesh's extent at first, when vertices that are near to each other become one."""
 
@@ -34,7 +38,9 @@ class MeshFolder:
         for names in ((wanted[-1],), tuple(stem + suffix for suffix in SUFFIXES)):
             hits = [file for file in self.files if file.name.lower() in names]
             if hits:
-                return max(hits, key=lambda file: (_common_end(wanted, file), -len(file.parts)))
+                return max(
+                    hits, key=lambda file: (_common_end(wanted, file), -len(file.parts), file.suffix.lower() != ".dae")
+                )
         return None
 
 
@@ -73,33 +79,74 @@ def _common_end(wanted: Sequence[str], file: Path) -> int:
     return same
 
 
-def read_mesh(file: Path) -> bytes | None:
-    """Return a mesh, made coarser, as a binary STL; None where it cannot be read or has no surface."""
+@dataclass(frozen=True)
+class Mesh:
+    """A mesh file, made coarser."""
+
+    parts: tuple[tuple[bytes, Colour | None], ...]
+    """Binary STLs with the colours that the file says."""
+    other_up: bool
+    """Whether it says that another axis than z is up."""
+
+
+def read_mesh(file: Path, *, upright: bool = False) -> Mesh:
+    """Return a mesh file, turned such that z is up where that is wanted.
+
+    Raises:
+        ValueError: It is too large, damaged, or has no surface.
+    """
     if file.stat().st_size > _MOST_BYTES:
-        return None
-    return coarse_stl(file.read_bytes(), file.suffix.lower().removeprefix("."))
+        raise ValueError(f"it is larger than {_MOST_BYTES >> 20} MiB.")
+    content, kind = file.read_bytes(), file.suffix.lower().removeprefix(".")
+    if kind == "dae":
+        read = read_collada(content, upright=upright)
+    else:
+        read = Collada((_surface(content, kind),), other_up=False)
+    total = sum(len(surface.faces) for surface in read.surfaces)
+    parts = ((_coarse(surface, _MOST_FACES * len(surface.faces) // total), surface.colour) for surface in read.surfaces)
+    shown = tuple((stl, colour) for stl, colour in parts if stl is not None)
+    if not shown:
+        raise ValueError("it has no surface.")
+    return Mesh(shown, read.other_up)
 
 
 def coarse_stl(content: bytes, kind: str) -> bytes | None:
     """Return a mesh of a kind, `stl` or `obj`, made coarser, as a binary STL; None where there is no surface."""
     try:
+        return _coarse(_surface(content, kind), _MOST_FACES)
+    except ValueError:
+        return None
+
+
+def joined_stl(parts: Sequence[bytes]) -> bytes:
+    """Return the triangles of several binary STLs as one."""
+    records = b"".join(part[_STL_HEAD:] for part in parts)
+    return b"\0" * 80 + np.uint32(len(records) // _STL_RECORD.itemsize).tobytes() + records
+
+
+def _surface(content: bytes, kind: str) -> Surface:
+    """Return an STL or an OBJ; raises `ValueError`."""
+    try:
         mesh = trimesh.load(io.BytesIO(content), file_type=kind, force="mesh", process=False, skip_materials=True)
         if not isinstance(mesh, trimesh.Trimesh):
-            return None
-        vertices, faces = np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=int)
-    except Exception:  # noqa: BLE001 - whatever a damaged mesh does to its reader
+            raise ValueError("no triangles")
+        return Surface(np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=int), None)
+    except Exception as error:
+        raise ValueError(f"it is damaged ({type(error).__name__}: {error}).") from error
+
+
+def _coarse(surface: Surface, most: int) -> bytes | None:
+    if not len(surface.faces) or not np.isfinite(surface.vertices).all():
         return None
-    if not len(faces) or not np.isfinite(vertices).all():
-        return None
-    vertices, faces = coarser(vertices, faces)
+    vertices, faces = coarser(surface.vertices, surface.faces, most)
     return _stl(vertices[faces]) if len(faces) else None
 
 
-def coarser(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a mesh of few triangles: vertices in one cell of a grid become one, at their mean."""
+def coarser(vertices: np.ndarray, faces: np.ndarray, most: int = _MOST_FACES) -> tuple[np.ndarray, np.ndarray]:
+    """Return a mesh of few triangles, `most` where it can: vertices in one cell of a grid become one, at their mean."""
     low, extent = vertices.min(axis=0), float(np.ptp(vertices, axis=0).max())
     parts = _FINEST
-    while len(faces) > _MOST_FACES and parts > 8:
+    while len(faces) > most and parts > 8:
         cells = np.floor((vertices - low) / (extent / parts)).astype(np.int64)
         _, cell = np.unique(cells @ [1, 4 * _FINEST, 16 * _FINEST**2], return_inverse=True)
         cell = cell.ravel()
@@ -119,6 +166,6 @@ def coarser(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _stl(triangles: np.ndarray) -> bytes:
-    record = np.zeros(len(triangles), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
-    record["corners"] = triangles
-    return b"\0" * 80 + np.uint32(len(triangles)).tobytes() + record.tobytes()
+    records = np.zeros(len(triangles), dtype=_STL_RECORD)
+    records["corners"] = triangles
+    return b"\0" * 80 + np.uint32(len(triangles)).tobytes() + records.tobytes()
