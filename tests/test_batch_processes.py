@@ -146,6 +146,7 @@ def test_nothing_to_do_starts_no_process():
 
 SPECIFICATION = (
     'clips = ["builtin:carry_box", "builtin:move_chair"]\nsize_multipliers = [1.0, 0.9]\nspeeds = [1.0, 1.5]\n'
+    '[config]\ncontact = "landmark"\n'  # Solved in a third of the time.
 )
 JOBS = 8
 
@@ -283,7 +284,7 @@ def test_any_kills_in_the_middle_and_another_run_equal_an_undisturbed_one(folder
     undisturbed = made_in(folder / "out")
     assert len(undisturbed) == 2 * JOBS + 2
     rng = np.random.default_rng(0)
-    for number in range(12):
+    for number in range(6):
         shutil.rmtree(folder / "out")
         whole = number % 3 > 0
         complaints = kill_in_the_middle(folder, whole=whole, rng=rng)

@@ -21,6 +21,8 @@ from hoi_retarget.retargeting.surfaces.touching_targets import touching_targets
 from hoi_retarget.retargeting.surfaces.ways_out import WayOut, ways_out, windows_of
 from hoi_retarget.retargeting.targets import PALMS, Targets
 from hoi_retarget.retargeting.trajopt.problem import Problem
+from hoi_retarget.retargeting.trajopt.solvers.banded import solve_once
+from hoi_retarget.retargeting.trajopt.solvers.base import Solution
 from hoi_retarget.retargeting.trajopt.table import trajectory_terms
 from hoi_retarget.retargeting.trajopt.windows import solve_windows
 from hoi_retarget.retargeting.trunk_turns import trunk_turns
@@ -81,7 +83,7 @@ class SurfaceProblems:
         first = qpos
         ways: tuple[WayOut, ...] = ()
         for _ in range(1 + ROUNDS):
-            qpos = solve(self._with_points(self._moved(qpos), ways), qpos, _loosened(solver, ROUGHLY), False)
+            qpos = solve(self._with_points(self._moved(qpos), ways), qpos, _on_the_way(solver, ROUGHLY), False)
             further = self._ways_out(qpos, ways)
             if not further:
                 break
@@ -91,7 +93,7 @@ class SurfaceProblems:
             # Ways that turn the robot over are none.
             qpos, ways = first, ()
         moved = self._moved(qpos)
-        qpos = solve(self._with_surfaces(moved, qpos, ways, yielding=False), qpos, _loosened(solver, CLOSELY), False)
+        qpos = solve(self._with_surfaces(moved, qpos, ways, yielding=False), qpos, _on_the_way(solver, CLOSELY), False)
         return solve(self._with_surfaces(moved, qpos, ways, yielding=True), qpos, to_the_end(solver), True)
 
     def last(self, qpos: Float[np.ndarray, "T nq"]) -> ProblemOf:
@@ -160,7 +162,22 @@ def to_the_end(solver: Solver) -> Solver:
     return _loosened(solver, TO_THE_END, MOST_ITERATIONS)
 
 
-def _loosened(solver: Solver, factor: float, most: int = ON_THE_WAY) -> Solver:
+@dataclass(frozen=True)
+class _OnTheWay:
+    """The solver of a pass before the last one: it need not converge, and is not begun again where it does not."""
+
+    options: BandedInteriorPoint
+
+    def solve(self, problem: Problem, qpos: Float[np.ndarray, "T nq"]) -> Solution:
+        return solve_once(self.options, problem, qpos, bounds_damp=True)
+
+
+def _on_the_way(solver: Solver, factor: float) -> Solver:
+    loosened = _loosened(solver, factor, ON_THE_WAY)
+    return _OnTheWay(loosened) if isinstance(loosened, BandedInteriorPoint) else loosened
+
+
+def _loosened(solver: Solver, factor: float, most: int) -> Solver:
     """Return a solver with another tolerance, which does not try for ever to get out what is trapped."""
     if not isinstance(solver, BandedInteriorPoint):
         return solver

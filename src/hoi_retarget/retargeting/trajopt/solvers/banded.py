@@ -28,7 +28,6 @@ _FEASIBLE = 1e-7  # [rad]
 _START_GAP = 0.1  # Complementarity gap at the start, relative to the cost.
 _START_MARGIN = 3e-2  # Of a joint's range: a start is moved that far away from its ends.
 _LEAST_SLACK = 1e-3  # Of a bound's interval: less than this counts as outside.
-_TO_THE_END = 40  # Iterations; fewer are asked of passes on the way to another solve, which need not converge.
 # Levenberg-Marquardt damping, relative to the diagonal: it grows when steps are cut short.
 _LONGEST_SEARCH = 8  # Halvings of a step.
 _LEAST_DAMPING, _FIRST_DAMPING, _LARGEST_DAMPING = 1e-9, 1e-3, 1e3
@@ -36,9 +35,12 @@ _SMALLEST_COST = 1e-9  # What accuracies relative to the cost are measured again
 
 
 def solve(options: BandedInteriorPoint, problem: Problem, qpos: Float[np.ndarray, "T nq"]) -> Solution:
-    """Return the solution from a starting trajectory; joints outside their range are moved in."""
+    """Return the solution from a starting trajectory; joints outside their range are moved in.
+
+    What ends unsolved is begun again, without damping steps that bounds alone cut short.
+    """
     solution = solve_once(options, problem, qpos, bounds_damp=True)
-    if solution.status in {Status.SOLVED, Status.FAILED} or options.max_iterations < _TO_THE_END:
+    if solution.status in {Status.SOLVED, Status.FAILED}:
         return solution
     second = solve_once(options, problem, qpos, bounds_damp=False)
     return second if second.status is Status.SOLVED else solution
