@@ -28,7 +28,7 @@ from hoi_retarget.motion.result_file import encode, load
 from hoi_retarget.retargeting.multi_person import with_report
 from said import complaints_in
 
-PATIENCE_S = 60.0  # On a busy machine.
+PATIENCE_S = 300.0  # On a busy machine.
 
 
 def run(crew, tasks, stopped=lambda: False) -> list:
