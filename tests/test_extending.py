@@ -3,6 +3,7 @@
 import re
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 
@@ -30,14 +31,15 @@ def example(name: str) -> ModuleType:
     return module
 
 
-def carried(**config) -> hr.Motion:
-    return hr.retarget(
-        hr.open_clip("builtin:carry_box"), hr.load_robot("unitree_g1"), hr.Config(contact="landmark", **config)
-    )
+def carried() -> hr.Motion:
+    return hr.retarget(hr.open_clip("builtin:carry_box"), hr.load_robot("unitree_g1"), hr.Config(contact="landmark"))
+
+
+without_examples = cache(carried)
 
 
 def test_a_cost_term(monkeypatch):
-    module, model, plain = example("term"), hr.load_robot("unitree_g1"), carried()
+    module, model, plain = example("term"), hr.load_robot("unitree_g1"), without_examples()
     term = module.HandHeight("left_palm_height", "left_palm")
     rng = np.random.default_rng(0)
     qpos, direction = plain.qpos[:9], rng.normal(size=(9, model.nv))
@@ -69,7 +71,7 @@ def test_a_reader(monkeypatch, tmp_path):
 
 
 def test_a_format(monkeypatch, tmp_path):
-    module, motion, model = example("format"), carried(), hr.load_robot("unitree_g1")
+    module, motion, model = example("format"), without_examples(), hr.load_robot("unitree_g1")
     files = export(Result("clip", "0", motion, model), module.FORMAT, name="clip", fps=motion.fps).files
     assert {"clip.npz", "clip.meta.json"} <= set(files)
     (tmp_path / "clip.npz").write_bytes(files["clip.npz"])

@@ -60,6 +60,7 @@ def folder(tmp_path, monkeypatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", list(SCENES))
 def test_every_scene_is_a_built_in_clip(scene):
     clip = open_clip(f"builtin:{scene}")

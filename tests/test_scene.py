@@ -423,6 +423,7 @@ def test_nobody_stands_in_anothers_place(seed, count):
     assert axes, "one axis along which each begins where the one before has ended"
 
 
+@pytest.mark.slow
 @few
 @given(seed=seeds, apart=st.one_of(st.just("auto"), st.floats(0.0, 20.0)))
 def test_neighbours_change_nothing_but_the_place(seed, apart):

@@ -134,6 +134,7 @@ def test_a_hand_at_a_known_distance_costs_what_that_distance_costs(model):
         assert touch.residual.min() >= max(0.0, -depth - TOUCHING) - 1e-4
 
 
+@pytest.mark.slow
 def test_far_links_have_no_terms(model):
     kinematics = model.forward(np.repeat(model.home_qpos[None], FRAMES, axis=0))
     thing = solid_box((0.2, 0.2, 0.2), (5.0, 0.0, 0.0))
