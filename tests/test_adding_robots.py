@@ -106,6 +106,7 @@ def test_robot_made_of_a_file_stands_relaxed_whatever_its_zero_pose_is(tmp_path,
     built = build_robot(path, "made", Hints())
     assert max(built.home.missed_deg.values()) < 5.0
     assert (built.spec.joint_order or truth.order) == truth.order, "the maker's order"
+    assert built.spec.contact_weight == (1.0 if built.spec.palm_weight == 1.0 else 3.0)
     (tmp_path / "robot.xml").write_text(built.mjcf)
     model = load_model(replace(built.spec, mjcf=tmp_path / "robot.xml"))
     standing = model.forward(model.home_qpos[None])

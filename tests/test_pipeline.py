@@ -21,6 +21,7 @@ from hoi_retarget.retargeting.config import Config, Horizon, IkWeights, KeepStar
 from hoi_retarget.retargeting.pipeline import retarget
 from hoi_retarget.retargeting.targets import make_targets
 from hoi_retarget.retargeting.trajopt.table import ik_terms, trajectory_terms
+from hoi_retarget.retargeting.trajopt.terms.object_contact import ObjectContact
 from hoi_retarget.retargeting.trajopt.terms.site_rotation import SiteRotation
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
@@ -331,7 +332,7 @@ def test_a_robot_whose_torso_is_its_root(tmp_path):
     assert window.status is Status.SOLVED and window.cost_by_term["torso_orientation"] == 0.0
 
 
-def test_palm_weight_and_dropped_rotations_are_the_robots_own(tmp_path):
+def test_weights_and_dropped_rotations_are_the_robots_own(tmp_path):
     def terms(**changes):
         model = load_model(replace(G1.spec, **changes))
         targets, reference = make_targets(scene(), model, Scaling()), model.forward(motion.stages[0].qpos)
@@ -344,6 +345,11 @@ def test_palm_weight_and_dropped_rotations_are_the_robots_own(tmp_path):
     assert {"left_palm_orientation", "left_foot_stance_orientation", "left_wrist_rotation"} & rotations
     for name in ("left_palm_orientation", "right_palm_orientation"):
         np.testing.assert_allclose(light[name].weight, 0.04 * plain[name].weight)
+    firm = terms(contact_weight=3.0)
+    contacts = {name for name, term in plain.items() if isinstance(term, ObjectContact)}
+    assert contacts
+    for name in contacts:
+        np.testing.assert_allclose(firm[name].weight, 3.0 * plain[name].weight)
     dropped = terms(dropped_rotations=("left_palm", "left_wrist", "right_foot"))
     missing = {"left_palm_orientation", "left_wrist_rotation", "right_stance_orientation"}
     assert plain.keys() - dropped.keys() == missing

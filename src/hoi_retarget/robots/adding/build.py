@@ -23,6 +23,8 @@ _WELL, _USABLE = 5.0, 15.0
 """By how much the home pose may miss its goals [deg]."""
 _WEAK_PALM = 0.04
 """Palms that cannot turn freely: their rotations would cost millimetres of contact."""
+_FIRM_CONTACT = 3.0
+"""Contacts of robots that cannot take a person's pose: at one they are 3 to 5 mm off, at five jerk rises by a fifth."""
 _WRIST_WEIGHTS = {0: 0.0, 1: 1.0, 2: 2.5}
 """IK weight of a wrist's rotation by how many axes the joints after the elbow have [1/rad]."""
 _POSTURE = 1.0
@@ -64,7 +66,8 @@ def build_robot(path: Path, name: str, hints: Hints, meshes: Path | None = None)
         file.write_text(bare.to_xml())
         model = load_model(spec)
     home = solve_home(model)
-    spec = replace(spec, home=home.angles)
+    taut = spec.palm_weight < 1.0 or max(home.missed_deg.values()) > _WELL
+    spec = replace(spec, home=home.angles, contact_weight=_FIRM_CONTACT if taut else 1.0)
     standing = replace(model, home_qpos=frozen([*model.home_qpos[:7], *home.angles.values()]))
     described = robot_file(anatomy, name)
     described.worldbody.first_body().pos = (0.0, 0.0, standing_height(standing))

@@ -54,7 +54,7 @@ def contact_terms(weights: Weights, targets: Targets, reference: Kinematics) -> 
             targets.carried_contact_points[:, link].T,
             targets.object_pos[frames, aimed].T,
             se3.quat_to_matrix(targets.object_quat[frames, aimed]).transpose(1, 2, 0),
-            weights.object_contact * targets.contact_weights[:, link],
+            weights.object_contact * spec.contact_weight * targets.contact_weights[:, link],
         )
         if site in PALMS and site not in spec.dropped_rotations:
             rotation = se3.quat_to_matrix(targets.palm_quats[:, PALMS.index(site)]).transpose(1, 2, 0)
