@@ -6,12 +6,14 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TypeVar
 
 import numpy as np
 import pytest
 
 PATIENCE_MS = 120_000  # Two browsers that draw without a graphics card can stall each other.
 WINDOW = {"width": 1100, "height": 700}
+Seen = TypeVar("Seen")
 DRAWN = (220, 140)
 """Width and height of pictures of a scene as it was drawn."""
 CONTROLS_PX, CURVES_PX = 330, 320  # What panels cover of the window, at the right and at the bottom.
@@ -70,10 +72,20 @@ window.requestAnimationFrame = (callback) => animate((time) => {
 
 @contextmanager
 def every_drawing(page) -> Iterator[list[np.ndarray]]:
-    """Give all different pictures that the page's scene draws in this block, in small: an opened page's own."""
+    """Give all different pictures that the page's scene draws from now to the end of this block, in small.
+
+    The page is one that was opened here; the block ends once something else has been drawn.
+    """
     pictures: list[np.ndarray] = []
+
+    def drawn() -> int:
+        return page.evaluate("window.drawn.length")
+
     page.evaluate("window.drawn = []; window.lastDrawn = ''; window.keepDrawn = true")
+    wait_until(lambda: drawn() > 0, "the scene is drawn")
     yield pictures
+    wait_until(lambda: drawn() > 1, "the scene is drawn anew")
+    still(drawn, seconds=3.0)
     kept = page.evaluate("window.keepDrawn = false, window.drawn")
     pictures.extend(np.array(picture).reshape(DRAWN[1], DRAWN[0], 3) for picture in kept)
 
@@ -105,6 +117,20 @@ def wait_until(holds: Callable[[], bool], what: str, seconds: float = PATIENCE_M
     while not holds():
         assert time.monotonic() < end, f"not within {seconds} s: {what}"
         time.sleep(0.05)
+
+
+def still(look: Callable[[], Seen], seconds: float = 1.0) -> Seen:
+    """Return what is seen once it has been the same for so long [s]."""
+    seen, since = look(), time.monotonic()
+
+    def same() -> bool:
+        nonlocal seen, since
+        if not np.array_equal(now := look(), seen):
+            seen, since = now, time.monotonic()
+        return time.monotonic() - since >= seconds
+
+    wait_until(same, f"nothing changes for {seconds} s")
+    return seen
 
 
 def box_of(locator) -> dict[str, float]:

@@ -42,7 +42,7 @@ def started(*words: str, folder):
 def page_at(text: str) -> bytes:
     address = text.split("Open ")[1].split(" in a browser", maxsplit=1)[0]
     assert address.startswith("http://localhost:")
-    with urllib.request.urlopen(address, timeout=10) as answer:
+    with urllib.request.urlopen(address, timeout=60) as answer:
         return answer.read()
 
 

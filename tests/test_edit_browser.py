@@ -9,7 +9,7 @@ import threading
 import numpy as np
 import pytest
 
-from browser import box_of, chromium, open_page, wait_until
+from browser import box_of, chromium, open_page, scene_pixels, still, wait_until
 from hoi_retarget.cli import main
 from hoi_retarget.clip.edits import ContactEdits, FixAll, Pin, Retime, load
 from hoi_retarget.clip.edits.versions import EditsFiles
@@ -59,6 +59,12 @@ class Session:
         self.server = open_server("test")
         serve_sessions(self.server, lambda client: self._receive(client, edited))
 
+    @property
+    def editor(self) -> Editor:
+        """Of the page that was opened last."""
+        wait_until(lambda: bool(self.editors), "there is an editor")
+        return self.editors[-1]
+
     def _receive(self, client, edited):
         editing = Editing(self.clip, MODEL, Config(), edited)
         places = Places(EditsFiles(self.folder / "edits.toml"), self._save_result)
@@ -77,7 +83,8 @@ def session(start, tmp_path):
     session = Session(start, tmp_path)
     yield session
     session.server.stop()
-    assert not [thread for thread in threading.enumerate() if thread.name in ("player", "editor")], "all work has ended"
+    names = {"player", "editor"}
+    wait_until(lambda: not names & {thread.name for thread in threading.enumerate()}, "all work has ended")
 
 
 def told(page) -> str:
@@ -91,7 +98,7 @@ def choose(page, words: str) -> None:
 
 def pixel(page, client, point: np.ndarray) -> np.ndarray:
     """Return where a point of the world is in the window."""
-    box = page.locator("canvas").first.bounding_box()
+    box = box_of(page.locator("canvas").first)
     ahead = client.camera.look_at - client.camera.position
     ahead /= np.linalg.norm(ahead)
     right = np.cross(ahead, [0.0, 0.0, 1.0])
@@ -102,9 +109,34 @@ def pixel(page, client, point: np.ndarray) -> np.ndarray:
     return np.array([box["x"] + 0.5 * box["width"] + focal * x, box["y"] + 0.5 * box["height"] + focal * y])
 
 
+def drag(page, begin: np.ndarray, end: np.ndarray, steps: int) -> None:
+    """Take a handle, which is coloured where it can be taken, and pull it."""
+    x, y = map(int, begin)
+
+    def there() -> np.ndarray:
+        return scene_pixels(page)[y - 4 : y + 5, x - 4 : x + 5]
+
+    page.mouse.move(x + 60, y)
+    before = still(there)
+
+    def taken() -> bool:
+        page.mouse.move(*begin)
+        coloured = np.abs(there() - before).max() > 40
+        if not coloured:
+            page.mouse.move(*(begin + 1))  # Only a pointer that moves is looked for.
+        return coloured
+
+    wait_until(taken, "the handle can be taken")
+    page.mouse.down()
+    for share in np.linspace(0.0, 1.0, steps + 1)[1:]:
+        page.mouse.move(*(begin + share * (end - begin)))
+        page.wait_for_timeout(200)
+    page.mouse.up()
+
+
 def drag_upwards(page, session: Session, distance: float) -> None:
     """Take the chosen point's handle by the arrow that points up, and pull it."""
-    editor, client = session.editors[-1], session.clients[-1]
+    editor, client = session.editor, session.clients[-1]
     motion, segment, frame = editor.edited.motions[0], editor.chosen, editor.frame
     turn, world = motion.object_quat[frame, 0], np.array(client.scene.get_handle_by_name("/world").position)
     point = motion.object_scale[0] * segment.points.mean(axis=0)
@@ -114,14 +146,7 @@ def drag_upwards(page, session: Session, distance: float) -> None:
         inside = point + along * axis
         return pixel(page, client, world + motion.object_pos[frame, 0] + se3.rotate(turn, inside))
 
-    begin, end = place(HANDLE), place(HANDLE + distance)
-    page.mouse.move(*begin)
-    page.wait_for_timeout(2000)  # The arrow is taken once a drawn frame has shown it under the pointer.
-    page.mouse.down()
-    for share in np.linspace(0.0, 1.0, 6)[1:]:
-        page.mouse.move(*(begin + share * (end - begin)))
-        page.wait_for_timeout(300)
-    page.mouse.up()
+    drag(page, place(HANDLE), place(HANDLE + distance), steps=5)
 
 
 def palm_in_object(motion, frame: int) -> np.ndarray:
@@ -133,9 +158,9 @@ def test_a_dragged_point_takes_the_hand_along_and_the_command_line_makes_the_sam
     page = open_page(browser, address(session.server))
     page.get_by_text("2 contacts").wait_for()
     choose(page, "left hand")
-    editor = session.editors[-1]
+    editor = session.editor
     wait_until(lambda: editor.chosen is not None, "the contact is chosen")
-    page.wait_for_timeout(1000)
+    still(lambda: scene_pixels(page))
     before, frame = editor.edited, editor.frame
     drag_upwards(page, session, 0.10)
     wait_until(lambda: len(editor.edited.edits.edits) == 1, "the drag became an edit")
@@ -167,16 +192,16 @@ def test_a_contact_in_thin_air_is_told(browser, session):
     page = open_page(browser, address(session.server))
     page.get_by_text("2 contacts").wait_for()
     choose(page, "right hand")
-    editor = session.editors[-1]
+    editor = session.editor
     wait_until(lambda: editor.chosen is not None, "the contact is chosen")
-    page.wait_for_timeout(1000)
+    still(lambda: scene_pixels(page))
     drag_upwards(page, session, 0.26)
     wait_until(lambda: len(editor.edited.edits.edits) == 1, "the drag became an edit")
     surface = surface_of(editor.edited.clip.objects[0].geometry)
     off = 1e3 * surface.distances(editor.edited.segments[1].points).mean()
     assert off > 50
     wait_until(lambda: f"{off:.0f} mm off the surface. It touches nothing there" in told(page), "the editor says so")
-    assert page.get_by_role("button", name=f"point {off:.0f} mm off").count() == 1
+    page.get_by_role("button", name=f"point {off:.0f} mm off").wait_for()
     page.get_by_text("To surface", exact=True).click()
     wait_until(lambda: "The point is 0 mm off the surface." in told(page), "it was put back")
     page.close()
@@ -185,7 +210,7 @@ def test_a_contact_in_thin_air_is_told(browser, session):
 def test_buttons_edit_undo_and_redo(browser, session):
     page = open_page(browser, address(session.server))
     page.get_by_text("2 contacts").wait_for()
-    editor = session.editors[-1]
+    editor = session.editor
 
     def edits() -> int:
         return len(editor.edited.edits.edits)
@@ -219,7 +244,7 @@ def test_what_cannot_be_done_is_told_and_the_editor_goes_on_with_the_same_contac
     page = open_page(browser, address(session.server))
     page.get_by_text("2 contacts").wait_for()
     choose(page, "left hand")
-    editor = session.editors[-1]
+    editor = session.editor
     wait_until(lambda: editor.chosen is not None, "the contact is chosen")
     middle = editor.frame
     page.mouse.click(700, 200)
@@ -255,11 +280,11 @@ def test_two_editors_are_apart_and_a_closed_one_stops_its_work(browser, session)
 def test_a_part_is_pinned_by_dragging_its_handle(browser, session):
     page = open_page(browser, address(session.server))
     page.get_by_text("2 contacts").wait_for()
-    editor, client = session.editors[-1], session.clients[-1]
+    editor, client = session.editor, session.clients[-1]
     page.get_by_role("combobox", name="Pin", exact=True).click()
     page.get_by_role("option", name="pelvis").click()
     wait_until(lambda: client.scene.get_handle_by_name("/world/pin") is not None, "the pelvis has a handle")
-    page.wait_for_timeout(1000)
+    still(lambda: scene_pixels(page))
     before = editor.edited
 
     def place(along: float) -> np.ndarray:
@@ -268,14 +293,7 @@ def test_a_part_is_pinned_by_dragging_its_handle(browser, session):
         turn = MODEL.forward(before.motions[0].qpos[:1]).site_rotation("pelvis")[0]
         return pixel(page, client, world + pelvis + along * turn[:, 2])
 
-    begin, end = place(0.2), place(0.12)
-    page.mouse.move(*begin)
-    page.wait_for_timeout(2000)
-    page.mouse.down()
-    for share in np.linspace(0.0, 1.0, 5)[1:]:
-        page.mouse.move(*(begin + share * (end - begin)))
-        page.wait_for_timeout(200)
-    page.mouse.up()
+    drag(page, place(0.2), place(0.12), steps=4)
     wait_until(lambda: len(editor.edited.edits.edits) == 1, "the drag became a pin")
     (edit,) = editor.edited.edits.edits
     assert isinstance(edit, Pin) and (edit.part, edit.frame, edit.turn) == ("pelvis", 0, None)
@@ -298,7 +316,7 @@ ENDS = "div:has(> .hoi-strip) ~ div:has(~ div > .hoi-curves) .mantine-Slider-thu
 def test_an_end_of_a_bar_is_dragged_by_mouse_and_by_finger(browser, session):
     page = open_page(browser, address(session.server))
     page.get_by_text("2 contacts").wait_for()
-    editor, bars = session.editors[-1], page.locator(".hoi-strip i")
+    editor, bars = session.editor, page.locator(".hoi-strip i")
     page.locator(ENDS).nth(3).wait_for()
     start, stop = editor.edited.segments[0].start, editor.edited.segments[0].stop
     bar = box_of(bars.first)
@@ -308,9 +326,8 @@ def test_an_end_of_a_bar_is_dragged_by_mouse_and_by_finger(browser, session):
         box = box_of(page.locator(ENDS).nth(number))
         return box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
 
-    assert middle(0)[0] == pytest.approx(bar["x"], abs=6) and middle(1)[0] == pytest.approx(
-        bar["x"] + bar["width"], abs=6
-    )
+    for number, end in enumerate((bar["x"], bar["x"] + bar["width"])):
+        wait_until(lambda number=number, end=end: abs(middle(number)[0] - end) <= 6, "its ends can be taken")
     x, y = middle(0)
     page.mouse.move(x, y)
     page.mouse.down()
@@ -318,10 +335,9 @@ def test_an_end_of_a_bar_is_dragged_by_mouse_and_by_finger(browser, session):
     wait_until(lambda: editor.frame > start, "the frame is shown while it is dragged")
     wait_until(lambda: box_of(bars.first)["x"] > bar["x"] + 4, "the bar follows")
     page.mouse.up()
-    wait_until(lambda: len(editor.edited.edits.edits) == 1, "the drag became an edit")
-    (edit,) = editor.edited.edits.edits
-    assert edit == Retime("left_hand", start, edit.start, stop)
-    assert abs(edit.start - start - 10) <= 6  # Of a thumb beside the end.
+    wait_until(lambda: abs(editor.edited.segments[0].start - start - 10) <= 6, "the drag became an edit")
+    (edit,) = editor.edited.edits.edits  # The thumb is beside the end.
+    assert edit == Retime("left_hand", start, editor.edited.segments[0].start, stop)
     assert editor.chosen is editor.edited.segments[0]
 
     touch = page.context.new_cdp_session(page)
@@ -330,8 +346,8 @@ def test_an_end_of_a_bar_is_dragged_by_mouse_and_by_finger(browser, session):
     for kind, away in (("touchStart", 0), ("touchMove", 10), ("touchMove", 20), ("touchEnd", None)):
         points = [] if away is None else [{"x": x - away * frame_px, "y": y}]
         touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
-    wait_until(lambda: len(editor.edited.edits.edits) == 2, "a finger drags too")
-    assert abs(last - 20 - editor.edited.segments[1].stop) <= 6
+    wait_until(lambda: abs(last - 20 - editor.edited.segments[1].stop) <= 6, "a finger drags too")
+    assert len(editor.edited.edits.edits) == 2
     page.get_by_text("Undo", exact=True).click()
     wait_until(lambda: editor.edited.segments[1].stop == last, "it is taken back as any edit")
     page.close()
@@ -340,14 +356,17 @@ def test_an_end_of_a_bar_is_dragged_by_mouse_and_by_finger(browser, session):
 def test_the_curves_leave_the_panels_free_and_lie_under_their_bars(browser, session):
     page = open_page(browser, address(session.server))
     page.get_by_text("2 contacts").wait_for()
-    curves, panel = page.locator(".hoi-curves").bounding_box(), page.get_by_text("Playback", exact=True).bounding_box()
-    assert curves["x"] > PANEL_WIDTH_PX and curves["x"] + curves["width"] < panel["x"]
-    plot, cursor = (
-        page.locator(name).bounding_box() for name in (".hoi-curves .plot >> nth=0", ".mantine-Slider-root >> nth=1")
-    )
-    bars = page.locator(".hoi-strip .row > div").first.bounding_box()
+    page.locator(".hoi-strip .row > div").first.wait_for()
+
+    def boxes() -> list[tuple[float, float]]:
+        names = (".hoi-curves", ".hoi-curves .plot", ".mantine-Slider-root >> nth=1", ".hoi-strip .row > div")
+        found = [page.get_by_text("Playback", exact=True), *(page.locator(name).first for name in names)]
+        return [(box["x"], box["width"]) for box in map(box_of, found)]
+
+    panel, curves, plot, cursor, bars = still(boxes)
+    assert curves[0] > PANEL_WIDTH_PX and sum(curves) < panel[0]
     for other in (cursor, bars):
-        assert [other["x"], other["width"]] == pytest.approx([plot["x"], plot["width"]], abs=1.0)
+        assert other == pytest.approx(plot, abs=1.0)
     page.close()
 
 
@@ -407,7 +426,7 @@ def test_work_that_was_not_saved_survives_a_killed_server_and_a_closed_page(brow
 def test_before_and_after_are_shown_together_when_asked_for(browser, session):
     page = open_page(browser, address(session.server))
     page.get_by_text("2 contacts").wait_for()
-    editor = session.editors[-1]
+    editor = session.editor
     page.get_by_text("One point each", exact=True).click()
     wait_until(lambda: len(editor.edited.edits.edits) == 1, "an edit is made")
     assert page.locator(".curves .titles").count() == 0

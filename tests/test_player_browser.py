@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from browser import box_of, chromium, wait_until
+from browser import PATIENCE_MS, box_of, chromium, still, wait_until
 from hoi_retarget.motion.report import UnreachedContact
 from hoi_retarget.synthetic import make
 from hoi_retarget.viewers.scene.scene import Shown
@@ -44,6 +44,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 def opened(browser, address: str, width: int = 1100, height: int = 820, **more):
     page = browser.new_context(viewport={"width": width, "height": height}, **more).new_page()
+    page.set_default_timeout(PATIENCE_MS)
     page.troubles = []
     page.on("pageerror", lambda error: page.troubles.append(str(error)))
     page.on("console", lambda told: page.troubles.append(told.text) if told.type == "error" else None)
@@ -63,6 +64,21 @@ def second(page) -> float:
 
 def at(page, moment: float) -> None:
     wait_until(lambda: abs(second(page) - moment) < 0.02, f"it shows {moment} s, not {second(page)}")
+
+
+def stays_between(page, first: float, last: float) -> None:
+    """See a range played from its end to its beginning twice, and nothing else."""
+    times, before = 0, second(page)
+    while times < 2:
+        now = second(page)
+        assert first < now < last, "it stays in the range"
+        times, before = times + (now < before), now
+        page.wait_for_timeout(50)
+
+
+def unlike(a: np.ndarray, b: np.ndarray, least: int = 25) -> float:
+    """Return the share of two pictures' pixels that differ by more than this."""
+    return float((np.abs(a - b).max(axis=2) > least).mean())
 
 
 def first_touch() -> float:
@@ -94,17 +110,19 @@ def test_buttons_keys_and_links_go_to_moments(browser, pages):
     chart.locator(".worst").click()
     at(page, float(re.search(r"at ([\d.]+) s", said)[1]))
     largest = float(re.search(r"largest ([\d.e+]+)", said)[1])
-    assert float(chart.locator("b[data-of='largest 0']").inner_text()) == pytest.approx(largest, rel=0.02)
+    page.mouse.move(5, 5)
+    value = chart.locator("b[data-of='largest 0']")
+    wait_until(lambda: float(value.inner_text()) == pytest.approx(largest, rel=0.02), "it is the worst")
     closed(page)
 
 
 def test_the_timeline_is_zoomed_read_and_looped(browser, pages):
     page = opened(browser, pages["one"] + "#t=4")
     timeline, last = page.locator("#curves .time"), (carried().frames - 1) / FPS
-    axis = timeline.bounding_box()
+    axis = box_of(timeline)
     assert axis["width"] > 0.65 * 1100, "it is as wide as the window, but for names and values"
     bars = page.locator(".bars", has_text="warnings")
-    bar = bars.locator("i").bounding_box()
+    bar = box_of(bars.locator("i"))
     assert bar["x"] - axis["x"] == pytest.approx(axis["width"] * 150 / FPS / last, abs=2.0)
     page.mouse.move(bar["x"] + 2, bar["y"] + 5)
     wait_until(lambda: "left_palm on 'box', frames 150 to 160" in page.locator("#note").inner_text(), "the bar is told")
@@ -115,8 +133,8 @@ def test_the_timeline_is_zoomed_read_and_looped(browser, pages):
     page.mouse.move(axis["x"] + axis["width"] * 4 / last, bar["y"] + 5)
     page.mouse.wheel(0, -700)
     wait_until(lambda: box_of(bars.locator("i"))["width"] > 2.5 * bar["width"], "the wheel over bars zooms")
-    cursor = page.locator("#cursor").bounding_box()
-    assert cursor["x"] == pytest.approx(axis["x"] + axis["width"] * 4 / last, abs=3.0), "about the pointer"
+    cursor = still(lambda: box_of(page.locator("#cursor"))["x"])
+    assert cursor == pytest.approx(axis["x"] + axis["width"] * 4 / last, abs=3.0), "about the pointer"
     page.locator("#whole").click()
     wait_until(lambda: abs(box_of(bars.locator("i"))["width"] - bar["width"]) < 1, "all is shown again")
     x, y = (lambda moment: axis["x"] + axis["width"] * moment / last), bar["y"] + 100
@@ -126,12 +144,10 @@ def test_the_timeline_is_zoomed_read_and_looped(browser, pages):
     page.mouse.move(x(2.6), y, steps=3)
     page.mouse.up()
     page.keyboard.up("Shift")
-    assert page.locator("#loop").get_attribute("aria-pressed") == "true"
+    wait_until(lambda: page.locator("#loop").get_attribute("aria-pressed") == "true", "a range is played")
     page.locator("#play").click()
     wait_until(lambda: second(page) < 2.7, "it goes to the range")
-    for _ in range(12):
-        page.wait_for_timeout(200)
-        assert 1.9 < second(page) < 2.7, "it stays in the range"
+    stays_between(page, 1.9, 2.7)
     page.keyboard.press("Escape")
     wait_until(lambda: second(page) > 2.8, "it goes on")
     closed(page)
@@ -139,12 +155,10 @@ def test_the_timeline_is_zoomed_read_and_looped(browser, pages):
 
 def test_a_link_can_carry_a_range_that_plays(browser, pages):
     page = opened(browser, pages["one"] + "#t=3.0,3.4")
-    for _ in range(8):
-        page.wait_for_timeout(150)
-        assert 2.9 < second(page) < 3.5
+    stays_between(page, 2.9, 3.5)
     page.locator("#play").click()
     page.locator("#link").click()
-    assert page.evaluate("location.hash") == "#t=3.00,3.40"
+    wait_until(lambda: page.evaluate("location.hash") == "#t=3.00,3.40", "the address carries the range")
     closed(page)
 
 
@@ -152,10 +166,10 @@ def test_cameras_stand_where_they_say_and_a_picture_is_saved(browser, pages):
     page = opened(browser, pages["one"] + "#t=4")
     picture = page.locator("#picture")
     for name in ("front", "top", "home"):
-        before = pixels(picture.screenshot())
+        before = still(lambda: pixels(picture.screenshot()))
         page.locator(f"#{name}").click()
-        page.wait_for_timeout(800)
-        assert (np.abs(pixels(picture.screenshot()) - before).max(axis=2) > 25).mean() > 0.02, name
+        wait_until(lambda before=before: unlike(pixels(picture.screenshot()), before) > 0.02, name)
+    still(lambda: pixels(picture.screenshot()))
     with page.expect_download() as saved:
         page.locator("#shot").click()
     assert saved.value.suggested_filename == "one-4.00s.png"
@@ -169,28 +183,38 @@ def test_results_are_side_by_side_with_one_camera_or_over_each_other(browser, pa
     page = opened(browser, pages["two"] + "#t=4")
     assert page.locator("#labels span").all_inner_texts() == ["human", "before", "after"], "one human"
 
+    def whole() -> np.ndarray:
+        return pixels(page.locator("#picture").screenshot())[40:]
+
+    def parts_unlike(before: np.ndarray, what: str) -> list[np.ndarray]:
+        wait_until(lambda: unlike(whole(), before) > 0.02, what)
+        return parts()
+
     def parts() -> list[np.ndarray]:
-        page.wait_for_timeout(900)
-        picture = pixels(page.locator("#picture").screenshot())[40:]
+        picture = still(whole)
         width = picture.shape[1] // 3
         return [picture[:, k * width : (k + 1) * width] for k in range(3)]
 
     human, before, after = parts()
     assert np.abs(before - after).max(axis=2).mean() < 2.0, "the same motion is the same picture in both"
-    assert (np.abs(human - before).max(axis=2) > 40).mean() > 0.02
+    assert unlike(human, before, 40) > 0.02
+    seen = whole()
     page.locator("#front").click()
-    _, turned, other = parts()
-    assert (np.abs(turned - before).max(axis=2) > 25).mean() > 0.02
+    _, turned, other = parts_unlike(seen, "the camera turns")
+    assert unlike(turned, before) > 0.02
     assert np.abs(turned - other).max(axis=2).mean() < 2.0, "one camera turns both"
+    seen = whole()
     page.select_option("#look", "left hand")
-    _, near, other = parts()
+    _, near, other = parts_unlike(seen, "the camera goes near")
     assert np.abs(near - other).max(axis=2).mean() < 2.0, "and goes near to each one's hand"
+    seen = whole()
     page.select_option("#arrange", "over")
     page.select_option("#look", "")
-    over = parts()
+    parts_unlike(seen, "they are over each other")
+    over = whole()
     assert page.locator("#labels span").count() == 0
     page.locator("#figures label", has_text="human").click()
-    assert (np.abs(np.hstack(over) - np.hstack(parts())).max(axis=2) > 15).mean() > 0.001, "the ghost was there"
+    wait_until(lambda: unlike(whole(), over, 15) > 0.001, "the ghost was there")
     closed(page)
 
 
@@ -201,9 +225,9 @@ def test_on_a_phone_curves_are_wide_and_fingers_zoom_the_time(browser, pages):
         assert box_of(plot)["width"] > 340
     assert not page.get_by_text("Space plays").is_visible() and page.get_by_text("two fingers").is_visible()
     bars = page.locator(".bars", has_text="left palm").locator("i")
-    before = bars.bounding_box()
+    before = box_of(bars)
     page.locator(".plot").nth(2).scroll_into_view_if_needed()
-    place = page.locator(".plot").nth(1).bounding_box()
+    place = still(lambda: box_of(page.locator(".plot").nth(1)))
     touch = page.context.new_cdp_session(page)
 
     def fingers(kind: str, *xs: float) -> None:
@@ -216,8 +240,8 @@ def test_on_a_phone_curves_are_wide_and_fingers_zoom_the_time(browser, pages):
         fingers("touchMove", 180 - 12 * step, 210 + 12 * step)
     fingers("touchEnd")
     wait_until(lambda: box_of(bars)["width"] > 1.5 * before["width"], "two fingers zoom the time")
-    place = page.locator(".plot").nth(1).bounding_box()
-    shown = second(page)
+    place = box_of(page.locator(".plot").nth(1))
+    shown = still(lambda: second(page))
     page.touchscreen.tap(place["x"] + 0.9 * place["width"], place["y"] + 20)
     wait_until(lambda: abs(second(page) - shown) > 0.2, "a tap goes to its moment")
     closed(page)

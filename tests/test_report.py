@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import motion_writers as writers
-from browser import chromium, wait_until
+from browser import PATIENCE_MS, chromium, wait_until
 from hoi_retarget.batch.manifest import ManifestEntry, ManifestSource
 from hoi_retarget.cli import main
 from hoi_retarget.cli.jobs import OBJECT_SURFACES, describe_result
@@ -593,6 +593,7 @@ def test_the_page_sorts_and_filters_without_a_network(tmp_path: Path) -> None:
     address.write_text(report_page(NASTY, rows, {}))
     with chromium() as browser:
         page = browser.new_context(viewport={"width": 1280, "height": 800}, offline=True).new_page()
+        page.set_default_timeout(PATIENCE_MS)
         troubles: list[str] = []
         page.on("pageerror", lambda error: troubles.append(str(error)))
         page.on("console", lambda message: troubles.append(message.text) if message.type == "error" else None)
@@ -631,6 +632,7 @@ def test_the_page_sorts_and_filters_without_a_network(tmp_path: Path) -> None:
         assert page.locator("#motions th", has_text="foot slide").is_visible()
         for width in (1280, 420):
             page.set_viewport_size({"width": width, "height": 800})
+            wait_until(lambda width=width: page.evaluate("innerWidth") == width, "the window is as wide")
             assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth"), "only tables scroll"
         assert troubles == []
 
@@ -661,19 +663,22 @@ def test_many_rows_are_found_sorted_and_scrolled_to(tmp_path: Path) -> None:
     address.write_text(report_page("Report", many_rows(1000), {}))
     with chromium() as browser:
         page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.set_default_timeout(PATIENCE_MS)
         page.goto(address.as_uri())
         there, count = page.locator("#motions tbody tr"), page.locator("#find output")
         assert count.inner_text() == "1000 of 1000" and there.count() <= 200
         page.locator("#find input[type=search]").fill("clip_999")
-        wait_until(lambda: there.all_inner_texts()[0].startswith("clip_999"), "the last one is found")
+        wait_until(lambda: there.first.inner_text().startswith("clip_999"), "the last one is found")
         assert count.inner_text() == "1 of 1000"
         page.locator("#find input[type=search]").fill("")
         head = page.locator("#motions th", has_text="motion").locator("button")
         head.click()
         head.click()
         assert there.first.inner_text().startswith("clip_999")
-        for _ in range(30):
+
+        def scrolled() -> bool:
             there.last.scroll_into_view_if_needed()
-            page.wait_for_timeout(50)
-        wait_until(lambda: there.count() == 1000, "all of them are scrolled to")
+            return there.count() == 1000
+
+        wait_until(scrolled, "all of them are scrolled to")
         assert there.last.inner_text().startswith("clip_000")

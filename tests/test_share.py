@@ -18,7 +18,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from browser import chromium, wait_until
+from browser import PATIENCE_MS, box_of, chromium, still, wait_until
 from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import Source
 from hoi_retarget.errors import ArgumentError, DrawingError, HoiRetargetError, WriteError
@@ -490,6 +490,7 @@ def test_pictures_move_where_they_are_pointed_at_and_nowhere_else(browser, tmp_p
         (tmp_path / card.film).write_bytes(webp([np.full((90, 160, 3), 20 * k, np.uint8) for k in range(9)], 8.0))
     (tmp_path / "index.html").write_text(index_page("Gallery", cards))
     page = browser.new_context(viewport={"width": 390, "height": 844}, has_touch=touch).new_page()
+    page.set_default_timeout(PATIENCE_MS)
     requests: list[str] = []
     page.on("request", lambda request: requests.append(request.url))
     page.goto((tmp_path / "index.html").as_uri())
@@ -520,6 +521,7 @@ def test_a_gallery_plays_from_its_folder_without_a_network(
         gallery.add(NASTY, [(entry(motion, warnings=(NASTY,)), Shown(NASTY, motion, G1, make("carry_box")))])
     context = browser.new_context(viewport={"width": 1000, "height": 800}, offline=True)
     page = context.new_page()
+    page.set_default_timeout(PATIENCE_MS)
     troubles: list[str] = []
     page.on("pageerror", lambda error: troubles.append(str(error)))
     page.on("console", lambda message: troubles.append(message.text) if message.type == "error" else None)
@@ -539,30 +541,32 @@ def test_a_gallery_plays_from_its_folder_without_a_network(
     page.click("#play")
     page.locator("#time").fill("40")
     wait_until(lambda: clock.inner_text().endswith("frame 40"), "frame 40")
-    early = pixels(page.locator("#picture").screenshot())
+
+    def seen() -> np.ndarray:
+        return pixels(page.locator("#picture").screenshot())
+
+    def changes(before: np.ndarray, least: float, what: str) -> None:
+        wait_until(lambda: (np.abs(seen() - before).max(axis=2) > 20).mean() > least, what)
+
+    early = still(seen)
     assert early.std(axis=(0, 1)).min() > 5, "the picture is not blank"
     page.locator("#time").fill("150")
     wait_until(lambda: clock.inner_text().endswith("frame 150"), "frame 150")
-    late = pixels(page.locator("#picture").screenshot())
-    assert (np.abs(late - early).max(axis=2) > 20).mean() > 0.01, "and moves"
-    box = page.locator("#cursor").bounding_box()
-    plot = page.locator("#curves .plot").first.bounding_box()
+    changes(early, 0.01, "and moves")
+    box, plot = box_of(page.locator("#cursor")), box_of(page.locator("#curves .plot").first)
     assert box["x"] - plot["x"] == pytest.approx(plot["width"] * 150 / (motion.frames - 1), abs=2.0)
+    late = still(seen)
     page.locator("#layers label", has_text="robot").click()
-    page.wait_for_timeout(300)
-    without = pixels(page.locator("#picture").screenshot())
-    assert (np.abs(late - without).max(axis=2) > 20).mean() > 0.003, "layers can be hidden"
+    changes(late, 0.003, "layers can be hidden")
     page.locator("h1").click()  # Keys that are pressed on a box are the box's.
     for key, least, what in (
         ("x", 0.002, "objects are see-through"),
         ("2", 0.2, "a hand is near"),
         ("1", 0.2, "and not"),
     ):
-        before = pixels(page.locator("#picture").screenshot())
+        before = still(seen)
         page.keyboard.press(key)
-        page.wait_for_timeout(500)
-        changed = np.abs(pixels(page.locator("#picture").screenshot()) - before).max(axis=2) > 20
-        assert changed.mean() > least, what
+        changes(before, least, what)
     assert troubles == []
     assert all(url.startswith(("file:", "data:")) for url in requests)
     context.close()

@@ -7,7 +7,17 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from browser import chromium, every_drawing, frame_box, open_page, scene_pixels, shown_frame, wait_until
+from browser import (
+    box_of,
+    chromium,
+    every_drawing,
+    frame_box,
+    open_page,
+    scene_pixels,
+    shown_frame,
+    still,
+    wait_until,
+)
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.pipeline import retarget
@@ -51,36 +61,48 @@ def players() -> int:
     return sum(thread.name == "player" for thread in threading.enumerate())
 
 
+def seen_at_rest(page) -> np.ndarray:
+    """Return the scene once it is drawn whole."""
+    wait_until(lambda: scene_pixels(page).std() > 10, "the canvas is drawn")
+    return still(lambda: scene_pixels(page))
+
+
+def unlike(a: np.ndarray, b: np.ndarray, least: int = 40) -> float:
+    """Return the share of two pictures' pixels that differ by more than this."""
+    return float((np.abs(a - b).max(axis=2) > least).mean())
+
+
 def test_the_scene_is_drawn_and_moves_when_played(browser, server):
     page = open_page(browser, address(server))
-    wait_until(lambda: scene_pixels(page).std() > 10, "the canvas is drawn")
-    before = scene_pixels(page)
+    before = seen_at_rest(page)
     assert shown_frame(page) == 0
     page.get_by_role("button", name="Play").click()
     wait_until(lambda: shown_frame(page) > 40, "it plays")
+    wait_until(lambda: 0.002 < unlike(scene_pixels(page), before) < 0.5, "it moves")
     page.get_by_role("button", name="Pause").click()
-    moved = np.abs(scene_pixels(page) - before).max(axis=2) > 40
-    assert 0.002 < moved.mean() < 0.5
-    paused = shown_frame(page)
-    page.wait_for_timeout(300)
-    assert shown_frame(page) == paused
+    page.get_by_role("button", name="Play").wait_for()
+    still(lambda: shown_frame(page))
     page.close()
 
 
 def test_slider_keys_and_cursor_go_to_their_frames(browser, server):
     page = open_page(browser, address(server))
     wait_until(lambda: page.locator(".mantine-Slider-thumb").count() == 2, "both sliders are there")
-    last = 120
+    last, thumb = 120, page.locator(".mantine-Slider-thumb").nth(1)
+
+    def at_cursor(frame: int) -> None:
+        wait_until(lambda: thumb.get_attribute("aria-valuenow") == str(frame), f"the cursor is at frame {frame}")
+
     frame_box(page).fill("57")
-    page.wait_for_timeout(300)
+    at_cursor(57)
     page.mouse.click(700, 200)
     for key, frame in (("ArrowRight", 58), ("ArrowLeft", 57), ("End", last), ("Home", 0)):
         page.keyboard.press(key)
         wait_until(lambda frame=frame: shown_frame(page) == frame, f"{key} shows frame {frame}")
-    curves = page.locator(".mantine-Slider-root").nth(1).bounding_box()
-    thumb = page.locator(".mantine-Slider-thumb").nth(1).bounding_box()
+    at_cursor(0)
+    curves = box_of(page.locator(".mantine-Slider-root").nth(1))
     height = curves["y"] + 0.5 * curves["height"]
-    page.mouse.move(thumb["x"] + 1, height)
+    page.mouse.move(still(lambda: box_of(thumb)["x"]) + 1, height)
     page.mouse.down()
     page.mouse.move(curves["x"] + 0.5 * curves["width"], height, steps=4)
     page.mouse.up()
@@ -91,23 +113,17 @@ def test_slider_keys_and_cursor_go_to_their_frames(browser, server):
 def test_hands_and_objects_are_never_seen_in_different_frames(browser, server):
     """Whatever is drawn after a jump is the frame before or the frame after."""
     page = open_page(browser, address(server))
-    wait_until(lambda: scene_pixels(page).std() > 10, "the canvas is drawn")
+    seen_at_rest(page)
     page.get_by_label("Follow", exact=True).click()
     page.get_by_label("contacts", exact=True).click()  # Lines, which may come later than what they join.
     page.get_by_label("human's contacts", exact=True).click()
+    seen_at_rest(page)
 
     def jump(frame: int) -> list[np.ndarray]:
         with every_drawing(page) as pictures:
             frame_box(page).fill(str(frame))
             wait_until(lambda: shown_frame(page) == frame, "the frame is shown")
-            drawn = -1
-            while drawn != (now := page.evaluate("window.drawn.length")):  # A busy machine draws late.
-                drawn = now
-                page.wait_for_timeout(3000)
         return pictures
-
-    def unlike(a: np.ndarray, b: np.ndarray) -> float:
-        return float((np.abs(a - b).max(axis=2) > 40).mean())
 
     first, last = jump(70)[-1], jump(115)[-1]
     assert unlike(first, last) > 0.01
@@ -119,30 +135,23 @@ def test_hands_and_objects_are_never_seen_in_different_frames(browser, server):
 
 def test_layers_can_be_hidden(browser, server):
     page = open_page(browser, address(server))
-    wait_until(lambda: scene_pixels(page).std() > 10, "the canvas is drawn")
-    page.wait_for_timeout(500)
-    before = scene_pixels(page)
+    before = seen_at_rest(page)
     page.get_by_label("robot", exact=True).click()
-    wait_until(lambda: (np.abs(scene_pixels(page) - before).max(axis=2) > 40).mean() > 0.002, "the robot is gone")
+    wait_until(lambda: unlike(scene_pixels(page), before) > 0.002, "the robot is gone")
     page.close()
 
 
 def test_objects_are_see_through_at_a_key_and_hands_are_seen_from_near(browser, server):
     page = open_page(browser, address(server))
-    wait_until(lambda: scene_pixels(page).std() > 10, "the canvas is drawn")
-    frame_box(page).fill("60")
-    wait_until(lambda: shown_frame(page) == 60, "it shows a frame in which the box is held")
-    page.wait_for_timeout(1000)
+    start = seen_at_rest(page)
+    frame_box(page).fill("60")  # A frame in which the box is held.
+    wait_until(lambda: unlike(scene_pixels(page), start, 25) > 0.002, "another frame is shown")
     page.mouse.click(400, 200)
     for key, what in (("x", "the boxes are see-through"), ("2", "the left hand is near"), ("1", "all is seen again")):
-        before = scene_pixels(page)
+        before = seen_at_rest(page)
         page.keyboard.press(key)
         share = 0.2 if key == "2" else 0.002
-        wait_until(
-            lambda before=before, share=share: (np.abs(scene_pixels(page) - before).max(axis=2) > 25).mean() > share,
-            what,
-        )
-        page.wait_for_timeout(500)
+        wait_until(lambda before=before, share=share: unlike(scene_pixels(page), before, 25) > share, what)
     page.close()
 
 
@@ -177,7 +186,7 @@ def connection(server, token=None, **headers):
     from websockets.sync.client import connect
 
     place = f"ws://localhost:{server.get_port()}/{server.token if token is None else token}"
-    return connect(place, subprotocols=["viser-v1"], close_timeout=1, **headers)
+    return connect(place, subprotocols=["viser-v1"], open_timeout=60, close_timeout=1, **headers)
 
 
 def test_only_own_pages_and_those_who_know_the_token_are_listened_to(server):
@@ -211,7 +220,7 @@ def test_only_own_pages_and_those_who_know_the_token_are_listened_to(server):
 
 def test_pages_are_given_to_those_alone_who_know_the_token(server):
     def answer(path: str) -> int:
-        with closing(http.client.HTTPConnection("localhost", server.get_port(), timeout=10)) as asked:
+        with closing(http.client.HTTPConnection("localhost", server.get_port(), timeout=60)) as asked:
             asked.request("GET", path)
             return asked.getresponse().status
 
