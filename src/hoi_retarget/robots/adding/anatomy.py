@@ -18,8 +18,8 @@ from hoi_retarget.robots.adding.soles import Sole, find_sole
 from hoi_retarget.robots.adding.zero_pose import Part, ZeroPose, zero_pose
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 
-STATURE_BY_LEG = 1.95
-"""Stature over hip height: about that of a person, and between the two robots that were made by hand."""
+STATURE_BY_LEG = 2.0
+"""Stature over hip height. People's is 2.03 to 2.06: with less knees bend, with as much motions jerk more."""
 _MOST_NECK_JOINTS = 3
 _PELVIS = 0.055
 """A person's pelvis joint lies above the hips by this share of the stature."""

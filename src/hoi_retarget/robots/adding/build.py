@@ -17,7 +17,7 @@ from hoi_retarget.robots.ik_table import TRUNK, ik_table
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.robots.spec import SIDES, IkRow, RobotSpec
 
-_SMALL = 1.6
+_SMALL = 1.64
 """Robots of less stature [m] have hands and arms too small for objects of captured size."""
 _WELL, _USABLE = 5.0, 15.0
 """By how much the home pose may miss its goals [deg]."""
