@@ -90,9 +90,9 @@ def every_drawing(page) -> Iterator[list[np.ndarray]]:
     pictures.extend(np.array(picture).reshape(DRAWN[1], DRAWN[0], 3) for picture in kept)
 
 
-def open_page(browser, address: str):
-    """Open a page of a Viser server in a tab of its own, and wait for its controls."""
-    page = browser.new_page(viewport=WINDOW)
+def open_page(browser, address: str, **more):
+    """Open a page of a Viser server in a tab of its own, and wait for its controls; `more` is of the tab."""
+    page = browser.new_page(**{"viewport": WINDOW, **more})
     page.add_init_script(_KEEP_DRAWN)
     page.set_default_timeout(PATIENCE_MS)
     page.goto(address)

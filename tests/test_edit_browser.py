@@ -310,6 +310,64 @@ def test_a_part_is_pinned_by_dragging_its_handle(browser, session):
     page.close()
 
 
+def test_a_pinned_hand_is_turned_by_a_ring_of_its_handle(browser, session):
+    page = open_page(browser, address(session.server))
+    page.get_by_text("2 contacts").wait_for()
+    editor, client = session.editor, session.clients[-1]
+    page.get_by_text("Frame", exact=True).locator("xpath=ancestor::div[.//input][1]").locator(
+        ".mantine-NumberInput-input"
+    ).fill("40")
+    wait_until(lambda: editor.frame == 40, "another frame is shown")
+    page.get_by_role("combobox", name="Pin", exact=True).click()
+    page.get_by_role("option", name="left hand").click()
+    page.get_by_role("checkbox", name="Turn too").check()
+    wait_until(lambda: client.scene.get_handle_by_name("/world/pin") is not None, "the hand has a handle")
+    still(lambda: scene_pixels(page))
+
+    def hand() -> tuple[np.ndarray, np.ndarray]:
+        now = MODEL.forward(editor.edited.motions[0].qpos[40:41])
+        return now.site_position("left_palm")[0], now.site_rotation("left_palm")[0]
+
+    (place, rotation), ring = hand(), 0.65 * 0.25  # [m], of the handle's size.
+    world = np.array(client.scene.get_handle_by_name("/world").position)
+    assert client.scene.get_handle_by_name("/world/pin").position == pytest.approx(place, abs=1e-6)
+    towards = rotation.T @ (client.camera.position - client.camera.look_at)
+    axis = int(np.argmax(np.abs(towards)))  # Which is turned about: the ring that is seen best.
+
+    def on_ring(degrees: float) -> np.ndarray:
+        way = np.roll([np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), 0.0], axis + 1)
+        return pixel(page, client, world + place + rotation @ (ring * way))
+
+    drag(page, on_ring(40), on_ring(65), steps=4)
+    wait_until(lambda: len(editor.edited.edits.edits) == 1, "the drag became a pin")
+    (edit,) = editor.edited.edits.edits
+    assert isinstance(edit, Pin) and (edit.part, edit.frame) == ("left_hand", 40) and edit.turn is not None
+    moved, turned = hand()
+    expected = rotation @ se3.quat_to_matrix(se3.exp(np.radians(25.0) * np.eye(3)[axis]))
+    assert np.linalg.norm(moved - place) < 0.01
+    (off,) = se3.matrix_angle_between(turned[None], expected[None])
+    assert np.degrees(off) < 1.0, "the hand is turned as far as the ring"
+    wait_until(lambda: "off its pin" in told(page), "it is said how well it is met")
+    page.close()
+
+
+def test_on_a_phone_a_part_is_pinned_in_the_frame_that_is_shown(browser, session):
+    phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+    page = open_page(browser, address(session.server), **phone)
+    page.get_by_role("button", name="left hand").first.tap()
+    editor, client = session.editor, session.clients[-1]
+    wait_until(lambda: editor.frame > 0, "the contact's middle is shown")
+    sheet = box_of(page.locator(".mantine-ScrollArea-root", has_text="Playback").first)
+    assert sheet["x"] == 0 and sheet["width"] == 390 and sheet["height"] <= 0.5 * 844 + 1
+    page.get_by_role("combobox", name="Pin", exact=True).tap()
+    page.get_by_role("option", name="right hand").tap()
+    wait_until(lambda: client.scene.get_handle_by_name("/world/pin") is not None, "the hand has a handle")
+    palm = MODEL.forward(editor.edited.motions[0].qpos).site_position("right_palm")[editor.frame]
+    handle = client.scene.get_handle_by_name("/world/pin")
+    wait_until(lambda: np.allclose(handle.position, palm), "the handle is at the hand")
+    page.close()
+
+
 ENDS = "div:has(> .hoi-strip) ~ div:has(~ div > .hoi-curves) .mantine-Slider-thumb"
 
 

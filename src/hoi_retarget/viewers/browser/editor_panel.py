@@ -135,6 +135,7 @@ class EditorPanel:
                 self._figures = gui.add_html("")
             with gui.add_folder("Versions"):
                 self._add_versions(keeping)
+        panel.expand()  # In a narrow window it would begin closed.
         panel.dock_left()
         panel.set_width(PANEL_WIDTH_PX)
 

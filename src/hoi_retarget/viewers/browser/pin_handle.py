@@ -41,9 +41,10 @@ class PinHandle:
 
     def show_frame(self, frame: int) -> None:
         """Move the handle with its part, unless it is held."""
-        self._frame = min(frame, len(self._positions) - 1)
+        self._frame = frame
         if self._handle is not None and self._held is None:
-            self._handle.position, self._handle.wxyz = self._positions[self._frame], self._quats[self._frame]
+            at = min(frame, len(self._positions) - 1)
+            self._handle.position, self._handle.wxyz = self._positions[at], self._quats[at]
 
     def _add(self) -> viser.TransformControlsHandle:
         handle = self._api.add_transform_controls(f"{WORLD}/pin", _SIZE, disable_rotations=True, depth_test=False)

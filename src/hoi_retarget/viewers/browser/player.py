@@ -25,6 +25,7 @@ SPEEDS = {"0.1x": 0.1, "0.25x": 0.25, "0.5x": 0.5, "1x": 1.0, "2x": 2.0, "4x": 4
 CURVES_HEIGHT_PX = 161
 _CONTROLS_WIDTH_PX, _PANEL_MARGIN_PX = 320, 15
 _PANEL_HEAD_PX = 60  # Of the curves' panel, with its margin.
+_SHEET_BELOW_PX, _SHEET_SHARE = 576, 0.5  # Viser lays all panels into a sheet at the bottom of so narrow a window.
 _LookKey = Literal["1", "2", "3", "4", "5", "6", "7", "8", "9"]
 _GREY = (205, 210, 216)
 _LOOK_KEYS: tuple[_LookKey, ...] = ("1", "2", "3", "4", "5", "6", "7", "8", "9")
@@ -40,7 +41,11 @@ class Player:
         self._client, self._scene = client, scene
         height_px = CURVES_HEIGHT_PX + content.extra_height_px + content.strip_height_px
         covered_px = height_px + _PANEL_HEAD_PX if content.chart else 0
-        self._camera = PlayerCamera(client.camera, left_px + _CONTROLS_WIDTH_PX, covered_px)
+        self._narrow = client.camera.image_width < _SHEET_BELOW_PX
+        beside_px = left_px + _CONTROLS_WIDTH_PX
+        if self._narrow:
+            beside_px, covered_px = 0, int(_SHEET_SHARE * client.camera.image_height)
+        self._camera = PlayerCamera(client.camera, beside_px, covered_px)
         self._changed = Condition()
         self._clock = Clock(scene.frames, scene.fps)
         self._stopped = False
@@ -152,6 +157,8 @@ class Player:
 
     def _add_controls(self, content: PageContent) -> None:
         gui = self._client.gui
+        if self._narrow:
+            gui.add_html(render("viewers/browser/page/sheet.html.j2", share=_SHEET_SHARE))
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_CONTROLS_WIDTH_PX)
         with gui.add_folder("Playback"):
@@ -161,7 +168,7 @@ class Player:
             self._follow = gui.add_checkbox("Follow", True, hint="F: the camera stays with the robot")
             looks = (BODY, *looks_of(self._scene))
             self._look = gui.add_dropdown("Look at", looks, initial_value=BODY, hint="1, 2, ...: from near")
-        with gui.add_folder("Show"):
+        with gui.add_folder("Show", expand_by_default=not self._narrow):
             self._add_layer_boxes()
             self._see_through = gui.add_checkbox("see-through objects", False, hint="X")
         self._chart: viser.GuiHtmlHandle | None = None
