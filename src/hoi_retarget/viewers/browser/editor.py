@@ -25,7 +25,6 @@ from hoi_retarget.clip.edits import (
     Retime,
     Segment,
     SnapAll,
-    Unpin,
     describe,
     load,
     save,
@@ -36,14 +35,13 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import frames_in
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.retargeting.config import Config
-from hoi_retarget.retargeting.targets import pinned_sites, recorded_rotation
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.browser.client_sessions import serve_sessions
 from hoi_retarget.viewers.browser.editing import Edited, Editing
-from hoi_retarget.viewers.browser.editor_panel import PANEL_WIDTH_PX, EditorPanel, Keeping, Pinning, changes_text
+from hoi_retarget.viewers.browser.editor_panel import PANEL_WIDTH_PX, EditorPanel, Keeping, changes_text
+from hoi_retarget.viewers.browser.editor_pins import EditorPins, Work, pin_text
 from hoi_retarget.viewers.browser.editor_points import EditorPoints
 from hoi_retarget.viewers.browser.page_content import PageContent, page_content
-from hoi_retarget.viewers.browser.pin_handle import PinHandle, handle_path
 from hoi_retarget.viewers.browser.player import Player
 from hoi_retarget.viewers.browser.segment_strip import (
     SegmentEnds,
@@ -60,7 +58,6 @@ from hoi_retarget.viewers.scene.scene import Shown
 
 _TYPING_SECONDS = 0.6  # Of quiet, after which a number counts as typed.
 _DIGITS = 4  # Of what is dragged [m]: tenths of a millimetre.
-_TURN_DIGITS = 1  # Likewise [degrees].
 _NEW_SECONDS = 0.5  # Length of a contact that is added.
 
 
@@ -104,14 +101,12 @@ class Editor:
         self._offered = os.path.lexists(places.files.unsaved)
         self._first, self._gaps = editing.now, SurfaceGaps(editing.recorded)
         self._chosen: tuple[int, str, int] | None = None
-        self._part: tuple[int, str] | None = None
         self._compared = False
         self._version: str | None = None
         self._worker = Worker("editor")
         self._player = Player(client, self._content(editing.now), left_px=PANEL_WIDTH_PX)
         self._ends = SegmentEnds(self._player.timeline, client.gui, editing.recorded.frames)
         self._points = EditorPoints(client.scene, editing.now.motions[0], choose=self.choose, drag=self.drag)
-        self._pin_handle = PinHandle(client.scene, self.drag_pin)
         self._panel = EditorPanel(
             client.gui,
             editing.now,
@@ -121,7 +116,6 @@ class Editor:
             change=self.change,
             typed=self.typed,
             add=self.add,
-            pinning=Pinning(self.choose_part, self._asked(self._unpin), self.go_to_pin),
             undo_to=self.undo_to,
             keeping=Keeping(
                 self.compare,
@@ -142,8 +136,9 @@ class Editor:
                 {"Save edits": self._asked(self._save_edits), "Save result": self._asked(self._save_result)},
             ),
         )
+        work = Work(self._do, self._do_latest, self._commit, self._preview, self._show)
+        self._pins = EditorPins(client, editing, model, self._player, self._panel, work)
         self._player.attach(self._points.show_frame)
-        self._player.attach(self._pin_handle.show_frame)
         self._worker.do(lambda: self._show(f"{len(editing.now.segments)} contacts. Choose a row or a point."))
         if self._offered:
             self._do(self._offer)
@@ -232,46 +227,6 @@ class Editor:
             self._do(lambda: self._drag(point, released=True))
         else:
             self._do_latest(lambda: self._drag(point, released=False))
-
-    def choose_part(self, part: tuple[int, str] | None) -> None:
-        """Give the handle to a person's part."""
-
-        def task() -> None:
-            self._part = part
-            self._show()
-
-        self._do(task)
-
-    def drag_pin(
-        self, frame: int, position: Float[np.ndarray, "3"], quat: Float[np.ndarray, "4"], released: bool
-    ) -> None:
-        """Pin the part that has the handle, at a place of the robot's world [m]."""
-
-        def task() -> None:
-            if self._part is None:
-                return
-            edit = self._pin_at(*self._part, frame, position, quat)
-            if released:
-                self._commit(edit)
-            else:
-                tried = self._editing.tried(edit)
-                self._draw(tried)
-                self._panel.say(_pin_text(tried, edit))
-
-        (self._do if released else self._do_latest)(task)
-
-    def go_to_pin(self, number: int) -> None:
-        """Show a pin, and give its part the handle."""
-
-        def task() -> None:
-            if number < len(self._editing.now.clip.pins):
-                pin = self._editing.now.clip.pins[number]
-                self._part = (pin.person, pin.part)
-                self._panel.choose_part(self._part)
-                self._player.seek(pin.frame)
-                self._show()
-
-        self._do(task)
 
     def undo_to(self, count: int) -> None:
         """Take edits back until so many are left."""
@@ -396,7 +351,7 @@ class Editor:
         self._show()
         drawn = time.perf_counter() - solved
         changes = changes_text(self._editing.before or self._first, tried)
-        where = _pin_text(tried, edit) if isinstance(edit, Pin) else self._gap_text(tried)
+        where = pin_text(tried, edit) if isinstance(edit, Pin) else self._gap_text(tried)
         told = f"{describe(tried.edits.edits[-1])}: {changes}. {where}"
         self._panel.say(f"{told} (solved in {1e3 * (solved - start):.0f} ms, drawn in {1e3 * drawn:.0f} ms){aside}")
 
@@ -428,42 +383,10 @@ class Editor:
         if released:
             self._commit(edit)
         else:
-            tried = self._editing.tried(edit)
-            self._draw(tried)
+            tried = self._preview(edit)
             gaps = self._gaps.of(tried.segments)
             self._player.do(lambda: self._points.warn(gaps))
             self._panel.say(self._gap_text(tried))
-
-    def _pin_at(self, person: int, part: str, frame: int, position: np.ndarray, quat: np.ndarray) -> Pin:
-        """Return the pin at a place of the robot's world; without a turn of its own it keeps an earlier one's."""
-        draft, now = self._editing.now.drafts[person], self._editing.now.clip
-        place = np.round(position / draft.targets.root_scale, _DIGITS) + 0.0
-        own = [pin for pin in now.pins if (pin.person, pin.part, pin.frame) == (person, part, frame)]
-        turn = own[0].turn if own else None
-        if self._panel.turns_pins:
-            recorded = recorded_rotation(draft.targets, self._model.forward(draft.motion.stages[0].qpos), part)[frame]
-            vector = np.degrees(se3.log(se3.quat_multiply(quat, se3.quat_conjugate(recorded))))
-            x, y, z = (np.round(vector, _TURN_DIGITS) + 0.0).tolist()
-            turn = (x, y, z)
-        return Pin(part, frame, tuple(place.tolist()), turn, person=person)
-
-    def _unpin(self) -> None:
-        if self._part is None:
-            self._panel.say("No part is chosen. Choose one beside Pin first.", wrong=True)
-        else:
-            person, part = self._part
-            self._commit(Unpin(part, self.frame, person=person))
-
-    def _show_pin_handle(self) -> None:
-        if self._part is None:
-            self._player.do(self._pin_handle.hide)
-            return
-        (person, part), now = self._part, self._editing.now
-        draft, own = now.drafts[person], [pin for pin in now.clip.pins if (pin.person, pin.part) == self._part]
-        kinematics, site = self._model.forward(draft.motion.qpos), pinned_sites(self._model)[part]
-        path = handle_path(kinematics.site_position(site), own, draft.targets.root_scale)
-        quats, turns = se3.matrix_to_quat(kinematics.site_rotation(site)), self._panel.turns_pins
-        self._player.do(lambda: self._pin_handle.show(path, quats, turns=turns))
 
     def _go(self, step: Callable[[], None], told: str) -> None:
         start = time.perf_counter()
@@ -485,7 +408,7 @@ class Editor:
         self._draw(now)
         gaps = self._gaps.of(now.segments)
         self._player.do(lambda: self._points.show(now.segments, chosen, gaps))
-        self._show_pin_handle()
+        self._pins.show()
         self._ends.show(now.segments, self.drag_end)
         self._show_strip(None if chosen is None else now.segments.index(chosen))
         self._panel.show(now, chosen, gaps, recorded=self._first, before=self._editing.before)
@@ -497,6 +420,11 @@ class Editor:
         """Return how far the chosen contact's point is off its surface; empty where none is chosen."""
         chosen = self._chosen_of(edited.segments)
         return "" if chosen is None else self._gaps.of([chosen])[0].text
+
+    def _preview(self, edit: Edit) -> Edited:
+        tried = self._editing.tried(edit)
+        self._draw(tried)
+        return tried
 
     def _draw(self, edited: Edited) -> None:
         self._player.redraw(self._content(edited))
@@ -520,13 +448,6 @@ class Editor:
         self._player.show_strip(
             strip_html(now.segments, now.clip.frames, chosen, pins=now.clip.pins, moved=moved, ends=self._ends.ids)
         )
-
-
-def _pin_text(edited: Edited, pin: Pin) -> str:
-    """Return how far off a pin its part came to be."""
-    parts = edited.motions[pin.person].report.pins
-    own = next(item for item in parts if (item.part, item.frame) == (pin.part, pin.frame))
-    return f"The {own}{': out of reach, or in the way of something' if own.missed else ''}."
 
 
 def _count(edits: ContactEdits) -> str:

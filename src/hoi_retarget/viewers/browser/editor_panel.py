@@ -23,7 +23,6 @@ from hoi_retarget.clip.edits import (
 )
 from hoi_retarget.evaluation import COLUMNS
 from hoi_retarget.evaluation.object_distances import distances_of_motion
-from hoi_retarget.retargeting.targets import pinned_sites
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.viewers.browser.editing import Edited
 from hoi_retarget.viewers.browser.player import MESSAGE
@@ -41,25 +40,11 @@ _FIGURES = (
 )
 _HOTKEYS: Mapping[str, Literal["Z", "Y", "S"]] = {"Undo": "Z", "Redo": "Y", "Save edits": "S"}
 _RECORDED: str = "0: as recorded"
-_NOTHING: str = "nothing"
-_NO_PINS: str = "none"
 _NO_VERSION: str = "-"
 _DIGITS = 4  # Of a point's coordinates [m], as they are shown.
 
 Change = Callable[[Callable[[Segment], Edit]], None]
 """Changes a contact by what it returns for the contact as it is then."""
-
-
-@dataclass(frozen=True)
-class Pinning:
-    """What the panel asks for about pins."""
-
-    choose: Callable[[tuple[int, str] | None], None]
-    """Gives the handle to a person's part."""
-    unpin: Callable[[], None]
-    """Lets that part go in the current frame."""
-    go_to: Callable[[int], None]
-    """Shows a pin."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +75,6 @@ class EditorPanel:
         change: Change,
         typed: Callable[[str, Callable[[Segment], Edit]], None],
         add: Callable[[int, str, int], None],
-        pinning: Pinning,
         undo_to: Callable[[int], None],
         keeping: Keeping,
         commands: Sequence[Mapping[str, Callable[[], None]]],
@@ -106,7 +90,6 @@ class EditorPanel:
             change: Changes the chosen contact.
             typed: Changes it once nothing of a kind has been typed for a moment.
             add: Adds a contact of a person's part with an object.
-            pinning: What is done about pins.
             undo_to: Takes edits back until so many are left.
             keeping: What is done about versions.
             commands: Buttons that concern all contacts, row by row.
@@ -123,8 +106,8 @@ class EditorPanel:
             if edited.clip.objects:
                 with gui.add_folder("New contact", expand_by_default=False):
                     self._add_new(edited)
-            with gui.add_folder("Pose"):
-                self._add_pose(edited, pinning)
+            self.pose = gui.add_folder("Pose")
+            """What concerns pins goes here."""
             with gui.add_folder("All"):
                 self._add_commands(commands)
                 self._edits = gui.add_dropdown(
@@ -144,11 +127,6 @@ class EditorPanel:
         """Whether a dragged point is put onto the object's surface."""
         return self._surface.value
 
-    @property
-    def turns_pins(self) -> bool:
-        """Whether a pin that is dragged pins the rotation, too."""
-        return self._turns.value
-
     def offer(self, visible: bool) -> None:
         """Show or hide the button that takes up what was not saved."""
         if self._take_up is not None:
@@ -160,10 +138,6 @@ class EditorPanel:
         if self._versions.options != options:
             self._versions.options = options
         self._versions.value = _NO_VERSION
-
-    def choose_part(self, part: tuple[int, str] | None) -> None:
-        """Show which part of the robot has the handle."""
-        self._part.value = next(name for name, each in self._parts.items() if each == part)
 
     def say(self, text: str, *, wrong: bool = False) -> None:
         """Show what was done, or why it could not be."""
@@ -184,10 +158,6 @@ class EditorPanel:
             point = chosen.points.mean(axis=0)
             self._frames.value = (chosen.start, chosen.stop - 1)
             self._point.value = tuple(np.round(point, _DIGITS).tolist())
-        pins = _pins_of(edited)
-        if self._pins.options != pins:
-            self._pins.options = pins
-        self._pins.value = pins[0]
         self._figures.content = _figures_html(recorded, before or recorded, edited)
         options = _edits_of(edited)
         if self._edits.options != options:
@@ -262,26 +232,6 @@ class EditorPanel:
         button = gui.add_button("Add at this frame", hint="Where the part is nearest to the object's surface")
         button.on_click(lambda _: self._add(*parts[part.value], names.index(target.value)))
 
-    def _add_pose(self, edited: Edited, pinning: "Pinning") -> None:
-        gui, several = self._gui, len(edited.clip.people) > 1
-        self._parts: dict[str, tuple[int, str] | None] = {_NOTHING: None} | {
-            (part_text(person, part) if several else part).replace("_", " "): (person, part)
-            for person in range(len(edited.clip.people))
-            for part in pinned_sites(self._model)
-        }
-        self._part = gui.add_dropdown(
-            "Pin",
-            tuple(self._parts),
-            initial_value=_NOTHING,
-            hint="Gets a handle; drag it to pin the part at this frame",
-        )
-        self._part.on_update(lambda event: pinning.choose(self._parts[event.target.value]) if event.client else None)
-        self._turns = gui.add_checkbox("Turn too", False, hint="Pin the rotation as well")
-        self._turns.on_update(lambda event: pinning.choose(self._parts[self._part.value]) if event.client else None)
-        self._pins = gui.add_dropdown("Pins", (_NO_PINS,), hint="All pins; choose one to go there")
-        self._pins.on_update(lambda event: self._on_pins(event, pinning))
-        self._add_choices({"Unpin here": pinning.unpin}, lambda command: command())
-
     def _add_versions(self, keeping: "Keeping") -> None:
         gui = self._gui
         self._take_up: viser.GuiButtonHandle | None = None
@@ -301,11 +251,6 @@ class EditorPanel:
         )
         name = gui.add_text("Name", "", hint="Of a version")
         self._add_choices({"Save as": lambda: keeping.save_as(name.value.strip())}, lambda command: command())
-
-    def _on_pins(self, event: viser.GuiEvent[Any], pinning: "Pinning") -> None:
-        number = event.target.options.index(event.target.value)
-        if event.client is not None and number > 0:
-            pinning.go_to(number - 1)
 
     def _add_commands(self, commands: Sequence[Mapping[str, Callable[[], None]]]) -> None:
         for row in commands:
@@ -332,21 +277,6 @@ class EditorPanel:
         if event.client is not None:
             point = np.array(event.target.value)
             self._typed("point", lambda s: _moved_to(s, point))
-
-
-def _pins_of(edited: Edited) -> tuple[str, ...]:
-    """Return all pins in words, behind a line that says how many there are."""
-    off = {
-        (person, item.part, item.frame): item
-        for person, motion in enumerate(edited.motions)
-        for item in motion.report.pins
-    }
-    texts = [
-        f"{part_text(pin.person, pin.part).replace('_', ' ')} {pin.frame} "
-        f"({1e3 * off[pin.person, pin.part, pin.frame].off_m:.0f} mm off)"
-        for pin in edited.clip.pins
-    ]
-    return (f"{len(texts)} pinned" if texts else _NO_PINS, *texts)
 
 
 def _edits_of(edited: Edited) -> tuple[str, ...]:

@@ -1,12 +1,11 @@
 """The handle in the scene that pins a part of the robot in the current frame."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 import viser
 from jaxtyping import Float
 
-from hoi_retarget.clip.pin import PosePin
 from hoi_retarget.viewers.browser.player import WORLD
 
 _SIZE = 0.25  # [m]
@@ -61,11 +60,3 @@ class PinHandle:
                 self._drag(frame, np.array(event.target.position), np.array(event.target.wxyz), released)
 
         return handle
-
-
-def handle_path(positions: Float[np.ndarray, "T 3"], pins: Sequence[PosePin], scale: float) -> Float[np.ndarray, "T 3"]:
-    """Return where the handle is: at the robot's part, or at its pin [m]."""
-    path = positions.copy()
-    for pin in pins:
-        path[pin.frame] = scale * np.array(pin.position)
-    return path
