@@ -333,9 +333,10 @@ def test_a_robot_whose_torso_is_its_root(tmp_path):
 
 
 def test_weights_and_dropped_rotations_are_the_robots_own(tmp_path):
-    def terms(**changes):
+    def terms(contact="landmark", **changes):
         model = load_model(replace(G1.spec, **changes))
-        targets, reference = make_targets(scene(), model, Scaling()), model.forward(motion.stages[0].qpos)
+        reference = model.forward(motion.stages[0].qpos)
+        targets = make_targets(scene(), model, Scaling(), contact=contact)
         tables = trajectory_terms(Weights(), targets, reference), ik_terms(IkWeights(), targets, model)
         return {term.name: term for table in tables for term in table}
 
@@ -345,11 +346,12 @@ def test_weights_and_dropped_rotations_are_the_robots_own(tmp_path):
     assert {"left_palm_orientation", "left_foot_stance_orientation", "left_wrist_rotation"} & rotations
     for name in ("left_palm_orientation", "right_palm_orientation"):
         np.testing.assert_allclose(light[name].weight, 0.04 * plain[name].weight)
-    firm = terms(contact_weight=3.0)
     contacts = {name for name, term in plain.items() if isinstance(term, ObjectContact)}
     assert contacts
-    for name in contacts:
-        np.testing.assert_allclose(firm[name].weight, 3.0 * plain[name].weight)
+    for contact, factor in (("landmark", 3.0), ("surface", 1.0)):
+        own, firm = terms(contact), terms(contact, contact_weight=3.0)
+        for name in contacts:
+            np.testing.assert_allclose(firm[name].weight, factor * own[name].weight)
     dropped = terms(dropped_rotations=("left_palm", "left_wrist", "right_foot"))
     missing = {"left_palm_orientation", "left_wrist_rotation", "right_stance_orientation"}
     assert plain.keys() - dropped.keys() == missing

@@ -44,6 +44,8 @@ class ObjectContact:
 def contact_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[ObjectContact | SiteRotation]:
     """Yield the contact of every link that touches an object, and the rotation of a palm that does."""
     spec, frames = reference.model.spec, np.arange(targets.frames)
+    # Surfaces that touch hold a hand by themselves; a firm point would hold it against them.
+    firm = spec.contact_weight if targets.contact == "landmark" else 1.0
     for link, site in enumerate(targets.contact_links):
         if not targets.contact_flags[:, link].any():
             continue
@@ -54,7 +56,7 @@ def contact_terms(weights: Weights, targets: Targets, reference: Kinematics) -> 
             targets.carried_contact_points[:, link].T,
             targets.object_pos[frames, aimed].T,
             se3.quat_to_matrix(targets.object_quat[frames, aimed]).transpose(1, 2, 0),
-            weights.object_contact * spec.contact_weight * targets.contact_weights[:, link],
+            weights.object_contact * firm * targets.contact_weights[:, link],
         )
         if site in PALMS and site not in spec.dropped_rotations:
             rotation = se3.quat_to_matrix(targets.palm_quats[:, PALMS.index(site)]).transpose(1, 2, 0)
