@@ -123,8 +123,8 @@ class RobotSpec:
     palm_weight: float = 1.0
     """Share of the cost table's `hand_orientation`: less where the arms cannot turn the palms freely."""
     contact_weight: float = 1.0
-    """Factor of the cost table's `object_contact` with `--contact landmark`: more where a part of a person's pose is out
-    of reach, whose terms pull at the contacts for good."""
+    """Factor of the cost table's `object_contact` with `--contact landmark`: more where a part of a person's pose is
+    out of reach, whose terms pull at the contacts for good."""
     dropped_rotations: tuple[str, ...] = ()
     """Sites whose rotations are not followed, because the joints before them cannot turn them freely."""
     sites: Mapping[str, SitePose] = field(default_factory=dict)
