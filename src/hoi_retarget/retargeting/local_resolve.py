@@ -3,7 +3,8 @@
 Contacts and pins enter the trajectory's optimization alone: targets of the body and inverse kinematics stay as
 they are. The frames around a change are solved again between pinned ones, which takes as long as the
 change is, not as the clip is. What comes out is a preview: the whole clip solved at once may differ by
-what the optimum gains from moving the pinned frames too.
+what the optimum gains from moving the pinned frames too, and by where its solve ends: where parts are pinned, by
+centimetres.
 """
 
 from dataclasses import dataclass, replace
@@ -25,6 +26,7 @@ from hoi_retarget.retargeting.trajopt.windows import report_window
 from hoi_retarget.robots.model import RobotModel
 
 MARGIN_SECONDS = 1.0  # On either side of a change: what an arm needs to get from one place to another.
+_AT_ONCE = 4  # Times as many frames as are around a change: no longer clips are solved whole when pins change.
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +45,10 @@ def draft(clip: Clip, model: RobotModel, config: Config, *, person: int = 0) -> 
     return Draft(clip, person, targets, motion)
 
 
-def revise(before: Draft, clip: Clip, model: RobotModel, config: Config) -> Draft:
+def revise(before: Draft, clip: Clip, model: RobotModel, config: Config, *, quickly: bool = False) -> Draft:
     """Return the draft for a clip that is equal to the draft's own but for its contacts and pins.
+
+    Unless it is to go quickly, pins that change in a short clip make it what `draft` makes of it, to the bit.
 
     Raises `SolveError` when the frames around a change end without a usable trajectory.
     """
@@ -53,11 +57,14 @@ def revise(before: Draft, clip: Clip, model: RobotModel, config: Config) -> Draf
         targets = with_contacts_of(unpinned, clip, model, person=before.person)
         targets = with_pins(targets, clip, model, before.motion.stages[0].qpos, person=before.person)
         qpos = before.motion.qpos.copy()
-        for first, stop in _pieces(before.targets, targets):
-            if stop - first > config.horizon.length:
-                qpos = solve_trajectory(model, targets, before.motion.stages[0].qpos, config)[0]
-                break
-            qpos[first:stop] = _solve_piece(model, targets, before.motion.stages[0].qpos, qpos, config, first, stop)
+        pieces = _pieces(before.targets, targets)
+        around = sum(stop - first for first, stop in pieces)
+        whole = not quickly and len(qpos) <= _AT_ONCE * around and _repinned(before.targets, targets).any()
+        if whole or any(stop - first > config.horizon.length for first, stop in pieces):
+            qpos = solve_trajectory(model, targets, before.motion.stages[0].qpos, config)[0]
+        else:
+            for first, stop in pieces:
+                qpos[first:stop] = _solve_piece(model, targets, before.motion.stages[0].qpos, qpos, config, first, stop)
         motion = replace(
             before.motion.with_qpos(qpos),
             contact_flags=targets.contact_flags,

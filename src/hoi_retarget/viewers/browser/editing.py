@@ -50,8 +50,8 @@ class Editing:
         """The state before the last change; None where nothing was changed."""
         return self._past[-1] if self._past else None
 
-    def tried(self, edit: Edit) -> Edited:
-        """Return what an edit would make of it, solved around the frames that it changes.
+    def tried(self, edit: Edit, *, quickly: bool = False) -> Edited:
+        """Return what an edit would make of it, solved around the frames that it changes; quickly while it is dragged.
 
         A contact that is retimed again right away was retimed once, and a part that is pinned again was pinned once.
 
@@ -61,7 +61,7 @@ class Editing:
         """
         edits, last = self.now.edits, self.now.edits.edits[-1:]
         again = _again(edit, last[0]) if last else None
-        return self._revised(edits.adding(edit) if again is None else edits.without_last().adding(again))
+        return self._revised(edits.adding(edit) if again is None else edits.without_last().adding(again), quickly)
 
     def loaded(self, edits: ContactEdits) -> Edited:
         """Return what other edits of the same recording make of it; raises what `tried` raises."""
@@ -98,9 +98,9 @@ class Editing:
         """Solve the whole clip, as the command line does with the same edits."""
         self.now = solved(self.recorded, self._model, self._config, self.now.edits)
 
-    def _revised(self, edits: ContactEdits) -> Edited:
+    def _revised(self, edits: ContactEdits, quickly: bool = False) -> Edited:
         clip = apply(self.recorded, edits)
-        drafts = [revise(item, clip, self._model, self._config) for item in self.now.drafts]
+        drafts = [revise(item, clip, self._model, self._config, quickly=quickly) for item in self.now.drafts]
         return Edited(edits, clip, kept_apart(drafts, [self._model] * len(drafts), self._config), complete=False)
 
 

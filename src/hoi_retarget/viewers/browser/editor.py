@@ -422,7 +422,7 @@ class Editor:
         return "" if chosen is None else self._gaps.of([chosen])[0].text
 
     def _preview(self, edit: Edit) -> Edited:
-        tried = self._editing.tried(edit)
+        tried = self._editing.tried(edit, quickly=True)
         self._draw(tried)
         return tried
 
