@@ -141,6 +141,26 @@ def test_link_whose_colours_are_meshes_of_their_own_is_one_solid(tmp_path, piece
     np.testing.assert_allclose(skin.solid.distances(places), [-0.01, -0.01, 0.01, -0.005], atol=2e-3)
 
 
+def test_fingers_that_are_held_are_part_of_the_hand(tmp_path):
+    """Bodies without joints move with the link that they hang on: its skin is theirs."""
+    box = '<geom type="box" size="0.1 0.15 0.3"/>'
+    finger = '<geom type="capsule" size="0.02 0.1" pos="0 0 0.1"/>'
+    model, here = tiny_robot(tmp_path), 'pos="0.2 0.1 0" quat="1 1 0 0"'
+    text = model.spec.mjcf.read_text()
+    skins = []
+    for held in (
+        finger.replace('pos="0 0 0.1"', here),
+        f'<body name="finger" {here}><body name="tip" pos="0 0 -0.1">{finger}</body></body>',
+    ):
+        model.spec.mjcf.write_text(text.replace(box, box + held))
+        skins.append(collision_skins(load_model(model.spec)))
+    assert list(skins[0]) == list(skins[1])
+    places = np.random.default_rng(0).uniform((-0.2, -0.2, -0.4), (0.3, 0.3, 0.4), (200, 3))
+    alone, part = (skin["trunk"].solid.distances(places) for skin in skins)
+    np.testing.assert_allclose(part, alone, atol=1e-6)
+    assert skins[0]["trunk"].points[:, 0].max() > 0.2
+
+
 def test_scene_of_a_robot_with_meshes_opens_and_is_the_robot(tmp_path, monkeypatch):
     monkeypatch.setenv("HOI_RETARGET_ROBOTS", str(tmp_path / "robots"))
     path = with_meshes(tmp_path, 4)

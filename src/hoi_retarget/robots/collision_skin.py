@@ -31,13 +31,14 @@ _SLOPE = 1e-5  # [m]
 
 
 def collision_skins(model: RobotModel) -> dict[str, OuterSkin]:
-    """Return the skin of every link that has a colliding geometry."""
+    """Return the skin of every link that has a colliding geometry; bodies without a joint are part of a link."""
     if not model.geometries.bodies:
         return {}
     compiled = compile_mjcf(model.spec.mjcf, model.spec.sites)
     colliding: dict[str, list[int]] = {}
     for geom in np.flatnonzero((compiled.geom_contype != 0) | (compiled.geom_conaffinity != 0)).tolist():
-        colliding.setdefault(compiled.body(int(compiled.geom_bodyid[geom])).name, []).append(geom)
+        link = int(compiled.body_weldid[compiled.geom_bodyid[geom]])
+        colliding.setdefault(compiled.body(link).name, []).append(geom)
     skins: dict[str, OuterSkin] = {}
     for body, geoms in colliding.items():
         if body in model.body_frames.index:
@@ -49,9 +50,10 @@ def collision_skins(model: RobotModel) -> dict[str, OuterSkin]:
 
 def _shapes(compiled: mujoco.MjModel, geoms: list[int], fineness: Fineness) -> list[Shape]:
     """Return the solids of a link's geometries; its meshes are one, which each alone may not enclose."""
-    meshes = [geom for geom in geoms if compiled.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH]
+    kinds = {geom: mujoco.mjtGeom(compiled.geom_type[geom]) for geom in geoms}
+    meshes = [geom for geom, kind in kinds.items() if kind == mujoco.mjtGeom.mjGEOM_MESH]
     shapes = [_mesh_shape(compiled, meshes, fineness)] if meshes else []
-    return shapes + [_primitive_shape(compiled, geom) for geom in geoms if compiled.geom_type[geom] in _PRIMITIVES]
+    return shapes + [_primitive_shape(compiled, geom, kind) for geom, kind in kinds.items() if kind in _PRIMITIVES]
 
 
 def _skin(shapes: list[Shape], fineness: Fineness) -> OuterSkin:
@@ -107,8 +109,8 @@ def _mesh_shape(compiled: mujoco.MjModel, geoms: list[int], fineness: Fineness) 
     return _placed(distances, corners.min(axis=0), corners.max(axis=0), turn, place)
 
 
-def _primitive_shape(compiled: mujoco.MjModel, geom: int) -> Shape:
-    kind, size = mujoco.mjtGeom(compiled.geom_type[geom]), compiled.geom_size[geom]
+def _primitive_shape(compiled: mujoco.MjModel, geom: int, kind: mujoco.mjtGeom) -> Shape:
+    size = compiled.geom_size[geom]
     reach = {
         mujoco.mjtGeom.mjGEOM_SPHERE: size[[0, 0, 0]],
         mujoco.mjtGeom.mjGEOM_CAPSULE: np.array([size[0], size[0], size[0] + size[1]]),
@@ -118,7 +120,14 @@ def _primitive_shape(compiled: mujoco.MjModel, geom: int) -> Shape:
 
 
 def _pose(compiled: mujoco.MjModel, geom: int) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
-    return se3.quat_to_matrix(compiled.geom_quat[geom]), compiled.geom_pos[geom].copy()
+    """Return where a geometry is in its link, such as a finger's in the hand that holds it still."""
+    turn, place = se3.quat_to_matrix(compiled.geom_quat[geom]), compiled.geom_pos[geom].copy()
+    body = int(compiled.geom_bodyid[geom])
+    while body != compiled.body_weldid[body]:
+        above = se3.quat_to_matrix(compiled.body_quat[body])
+        turn, place = above @ turn, above @ place + compiled.body_pos[body]
+        body = int(compiled.body_parentid[body])
+    return turn, place
 
 
 def _placed(distances: Distances, low: np.ndarray, high: np.ndarray, turn: np.ndarray, place: np.ndarray) -> Shape:
