@@ -202,7 +202,11 @@ def _not_judged(rows: Sequence[Row]) -> Table:
         for threshold in THRESHOLDS
         if counts[threshold.name]
     ]
-    return Table("Not judged: the figure is not there, or the motion was not asked for it", {"figure": "", "files": "number"}, lines)
+    return Table(
+        "Not judged: the figure is not there, or the motion was not asked for it",
+        {"figure": "", "files": "number"},
+        lines,
+    )
 
 
 def _thresholds() -> Table:
