@@ -19,6 +19,7 @@ from hoi_retarget.robots.adding.hints import Hints
 from hoi_retarget.robots.adding.mesh_files import coarser
 from hoi_retarget.robots.collision_skin import collision_skins
 from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots.outer_skin import Fineness
 from hoi_retarget.viewers.scene.drawing import Solid
 from hoi_retarget.viewers.scene.robot_shapes import robot_parts
 from synthetic_humanoids import Choices, humanoid
@@ -141,8 +142,10 @@ def test_link_whose_colours_are_meshes_of_their_own_is_one_solid(tmp_path, piece
     np.testing.assert_allclose(skin.solid.distances(places), [-0.01, -0.01, 0.01, -0.005], atol=2e-3)
 
 
-def test_fingers_that_are_held_are_part_of_the_hand(tmp_path):
+def test_fingers_that_are_held_are_part_of_the_hand(tmp_path, monkeypatch):
     """Bodies without joints move with the link that they hang on: its skin is theirs."""
+    coarse = Fineness(nodes=0.01, ball=0.015, spacing=0.03, grid=0.02)
+    monkeypatch.setattr("hoi_retarget.robots.collision_skin.fineness_of", lambda *_: coarse)
     box = '<geom type="box" size="0.1 0.15 0.3"/>'
     finger = '<geom type="capsule" size="0.02 0.1" pos="0 0 0.1"/>'
     model, here = tiny_robot(tmp_path), 'pos="0.2 0.1 0" quat="1 1 0 0"'
