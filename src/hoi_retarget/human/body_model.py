@@ -78,7 +78,7 @@ class BodyModel:
         hand = 3 * _HAND_JOINTS
         return {
             "template": (vertices, 3),
-            "shape_directions": (vertices, 3, np.shape(self.shape_directions)[-1]),
+            "shape_directions": (vertices, 3, *np.shape(self.shape_directions)[-1:]),
             "pose_directions": (vertices, 3, 9 * (joints - 1)),
             "regressor": (joints, vertices),
             "weights": (vertices, joints),
