@@ -24,7 +24,7 @@ _WELL, _USABLE = 5.0, 15.0
 _WEAK_PALM = 0.04
 """Palms that cannot turn freely: their rotations would cost millimetres of contact."""
 _FIRM_CONTACT = 3.0
-"""Contacts of robots that cannot take a person's pose: at one they are 3 to 5 mm off, at five jerk rises by a fifth."""
+"""Contacts of robots that cannot take a person's pose: at one they are 5 mm off, at five jerk rises by a third."""
 _WRIST_WEIGHTS = {0: 0.0, 1: 1.0, 2: 2.5}
 """IK weight of a wrist's rotation by how many axes the joints after the elbow have [1/rad]."""
 _POSTURE = 1.0

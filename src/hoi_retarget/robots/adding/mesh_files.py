@@ -131,7 +131,7 @@ def _surface(content: bytes, kind: str) -> Surface:
         if not isinstance(mesh, trimesh.Trimesh):
             raise ValueError("no triangles")
         return Surface(np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=int), None)
-    except Exception as error:
+    except Exception as error:  # Whatever a damaged mesh does to its reader.
         raise ValueError(f"it is damaged ({type(error).__name__}: {error}).") from error
 
 
