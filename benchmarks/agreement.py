@@ -16,12 +16,13 @@ from common import Source, clip_files, pin_threads, show, write_json
 from ipopt import AGREEMENT, HORIZONS, POLISH, Ipopt
 
 from hoi_retarget import synthetic
-from hoi_retarget.retargeting.config import BandedInteriorPoint, Config
+from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.ik import solve_ik
-from hoi_retarget.retargeting.pipeline import solve_trajectory
+from hoi_retarget.retargeting.solve import solve_trajectory
 from hoi_retarget.retargeting.targets import make_targets
 from hoi_retarget.retargeting.trajopt.problem import Problem
-from hoi_retarget.retargeting.trajopt.solvers.base import Solution
+from hoi_retarget.retargeting.trajopt.solvers.solver import BandedInteriorPoint, Effort
+from hoi_retarget.retargeting.trajopt.solvers.solver_result import SolverResult
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 
@@ -48,18 +49,18 @@ class Recorder:
     """The package's solver on the terms that are stated in CasADi, with the last problem, start and solution kept."""
 
     solver: BandedInteriorPoint
-    last: list[tuple[Problem, np.ndarray, Solution]] = field(default_factory=list)
+    last: list[tuple[Problem, np.ndarray, SolverResult]] = field(default_factory=list)
 
-    def solve(self, problem: Problem, qpos: np.ndarray) -> Solution:
+    def solve(self, problem: Problem, qpos: np.ndarray, effort: Effort = Effort()) -> SolverResult:
         """Return the solver's solution."""
         show_left_out(problem.terms)
         problem = replace(problem, terms=stated(problem.terms))
-        solution = self.solver.solve(problem, qpos)
+        solution = self.solver.solve(problem, qpos, effort)
         self.last = [(problem, qpos.copy(), solution)]
         return solution
 
 
-def solutions(source: Source, model: RobotModel) -> dict[str, tuple[Problem, np.ndarray, Solution]]:
+def solutions(source: Source, model: RobotModel) -> dict[str, tuple[Problem, np.ndarray, SolverResult]]:
     """Return problem, start and solution of both stages over the whole clip."""
     config = Config(horizon=HORIZONS["whole"])
     targets = make_targets(source.read(), model, config.scaling)
@@ -69,7 +70,7 @@ def solutions(source: Source, model: RobotModel) -> dict[str, tuple[Problem, np.
     return {"ik": ik.last[0], "trajectory": trajectory.last[0]}
 
 
-def improve(problem: Problem, start: np.ndarray, solution: Solution) -> dict[str, Any]:
+def improve(problem: Problem, start: np.ndarray, solution: SolverResult) -> dict[str, Any]:
     """Return by how much IPOPT undercuts a solution, from there and from the start."""
     further = Ipopt("blocks", POLISH).solve(problem, solution.qpos)
     alone = Ipopt("blocks").solve(problem, start)

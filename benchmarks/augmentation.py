@@ -23,10 +23,10 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import SolveError
 from hoi_retarget.evaluation import Comparison, figures_of
-from hoi_retarget.motion.report import Status
+from hoi_retarget.motion.motion_report import Status
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.config import Config, Scaling
-from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import load_robot
 
 SIZES = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
@@ -116,9 +116,9 @@ def mean_row(results: list[dict[str, Any]], robot: str, size: float) -> dict[str
 
 def draw(files: list[Path], arguments: Arguments, out: Path) -> None:
     """Write box and chair, a row for each robot, a column for each size, at the middle of the longest contact."""
-    from hoi_retarget.viewers.offscreen import film  # noqa: PLC0415  # only pictures need a way to draw
-    from hoi_retarget.viewers.scene.camera import CameraSettings  # noqa: PLC0415
-    from hoi_retarget.viewers.scene.scene import Shown  # noqa: PLC0415
+    from hoi_retarget.studio.offscreen import film  # noqa: PLC0415  # only pictures need a way to draw
+    from hoi_retarget.studio.scene.camera import CameraSettings  # noqa: PLC0415
+    from hoi_retarget.studio.scene.scene import SceneItem  # noqa: PLC0415
 
     rows = []
     for file in (file for file in files if arguments.data is None or kind_of(file) in PICTURED):
@@ -128,10 +128,10 @@ def draw(files: list[Path], arguments: Arguments, out: Path) -> None:
             model, shown = load_robot(robot), []
             for size in arguments.sizes:
                 motion = retarget(clip, model, config_of(size, "surface"))
-                shown.append(Shown(f"x{size:g}", motion, model, clip))
+                shown.append(SceneItem(f"x{size:g}", motion, model, clip))
             filmed = film.panels(shown, "robot")
             view = CameraSettings(film.good_azimuth(shown))
-            with film.opened(filmed, view, 260 * len(shown), 300) as picture:
+            with film.panel_renderer(filmed, view, 260 * len(shown), 300) as picture:
                 rows.append(picture(time))
     Image.fromarray(np.concatenate(rows)).quantize(COLOURS).save(out, optimize=True)
 

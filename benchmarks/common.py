@@ -7,7 +7,7 @@ import resource
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,9 @@ from hoi_retarget import synthetic
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.readers.open import open_clip
+
+sys.path.append(str(Path(__file__).parents[1] / "tests"))  # Writers of recordings belong to the tests.
+from short_clips import taken
 
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
@@ -101,26 +104,6 @@ def peak_memory() -> float:
         return int(line.split()[1]) / 1024
     unit = 2**20 if sys.platform == "darwin" else 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
-
-
-def taken(clip: Clip, frames: np.ndarray) -> Clip:
-    """Return a clip made of some frames of another one, in that order."""
-    people = [
-        replace(person, joint_positions=person.joint_positions[frames], joint_quats=person.joint_quats[frames])
-        for person in clip.people
-    ]
-    objects = [replace(track, positions=track.positions[frames], quats=track.quats[frames]) for track in clip.objects]
-    contacts = [
-        replace(track, active=track.active[frames], contact_points=track.contact_points[frames])
-        for track in clip.contacts
-    ]
-    return replace(clip, people=tuple(people), objects=tuple(objects), contacts=tuple(contacts))
-
-
-def tiled(clip: Clip, frames: int) -> Clip:
-    """Return a clip of some length: another one played forth and back, so that it has no jump."""
-    there_and_back = np.concatenate([np.arange(clip.frames), np.arange(clip.frames - 2, 0, -1)])
-    return taken(clip, np.resize(there_and_back, frames))
 
 
 def show(title: str, header: Sequence[str], rows: Sequence[Sequence[str]], note: str = "") -> None:

@@ -15,30 +15,30 @@ from typing import Any, Literal
 
 import numpy as np
 import tyro
-from common import clip_files, pin_threads, show, taken, write_json
+from common import clip_files, pin_threads, show, write_json
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
-from hoi_retarget.evaluation import figures, penetration, touch
-from hoi_retarget.evaluation.figure import Figure
-from hoi_retarget.evaluation.surface_curves import surface_curves
-from hoi_retarget.evaluation.view import Comparison
+from hoi_retarget.evaluation import contact_figures, figures, penetration
+from hoi_retarget.evaluation.comparison import Comparison, Figure
+from hoi_retarget.evaluation.contact_figures import SurfaceCurves, surface_curves
 from hoi_retarget.motion.motion import Motion, Stage
-from hoi_retarget.motion.report import Report, Status
+from hoi_retarget.motion.motion_report import Report, Status
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.config import Config, Scaling
-from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import load_robot
+from short_clips import taken
 
 SURFACE = (
-    penetration.PENETRATION_MEAN,
-    penetration.PENETRATION_P95,
-    penetration.PENETRATION_MAX,
-    touch.TOUCH_SHARE,
-    touch.TOUCH_GAP_P95,
-    touch.TOUCH_PLACE,
-    penetration.SELF_PENETRATION_MAX,
-    penetration.LINK_BELOW_FLOOR,
+    penetration.penetration_mean_m,
+    penetration.penetration_p95_m,
+    penetration.penetration_max_m,
+    contact_figures.touch_share,
+    contact_figures.touch_gap_p95_m,
+    contact_figures.touch_place_m,
+    penetration.self_penetration_max_m,
+    penetration.link_below_floor_m,
 )
 KEPT = ("stance_float_m", "stance_slide_mps", "body_jerk_mps3", "body_jerk_max_mps3", "body_pose_deviation_deg")
 KEPT += ("link_velocity_direction_deg", "relative_hand_rotation_deg", "joint_range_margin_rad")
@@ -77,15 +77,15 @@ def measured(file: Path, arguments: Arguments, contact: str) -> dict[str, Any]:
     scaling = Scaling() if arguments.object_scale is None else Scaling(object_scale=arguments.object_scale)
     motion = retarget(clip, model, Config(scaling=scaling, contact=contact))  # pyright: ignore[reportArgumentType]
     seconds = {stage: spent for stage, spent in motion.report.cpu_seconds.items() if stage != "metrics"}
-    view = looked_at(motion, clip, arguments.every, arguments.robot)
-    curves = view.once(surface_curves)
+    view = compared(motion, clip, arguments.every, arguments.robot)
+    curves = view.cached(surface_curves)
     kinds = set(motion.report.object_surfaces.values())
     windows = motion.stages[-1].windows
     return {
         "clip": clip.name,
         "mark": "*" * ("shell" in kinds) + "+" * ("hull" in kinds),
         "frames": clip.frames,
-        "worst_link": curves.worst_link or "-",
+        "worst_link": worst_link(curves),
         "solved": all(window.status is Status.SOLVED for window in windows),
         "iterations": sum(window.iterations for window in windows),
         "ms_a_frame": 1e3 * sum(seconds.values()) / clip.frames,
@@ -94,7 +94,13 @@ def measured(file: Path, arguments: Arguments, contact: str) -> dict[str, Any]:
     }
 
 
-def looked_at(motion: Motion, clip: Clip, every: int, robot: str) -> Comparison:
+def worst_link(curves: SurfaceCurves) -> str:
+    """Return the link that is deepest in an object, or an object in it; a dash where nothing is."""
+    deepest = curves.depth.max(axis=(0, 2), initial=0.0)
+    return curves.links[int(deepest.argmax())] if deepest.max(initial=0.0) > 0.0 else "-"
+
+
+def compared(motion: Motion, clip: Clip, every: int, robot: str) -> Comparison:
     """Return the comparison, of every so many frames from the first that counts on."""
     model = load_robot(robot)
     whole = Comparison(motion, clip, 0, model.forward(motion.qpos))

@@ -17,15 +17,14 @@ import tyro
 from common import pin_threads, show, write_json
 from scipy.stats import spearmanr
 
-from hoi_retarget.evaluation.feasibility import FEASIBILITY, forces_figures
+from hoi_retarget.dynamics.feasibility import forces_on_clip, physics_of_motion
+from hoi_retarget.evaluation.physics_figures import FEASIBILITY, forces_figures
 from hoi_retarget.motion.result_file import load
-from hoi_retarget.physics.feasibility import forces_on_clip, physics_of_motion
-from hoi_retarget.physics.feedback import feedback_gains
-from hoi_retarget.physics.reference import reference_of
-from hoi_retarget.physics.rollout import drive_targets, object_errors, tracked
-from hoi_retarget.physics.scene import compiled, scene_of
 from hoi_retarget.readers.open import clip_of
 from hoi_retarget.robots import load_robot
+from hoi_retarget.simulation.control import feedback_gains
+from hoi_retarget.simulation.physics_scene import compiled, scene_of
+from hoi_retarget.simulation.rollout import drive_targets, object_errors, reference_of, track
 
 WAYS = ("angles", "torques", "feedback")
 
@@ -56,9 +55,9 @@ def measured(file: Path, objects: Path | None) -> dict[str, Any]:
     gains = feedback_gains(scene, simulated, reference)
     targets = drive_targets(scene, reference)
     rollouts = {
-        "angles": tracked(simulated, reference, drive_targets(scene, reference, feedforward=False)),
-        "torques": tracked(simulated, reference, targets),
-        "feedback": tracked(simulated, reference, targets, gains),
+        "angles": track(simulated, reference, drive_targets(scene, reference, feedforward=False)),
+        "torques": track(simulated, reference, targets),
+        "feedback": track(simulated, reference, targets, gains),
     }
     errors = object_errors(rollouts["feedback"], reference, model.n)
     return {

@@ -18,9 +18,9 @@ from common import Source, clip_files, peak_memory, pin_threads, run_fresh, show
 from hoi_retarget import synthetic
 from hoi_retarget.errors import SolveError
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.motion.report import Status
+from hoi_retarget.motion.motion_report import Status
 from hoi_retarget.retargeting.config import Config, Horizon, Scaling, Weights, parse_horizon
-from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.retargeting.trajopt.windows import windows_of
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
@@ -79,7 +79,7 @@ def seam_jerk(motion: Motion, model: RobotModel, horizon: Horizon) -> tuple[np.n
     """Return the mean jerk over links [m/s^3] of the frames near seams, and of the other ones."""
     positions = model.forward(motion.qpos).body_positions
     jerk = np.linalg.norm(np.diff(positions, 3, axis=0), axis=-1).mean(axis=1) * motion.fps**3
-    seams = [start + pinned for start, _, pinned in windows_of(horizon, motion.frames)[1:]]
+    seams = [window.first + window.pinned for window in windows_of(horizon, motion.frames)[1:]]
     # Difference `i` spans the frames `i` to `i + 3`.
     middle = np.arange(len(jerk)) + 1.5
     near = np.zeros(len(jerk), dtype=bool)

@@ -22,13 +22,15 @@ import tyro
 from casadi_problem import Statement, parameters_of, show_left_out, start_of, stated, structure_of, trajectory_of
 from common import Source, pin_threads, show, write_json
 
-from hoi_retarget.retargeting.config import BandedInteriorPoint, Config, Horizon
+from hoi_retarget.motion.motion_report import Optimality, Status
+from hoi_retarget.retargeting.config import Config, Horizon
 from hoi_retarget.retargeting.ik import solve_ik
 from hoi_retarget.retargeting.targets import Targets, make_targets
 from hoi_retarget.retargeting.trajopt.problem import Problem, Term, cost_by_term
-from hoi_retarget.retargeting.trajopt.solvers.base import Optimality, Solution, Status
-from hoi_retarget.retargeting.trajopt.table import trajectory_terms
-from hoi_retarget.retargeting.trajopt.windows import solve_windows
+from hoi_retarget.retargeting.trajopt.solvers.solver import BandedInteriorPoint, Effort
+from hoi_retarget.retargeting.trajopt.solvers.solver_result import SolverResult
+from hoi_retarget.retargeting.trajopt.trajectory_terms import trajectory_terms
+from hoi_retarget.retargeting.trajopt.windows import FrameRange, solve_windows, windows_of
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 
@@ -66,7 +68,7 @@ class Ipopt:
     """Until the objective stays within `AGREEMENT` of its last value."""
     _built: dict[Any, ca.Function] = field(default_factory=dict)
 
-    def solve(self, problem: Problem, qpos: np.ndarray) -> Solution:
+    def solve(self, problem: Problem, qpos: np.ndarray, effort: Effort = Effort()) -> SolverResult:
         """Return IPOPT's solution from a start, with its multipliers in the package's order and sign."""
         frames, key = len(qpos), structure_of(problem, len(qpos))
         if key not in self._built:
@@ -82,7 +84,7 @@ class Ipopt:
         stats = solver.stats()
         self.iterations_to_agreement += _iterations_to_agreement(stats["iterations"])
         terms = cost_by_term(problem.linearize(problem.model.forward(found)))
-        return Solution(
+        return SolverResult(
             qpos=found,
             multipliers=_multipliers(problem, result, frames),
             status=Status.SOLVED if stats["success"] else Status.STALLED,
@@ -109,10 +111,10 @@ class Timed:
     solver: BandedInteriorPoint
     solve_seconds: float = 0.0
 
-    def solve(self, problem: Problem, qpos: np.ndarray) -> Solution:
-        """Return the solver's solution."""
+    def solve(self, problem: Problem, qpos: np.ndarray, effort: Effort = Effort()) -> SolverResult:
+        """Return the solver's result."""
         start = time.process_time()
-        solution = self.solver.solve(problem, qpos)
+        solution = self.solver.solve(problem, qpos, effort)
         self.solve_seconds += time.process_time() - start
         return solution
 
@@ -154,9 +156,9 @@ class Case:
         targets = make_targets(clip, model, config.scaling)
         return cls(model, targets, solve_ik(model, targets, config.ik, config.horizon)[0], config)
 
-    def problem(self, first: int, stop: int, pinned: int) -> Problem:
-        """Return the pipeline's problem over some frames, without the terms that CasADi is not told of."""
-        return Problem(self.model, stated(self.terms(first, stop)), self.targets.fps, pinned)
+    def problem(self, window: FrameRange) -> Problem:
+        """Return the pipeline's problem over some frames, without the terms that CasADi does not have."""
+        return Problem(self.model, stated(self.terms(window.first, window.stop)), self.targets.fps, window.pinned)
 
     def terms(self, first: int, stop: int) -> tuple[Term, ...]:
         """Return the pipeline's terms over some frames."""
@@ -165,7 +167,7 @@ class Case:
 
     def run(self, name: str, solver: Ipopt | Timed, horizon: Horizon, whole: Problem) -> Outcome:
         """Return how a solver does on the pipeline's windows."""
-        qpos, reports = solve_windows(self.problem, self.ik_qpos, horizon, solver)
+        qpos, reports = solve_windows(self.problem, self.ik_qpos, windows_of(horizon, len(self.ik_qpos)), solver)
         qualities = [report.optimality for report in reports]
         return Outcome(
             name=name,
@@ -236,7 +238,7 @@ def polish(case: Case, whole: Problem, ours: Outcome, theirs: Outcome) -> dict[s
     }
 
 
-def _tight(case: Case, whole: Problem) -> Solution:
+def _tight(case: Case, whole: Problem) -> SolverResult:
     return replace(case.config.solver, tolerance=1e-9).solve(whole, case.ik_qpos)
 
 
@@ -274,7 +276,7 @@ def document_of(outcomes: list[Outcome]) -> list[dict[str, Any]]:
 def main(arguments: Arguments) -> None:
     case = Case.of(arguments.source, arguments.robot)
     frames = case.targets.frames
-    whole = case.problem(0, frames, 0)
+    whole = case.problem(FrameRange(0, frames))
     show_left_out(case.terms(0, frames))
     document: dict[str, Any] = {"frames": frames, "robot": arguments.robot}
     agreed = True

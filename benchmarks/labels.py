@@ -14,7 +14,14 @@ import tyro
 from common import clip_files, pin_threads, show, write_json
 
 from hoi_retarget.clip.clip import Clip, ContactTrack
-from hoi_retarget.clip.label_contacts import PROXIMITY, InterAct, Proximity, label_contacts, nearness, touching
+from hoi_retarget.clip.label_contacts import (
+    PROXIMITY,
+    InterAct,
+    Proximity,
+    label_contacts,
+    part_object_distances,
+    touching,
+)
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.human.skeleton import HANDS
 from hoi_retarget.readers import read_clip
@@ -58,7 +65,7 @@ def compare(clip: Clip, *, chosen_on: bool) -> Compared:
     began = time.perf_counter()
     ours = hands(label_contacts(clip))
     seconds = time.perf_counter() - began
-    near = [item for item in nearness(clip) if item.part in HANDS]
+    near = [item for item in part_object_distances(clip) if item.part in HANDS]
     rules: dict[str, Proximity] = {f"{touch * 1000:g} mm": _touch(touch) for touch in TOUCHES}
     rules["no speed limit"] = replace(PROXIMITY, speed=1e6)
     rules["not steadied"] = Proximity(release=PROXIMITY.touch, speed=1e6, gap=0.0, shortest=0.0)

@@ -14,15 +14,16 @@ from pathlib import Path
 import numpy as np
 import trimesh
 import tyro
-from common import pin_threads, show, tiled, write_json
+from common import pin_threads, show, write_json
 
 from hoi_retarget import synthetic
 from hoi_retarget.objects.mesh import Surface
 from hoi_retarget.readers.object_files import load_geometry
 from hoi_retarget.retargeting.config import Config
-from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import load_robot
-from hoi_retarget.viewers.scene.curves import curves_of
+from hoi_retarget.studio.scene.curves import curves_of
+from short_clips import tiled
 
 HELP = """
 import time

@@ -21,18 +21,16 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from browser import chromium, open_page, scene_pixels, wait_until
 from hoi_retarget.clip.edits import ContactEdits, Move
-from hoi_retarget.clip.edits.versions import EditsFiles
+from hoi_retarget.clip.edits.edits_file import EditsFiles
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.robots import load_robot
-from hoi_retarget.viewers.browser.client_sessions import serve_sessions
-from hoi_retarget.viewers.browser.editing import Editing, solved
-from hoi_retarget.viewers.browser.editor import Editor, Places
-from hoi_retarget.viewers.browser.page_content import page_content
-from hoi_retarget.viewers.browser.player import Player
-from hoi_retarget.viewers.browser.server import address, open_server
-from hoi_retarget.viewers.scene.scene import Shown
+from hoi_retarget.studio.browser.browser_server import address, open_server, page_content, serve_sessions
+from hoi_retarget.studio.browser.edit_session import EditSession, solved
+from hoi_retarget.studio.browser.editor import Editor, SaveTargets
+from hoi_retarget.studio.browser.player import Player
+from hoi_retarget.studio.scene.scene import SceneItem
 
 CHANGES = 25
 SAMPLED_SECONDS = 5.0
@@ -64,7 +62,7 @@ def main() -> None:
 
 def player(browser, clip, model, start, minutes: float) -> None:
     server = open_server("hoi-retarget")
-    content = page_content([Shown(clip.name, start.motions[0], model, clip)])
+    content = page_content([SceneItem(clip.name, start.motions[0], model, clip)])
     sent = []
 
     def receive(client) -> Player:
@@ -105,8 +103,8 @@ def editor(browser, clip, model, start, folder: str) -> None:
     server, editors = open_server("contacts"), []
 
     def receive(client) -> Editor:
-        places = Places(EditsFiles(Path(folder) / "edits.toml"), lambda _: ())
-        editors.append(Editor(client, Editing(clip, model, Config(), start), model, places, lambda _: None))
+        places = SaveTargets(EditsFiles(Path(folder) / "edits.toml"), lambda _: ())
+        editors.append(Editor(client, EditSession(clip, model, Config(), start), model, places, lambda _: None))
         return editors[-1]
 
     serve_sessions(server, receive)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import tyro
-from common import pin_threads, show, taken, write_json
+from common import pin_threads, show, write_json
 
 from hoi_retarget import synthetic
 from hoi_retarget.clip.clip import Clip
@@ -22,10 +22,10 @@ from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.config import Config, Scaling
-from hoi_retarget.retargeting.multi_person import retarget_people
-from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.retarget import retarget, retarget_people
 from hoi_retarget.robots import load_robot, team
 from hoi_retarget.robots.model import RobotModel
+from short_clips import taken
 
 TEAMS = ("unitree_g1", "unitree_h2", "unitree_h2,unitree_g1")
 TOGETHER = (

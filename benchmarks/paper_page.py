@@ -28,6 +28,15 @@ REFINED = (
     ("jerk", "body jerk [m/s³]"),
 )
 OURS = ("surface", "landmark")
+IN_README = (
+    "touch_share",
+    "contact_gap_m",
+    "penetration_max_m",
+    "relative_hand_rotation_deg",
+    "stance_slide_mps",
+    "body_jerk_mps3",
+)
+"""Figures of README's table; docs/paper.md has all."""
 NAMES = {"surface": "this project", "landmark": "this project, `--contact landmark`"}
 
 
@@ -52,8 +61,9 @@ def page(measured: Mapping[str, Measured], reasons: Mapping[str, str]) -> str:
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> str:
     """Return a table whose first columns are to the left, and numbers to the right."""
-    marks = ["---"] * left + ["--:"] * (len(header) - left)
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in (header, marks, *rows)) + "\n"
+    marks = "|" + "---|" * left + "--:|" * (len(header) - left)
+    first, *others = ("| " + " | ".join(cells) + " |" for cells in (header, *rows))
+    return "\n".join((first, marks, *others)) + "\n"
 
 
 def number(value: float | None, scale: float = 1.0, digits: int = 1) -> str:
@@ -71,38 +81,36 @@ def no_lines(_: Measured) -> list[str]:
 def peers(found: Measured) -> str:
     means, names = found["mean"], list(next(iter(found["mean"].values())))
     base = names[0]
-    header = [
-        "",
-        *(NAMES.get(name, name) for name in names),
-        *(f"{name}, in the paper" for name in paper_figures.PROGRAMS),
+    ours = ["", *(NAMES.get(name, name) for name in names)]
+    in_paper = [
+        f"{title} (in the paper)" if title in paper_figures.PROGRAMS else title for title in [*ours, "the paper's own"]
     ]
-    header[-1] = "the paper's own"
-    rows = []
+    of_the_paper, beyond = [], []
     for key, title, scale, digits in SCORES:
-        ours = [number(means[key][name], scale, digits) + star(found, key, name) for name in names]
-        theirs = [number(value, scale, digits) for value in paper_figures.SCORES.get(key, (None,) * 3)]
-        rows.append([title, *ours, *theirs])
-    ratios = [number(means["cpu_seconds"][name] / means["cpu_seconds"]["landmark"], 1, 1) for name in names]
-    paper_seconds = paper_figures.SCORES["cpu_seconds"]
-    rows.append(
-        [
-            "compute time, times that of landmarks",
-            *ratios,
-            *(number(value / paper_seconds[-1], 1, 2) for value in paper_seconds),
-        ]
-    )
+        row = [title, *(number(means[key][name], scale, digits) + star(found, key, name) for name in names)]
+        if key in paper_figures.SCORES:
+            theirs = [number(value, scale, digits) for value in paper_figures.SCORES[key]]
+            known = dict(zip(paper_figures.PROGRAMS, theirs, strict=True))
+            cells = [
+                f"{cell} ({known[name]})" if name in known else cell
+                for name, cell in zip(["", *names], row, strict=True)
+            ]
+            of_the_paper.append([*cells, theirs[-1]])
+        else:
+            beyond.append(row)
     failures = [f"{name}: {len(clips)} of {len(found['tried'])}" for name, clips in found["failed"].items() if clips]
     kinds = len({clip.split("_")[1] for clip in found["clips"]})
     return (
-        f"Table III of the paper. {len(found['clips'])} OMOMO clips, {kinds} kinds of object, {found['frames']} frames, Unitree G1, objects at captured "
-        "size; every program on the same clips in one run, one thread, judged by the same definitions and palms. The paper's columns are means of "
-        "3,997 other clips of 13 kinds on its own machine: seconds compare within a run only. A dot marks a mean that a paired Wilcoxon test does not tell "
-        f"from the first column's (p > 0.05). Failures: {'; '.join(failures) or 'none'}.\n\n"
-        + table(header, rows)
-        + "\nGMR knows no object: objects move as in the clip, scaled with its robot's path. OmniRetarget is given each object's mesh in place of its large "
-        "box's, which it takes for its convex hull; its hands may touch anywhere, which the place tells. "
-        f"`python benchmarks/peers.py --limit {len(found['tried'])}`; figures of each clip: `benchmarks/measured/peers.json`. First column: {NAMES[base]}, "
-        "surfaces that touch ([contact.md](contact.md)).\n"
+        f"Table III of the paper. {len(found['clips'])} OMOMO clips, {kinds} kinds of object, {found['frames']} frames, G1, objects at captured "
+        "size; all programs in one run, one thread, same definitions. The paper's figures are means of 3,997 other clips on its own machine. "
+        "A dot: a paired Wilcoxon test finds no difference from the first column (p > 0.05). "
+        f"Failures: {'; '.join(failures) or 'none'}.\n\n"
+        + table(in_paper, of_the_paper)
+        + "\nFigures that the paper does not have:\n\n"
+        + table(ours, beyond)
+        + f"\nFirst column: {NAMES[base]}, [surfaces that touch](contact.md). GMR knows no object; objects move as in the clip, scaled with its robot's path. "
+        "OmniRetarget takes each object for its convex hull. "
+        f"`python benchmarks/peers.py --limit {len(found['tried'])}`; every clip: `benchmarks/measured/peers.json`.\n"
     )
 
 
@@ -111,9 +119,8 @@ def readme_table(found: Measured) -> str:
     names = list(next(iter(found["mean"].values())))
     kinds = len({clip.split("_")[1] for clip in found["clips"]})
     title = f"{len(found['clips'])} OMOMO clips, {kinds} kinds of object, G1, objects at captured size"
-    seconds = found["mean"]["cpu_seconds"]["landmark"]
-    times = ("cpu_seconds", "CPU time, times that of landmarks", 1.0 / seconds, 1)
-    scores = [times if score[0] == "cpu_seconds" else score for score in SCORES]
+    known = {score[0]: score for score in SCORES}
+    scores = [known[name] for name in IN_README]
     rows = [
         [head, *(number(found["mean"][key][name], scale, digits) for name in names)]
         for key, head, scale, digits in scores
@@ -139,14 +146,14 @@ def behind_peers(found: Measured) -> list[str]:
         }
         paper = paper_figures.SCORES.get(key, (None,) * 3)[-1]
         if paper is not None and key != "cpu_seconds" and worse_than(key, own, paper):
-            worse["the paper's own on other clips"] = paper
+            worse["the paper (other clips)"] = paper
         if worse:
             others = ", ".join(
                 f"{number(value, scale, digits)} by {name}{star(found, key, name) if name in means else ''}"
                 for name, value in worse.items()
             )
             landmark = number(means["landmark"], scale, digits)
-            lines.append(f"- **{title}**: {number(own, scale, digits)} ({landmark} with landmarks) against {others}.")
+            lines.append(f"- **{title}**: {number(own, scale, digits)} (landmarks: {landmark}) against {others}.")
     return lines
 
 
@@ -158,31 +165,27 @@ def horizon(found: Measured) -> str:
     results = {(row["horizon"], row["clearance"] > 0): row for row in found["results"]}
     unit = results[("windowed:60:3", False)]["seconds_a_clip"]
     paper_unit = paper_figures.HORIZON[("windowed:60:3", False)][1]
-    rows = []
+    rows, unsolved = [], []
     for key, row in results.items():
+        name = f"{key[0]}, collision cost" if key[1] else key[0]
+        if row["solved"] < row["clips"]:
+            unsolved.append(f"{name} ({row['solved']} of {row['clips']})")
         paper = paper_figures.HORIZON.get(key)
-        theirs = ("-",) * 5 if paper is None else (
-            f"{paper[0]}/{paper_figures.HORIZON_CLIPS}", f"{paper[1] / paper_unit:.2f}", str(paper[2]), str(paper[3]), str(paper[4])
-        )  # fmt: skip
+        if paper is None:
+            continue
+        if paper[0] < paper_figures.HORIZON_CLIPS:
+            unsolved.append(f"the paper's {name} ({paper[0]} of {paper_figures.HORIZON_CLIPS})")
+        theirs = (f"{paper[1] / paper_unit:.2f}", *map(str, paper[2:5]))
         figures = row["figures"]
         ours = (
-            f"{row['solved']}/{row['clips']}",
             f"{row['seconds_a_clip'] / unit:.2f}",
             f"{row['megabytes']:.0f}",
             number(figures["link_velocity_direction_deg"]),
             number(figures["joint_jerk_radps3"], 1, 0),
         )
-        rows.append(
-            [
-                key[0],
-                "with" if key[1] else "without",
-                *(f"{mine} / {his}" for mine, his in zip(ours, theirs, strict=True)),
-            ]
-        )
+        rows.append([name, *(f"{mine}, {his}" for mine, his in zip(ours, theirs, strict=True))])
     header = [
         "horizon",
-        "collision cost",
-        "solved",
         "time, times the windows'",
         "memory [MB]",
         "velocity direction [deg]",
@@ -190,107 +193,93 @@ def horizon(found: Measured) -> str:
     ]
     first = found["results"][0]
     return (
-        f"Table VII of the paper (Appendix B). Ours / the paper's. {first['clips']} OMOMO clips at captured size, {first['frames']} frames, against the ten longest "
-        "clips of each of 13 objects; medians. Our memory is that of the largest clip, the paper's a median.\n\n"
-        + table(header, rows, left=2)
-        + "\n`python benchmarks/horizon.py --limit 11 --clearance 1000 --object-scale 1.0`; `benchmarks/measured/horizon.json`.\n"
+        f"Table VII of the paper (Appendix B): ours, then the paper's. {first['clips']} OMOMO clips at captured size, {first['frames']} frames, against the ten longest "
+        f"of each of 13 objects; medians, but our memory is the largest clip's. Not all clips are solved by: {', '.join(unsolved) or 'none'}.\n\n"
+        + table(header, rows)
+        + "\n`python benchmarks/horizon.py --limit 11 --clearance 1000 --object-scale 1.0`; with further horizons, `benchmarks/measured/horizon.json`.\n"
     )
 
 
+def peak(item: Measured) -> str:
+    return item.get("failed") or f"{number(item.get('megabytes'), 1.0, 0)} MB"
+
+
 def memory(found: Measured) -> str:
-    rows = []
-    for item in (item for items in found["results"].values() for item in items):
-        if "failed" in item:
-            rows.append([item["horizon"], str(item["frames"]), item["failed"], "-"])
-        else:
-            rows.append(
-                [
-                    item["horizon"],
-                    str(item["frames"]),
-                    f"{1e3 * item['seconds']['all'] / item['frames']:.2f}",
-                    f"{item['megabytes']:.0f}",
-                ]
-            )
+    items = {(item["horizon"], item["frames"]): item for results in found["results"].values() for item in results}
+    sizes = sorted({frames for _, frames in items})
+    lines = [
+        f"- `{name}`: {', '.join(peak(items.get((name, size), {})) for size in sizes)}"
+        for name in dict.fromkeys(name for name, _ in items)
+    ]
     return (
-        "A built-in clip played forth and back, each length in a process of its own with 2 GB of address space. The paper's whole-clip solves are killed at 16 GB "
-        "in 43 of 130 clips with the collision cost.\n\n"
-        + table(["horizon", "frames", "CPU [ms/frame]", "peak memory [MB]"], rows)
-        + "\n`python benchmarks/scaling.py --horizons whole windowed:60:15 --sizes 2000 10000 20000 --memory-limit 2`; `benchmarks/measured/memory.json`.\n"
+        f"Peak memory of a built-in clip played forth and back for {', '.join(map(str, sizes))} frames, each in its own process with 2 GB of address space. "
+        "In the paper, 43 of 130 whole clips with the collision cost are killed at 16 GB.\n\n"
+        + "\n".join(lines)
+        + "\n\n`python benchmarks/scaling.py --horizons whole windowed:60:15 --sizes 2000 10000 20000 --memory-limit 2`; `benchmarks/measured/memory.json`.\n"
     )
 
 
 def augmentation(found: Measured) -> str:
-    rows = []
-    for row in found["means"]:
-        rows.append(
-            [
-                row["robot"],
-                f"x{row['size']:g}",
-                number(row["contact_gap_m"], 1e3),
-                number(row["touch_share"], 1e2, 0),
-                number(row["touch_place_m"], 1e3, 0),
-                f"{number(row['penetration_mean_m'], 1e3)}, {number(row['penetration_p95_m'], 1e3)}",
-                number(row["body_jerk_mps3"], 1, 0),
-                f"{row['clips_with_unreached']} of {row['clips']}",
-                f"{row['solved']} of {row['clips']}",
-            ]
-        )
-    clips = sorted({item["clip"] for item in found["clips"]})
-    header = ["robot", "size", "gap of landmarks [mm]", "hands that touch [%]", "place on the scaled surface [mm]", "penetration, mean, p95 [mm]",
-              "jerk [m/s³]", "clips with a contact out of reach", "solved"]  # fmt: skip
+    robots = list(dict.fromkeys(row["robot"] for row in found["means"]))
+    means = {(row["size"], row["robot"]): row for row in found["means"]}
+    columns = (
+        ("hands that touch [%]", "touch_share", 1e2, 0),
+        ("place on the surface [mm]", "touch_place_m", 1e3, 0),
+        ("penetration, mean [mm]", "penetration_mean_m", 1e3, 1),
+        ("jerk [m/s³]", "body_jerk_mps3", 1.0, 0),
+        ("solved", "solved", 1.0, 0),
+    )
+    rows = [
+        [f"x{size:g}", *(", ".join(number(means[size, robot][key], scale, digits) for robot in robots) for _, key, scale, digits in columns)]
+        for size in dict.fromkeys(size for size, _ in means)
+    ]  # fmt: skip
+    clips = len({item["clip"] for item in found["clips"]})
+    unreached = [
+        f"{row['clips_with_unreached']:.0f} clip at x{size:g} ({robot})"
+        for (size, robot), row in means.items()
+        if row["clips_with_unreached"]
+    ]
     return (
-        "Sec. IV-C of the paper shows a box and a chair and gives no figures. Here the shortest clip of every kind of object at hand "
-        f"({', '.join(clips)}), sizes on top of the scale that suits the robot; means of clips.\n\n"
-        + table(header, rows, left=2)
+        f"Sec. IV-C of the paper shows a box and a chair, without figures. Here the shortest clip of each of {clips} kinds of object; "
+        f"sizes multiply the robot's default scale; means of clips, {', then '.join(robots)}. Contacts are out of reach in {', '.join(unreached) or 'none'}.\n\n"
+        + table(["size", *(title for title, *_ in columns)], rows)
         + "\n![A G1 and an H2 with a box and a chair of a quarter to one and a half of their size](images/sizes.png)\n\n"
         "`python benchmarks/augmentation.py --picture sizes.png`; `benchmarks/measured/augmentation.json`.\n"
     )
 
 
 def video(found: Measured) -> str:
-    rows = [
-        [row["error"], row["contacts"], number(row["slip"], 1e3, 0), number(row["wander"], 1e3, 0),
-         f"{number(row['gap'], 1e3)} / {number(row['gap_max'], 1e3)}", number(row["place"], 1e3, 0), number(row["jerk"]), number(row["unreached"])]
+    lines = [
+        f"- {row['contacts']}: {number(row['slip'], 1e3, 0)} mm/s, {number(row['gap'], 1e3)} mm (largest {number(row['gap_max'], 1e3)}), "
+        f"{number(row['place'], 1e3, 0)} mm, {number(row['jerk'])} m/s³, {number(row['unreached'])} not reached"
         for row in found["robot"]
-    ]  # fmt: skip
-    header = [
-        "planted error",
-        "contacts",
-        "slip [mm/s]",
-        "wander [mm]",
-        "gap, mean / largest [mm]",
-        "palm off the true place [mm]",
-        "jerk [m/s³]",
-        "not reached",
+        if row["error"] == "all three"
     ]
     return (
-        "Sec. IV-D of the paper shows one table and gives no figures. No reconstructed video was at hand either: errors of known size are planted into a "
-        "built-in clip whose true contacts are known ([video.md](video.md)). *Fixed* is the paper's remedy, one point for each contact; *by hand* moves that point as "
-        "a person would who sees where it should be, to the centimetre.\n\n"
-        + table(header, rows, left=2)
-        + "\n`python benchmarks/video.py`; `benchmarks/measured/video.json`.\n"
+        "Sec. IV-D of the paper shows one table, without figures. No reconstructed video was at hand: three errors of known size (each alone: [video.md](video.md)) are planted into a "
+        "built-in clip. Slip, gap, distance of the palms from the true place, jerk and number of contacts not reached; *fixed*: one point per contact, the paper's remedy; *moved*: that point at its true place:\n\n"
+        + "\n".join(lines)
+        + "\n\n`python benchmarks/video.py`; `benchmarks/measured/video.json`.\n"
     )
 
 
 def pairs(found: Measured) -> str:
     rows = [
         [
-            row["clip"],
-            row["robots"].replace(",", ", "),
-            "yes" if row["in_step"] else "no",
-            f"{number(row['hands_m'], 1e3)}, {number(row['hands_max_m'], 1e3)}",
+            f"{row['clip']}, {row['robots'].replace(',', ', ')}",
+            "-" if row["hands_m"] is None else f"{number(row['hands_m'], 1e3)}, {number(row['hands_max_m'], 1e3)}",
             f"{number(row['depth_alone_m'], 1e3)} → {number(row['depth_m'], 1e3)}",
-            f"{'-' if row['frames_deep_alone'] is None else row['frames_deep_alone']} → {row['frames_deep']}",
             ", ".join(number(share, 1e2, 0) for share in row["touch_share"]),
         ]
         for row in found["pairs"]
     ]
-    header = ["clip", "robots", "one object, one clock", "hands relative to each other, off the people's: mean, largest [mm]", "in each other, each alone → together [mm]",
-              "frames above 5 mm", "hands that touch [%]"]  # fmt: skip
+    header = ["", "hands' relative place, off the people's: mean, largest [mm]", "penetration, alone → together [mm]", "hands that touch [%]"]  # fmt: skip
     return (
-        "Two people to two robots in one world. The paper leaves mutual collisions out; here robots keep out of each other.\n\n"
-        + table(header, rows, left=2)
-        + "\n`python benchmarks/pairs.py`; `benchmarks/measured/pairs.json`. The first clip is synthetic; in the others two recorded people were put into one world, their joints 4 cm apart.\n"
+        "The paper leaves collisions between robots out; here robots keep out of each other. "
+        f"In step with one object and one clock: {sum(row['in_step'] for row in found['pairs'])} of {len(found['pairs'])}. "
+        "carry_table is synthetic; the others are two recordings in one world, joints 4 cm apart.\n\n"
+        + table(header, rows)
+        + "\n`python benchmarks/pairs.py`; `benchmarks/measured/pairs.json`.\n"
     )
 
 
@@ -308,25 +297,14 @@ def refinement(found: Measured) -> str:
                 *map(str, paper_figures.REFINED[key]),
             ]
         )
-    clips = [
-        [
-            row["clip"],
-            f"{row['performed_s']:.1f} of {row['seconds']:.1f}",
-            *(number(row[key]) for key, _ in REFINED),
-            number(row["cpu_per_s"]),
-        ]
-        for row in found["clips"]
-    ]
     cpu = float(np.mean([row["cpu_per_s"] for row in found["clips"]]))
     return (
-        f"Table IV of the paper: 68 clips by a policy a clip (RL) and by sampling (SBTO). Ours: `refine`, sampling on a CPU ([physics.md](physics.md)), {len(found['clips'])} "
-        f"clips of two hands, one of each kind of object, 1 kg, at captured size, in convex parts (extra `physics`, without which objects are hulls and other motions fall); {len(whole)} are performed without a fall, {sum(row['whole'] for row in standing)} of the "
-        f"{len(standing)} that start standing. {cpu:.1f} CPU seconds a second of motion, {max(row['memory_mb'] for row in found['clips']):.0f} MB. The paper's "
+        f"Table IV of the paper: 68 clips by a policy per clip (RL) and by sampling (SBTO). Ours: [`refine`](physics.md#refinement) on a CPU, {len(found['clips'])} "
+        f"clips of two hands, one per kind of object, with the settings of [physics.md](physics.md#performed-motions); {len(whole)} are performed without a fall, {sum(row['whole'] for row in standing)} of the "
+        f"{len(standing)} that start standing. {cpu:.1f} CPU seconds per second of motion, {max(row['memory_mb'] for row in found['clips']):.0f} MB. The paper's "
         "path error is against the human's object, ours against the reference's.\n\n"
         + table(["", "mean", "median", "the paper, RL", "the paper, SBTO"], rows)
-        + "\n"
-        + table(["clip", "performed [s]", *(title for _, title in REFINED), "CPU [s/s]"], clips)
-        + "\n`python benchmarks/refine.py --object-mass 1`; `benchmarks/measured/refinement.json`.\n"
+        + "\n`python benchmarks/refine.py --object-mass 1`; every clip: `benchmarks/measured/refinement.json`.\n"
     )
 
 
@@ -334,72 +312,52 @@ def starts(ours: Measured, theirs: Measured) -> str:
     """Return which references are the better start: ours, or another program's of the same clips."""
     pairs = [(own, other) for own in ours["clips"] for other in theirs["clips"] if own["clip"] == other["clip"]]
     whole = [(own, other) for own, other in pairs if own["whole"] and other["whole"]]
-    rows = [
-        ["performed without a fall", *(f"{sum(row['whole'] for row in side)} of {len(pairs)}" for side in zip(*pairs, strict=True)), "-"],
-        ["share of the motion performed", *(number(float(np.mean([row["performed_s"] / row["seconds"] for row in side])), 1, 2) for side in zip(*pairs, strict=True)), "-"],
-    ]  # fmt: skip
+    sides = list(zip(*pairs, strict=True))
+    performed = (f"{sum(row['whole'] for row in side)} of {len(pairs)}" for side in sides)
+    shares = (number(float(np.mean([row["performed_s"] / row["seconds"] for row in side])), 1, 2) for side in sides)
+    rows = [f"performed without a fall: {', '.join(performed)}", f"share of the motion performed: {', '.join(shares)}"]
     for key, title in REFINED:
         values = np.array(
             [[own[key], other[key]] for own, other in whole if None not in (own[key], other[key])], dtype=float
         )
         if len(values):
-            rows.append([title, *map(number, values.mean(axis=0)), number(p_value(*values.T), 1, 2)])
+            own, other = map(number, values.mean(axis=0))
+            rows.append(f"{title}: {own}, {other} (p = {number(p_value(*values.T), 1, 2)})")
     return (
-        f"Table IV's question: which reference is the better start? {len(pairs)} clips, the same refinement, budget and seed; OmniRetarget's motions with the recording's labels. "
-        f"Figures are means over the {len(whole)} that both perform without a fall; p of a paired Wilcoxon test. In the paper, SBTO: object 19.4 against 26.9 cm, gap 9.9 against 14.1, hands 28.1 against 38.4 deg.\n\n"
-        + table(["", "this project's references", "OmniRetarget's", "p"], rows)
+        f"Which reference is the better start: this project's, or OmniRetarget's with the recording's labels? {len(pairs)} clips, same refinement, budget and seed; "
+        f"means over the {len(whole)} performed from both, p of a paired Wilcoxon test. In the paper (SBTO): object 19.4 against 26.9 cm, gap 9.9 against 14.1, hands 28.1 against 38.4 deg.\n\n"
+        + "\n".join(f"- {row}" for row in rows)
+        + "\n"
         + "\n`benchmarks/measured/refinement_of_omniretarget.json`.\n"
     )
 
 
 def behind_refinement(found: Measured) -> list[str]:
     whole = [row for row in found["clips"] if row["whole"]]
-    lines = []
+    worse = []
     for key, title in REFINED:
         own = float(np.mean([row[key] for row in whole if row[key] is not None]))
         if own > max(paper_figures.REFINED[key]):
-            lines.append(
-                f"- **In physics, {title}**: {own:.1f} on average against the paper's {paper_figures.REFINED[key][0]} (RL) and {paper_figures.REFINED[key][1]} (SBTO)."
-            )
-    return lines
+            by_learning, by_sampling = paper_figures.REFINED[key]
+            worse.append(f"{title} {own:.1f} ({by_learning}, {by_sampling})")
+    return [f"- **In physics**, against the paper's RL and SBTO: {'; '.join(worse)}."] if worse else []
 
 
 def dataset(found: Measured) -> str:
-    corpus = paper_figures.RELEASED_HOURS * 3600 * 30
+    hours, corpus = paper_figures.RELEASED_HOURS, paper_figures.RELEASED_HOURS * 3600 * 30
     seconds = found["cpu_seconds"] / found["frames"]
     verdicts = ", ".join(f"{count} {level}" for level, count in found["verdicts"].items())
-    made = found["released"]
-    rows = [
-        [
-            "clips x robots, with results",
-            f"{found['jobs']}, {found['solved']}",
-            f"{paper_figures.RELEASED_CLIPS} clips",
-        ],
-        ["motion", f"{found['frames'] / 30 / 60:.1f} min", f"{paper_figures.RELEASED_HOURS} h"],
-        ["verdicts", verdicts, "-"],
-        ["CPU, figures and verdicts included [ms/frame]", f"{1e3 * seconds:.1f}", "-"],
-        ["peak memory of all processes [MB]", f"{found['peak_megabytes']:.0f}", "-"],
-        [
-            "report page: CPU [s], size [MB]",
-            f"{made['report']['cpu_seconds']:.1f}, {made['report']['megabytes']:.1f}",
-            "-",
-        ],
-        [
-            "Parquet with data card: CPU [s], size [MB]",
-            f"{made['dataset']['cpu_seconds']:.1f}, {made['dataset']['megabytes']:.1f}",
-            "-",
-        ],
-        [
-            f"CPU for {paper_figures.RELEASED_HOURS} h of motion, one robot, extrapolated [h]",
-            f"{corpus * seconds / 3600:.1f}",
-            f"{corpus * paper_figures.SECONDS_A_FRAME / 3600:.0f} ¹",
-        ],
-    ]
+    page, rows = (found["released"][name] for name in ("report", "dataset"))
     return (
-        "All clips at hand for both robots at their default scales, by one specification: `batch`, `report` with verdicts, `export --to dataset`.\n\n"
-        + table(["", "here", "the paper"], rows)
-        + f"\n¹ At {1e3 * paper_figures.SECONDS_A_FRAME:.0f} ms a frame of the authors' released program, measured elsewhere, without figures.\n"
-        + "\n`python benchmarks/batch.py --clips CLIPS --objects OBJECTS --object-scales auto`; `benchmarks/measured/dataset.json`.\n"
+        f"All clips at hand, both robots, default scales: {found['jobs']} motions, {found['solved']} with results, {found['frames'] / 30 / 60:.1f} min "
+        f"(the paper: {paper_figures.RELEASED_CLIPS} clips, {hours} h).\n\n"
+        f"- Verdicts: {verdicts}.\n"
+        f"- `batch`: {1e3 * seconds:.1f} ms of CPU a frame, figures and verdicts included; {found['peak_megabytes']:.0f} MB in all processes.\n"
+        f"- `report`: {page['cpu_seconds']:.1f} s of CPU, {page['megabytes']:.1f} MB. "
+        f"`export --to dataset`: {rows['cpu_seconds']:.1f} s, {rows['megabytes']:.1f} MB of Parquet.\n"
+        f"- {hours} h of motion, one robot, extrapolated: {corpus * seconds / 3600:.1f} h of CPU; by the paper's released program, without figures, "
+        f"{corpus * paper_figures.SECONDS_A_FRAME / 3600:.0f} h ({1e3 * paper_figures.SECONDS_A_FRAME:.0f} ms a frame).\n"
+        "\n`python benchmarks/batch.py --clips CLIPS --objects OBJECTS --object-scales auto`; `benchmarks/measured/dataset.json`.\n"
     )
 
 
@@ -428,37 +386,32 @@ TITLES = {
 }
 HEAD = """# The paper, claim by claim
 
-*HOI-Retarget: Contact-Centric Retargeting for Human-Object Interaction* says what such a system does; this page shows what this one does of it, measured. It is written by
-`python benchmarks/paper.py` from the files in `benchmarks/measured`, which its steps write; with no option it writes the page again.
-With recordings and the other programs' environments it measures again (`--help`). The recordings are OMOMO's in InterMimic's layout, 33 clips of 11 kinds of object;
-the paper has 4,421 of 13. Its figures are quoted beside ours; they are of other clips, on another machine.
+The claims of *HOI-Retarget: Contact-Centric Retargeting for Human-Object Interaction*, and this project's figures for them. `python benchmarks/paper.py` writes this page from
+`benchmarks/measured`, and measures again with recordings and the other programs' environments (`--help`). The recordings are 33 OMOMO clips of 11 kinds of object in InterMimic's layout;
+the paper has 4,421 of 13, so its figures are of other clips, on another machine.
 """
 ALWAYS_BEHIND = (
-    "- **Sources**: the paper ran five data sets of recordings; of those, only OMOMO's and ParaHome's files were at hand here. The other readers were tested on files written in their layout.",
+    "- **Sources**: the paper ran five data sets; here only OMOMO's and ParaHome's files were at hand.",
     "- **Real video**: the paper shows one reconstruction by CARI4D; here errors are planted.",
-    "- **A released set**: the paper's 6,952 clips can be downloaded; this project releases the program, not recordings.",
+    "- **Released set**: the paper's clips can be downloaded; this project releases the program only.",
 )
 CLAIMS = """## Claims
 
-| the paper says | here |
-|---|---|
-| Eq. 1: contact targets in the object's frame, which scale with it | [method.md](method.md); [Object sizes](#object-sizes) |
-| Table I: what methods can do | all that the paper's can, and dynamics: [Dynamic refinement](#dynamic-refinement) |
-| Table II: cost terms and weights; limits of joints and speeds as constraints | `--contact landmark`, [method.md](method.md); departures in [design.md](design.md) |
-| Sec. III-B: windows of 60 frames that share 3 | `--horizon windowed:60:3`; the default solves up to 1,000 frames at once, [The horizon](#the-horizon) |
-| Sec. III-C: one point for each contact, corrected in a web interface | `--fix-segments all`, `edit`; [Contacts from video](#contacts-from-video) |
-| six sources, two robots (Fig. 3) | 14 readers ([sources.md](sources.md)); G1, H2, and others from their makers' files ([robots.md](robots.md)) |
-| gap 0.5 cm in place of 18.3, over four times as fast as OmniRetarget (Table III) | [The benchmark](#the-benchmark) |
-| solved by IPOPT through CasADi | our own solver finds the same optimum in 1/161 of the time, 1/37 of the best statement's: [benchmarks.md](benchmarks.md#ipopt-on-the-same-problem) |
-| sizes from x0.25 to x1.5 (Fig. 5) | [Object sizes](#object-sizes) |
-| contacts from one camera's video (Fig. 6) | [Contacts from video](#contacts-from-video) |
-| several robots in step with one object; mutual collisions left out | [Two robots](#two-robots), which keep out of each other |
-| refinement in physics keeps the advantage (Table IV) | [Dynamic refinement](#dynamic-refinement), [of other references](#dynamic-refinement-of-other-references) |
-| windows need less memory, whole clips fail at 16 GB (Table VII) | [The horizon](#the-horizon), [A limit of memory](#a-limit-of-memory) |
-| 6,952 clips, 13.8 h, 75 objects | [The data set](#the-data-set) |
+- Eq. 1, contact targets in the object's frame, scaling with it: [method.md](method.md#contact-points-eq-1), [Object sizes](#object-sizes)
+- Table I, abilities of methods: all of the paper's, and dynamics
+- Table II, costs, weights, limits as constraints: `--contact landmark`, [method.md](method.md#trajectory-optimization-eq-2); [departures](design.md#departures-from-the-paper)
+- Sec. III-B, windows of 60 frames that share 3: `--horizon windowed:60:3`; default: up to 1,000 frames at once ([The horizon](#the-horizon))
+- Sec. III-C, one point per contact, corrected in a web interface: `--fix-segments all`, `edit`; [Contacts from video](#contacts-from-video)
+- Six sources, two robots (Fig. 3): [14 readers](sources.md); G1, H2, and [others from their manufacturers' files](robots.md)
+- Gap 0.5 cm instead of 18.3, over four times as fast as OmniRetarget (Table III): [The benchmark](#the-benchmark)
+- IPOPT through CasADi: own solver, [same optimum in 1/161 of the time](benchmarks.md#ipopt-on-the-same-problem)
+- Several robots in step with one object: [Two robots](#two-robots)
+- Refinement in physics keeps the advantage (Table IV): [Dynamic refinement](#dynamic-refinement), [of other references](#dynamic-refinement-of-other-references)
+- Windows need less memory, whole clips fail at 16 GB (Table VII): [A limit of memory](#a-limit-of-memory)
+- 6,952 clips, 13.8 h, 75 objects: [The data set](#the-data-set)
 """
 NOT_HERE = (
-    "- **An RL tracker's table**: no GPU. `export --to mjlab-task` writes the task ([training.md](training.md)).",
-    "- **The authors' own program** beside ours: its repository was not at hand for this run. README quotes figures of it that were measured elsewhere.",
-    "- **OMOMO's mop and vacuum**: no recordings of them were at hand.",
+    "- **RL tracker**: no GPU. `export --to mjlab-task` writes the task ([training.md](training.md)).",
+    "- **The authors' program**: its repository was not at hand for this run.",
+    "- **OMOMO's mop and vacuum**: no recordings at hand.",
 )

@@ -32,11 +32,10 @@ from hoi_retarget.evaluation import Comparison, figures_of
 from hoi_retarget.motion.motion import Stage
 from hoi_retarget.motion.result_file import load, save
 from hoi_retarget.readers.open import open_clip
-from hoi_retarget.report.load_any_motion import open_motion
-from hoi_retarget.report.recording import Recording, with_recording
 from hoi_retarget.retargeting.config import Config, Scaling
-from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import load_robot
+from hoi_retarget.studio.report.open_motion import ReferenceClip, open_motion, with_recording
 
 HERE = Path(__file__).parent
 LABELLED = "OmniRetarget labelled"
@@ -102,7 +101,7 @@ def figures(name: str, motion: Path, file: Path, objects: Path) -> dict[str, flo
     model = load_robot("unitree_g1")
     opened = open_motion(motion, model)
     if opened.motion.report.is_foreign:
-        recording = Recording(file, objects, GMR_ROOT_SCALE if name == "GMR" else 1.0)
+        recording = ReferenceClip(file, objects, GMR_ROOT_SCALE if name == "GMR" else 1.0)
         return dict(with_recording(opened, motion, model, recording).motion.report.figures)
     clip = open_clip(file, ReadOptions(objects=objects))
     return dict(figures_of(Comparison(opened.motion, clip, 0, model.forward(opened.motion.qpos))))

@@ -6,7 +6,6 @@ read a short clip of the same format before, so that no import and no cache of i
 """
 
 import gc
-import sys
 import tempfile
 import time
 import tracemalloc
@@ -16,14 +15,10 @@ from typing import Any
 
 import numpy as np
 import tyro
+from common import pin_threads, run_fresh, show, write_json
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.clip.read_options import ReadOptions
-from hoi_retarget.readers import read_clip
-
-sys.path.append(str(Path(__file__).parents[1] / "tests"))  # What writes recordings belongs to the tests.
-from common import pin_threads, run_fresh, show, write_json
-from sources import SOURCES, Recording
+from recordings import WRITERS, Recording
 
 SHORT = 60  # Frames of the clip that is read before.
 
@@ -32,31 +27,27 @@ SHORT = 60  # Frames of the clip that is read before.
 class Arguments:
     """Read clips of all formats."""
 
-    formats: tuple[str, ...] = tuple(SOURCES)
+    formats: tuple[str, ...] = tuple(WRITERS)
     frames: tuple[int, ...] = (300, 10_000)
     repeats: int = 3
     """Readings of every clip, of which the fastest counts."""
     json: Path | None = None
 
 
-def read(recording: Recording) -> Clip:
-    return read_clip(recording.path, ReadOptions(objects=recording.objects, body_models=recording.body_models))
-
-
 def seconds_of(recording: Recording, short: Recording) -> dict[str, Any]:
     """Return the CPU seconds of reading a recording in this process."""
-    read(short)
+    short.read()
     start = time.process_time()
-    read(recording)
+    recording.read()
     return {"seconds": time.process_time() - start}
 
 
 def memory_of(recording: Recording) -> dict[str, Any]:
     """Return the bytes of the files that a recording is, of the clip's arrays, and what Python held at most."""
-    read(recording)  # Body models and meshes stay in memory.
+    recording.read()  # Body models and meshes stay in memory.
     gc.collect()
     tracemalloc.start()
-    clip = read(recording)
+    clip = recording.read()
     _, peak = tracemalloc.get_traced_memory()
     return {"bytes": bytes_of_files(recording, clip), "clip": bytes_of(clip), "peak": peak}
 
@@ -92,7 +83,7 @@ def measure(name: str, frames: int, repeats: int) -> dict[str, Any]:
 
 def _written(name: str, folder: Path, frames: int) -> Recording:
     folder.mkdir()
-    return SOURCES[name](folder, frames)
+    return WRITERS[name](folder, frames)
 
 
 def row(result: dict[str, Any]) -> list[str]:

@@ -15,19 +15,18 @@ import tyro
 from common import pin_threads, show, write_json
 from scipy.stats import spearmanr
 
-from hoi_retarget.evaluation.feasibility import FEASIBILITY, forces_figures
+from hoi_retarget.dynamics.feasibility import forces_on_clip, physics_of_motion
+from hoi_retarget.dynamics.physics_settings import Refinement
+from hoi_retarget.evaluation.physics_figures import FEASIBILITY, forces_figures
 from hoi_retarget.motion.motion import SIMULATED, Motion
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.numerics import se3
-from hoi_retarget.physics.feasibility import forces_on_clip, physics_of_motion
-from hoi_retarget.physics.lead import led
-from hoi_retarget.physics.reference import Reference
-from hoi_retarget.physics.rollout import Rollout, base_errors_deg, object_errors
-from hoi_retarget.physics.scene import Scene
-from hoi_retarget.physics.settings import Refinement
 from hoi_retarget.readers.open import clip_of
-from hoi_retarget.retargeting.performing import perform
 from hoi_retarget.robots import load_robot
+from hoi_retarget.simulation.balance_transition import with_lead_in_and_out
+from hoi_retarget.simulation.physics_scene import PhysicsScene
+from hoi_retarget.simulation.physics_stage import add_physics_stage
+from hoi_retarget.simulation.rollout import Reference, Rollout, base_errors_deg, object_errors
 
 MOVING, RAISED = 0.1, 0.03
 """An object is moved that is faster [m/s], or higher over its lowest place [m]."""
@@ -95,15 +94,16 @@ def measured(file: Path, arguments: Arguments) -> dict[str, Any]:
     if arguments.object_mass is not None:
         physics = replace(physics, object_mass=arguments.object_mass)
     verdict = forces_figures(forces_on_clip(motion, clip, model, physics), motion)
-    found = perform(motion, clip, physics, arguments.refinement, seed=arguments.seed)
+    found = add_physics_stage(motion, clip, physics, arguments.refinement, seed=arguments.seed)
     rollout, figures = found.rollout, found.motion.report.figures
-    gap, leads = figures.get("contact_gap_m"), led(found.scene, found.reference)
+    gap = figures.get("contact_gap_m")
+    _, before, after = with_lead_in_and_out(found.scene, found.reference)
     return {
         "clip": file.stem,
         "robot": motion.robot,
         "whole": rollout.fell_after is None,
-        "starts_standing": leads.before == 0,
-        "ends_standing": leads.after == 0,
+        "starts_standing": before == 0,
+        "ends_standing": after == 0,
         "performed_s": rollout.seconds,
         "seconds": found.reference.seconds,
         **deviations_of(found.scene, found.reference, rollout),
@@ -120,7 +120,7 @@ def measured(file: Path, arguments: Arguments) -> dict[str, Any]:
     }
 
 
-def deviations_of(scene: Scene, reference: Reference, rollout: Rollout) -> dict[str, float | None]:
+def deviations_of(scene: PhysicsScene, reference: Reference, rollout: Rollout) -> dict[str, float | None]:
     """Return how far a performed motion is from its reference."""
     n, frames = scene.model.n, len(rollout.qpos)
     wanted, found = reference.qpos[:frames], rollout.qpos

@@ -17,16 +17,16 @@ import tyro
 from common import pin_threads
 from PIL import Image, ImageDraw, ImageFont
 
-from hoi_retarget.cli.robot_trials import without_shapes
+from hoi_retarget.cli.robots import without_shapes
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import DrawingError, RobotError
 from hoi_retarget.evaluation.thresholds import judged_figures
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.config import Config
-from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import ROBOTS, load_robot, robot, user_robots
-from hoi_retarget.robots.adding.build import Built, build_robot
-from hoi_retarget.robots.adding.hints import Hints
+from hoi_retarget.robots.adding.build import BuiltRobot, build_robot
+from hoi_retarget.robots.adding.findings import Hints
 from hoi_retarget.robots.model import RobotModel
 
 CLIPS = ("sub3_largebox_003", "sub8_suitcase_000", "sub2_woodchair_001")
@@ -155,14 +155,14 @@ def row(  # noqa: PLR0913, PLR0917 - the columns
 
 def draw_sheet(arguments: Arguments, folder: Path) -> None:
     """Draw all robots that can be added, and those of the package with the maker's meshes where they were fetched."""
-    from hoi_retarget.viewers.offscreen.robot_picture import picture  # noqa: PLC0415
-    from hoi_retarget.viewers.scene.camera import CameraSettings  # noqa: PLC0415
+    from hoi_retarget.studio.offscreen.robot_portraits import picture  # noqa: PLC0415
+    from hoi_retarget.studio.scene.camera import CameraSettings  # noqa: PLC0415
 
     cells = [(name, picture(robot(name), views=(CameraSettings(155.0, -6.0),), height=_CELL[1])) for name in ROBOTS]
     os.environ[user_robots.FOLDER_VARIABLE] = str(folder)
     for index, (title, path) in enumerate(found(arguments)):
         try:
-            built: Built = build_robot(path, f"robot{index}", Hints())
+            built: BuiltRobot = build_robot(path, f"robot{index}", Hints())
         except RobotError:
             continue
         user_robots.save(built.spec, built.mjcf)

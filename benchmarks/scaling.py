@@ -13,11 +13,12 @@ from typing import Any
 
 import numpy as np
 import tyro
-from common import Source, peak_memory, pin_threads, run_fresh, show, tiled, write_json
+from common import Source, peak_memory, pin_threads, run_fresh, show, write_json
 
 from hoi_retarget.retargeting.config import Config, Weights, parse_horizon
-from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import load_robot
+from short_clips import tiled
 
 
 @dataclass(frozen=True)

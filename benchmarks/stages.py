@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import tyro
-from common import clip_files, pin_threads, show, taken, write_json
+from common import clip_files, pin_threads, show, write_json
 
 from hoi_retarget import synthetic
 from hoi_retarget.clip.clip import Clip
@@ -20,9 +20,10 @@ from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.readers import read_clip
 from hoi_retarget.retargeting.config import Config
-from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import ROBOTS, load_robot
 from hoi_retarget.robots.model import RobotModel
+from short_clips import taken
 
 STAGES = ("read", "targets", "ik", "trajectory", "metrics", "write")
 

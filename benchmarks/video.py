@@ -4,13 +4,13 @@ Errors of known size are planted into synthetic clips: joints and object tremble
 from frame to frame, the body wanders against the object. True places are those of the clip before that.
 """
 
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tyro
-from common import pin_threads, show, write_json
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import ContactEdits, Edit, FixAll, Move, SnapAll, apply, segments_of
@@ -18,11 +18,15 @@ from hoi_retarget.clip.label_contacts import label_contacts
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.retargeting.config import Config
-from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.synthetic import make
-from hoi_retarget.synthetic.reconstruction import Noise, reconstructed
+
+sys.path.append(str(Path(__file__).parents[1] / "tests"))  # Noise of known size belongs to the tests.
+from common import pin_threads, show, write_json
+
+from video_noise import Noise, reconstructed
 
 JITTER, ALTERNATION, DRIFT = 0.01, 0.03, 0.10  # [m]
 NOISES: dict[str, tuple[str, Noise]] = {

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from hoi_retarget.retargeting.config import Config
-from hoi_retarget.retargeting.multi_person import retarget_people
+from hoi_retarget.retargeting.retarget import retarget_people
 from hoi_retarget.robots import load_robot, team
+from hoi_retarget.studio.offscreen import film
+from hoi_retarget.studio.offscreen.robot_portraits import png
+from hoi_retarget.studio.scene.camera import CameraSettings
+from hoi_retarget.studio.scene.scene import SceneItem
 from hoi_retarget.synthetic import make
-from hoi_retarget.viewers.offscreen import film
-from hoi_retarget.viewers.offscreen.robot_picture import png
-from hoi_retarget.viewers.scene.camera import CameraSettings
-from hoi_retarget.viewers.scene.scene import Shown
 
 IMAGES = Path(__file__).parent / "images"
 PANEL, MOMENTS = (400, 680), 4  # [px]
@@ -27,17 +27,17 @@ def main() -> None:
     IMAGES.mkdir(exist_ok=True)
     shown = results_of("carry_table", "unitree_h2,unitree_g1")
     filmed = film.panels(shown)
-    with film.opened(filmed, CameraSettings(film.good_azimuth(shown)), *PANEL) as draw:
+    with film.panel_renderer(filmed, CameraSettings(film.good_azimuth(shown)), *PANEL) as draw:
         pictures = [draw(time) for time in film.sheet_times(filmed, MOMENTS)]
     (IMAGES / "contact_sheet.png").write_bytes(png(np.concatenate(pictures, axis=1)))
 
 
-def results_of(scene: str, robots: str) -> list[Shown]:
+def results_of(scene: str, robots: str) -> list[SceneItem]:
     """Retarget a built-in clip, one robot for each of its people."""
     clip, models = make(scene), [load_robot(spec.name) for spec in team(robots)]
     motions = retarget_people(clip, models, Config())
     pairs = zip(motions, models, strict=True)
-    return [Shown(scene, motion, model, clip, person) for person, (motion, model) in enumerate(pairs)]
+    return [SceneItem(scene, motion, model, clip, person) for person, (motion, model) in enumerate(pairs)]
 
 
 if __name__ == "__main__":

@@ -13,19 +13,19 @@ from PIL import Image
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from browser import chromium
-from hoi_retarget.cli.entries import entry_of
-from hoi_retarget.cli.jobs import known_figures
+from hoi_retarget.cli.open_results import gallery_entry_of
+from hoi_retarget.cli.scores import known_figures
 from hoi_retarget.clip.edits import ContactEdits
-from hoi_retarget.clip.edits.versions import EditsFiles
+from hoi_retarget.clip.edits.edits_file import EditsFiles
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.robots import load_robot
-from hoi_retarget.viewers.browser.editing import solved
-from hoi_retarget.viewers.browser.editor import Places, serve_editor
-from hoi_retarget.viewers.browser.server import address, open_server
-from hoi_retarget.viewers.scene.scene import Shown
-from hoi_retarget.viewers.share.clip_page import make_clip_page
-from hoi_retarget.viewers.share.server import OnePageServer
+from hoi_retarget.studio.browser.browser_server import address, open_server
+from hoi_retarget.studio.browser.edit_session import solved
+from hoi_retarget.studio.browser.editor import SaveTargets, serve_editor
+from hoi_retarget.studio.scene.scene import SceneItem
+from hoi_retarget.studio.share.clip_page import make_clip_page
+from hoi_retarget.studio.share.page_server import OnePageServer
 
 IMAGES = Path(__file__).parent / "images"
 WINDOW = {"width": 1440, "height": 900}
@@ -38,8 +38,8 @@ def main() -> None:
     start = solved(clip, model, Config(), ContactEdits.of(clip))
     with chromium() as browser, TemporaryDirectory() as folder:
         motion = start.motions[0]
-        entry = entry_of(motion, model, known_figures(motion, Path("carry_box.npz")))
-        text = make_clip_page("carry_box", [(entry, Shown("G1", motion, model, clip))]).text
+        entry = gallery_entry_of(motion, model, known_figures(motion, Path("carry_box.npz")))
+        text = make_clip_page("carry_box", [(entry, SceneItem("G1", motion, model, clip))]).text
         viewer = OnePageServer(lambda: text)
         page = browser.new_page(viewport=WINDOW)
         page.goto(f"{viewer.address}#t=4.27")
@@ -48,7 +48,7 @@ def main() -> None:
         viewer.stop()
 
         server = open_server("contacts of carry_box")
-        places = Places(EditsFiles(Path(folder) / "carry_box.edits.toml"), lambda _: ())
+        places = SaveTargets(EditsFiles(Path(folder) / "carry_box.edits.toml"), lambda _: ())
         serve_editor(server, clip, model, Config(), start, places)
         page = _page(browser, address(server))
         page.get_by_role("button", name="right hand").first.click()

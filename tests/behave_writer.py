@@ -4,11 +4,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.numerics import se3
-from source_people import in_world, parameters_of
+from mesh_writer import export_mesh
+from source_people import in_world, joined, parameters_of
 
 SEQUENCE = "Date03_Sub04_chairwood_sit"
 CATEGORY, GENDER = "chairwood", "male"
@@ -31,7 +31,7 @@ def files_of(clip: Clip, up: str = "-y") -> Files:
     times = times_of(FIRST_FRAME + np.arange(clip.frames))
     return {
         "smpl_fit_all": {
-            "poses": np.concatenate([person[name] for name in ("root", "body", "left_hand", "right_hand")], axis=1),
+            "poses": joined(person),
             "betas": np.zeros((clip.frames, 10)),
             "trans": person["translation"],
             "frame_times": times,
@@ -57,10 +57,7 @@ def write_files(root: Path, files: Files, sequence: str = SEQUENCE) -> Path:
 def write_mesh(root: Path, clip: Clip) -> Path:
     """Write the object's simplified mesh, away from its origin."""
     geometry = clip.objects[0].geometry
-    path = root / MESH
-    path.parent.mkdir(parents=True, exist_ok=True)
-    trimesh.Trimesh(geometry.points + ELSEWHERE, geometry.faces, process=False).export(path)
-    return path
+    return export_mesh(root / MESH, geometry.points + ELSEWHERE, geometry.faces)
 
 
 def renamed(clip: Clip, name: str) -> Clip:

@@ -9,7 +9,7 @@ import numpy as np
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.human.person import Person
 from hoi_retarget.numerics import se3
-from hoi_retarget.readers.body_model_files import load_body_model
+from hoi_retarget.readers.body_parameters import load_body_model
 from mesh_writer import write_mesh
 from source_people import betas_of, in_world, parameters_of, write_models
 

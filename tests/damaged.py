@@ -18,12 +18,12 @@ import numpy as np
 import motion_writers
 from export_motions import smooth_motion
 from hoi_retarget import synthetic
-from hoi_retarget.cli import edit, main, view
+from hoi_retarget.cli import main, pages
 from hoi_retarget.motion.formats import WRITABLE
-from hoi_retarget.motion.report import OrientationFlip, UnreachedContact
+from hoi_retarget.motion.motion_report import Event
 from hoi_retarget.motion.result_file import encode
 from hoi_retarget.retargeting.config import Config
-from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.retarget import retarget
 
 SLOWEST_S = 30.0
 FRAMES = 50
@@ -51,8 +51,8 @@ def sound(kind: str) -> Content:
         return dict(np.load(io.BytesIO(encode(smooth_motion(model, objects=2)))))
     motion = retarget(synthetic.make("carry_box", seconds=1.5), model, Config())
     told = {
-        "unreached_contacts": (UnreachedContact("left_palm", "box", 3, 9, 0.03, 0.04),),
-        "orientation_flips": (OrientationFlip("left_palm", 2, 5, 120.0),),
+        "unreached_contacts": (Event("unreached_contact", 3, 9, 0.04, subject="left_palm", object="box", mean=0.03),),
+        "orientation_flips": (Event("orientation_flip", 2, 5, 120.0, subject="left_palm"),),
     }
     return dict(np.load(io.BytesIO(encode(replace(motion, report=replace(motion.report, **told))))))
 
@@ -401,12 +401,12 @@ def outcomes(file: Path, out: Path, to: str) -> Iterator[Outcome]:
 @contextlib.contextmanager
 def serving_nobody() -> Iterator[None]:
     """Let `view` and `edit` make their pages and go."""
-    before = view.wait_for_interrupt, edit.serve_until_interrupted
-    view.wait_for_interrupt = edit.serve_until_interrupted = lambda *_: None
+    before = pages._wait_for_interrupt
+    pages._wait_for_interrupt = lambda *_: None
     try:
         yield
     finally:
-        view.wait_for_interrupt, edit.serve_until_interrupted = before
+        pages._wait_for_interrupt = before
 
 
 def check(file: Damaged, out: Path, rng: np.random.Generator) -> list[Outcome]:

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 
 from body_writer import write_npz
 from hand_components import add_components
@@ -14,6 +13,7 @@ from hoi_retarget.human.skeleton import JOINTS
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.synthetic import make
+from mesh_writer import export_mesh
 from source_people import body_values, parameters_of
 
 SUBJECT, GENDER, OBJECT = "s1", "male", "stool"
@@ -90,13 +90,9 @@ def write_members(root: Path, members: dict[str, Any]) -> Path:
 
 def write_tools(root: Path, clip: Clip, model: dict[str, np.ndarray]) -> None:
     """Write the subject's body and the meshes of the objects."""
-    for folder in (root / MESHES, (root / TEMPLATE).parent):
-        folder.mkdir(parents=True, exist_ok=True)
     for track in clip.objects:
-        geometry = track.geometry
-        mesh = trimesh.Trimesh(geometry.points, geometry.faces, process=False)
-        mesh.export(root / MESHES / f"{track.name}.ply")
-    trimesh.Trimesh(model["v_template"], model["f"], process=False).export(root / TEMPLATE)
+        export_mesh(root / MESHES / f"{track.name}.ply", track.geometry.points, track.geometry.faces)
+    export_mesh(root / TEMPLATE, model["v_template"], model["f"])
 
 
 def write_model(folder: Path, model: dict[str, np.ndarray]) -> Path:

@@ -1,15 +1,13 @@
 """Writes clips as HODome's pairs of files, in the data set's tree, with the model that reads them."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
-from body_writer import write_npz
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.numerics import se3
-from source_people import betas_of, body_values, in_world, parameters_of
+from mesh_writer import export_mesh
+from source_people import betas_of, in_world, parameters_of, write_taller_model
 
 
 def write_sequence(root: Path, clip: Clip, name: str) -> tuple[Path, Path]:
@@ -38,15 +36,10 @@ def write_sequence(root: Path, clip: Clip, name: str) -> tuple[Path, Path]:
         object_R=se3.quat_to_matrix(track.quats),
         object_T=track.positions + se3.rotate(track.quats, centre),
     )
-    # The model is a taller body, which the first beta makes the person's.
-    taller = replace(person, joint_positions=1.1 * person.joint_positions)
-    write_npz(root / "models" / "SMPLX_NEUTRAL.npz", body_values([taller, person], "smplx"))
-    return root / "smplx" / f"{name}.npz", root / "models"
+    return root / "smplx" / f"{name}.npz", write_taller_model(root / "models", person, "smplx", "neutral")
 
 
 def write_mesh(path: Path, geometry) -> np.ndarray:
     """Write a mesh away from its middle; return the mean of its vertices where poses expect them."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    mesh = trimesh.Trimesh(geometry.points + np.array([1.0, 2.0, -3.0]), geometry.faces, process=False)
-    mesh.export(path, digits=12)
+    export_mesh(path, geometry.points + np.array([1.0, 2.0, -3.0]), geometry.faces)
     return geometry.points.mean(axis=0)

@@ -1,15 +1,13 @@
 """Writes clips as IMHD2's pickles, in the data set's tree, with the model that reads them."""
 
 import pickle
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from body_writer import write_npz
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.numerics import se3
-from source_people import betas_of, body_values, parameters_of
+from source_people import betas_of, parameters_of, write_taller_model
 
 NAME = Path("20230910", "20230910_af_suitcase", "freestyle1", "gt_0_338_2309.pkl")
 
@@ -30,10 +28,7 @@ def write_recording(root: Path, clip: Clip, name: Path = NAME) -> tuple[Path, Pa
         "smplTrans": numbers["translation"],
     }
     path.write_bytes(pickle.dumps(values))
-    # The model is a taller body, which the first beta makes the person's.
-    taller = replace(person, joint_positions=1.1 * person.joint_positions)
-    write_npz(root / "models" / "SMPLH_NEUTRAL.npz", body_values([taller, person], "smplh"))
-    return path, root / "models"
+    return path, write_taller_model(root / "models", person, "smplh", "neutral")
 
 
 def write_template(folder: Path, name: str, geometry) -> np.ndarray:

@@ -4,12 +4,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
 from body_writer import write_npz
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.numerics import se3
 from hoi_retarget.readers.interact import SUBSETS, Subset
+from mesh_writer import export_mesh
 from source_people import betas_of, body_values, in_world, parameters_of
 
 GENDER = "male"
@@ -55,8 +55,7 @@ def write_mesh(folder: Path, name: str, geometry) -> np.ndarray:
     centre = geometry.points.mean(axis=0)
     whole, _, part = name.rpartition("_")
     file = folder / whole / f"{part}.obj" if whole else folder / name / f"{name}.obj"
-    file.parent.mkdir(parents=True, exist_ok=True)
-    trimesh.Trimesh(geometry.points - centre, geometry.faces, process=False).export(file, digits=12)
+    export_mesh(file, geometry.points - centre, geometry.faces)
     return centre
 
 

@@ -1,18 +1,17 @@
 """Writes clips in InterCap's own layout, for tests."""
 
 import pickle
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from scipy.spatial.transform import Rotation
 
 from body_writer import write_npz
 from hand_components import add_components
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.numerics import se3
-from source_people import body_values, parameters_of
+from mesh_writer import export_mesh
+from source_people import body_values, moved, parameters_of
 
 SUBJECT, OBJECT, NAME = "03", "07", "chair"
 GENDER = "female"
@@ -33,21 +32,8 @@ def camera_from_world() -> tuple[np.ndarray, np.ndarray]:
 
 def in_camera(clip: Clip) -> Clip:
     """The clip as the camera sees it."""
-    turn, move = camera_from_world()
-    quat = se3.matrix_to_quat(turn)
-    people = tuple(
-        replace(
-            person,
-            joint_positions=person.joint_positions @ turn.T + move,
-            joint_quats=se3.quat_multiply(quat, person.joint_quats),
-        )
-        for person in clip.people
-    )
-    tracks = tuple(
-        replace(track, positions=track.positions @ turn.T + move, quats=se3.quat_multiply(quat, track.quats))
-        for track in clip.objects
-    )
-    return replace(clip, people=people, objects=tracks)
+    turn, shift = camera_from_world()
+    return moved(clip, se3.matrix_to_quat(turn), shift)
 
 
 def results_of(seen: Clip) -> tuple[dict, dict[str, np.ndarray]]:
@@ -96,15 +82,10 @@ def write_saved_mesh(path: Path, seen: Clip) -> None:
     """Write the object's mesh as it lies in the first frame, beside `res.pkl`."""
     track = seen.objects[0]
     points = se3.rotate(track.quats[0], track.geometry.points) + track.positions[0]
-    folder = path.parent / "Mesh"
-    folder.mkdir(exist_ok=True)
-    trimesh.Trimesh(points, track.geometry.faces, process=False).export(folder / "00000_second_obj.ply")
+    export_mesh(path.parent / "Mesh" / "00000_second_obj.ply", points, track.geometry.faces)
 
 
 def write_mesh(root: Path, clip: Clip, offset: float = 0.0, kind: str = "obj") -> Path:
     """Write the object's mesh in its own frame; its folder is returned."""
-    folder = root / "objs"
-    folder.mkdir(parents=True, exist_ok=True)
     geometry = clip.objects[0].geometry
-    trimesh.Trimesh(geometry.points + offset, geometry.faces, process=False).export(folder / f"{OBJECT}.{kind}")
-    return folder
+    return export_mesh(root / "objs" / f"{OBJECT}.{kind}", geometry.points + offset, geometry.faces).parent

@@ -11,7 +11,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers import physhoi, theia
 from hoi_retarget.readers.intermimic import FIELDS
-from hoi_retarget.readers.intermimic_rows import BODIES, UPRIGHT_QUAT
+from hoi_retarget.readers.intermimic_layouts import BODIES, UPRIGHT_QUAT
 from torch_writer import torch_bytes
 
 BODY_ORDER = [JOINT_INDEX[name] for name in BODIES]
@@ -76,7 +76,7 @@ def dictionary_of(clip: Clip, turned: bool = True) -> dict:
 def theia_columns_of(clip: Clip) -> np.ndarray:
     """Return the (T, 594) tensor of a clip whose left hand holds the first of two objects, its right hand the other."""
     single = columns_of(clip)
-    matrix = np.zeros((clip.frames, theia.COLUMNS), dtype=np.float32)
+    matrix = np.zeros((clip.frames, 594), dtype=np.float32)
     matrix[:, :318], matrix[:, theia.FIELDS["body rotations"]] = single[:, :318], single[:, FIELDS["body rotations"]]
     labels = np.zeros((clip.frames, len(JOINTS)))
     for k, (track, side) in enumerate(zip(clip.objects, theia.SIDES, strict=True), 1):
@@ -105,7 +105,7 @@ def physhoi_columns_of(clip: Clip) -> np.ndarray:
         "ball angles": -se3.log(track.quats),
         "contact label": np.any([contact.active for contact in clip.contacts], axis=0),
     }
-    matrix = np.zeros((clip.frames, physhoi.COLUMNS), dtype=np.float32)
+    matrix = np.zeros((clip.frames, 331), dtype=np.float32)
     for name, value in values.items():
         matrix[:, physhoi.FIELDS[name]] = np.asarray(value).reshape(clip.frames, -1)
     return matrix

@@ -17,7 +17,7 @@ from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import encode
 from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.config import Config
-from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.model import RobotModel, load_model
 from torch_writer import STATE_CONVERSION, Call, torch_bytes

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.human.kinematics import BODY_PARENTS
+from hoi_retarget.human.skeleton import BODY_PARENTS
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectTrack
 from joblib_writer import write_joblib

@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from body_writer import write_npz
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.human.body_model import Family
 from hoi_retarget.synthetic import make
-from source_people import betas_of, body_values, in_world, parameters_of
+from source_people import betas_of, in_world, joined, parameters_of, write_taller_model
 from torch_writer import torch_bytes
 
 GENDER = "female"
@@ -24,11 +23,8 @@ def alone(scene: str = "carry_box", **settings: Any) -> Clip:
 
 
 def write_model(folder: Path, clip: Clip, family: Family, gender: str) -> Path:
-    """Write the model of a taller body, which the first beta makes the person's; its folder is returned."""
-    (person,) = clip.people
-    taller = replace(person, joint_positions=1.1 * person.joint_positions)
-    write_npz(folder / f"{family.upper()}_{gender.upper()}.npz", body_values([taller, person], family, shapes=SHAPES))
-    return folder
+    """Write the model of a taller body, which the first beta makes the clip's person; its folder is returned."""
+    return write_taller_model(folder, clip.people[0], family, gender, shapes=SHAPES)
 
 
 def amass_arrays(clip: Clip, family: Family) -> dict[str, Any]:
@@ -42,7 +38,7 @@ def amass_arrays(clip: Clip, family: Family) -> dict[str, Any]:
         return common | {
             "mocap_framerate": np.array(clip.fps),
             "dmpls": np.zeros((clip.frames, 8)),
-            "poses": np.concatenate([body, hands], axis=1),
+            "poses": joined(numbers),
         }
     return common | {
         "mocap_frame_rate": np.array(clip.fps),

@@ -6,7 +6,7 @@ import numpy as np
 
 from hoi_retarget.clip.clip import Source
 from hoi_retarget.motion.motion import Motion, Stage
-from hoi_retarget.motion.report import Report
+from hoi_retarget.motion.motion_report import Report
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 

@@ -3,9 +3,8 @@
 import numpy as np
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.human.kinematics import world_positions, world_quats
 from hoi_retarget.human.person import Person
-from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
+from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT, world_positions, world_quats
 from hoi_retarget.numerics import se3
 from hoi_retarget.synthetic.human import rest_offsets
 

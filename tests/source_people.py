@@ -49,6 +49,12 @@ def write_models(folder: Path, people: Sequence[Person], family: Family, genders
     return folder
 
 
+def write_taller_model(folder: Path, person: Person, family: Family, gender: str, **settings) -> Path:
+    """Write the model of a taller body, which the first beta makes the person's; its folder is returned."""
+    taller = replace(person, joint_positions=1.1 * person.joint_positions)
+    return write_models(folder, [taller, person], family, [gender], **settings)
+
+
 def betas_of(index: int, count: int) -> np.ndarray:
     """The betas of the index-th person of `body_values`."""
     betas = np.zeros(count)
@@ -87,20 +93,29 @@ def parameters_of(person: Person, family: Family, mean_hands: dict[str, np.ndarr
 
 def in_world(clip: Clip, up: str) -> Clip:
     """The clip in a world where another axis is up: what a reader turns back."""
-    turn = se3.quat_conjugate(TURN[up])
+    return moved(clip, se3.quat_conjugate(TURN[up]), np.zeros(3))
+
+
+def moved(clip: Clip, turn: np.ndarray, shift: np.ndarray) -> Clip:
+    """The clip turned, wxyz, then shifted [m]."""
     people = tuple(
         replace(
             person,
-            joint_positions=se3.rotate(turn, person.joint_positions),
+            joint_positions=se3.rotate(turn, person.joint_positions) + shift,
             joint_quats=se3.quat_multiply(turn, person.joint_quats),
         )
         for person in clip.people
     )
     tracks = tuple(
-        replace(track, positions=se3.rotate(turn, track.positions), quats=se3.quat_multiply(turn, track.quats))
+        replace(track, positions=se3.rotate(turn, track.positions) + shift, quats=se3.quat_multiply(turn, track.quats))
         for track in clip.objects
     )
     return replace(clip, people=people, objects=tracks)
+
+
+def joined(numbers: dict[str, np.ndarray]) -> np.ndarray:
+    """Pose parameters in one row for each frame: root, body, left hand, right hand."""
+    return np.concatenate([numbers[name] for name in ("root", "body", "left_hand", "right_hand")], axis=1)
 
 
 def assert_same_people(read: Clip, written: Clip, *, tolerance: float = 1e-6) -> None:

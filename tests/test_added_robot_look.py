@@ -7,21 +7,20 @@ import trimesh
 from scipy.spatial import KDTree
 
 import hoi_retarget as hr
-from hoi_retarget.cli import jobs
-from hoi_retarget.cli.robot_trials import without_shapes
+from hoi_retarget.cli import run
+from hoi_retarget.cli.robots import without_shapes
 from hoi_retarget.numerics import se3
-from hoi_retarget.physics.scene import scene_of
-from hoi_retarget.physics.scene_files import scene_files
 from hoi_retarget.robots import load_robot, user_robots
 from hoi_retarget.robots.adding.build import build_robot
 from hoi_retarget.robots.adding.description import read_description
-from hoi_retarget.robots.adding.hints import Hints
+from hoi_retarget.robots.adding.findings import Hints
 from hoi_retarget.robots.adding.mesh_files import coarser
 from hoi_retarget.robots.collision_skin import collision_skins
 from hoi_retarget.robots.model import load_model
-from hoi_retarget.robots.outer_skin import Fineness
-from hoi_retarget.viewers.scene.drawing import Solid
-from hoi_retarget.viewers.scene.robot_shapes import robot_parts
+from hoi_retarget.robots.outer_skin import SkinResolution
+from hoi_retarget.simulation.physics_scene import scene_files, scene_of
+from hoi_retarget.studio.scene.drawing import Solid
+from hoi_retarget.studio.scene.robot_shapes import robot_parts
 from synthetic_humanoids import Choices, humanoid
 from tiny_robot import tiny_robot
 
@@ -113,13 +112,13 @@ def test_colours_that_a_urdf_names_once_are_those_of_its_links(tmp_path):
 def test_skin_of_meshes_is_computed_once_and_said(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("HOI_RETARGET_ROBOTS", str(tmp_path / "robots"))
     computed = []
-    monkeypatch.setattr(jobs, "skin_of", computed.append)
+    monkeypatch.setattr(run, "skin_of", computed.append)
     built = build_robot(with_meshes(tmp_path, 0), "with_meshes", Hints())
     user_robots.save(built.spec, built.mjcf)
     model = load_robot("with_meshes")
     for _ in range(2):
-        jobs.prepare_skin(model)
-        jobs.prepare_skin(load_robot("unitree_g1"))
+        run.prepare_skin(model)
+        run.prepare_skin(load_robot("unitree_g1"))
     assert computed == [model]
     assert capsys.readouterr().out.count("with_meshes: computing the skins") == 1
 
@@ -144,8 +143,8 @@ def test_link_whose_colours_are_meshes_of_their_own_is_one_solid(tmp_path, piece
 
 def test_fingers_that_are_held_are_part_of_the_hand(tmp_path, monkeypatch):
     """Bodies without joints move with the link that they hang on: its skin is theirs."""
-    coarse = Fineness(nodes=0.01, ball=0.015, spacing=0.03, grid=0.02)
-    monkeypatch.setattr("hoi_retarget.robots.collision_skin.fineness_of", lambda *_: coarse)
+    coarse = SkinResolution(nodes=0.01, ball=0.015, spacing=0.03, grid=0.02)
+    monkeypatch.setattr("hoi_retarget.robots.collision_skin.resolution_of", lambda *_: coarse)
     box = '<geom type="box" size="0.1 0.15 0.3"/>'
     finger = '<geom type="capsule" size="0.02 0.1" pos="0 0 0.1"/>'
     model, here = tiny_robot(tmp_path), 'pos="0.2 0.1 0" quat="1 1 0 0"'

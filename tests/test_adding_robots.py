@@ -8,14 +8,13 @@ import pytest
 
 import hoi_retarget as hr
 from hoi_retarget.cli import main
-from hoi_retarget.cli.robot_trials import without_shapes
+from hoi_retarget.cli.robots import without_shapes
 from hoi_retarget.errors import ArgumentError, RobotError
 from hoi_retarget.robots import load_robot, robot, user_robots
-from hoi_retarget.robots.adding.anatomy import find_anatomy
 from hoi_retarget.robots.adding.build import build_robot
 from hoi_retarget.robots.adding.description import read_description, with_ranges
-from hoi_retarget.robots.adding.findings import Refused
-from hoi_retarget.robots.adding.hints import Hints, read_hints
+from hoi_retarget.robots.adding.findings import Hints, UnsuitableRobotError, read_hints
+from hoi_retarget.robots.adding.morphology import find_morphology
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.robots.spec import SIDES
 from synthetic_humanoids import Choices, humanoid
@@ -49,8 +48,8 @@ def written(tmp_path, choices):
 def test_what_is_found_is_what_is_true(tmp_path, seed):
     choices = random_choices(seed)
     truth, path = written(tmp_path, choices)
-    found = find_anatomy(read_description(path), Hints())
-    axes = found.facing.axes
+    found = find_morphology(read_description(path), Hints())
+    axes = found.trunk.axes
     np.testing.assert_allclose(axes, truth.turn, atol=0.02, err_msg="which way it looks")
     assert {one.joint for one in found.pose.held} == set(truth.held)
     hips = 0.5 * (found.sites["left_hip"].position + found.sites["right_hip"].position)
@@ -72,7 +71,7 @@ def test_what_is_found_is_what_is_true(tmp_path, seed):
                 middle, end, atol=0.05 * float(np.linalg.norm(toe - heel)), err_msg=f"{side} {corners}"
             )
     for arm, side in zip(found.arms, SIDES, strict=True):
-        assert found.pose.name(arm.bend.joint) == truth.joints[f"{side}_elbow"]
+        assert found.pose.name(arm.elbow.joint) == truth.joints[f"{side}_elbow"]
         assert len(arm.beyond) == choices.wrist
 
 
@@ -83,7 +82,7 @@ def test_ranges_that_were_not_mirrored_with_their_axes_are_told_and_mended_by_th
     name = truth.joints[limb]
 
     def told(hints):
-        findings = find_anatomy(with_ranges(read_description(path), hints.range), hints).findings
+        findings = find_morphology(with_ranges(read_description(path), hints.range), hints).findings
         return [finding for finding in findings if finding.subject == "ranges"]
 
     assert not told(Hints())
@@ -161,7 +160,7 @@ def test_legs_alone_are_refused(tmp_path):
                 truth, mjcf=truth.mjcf.replace(f'name="{side}_{joint}_joint"', f'name="{side}_{joint}" type="slide"')
             )
     path.write_text(truth.mjcf)
-    with pytest.raises(Refused, match="two legs and two arms"):
+    with pytest.raises(UnsuitableRobotError, match="two legs and two arms"):
         build_robot(path, "made", Hints())
 
 

@@ -37,7 +37,7 @@ def test_importing_the_package_imports_nothing_heavy():
 
 def test_the_page_has_every_name():
     page = (ROOT / "docs" / "api.md").read_text()
-    documented = {word for line in page.splitlines() if line.startswith("| `") for word in line.split("`")[1::2]}
+    documented = {word for line in page.splitlines() if line.startswith("- `") for word in line.split("`")[1::2]}
     assert set(hr.__all__) - {"__version__"} <= documented
 
 

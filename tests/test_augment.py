@@ -16,7 +16,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.retargeting.config import Config
-from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import make
@@ -199,6 +199,20 @@ def test_contacts_keep_their_number_and_their_points(speed, seed):
             after.contact_points[new_first:new_stop], np.tile(points[first], (new_stop - new_first, 1))
         )
         assert new_stop - new_first == pytest.approx((stop - first) / speed, abs=1.5)
+
+
+@pytest.mark.parametrize("frame", [0, 7, 30, 52])
+def test_a_contact_of_one_frame_that_falls_between_two_is_in_the_nearest_one(frame):
+    clip = make("carry_box", seconds=2.0)
+    active, points = np.zeros(clip.frames, dtype=bool), np.full((clip.frames, 3), np.nan)
+    active[frame], points[frame] = True, (0.1, 0.2, 0.3)
+    clip = replace(clip, contacts=(ContactTrack(0, 0, "left_hand", active, points),))
+    for speed in (2.0, 2.5, 3.0):
+        (after,) = at_speed(clip, speed).contacts
+        ((first, stop),) = after.segments
+        nearest = frame / (clip.frames - 1) * (len(after.active) - 1)
+        assert stop - first == 1 and abs(first - nearest) <= 0.5 + 1e-9
+        np.testing.assert_allclose(after.contact_points[first], points[frame])
 
 
 def test_speeds_that_cannot_be():

@@ -15,28 +15,27 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.batch import work
-from hoi_retarget.batch.folder import locked
 from hoi_retarget.batch.jobs import jobs_of
 from hoi_retarget.batch.manifest import MANIFEST, STATUSES, Manifest, ManifestEntry, ManifestSource, read_manifest
-from hoi_retarget.batch.pool import Lost
-from hoi_retarget.batch.run import run_batch
+from hoi_retarget.batch.pool import LostTask
+from hoi_retarget.batch.run_batch import locked, run_batch
 from hoi_retarget.batch.specification import Specification, of_folder, read_specification
 from hoi_retarget.batch.work import run_job
 from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import Augmentation
 from hoi_retarget.clip.edits import ContactEdits, FixAll, save
 from hoi_retarget.clip.read_options import ReadOptions
+from hoi_retarget.dynamics.physics_settings import Refinement
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, WriteError
 from hoi_retarget.evaluation import FIGURES
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
-from hoi_retarget.physics.settings import Refinement
 from hoi_retarget.readers import own_layout
 from hoi_retarget.readers.open import clip_of, open_clip
-from hoi_retarget.retargeting.config import Config, KeepStart, Weights
-from hoi_retarget.retargeting.multi_person import with_report
-from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.config import Config, Weights
+from hoi_retarget.retargeting.retarget import retarget
+from hoi_retarget.retargeting.trajopt.solvers.solver import KeepStart
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import make
@@ -64,7 +63,7 @@ class Losing(Inline):
 
     def run(self, tasks, stopped):
         for index, _ in enumerate(tasks):
-            yield index, Lost(self.status, "as it should", 1.0)
+            yield index, LostTask(self.status, "as it should", 1.0)
 
 
 @pytest.fixture(scope="session")
@@ -101,7 +100,7 @@ def quick(folder, motion, monkeypatch):
         stages = tuple(
             replace(stage, qpos=np.resize(stage.qpos, (clip.frames, 36)), windows=()) for stage in motion.stages
         )
-        return (with_report(replace(motion, stages=stages, **frames), command=command),) * len(clip.people)
+        return (replace(motion, stages=stages, **frames).with_report(command=command),) * len(clip.people)
 
     monkeypatch.setattr(work, "retarget_people", canned)
     return folder
@@ -358,10 +357,10 @@ def test_a_mesh_beside_a_clip_counts_as_the_clip_does(quick):
 
 def test_another_program_or_robot_makes_all_again(quick, monkeypatch):
     batch()
-    monkeypatch.setattr("hoi_retarget.batch.content.__version__", "99")
+    monkeypatch.setattr("hoi_retarget.batch.jobs.__version__", "99")
     assert len(names(batch())) == 2
     changed = replace(ROBOTS["unitree_g1"], stature=1.5)
-    monkeypatch.setattr("hoi_retarget.batch.content.robot", lambda _: changed)
+    monkeypatch.setattr("hoi_retarget.batch.jobs.robot", lambda _: changed)
     assert len(names(batch())) == 2
 
 

@@ -4,18 +4,15 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from behave_writer import CATEGORY, FIRST_FRAME, GENDER, SEQUENCE, files_of, renamed, times_of, write_files, write_mesh
 from hoi_retarget.clip.read_options import ReadOptions
-from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, HoiRetargetError, ReadError
+from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.readers import READERS, can_be_clip, clips_in, read_clip
 from hoi_retarget.readers.behave import GENDERS, MESHES
-from hoi_retarget.readers.body_model_files import load_body_model
+from hoi_retarget.readers.body_parameters import load_body_model
 from hoi_retarget.synthetic import make
-from outcomes import outcome, sees_both_outcomes
 from short_clips import cut
 from source_people import assert_same_objects, assert_same_people, write_models
 
@@ -209,36 +206,3 @@ def test_what_is_missing_is_named(root, models):
     (folder / "object_fit_all.npz").unlink()
     with pytest.raises(ReadError, match="looks like a recording of behave, but lacks object_fit_all"):
         read_clip(folder, ReadOptions(body_models=models))
-
-
-@pytest.mark.slow
-@sees_both_outcomes
-@settings(derandomize=True, deadline=None, max_examples=40, database=None)
-@given(st.data())
-def test_whatever_is_in_the_files_only_our_errors_come(tmp_path_factory, models, data):
-    root = tmp_path_factory.getbasetemp() / "behave_fuzz"
-    write_mesh(root, CLIP)
-    files = files_of(cut(CLIP, 8))
-    for _ in range(data.draw(st.integers(1, 3))):
-        file = files[data.draw(st.sampled_from(sorted(files)))]
-        if not file:
-            continue
-        name = data.draw(st.sampled_from(sorted(file)))
-        values = file[name]
-        match data.draw(st.sampled_from(["drop", "cut", "number", "text", "object", "value"])):
-            case "drop":
-                del file[name]
-            case "cut":
-                file[name] = values[: data.draw(st.integers(0, 5))] if values.ndim else values
-            case "number":
-                file[name] = np.full(data.draw(st.sampled_from([(), (1,), (8, 3), (8, 10)])), data.draw(st.floats()))
-            case "text":
-                file[name] = np.array([data.draw(st.text(st.characters(exclude_categories=("Cs",)), max_size=9))] * 8)
-            case "object":
-                file[name] = np.array(data.draw(st.sampled_from([None, {}, ["t0003.000"], "t0003.000"])), dtype=object)
-            case "value" if values.dtype.kind == "f" and values.size:
-                values.flat[data.draw(st.integers(0, values.size - 1))] = data.draw(st.floats())
-    folder = write_files(root, files)
-    for task in (lambda: clips_in(folder), lambda: read_clip(folder, ReadOptions(body_models=models))):
-        with outcome(HoiRetargetError):
-            task()

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoi_retarget.clip.read_options import ReadOptions
-from hoi_retarget.readers import READERS, read_clip
+from hoi_retarget.readers import READERS
 from hoi_retarget.retargeting.trajopt.problem import Problem, cost_by_term
+from recordings import WRITERS, format_of
 from trajectories import MODELS, all_terms, sunk_qpos, term_classes, terms_by_class
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
@@ -177,24 +177,14 @@ def test_horizons_run(tmp_path):
     assert "87/130" in output
 
 
-@pytest.fixture
-def sources(monkeypatch):
-    monkeypatch.syspath_prepend(str(FOLDER))
-    return importlib.import_module("sources").SOURCES
-
-
 @pytest.mark.slow
-def test_clips_of_every_format_are_there_to_be_measured(tmp_path, sources):
-    formats = {}
-    for name, write in sources.items():
-        folder = tmp_path / name
+def test_clips_of_every_format_are_there_to_be_measured(tmp_path):
+    for kind, write in WRITERS.items():
+        folder = tmp_path / kind
         folder.mkdir()
-        recording = write(folder, 60)
-        clip = read_clip(recording.path, ReadOptions(objects=recording.objects, body_models=recording.body_models))
-        assert clip.frames == 60, name
-        formats[name] = clip.source.format
-    assert set(formats.values()) == set(READERS)
-    assert all(name.startswith(kind) for name, kind in formats.items())
+        clip = write(folder, 60).read()
+        assert (clip.frames, clip.source.format) == (60, format_of(kind))
+    assert {format_of(kind) for kind in WRITERS} == set(READERS)
 
 
 @pytest.mark.slow

@@ -26,7 +26,7 @@ from bvh_writer import (
 )
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import HoiRetargetError
-from hoi_retarget.files.bvh import parse_bvh
+from hoi_retarget.files.bvh_file import parse_bvh
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.skeleton import JOINTS
 from hoi_retarget.numerics import se3

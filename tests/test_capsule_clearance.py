@@ -9,18 +9,18 @@ from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.motion.report import Status
+from hoi_retarget.motion.motion_report import Status
+from hoi_retarget.objects.distance_field import surface_samples
 from hoi_retarget.objects.mesh import Surface
-from hoi_retarget.objects.surface_samples import surface_samples
 from hoi_retarget.retargeting.config import Config, Scaling, Weights
-from hoi_retarget.retargeting.pipeline import retarget_with_targets
+from hoi_retarget.retargeting.solve import solve
 from hoi_retarget.retargeting.targets import make_targets
-from hoi_retarget.retargeting.trajopt.rows import cost
-from hoi_retarget.retargeting.trajopt.table import trajectory_terms
+from hoi_retarget.retargeting.trajopt.problem import cost
 from hoi_retarget.retargeting.trajopt.terms.capsule_clearance import CapsuleClearance, capsule_terms
-from hoi_retarget.robots.spec import Capsule
+from hoi_retarget.retargeting.trajopt.trajectory_terms import trajectory_terms
+from hoi_retarget.robots.spec import LinkCapsule
 from hoi_retarget.synthetic import make
-from hoi_retarget.synthetic.objects import Block, Shape
+from hoi_retarget.synthetic.object_shapes import Block, Shape
 from trajectories import MODELS, random_qpos
 
 G1 = MODELS["unitree_g1"]
@@ -28,7 +28,7 @@ HALF = 0.15  # [m] of the box's height
 BOX = Surface(*Shape("box", (0.6, 0.4, 2 * HALF), (Block((-0.3, -0.2, 0.0), (0.3, 0.2, 2 * HALF)),)).mesh)
 RADIUS = 0.05
 UNTURNED = np.eye(3)
-ALONG_X = Capsule("pelvis", (-0.1, 0.0, 0.0), (0.1, 0.0, 0.0), RADIUS)
+ALONG_X = LinkCapsule("pelvis", (-0.1, 0.0, 0.0), (0.1, 0.0, 0.0), RADIUS)
 
 
 def term_of(samples, *, frames=1, turn=UNTURNED) -> CapsuleClearance:
@@ -177,7 +177,8 @@ def test_the_weight_moves_the_robot_out_of_the_object():
     sunk = {}
     for weight in (0.0, 300.0):
         config = Config(weights=Weights(capsule_clearance=weight), contact="landmark")
-        motion, targets = retarget_with_targets(clip, G1, config)
+        solution = solve(clip, G1, config)
+        motion, targets = solution.motion, solution.targets
         kinematics = G1.forward(motion.qpos)
         (term,) = capsule_terms(Weights(capsule_clearance=1.0), targets, kinematics)
         sunk[weight] = sum(cost(rows) for rows in term.rows(kinematics))

@@ -6,14 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import cari4d_writer as writer
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
-from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, HoiRetargetError, ReadError
-from hoi_retarget.files.safe_pickle import Unread
+from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.files.torch_file import parse_torch
 from hoi_retarget.human.skeleton import FEET, HANDS
@@ -21,7 +18,6 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.readers import can_be_clip, cari4d, read_clip, reader_of
 from hoi_retarget.synthetic import make
-from outcomes import outcome, sees_both_outcomes
 from source_people import assert_same_objects, assert_same_people, body_values, write_models
 from torch_writer import archive, torch_entries
 
@@ -226,7 +222,7 @@ def test_the_outline_needs_neither_meshes_nor_models(tmp_path):
 
 def test_the_training_state_is_passed_over_and_no_other_object_is_built(tmp_path):
     value = parse_torch(writer.encoded(writer.prediction(CLIP)), Path("a.pth"))
-    assert value["pr"]["train_state"] == Unread("TrainState")
+    assert value["pr"]["train_state"] == {}
     assert value["pr"]["optimizer"] is None
 
 
@@ -363,37 +359,3 @@ def test_other_torch_files_are_not_taken(tmp_path):
     path.write_bytes(pickle.dumps({"pr": {}}))
     with pytest.raises(ReadError):
         cari4d.holds(SourceFile(path))
-
-
-# Whatever is in the file
-
-SHORT = {
-    key: value[:8] if isinstance(value, np.ndarray | list) else value for key, value in writer.prediction(CLIP).items()
-}
-
-
-@pytest.mark.slow
-@sees_both_outcomes
-@settings(derandomize=True, deadline=None, max_examples=50, database=None)
-@given(st.data())
-def test_whatever_is_in_the_file_only_our_errors_come(tmp_path_factory, models, meshes, data):
-    short = dict(SHORT)
-    for _ in range(data.draw(st.integers(1, 3))):
-        name = data.draw(st.sampled_from(sorted(short)))
-        kind = data.draw(st.sampled_from(["drop", "cut", "numbers", "value", "text", "none", "list"]))
-        value = short[name]
-        if kind == "drop" and len(short) > 1:
-            del short[name]
-        elif kind == "cut" and isinstance(value, np.ndarray | list):
-            short[name] = value[: data.draw(st.integers(0, 7))]
-        elif kind == "numbers":
-            short[name] = np.full(data.draw(st.sampled_from([(), (8,), (8, 3), (8, 4, 4)])), data.draw(st.floats()))
-        elif kind == "value" and isinstance(value, np.ndarray):
-            short[name] = np.where(np.arange(value.size).reshape(value.shape) % 7 == 0, data.draw(st.floats()), value)
-        else:
-            short[name] = {"text": "x", "none": None, "list": ["a/b", 3]}.get(kind, short[name])
-    path = writer.write(tmp_path_factory.getbasetemp() / "fuzz.pth", short)
-    with outcome(HoiRetargetError):
-        read_clip(path, ReadOptions(objects=meshes, body_models=models))
-    with outcome(HoiRetargetError):
-        cari4d.READER.outline(SourceFile(path))

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 import motion_writers as writers
 from hoi_retarget.cli import main
-from hoi_retarget.cli.checkmotion import facts
+from hoi_retarget.cli.files import facts
 from hoi_retarget.errors import ClipError
 from hoi_retarget.motion.check import CheckedMotion, as_qpos, check
-from hoi_retarget.motion.export import export, format_named
 from hoi_retarget.motion.formats import WRITABLE, read
 from hoi_retarget.motion.result import Result
+from hoi_retarget.motion.write_export import export, format_named
 from hoi_retarget.numerics import se3
 from motion_writers import Content
 

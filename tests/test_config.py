@@ -11,24 +11,21 @@ from hypothesis import strategies as st
 
 from hoi_retarget.cli import main
 from hoi_retarget.cli.commands import Run
-from hoi_retarget.cli.jobs import config_of
-from hoi_retarget.cli.settings import config_in
+from hoi_retarget.cli.run_options import config_in, config_of
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.motion.result_file import load, save
 from hoi_retarget.retargeting.config import (
-    SOLVERS,
-    BandedInteriorPoint,
     Config,
     ContactKind,
     Horizon,
     IkConfig,
     IkWeights,
-    KeepStart,
     Scaling,
     Weights,
     parse_horizon,
 )
-from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.retarget import retarget
+from hoi_retarget.retargeting.trajopt.solvers.solver import SOLVERS, BandedInteriorPoint, KeepStart
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.synthetic import make
@@ -93,8 +90,8 @@ def changed(config, place):
     inner = getattr(config, head)
     if rest:
         return replace(config, **{head: changed(inner, rest)})
-    if inner == "surface":
-        return replace(config, **{head: "landmark"})
+    if inner in {"surface", "all"}:
+        return replace(config, **{head: {"surface": "landmark", "all": "fast"}[inner]})
     other = (
         0.5
         if isinstance(inner, str) or inner == 0
@@ -129,6 +126,7 @@ def test_every_setting_is_an_option_and_a_key(place, tmp_path):
         ({"weights": {"jerk": "much"}}, ReadError, ["it: weights: jerk holds 'much'", "expected a number"]),
         ({"weights": {"jerk": -1.0}}, ArgumentError, ["jerk is -1.0"]),
         ({"contact": "close"}, ReadError, ["it: contact is 'close'", "surface or landmark"]),
+        ({"figures": "few"}, ReadError, ["it: figures is 'few'", "all or fast or none"]),
         ({"weights": 3}, ReadError, ["it: weights is 3; expected a table"]),
         ({"ik": {"solver": {"tol": 1}}}, ReadError, ["it: ik.solver: there is no 'tol'", "tolerance"]),
         (
@@ -157,9 +155,9 @@ class Shifted:
 
     by: float = 0.01
 
-    def solve(self, problem, qpos):
-        solution = KeepStart().solve(problem, qpos)
-        return replace(solution, qpos=qpos + self.by * (np.arange(qpos.shape[1]) == 2))
+    def solve(self, problem, qpos, effort):
+        result = KeepStart().solve(problem, qpos)
+        return replace(result, qpos=qpos + self.by * (np.arange(qpos.shape[1]) == 2))
 
 
 def test_any_solver_can_be_passed_in():

@@ -14,10 +14,9 @@ from hoi_retarget.errors import RobotError
 from hoi_retarget.evaluation import unreached_contacts
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.retargeting.config import Config
-from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.retarget import retarget
+from hoi_retarget.studio.scene.curves import MAX_POINTS, Curve, all_curves, chart_html, curves_of
 from hoi_retarget.synthetic import make
-from hoi_retarget.viewers.scene.curve_chart import LARGEST_POINTS, chart_html
-from hoi_retarget.viewers.scene.curves import Curve, curves_of
 from trajectories import MODELS, random_qpos
 
 G1 = MODELS["unitree_g1"]
@@ -96,12 +95,18 @@ def test_curves_of_surfaces_are_the_figures() -> None:
     motion, clip = carried(), make("carry_box")
     curves, figures = curves_of(motion, G1, tuple(track.geometry for track in clip.objects)), motion.report.figures
     first = max(0, 1 - motion.first_source_frame)
-    gaps = np.abs(pooled(tuple(curve for curve in curves if curve.name.endswith("palm")), "surface gap", first))
+    gaps = np.abs(pooled(tuple(curve for curve in curves if curve.name.endswith("hand")), "surface gap", first))
     assert (gaps <= 2.0).mean() == pytest.approx(figures["touch_share"])
     assert np.percentile(gaps, 95) == pytest.approx(1e3 * figures["touch_gap_p95_m"])
     depths = pooled(curves, "inside object", first)
     assert depths.max() == pytest.approx(1e3 * figures["penetration_max_m"]) and depths.max() > 0.0
     assert np.percentile(depths, 95) == pytest.approx(1e3 * figures["penetration_p95_m"])
+
+
+def test_the_slip_that_counts_is_the_figure() -> None:
+    motion, clip = carried(), make("carry_box")
+    slips = pooled(all_curves(motion, G1, clip), "hand slip", 0)
+    assert slips.mean() == pytest.approx(1e3 * motion.report.figures["hand_slip_mps"]) and len(slips) > 100
 
 
 @settings(max_examples=20, deadline=None)
@@ -127,9 +132,9 @@ def test_unreached_contacts_are_read_off_the_gaps(seed: int) -> None:
     motion = random_motion(25, seed, objects=1)
     gaps = {curve.name: curve.values for curve in group(curves_of(motion, G1), "contact gap")}
     for segment in unreached_contacts(motion, G1.forward(motion.qpos)):
-        stretch = gaps[segment.link][segment.first_frame : segment.last_frame + 1]
-        assert stretch.mean() == pytest.approx(1e3 * segment.mean_residual_m)
-        assert stretch.max() == pytest.approx(1e3 * segment.max_residual_m)
+        stretch = gaps[segment.subject][segment.first_frame : segment.last_frame + 1]
+        assert stretch.mean() == pytest.approx(1e3 * segment.mean)
+        assert stretch.max() == pytest.approx(1e3 * segment.value)
 
 
 def test_another_robot_is_refused() -> None:
@@ -166,13 +171,13 @@ def test_a_chart_shows_every_extreme_and_spans_its_frames(frames: int, seed: int
     values[peak] = 1.0
     drawn = strokes(chart_html([("result", (wave(values),))], 30.0))
     points = np.concatenate(drawn)
-    assert len(points) <= LARGEST_POINTS
+    assert len(points) <= MAX_POINTS
     # The range is from zero to one: heights are known.
     assert points[:, 1].min() == 0
     assert abs(points[points[:, 1].argmin(), 0] - WIDTH * peak / (frames - 1)) <= 1
     assert points[:, 1].max() == round(HEIGHT * (1 - np.nanmin(values)))
     assert (np.diff(points[:, 0]) >= 0).all() and points[:, 0].max() <= WIDTH
-    if frames <= LARGEST_POINTS:
+    if frames <= MAX_POINTS:
         assert points[0, 0] == 0 and points[-1, 0] == WIDTH
         assert len(points) == np.isfinite(values).sum()
         assert len(drawn) == np.count_nonzero(np.diff(np.isfinite(values).astype(int), prepend=0) == 1)

@@ -10,7 +10,7 @@ import pytest
 import motion_writers
 from damaged import KINDS, check, damaged, serving_nobody, sound, words_for, write
 from hoi_retarget.motion.formats import WRITABLE
-from hoi_retarget.report.rows import read_row
+from hoi_retarget.studio.report.rows import read_row
 
 pytest.importorskip("viser", reason="viser is not installed")
 

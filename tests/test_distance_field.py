@@ -1,5 +1,6 @@
 """Distance fields: against formulas and exact surfaces, and the laws that hold for any of them."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,17 @@ from hypothesis import strategies as st
 from hoi_retarget.files import user_cache
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects import distance_field as module
-from hoi_retarget.objects.distance_field import SHELL_THICKNESS, DistanceField, distance_field, field_of
+from hoi_retarget.objects.distance_field import (
+    SHELL_THICKNESS,
+    DistanceField,
+    distance_field,
+    field_of,
+    surface_samples,
+)
 from hoi_retarget.objects.mesh import Surface, surface_of
 from hoi_retarget.objects.track import ObjectGeometry
-from hoi_retarget.synthetic import OBJECTS, object_mesh
+from hoi_retarget.synthetic import OBJECTS
+from hoi_retarget.synthetic.object_shapes import shape
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 FAST = settings(max_examples=6, deadline=None, derandomize=True, database=None)
@@ -45,9 +53,9 @@ def ball() -> DistanceField:
 def cache(tmp_path, monkeypatch) -> Path:
     """An empty cache folder, and a process that has built nothing yet."""
     monkeypatch.setattr(user_cache, "_folder", lambda: tmp_path / "cache")
-    module._kept.cache_clear()
+    module._cached.cache_clear()
     yield tmp_path / "cache"
-    module._kept.cache_clear()
+    module._cached.cache_clear()
 
 
 def crate(shift: float = 0.0) -> ObjectGeometry:
@@ -82,7 +90,7 @@ def test_a_ball_by_its_formula(ball):
 
 @pytest.mark.parametrize("name", OBJECTS)
 def test_sides_are_right_two_millimetres_from_the_surface(name):
-    exact = Surface(*object_mesh(name))
+    exact = Surface(*shape(name).mesh)
     field = field_of(exact)
     points, normals = exact.random_points(3000, seed=2)
     for side in (-2e-3, 2e-3):
@@ -188,6 +196,41 @@ def test_many_points_are_the_same_as_few(box):
     np.testing.assert_array_equal(box.distances(points)[[0, -1]], box.distances(points[[0, -1]]))
 
 
+def test_small_objects_have_finer_samples_and_large_ones_the_usual_step():
+    for size, step in ((1.0, module._MIN_STEP), (0.5, module._MIN_STEP), (0.1, 0.1 / 64), (0.01, 0.01 / 64)):
+        assert field_of(surface(trimesh.creation.box([size, 0.5 * size, 0.01]))).step == pytest.approx(step)
+    tiny = field_of(surface(trimesh.creation.box([1e-3] * 3)))
+    assert tiny.step == pytest.approx(module._MIN_SIZE / 64), "nothing is finer than for this size"
+
+
+@pytest.mark.parametrize(("bound", "limit"), [("_MAX_SAMPLES", 60_000), ("_MAX_CELLS", 100)])
+def test_an_object_that_would_take_too_much_memory_has_coarser_samples(bound, limit, box, monkeypatch):
+    monkeypatch.setattr(module, bound, limit)
+    coarse = field_of(surface(trimesh.creation.box(SIZE)))
+    ratio = np.log(coarse.step / box.step) / np.log(1.25)
+    assert ratio == pytest.approx(round(ratio)) and round(ratio) > 0
+    of_level = np.bincount(coarse.cells.levels.reshape(-1), minlength=4) * (module.STEPS + 1) ** 3
+    assert len(coarse.cells.samples) == of_level.sum()
+    assert of_level.max() <= limit if bound == "_MAX_SAMPLES" else coarse.cells.levels.size <= limit
+
+
+@FAST
+@given(seed=seeds)
+def test_samples_of_a_surface_are_as_dense_on_every_triangle(seed):
+    rng = np.random.default_rng(seed)
+    corners = rng.normal(size=(20, 1, 3)) + rng.uniform(0.05, 1.0, (20, 1, 1)) * rng.normal(size=(20, 3, 3))
+    exact, spacing = Surface(corners.reshape(-1, 3), np.arange(60).reshape(-1, 3)), 0.05
+    areas = trimesh.triangles.area(corners)
+    samples = surface_samples(exact, spacing)
+    assert len(samples) == round(areas.sum() / spacing**2)
+    assert exact.distances(samples).max() < 1e-9
+    ends = np.cumsum(areas) / areas.sum() * len(samples) - 0.5
+    for triangle, (first, stop) in enumerate(pairwise(np.ceil([-0.5, *ends]).astype(int))):
+        own = Surface(corners[triangle], np.array([[0, 1, 2]]))
+        assert own.distances(samples[first:stop]).max(initial=0.0) < 1e-9
+    assert len(surface_samples(exact, 100.0)) == 1
+
+
 # What has no inside
 
 
@@ -231,11 +274,11 @@ def test_points_without_triangles_have_the_field_of_their_hull():
 # Kept between runs
 
 
-def test_a_kept_field_is_the_same_to_the_bit(cache):
+def test_a_cached_field_is_the_same_to_the_bit(cache):
     built = distance_field(crate())
     assert distance_field(crate()) is built
     (file,) = cache.iterdir()
-    module._kept.cache_clear()
+    module._cached.cache_clear()
     before = file.read_bytes()
     read = distance_field(crate())
     assert read is not built
@@ -265,24 +308,24 @@ def test_a_damaged_file_is_built_anew(cache, damage):
     (file,) = cache.iterdir()
     good = file.read_bytes()
     file.write_bytes(damage(good))
-    module._kept.cache_clear()
+    module._cached.cache_clear()
     np.testing.assert_array_equal(distance_field(crate()).cells.samples, built.cells.samples)
     assert file.read_bytes() == good
 
 
-def test_fields_are_built_in_memory_where_nothing_can_be_kept(tmp_path, monkeypatch):
+def test_fields_are_built_in_memory_where_nothing_can_be_cached(tmp_path, monkeypatch):
     (tmp_path / "a file").write_text("")
     monkeypatch.setattr(user_cache, "_folder", lambda: tmp_path / "a file" / "cache")
-    module._kept.cache_clear()
+    module._cached.cache_clear()
     assert distance_field(crate()).distances(np.zeros((1, 3)))[0] == pytest.approx(-0.05, abs=1e-3)
-    module._kept.cache_clear()
+    module._cached.cache_clear()
 
 
 def test_the_cache_forgets_what_was_not_used_for_longest(cache, monkeypatch):
-    monkeypatch.setattr(user_cache, "_MOST_BYTES", 2500)
+    monkeypatch.setattr(user_cache, "_MAX_BYTES", 2500)
     for number in range(4):
-        user_cache.keep(f"file {number}", bytes(1000))
-    assert user_cache.kept("file 3") == bytes(1000)
+        user_cache.write_cached(f"file {number}", bytes(1000))
+    assert user_cache.read_cached("file 3") == bytes(1000)
     assert len(list(cache.iterdir())) == 2
 
 

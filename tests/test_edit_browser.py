@@ -12,7 +12,7 @@ import pytest
 from browser import box_of, chromium, open_page, scene_pixels, still, wait_until
 from hoi_retarget.cli import main
 from hoi_retarget.clip.edits import ContactEdits, FixAll, Pin, Retime, load
-from hoi_retarget.clip.edits.versions import EditsFiles
+from hoi_retarget.clip.edits.edits_file import EditsFiles
 from hoi_retarget.motion.result_file import load as load_motion
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.numerics import se3
@@ -23,11 +23,10 @@ from trajectories import MODELS
 
 pytest.importorskip("viser", reason="viser is not installed")
 
-from hoi_retarget.viewers.browser.client_sessions import serve_sessions
-from hoi_retarget.viewers.browser.editing import Editing, solved
-from hoi_retarget.viewers.browser.editor import Editor, Places
-from hoi_retarget.viewers.browser.editor_panel import PANEL_WIDTH_PX
-from hoi_retarget.viewers.browser.server import address, open_server
+from hoi_retarget.studio.browser.browser_server import address, open_server, serve_sessions
+from hoi_retarget.studio.browser.edit_session import EditSession, solved
+from hoi_retarget.studio.browser.editor import Editor, SaveTargets
+from hoi_retarget.studio.browser.editor_panel import PANEL_WIDTH_PX
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -66,8 +65,8 @@ class Session:
         return self.editors[-1]
 
     def _receive(self, client, edited):
-        editing = Editing(self.clip, MODEL, Config(), edited)
-        places = Places(EditsFiles(self.folder / "edits.toml"), self._save_result)
+        editing = EditSession(self.clip, MODEL, Config(), edited)
+        places = SaveTargets(EditsFiles(self.folder / "edits.toml"), self._save_result)
         self.clients.append(client)
         self.editors.append(Editor(client, editing, MODEL, places, self.saved.append))
         return self.editors[-1]

@@ -1,9 +1,13 @@
-"""The worked examples of docs/extending.md do what the page says, each with its one line in a table."""
+"""The worked examples of docs/extending.md do what the page says, and all tests hold with them."""
 
+import os
 import re
+import shutil
+import subprocess
 import sys
 from dataclasses import replace
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 
@@ -14,21 +18,56 @@ import hoi_retarget as hr
 from hoi_retarget import readers, robots
 from hoi_retarget.evaluation import figures
 from hoi_retarget.motion import formats
-from hoi_retarget.motion.export import export
 from hoi_retarget.motion.result import Result
-from hoi_retarget.retargeting.trajopt import table
+from hoi_retarget.motion.write_export import export
+from hoi_retarget.retargeting.trajopt import trajectory_terms
 from test_terms import dense_jacobian, residuals
 
-PAGE = (Path(__file__).parents[1] / "docs" / "extending.md").read_text()
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "extending.md").read_text()
+FILES = re.findall(r"^\*\*(\S+)\*\*[^\n]*\n\n```(python|diff)\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+"""Path, language and text of each block that the page shows, in its order."""
+LAWS = (
+    *("test_terms", "test_kinematics"),
+    *("test_readers", "test_describe", "test_open"),
+    *("test_formats", "test_write_export", "test_cli_export", "test_check_motion"),
+    *("test_figures", "test_legend_texts"),
+    *("test_robots", "test_robot_check", "test_fetched_meshes", "test_program", "test_readme"),
+)
+"""Tests that run over all terms, readers, formats, figures or robots."""
+SLOW_LAWS = {"test_readers_fuzz": "laboratory", "test_benchmarks": "every_format"}
+"""Slow ones, and those of them that see an example."""
+ELSEWHERE = ("ci_runs", "on_stdout")
+"""Tests among them that need other folders, or take long and have nothing to do with the tables."""
 
 
-def example(name: str) -> ModuleType:
-    """Return the module that the page shows."""
-    (code,) = re.findall(rf"^```python {name}\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
-    module = ModuleType(f"example_{name}")
+def example(file: str) -> ModuleType:
+    """Return the module of a new file that the page shows."""
+    (code,) = [text for path, _, text in FILES if path.endswith(f"/{file}.py")]
+    module = ModuleType(f"example_{file}")
     sys.modules[module.__name__] = module  # Dataclasses look their module up.
-    exec(compile(code, f"extending.md, {name}", "exec"), vars(module))
+    exec(compile(code, file, "exec"), vars(module))
     return module
+
+
+def patched(text: str, diff: str) -> str:
+    """Return a text with the changes of a diff, whose parts are found by their own lines."""
+    for part in diff.split("@@\n"):
+        lines = part.splitlines(keepends=True)
+        before, after = ("".join(line[1:] for line in lines if line[0] in signs) for signs in (" -", " +"))
+        assert f"\n{text}".count(f"\n{before}") == 1, f"not there once:\n{before}"
+        text = f"\n{text}".replace(f"\n{before}", f"\n{after}")[1:]
+    return text
+
+
+def add_examples(project: Path) -> None:
+    """Do all that the page says in a copy of the project."""
+    for path, language, text in FILES:
+        file = project / path
+        if language == "diff":
+            file.write_text(patched(file.read_text(), text))
+        else:
+            file.write_text(f"{file.read_text()}\n\n{text}" if file.exists() else text)
 
 
 def carried() -> hr.Motion:
@@ -39,7 +78,11 @@ without_examples = cache(carried)
 
 
 def test_a_cost_term(monkeypatch):
-    module, model, plain = example("term"), hr.load_robot("unitree_g1"), without_examples()
+    module, model, plain = (
+        example("terms/hand_height"),
+        hr.load_robot("unitree_g1"),
+        without_examples(),
+    )
     term = module.HandHeight("left_palm_height", "left_palm")
     rng = np.random.default_rng(0)
     qpos, direction = plain.qpos[:9], rng.normal(size=(9, model.nv))
@@ -48,7 +91,7 @@ def test_a_cost_term(monkeypatch):
     (rows,) = term.rows(kinematics)
     numeric = (residuals(term, ahead) - residuals(term, behind)) / 2e-6
     np.testing.assert_allclose(dense_jacobian(rows, kinematics) @ direction.ravel(), numeric, atol=1e-5)
-    monkeypatch.setattr(table, "COSTS", (*table.COSTS, module.hand_height_terms))
+    monkeypatch.setattr(trajectory_terms, "COSTS", (*trajectory_terms.COSTS, module.hand_height_terms))
     raised = carried()
     lowest = [model.forward(motion.qpos).point("left_palm")[2].min() for motion in (plain, raised)]
     assert lowest[1] > lowest[0] + 0.01
@@ -56,7 +99,7 @@ def test_a_cost_term(monkeypatch):
 
 
 def test_a_reader(monkeypatch, tmp_path):
-    module, clip = example("reader"), hr.open_clip("builtin:carry_box")
+    module, clip = example("readers/laboratory"), hr.open_clip("builtin:carry_box")
     known = MappingProxyType({**readers.READERS, "laboratory": module.READER})
     monkeypatch.setattr(readers, "READERS", known)
     monkeypatch.setattr("hoi_retarget.readers.open.READERS", known)
@@ -71,7 +114,7 @@ def test_a_reader(monkeypatch, tmp_path):
 
 
 def test_a_format(monkeypatch, tmp_path):
-    module, motion, model = example("format"), without_examples(), hr.load_robot("unitree_g1")
+    module, motion, model = example("formats/minimal"), without_examples(), hr.load_robot("unitree_g1")
     files = export(Result("clip", "0", motion, model), module.FORMAT, name="clip", fps=motion.fps).files
     assert {"clip.npz", "clip.meta.json"} <= set(files)
     (tmp_path / "clip.npz").write_bytes(files["clip.npz"])
@@ -82,20 +125,50 @@ def test_a_format(monkeypatch, tmp_path):
 
 
 def test_a_figure(monkeypatch):
-    module = example("figure")
-    monkeypatch.setattr(figures, "FIGURES", (*figures.FIGURES, module.HAND_HEIGHT))
+    module = example("evaluation/hand_height")
+    monkeypatch.setattr(figures, "FIGURES", (*figures.FIGURES, module.hand_height_m))
     motion = carried()
     assert 0.3 < motion.report.figures["hand_height_m"] < 1.5
-    assert module.HAND_HEIGHT.text(motion.report.figures["hand_height_m"]).replace(".", "").isdecimal()
+    assert module.hand_height_m.text(motion.report.figures["hand_height_m"]).replace(".", "").isdecimal()
 
 
 @pytest.mark.slow
 def test_a_robot(monkeypatch):
-    spec = example("robot").SPEC
+    spec = example("robots/g1_slow").SPEC
     monkeypatch.setattr(robots, "ROBOTS", MappingProxyType({**robots.ROBOTS, spec.name: spec}))
-    model = hr.load_robot("slow_g1")
+    model = hr.load_robot("slow")
     motion = hr.retarget(hr.open_clip("builtin:carry_box"), model)
     elbow = model.joint_names.index("left_elbow_joint")
     assert model.speed_limits[elbow] == pytest.approx(0.5 * hr.load_robot("unitree_g1").speed_limits[elbow])
-    assert motion.robot == "slow_g1" and not motion.warnings
+    assert motion.robot == "g1_slow" and not motion.warnings
     assert replace(spec, name="x").title == spec.title
+
+
+def test_new_files_are_new_and_lines_have_their_places():
+    assert {path for path, language, _ in FILES if language == "python" and (ROOT / path).exists()} == {
+        "tests/recordings.py"
+    }
+    assert all(patched((ROOT / path).read_text(), text) for path, language, text in FILES if language == "diff")
+
+
+@pytest.mark.slow
+def test_all_examples_together_break_no_law(tmp_path):
+    for name in ("src", "tests", "docs"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__", "images"))
+    for name in ("pyproject.toml", "README.md"):
+        shutil.copy(ROOT / name, tmp_path)
+    add_examples(tmp_path)
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path / "src")}
+
+    def passes(*words: str) -> None:
+        command = [sys.executable, "-m", *words]
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, f"{' '.join(words)}\n{done.stdout[-5000:]}\n{done.stderr[-2000:]}"
+
+    code = [path for path, *_ in FILES if path.endswith(".py")]
+    for words in (["check"], ["format", "--check"]) if find_spec("ruff") else ():
+        passes("ruff", *words, *code)
+    plain = ("pytest", "-q", "--maxfail=9", "--tb=short", "-p", "no:cacheprovider")
+    passes(*plain, "-k", f"not {' and not '.join(ELSEWHERE)}", *(f"tests/{name}.py" for name in LAWS))
+    slow = [f"tests/{name}.py" for name in SLOW_LAWS]
+    passes(*plain, "-m", "slow", "-k", " or ".join(SLOW_LAWS.values()), *slow)

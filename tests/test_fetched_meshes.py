@@ -13,9 +13,9 @@ import trimesh
 from hoi_retarget.cli import main
 from hoi_retarget.errors import ReadError
 from hoi_retarget.robots import ROBOTS, fetched_meshes, load_robot, robot
-from hoi_retarget.robots.fetched_meshes import SOURCES, Repository, Source, Wheel, fetch_meshes, mesh_names
-from hoi_retarget.viewers.scene.drawing import Solid
-from hoi_retarget.viewers.scene.robot_shapes import robot_parts
+from hoi_retarget.robots.fetched_meshes import SOURCES, MeshSource, Repository, Wheel, fetch_meshes, mesh_names
+from hoi_retarget.studio.scene.drawing import Solid
+from hoi_retarget.studio.scene.robot_shapes import robot_parts
 
 G1 = ROBOTS["unitree_g1"]
 NAMES = mesh_names(G1)
@@ -51,7 +51,7 @@ def in_wheel(monkeypatch, tmp_path, names=NAMES, **changes):
     monkeypatch.setattr(subprocess, "run", run)
     wheel = Wheel("it", "1.0", hashlib.sha256(path.read_bytes()).hexdigest(), INSIDE)
     monkeypatch.setattr(
-        fetched_meshes, "SOURCES", dict(SOURCES) | {G1.name: Source(replace(wheel, **changes), "some terms")}
+        fetched_meshes, "SOURCES", dict(SOURCES) | {G1.name: MeshSource(replace(wheel, **changes), "some terms")}
     )
     monkeypatch.setattr("hoi_retarget.cli.robots.SOURCES", fetched_meshes.SOURCES)
     return commands

@@ -7,12 +7,12 @@ import pytest
 
 import motion_writers as writers
 from hoi_retarget.cli import main
-from hoi_retarget.cli.entries import entry_of
-from hoi_retarget.cli.jobs import known_figures, load_motion
-from hoi_retarget.motion.check import as_found
+from hoi_retarget.cli.open_results import gallery_entry_of, load_motion
+from hoi_retarget.cli.scores import known_figures
+from hoi_retarget.motion.check import check
 from hoi_retarget.motion.formats import read
-from hoi_retarget.viewers.share.clip_page import make_clip_page
-from hoi_retarget.viewers.share.load_results import load_results
+from hoi_retarget.studio.share.clip_page import make_clip_page
+from hoi_retarget.studio.share.load_results import load_results
 
 FORMATS = tuple(writers.MAKERS)
 QPOS = writers.motion().qpos
@@ -35,7 +35,7 @@ def test_an_export_of_an_import_is_the_motion(name, tmp_path):
     path = writers.write(name, tmp_path)
     out = tmp_path / "out"
     assert main(["export", str(path), "--to", "gmr", "--out", str(out)]) == 0
-    exported = as_found(read(next(out.glob("*.pkl"))), writers.model())
+    exported = check(read(next(out.glob("*.pkl"))), writers.model())
     assert np.abs(exported.qpos - QPOS).max() < OWN
     described = json.loads(next(out.glob("*.meta.json")).read_text())
     assert described["source"]["licence"] == "unknown"
@@ -82,7 +82,7 @@ def test_the_viewer_shows_it(tmp_path):
     loaded = load_results([path], load_motion=lambda file: load_motion(file, "unitree_g1", lambda _: None))
     ((_, motion, shown),) = loaded.results
     assert shown.title == "G1" and "without the human" in loaded.notices[0]
-    entry = entry_of(motion, shown.model, known_figures(motion, path))
+    entry = gallery_entry_of(motion, shown.model, known_figures(motion, path))
     assert "jerk over time" in make_clip_page("walk", [(entry, shown)]).text
 
 

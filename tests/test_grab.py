@@ -5,8 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from grab_writer import (
     FINGERS,
@@ -22,12 +20,11 @@ from grab_writer import (
     write_tools,
 )
 from hoi_retarget.clip.read_options import ReadOptions
-from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, HoiRetargetError, ReadError
+from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.skeleton import PARTS
 from hoi_retarget.numerics import se3
 from hoi_retarget.readers import READERS, can_be_clip, grab, read_clip
-from outcomes import outcome, sees_both_outcomes
 from source_people import assert_same_objects, assert_same_people, in_world
 
 CLIP = clip_on_table()
@@ -250,51 +247,3 @@ def test_what_would_be_executed_is_refused(root, models):
     path = write_members(root, MEMBERS | {"contact": {"object": Payload()}})
     with pytest.raises(ReadError, match="contact cannot be read"):
         read_clip(path, ReadOptions(body_models=models))
-
-
-@pytest.mark.slow
-@sees_both_outcomes
-@settings(derandomize=True, deadline=None, max_examples=50, database=None)
-@given(st.data())
-def test_whatever_is_in_the_file_only_our_errors_come(models, tmp_path_factory, data):
-    folder = tmp_path_factory.getbasetemp() / "grab_fuzz"
-    if not folder.exists():
-        write_tools(folder, CLIP, MODEL)
-    members = shortened(MEMBERS, 6)
-    for _ in range(data.draw(st.integers(1, 3))):
-        table = members
-        while (inner := [key for key, value in table.items() if isinstance(value, dict)]) and data.draw(st.booleans()):
-            table = table[data.draw(st.sampled_from(inner))]
-        if table:
-            damage(data, table, data.draw(st.sampled_from(sorted(table))))
-    path = write_members(folder, members)
-    outline = READERS["grab"].outline
-    assert outline is not None
-    for task in (lambda: read_clip(path, ReadOptions(body_models=models)), lambda: outline(SourceFile(path))):
-        with outcome(HoiRetargetError):
-            task()
-
-
-def damage(data, table: dict, name: str) -> None:
-    """Do one thing to a value that Hypothesis draws."""
-    match data.draw(st.sampled_from(["drop", "number", "text", "none", "cut", "value"])):
-        case "drop":
-            del table[name]
-        case "number":
-            shape = data.draw(st.sampled_from([(), (1,), (6, 3), (6, 24), (0, 3)]))
-            table[name] = np.full(shape, data.draw(st.floats() | st.integers(-9, 99)))
-        case "text":
-            table[name] = data.draw(st.text(st.characters(exclude_categories=("Cs",)), max_size=9))
-        case "none":
-            table[name] = None
-        case "cut" if isinstance(table[name], np.ndarray):
-            table[name] = table[name][: data.draw(st.integers(0, 5))]
-        case "value" if isinstance(table[name], np.ndarray) and table[name].dtype.kind == "f":
-            table[name] = np.where(np.arange(table[name].size).reshape(table[name].shape) == 7, np.nan, table[name])
-
-
-def shortened(table: dict, frames: int) -> dict:
-    """What the file holds, of its first frames."""
-    short = {name: value[:frames] if isinstance(value, np.ndarray) else value for name, value in table.items()}
-    short |= {name: shortened(value, frames) for name, value in table.items() if isinstance(value, dict)}
-    return short | ({"n_frames": frames} if "n_frames" in table else {})

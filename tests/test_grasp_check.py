@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from glb_writer import humoto
 from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.clip.grasp_check import ONLY_INVERSE, checked, fatal_fault, grasp_faults, grasp_figures
+from hoi_retarget.clip.grasp_check import ONLY_INVERSE, fatal_fault, grasp_faults, grasp_figures, with_grasp_warnings
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError
 from hoi_retarget.numerics import se3
@@ -64,7 +64,7 @@ def test_synthetic_clips_pass(scene, height, seed):
     assert figures.frames > 0
     assert figures.spread < 1e-6
     assert figures.reach < 0.1
-    assert checked(clip) is clip
+    assert with_grasp_warnings(clip) is clip
 
 
 @settings(derandomize=True, deadline=None, max_examples=4, database=None)
@@ -96,7 +96,7 @@ def test_figures_do_not_depend_on_where_the_world_is(vector, shift):
 def test_rotations_read_wrongly_are_refused(scene, fault, tmp_path):
     clip = moved(make(scene), ROTATIONS[fault])
     with pytest.raises(ClipError, match="rotations are read wrongly"):
-        checked(clip)
+        with_grasp_warnings(clip)
     own_layout.write(clip, tmp_path / "clip.npz")
     with pytest.raises(ClipError, match="rotations are read wrongly"):
         read_clip(tmp_path / "clip.npz")
@@ -115,11 +115,11 @@ def test_who_knows_better_keeps_a_clip_with_a_warning(fault, tmp_path):
 def test_no_other_reading_is_tried_than_the_format_leaves_open(fault):
     """The scalar's place means nothing where rotations are stored as matrices, and nothing is open in glTF."""
     clip = moved(make("carry_box"), ROTATIONS[fault])
-    texts = [str(it) for it in checked(clip, ()).source.warnings]
+    texts = [str(it) for it in with_grasp_warnings(clip, ()).source.warnings]
     assert not any("rotations are read wrongly" in text for text in texts)
     if fault == "inverse":
         with pytest.raises(ClipError, match="with inverse rotations"):
-            checked(clip, ONLY_INVERSE)
+            with_grasp_warnings(clip, ONLY_INVERSE)
 
 
 def turned_in_the_hand(clip: Clip) -> Clip:
@@ -131,7 +131,7 @@ def turned_in_the_hand(clip: Clip) -> Clip:
 def test_what_is_turned_in_the_hand_is_read_from_a_format_with_one_order(tmp_path, capsys):
     clip = turned_in_the_hand(make("carry_box"))
     with pytest.raises(ClipError, match="read wrongly"):
-        checked(clip)
+        with_grasp_warnings(clip)
     own_layout.write(clip, tmp_path / "clip.npz")
     assert main(["run", str(tmp_path / "clip.npz"), "--out", str(tmp_path / "out")]) == 1
     assert main(["run", str(tmp_path / "clip.npz"), "--grasps", "warn", *LANDMARK, "--out", str(tmp_path / "out")]) == 0
@@ -146,15 +146,15 @@ def test_what_is_turned_in_the_hand_is_read_from_a_format_with_one_order(tmp_pat
 def test_contacts_found_in_these_frames_belong_to_no_others():
     """Only contacts that a source labels can be late."""
     late = shifted(make("carry_box"), 30)
-    assert any("fit better" in str(it) for it in checked(late).source.warnings)
-    assert not any("fit better" in str(it) for it in checked(late, shifts=()).source.warnings)
+    assert any("fit better" in str(it) for it in with_grasp_warnings(late).source.warnings)
+    assert not any("fit better" in str(it) for it in with_grasp_warnings(late, shifts=()).source.warnings)
 
 
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("fault", UNITS)
 def test_objects_in_other_units_are_refused(scene, fault):
     with pytest.raises(ClipError, match="another unit"):
-        checked(moved(make(scene), UNITS[fault]))
+        with_grasp_warnings(moved(make(scene), UNITS[fault]))
 
 
 @pytest.mark.parametrize("scene", SCENES)
@@ -165,7 +165,7 @@ def test_inverse_poses_are_found(scene):
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("frames", [-30, 30])
 def test_contacts_of_other_frames_are_noted(scene, frames):
-    warnings = [str(warning) for warning in checked(shifted(make(scene), frames)).source.warnings]
+    warnings = [str(warning) for warning in with_grasp_warnings(shifted(make(scene), frames)).source.warnings]
     assert any(words in warning for warning in warnings for words in ("fit better", "slips")), warnings
 
 
@@ -194,7 +194,7 @@ def test_warnings_are_shown_where_clips_are_looked_at(tmp_path, capsys):
 def test_clips_without_contacts_pass():
     clip = replace(make("carry_box"), contacts=())
     assert grasp_figures(clip).frames == 0
-    assert checked(clip) is clip
+    assert with_grasp_warnings(clip) is clip
 
 
 @pytest.mark.slow

@@ -1,28 +1,24 @@
 """HUMOTO's glTF files: what is written is read, at the capture's rate, with rotations from the T-pose."""
 
-import json
 import struct
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from glb_writer import Glb, bound_arms_down, humoto
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
-from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, HoiRetargetError, ReadError
+from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, ReadError
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.human import rest_pose
+from hoi_retarget.human import t_pose
 from hoi_retarget.human.skeleton import JOINT_INDEX
 from hoi_retarget.numerics import se3
 from hoi_retarget.readers import can_be_clip, own_layout, read_clip, reader_of
 from hoi_retarget.readers import humoto as reader
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.synthetic import make
-from outcomes import outcome, sees_both_outcomes
 from source_people import assert_same_objects, assert_same_people
 
 CLIP = make("move_chair", seconds=1.5)
@@ -49,7 +45,7 @@ def test_a_clip_is_read_as_it_was_written(tmp_path, scene):
     assert_same_objects(new, clip, tolerance=CLOSE)
     assert (new.name, new.fps, new.frames, new.contacts) == (f"{scene}-012", 30.0, clip.frames, ())
     assert (new.source.format, new.source.licence) == (reader.FORMAT, reader.LICENCE)
-    assert rest_pose.agreement(new.people[0].joint_positions, new.people[0].joint_quats) > 0.999
+    assert t_pose.agreement(new.people[0].joint_positions, new.people[0].joint_quats) > 0.999
 
 
 @pytest.mark.parametrize(("stamp", "first"), [(24.0, 1), (24.0, 0), (24.0, 977), (30.0, 1)])
@@ -365,36 +361,3 @@ def test_real_files_have_their_floor_at_zero_and_a_person_of_157_cm(path):
     assert clip.people[0].height == pytest.approx(1.572, rel=0.02)
     resting = [track.lowest[0] for track in clip.objects if track.name in FURNITURE]
     np.testing.assert_allclose(resting, 0.0, atol=0.01)
-
-
-# Whatever is in the file
-
-SHORT = humoto(make("move_chair", seconds=0.2))
-TABLES = json.dumps(SHORT.tables)
-
-
-@pytest.mark.slow
-@sees_both_outcomes
-@settings(derandomize=True, deadline=None, max_examples=50, database=None)
-@given(st.data())
-def test_whatever_is_in_the_tables_only_our_errors_come(tmp_path_factory, data):
-    glb = Glb(json.loads(TABLES), bytearray(SHORT.blob))
-    for _ in range(data.draw(st.integers(1, 3))):
-        place = glb.tables
-        for _ in range(6):
-            keys = sorted(place) if isinstance(place, dict) else list(range(len(place)))
-            if not keys:
-                break
-            key = data.draw(st.sampled_from(keys))
-            if not isinstance(place[key], dict | list) or data.draw(st.integers(0, 4)) == 0:
-                if data.draw(st.booleans()) and isinstance(place, dict):
-                    del place[key]
-                else:
-                    place[key] = data.draw(
-                        st.sampled_from([None, -1, 0, 1, 3, 10**9, 2.5, "x", [], {}, [None], [1], True, "VEC3"])
-                    )
-                break
-            place = place[key]
-    path = glb.write(tmp_path_factory.getbasetemp() / "fuzz.glb")
-    with outcome(HoiRetargetError):
-        read_clip(path)

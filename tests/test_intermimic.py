@@ -6,11 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from hoi_retarget.clip.read_options import ReadOptions
-from hoi_retarget.errors import ClipError, GeometryError, HoiRetargetError, ReadError
+from hoi_retarget.errors import ClipError, GeometryError, ReadError
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT, PARTS
 from hoi_retarget.numerics import se3
 from hoi_retarget.readers import READERS, read_clip
@@ -190,7 +188,7 @@ def test_other_layouts_come_with_advice(folder):
 
 def test_a_plain_pickle_is_called_so_with_what_it_imports(folder):
     for protocol in (2, 4):
-        for value, words in ((Path("x"), "(it imports pathlib."), ({"a": 1}, "refused: it could run code")):
+        for value, words in ((Path("x"), "pathlib."), ({"a": 1}, "refused: it could run code")):
             (folder / "sub1_box_000.pt").write_bytes(pickle.dumps(value, protocol=protocol))
             with pytest.raises(ReadError, match="plain Python pickle, refused") as caught:
                 read_clip(folder / "sub1_box_000.pt", ReadOptions(objects=folder / "objects"))
@@ -253,28 +251,6 @@ def test_other_files_are_refused_with_what_is_supported(folder):
         (folder / name).write_bytes(b"1,2")
         with pytest.raises(ReadError, match=re.escape("*.pt (intermimic-591")):
             read_clip(folder / name)
-
-
-@pytest.mark.slow
-@settings(derandomize=True, deadline=None, max_examples=150, database=None)
-@given(st.data())
-def test_whatever_the_numbers_only_our_errors_come(tmp_path_factory, data):
-    folder = tmp_path_factory.getbasetemp() / "fuzz"
-    write_box(folder / "objects", "box")
-    matrix = columns_of(random_clip(frames=6)).astype(float)
-    for _ in range(data.draw(st.integers(1, 5))):
-        row = data.draw(st.integers(0, 5))
-        first = data.draw(st.integers(0, 590))
-        last = data.draw(st.integers(first, min(591, first + 200)))
-        matrix[row, first:last] = data.draw(st.floats(width=64) | st.sampled_from([0.0, 1.0, -1.0, 1e-30]))
-    path = folder / "sub1_box_000.pt"
-    path.write_bytes(torch_bytes(matrix))
-    try:
-        clip = read_clip(path, ReadOptions(objects=folder / "objects"))
-    except HoiRetargetError as error:
-        assert str(path) in str(error)
-    else:
-        assert np.isfinite(clip.people[0].joint_positions).all()
 
 
 # Real recordings

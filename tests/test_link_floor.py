@@ -8,9 +8,9 @@ import pytest
 from hoi_retarget import Config
 from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.config import Scaling, Weights
-from hoi_retarget.retargeting.pipeline import solve_trajectory
+from hoi_retarget.retargeting.solve import solve_trajectory
 from hoi_retarget.retargeting.targets import make_targets
-from hoi_retarget.retargeting.trajopt.terms.link_floor import link_floor_terms
+from hoi_retarget.retargeting.trajopt.terms.link_floor import _directions, link_floor_terms
 from hoi_retarget.robots.skin import skin_of
 from hoi_retarget.robots.spec import SIDES
 from hoi_retarget.synthetic import make
@@ -58,6 +58,16 @@ def test_links_that_are_far_cost_nothing_and_landmark_contact_has_no_such_term(m
     assert len(terms(model, qpos)) > 5
     assert terms(model, qpos + 5.0 * np.eye(len(qpos[0]))[2]) == ()
     assert terms(model, qpos, "landmark") == ()
+
+
+@pytest.mark.parametrize("yaw", [0.0, 1.0, -2.5])
+def test_points_are_the_lowest_when_a_link_tilts_evenly_to_six_sides(yaw):
+    directions = _directions(np.array([[np.cos(yaw)], [np.sin(yaw)]]))[:, :, 0]
+    (trace, *tilted), ahead = directions, np.array([np.cos(yaw), np.sin(yaw)])
+    np.testing.assert_allclose(trace, [*1e-3 * ahead, 1.0])
+    np.testing.assert_allclose(np.mean(tilted, axis=0), [0.0, 0.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(np.diff(tilted, axis=0), axis=1), 0.2)
+    np.testing.assert_allclose(tilted[0][:2] @ ahead, 0.2 * np.cos(np.radians(30.0)))
 
 
 def test_a_robot_that_lies_in_the_floor_comes_out_of_it_and_stays_as_it_is_otherwise(model):

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoi_retarget.batch.content import Contents
-from hoi_retarget.batch.jobs import jobs_of
+from hoi_retarget.batch.jobs import JobDigests, jobs_of
 from hoi_retarget.batch.specification import Specification, of_folder
 from hoi_retarget.cli import main
 from hoi_retarget.clip.read_options import ReadOptions
@@ -133,14 +132,14 @@ def test_batches_take_folders_and_see_what_changes_in_them(folder):
     first, second = jobs_of(of_folder(folder.parent))
     assert (first.name, second.name) == ("unitree_g1/lifting", "unitree_g1/putting")
     assert jobs_of(Specification(clips=(str(folder),)))[0].clip == str(folder)
-    keys = [Contents().key(first, ["box"], ())]
+    keys = [JobDigests().key(first, ["box"], ())]
     changed(folder / "clip.npz", fps=20.0)
-    keys.append(Contents().key(first, ["box"], ()))
+    keys.append(JobDigests().key(first, ["box"], ()))
     write_box(folder.parent, "lifting")
     (folder / "lifting.obj").rename(folder / "box.obj")
-    keys.append(Contents().key(first, ["box"], ()))
+    keys.append(JobDigests().key(first, ["box"], ()))
     (folder / "box.obj").unlink()
-    keys.append(Contents().key(first, ["box"], ()))
+    keys.append(JobDigests().key(first, ["box"], ()))
     assert len(set(keys)) == 4
     assert not has_companions(folder)
 

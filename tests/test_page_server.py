@@ -6,9 +6,9 @@ from contextlib import closing
 import pytest
 
 from hoi_retarget.cli.commands import View
-from hoi_retarget.cli.view import serve
+from hoi_retarget.cli.pages import serve
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.viewers.share.server import OnePageServer
+from hoi_retarget.studio.share.page_server import OnePageServer
 from test_share import written
 
 

@@ -8,8 +8,7 @@ import pytest
 from PIL import Image
 
 from hoi_retarget.cli import main
-from hoi_retarget.viewers.offscreen.moments import contact_moments
-from hoi_retarget.viewers.offscreen.paper import _overlaid, _sheet
+from hoi_retarget.studio.offscreen.paper import _overlaid, _sheet, contact_moments
 from offscreen import trouble
 
 

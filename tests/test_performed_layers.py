@@ -7,15 +7,14 @@ import pytest
 
 from hoi_retarget.cli import main
 from hoi_retarget.errors import ClipError
-from hoi_retarget.motion.contact_forces import ContactForces
-from hoi_retarget.motion.motion import Stage
+from hoi_retarget.motion.motion import ContactForces, Stage
 from hoi_retarget.motion.result_file import load, save
-from hoi_retarget.physics.performed import performed_motion
-from hoi_retarget.viewers.scene.force_arrows import LENGTH, force_arrows
-from hoi_retarget.viewers.scene.scene import FORCES, REFERENCE, Shown, make_scene
+from hoi_retarget.simulation.tracking_result import simulated_motion
+from hoi_retarget.studio.scene.marks import ARROW_LENGTH, force_arrows
+from hoi_retarget.studio.scene.scene import FORCES, REFERENCE, SceneItem, make_scene
 from plain_motions import plain_motion, standing_qpos
-from test_physics_certificate import stood
-from test_physics_rollout import G1
+from test_certificate import stood
+from test_rollout import G1
 
 
 def some_forces(frames=5):
@@ -26,13 +25,13 @@ def some_forces(frames=5):
 
 
 def layers_of(motion):
-    (subject,) = make_scene([Shown("a", motion, G1)]).subjects
+    (subject,) = make_scene([SceneItem("a", motion, G1)]).subjects
     return {layer.name: layer for layer in subject.layers}
 
 
 def test_simulated_feet_carry_the_weight_and_files_keep_it(tmp_path):
     motion, scene, rollout, _ = stood()
-    performed = performed_motion(motion, scene, rollout)
+    performed = simulated_motion(motion, scene, rollout)
     forces = performed.stages[-1].forces
     weight = 9.81 * G1.inertias.masses.sum()
     robot = [name != scene.objects[0].body_name for name in forces.bodies]
@@ -50,7 +49,7 @@ def test_an_arrow_is_as_long_as_its_force_is_large():
     forces = some_forces()
     (lines,) = force_arrows(forces)
     shafts, sizes = lines.ends[:, :2] - lines.starts[:, :2], np.linalg.norm(forces.forces, axis=2)
-    np.testing.assert_allclose(shafts, LENGTH * forces.forces, atol=1e-6)
+    np.testing.assert_allclose(shafts, ARROW_LENGTH * forces.forces, atol=1e-6)
     np.testing.assert_allclose(lines.starts[:, :2], forces.points, atol=1e-6)
     np.testing.assert_array_equal(lines.visible[:, :2], sizes > 0.0)
     np.testing.assert_array_equal(lines.starts[:, 2:4], lines.ends[:, :2])  # Heads begin where shafts end.

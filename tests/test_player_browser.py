@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from browser import PATIENCE_MS, box_of, chromium, still, wait_until
-from hoi_retarget.motion.report import UnreachedContact
+from hoi_retarget.motion.motion_report import Event
+from hoi_retarget.studio.scene.scene import SceneItem
+from hoi_retarget.studio.share.clip_page import make_clip_page
 from hoi_retarget.synthetic import make
-from hoi_retarget.viewers.scene.scene import Shown
-from hoi_retarget.viewers.share.clip_page import make_clip_page
 from test_curves import G1, carried
 from test_share import entry, pixels
 
@@ -30,12 +30,12 @@ def browser() -> Iterator:
 def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """Pages of one result with a warning, and of two to be compared."""
     motion, clip = carried(), make("carry_box")
-    unreached = (UnreachedContact("left_palm", "box", 150, 160, 0.03, 0.05),)
+    unreached = (Event("unreached_contact", 150, 160, 0.05, subject="left_palm", object="box", mean=0.03),)
     worse = replace(motion, report=replace(motion.report, unreached_contacts=unreached))
     folder = tmp_path_factory.mktemp("pages")
     found = {}
     for name, results in {"one": [("G1", worse)], "two": [("before", motion), ("after", worse)]}.items():
-        shown = [(entry(each), Shown(title, each, G1, clip)) for title, each in results]
+        shown = [(entry(each), SceneItem(title, each, G1, clip)) for title, each in results]
         path: Path = folder / f"{name}.html"
         path.write_text(make_clip_page(name, shown).text)
         found[name] = path.as_uri()
@@ -126,7 +126,7 @@ def test_the_timeline_is_zoomed_read_and_looped(browser, pages):
     assert bar["x"] - axis["x"] == pytest.approx(axis["width"] * 150 / FPS / last, abs=2.0)
     page.mouse.move(bar["x"] + 2, bar["y"] + 5)
     wait_until(lambda: "left_palm on 'box', frames 150 to 160" in page.locator("#note").inner_text(), "the bar is told")
-    values = page.locator("b[data-of='left palm 0']").first
+    values = page.locator("b[data-of='left hand 0']").first
     touching = values.inner_text()
     page.mouse.move(axis["x"] + 5, bar["y"] + 100)
     wait_until(lambda: touching != "" and values.inner_text() == "", "what is under the pointer is read")
@@ -224,7 +224,7 @@ def test_on_a_phone_curves_are_wide_and_fingers_zoom_the_time(browser, pages):
     for plot in page.locator(".plot").all():
         assert box_of(plot)["width"] > 340
     assert not page.get_by_text("Space plays").is_visible() and page.get_by_text("two fingers").is_visible()
-    bars = page.locator(".bars", has_text="left palm").locator("i")
+    bars = page.locator(".bars", has_text="left hand").locator("i")
     before = box_of(bars)
     page.locator(".plot").nth(2).scroll_into_view_if_needed()
     place = still(lambda: box_of(page.locator(".plot").nth(1)))

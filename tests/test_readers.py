@@ -4,181 +4,23 @@ import pickle
 import re
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import behave_writer
-import bvh_writer
 import cari4d_writer
-import core4d_writer
-import grab_writer
-import hodome_writer
-import imhd_writer
-import interact_writer
-import intercap_writer
-import omomo_writer
-import parahome_writer
-import people_writer
-from glb_writer import humoto
-from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import HoiRetargetError, ReadError
-from hoi_retarget.files import archive
+from hoi_retarget.files import reading
+from hoi_retarget.files.array_pickle import read_joblib
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.readers import READERS, can_be_clip, own_layout, read_clip, reader_of, recordings_below
-from hoi_retarget.synthetic import make
-from intermimic_writer import dictionary_of, physhoi_columns_of, theia_columns_of, write_clip
+from hoi_retarget.files.torch_file import parse_torch
+from hoi_retarget.readers import READERS, can_be_clip, reader_of, recordings_below
 from joblib_writer import write_joblib
-from mesh_writer import write_mesh
-from short_clips import cut
-from source_people import write_models
-from torch_writer import torch_bytes
+from recordings import WRITERS, Recording, format_of
 
-BOX = make("carry_box", seconds=1.0)
-CHAIR = cut(make("move_chair", seconds=2.0), 12)
-MODELS = "models"
-
-
-@dataclass(frozen=True)
-class Recording:
-    """Where a recording is."""
-
-    path: Path
-    models: Path
-    objects: Path | None = None
-
-    def main(self, name: str = "") -> Path:
-        return self.path / name
-
-    def read(self):
-        return read_clip(
-            self.path, ReadOptions(body_models=self.models if self.models.is_dir() else None, objects=self.objects)
-        )
-
-
-def _intermimic(root: Path) -> Path:
-    path = root / "sub1_box_001.pt"
-    write_clip(BOX, path)
-    write_mesh(root / "meshes" / "box" / "box.obj", BOX.objects[0].geometry)
-    return path
-
-
-def _several(root: Path) -> Path:
-    path = root / "several.pt"
-    path.write_bytes(torch_bytes(dictionary_of(BOX)))
-    write_mesh(root / "meshes" / "box" / "box.obj", BOX.objects[0].geometry)
-    return path
-
-
-def _theia(root: Path) -> Path:
-    box = BOX.objects[0]
-    clip = replace(BOX, objects=(box, replace(box, name="other")), contacts=())
-    path = root / "sub1_box+other_001.pt"
-    path.write_bytes(torch_bytes(theia_columns_of(clip)))
-    for track in clip.objects:
-        write_mesh(root / "meshes" / track.name / f"{track.name}.obj", track.geometry)
-    return path
-
-
-def _physhoi(root: Path) -> Path:
-    path = root / "toss.pt"
-    path.write_bytes(torch_bytes(physhoi_columns_of(BOX)))
-    return path
-
-
-def _own(path: Path) -> Path:
-    path.parent.mkdir(exist_ok=True)
-    own_layout.write(BOX, path)
-    return path
-
-
-def _cari4d(root: Path) -> Path:
-    write_models(root / MODELS, BOX.people, "smplh", ["male", "female", "neutral"])
-    cari4d_writer.write_mesh(root / "meshes", BOX)
-    return cari4d_writer.write(root / f"{cari4d_writer.VIDEO}.pth", cari4d_writer.prediction(BOX))
-
-
-def _behave(root: Path) -> Path:
-    write_models(root / MODELS, CHAIR.people, "smplh", ["male", "female"])
-    behave_writer.write_mesh(root, CHAIR)
-    return behave_writer.write_files(root, behave_writer.files_of(CHAIR))
-
-
-def _intercap(root: Path) -> Path:
-    seen = intercap_writer.in_camera(CHAIR)
-    results, model = intercap_writer.results_of(seen)
-    intercap_writer.write_model(root, model)
-    path = intercap_writer.write_results(root, results)
-    intercap_writer.write_saved_mesh(path, seen)
-    return path
-
-
-def _grab(root: Path) -> Path:
-    clip = grab_writer.clip_on_table(seconds=1.0)
-    members, model = grab_writer.members_of(clip)
-    grab_writer.write_tools(root, clip, model)
-    grab_writer.write_model(root / MODELS, model)
-    return grab_writer.write_members(root, members)
-
-
-def _omomo(root: Path) -> Path:
-    omomo_writer.write_scan(root, "box_cleaned_simplified", BOX.objects[0])
-    return omomo_writer.write_clips(root, [omomo_writer.clip_values(BOX, "sub3_box_001")])
-
-
-def _parahome(root: Path) -> Path:
-    clip = replace(CHAIR, objects=(replace(CHAIR.objects[0], name="chair_base"),))
-    return parahome_writer.write_recording(root, clip, {"0 12": "Move the chair"})
-
-
-WRITERS: dict[str, Callable[[Path], Path]] = {
-    "intermimic-591": _intermimic,
-    "intermimic-multi-object": _several,
-    "theia-594": _theia,
-    "physhoi-331": _physhoi,
-    "hoi-retarget-clip": lambda root: _own(root / "own.npz"),
-    "hoi-retarget-clip, a folder": lambda root: _own(root / "own" / own_layout.CLIP_FILE).parent,
-    "core4d": lambda root: core4d_writer.write_world(root, make("carry_table", fps=15.0))[0],
-    "cari4d": _cari4d,
-    "behave": _behave,
-    "intercap": _intercap,
-    "grab": _grab,
-    "interact-canonical": lambda root: interact_writer.write_sequence(root, CHAIR, "omomo")[0],
-    "interact-canonical, of BEHAVE": lambda root: interact_writer.write_sequence(root, CHAIR, "behave")[0],
-    "hodome": lambda root: hodome_writer.write_sequence(root, CHAIR, f"subject01_{CHAIR.objects[0].name}")[0],
-    "imhd": lambda root: imhd_writer.write_recording(root, CHAIR, _imhd_name())[0],
-    "omomo": _omomo,
-    "humoto": lambda root: humoto(CHAIR).write(root / "chair.glb"),
-    "parahome": _parahome,
-    "amass": lambda root: people_writer.write_amass(root, CHAIR, "smplh")[0],
-    "bvh": lambda root: bvh_writer.write_person(root / "walk.bvh", CHAIR, bvh_writer.Rig(bvh_writer.MIXAMO)),
-    "gvhmr": lambda root: people_writer.write_gvhmr(root, CHAIR)[0],
-}
-"""Format, perhaps with a word on which kind -> what writes a recording with its models and meshes."""
-MAIN = {
-    "hoi-retarget-clip, a folder": "clip.npz",
-    "core4d": "person1_poses.npz",
-    "behave": "smpl_fit_all.npz",
-    "interact-canonical": "human.npz",
-    "interact-canonical, of BEHAVE": "human.npz",
-    "parahome": "joint_positions.pkl",
-}
-"""The file that a folder is told by."""
-
-
-def _imhd_name() -> Path:
-    return Path("20230910", f"20230910_af_{CHAIR.objects[0].name}", "move", "gt_0_10_21.pkl")
-
-
-def format_of(kind: str) -> str:
-    return kind.partition(",")[0]
-
-
-def at(root: Path, path: Path) -> Recording:
-    return Recording(path, root / MODELS, root / "meshes" if (root / "meshes").is_dir() else None)
+FRAMES = 12
 
 
 @pytest.fixture(scope="module")
@@ -188,7 +30,7 @@ def written(tmp_path_factory) -> Callable[[str], tuple[Path, Recording]]:
     @lru_cache
     def of(kind: str) -> tuple[Path, Recording]:
         root = tmp_path_factory.mktemp("source")
-        return root, at(root, WRITERS[kind](root))
+        return root, WRITERS[kind](root, FRAMES)
 
     return of
 
@@ -200,7 +42,7 @@ def copy(written, tmp_path):
     def of(kind: str) -> Recording:
         root, recording = written(kind)
         shutil.copytree(root, tmp_path, dirs_exist_ok=True)
-        return at(tmp_path, tmp_path / recording.path.relative_to(root))
+        return recording.below(root, tmp_path)
 
     return of
 
@@ -228,12 +70,19 @@ def test_a_recording_is_found_in_its_tree_without_its_other_files(written, kind)
     root, recording = written(kind)
     found = recordings_below(root)
     assert recording.path in found
-    assert not any(path.is_relative_to(root / MODELS) or path.parent == recording.path for path in found)
+    models = recording.body_models or root / "models"
+    assert not any(path.is_relative_to(models) or path.parent == recording.path for path in found)
 
 
-@pytest.mark.parametrize("kind", [kind for kind in WRITERS if kind not in MAIN])
+@pytest.mark.parametrize("kind", WRITERS)
 def test_a_file_of_something_else_is_held_by_nobody(copy, kind):
     recording = copy(kind)
+    if recording.main:
+        recording.main_file.unlink()
+        assert holding(recording.path) == []
+        with pytest.raises(ReadError, match=r"not the recording of one clip|looks like a recording of"):
+            recording.read()
+        return
     for content in (b"", b"no recording", b"\x80", b"PK\x03\x04", b"\x78\x9c\0", b"glTF"):
         recording.path.write_bytes(content)
         try:
@@ -244,19 +93,10 @@ def test_a_file_of_something_else_is_held_by_nobody(copy, kind):
             recording.read()
 
 
-@pytest.mark.parametrize("kind", MAIN)
-def test_a_folder_without_its_main_file_is_held_by_nobody(copy, kind):
-    recording = copy(kind)
-    recording.main(MAIN[kind]).unlink()
-    assert holding(recording.path) == []
-    with pytest.raises(ReadError, match=r"not the recording of one clip|looks like a recording of"):
-        recording.read()
-
-
 @pytest.mark.parametrize("kind", WRITERS)
 def test_a_file_that_is_cut_off_is_refused(copy, kind):
     recording = copy(kind)
-    main = recording.main(MAIN.get(kind, ""))
+    main = recording.main_file
     content = main.read_bytes()
     for keep in (0.0, 0.01, 0.5, 0.99):
         main.write_bytes(content[: int(keep * len(content))])
@@ -332,9 +172,9 @@ def spoil(kind: str, path: Path, name: str, value: object) -> None:
         arrays[name] = value if isinstance(value, np.ndarray) else boxed
         np.savez(path, **arrays)
     elif kind == "omomo":
-        write_joblib(path, {0: omomo_writer.clip_values(BOX, "sub3_box_001") | {name: value}})
+        write_joblib(path, {0: read_joblib(path)[0][0] | {name: value}})
     elif kind == "cari4d":
-        cari4d_writer.write(path, cari4d_writer.prediction(BOX) | {name: value})
+        cari4d_writer.write(path, parse_torch(path.read_bytes(), path)["pr"] | {name: value})
     else:
         values = pickle.loads(path.read_bytes())
         key = int(name) if name.isdigit() else name
@@ -345,7 +185,7 @@ def spoil(kind: str, path: Path, name: str, value: object) -> None:
 def test_values_that_no_recording_has_are_our_errors(copy, kind, place, monkeypatch, tmp_path):
     recording = copy(kind)
     name, key = place
-    file = recording.main(name)
+    file = recording.path / name
     content = file.read_bytes()
     monkeypatch.chdir(tmp_path)
     for what, value in HOSTILE.items():
@@ -370,6 +210,6 @@ def test_tables_that_are_none_are_our_errors(copy, kind, name):
 
 def test_a_file_that_unpacks_to_more_than_memory_is_refused(copy, monkeypatch):
     recording = copy("behave")
-    monkeypatch.setattr(archive, "MAXIMUM_SIZE", 10_000)
+    monkeypatch.setattr(reading, "MAXIMUM_SIZE", 10_000)
     with pytest.raises(ReadError, match=r"would unpack to .* MB, expected at most 0.01"):
         recording.read()

@@ -10,8 +10,8 @@ from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.config import Config, Scaling
-from hoi_retarget.retargeting.pipeline import retarget
-from test_pipeline import SETTLING, assert_agree, assert_sane, cut
+from hoi_retarget.retargeting.retarget import retarget
+from test_retarget import SETTLING, assert_agree, assert_sane, cut
 from trajectories import MODELS
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"

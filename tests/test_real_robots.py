@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 import hoi_retarget as hr
-from hoi_retarget.cli.robot_trials import gates_of, without_shapes
+from hoi_retarget.cli.robots import gates_of, without_shapes
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.adding.build import build_robot
-from hoi_retarget.robots.adding.findings import Refused
-from hoi_retarget.robots.adding.hints import Hints
+from hoi_retarget.robots.adding.findings import Hints, UnsuitableRobotError
 from hoi_retarget.robots.spec import SIDES
 
 FOLDER = Path(__file__).parents[2] / "shared" / "data" / "robots"
@@ -54,7 +53,7 @@ def test_file_is_made_a_robot_of(tmp_path, file):
 
 @pytest.mark.parametrize("file", REFUSED)
 def test_file_is_refused_with_the_reason(file):
-    with pytest.raises(Refused, match=REFUSED[file]):
+    with pytest.raises(UnsuitableRobotError, match=REFUSED[file]):
         build_robot(FOLDER / file, "made", Hints())
 
 

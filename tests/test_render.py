@@ -20,11 +20,11 @@ from PIL import Image
 from hoi_retarget.cli import main
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.motion.result_file import load, save
+from hoi_retarget.studio.offscreen import film
+from hoi_retarget.studio.scene.camera import FIELD_OF_VIEW, CameraSettings, cameras
+from hoi_retarget.studio.scene.drawing import DrawnScene, Kind, Layer, Shapes, Subject
+from hoi_retarget.studio.scene.scene import SceneItem, make_scene, seen_through
 from hoi_retarget.synthetic import make
-from hoi_retarget.viewers.offscreen import film
-from hoi_retarget.viewers.scene.camera import FIELD_OF_VIEW, CameraSettings, cameras
-from hoi_retarget.viewers.scene.drawing import Kind, Layer, Scene, Shapes, Subject
-from hoi_retarget.viewers.scene.scene import Shown, make_scene, seen_through
 from offscreen import need_drawing
 from test_scene import CLIPS, G1, motion_of, shown
 
@@ -32,9 +32,9 @@ DRAW = """
 import json, sys
 import numpy as np
 from hoi_retarget.errors import HoiRetargetError
-from hoi_retarget.viewers.scene.camera import Camera
-from hoi_retarget.viewers.scene.drawing import Kind, Layer, Lines, Scene, Shapes, Solid, Subject
-from hoi_retarget.viewers.offscreen.renderer import offscreen_renderer
+from hoi_retarget.studio.scene.camera import Camera
+from hoi_retarget.studio.scene.drawing import Kind, Layer, Lines, DrawnScene, Shapes, Solid, Subject
+from hoi_retarget.studio.offscreen.renderer import offscreen_renderer
 
 def ball(colour, x, frames=2, **options):
     place = np.tile(np.array([x, 0.0, 1.0], dtype=np.float32), (frames, 1, 1))
@@ -62,7 +62,7 @@ parts = {
 }
 seen = {}
 for name, layer in parts.items():
-    scene = Scene((Subject("s", 10.0, (layer,), np.zeros((2, 3))),))
+    scene = DrawnScene((Subject("s", 10.0, (layer,), np.zeros((2, 3))),))
     try:
         with offscreen_renderer(scene, 96, 64) as draw:
             for frame in (0, 1):
@@ -124,12 +124,12 @@ def test_shapes_cast_shadows_and_the_floor_has_no_speckles(seen):
 # cameras
 
 
-def ball_scene(places: np.ndarray) -> Scene:
+def ball_scene(places: np.ndarray) -> DrawnScene:
     """Balls of 10 cm over time, (T, N, 3)."""
     frames, count, _ = places.shape
     turns = np.tile(np.array([1.0, 0.0, 0.0, 0.0]), (frames, count, 1))
     balls = Shapes(Kind.SPHERE, np.full((count, 3), 0.1), np.zeros((count, 3), np.uint8), places, turns)
-    return Scene((Subject("balls", 10.0, (Layer("balls", (balls,)),), places.mean(axis=1)),))
+    return DrawnScene((Subject("balls", 10.0, (Layer("balls", (balls,)),), places.mean(axis=1)),))
 
 
 @settings(deadline=None, max_examples=30)
@@ -181,7 +181,7 @@ def test_a_hand_is_seen_from_near_wherever_it_goes():
         (subject,) = scene.subjects
         for frame in range(scene.frames):
             placed = camera(frame)
-            np.testing.assert_array_equal(placed.point, subject.looks["left hand"][frame])
+            np.testing.assert_array_equal(placed.point, subject.look_at_targets["left hand"][frame])
             assert placed.distance < 1.0
     far = cameras(scenes, CameraSettings(30.0, look="left hand", distance=2.0), 0.85)[0](0)
     assert far.distance == 2.0
@@ -202,7 +202,7 @@ def test_the_distance_may_be_told():
 # panels
 
 
-def names_shown(scene: Scene) -> list[set[str]]:
+def names_shown(scene: DrawnScene) -> list[set[str]]:
     return [{layer.name for layer in subject.layers if layer.shown} for subject in scene.subjects]
 
 
@@ -223,7 +223,7 @@ def test_two_people_are_in_one_panel():
 
 
 def test_without_a_clip_there_is_the_robot_alone():
-    alone = Shown("one", motion_of(CLIPS["carry_box"], 0), G1)
+    alone = SceneItem("one", motion_of(CLIPS["carry_box"], 0), G1)
     assert [names_shown(scene) for scene in film.panels([alone])] == [[ROBOT]]
     with pytest.raises(ArgumentError, match="no human"):
         film.panels([alone], "human")
@@ -231,7 +231,7 @@ def test_without_a_clip_there_is_the_robot_alone():
 
 def test_the_camera_faces_whom_it_sees():
     clip = make("carry_box", seconds=1.0)
-    (azimuth,) = {film.good_azimuth([Shown("clip", clip=clip)])}
+    (azimuth,) = {film.good_azimuth([SceneItem("clip", clip=clip)])}
     ahead = np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))])
     towards = (clip.objects[0].positions - clip.people[0].position("pelvis"))[0, :2]
     assert ahead @ towards < -0.3 * np.linalg.norm(towards), "against where the person looks, who goes to the box"
@@ -458,5 +458,5 @@ def test_without_a_way_to_draw_there_is_one_line_and_no_file(results, tmp_path):
 def test_the_motion_of_a_scene_is_not_changed_by_drawing_it(results):
     motion = load(results / "good.npz")
     before = motion.qpos.copy()
-    make_scene([Shown("one", motion, G1)])
+    make_scene([SceneItem("one", motion, G1)])
     np.testing.assert_array_equal(motion.qpos, before)

@@ -21,25 +21,30 @@ import motion_writers as writers
 from browser import PATIENCE_MS, chromium, wait_until
 from hoi_retarget.batch.manifest import ManifestEntry, ManifestSource
 from hoi_retarget.cli import main
-from hoi_retarget.cli.jobs import OBJECT_SURFACES, describe_result
+from hoi_retarget.cli.run import OBJECT_SURFACES, describe_result
 from hoi_retarget.clip.clip import Source
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.evaluation import FIGURES
 from hoi_retarget.evaluation.thresholds import THRESHOLDS, Level, judged_figures, verdict_of_figures
 from hoi_retarget.motion.check import ObjectPath
 from hoi_retarget.motion.motion import Motion, Stage
-from hoi_retarget.motion.report import Report, UnreachedContact
+from hoi_retarget.motion.motion_report import Event, Report
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.numerics import se3
-from hoi_retarget.report.discover import find
-from hoi_retarget.report.histogram import histogram
-from hoi_retarget.report.index import index_columns, to_csv, to_json, to_parquet
-from hoi_retarget.report.load_any_motion import OWN_FORMAT
-from hoi_retarget.report.motion_from_qpos import motion_from_qpos
-from hoi_retarget.report.page import report_page
-from hoi_retarget.report.pages import MotionPage, MotionPages
-from hoi_retarget.report.pictures import worst_frame
-from hoi_retarget.report.rows import Row, read_row, worst_first
+from hoi_retarget.studio.report.discover import find
+from hoi_retarget.studio.report.motion_pages import MotionPage, MotionPages
+from hoi_retarget.studio.report.open_motion import OWN_FORMAT, motion_from_qpos
+from hoi_retarget.studio.report.page import histogram, report_page
+from hoi_retarget.studio.report.rows import (
+    Row,
+    index_columns,
+    read_row,
+    to_csv,
+    to_json,
+    to_parquet,
+    worst_first,
+    worst_frame,
+)
 from test_curves import G1, carried
 
 NASTY = """<script>alert("1")</script>&'$title'<img src=x onerror=alert(2)>"""
@@ -53,13 +58,13 @@ def with_figures(motion: Motion, **figures: float | None) -> Motion:
 
 @functools.cache
 def good() -> Motion:
-    """A motion that passes; the one it is made from has its knees in the box for two frames."""
-    return with_figures(carried(), penetration_max_m=0.004)
+    """A motion that passes; the one it is made from has its knees in the box for two frames, and touches with tips."""
+    return with_figures(carried(), penetration_max_m=0.004, fingertip_touch_share=0.5)
 
 
 @functools.cache
 def bad() -> Motion:
-    unreached = (UnreachedContact("left_palm", "box", 70, 110, 0.04, 0.06),)
+    unreached = (Event("unreached_contact", 70, 110, 0.06, subject="left_palm", object="box", mean=0.04),)
     worse = with_figures(good(), touch_gap_p95_m=0.06, body_jerk_mps3=90.0)
     return replace(worse, report=replace(worse.report, unreached_contacts=unreached))
 
@@ -449,7 +454,9 @@ def test_what_stands_for_an_objects_surface_is_marked_everywhere(tmp_path: Path,
 
 def test_report_writes_pages_and_tables_and_tells_how_many_fail(folder: Path, capsys, monkeypatch) -> None:
     out = folder.parent / "out"
-    monkeypatch.setattr("hoi_retarget.report.pages.thumbnails", lambda *_: {".png": b"PNG", ".webp": b"WebP"})
+    monkeypatch.setattr(
+        "hoi_retarget.studio.report.motion_pages.thumbnails", lambda *_: {".png": b"PNG", ".webp": b"WebP"}
+    )
     assert main(["report", str(folder), "--out", str(out)]) == 0
     said = capsys.readouterr().out
     assert "deeper/bad.npz" in said and "touch gap p95 60 mm, above 50" in said
@@ -482,7 +489,9 @@ def test_report_writes_pages_and_tables_and_tells_how_many_fail(folder: Path, ca
 
 
 def test_rows_of_people_with_one_object_lead_to_one_page_each_at_its_own_moment(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("hoi_retarget.report.pages.thumbnails", lambda *_: {".png": b"PNG", ".webp": b"WebP"})
+    monkeypatch.setattr(
+        "hoi_retarget.studio.report.motion_pages.thumbnails", lambda *_: {".png": b"PNG", ".webp": b"WebP"}
+    )
     results, out = tmp_path / "results", tmp_path / "out"
     for person, motion in enumerate((good(), bad())):
         report = replace(motion.report, person=person, source=Source("/nowhere", "0"))
@@ -496,7 +505,8 @@ def test_rows_of_people_with_one_object_lead_to_one_page_each_at_its_own_moment(
     seconds = [entry["second"] for entry in listing.values()]
     assert seconds == [worst_frame(motion) / motion.fps for motion in (good(), bad())] and len(set(seconds)) == 2
     page = (out / "motions" / "carry-npz.html").read_text()
-    assert "G1, person 0, G1, person 1" in page and "G1, person 1: touch gap p95 60 mm" in page
+    assert "G1, person 0, G1, person 1" in page and "G1, person 1: fail: touch gap p95 60 mm" in page
+    assert "<summary>G1, person 0 pass, physics pass; G1, person 1 fail, physics pass: 3 reasons</summary>" in page
     # One of them alone is on a page of its own.
     (results / "carry.p0.npz").unlink()
     assert main(command) == 0

@@ -4,11 +4,11 @@ import pytest
 
 from export_motions import smooth_motion
 from hoi_retarget.errors import ReadError
-from hoi_retarget.motion.report import Report
+from hoi_retarget.motion.motion_report import Report
 from hoi_retarget.motion.result_file import load, save
 from hoi_retarget.robots import load_robot, user_robots
 from hoi_retarget.robots.adding.build import build_robot
-from hoi_retarget.robots.adding.hints import Hints
+from hoi_retarget.robots.adding.findings import Hints
 from synthetic_humanoids import Choices, humanoid
 
 

@@ -7,10 +7,10 @@ import pytest
 
 from hoi_retarget.errors import RobotError
 from hoi_retarget.robots import ROBOTS
-from hoi_retarget.robots.check import check, has_errors
 from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots.robot_check import check, has_errors
+from hoi_retarget.robots.robot_tables import joint_table, role_table
 from hoi_retarget.robots.spec import SITES
-from hoi_retarget.robots.tables import joint_table, role_table
 
 G1 = ROBOTS["unitree_g1"]
 TEXT = G1.mjcf.read_text()
@@ -30,8 +30,8 @@ def broken(tmp_path, *changes):
 def troubles(subject):
     """Return what is not ok as (level, where, what), and check that each says what to do."""
     results = [result for result in check(subject) if result.level != "ok"]
-    assert all(result.advice for result in results)
-    return [(result.level, result.where, result.what) for result in results]
+    assert all(result.hint for result in results)
+    return [(result.level, result.subject, result.what) for result in results]
 
 
 def only(found, level, where, what):

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from hoi_retarget.retargeting.config import BandedInteriorPoint, Weights
-from hoi_retarget.retargeting.trajopt.problem import Problem
-from hoi_retarget.retargeting.trajopt.rows import cost
+from hoi_retarget.retargeting.config import Weights
+from hoi_retarget.retargeting.trajopt.problem import Problem, cost
+from hoi_retarget.retargeting.trajopt.solvers.solver import BandedInteriorPoint
 from hoi_retarget.retargeting.trajopt.terms.differences import Differences
 from hoi_retarget.retargeting.trajopt.terms.posture import Posture
 from hoi_retarget.retargeting.trajopt.terms.robot_clearance import RobotClearance, robot_clearance_terms
@@ -84,6 +84,19 @@ def test_links_that_are_more_than_half_through_leave_on_the_side_on_which_they_c
 
     assert ways(None).max() > 0.5, "the nearest way out leads further through"
     assert np.mean(ways(30.0) < 0.0) > 0.95
+
+
+def test_links_that_keep_their_places_leave_each_other_the_nearest_way():
+    here, there = standing(), standing(aside=0.35)
+    (term,) = robot_clearance_terms(Weights(), here, [there], passing_at=30.0)
+    pairs = [(pair, here, there) for pair in term.own] + [(pair, there, here) for pair in term.others]
+    for pair, own, other in pairs:
+        middle = own.point(pair.link.of(pair.skin.points.mean(axis=0), np.eye(3)))
+        turn = other.orientation(pair.other)
+        places = np.einsum("jit,jt->ti", turn, middle - other.point(pair.other))
+        outwards = np.einsum("ijt,tj->it", turn, pair.solid.distances_and_slopes(places)[1])
+        np.testing.assert_allclose(pair.side, outwards / np.linalg.norm(outwards, axis=0), atol=1e-9)
+    assert len(pairs) > 2 and np.ptp([pair.side[0, 0] for pair, *_ in pairs]) > 0.1
 
 
 @pytest.mark.slow

@@ -16,11 +16,11 @@ from hoi_retarget.human.skeleton import JOINT_INDEX
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots import ROBOTS, load_robot, user_robots
 from hoi_retarget.robots.spec import SITES
+from hoi_retarget.studio.offscreen import stage
+from hoi_retarget.studio.scene.human_shapes import person_in_pose
+from hoi_retarget.studio.scene.marks import site_marks
+from hoi_retarget.studio.scene.robot_shapes import robot_parts
 from hoi_retarget.synthetic.human import rest_offsets
-from hoi_retarget.viewers.offscreen import stage
-from hoi_retarget.viewers.scene.person_in_pose import person_in_pose
-from hoi_retarget.viewers.scene.robot_shapes import robot_parts
-from hoi_retarget.viewers.scene.site_marks import site_marks
 from offscreen import need_drawing
 from synthetic_humanoids import Choices, humanoid
 

@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget.human.kinematics import BODY_PARENTS
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.rotation_jumps import FASTEST, without_rotation_jumps
-from hoi_retarget.human.skeleton import JOINT_INDEX
+from hoi_retarget.human.skeleton import BODY_PARENTS, JOINT_INDEX
 from hoi_retarget.numerics import se3
 from hoi_retarget.synthetic import SCENES, make
 
@@ -77,3 +77,18 @@ def test_what_hangs_from_a_joint_turns_with_it():
     ]
     np.testing.assert_allclose(se3.angle_between(*hands), 0.0, atol=1e-6)
     np.testing.assert_allclose(se3.angle_between(found.quat("left_wrist"), PERSON.quat("left_wrist")), 0.0, atol=0.25)
+
+
+@pytest.mark.parametrize("joint", ["pelvis", "left_hip", "spine1", "right_shoulder"])
+def test_all_that_hangs_from_a_joint_comes_back_with_it(joint):
+    quats, index = PERSON.joint_quats.copy(), JOINT_INDEX[joint]
+    below = [index]
+    for child, parent in enumerate(BODY_PARENTS):
+        if parent in below:
+            below.append(child)
+    turn = se3.exp(np.radians([0.0, 0.0, 120.0]))
+    for child in below:
+        quats[50:60, child] = se3.quat_multiply(turn, quats[50:60, child])
+    found, (jump,) = without_rotation_jumps(replace(PERSON, joint_quats=quats), FPS)
+    assert (jump.joint, jump.first_frame, jump.last_frame) == (joint, 50, 59)
+    np.testing.assert_allclose(se3.angle_between(found.joint_quats, PERSON.joint_quats)[:, :22], 0.0, atol=0.25)

@@ -11,20 +11,20 @@ from hypothesis import strategies as st
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.evaluation.object_distances import distances_of_motion
+from hoi_retarget.evaluation.surface_distances import distances_of_motion
 from hoi_retarget.human.body_model import BodyShape
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
 from hoi_retarget.motion.motion import Motion, Stage
-from hoi_retarget.motion.report import Report
+from hoi_retarget.motion.motion_report import Report
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import Surface, surface_of
-from hoi_retarget.readers.body_model_files import load_body_model
+from hoi_retarget.readers.body_parameters import load_body_model
 from hoi_retarget.robots import ROBOTS
+from hoi_retarget.studio.scene.drawing import Kind, Lines, Solid
+from hoi_retarget.studio.scene.marks import gap_colour, rotations_to
+from hoi_retarget.studio.scene.robot_shapes import AXIS_LENGTH, decimated
+from hoi_retarget.studio.scene.scene import SceneItem, group_by_shared_objects, make_scene
 from hoi_retarget.synthetic import make
-from hoi_retarget.viewers.scene.drawing import Kind, Lines, Solid
-from hoi_retarget.viewers.scene.marks import gap_colour, rotations_to
-from hoi_retarget.viewers.scene.object_solid import AXIS_LENGTH, thinned
-from hoi_retarget.viewers.scene.scene import Shown, group_by_shared_objects, make_scene
 from source_people import write_models
 from trajectories import MODELS, random_qpos
 
@@ -71,9 +71,9 @@ def motion_of(clip: Clip, seed: int, *, person: int = 0, model=G1, shift=(0.0, 0
     )
 
 
-def shown(seed: int, name: str = "carry_box", *, person: int = 0, clip: Clip | None = None) -> Shown:
+def shown(seed: int, name: str = "carry_box", *, person: int = 0, clip: Clip | None = None) -> SceneItem:
     clip = clip or CLIPS[name]
-    return Shown(f"result {seed}", motion_of(clip, seed, person=person), G1, clip, person)
+    return SceneItem(f"result {seed}", motion_of(clip, seed, person=person), G1, clip, person)
 
 
 def layer_of(subject, name):
@@ -121,7 +121,7 @@ def expected_shapes(compiled, data):
 def test_every_shape_of_the_robot_is_where_mujoco_has_it(name, layer, seed):
     model = MODELS[name]
     motion = motion_of(CLIPS["carry_box"], seed, model=model)
-    (subject,) = make_scene([Shown("one", motion, model)]).subjects
+    (subject,) = make_scene([SceneItem("one", motion, model)]).subjects
     compiled = mujoco.MjModel.from_xml_path(str(model.spec.mjcf))
     data = mujoco.MjData(compiled)
     frame = seed % motion.frames
@@ -138,7 +138,7 @@ def test_every_shape_of_the_robot_is_where_mujoco_has_it(name, layer, seed):
 
 
 def test_the_robot_has_the_colours_of_its_description():
-    (subject,) = make_scene([Shown("one", motion_of(CLIPS["carry_box"], 0), G1)]).subjects
+    (subject,) = make_scene([SceneItem("one", motion_of(CLIPS["carry_box"], 0), G1)]).subjects
     colours = {tuple(colour) for part in layer_of(subject, "robot").parts for colour in part.colours.tolist()}
     assert colours == {(199, 201, 204), (33, 33, 38), (8, 10, 15)}
 
@@ -158,7 +158,7 @@ def test_the_vendor_meshes_are_where_their_bodies_are(tmp_path):
         corners[name] = rng.uniform(0.01, 0.02, 3) + 0.1 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
         write_tetrahedron(tmp_path / name, corners[name])
     motion = motion_of(CLIPS["carry_box"], 4)
-    layer = layer_of(make_scene([Shown("one", motion, G1, meshes=tmp_path)]).subjects[0], "robot")
+    layer = layer_of(make_scene([SceneItem("one", motion, G1, meshes=tmp_path)]).subjects[0], "robot")
     assert len(layer.parts) == len(corners) and all(isinstance(part, Solid) for part in layer.parts)
     compiled = mujoco.MjModel.from_xml_path(str(G1.spec.mjcf))
     data = mujoco.MjData(compiled)
@@ -232,7 +232,7 @@ def test_contacts_of_surfaces_have_the_colour_of_the_skins_distance(seed):
 @given(seed=seeds)
 def test_contacts_of_unknown_objects_are_balls_at_their_targets(seed):
     motion = motion_of(CLIPS["carry_box"], seed)
-    (subject,) = make_scene([Shown("one", motion, G1)]).subjects
+    (subject,) = make_scene([SceneItem("one", motion, G1)]).subjects
     targets, sites, lines = layer_of(subject, "contacts").parts
     for frame in range(motion.frames):
         drawn = targets.positions[frame][targets.visible[frame]]
@@ -254,8 +254,10 @@ def test_hands_can_be_looked_at_from_near():
     items = [shown(0, "carry_table", person=person) for person in (0, 1)]
     for item, subject in zip(items, make_scene([*items]).subjects, strict=True):
         kinematics = G1.forward(item.motion.qpos)
-        assert set(subject.looks) == {"left hand", "right hand", "feet"}
-        np.testing.assert_allclose(subject.looks["left hand"], kinematics.site_position("left_palm"), atol=1e-6)
+        assert set(subject.look_at_targets) == {"left hand", "right hand", "feet"}
+        np.testing.assert_allclose(
+            subject.look_at_targets["left hand"], kinematics.site_position("left_palm"), atol=1e-6
+        )
 
 
 def test_what_is_not_drawn_is_still_somewhere():
@@ -268,7 +270,7 @@ def test_a_motion_that_touches_nothing_has_no_contacts():
     motion = motion_of(CLIPS["carry_box"], 0)
     nothing = np.zeros_like(motion.contact_flags)
     motion = replace(motion, contact_flags=nothing, contact_object=np.where(nothing, 0, -1))
-    assert layer_of(make_scene([Shown("one", motion, G1)]).subjects[0], "contacts").parts == ()
+    assert layer_of(make_scene([SceneItem("one", motion, G1)]).subjects[0], "contacts").parts == ()
 
 
 @given(a=st.floats(0.0, 0.2), b=st.floats(0.0, 0.2))
@@ -320,7 +322,7 @@ def test_objects_are_scaled_and_where_the_motion_has_them(seed):
 
 def test_an_object_of_unknown_shape_is_its_axes():
     motion = motion_of(CLIPS["carry_box"], 5)
-    (axes,) = layer_of(make_scene([Shown("one", motion, G1)]).subjects[0], "object").parts
+    (axes,) = layer_of(make_scene([SceneItem("one", motion, G1)]).subjects[0], "object").parts
     turn = se3.quat_to_matrix(motion.object_quat[:, 0])
     tips = axes.positions + se3.rotate(axes.quats.astype(float), np.array([0.0, 0.0, 0.5 * AXIS_LENGTH]))
     np.testing.assert_allclose(tips, motion.object_pos + AXIS_LENGTH * turn.transpose(0, 2, 1), atol=1e-5)
@@ -328,7 +330,7 @@ def test_an_object_of_unknown_shape_is_its_axes():
 
 def test_limbs_reach_from_joint_to_joint():
     person = CLIPS["carry_box"].people[0]
-    (subject,) = make_scene([Shown("clip", clip=CLIPS["carry_box"])]).subjects
+    (subject,) = make_scene([SceneItem("clip", clip=CLIPS["carry_box"])]).subjects
     limbs, rounded = layer_of(subject, "human").parts
     half = se3.rotate(limbs.quats.astype(float), limbs.sizes * [0.0, 0.0, 1.0])
     bones = [(joint, parent) for joint, parent in PARENT.items() if parent is not None]
@@ -345,7 +347,7 @@ def test_a_limb_that_points_straight_down_is_drawn():
     elbow, wrist = JOINT_INDEX["left_elbow"], JOINT_INDEX["left_wrist"]
     places[:, wrist] = places[:, elbow] - [0.0, 0.0, 0.25]
     down = replace(clip, people=(replace(clip.people[0], joint_positions=places),))
-    limbs, _ = layer_of(make_scene([Shown("clip", clip=down)]).subjects[0], "human").parts
+    limbs, _ = layer_of(make_scene([SceneItem("clip", clip=down)]).subjects[0], "human").parts
     np.testing.assert_allclose(np.linalg.norm(limbs.quats, axis=-1), 1.0, atol=1e-6)
 
 
@@ -354,7 +356,7 @@ def test_a_known_skin_is_drawn_in_pieces_that_move_with_their_joints(tmp_path):
     folder = write_models(tmp_path, clip.people, "smplx", ["neutral"])
     person = clip.people[0]
     shape = BodyShape(load_body_model(folder, "neutral", "smplx"), np.zeros(10))
-    subject = make_scene([Shown("clip", clip=replace(clip, people=(replace(person, shape=shape),)))]).subjects[0]
+    subject = make_scene([SceneItem("clip", clip=replace(clip, people=(replace(person, shape=shape),)))]).subjects[0]
     pieces = layer_of(subject, "human").parts
     assert len(pieces) == len(JOINTS)
     for piece, joint in zip(pieces, JOINTS, strict=True):
@@ -369,7 +371,7 @@ def test_a_known_skin_is_drawn_in_pieces_that_move_with_their_joints(tmp_path):
 
 def test_human_contacts_are_those_of_the_clip():
     clip = make("carry_box")
-    (subject,) = make_scene([Shown("clip", clip=clip)]).subjects
+    (subject,) = make_scene([SceneItem("clip", clip=clip)]).subjects
     (balls,) = layer_of(subject, "human's contacts").parts
     for index, track in enumerate(clip.contacts):
         np.testing.assert_array_equal(balls.visible[:, index], track.active)
@@ -392,12 +394,14 @@ def test_thinned_meshes_keep_to_the_surface(seed, most):
     faces = np.concatenate(
         [np.column_stack([corner, beside, corner + 40]), np.column_stack([beside, beside + 40, corner + 40])]
     )
-    fewer_vertices, fewer_faces = thinned(vertices, faces, most)
+    fewer_vertices, fewer_faces = decimated(vertices, faces, most)
     assert 0 < len(fewer_faces) <= most
     assert fewer_faces.max() < len(fewer_vertices)
     size = np.ptp(vertices, axis=0).max()
     assert Surface(vertices, faces).distances(fewer_vertices).max() < 0.3 * size
-    assert (thinned(vertices, faces, len(faces))[1] is faces) and (thinned(vertices, faces, len(faces))[0] is vertices)
+    assert (decimated(vertices, faces, len(faces))[1] is faces) and (
+        decimated(vertices, faces, len(faces))[0] is vertices
+    )
 
 
 # places beside each other
@@ -425,10 +429,10 @@ def test_nobody_stands_in_anothers_place(seed, count):
 
 @pytest.mark.slow
 @few
-@given(seed=seeds, apart=st.one_of(st.just("auto"), st.floats(0.0, 20.0)))
-def test_neighbours_change_nothing_but_the_place(seed, apart):
+@given(seed=seeds)
+def test_neighbours_change_nothing_but_the_place(seed):
     items = [shown(seed), shown(seed + 1)]
-    together_, alone = make_scene(items, apart=apart), [make_scene([item], apart=apart) for item in items]
+    together_, alone = make_scene(items), [make_scene([item]) for item in items]
     for subject, own in zip(together_.subjects, (scene.subjects[0] for scene in alone), strict=True):
         assert [layer.name for layer in subject.layers] == [layer.name for layer in own.layers]
         for names in (("robot", "inverse kinematics", "object", "contacts", "stance"), ("human", "human's object")):
@@ -448,8 +452,8 @@ def test_places_do_not_depend_on_where_the_world_begins(seed, x, y):
     shift = np.array([x, y, 0.0])
     clip = CLIPS["carry_box"]
     there = moved_clip(clip, shift)
-    here = make_scene([Shown("a", motion_of(clip, seed), G1, clip), Shown("b", clip=clip)])
-    moved = make_scene([Shown("a", motion_of(clip, seed, shift=shift), G1, there), Shown("b", clip=there)])
+    here = make_scene([SceneItem("a", motion_of(clip, seed), G1, clip), SceneItem("b", clip=clip)])
+    moved = make_scene([SceneItem("a", motion_of(clip, seed, shift=shift), G1, there), SceneItem("b", clip=there)])
     for a, b in zip(sides_of(here), sides_of(moved), strict=True):
         np.testing.assert_allclose(b - a, np.broadcast_to(shift, a.shape), atol=2e-5)
 
@@ -466,7 +470,7 @@ def test_places_are_as_far_apart_for_mirrored_motions():
     pair = [CLIPS["carry_box"], moved_clip(CLIPS["carry_table"], np.array([3.0, 2.0, 0.0]))]
     frees = []
     for clips in (pair, [mirrored(clip) for clip in pair]):
-        scene = make_scene([Shown("clip", clip=clip) for clip in clips])
+        scene = make_scene([SceneItem("clip", clip=clip) for clip in clips])
         pelvises = [layer_of(subject, "human").parts[1].positions[:, 0] for subject in scene.subjects]
         (first, second), axis = pelvises, 0 if np.ptp(pelvises[0][:, 0]) < np.ptp(pelvises[0][:, 1]) else 1
         frees.append((axis, second.min(axis=0)[axis] - first.max(axis=0)[axis]))
@@ -504,7 +508,9 @@ def test_only_different_people_with_the_same_objects_share_a_place():
     )
     assert group_by_shared_objects([first, first, second, second]) == (0, 1, 0, 1)
     clip = CLIPS["carry_table"]
-    assert group_by_shared_objects([Shown("a", clip=clip), Shown("b", clip=clip, person=1), Shown("c", clip=clip)]) == (
+    assert group_by_shared_objects(
+        [SceneItem("a", clip=clip), SceneItem("b", clip=clip, person=1), SceneItem("c", clip=clip)]
+    ) == (
         0,
         0,
         2,
@@ -527,7 +533,7 @@ def test_the_centre_is_calmer_than_the_pelvis_and_near_it(seed):
 def test_subjects_play_at_their_own_rate():
     slow = make("carry_box", seconds=1.0, fps=10.0)
     fast = make("carry_box", seconds=1.0, fps=20.0)
-    scene = make_scene([Shown("slow", clip=slow), Shown("fast", clip=fast)])
+    scene = make_scene([SceneItem("slow", clip=slow), SceneItem("fast", clip=fast)])
     assert (scene.fps, scene.frames) == (20.0, fast.frames)
     assert [scene.frame_of(scene.subjects[0], frame) for frame in (0, 2, 4)] == [0, 1, 2]
 
@@ -546,13 +552,11 @@ def test_arrays_are_small():
     ("make_it", "message"),
     [
         (lambda: make_scene([]), "nothing to show"),
-        (lambda: make_scene([shown(0)], apart=-1.0), "apart is -1.0"),
-        (lambda: make_scene([shown(0)], apart=float("nan")), "apart is nan"),
-        (lambda: Shown("x"), "x: neither a result nor a clip"),
-        (lambda: Shown("x", motion_of(CLIPS["carry_box"], 0)), "x: a result is drawn with its robot"),
-        (lambda: Shown("x", clip=CLIPS["carry_box"], person=1), "x: no person 1"),
+        (lambda: SceneItem("x"), "x: neither a result nor a clip"),
+        (lambda: SceneItem("x", motion_of(CLIPS["carry_box"], 0)), "x: a result is drawn with its robot"),
+        (lambda: SceneItem("x", clip=CLIPS["carry_box"], person=1), "x: no person 1"),
         (
-            lambda: Shown("x", motion_of(CLIPS["carry_box"], 0), G1, make("carry_box", seconds=2.0)),
+            lambda: SceneItem("x", motion_of(CLIPS["carry_box"], 0), G1, make("carry_box", seconds=2.0)),
             "Name the clip that the result was made from",
         ),
     ],

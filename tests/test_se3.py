@@ -237,3 +237,30 @@ def test_the_angle_between_matrices_is_that_between_quaternions(seed):
     a, b = se3.exp(rng.normal(size=(2, 20, 3)))
     found = se3.matrix_angle_between(se3.quat_to_matrix(a), se3.quat_to_matrix(b))
     np.testing.assert_allclose(found, se3.angle_between(a, b), atol=1e-7)
+
+
+@LAWS
+@given(start=axes, end=vectors)
+def test_the_shortest_rotation_leads_there_about_an_axis_across(start, end):
+    length = np.linalg.norm(end)
+    if length < 1e-6:
+        end, length = np.array([0.0, 2.0, 0.0]), 2.0
+    quat = se3.shortest_rotation(start, end)
+    assert np.linalg.norm(quat) == pytest.approx(1.0, abs=TIGHT)
+    np.testing.assert_allclose(se3.rotate(quat, start), end / length, atol=1e-7)
+    if start @ end / length > -0.999:
+        assert abs(quat[1:] @ start) < 1e-9 and abs(quat[1:] @ end) < 1e-9 * length
+
+
+@LAWS
+@given(start=st.one_of(axes, st.sampled_from([*np.eye(3), *-np.eye(3)])))
+def test_the_shortest_rotation_to_the_opposite_is_half_a_turn(start):
+    quat = se3.shortest_rotation(start, -3.0 * start)
+    np.testing.assert_allclose(se3.rotate(quat, start), -start, atol=1e-7)
+    assert abs(quat[0]) < 1e-7 and np.linalg.norm(quat) == pytest.approx(1.0, abs=TIGHT)
+    if start[2] == 0.0:
+        np.testing.assert_allclose(np.abs(quat), [0.0, 0.0, 0.0, 1.0], atol=1e-7)
+
+
+def test_the_shortest_rotation_to_nowhere_is_none():
+    np.testing.assert_array_equal(se3.shortest_rotation(np.array([0.0, 0.0, 1.0]), np.zeros(3)), se3.IDENTITY_QUAT)

@@ -24,22 +24,20 @@ from hoi_retarget.clip.clip import Source
 from hoi_retarget.errors import ArgumentError, DrawingError, HoiRetargetError, WriteError
 from hoi_retarget.evaluation import FIGURES, Score
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.motion.report import Report
+from hoi_retarget.motion.motion_report import Report
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.numerics import se3
+from hoi_retarget.studio.offscreen.film import webp
+from hoi_retarget.studio.offscreen.robot_portraits import png, representative_frame
+from hoi_retarget.studio.scene.camera import fit_camera
+from hoi_retarget.studio.scene.drawing import DrawnScene, Kind, Layer, Lines, Shapes, Solid, Subject
+from hoi_retarget.studio.scene.scene import SceneItem, group_people, make_scene
+from hoi_retarget.studio.share import share
+from hoi_retarget.studio.share.clip_page import BackLink, make_clip_page
+from hoi_retarget.studio.share.gallery import Card, GalleryEntry, file_name, index_page
+from hoi_retarget.studio.share.packed_scene import MAX_FRAMES, POSITION_STEP, pack
+from hoi_retarget.studio.share.share import LISTING, gallery_in
 from hoi_retarget.synthetic import make
-from hoi_retarget.viewers.offscreen.film import webp
-from hoi_retarget.viewers.offscreen.robot_picture import png
-from hoi_retarget.viewers.offscreen.thumbnail import representative_frame
-from hoi_retarget.viewers.scene.auto_camera import fit_camera
-from hoi_retarget.viewers.scene.drawing import Kind, Layer, Lines, Scene, Shapes, Solid, Subject
-from hoi_retarget.viewers.scene.scene import Shown, make_scene
-from hoi_retarget.viewers.scene.shared_objects import group_people
-from hoi_retarget.viewers.share import share
-from hoi_retarget.viewers.share.clip_page import Way, clip_page
-from hoi_retarget.viewers.share.gallery import Card, GalleryEntry, file_name, index_page
-from hoi_retarget.viewers.share.packed_scene import LARGEST_FRAMES, POSITION_STEP, pack
-from hoi_retarget.viewers.share.share import LISTING, gallery_in
 from test_curves import G1, carried, random_motion
 
 AHEAD = np.array([1.0, 0.0])
@@ -59,13 +57,13 @@ def unpacked(numbers: bytes, track: dict) -> np.ndarray:
     return track["low"] + track["step"] * levels.T
 
 
-def content(scene: Scene) -> tuple[dict, bytes]:
+def content(scene: DrawnScene) -> tuple[dict, bytes]:
     packed = json.loads(pack(scene, *2 * [fit_camera(scene, AHEAD)]))
     return packed, gzip.decompress(base64.b64decode(packed["numbers"]))
 
 
-def scene_of(*parts: Shapes | Solid | Lines, frames: int) -> Scene:
-    return Scene((Subject("subject", 30.0, (Layer("layer", parts),), np.zeros((frames, 3))),))
+def scene_of(*parts: Shapes | Solid | Lines, frames: int) -> DrawnScene:
+    return DrawnScene((Subject("subject", 30.0, (Layer("layer", parts),), np.zeros((frames, 3))),))
 
 
 def random_turns(rng: np.random.Generator, *shape: int) -> np.ndarray:
@@ -119,13 +117,13 @@ def cyclic(face: np.ndarray) -> tuple[int, ...]:
 
 
 def test_of_a_long_motion_every_so_many_frames_are_kept() -> None:
-    frames = 2 * LARGEST_FRAMES + 10
+    frames = 2 * MAX_FRAMES + 10
     positions = np.linspace(0.0, 1.0, frames)[:, None, None] * np.ones((1, 1, 3))
     ball = Shapes(Kind.SPHERE, np.ones((1, 3)), np.zeros((1, 3), np.uint8), positions, random_turns_of(frames))
     packed, numbers = content(scene_of(ball, frames=frames))
     (subject,) = packed["subjects"]
     track = subject["layers"][0]["parts"][0]["positions"]
-    assert track["frames"] <= LARGEST_FRAMES
+    assert track["frames"] <= MAX_FRAMES
     assert np.abs(unpacked(numbers, track) - positions[::3, 0]).max() <= 0.51 * POSITION_STEP
     assert packed["seconds"] == pytest.approx((frames - 1) / 30.0) and subject["fps"] == 10.0
     assert "one frame in 3;" in page_of(random_motion(frames, 0))
@@ -168,8 +166,8 @@ def test_everything_is_in_the_picture_of_a_fitted_camera(aspect: float) -> None:
 
 
 @functools.cache
-def carried_scene() -> Scene:
-    return make_scene([Shown("carry", carried(), G1, make("carry_box"))])
+def carried_scene() -> DrawnScene:
+    return make_scene([SceneItem("carry", carried(), G1, make("carry_box"))])
 
 
 # The text of the pages.
@@ -181,8 +179,8 @@ def entry(motion: Motion, **more) -> GalleryEntry:
 
 
 def page_of(motion: Motion, *, gallery: str = "Gallery", title: str = "carry", **more) -> str:
-    results, back = [entry(motion, **more)], Way(gallery, "index.html")
-    return clip_page(title, results, names=[title], scene="{}", curves="", back=back, notices=more.get("warnings", ()))
+    results, back = [(entry(motion, **more), SceneItem(title, motion, G1))], BackLink(gallery, "index.html")
+    return make_clip_page(title, results, back=back, notices=more.get("warnings", ())).text
 
 
 class Skeleton(HTMLParser):
@@ -212,7 +210,7 @@ def test_text_of_files_stays_text() -> None:
         assert Skeleton(nasty).tags == Skeleton(tame).tags
     scene = carried_scene()
     wicked = replace(scene.subjects[0].layers[0], name=NASTY)
-    packed = pack(Scene((replace(scene.subjects[0], layers=(wicked,)),)), *2 * [fit_camera(scene, AHEAD)])
+    packed = pack(DrawnScene((replace(scene.subjects[0], layers=(wicked,)),)), *2 * [fit_camera(scene, AHEAD)])
     assert "<" not in packed and json.loads(packed)["subjects"][0]["layers"][0]["name"] == NASTY
 
 
@@ -320,7 +318,7 @@ def shared(out: Path, *titles: str) -> None:
     motion = carried()
     with gallery_in(out, "Gallery") as gallery:
         for title in titles:
-            gallery.add(title, [(entry(motion), Shown("G1", motion, G1, make("carry_box")))])
+            gallery.add(title, [(entry(motion), SceneItem("G1", motion, G1, make("carry_box")))])
 
 
 @pytest.mark.slow
@@ -353,7 +351,7 @@ def test_a_failure_leaves_what_was_there(tmp_path: Path) -> None:
     out = tmp_path / "gallery"
     shared(out, "a")
     with pytest.raises(HoiRetargetError, match="halfway"), gallery_in(out, "Gallery") as gallery:
-        gallery.add("b", [(entry(carried()), Shown("b", carried(), G1))])
+        gallery.add("b", [(entry(carried()), SceneItem("b", carried(), G1))])
         raise HoiRetargetError("halfway")
     assert (out / "a.html").exists()
     assert [path.name for path in tmp_path.iterdir()] == ["gallery"]
@@ -518,7 +516,7 @@ def test_a_gallery_plays_from_its_folder_without_a_network(
     monkeypatch.setattr(share, "thumbnails", lambda *_: {".png": PIXELS, ".webp": PIXELS})
     motion = carried()
     with gallery_in(tmp_path / "out", NASTY) as gallery:
-        gallery.add(NASTY, [(entry(motion, warnings=(NASTY,)), Shown(NASTY, motion, G1, make("carry_box")))])
+        gallery.add(NASTY, [(entry(motion, warnings=(NASTY,)), SceneItem(NASTY, motion, G1, make("carry_box")))])
     context = browser.new_context(viewport={"width": 1000, "height": 800}, offline=True)
     page = context.new_page()
     page.set_default_timeout(PATIENCE_MS)

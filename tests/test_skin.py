@@ -15,13 +15,12 @@ from hoi_retarget.errors import RobotError
 from hoi_retarget.numerics.distance_grid import DistanceGrid
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import load_model
-from hoi_retarget.robots.outer_skin import Fineness, OuterSkin, farthest_points, fineness_of, outer_skin
-from hoi_retarget.robots.skin import skin_of
-from hoi_retarget.robots.skin_file import read_skins, write_skins
+from hoi_retarget.robots.outer_skin import OuterSkin, SkinResolution, farthest_points, outer_skin, resolution_of
+from hoi_retarget.robots.skin import read_skins, skin_of, write_skins
 
 ROBOTS = ("unitree_g1", "unitree_h2")
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "robots"
-COARSE = Fineness(nodes=0.002, ball=0.003, spacing=0.008, grid=0.004)
+COARSE = SkinResolution(nodes=0.002, ball=0.003, spacing=0.008, grid=0.004)
 
 
 def grid_of_a_plane(normal: np.ndarray, offset: float) -> DistanceGrid:
@@ -154,7 +153,7 @@ def test_colliding_geometries_are_the_skin_of_a_robot_without_a_skin_file(name):
         outside.append(link.solid.distances(link.points + 0.01 * link.normals) > 0.0)
         assert outside[-1].mean() > 0.9
         own = cKDTree(link.points).query(link.points, k=2)[0][:, 1]
-        assert own.max() <= 2.0 * fineness_of(model, link.link).spacing
+        assert own.max() <= 2.0 * resolution_of(model, link.link).spacing
     assert np.concatenate(outside).mean() > 0.97
 
 
@@ -238,7 +237,7 @@ def test_skins_against_the_makers_meshes(name):
     inside, outside = [], []
     for body, mesh in meshes.items():
         own = skin.by_link["pelvis" if body == "world" else body]
-        spacing = fineness_of(model, own.link).spacing
+        spacing = resolution_of(model, own.link).spacing
         vertices, faces = np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int64)
         tree = igl.AABB()
         tree.init(vertices, faces)

@@ -1,6 +1,6 @@
 """The solver against the optimality conditions of the problem, and windows against the whole."""
 
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import FrozenInstanceError, dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,16 +9,25 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.retargeting.config import SOLVERS, BandedInteriorPoint, Horizon, Solver, parse_horizon
+from hoi_retarget.motion.motion_report import Status
+from hoi_retarget.retargeting.config import Horizon, parse_horizon
 from hoi_retarget.retargeting.trajopt.bounds import Bounds
-from hoi_retarget.retargeting.trajopt.problem import Problem, cost_by_term
-from hoi_retarget.retargeting.trajopt.solvers import banded
-from hoi_retarget.retargeting.trajopt.solvers.base import Status, optimality
+from hoi_retarget.retargeting.trajopt.problem import FrameRows, Problem, cost_by_term
+from hoi_retarget.retargeting.trajopt.solvers.kink_curvature import add_curvature, kink_curvature
+from hoi_retarget.retargeting.trajopt.solvers.solver import SOLVERS, BandedInteriorPoint, Effort, Solver
+from hoi_retarget.retargeting.trajopt.solvers.solver_result import optimality
 from hoi_retarget.retargeting.trajopt.terms.differences import Differences
 from hoi_retarget.retargeting.trajopt.terms.posture import Posture
 from hoi_retarget.retargeting.trajopt.terms.site_position import SitePosition
 from hoi_retarget.retargeting.trajopt.terms.site_rotation import SiteRotation
-from hoi_retarget.retargeting.trajopt.windows import solve_windows, windows_of
+from hoi_retarget.retargeting.trajopt.windows import (
+    CATCH_UP_FRAMES,
+    MIN_TAIL_FRAMES,
+    FrameRange,
+    _catch_up,
+    solve_windows,
+    windows_of,
+)
 from trajectories import MODELS, random_qpos
 
 MODEL = MODELS["unitree_g1"]
@@ -96,6 +105,14 @@ def test_contract_of_a_solver(name, case):
         assert solution.cost <= sum(at_start.values()) * (1 + 1e-9)
 
 
+@pytest.mark.parametrize("case", PROBLEMS)
+def test_steps_are_newtons_so_that_few_suffice(case):
+    problem, start = PROBLEMS[case]
+    solution = SOLVER.solve(problem, start)
+    assert solution.status is Status.SOLVED
+    assert solution.iterations <= (60 if case == "start outside the bounds" else 20)
+
+
 @pytest.mark.parametrize("name", SOLVERS)
 def test_failure_is_a_status(name):
     problem, start = PROBLEMS["tracking"]
@@ -128,6 +145,25 @@ def test_a_perturbed_solution_is_not_optimal():
     assert optimality(problem, replace(solution, qpos=moved)).stationarity > 1e-7
 
 
+def test_what_breaks_a_bound_is_a_violation_of_that_size():
+    problem, joint = PROBLEMS["tracking"][0], 3
+    solution = SOLVERS["KeepStart"]().solve(problem, standing(12))
+    assert solution.iterations == 0 and optimality(problem, solution).violation == 0.0
+    for beyond in (0.25, 0.5):
+        for value in (MODEL.upper[joint] + beyond, MODEL.lower[joint] - beyond):
+            qpos = solution.qpos.copy()
+            qpos[:, 7 + joint] = value
+            assert optimality(problem, replace(solution, qpos=qpos)).violation == pytest.approx(beyond)
+    fast = solution.qpos.copy()
+    fast[5:, 7 + joint] += MODEL.speed_limits[joint] / 30.0 + 0.1
+    fast = np.clip(
+        fast, *(np.r_[np.full(7, sign * np.inf), end] for sign, end in ((-1, MODEL.lower), (1, MODEL.upper)))
+    )
+    step = float(np.abs(np.diff(fast[:, 7 + joint])).max()) - MODEL.speed_limits[joint] / 30.0
+    assert step > 0.05
+    assert optimality(problem, replace(solution, qpos=fast)).violation == pytest.approx(step)
+
+
 def out_of_reach(seed: int, frames: int) -> Problem:
     """Return the problem of following sites whose joints swing half as far again as their ranges, smoothly."""
     rng, seconds = np.random.default_rng(seed), np.arange(frames)[:, None] / 30.0
@@ -141,15 +177,72 @@ def out_of_reach(seed: int, frames: int) -> Problem:
 @pytest.mark.parametrize("seed", [2, 3])
 def test_a_solve_that_bounds_hold_up_converges_when_it_is_begun_again(seed):
     problem, start, solver = out_of_reach(seed, 40), standing(40), BandedInteriorPoint()
-    once = banded.solve_once(solver, problem, start, bounds_damp=True)
+    once = solver.solve(problem, start, Effort(restarts=False))
     assert once.status is Status.MAX_ITERATIONS, "for this to be a test"
     twice = solver.solve(problem, start)
     assert twice.status is Status.SOLVED and twice.cost < once.cost
     assert optimality(problem, twice).stationarity < 10 * solver.tolerance
     # What does not converge either way is where the first way ended.
     short = replace(solver, max_iterations=50)
-    first = banded.solve_once(short, problem, start, bounds_damp=True)
+    first = short.solve(problem, start, Effort(restarts=False))
     np.testing.assert_array_equal(short.solve(problem, start).qpos, first.qpos)
+
+
+@dataclass(frozen=True)
+class Gutter:
+    """A cost whose gradient jumps where a palm passes a height, in three frames."""
+
+    height: float
+    name: str = "gutter"
+
+    def rows(self, kinematics):
+        frame, frames = kinematics.frame("left_palm"), np.arange(6, 9)
+        above = kinematics.point(frame)[2:3, frames] - self.height
+        by_linear = np.sign(above)[:, None] * np.array([[[0.0], [0.0], [1.0]]])
+        return (FrameRows(frame, 0.1 + np.abs(above), by_linear, None, 100.0, frames),)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_solve_ends_where_costs_have_kinks(seed):
+    rng = np.random.default_rng(seed)
+    goal = random_qpos(MODEL, 15, rng, wander=0.03)
+    problem, solver = tracking(goal, 0, 15), BandedInteriorPoint()
+    gutter = Gutter(float(MODEL.forward(goal).point("left_palm")[2].mean()))
+    problem = replace(problem, terms=(*problem.terms, gutter))
+    found = solver.solve(problem, goal, Effort(kinks=True))
+    assert found.status is Status.SOLVED and found.iterations < 50
+    smooth = solver.solve(problem, goal, Effort(restarts=False))
+    assert smooth.status is not Status.SOLVED, "for this to be a test"
+    assert found.cost < smooth.cost
+    for size in (1e-5, 1e-4, 1e-3):
+        for _ in range(20):
+            moved = MODEL.integrate(found.qpos, size * rng.normal(size=(15, MODEL.nv)))
+            costs = cost_by_term(problem.linearize(MODEL.forward(moved)))
+            assert sum(costs.values()) > found.cost * (1 - solver.tolerance)
+
+
+@settings(max_examples=10, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 99), frames=st.integers(1, 5))
+def test_curvature_of_kinks_explains_the_gradients_change_along_a_step(seed, frames):
+    rng, nv = np.random.default_rng(seed), 4
+    square = rng.normal(size=(frames * nv, frames * nv))
+    dense = square @ square.T
+    band = np.zeros((frames, nv, frames * nv))
+    for row, column in zip(*np.tril_indices(frames * nv), strict=True):
+        band[column // nv, column % nv, row - column] = dense[row, column]
+    step = rng.normal(size=(frames, nv))
+    # Half of the frames get stiffer along the step, the others softer.
+    excess = np.where(rng.random((frames, 1)) < 0.5, 1.0, -1.0) * (step + 0.1 * rng.normal(size=step.shape))
+    known = (dense @ step.ravel()).reshape(step.shape)
+    found = kink_curvature(band, step, known + excess)
+    stiffer = np.einsum("ti,ti->t", excess, step) > 0
+    np.testing.assert_allclose(np.einsum("tij,tj->ti", found, step), excess * stiffer[:, None], atol=1e-9)
+    assert np.linalg.eigvalsh(found).min() > -1e-9
+    before = band.copy()
+    add_curvature(band, found)
+    row, column = np.tril_indices(nv)
+    added = (band - before)[:, column, row - column]
+    np.testing.assert_allclose(added, found[:, row, column], atol=1e-12)
 
 
 def test_solution_does_not_depend_on_the_start():
@@ -221,7 +314,8 @@ def test_windows_with_look_ahead_approach_the_whole():
     goal = random_qpos(MODEL, 60, np.random.default_rng(3), wander=0.03)
 
     def solve(horizon: Horizon) -> np.ndarray:
-        return solve_windows(lambda a, b, p: tracking(goal, a, b, p), goal, horizon, SOLVER)[0]
+        windows = windows_of(horizon, len(goal))
+        return solve_windows(lambda w: tracking(goal, w.first, w.stop, w.pinned), goal, windows, SOLVER)[0]
 
     whole = solve(parse_horizon("whole"))
     errors = [np.abs(solve(Horizon(30, overlap, 3)) - whole)[:, 7:].max() for overlap in (3, 8, 15)]
@@ -235,10 +329,10 @@ def test_windows_cover_every_frame_once_in_order(frames, length, overlap, pinned
     overlap = min(overlap, length - 1)
     horizon = Horizon(length, overlap, min(pinned, overlap))
     windows = windows_of(horizon, frames)
-    assert windows[0][0] == 0 and windows[-1][1] == frames
-    for (_, before, _), (start, stop, pins) in pairwise(windows):
-        assert before < stop <= start + length
-        assert start >= 0 and start + pins <= before, "no frame is skipped"
+    assert windows[0].first == 0 and windows[-1].stop == frames
+    for before, window in pairwise(windows):
+        assert before.stop < window.stop <= window.first + length
+        assert window.first >= 0 and window.first + window.pinned <= before.stop, "no frame is skipped"
 
 
 @pytest.mark.parametrize("text", ["", "windowed", "windowed:0", "windowed:3:3", "windowed:a", "whole:3", "hole"])
@@ -249,4 +343,42 @@ def test_bad_horizons_are_refused(text):
 
 def test_per_frame_is_a_window_of_one_new_frame():
     windows = windows_of(parse_horizon("per-frame"), 10)
-    assert windows[1:] == tuple((t - 1, t + 1, 1) for t in range(2, 10))
+    assert windows[1:] == tuple(FrameRange(t - 1, t + 1, 1) for t in range(2, 10))
+
+
+@given(frames=st.integers(1, 200), length=st.integers(6, 60), share=st.floats(0.0, 0.9))
+def test_a_window_with_few_new_frames_is_as_long_as_the_others(frames, length, share):
+    horizon = Horizon(length, int(share * length), 0)
+    windows = windows_of(horizon, frames)
+    for before, window in pairwise(windows):
+        full = window.stop - window.first == length
+        assert full or window.stop - before.stop >= MIN_TAIL_FRAMES
+        reach = before.stop - window.first
+        assert reach == horizon.overlap or (full and window.stop - before.stop < MIN_TAIL_FRAMES)
+
+
+def test_a_range_alone_begins_at_its_own_first_frame():
+    assert FrameRange.within(7, 20, 30).alone == FrameRange(0, 13, 3, 3)
+    assert FrameRange.within(0, 20, 20).alone == FrameRange(0, 20, 0, 0)
+
+
+def test_a_start_bends_back_to_its_own_path_evenly():
+    start, solved, stop = random_qpos(MODEL, 40, np.random.default_rng(0)), 10, 36
+    qpos, offset = start.copy(), np.random.default_rng(1).normal(size=start.shape[1])
+    qpos[:solved] += offset
+    moved = qpos.copy()
+    _catch_up(moved, start, solved, stop)
+    shares = np.clip(1.0 - np.arange(1, stop - solved + 1) / CATCH_UP_FRAMES, 0.0, None)
+    free = np.r_[0:3, 7 : start.shape[1]]
+    np.testing.assert_allclose((moved - start)[solved:stop, free], np.outer(shares, offset[free]), atol=1e-12)
+    for same in (slice(0, solved), slice(stop, None)):
+        np.testing.assert_array_equal(moved[same], qpos[same])
+    np.testing.assert_array_equal(moved[solved:, 3:7], start[solved:, 3:7])
+
+
+@pytest.mark.parametrize("name", ["tolerance", "step_tolerance"])
+def test_tolerances_are_positive_numbers(name):
+    for value in (0.0, -0.5, np.inf, np.nan):
+        with pytest.raises(ArgumentError, match=f"{name.replace('_', '-')} is {value}; it must be positive"):
+            BandedInteriorPoint(**{name: value})
+    assert getattr(BandedInteriorPoint(**{name: 1e-12}), name) == 1e-12

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from export_motions import smooth_motion
 from hoi_retarget.cli import main
 from hoi_retarget.errors import ArgumentError, ClipError
-from hoi_retarget.evaluation.performed import PERFORMED, performed_figures
+from hoi_retarget.evaluation.physics_figures import PERFORMED, performed_figures
 from hoi_retarget.motion.formats import WRITABLE
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.performance import Performance

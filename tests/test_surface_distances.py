@@ -6,15 +6,20 @@ import numpy as np
 import pytest
 import trimesh
 
-from hoi_retarget.evaluation.link_heights import link_heights
-from hoi_retarget.evaluation.object_shape import ObjectShape, shape_of, surface_kind
-from hoi_retarget.evaluation.self_penetration import looked_at, self_depths
-from hoi_retarget.evaluation.surface_distances import PlacedObject, Poses, link_distances
+from hoi_retarget.evaluation.comparison import RigidPoses
+from hoi_retarget.evaluation.penetration import self_collision_pairs, self_depths
+from hoi_retarget.evaluation.surface_distances import (
+    ObjectShape,
+    PosedObject,
+    link_distances,
+    shape_of,
+    surface_kind,
+)
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.point_tree import PointTree
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots import load_robot
-from hoi_retarget.robots.skin import LinkSkin, skin_of
+from hoi_retarget.robots.skin import LinkSkin, link_heights, skin_of
 
 HAND = "left_wrist_yaw_link"
 
@@ -28,8 +33,8 @@ def shape_of_mesh(mesh: trimesh.Trimesh) -> ObjectShape:
     return shape_of(ObjectGeometry(np.array(mesh.vertices), faces=np.array(mesh.faces)))
 
 
-def still(frames: int) -> Poses:
-    return Poses(np.zeros((frames, 3)), np.tile(np.eye(3), (frames, 1, 1)))
+def still(frames: int) -> RigidPoses:
+    return RigidPoses(np.zeros((frames, 3)), np.tile(np.eye(3), (frames, 1, 1)))
 
 
 def test_frames_measured_in_blocks_are_those_measured_at_once(hand, monkeypatch):
@@ -37,8 +42,8 @@ def test_frames_measured_in_blocks_are_those_measured_at_once(hand, monkeypatch)
     frames = 23
     quats = random.normal(size=(frames, 4))
     rotations = se3.quat_to_matrix(quats / np.linalg.norm(quats, axis=1)[:, None])
-    link = Poses(random.uniform(-0.15, 0.15, size=(frames, 3)), rotations)
-    placed = PlacedObject(shape_of_mesh(trimesh.creation.box((0.2, 0.1, 0.3))), still(frames), 0.8)
+    link = RigidPoses(random.uniform(-0.15, 0.15, size=(frames, 3)), rotations)
+    placed = PosedObject(shape_of_mesh(trimesh.creation.box((0.2, 0.1, 0.3))), still(frames), 0.8)
     measured = random.random(frames) < 0.5
     found = []
     for block in (frames, 5):
@@ -81,8 +86,10 @@ def test_a_hand_before_and_in_a_box(hand, scale):
     offsets = np.array([0.05, 0.002, 0.0003, -0.0005, -0.004, -0.03])
     turn = np.diag([-1.0, -1.0, 1.0])  # Fingers ahead
     reach = (hand.points @ turn.T)[:, 0].min()
-    link = Poses(np.stack([0.3 * scale + offsets - reach, 0 * offsets, 0 * offsets], axis=1), np.tile(turn, (6, 1, 1)))
-    placed = PlacedObject(shape_of_mesh(box), still(6), scale)
+    link = RigidPoses(
+        np.stack([0.3 * scale + offsets - reach, 0 * offsets, 0 * offsets], axis=1), np.tile(turn, (6, 1, 1))
+    )
+    placed = PosedObject(shape_of_mesh(box), still(6), scale)
     found = link_distances(hand, link, placed, np.ones(6, bool))
     np.testing.assert_allclose(found.skin, offsets, atol=1e-6)
     assert (found.point >= 0).all()
@@ -100,8 +107,8 @@ def test_a_hand_on_and_in_a_sphere(hand):
     random = np.random.default_rng(0)
     away = random.normal(size=(8, 3))
     away *= random.uniform(0.1, 0.25, (8, 1)) / np.linalg.norm(away, axis=1, keepdims=True)
-    link = Poses(away, still(8).rotations)
-    found = link_distances(hand, link, PlacedObject(shape_of_mesh(ball), still(8), 1.0), np.ones(8, bool))
+    link = RigidPoses(away, still(8).rotations)
+    found = link_distances(hand, link, PosedObject(shape_of_mesh(ball), still(8), 1.0), np.ones(8, bool))
     exact = np.array([np.linalg.norm(hand.points + place, axis=1).min() - 0.06 for place in away])
     np.testing.assert_allclose(found.skin, exact, atol=1e-4)
 
@@ -112,8 +119,8 @@ def test_a_slat_through_the_hand_is_seen_from_its_own_side(hand):
     middle = np.array([0.10, 0.0, 0.0])
     found = link_distances(
         hand,
-        Poses(-middle[None], still(1).rotations),
-        PlacedObject(shape_of_mesh(slat), still(1), 1.0),
+        RigidPoses(-middle[None], still(1).rotations),
+        PosedObject(shape_of_mesh(slat), still(1), 1.0),
         np.zeros(1, bool),
     )
     assert 0.0 < -found.skin[0] <= 0.0021
@@ -126,8 +133,8 @@ def test_what_the_hand_has_swallowed_is_inside(hand):
     middle = hand.points[depth.argmin()] - 0.008 * hand.normals[depth.argmin()]
     found = link_distances(
         hand,
-        Poses(-middle[None], still(1).rotations),
-        PlacedObject(shape_of_mesh(pea), still(1), 1.0),
+        RigidPoses(-middle[None], still(1).rotations),
+        PosedObject(shape_of_mesh(pea), still(1), 1.0),
         np.zeros(1, bool),
     )
     assert found.depth[0] > 0.004
@@ -137,8 +144,8 @@ def test_a_shell_has_no_inside_but_is_seen_in_the_hand(hand):
     sheet = trimesh.Trimesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]], process=False)
     shape = shape_of_mesh(sheet)
     assert shape.field.shell
-    through = Poses(np.array([[-0.1, 0.0, 0.0], [0.0, 0.0, 0.5]]), still(2).rotations)
-    found = link_distances(hand, through, PlacedObject(shape, still(2), 1.0), np.ones(2, bool))
+    through = RigidPoses(np.array([[-0.1, 0.0, 0.0], [0.0, 0.0, 0.5]]), still(2).rotations)
+    found = link_distances(hand, through, PosedObject(shape, still(2), 1.0), np.ones(2, bool))
     assert -0.001 <= found.skin[0] < 0.0
     assert found.depth[0] > 0.01
     np.testing.assert_allclose(found.skin[1], 0.5 + hand.points[:, 2].min() - 0.001, atol=1e-6)
@@ -153,14 +160,14 @@ def test_a_knee_below_the_floor_is_seen():
     lowered = link_heights(model.forward(qpos[None]))[:, 0]
     np.testing.assert_allclose(lowered[links.index("left_knee_link")], -0.03, atol=1e-9)
     knee = skin_of(model).by_link["left_knee_link"]
-    pose = Poses.of_link(model.forward(qpos[None]), knee)
+    pose = RigidPoses.of_link(model.forward(qpos[None]), knee)
     np.testing.assert_allclose((knee.points @ pose.rotations[0].T + pose.positions[0])[:, 2].min(), -0.03, atol=1e-9)
 
 
 def test_hands_in_each_other_and_in_the_thigh_are_seen_but_not_neighbours():
     model = load_robot("unitree_g1")
     links = [link.link for link in skin_of(model).links]
-    pairs = {frozenset((links[one], links[other])) for one, other in looked_at(model)}
+    pairs = {frozenset((links[one], links[other])) for one, other in self_collision_pairs(model)}
     assert frozenset((HAND, "right_wrist_yaw_link")) in pairs
     assert frozenset((HAND, "left_hip_yaw_link")) in pairs
     assert frozenset((HAND, "left_wrist_roll_link")) not in pairs

@@ -4,17 +4,17 @@ import functools
 
 import numpy as np
 import pytest
-import trimesh
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.errors import ArgumentError, WriteError
+from hoi_retarget.errors import ArgumentError
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
 from hoi_retarget.numerics import se3
-from hoi_retarget.synthetic import OBJECTS, SCENES, make, object_mesh, write_objects
+from hoi_retarget.synthetic import OBJECTS, SCENES, make
 from hoi_retarget.synthetic.human import rest_offsets
+from hoi_retarget.synthetic.object_shapes import shape
 
 FAST_SETTINGS = settings(
     max_examples=2, deadline=None, phases=(Phase.explicit, Phase.generate), derandomize=True, database=None
@@ -249,12 +249,8 @@ def test_bad_arguments_are_refused(arguments: dict[str, object], message: str) -
 
 
 @pytest.mark.parametrize("thing", OBJECTS)
-def test_objects_are_written_as_they_are_used(thing: str, tmp_path) -> None:
-    write_objects(tmp_path)
-    mesh = trimesh.load_mesh(tmp_path / thing / f"{thing}.obj", process=False)
-    vertices, faces = object_mesh(thing)
-    assert np.abs(mesh.vertices - vertices).max() < 1e-8
-    assert np.array_equal(mesh.faces, faces)
+def test_objects_are_closed_boxes_about_the_origin(thing: str) -> None:
+    vertices, faces = shape(thing).mesh
     assert np.abs(vertices.min(axis=0) + vertices.max(axis=0)).max() < 1e-12
     # Closed boxes with outward faces: the volume is positive and the signed volumes add up.
     triangles = vertices[faces]
@@ -266,13 +262,10 @@ def test_objects_are_written_as_they_are_used(thing: str, tmp_path) -> None:
 def test_object_meshes_are_those_of_the_clips(name: str) -> None:
     clip = make(name, height=1.6, seed=5)
     for track in clip.objects:
-        vertices, _ = object_mesh(track.name, height=1.6, seed=5)
+        vertices, _ = shape(track.name, height=1.6, seed=5).mesh
         assert np.abs(track.geometry.points - vertices).max() < 1e-12
 
 
-def test_unknown_objects_and_unwritable_folders_are_refused(tmp_path) -> None:
+def test_unknown_objects_are_refused() -> None:
     with pytest.raises(ArgumentError, match="suitcase"):
-        object_mesh("sofa")
-    (tmp_path / "file").write_text("")
-    with pytest.raises(WriteError):
-        write_objects(tmp_path / "file")
+        shape("sofa")

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.human.stance import stance
+from hoi_retarget.human.person import stance
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import smooth, smooth_quats
 from hoi_retarget.retargeting.config import ContactKind, Scaling
@@ -68,6 +68,23 @@ def captured_lowest(clip: Clip, index: int = 0) -> np.ndarray:
 
 
 # Contact points
+
+
+@every_robot
+@pytest.mark.parametrize("name", list(SCENES))
+def test_points_of_parts_are_where_the_human_has_them_beside_the_object_nearest_in_time(model, name):
+    clip = scene(name)
+    for person, human in enumerate(clip.people):
+        for multiplier in (0.5, 1.0):
+            targets = make_targets(clip, model, Scaling(size_multiplier=multiplier), person=person)
+            for link, part in enumerate(model.spec.part_sites):
+                own = [track for track in clip.contacts if (track.person, track.part) == (person, part)]
+                for index in {track.object for track in own if track.active.any()}:
+                    frames = targets.carried_contact_object[:, link] == index
+                    place = clip.objects[index].to_object(human.part_position(part))[frames]
+                    expected = targets.object_scale[index] * place
+                    np.testing.assert_allclose(targets.part_points[frames, link], expected, atol=1e-12)
+                    assert frames.any()
 
 
 @every_robot
@@ -207,7 +224,7 @@ def test_scales_that_are_no_sizes_are_refused_by_their_option(name, value):
 
 
 WORLD_POINTS = ("site_positions", "foot_positions", "object_pos")
-WORLD_TURNS = ("site_quats", "foot_quats", "palm_quats", "object_quat")
+WORLD_TURNS = ("site_quats", "foot_quats", "palm_quats", "torso_quats", "object_quat")
 
 
 @every_robot

@@ -1,15 +1,25 @@
 """Every cost term: its Jacobian against finite differences on the manifold, its assembly against dense."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.retargeting.config import Weights
+from hoi_retarget.numerics import se3
+from hoi_retarget.retargeting.config import Scaling, Weights
+from hoi_retarget.retargeting.targets import make_targets
 from hoi_retarget.retargeting.trajopt.normal import assemble
-from hoi_retarget.retargeting.trajopt.problem import Term, cost_by_term
-from hoi_retarget.retargeting.trajopt.rows import FrameRows, PairRows, Rows, StencilRows, cost
-from hoi_retarget.retargeting.trajopt.terms.relative_rotation import RelativeRotation
+from hoi_retarget.retargeting.trajopt.problem import FrameRows, PairRows, Rows, StencilRows, Term, cost, cost_by_term
+from hoi_retarget.retargeting.trajopt.terms.relative_rotation import (
+    LYING_FACTOR,
+    RelativeRotation,
+    torso_terms,
+    trunk_terms,
+)
+from hoi_retarget.retargeting.trajopt.terms.site_height import SOLE_REACH, stance_terms
 from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.synthetic import make
 from trajectories import MODELS, all_terms, sunk_qpos, term_classes, terms_by_class
 
 FRAMES = 7
@@ -143,3 +153,51 @@ def test_weights_of_the_paper():
 def test_weights_that_are_no_weights_are_refused(value):
     with pytest.raises(ArgumentError, match="jerk"):
         Weights(jerk=value)
+
+
+@pytest.mark.parametrize(
+    ("upright", "lies"), [(1.0, 0.0), (0.5, 0.0), (0.44, 0.25), (0.38, 0.5), (0.26, 1.0), (0.0, 1.0), (-1.0, 1.0)]
+)
+def test_a_torso_keeps_its_rotation_the_more_the_person_lies(upright, lies):
+    model = MODELS["unitree_g1"]
+    kinematics = model.forward(np.tile(model.home_qpos, (20, 1)))
+    targets = make_targets(make("carry_box"), model, Scaling(), contact="surface").window(0, 20)
+    lean = se3.quat_to_matrix(se3.exp(np.array([0.0, np.arccos(upright), 0.0])))
+    free = replace(
+        targets,
+        trunk_rotations=np.tile(lean, (20, 1, 1)),
+        stance_flags=np.zeros_like(targets.stance_flags),
+    )
+    weights = Weights(torso_orientation=3.0, trunk_orientation=7.0)
+    term, *lying = trunk_terms(weights, free, kinematics)
+    assert term.weight == 7.0
+    found = np.array([more.weight for more in lying] or [0.0])
+    np.testing.assert_allclose(found, np.broadcast_to(lies * 3.0 * LYING_FACTOR, found.shape), atol=1e-9)
+    assert bool(lying) >= (lies > 0)
+    stands = replace(free, stance_flags=np.ones_like(free.stance_flags))
+    (term,) = trunk_terms(weights, stands, kinematics)
+    np.testing.assert_allclose(term.weight, 7.0)
+    assert not tuple(trunk_terms(weights, replace(free, contact="landmark"), kinematics))
+
+
+def test_a_torso_as_in_the_reference_costs_nothing_and_another_one_twice_its_squared_angle():
+    model = MODELS["unitree_g1"]
+    kinematics = model.forward(sunk_qpos(model, FRAMES, np.random.default_rng(0)))
+    targets = make_targets(make("carry_box"), model, Scaling()).window(0, FRAMES)
+    (term,) = torso_terms(Weights(torso_orientation=3.0), targets, kinematics)
+    assert sum(cost(rows) for rows in term.rows(kinematics)) == pytest.approx(0.0, abs=1e-20)
+    turn = se3.quat_to_matrix(se3.exp(np.array([0.0, 0.0, 1e-3])))
+    turned = replace(term, target_base=np.einsum("ijt,jk->ikt", term.target_base, turn))
+    expected = 3.0 * FRAMES * 2e-6
+    assert sum(cost(rows) for rows in turned.rows(kinematics)) == pytest.approx(expected, rel=1e-5)
+
+
+def test_an_anchored_foot_that_turns_costs_as_much_as_one_that_moves_by_its_reach():
+    model = MODELS["unitree_g1"]
+    kinematics = model.forward(np.tile(model.home_qpos, (FRAMES, 1)))
+    targets = make_targets(make("carry_box"), model, Scaling()).window(0, FRAMES)
+    share = np.linspace(0.0, 1.0, FRAMES)
+    targets = replace(targets, stance_flags=np.ones((FRAMES, 2), bool), anchor_weights=np.stack([share, share], axis=1))
+    found = stance_terms(Weights(stance_orientation=2.0, stance_anchor=30.0), targets, kinematics)
+    weights = [term.weight for term in found if term.name.endswith("_stance_orientation")]
+    np.testing.assert_allclose(weights, np.tile(2.0 + 0.5 * SOLE_REACH**2 * 30.0 * share, (2, 1)))

@@ -89,7 +89,7 @@ def test_names_are_told_by_the_file_or_the_user(tmp_path, options):
             read_clip(path, replace(options, object_name=wrong))
     with pytest.raises(GeometryError, match="plain folder name"):
         read_clip(path, replace(options, object_name="../cup+kettle"))
-    with pytest.raises(GeometryError, match=r"cup/cup.obj and kettle/kettle.obj"):
+    with pytest.raises(GeometryError, match=r"cup/cup.obj or .*, kettle/kettle.obj or"):
         read_clip(written(tmp_path, theia_columns_of(clip_of_two())))
 
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.files.reading import read_bytes
-from hoi_retarget.files.safe_pickle import MAXIMUM_DEPTH
+from hoi_retarget.files.safe_pickle import MAX_DEPTH
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.files.torch_file import parse_torch
 from torch_writer import STORAGE_OF, Call, Storage, Tensor, archive, legacy_bytes, torch_bytes, torch_entries
@@ -210,7 +210,7 @@ def test_programs_that_torch_does_not_write_are_refused(program, words):
 
 def test_deep_values_are_read_up_to_the_limit():
     value: list = []
-    for _ in range(MAXIMUM_DEPTH - 1):
+    for _ in range(MAX_DEPTH - 1):
         value = [value]
     assert same(parse_torch(torch_bytes(value), NAME), value)
     refused(torch_bytes([value]), "nested more than 64 deep")

@@ -6,19 +6,18 @@ import numpy as np
 import pytest
 
 import hoi_retarget as hr
-from hoi_retarget.cli.robot_trials import without_shapes
+from hoi_retarget.cli.robots import without_shapes
+from hoi_retarget.dynamics.feasibility import forces_on_clip
 from hoi_retarget.errors import ArgumentError, RobotError
 from hoi_retarget.numerics import se3
-from hoi_retarget.physics.feasibility import forces_on_clip
-from hoi_retarget.physics.scene import scene_of
-from hoi_retarget.retargeting.base_path import base_path
+from hoi_retarget.retargeting.mobile_base_path import mobile_base_path
 from hoi_retarget.retargeting.targets import make_targets
 from hoi_retarget.retargeting.trajopt.normal import assemble
-from hoi_retarget.retargeting.trajopt.table import trajectory_terms
+from hoi_retarget.retargeting.trajopt.trajectory_terms import trajectory_terms
 from hoi_retarget.robots import robot, user_robots
 from hoi_retarget.robots.adding.build import build_robot
-from hoi_retarget.robots.adding.findings import Refused
-from hoi_retarget.robots.adding.hints import Hints, read_hints
+from hoi_retarget.robots.adding.findings import Hints, UnsuitableRobotError, read_hints
+from hoi_retarget.simulation.physics_scene import scene_of
 from synthetic_humanoids import Choices, humanoid
 
 CLIP = "builtin:push_table"
@@ -63,7 +62,7 @@ def test_base_looks_where_the_person_does_however_far_the_pelvis_bends_or_leans(
         lean = se3.exp(np.eye(3)[axis] * angle)
         quats = np.tile(se3.quat_multiply(se3.exp(np.array([0.0, 0.0, turn])), lean), (9, 1))
         quats[4] = se3.exp(np.array([np.pi, 0.0, 0.0]))  # Upside down for a moment: that frame says nothing.
-        path = base_path(model, pelvis, quats, working, 30.0)
+        path = mobile_base_path(model, pelvis, quats, working, 30.0)
         ahead = model.forward(np.concatenate([path, hanging], axis=1)).site_rotation("pelvis")[:, :2, 0]
         np.testing.assert_allclose(ahead, np.tile([np.cos(turn), np.sin(turn)], (9, 1)), atol=1e-6)
 
@@ -98,7 +97,9 @@ def test_base_and_lower_joints_keep_their_values_to_the_bit(tmp_path, base):
     # Nothing of the legs is in what was solved: exports give all of them back as they are held.
     assert not {one.joint for one in built.spec.held} & set(motion.joint_names)
     assert not motion.stance_flags.any()
-    assert not [flip.site for flip in motion.report.orientation_flips if "hip" in flip.site or "knee" in flip.site]
+    assert not [
+        flip.subject for flip in motion.report.orientation_flips if "hip" in flip.subject or "knee" in flip.subject
+    ]
 
 
 def test_contacts_are_exact_where_the_base_follows(tmp_path):
@@ -144,7 +145,7 @@ def dense_of(band):
 
 
 def test_wheels_are_refused_unless_the_upper_body_alone_is_asked_for(tmp_path):
-    with pytest.raises(Refused, match=r'wheel.*base = "follows" or base = "stays"'):
+    with pytest.raises(UnsuitableRobotError, match=r'wheel.*base = "follows" or base = "stays"'):
         on_wheels(tmp_path)
     built = on_wheels(tmp_path, "follows")
     assert {"left_wheel_joint", "right_wheel_joint"} <= {one.joint for one in built.spec.held}

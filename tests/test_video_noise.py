@@ -18,11 +18,11 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.config import Config
-from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.synthetic import make
-from hoi_retarget.synthetic.reconstruction import Noise, reconstructed
 from source_people import write_models
 from trajectories import MODELS
+from video_noise import Noise, reconstructed
 
 BOX, TABLE = make("carry_box"), make("push_table")
 G1 = MODELS["unitree_g1"]

@@ -20,17 +20,15 @@ from browser import (
 )
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.retargeting.config import Config
-from hoi_retarget.retargeting.pipeline import retarget
+from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.synthetic import make
 from trajectories import MODELS
 
 pytest.importorskip("viser", reason="viser is not installed")
 
-from hoi_retarget.viewers.browser.client_sessions import serve_sessions
-from hoi_retarget.viewers.browser.page_content import page_content
-from hoi_retarget.viewers.browser.player import Player
-from hoi_retarget.viewers.browser.server import address, open_server
-from hoi_retarget.viewers.scene.scene import Shown
+from hoi_retarget.studio.browser.browser_server import address, open_server, page_content, serve_sessions
+from hoi_retarget.studio.browser.player import Player
+from hoi_retarget.studio.scene.scene import SceneItem
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -39,7 +37,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 def content():
     clip = make("carry_box", seconds=4.0)
     return page_content(
-        [Shown("carry box", retarget(clip, MODELS["unitree_g1"], Config()), MODELS["unitree_g1"], clip)]
+        [SceneItem("carry box", retarget(clip, MODELS["unitree_g1"], Config()), MODELS["unitree_g1"], clip)]
     )
 
 

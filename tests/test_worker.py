@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from hoi_retarget.viewers.browser.worker import Worker
+from hoi_retarget.studio.browser.worker import Worker
 
 
 def test_tasks_are_done_in_the_order_they_were_asked_for():

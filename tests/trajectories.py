@@ -9,15 +9,15 @@ from functools import cache
 import numpy as np
 
 import hoi_retarget.retargeting.trajopt.terms as terms_package
-from hoi_retarget.clip.pin import PINNED_PARTS, PosePin
+from hoi_retarget.clip.clip import PINNED_PARTS, PosePin
 from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.config import IkWeights, Scaling, Weights
 from hoi_retarget.retargeting.targets import Targets, make_targets, with_pins
 from hoi_retarget.retargeting.trajopt.link_pairs import LinkPair, SpreadPoints
 from hoi_retarget.retargeting.trajopt.problem import Term
-from hoi_retarget.retargeting.trajopt.table import ik_terms, trajectory_terms
 from hoi_retarget.retargeting.trajopt.terms.robot_clearance import RobotClearance
 from hoi_retarget.retargeting.trajopt.terms.self_clearance import SelfClearance
+from hoi_retarget.retargeting.trajopt.trajectory_terms import ik_terms, trajectory_terms
 from hoi_retarget.robots import ROBOTS, load_robot
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.skin import LinkSkin, skin_of

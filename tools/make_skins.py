@@ -19,16 +19,16 @@ from hoi_retarget.robots.mjcf import read_mjcf
 from hoi_retarget.robots.outer_skin import (
     OuterSkin,
     Outside,
-    fineness_of,
     grid_around,
     grid_nodes,
     mesh_distances,
     outer_skin,
     reached_from_afar,
+    resolution_of,
 )
-from hoi_retarget.robots.skin_file import write_skins
+from hoi_retarget.robots.skin import write_skins
 from hoi_retarget.robots.spec import RobotSpec
-from hoi_retarget.viewers.scene.vendor_meshes import attach_visual_meshes
+from hoi_retarget.studio.scene.robot_shapes import attach_visual_meshes
 
 SAME = 5e-4
 """Links whose mirrored meshes differ by no more than this [m] have mirrored skins."""
@@ -130,7 +130,7 @@ def make(name: str, folder: Path) -> None:
         if other != link and other in meshes and are_mirrored(meshes[other], (vertices, faces)):
             mirrored[link] = other
             continue
-        skins[link] = outer_skin(vertices, faces, fineness_of(model, link), outside[link])
+        skins[link] = outer_skin(vertices, faces, resolution_of(model, link), outside[link])
         print(f"{link}: {len(skins[link].points)} points, grid {skins[link].solid.values.shape}", flush=True)
     assert spec.skin is not None
     write_skins(spec.skin, skins, mirrored)

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from hoi_retarget.clip.clip import Augmentation as Augmentation
     from hoi_retarget.clip.clip import Clip as Clip
     from hoi_retarget.clip.clip import ContactTrack as ContactTrack
+    from hoi_retarget.clip.clip import QualityWarning as QualityWarning
     from hoi_retarget.clip.edits import ContactEdits as ContactEdits
     from hoi_retarget.clip.edits import apply as apply_edits
-    from hoi_retarget.clip.quality_warning import QualityWarning as QualityWarning
     from hoi_retarget.clip.read_options import ReadOptions as ReadOptions
     from hoi_retarget.errors import HoiRetargetError as HoiRetargetError
     from hoi_retarget.evaluation.figures import FIGURES as FIGURES
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from hoi_retarget.human.skeleton import JOINTS as JOINTS
     from hoi_retarget.motion.motion import Motion as Motion
     from hoi_retarget.motion.motion import Stage as Stage
-    from hoi_retarget.motion.report import Report as Report
+    from hoi_retarget.motion.motion_report import Report as Report
     from hoi_retarget.motion.result_file import load as load
     from hoi_retarget.motion.result_file import save as save
     from hoi_retarget.motion.write_export import write_export as export
@@ -42,15 +42,17 @@ if TYPE_CHECKING:
     from hoi_retarget.objects.track import ObjectTrack as ObjectTrack
     from hoi_retarget.readers.open import clip_of as clip_of
     from hoi_retarget.readers.open import open_clip as open_clip
-    from hoi_retarget.retargeting.config import BandedInteriorPoint as BandedInteriorPoint
     from hoi_retarget.retargeting.config import Config as Config
     from hoi_retarget.retargeting.config import Horizon as Horizon
     from hoi_retarget.retargeting.config import IkConfig as IkConfig
-    from hoi_retarget.retargeting.config import KeepStart as KeepStart
     from hoi_retarget.retargeting.config import Scaling as Scaling
     from hoi_retarget.retargeting.config import Weights as Weights
-    from hoi_retarget.retargeting.multi_person import retarget_people as retarget_people
-    from hoi_retarget.retargeting.pipeline import retarget as retarget
+    from hoi_retarget.retargeting.retarget import retarget as retarget
+    from hoi_retarget.retargeting.retarget import retarget_people as retarget_people
+    from hoi_retarget.retargeting.solve import Solution as Solution
+    from hoi_retarget.retargeting.solve import solve as solve
+    from hoi_retarget.retargeting.trajopt.solvers.solver import BandedInteriorPoint as BandedInteriorPoint
+    from hoi_retarget.retargeting.trajopt.solvers.solver import KeepStart as KeepStart
     from hoi_retarget.robots import ROBOTS as ROBOTS
     from hoi_retarget.robots import load_robot as load_robot
     from hoi_retarget.robots.model import RobotModel as RobotModel
@@ -59,45 +61,58 @@ if TYPE_CHECKING:
 __version__ = version("hoi-retarget")
 
 _HOMES = {
-    "batch.manifest": ("read_manifest",),
-    "cli": ("main",),
-    "clip.augment": ("augment",),
-    "clip.clip": ("Augmentation", "Clip", "ContactTrack"),
-    "clip.edits": ("ContactEdits", "apply_edits"),
-    "clip.quality_warning": ("QualityWarning",),
-    "clip.read_options": ("ReadOptions",),
-    "errors": ("HoiRetargetError",),
-    "evaluation.figures": ("FIGURES", "evaluate"),
-    "evaluation.thresholds": ("verdict_of",),
-    "human.person": ("Person",),
-    "human.skeleton": ("JOINTS",),
-    "motion.motion": ("Motion", "Stage"),
-    "motion.report": ("Report",),
-    "motion.result_file": ("load", "save"),
-    "motion.write_export": ("export",),
-    "objects.track": ("ObjectGeometry", "ObjectTrack"),
-    "readers.open": ("clip_of", "open_clip"),
-    "retargeting.config": (
-        *("BandedInteriorPoint", "Config", "Horizon", "IkConfig", "KeepStart", "Scaling", "Weights"),
-    ),
-    "retargeting.multi_person": ("retarget_people",),
-    "retargeting.pipeline": ("retarget",),
-    "robots": ("ROBOTS", "load_robot"),
-    "robots.model": ("RobotModel",),
-    "robots.spec": ("RobotSpec",),
+    "Augmentation": "clip.clip",
+    "BandedInteriorPoint": "retargeting.trajopt.solvers.solver",
+    "Clip": "clip.clip",
+    "Config": "retargeting.config",
+    "ContactEdits": "clip.edits",
+    "ContactTrack": "clip.clip",
+    "FIGURES": "evaluation.figures",
+    "HoiRetargetError": "errors",
+    "Horizon": "retargeting.config",
+    "IkConfig": "retargeting.config",
+    "JOINTS": "human.skeleton",
+    "KeepStart": "retargeting.trajopt.solvers.solver",
+    "Motion": "motion.motion",
+    "ObjectGeometry": "objects.track",
+    "ObjectTrack": "objects.track",
+    "Person": "human.person",
+    "QualityWarning": "clip.clip",
+    "ROBOTS": "robots",
+    "ReadOptions": "clip.read_options",
+    "Report": "motion.motion_report",
+    "RobotModel": "robots.model",
+    "RobotSpec": "robots.spec",
+    "Scaling": "retargeting.config",
+    "Solution": "retargeting.solve",
+    "Stage": "motion.motion",
+    "Weights": "retargeting.config",
+    "apply_edits": "clip.edits:apply",
+    "augment": "clip.augment",
+    "clip_of": "readers.open",
+    "evaluate": "evaluation.figures",
+    "export": "motion.write_export:write_export",
+    "load": "motion.result_file",
+    "load_robot": "robots",
+    "main": "cli",
+    "open_clip": "readers.open",
+    "read_manifest": "batch.manifest",
+    "retarget": "retargeting.retarget",
+    "retarget_people": "retargeting.retarget",
+    "save": "motion.result_file",
+    "solve": "retargeting.solve",
+    "verdict_of": "evaluation.thresholds",
 }
-"""Where each public name is defined."""
-_MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
-_RENAMED = {"apply_edits": "apply", "export": "write_export"}
-
-__all__ = ["__version__", *sorted(_MODULE_OF)]  # pyright: ignore[reportUnsupportedDunderAll]  # names of `_HOMES`
+"""Public name -> its module, and behind a colon its name there, where it is another one."""
+__all__ = ["__version__", *_HOMES]  # pyright: ignore[reportUnsupportedDunderAll]  # names of `_HOMES`
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first asked for: the command line's help needs none of them."""
-    if name not in _MODULE_OF:
+    if name not in _HOMES:
         raise AttributeError(f"hoi_retarget has no {name!r}. It has: {', '.join(__all__)}.")
-    value = getattr(import_module(f"hoi_retarget.{_MODULE_OF[name]}"), _RENAMED.get(name, name))
+    module, _, original = _HOMES[name].partition(":")
+    value = getattr(import_module(f"hoi_retarget.{module}"), original or name)
     globals()[name] = value
     return value
 

@@ -1,23 +1,32 @@
-"""The jobs that a specification asks for: one clip, one robot, one variant each."""
+"""The jobs of a specification: one clip, one robot, one variant each; and digests of all their inputs.
+
+While the digest of a job stays the same, its result does too, and need not be made again.
+"""
 
 import errno
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cache
 from itertools import product
 from pathlib import Path
 
+from hoi_retarget import __version__
 from hoi_retarget.batch.specification import Specification
 from hoi_retarget.clip.augment import describe
 from hoi_retarget.clip.clip import Augmentation
-from hoi_retarget.clip.read_options import NAMES, ReadOptions
+from hoi_retarget.clip.read_options import READ_OPTIONS, ReadOptions
 from hoi_retarget.errors import ArgumentError, ReadError
-from hoi_retarget.files.source_file import FOLDER
+from hoi_retarget.files.source_file import FOLDER, SourceFile
 from hoi_retarget.readers import SUFFIXES, can_be_clip, clips_in, recordings_below
+from hoi_retarget.readers.object_files import geometry_files, known_objects
 from hoi_retarget.readers.open import builtin_scene, clip_stem, result_stem
+from hoi_retarget.readers.own_layout import file_of, mesh_files
 from hoi_retarget.retargeting.config import Config
-from hoi_retarget.robots import team
+from hoi_retarget.robots import robot, team
 
-_WILD = frozenset("*?[")
+_WILDCARDS = frozenset("*?[")
 
 
 @dataclass(frozen=True)
@@ -66,7 +75,7 @@ class _NamedClip:
 
 def _variants(clip: _NamedClip, specification: Specification) -> Iterator[Job]:
     edits = specification.edits and _edits_of(clip, specification.edits)
-    options = ReadOptions(**{name: getattr(specification, name) for name in NAMES})
+    options = ReadOptions(**{name: getattr(specification, name) for name in READ_OPTIONS})
     objects, models = options.objects, options.body_models
     reading = replace(options, objects=objects and objects.absolute(), body_models=models and models.absolute())
     grid = product(
@@ -121,9 +130,9 @@ def _matching(specification: Specification, named: str) -> Iterator[_NamedClip]:
     path = specification.folder / named
     if scene is not None:
         yield _NamedClip(scene, named, named)
-    elif _WILD & set(named):
+    elif _WILDCARDS & set(named):
         steps = Path(named).parts
-        fixed = next(index for index, step in enumerate(steps) if _WILD & set(step))
+        fixed = next(index for index, step in enumerate(steps) if _WILDCARDS & set(step))
         # The name of a clip is its path from the first wildcard on, which must not lead out of the output folder.
         if any(step == ".." or ("**" in step and step != "**") for step in steps[fixed:]):
             raise ArgumentError(
@@ -160,3 +169,74 @@ def _selected(path: Path) -> tuple[Path, ...]:
         return clips_in(path)
     except ReadError:
         return (path,)
+
+
+class JobDigests:
+    """Digests of the inputs of jobs, each file read once."""
+
+    def __init__(self) -> None:
+        self.of_file = cache(digest_of_file)
+        self._of_recording = cache(self._digests_of_recording)
+        self._of_robot = cache(_digest_of_robot)
+        self._of_object = cache(self._digest_of_object)
+        self._known_objects = cache(known_objects)
+
+    def key(self, job: Job, objects: Sequence[str] | None, files: Sequence[str]) -> str:
+        """Return the digest of a job's inputs, settings and program.
+
+        Args:
+            job: The job.
+            objects: Names of the objects in its clip; None where the clip could not be read, and any object may matter.
+            files: Other files that its clip was read from.
+        """
+        folder = job.reading.objects
+        names = self._objects(folder) if objects is None else objects
+        parts = {
+            "version": __version__,
+            "clip": job.clip
+            if builtin_scene(job.clip) is not None
+            else self._of_recording(SourceFile(Path(job.clip)).path),
+            "files": {name: self.of_file(Path(name)) for name in files},
+            "objects": {name: self._of_object(folder, name) for name in names} if folder else {},
+            "reading": replace(job.reading, objects=None).as_json(),
+            "edits": self.of_file(job.edits) if job.edits else "",
+            "robot": [self._of_robot(spec.name) for spec in team(job.robot)],
+            "config": job.config.as_json(),
+            "augmentation": asdict(job.augmentation),
+        }
+        return _sha256(json.dumps(parts, sort_keys=True).encode())
+
+    def _objects(self, folder: Path | None) -> Sequence[str]:
+        try:
+            return self._known_objects(folder) if folder else ()
+        except OSError:
+            return ()
+
+    def _digests_of_recording(self, path: Path) -> list[str]:
+        main = file_of(path)
+        meshes = mesh_files(path) if main.suffix.lower() == ".npz" else ()
+        return [self.of_file(file) for file in (main, *meshes)]
+
+    def _digest_of_object(self, folder: Path, name: str) -> list[str]:
+        return [self.of_file(path) for path in geometry_files(folder, name)]
+
+
+def digest_of_file(path: Path) -> str:
+    """Return the SHA-256 of a file, or the kind of error where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except (OSError, ValueError) as error:  # A name may hold what no path can.
+        return type(error).__name__
+
+
+def _digest_of_robot(name: str) -> str:
+    spec = robot(name)
+    files = [path for path in (spec.mjcf, spec.skin) if path is not None]
+    # The content of the package matters, not the folder that it is installed in.
+    named = replace(spec, mjcf=Path(spec.mjcf.name), skin=spec.skin and Path(spec.skin.name))
+    return _sha256(b"".join(path.read_bytes() for path in files) + repr(named).encode())
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()

@@ -79,7 +79,7 @@ class ManifestEntry:
     robot: str
     source: ManifestSource
     scales: Mapping[str, Any]
-    """`root`, `object` and `size_multiplier`: as asked for, and as they came out where there are results."""
+    """`root`, `object` and `size_multiplier`: as specified; those of the results where there are some."""
     lineage: Mapping[str, Any]
     """What was done to the recording: `mirrored`, `speed`, and the SHA-256 of `contact_edits`."""
     verdict: str = ""

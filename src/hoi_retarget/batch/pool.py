@@ -1,27 +1,77 @@
-"""A pool of processes on this machine, in which a worker that dies or hangs costs its own task alone.
+"""A pool of processes on this machine: a dead or hanging worker costs its own task alone.
 
 Each worker has a pipe and one task at a time. When its pipe breaks, it is dead; when its time is up, it is killed.
 Either way the task is lost, with the reason, and another worker takes its place.
 """
 
+import os
+import resource
 import signal
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
-from multiprocessing import get_context, resource_tracker
-from multiprocessing.connection import wait
+from multiprocessing import get_context, parent_process, resource_tracker
+from multiprocessing.connection import Connection, wait
+from threading import Thread
 from typing import Any, Literal, Protocol, runtime_checkable
 
-from hoi_retarget.batch.worker import READY, serve
 from hoi_retarget.errors import HoiRetargetError
+
+READY = "ready"
+
+
+def serve(connection: Connection, function: Callable[[Any], Any], memory_limit: float | None) -> None:
+    """Say that this process is ready, answer each task with the function's value, and end it when nobody asks any more.
+
+    An exception ends the process, too: a function that is given here returns its failures.
+    """
+    Thread(target=_end_with_parent, daemon=True).start()
+    limit_memory(memory_limit)
+    value: Any = READY
+    while _sent(connection, value):
+        try:
+            task = connection.recv()
+        except (EOFError, OSError):
+            break
+        value = function(task)
+    _end()
+
+
+def _sent(connection: Connection, value: Any) -> bool:
+    """Send a value; return False where the parent process has gone."""
+    try:
+        connection.send(value)
+    except OSError:
+        return False
+    return True
+
+
+def limit_memory(megabytes: float | None) -> None:
+    """Let this process allocate no more than some memory [MB]; beyond it, Python raises `MemoryError`."""
+    if megabytes is not None:
+        _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+        resource.setrlimit(resource.RLIMIT_DATA, (int(megabytes * 2**20), hard))
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        _end()  # In the middle of its task: nobody is left to take the value.
+
+
+def _end() -> None:
+    """End this process silently: at Python's own end, libraries warn of their caches."""
+    os._exit(1)
+
 
 POLL_SECONDS = 0.2  # Between two looks at time limits and at `stopped`.
 FAILED_STARTS = 3  # Workers in a row that may die before they are ready.
 
 
 @dataclass(frozen=True)
-class Lost:
+class LostTask:
     """A task that ended without a value."""
 
     status: Literal["killed", "timeout"]
@@ -39,7 +89,7 @@ class Pool(Protocol):
         ...
 
     def run(self, tasks: Sequence[Any], stopped: Callable[[], bool]) -> Generator[tuple[int, Any], None, None]:
-        """Yield each task's index and its value, or `Lost`, as they end; end early when `stopped` says so."""
+        """Yield each task's index and its value, or `LostTask`, as they end; end early when `stopped` says so."""
         ...
 
 
@@ -56,7 +106,7 @@ class LocalPool:
     """Most memory that a worker may allocate [MB]."""
 
     def run(self, tasks: Sequence[Any], stopped: Callable[[], bool]) -> Generator[tuple[int, Any], None, None]:
-        """Yield each task's index and its value, or `Lost`, as they end; end early when `stopped` says so.
+        """Yield each task's index and its value, or `LostTask`, as they end; end early when `stopped` says so.
 
         Raises `HoiRetargetError` when workers cannot be started.
         """
@@ -109,7 +159,7 @@ class _Workers:
             try:
                 value = worker.receive()
             except (EOFError, OSError):
-                lost = Lost("killed", self._end(worker), worker.seconds)
+                lost = LostTask("killed", self._end(worker), worker.seconds)
                 self._check_start(worker, lost.reason)
                 if task is not None:
                     yield task, lost
@@ -119,11 +169,11 @@ class _Workers:
                     yield task, value
 
     def end_late(self) -> Iterator[tuple[int, Any]]:
-        """End workers whose time is up, and yield their tasks as lost."""
+        """End workers beyond the time limit, and yield their tasks as lost."""
         limit = self._pool.time_limit
         for worker in tuple(self._workers):
             if limit is not None and worker.task is not None and worker.seconds > limit:
-                lost = Lost("timeout", f"it took longer than the limit of {limit:g} s", worker.seconds)
+                lost = LostTask("timeout", f"it took longer than the limit of {limit:g} s", worker.seconds)
                 self._end(worker)
                 yield worker.task, lost
 

@@ -1,4 +1,4 @@
-"""The same tasks on Ray: on this machine, or on a cluster whose machines share the files."""
+"""The same tasks on Ray: on this machine, or on a cluster with shared files."""
 
 import logging
 import signal
@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any
 
-from hoi_retarget.batch.pool import POLL_SECONDS, Lost
-from hoi_retarget.batch.worker import limit_memory
+from hoi_retarget.batch.pool import POLL_SECONDS, LostTask, limit_memory
 from hoi_retarget.errors import HoiRetargetError
 
 MACHINES_LOST = 3
@@ -43,7 +42,7 @@ class RayPool:
             )
 
     def run(self, tasks: Sequence[Any], stopped: Callable[[], bool]) -> Generator[tuple[int, Any], None, None]:
-        """Yield each task's index and its value, or `Lost`, as they end; end early when `stopped` says so.
+        """Yield each task's index and its value, or `LostTask`, as they end; end early when `stopped` says so.
 
         Raises `HoiRetargetError` when there is no cluster at the address.
         """
@@ -72,7 +71,10 @@ class RayPool:
                     if self.time_limit is not None and seconds > self.time_limit:
                         ray.cancel(reference, force=True)
                         del running[reference]
-                        yield index, Lost("timeout", f"it took longer than the limit of {self.time_limit:g} s", seconds)
+                        yield (
+                            index,
+                            LostTask("timeout", f"it took longer than the limit of {self.time_limit:g} s", seconds),
+                        )
         finally:
             ray.shutdown()
 
@@ -98,10 +100,10 @@ def _do_limited(function: Callable[[Any], Any], task: Any, memory_limit: float |
 
 
 def _value(ray: Any, reference: Any, since: float) -> tuple[Any, bool]:
-    """Return a task's value, or `Lost`, and whether the machine that it was on is lost."""
+    """Return a task's value, or `LostTask`, and whether the machine that it was on is lost."""
     try:
         return ray.get(reference), False
     except ray.exceptions.RayError as error:
         reason = " ".join(str(error).split())[:200]
-        lost = Lost("killed", f"its process ended: {reason}", time.monotonic() - since)
+        lost = LostTask("killed", f"its process ended: {reason}", time.monotonic() - since)
         return lost, isinstance(error, ray.exceptions.NodeDiedError)

@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 from hoi_retarget.clip.clip import Augmentation
 from hoi_retarget.clip.read_options import ReadOptions
+from hoi_retarget.dynamics.physics_settings import Refinement
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.files.tables import check_keys, decode, read_toml
-from hoi_retarget.physics.settings import Refinement
 from hoi_retarget.retargeting.config import Config, Scaling, parse_horizon, read_config
 from hoi_retarget.robots import team
 
@@ -78,6 +78,12 @@ def of_folder(
     """Return the default specification of a folder: every clip in it once, for the default robot.
 
     Without `options.objects`, a folder of that name in it is taken where there is one.
+
+    Args:
+        folder: The folder.
+        options: Of reading.
+        config: Of solving.
+        refine: Whether a simulated robot performs every result, too.
     """
     own = folder / _OBJECTS
     objects = options.objects or (own if own.is_dir() else None)

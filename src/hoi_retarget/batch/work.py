@@ -1,67 +1,169 @@
-"""One job from its clip to its results, in any process: it ends with a manifest entry, never with an exception."""
+"""One job in any process, from its clip to its results: it ends with a manifest entry, never with an exception.
+
+In the second stage of a batch, a simulated robot performs the solved results.
+"""
 
 import hashlib
+import json
 import re
 import time
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from hoi_retarget.batch.jobs import Job
 from hoi_retarget.batch.manifest import ManifestEntry, ManifestResult, ManifestSource, Status
-from hoi_retarget.batch.refining import Refining, refined, unrefined
+from hoi_retarget.batch.specification import Specification
 from hoi_retarget.clip.augment import augment
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.clip.edits import apply, load
+from hoi_retarget.clip.edits import apply
+from hoi_retarget.clip.edits import load as load_edits
+from hoi_retarget.dynamics.feasibility import physics_of_motion
+from hoi_retarget.dynamics.physics_settings import Refinement
 from hoi_retarget.errors import GeometryError, HoiRetargetError, ReadError
 from hoi_retarget.evaluation.thresholds import verdict_of
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.readers.open import open_clip
-from hoi_retarget.retargeting.multi_person import result_paths, retarget_people, write
+from hoi_retarget.motion.result_file import load
+from hoi_retarget.readers.open import clip_of, open_clip
+from hoi_retarget.retargeting.retarget import result_paths, retarget_people, write
 from hoi_retarget.robots import load_robot, load_team
+from hoi_retarget.simulation.physics_stage import SimulatedMotion, add_physics_stage, write_simulated
+
+FOLDER = "refined"
+"""Folder for performed motions below that of the results."""
+
+
+@dataclass(frozen=True)
+class BatchTask:
+    """A job and the folder of its results, as a value for any process."""
+
+    job: Job
+    out: Path
+
+    @property
+    def name(self) -> str:
+        """Name of the job."""
+        return self.job.name
+
+    def entry(self, status: Status, reason: str) -> ManifestEntry:
+        """Return the manifest entry of the job without a clip."""
+        job, scaling = self.job, self.job.config.scaling
+        scales = {"root": scaling.root_scale, "object": scaling.object_scale}
+        return ManifestEntry(
+            name=job.name,
+            status=status,
+            robot=job.robot,
+            source=ManifestSource(job.shown),
+            scales={**scales, "size_multiplier": scaling.size_multiplier},
+            lineage={**asdict(job.augmentation), "contact_edits": ""},
+            reason=reason,
+        )
+
+
+@dataclass(frozen=True)
+class RefineTask:
+    """A result to be refined, as a value for any process."""
+
+    solved: ManifestEntry
+    """The entry of the result's job."""
+    result: ManifestResult
+    out: Path
+    """Folder of the batch."""
+    refinement: Refinement
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """The path of the performed motion below the output folder, without the suffix."""
+        return f"{FOLDER}/{self.result.path.removesuffix('.npz')}"
+
+    @property
+    def key(self) -> str:
+        """Digest of all inputs of the performed motion."""
+        parts = {"solved": self.solved.key, "refinement": asdict(self.refinement), "seed": self.seed}
+        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+    def entry(self, status: Status, reason: str) -> ManifestEntry:
+        """Return the manifest entry of the result without its performance."""
+        return replace(self.solved, name=self.name, status=status, reason=reason, verdict="", results=(), seconds=0.0)
+
+
+Task = BatchTask | RefineTask
+
+
+def refinement_tasks(specification: Specification, solved: Iterable[ManifestEntry], out: Path) -> Iterator[RefineTask]:
+    """Yield the second stage of solved jobs: one for each person's result; none unless it is asked for."""
+    if specification.refine:
+        for entry in solved:
+            for result in entry.results:
+                yield RefineTask(entry, result, out, specification.refinement, specification.seed)
+
+
+def refine_result(task: RefineTask) -> ManifestEntry:
+    """Refine a result and write the performed motion; a fall is a failure, its motion written with the reason.
+
+    Raises `HoiRetargetError` where the result cannot be refined.
+    """
+    motion = load(task.out / task.result.path)
+    clip = clip_of(motion) if motion.object_names or motion.report.source.path else None
+    performed = add_physics_stage(motion, clip, physics_of_motion(motion), task.refinement, seed=task.seed)
+    place = task.out / f"{task.name}.npz"
+    place.parent.mkdir(parents=True, exist_ok=True)
+    motion_path, for_controllers = write_simulated(performed, place)
+    entry = replace(task.entry("solved", ""), frames=performed.motion.frames)
+    if performed.performance.fell:
+        return _fallen(entry, performed)
+    verdict = verdict_of(performed.motion, performed.scene.model)
+    result = ManifestResult(
+        path=motion_path.relative_to(task.out).as_posix(),
+        sha256=_sha256(motion_path),
+        figures=performed.motion.report.figures,
+        verdict=verdict.as_json(),
+        companions={for_controllers.relative_to(task.out).as_posix(): _sha256(for_controllers)},
+    )
+    certificate = performed.performance.robustness
+    return replace(entry, verdict=str(verdict.level), results=(result,), certificate=certificate)
+
+
+def _fallen(entry: ManifestEntry, performed: SimulatedMotion) -> ManifestEntry:
+    performance, frame = performed.performance, performed.motion.frames
+    reason = f"the robot falls after {performance.seconds:.1f} s, in frame {frame}: {performance.cause}"
+    return replace(
+        entry, status="failed", reason=reason, error="Fall", frame=frame, fell_after=performed.rollout.fell_after
+    )
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
 
 _INPUT_ERRORS = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)
 _FRAME = re.compile(r"\bframes? \(?(\d+)")  # In messages.
 
 
-@dataclass(frozen=True)
-class Task:
-    """A job and the folder of its results."""
-
-    job: Job
-    out: Path
-
-
-def run_job(task: Task | Refining) -> ManifestEntry:
+def run_job(task: Task) -> ManifestEntry:
     """Run one job and return its manifest entry; all of its result files are written, or none."""
     start = time.monotonic()
-    entry = _run(task) if isinstance(task, Task) else _refine(task)
+    if isinstance(task, BatchTask):
+        entry = _run(task)
+    else:
+        try:
+            entry = refine_result(task)
+        except Exception as error:  # noqa: BLE001 - any fault of a result costs that result alone
+            entry = failed(task.entry("failed", ""), error)
     return replace(entry, seconds=round(time.monotonic() - start, 3))
 
 
-def entry_without_results(job: Job, status: Status, reason: str) -> ManifestEntry:
-    """Return the manifest entry of a job whose clip was not read."""
-    asked = job.config.scaling
-    return ManifestEntry(
-        name=job.name,
-        status=status,
-        robot=job.robot,
-        source=ManifestSource(job.shown),
-        scales={"root": asked.root_scale, "object": asked.object_scale, "size_multiplier": asked.size_multiplier},
-        lineage={**asdict(job.augmentation), "contact_edits": ""},
-        reason=reason,
-    )
-
-
-def _run(task: Task) -> ManifestEntry:
+def _run(task: BatchTask) -> ManifestEntry:
     job = task.job
-    entry = entry_without_results(job, "failed", "")
+    entry = task.entry("failed", "")
     try:
         start = time.process_time()
         clip = open_clip(job.clip, job.reading)
         entry = replace(entry, source=_source(job, clip), frames=clip.frames, fps=clip.fps)
         if job.edits is not None:
-            clip = apply(clip, load(job.edits))
+            clip = apply(clip, load_edits(job.edits))
         clip = augment(clip, job.augmentation)
         edits = clip.source.contact_edits
         lineage = {**entry.lineage, "contact_edits": edits and hashlib.sha256(edits.encode()).hexdigest()}
@@ -76,19 +178,14 @@ def _run(task: Task) -> ManifestEntry:
         return failed(entry, error)
 
 
-def _refine(task: Refining) -> ManifestEntry:
-    try:
-        return refined(task)
-    except Exception as error:  # noqa: BLE001 - as above
-        return failed(unrefined(task, "failed", ""), error)
-
-
-def _finished(entry: ManifestEntry, task: Task, motions: tuple[Motion, ...], paths: tuple[Path, ...]) -> ManifestEntry:
+def _finished(
+    entry: ManifestEntry, task: BatchTask, motions: tuple[Motion, ...], paths: tuple[Path, ...]
+) -> ManifestEntry:
     verdicts = [verdict_of(motion, load_robot(motion.robot)) for motion in motions]
     results = tuple(
         ManifestResult(
             path=path.relative_to(task.out).as_posix(),
-            sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
+            sha256=_sha256(path),
             figures=motion.report.figures,
             verdict=verdict.as_json(),
         )

@@ -1,9 +1,7 @@
 """The command line: the only part of the package that prints, reads the environment and sets it.
 
-`commands` declares what can be asked for and imports nothing heavy, so that help is quick. Each
-command is done by the module of this package that bears its name, imported when it is asked for.
-
-Here is what holds for all of them: however a command ends, it ends with an exit code and at most a line.
+`commands` declares all options and imports nothing heavy, so that help is quick. `program` imports
+the module of a command when it is executed. However it ends, it ends with an exit code and at most a line.
 """
 
 import os
@@ -27,7 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _prepare_streams()
         try:
             # Imports take most of a second, in which the user may press Ctrl-C too.
-            from hoi_retarget.cli.program import run  # noqa: PLC0415
+            from hoi_retarget.cli.program import run  # noqa: PLC0415  # as said above
 
             return run(sys.argv[1:] if arguments is None else arguments)
         finally:
@@ -51,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _prepare_streams() -> None:
-    """Let no character and no closed stream stop what is printed."""
+    """Let no character and no closed stream stop the output."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:
@@ -67,7 +65,7 @@ def _complain(text: str) -> None:
 
 
 def _discard_output() -> None:
-    """Send what is still to be written nowhere, so that Python's end does not fail on it."""
+    """Send output that is left nowhere, so that Python's end does not fail on it."""
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):
             stream.flush()

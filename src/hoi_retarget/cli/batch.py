@@ -8,17 +8,19 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from types import FrameType
 
 from hoi_retarget.batch.manifest import MANIFEST, STATUSES, ManifestEntry
 from hoi_retarget.batch.pool import LocalPool, Pool
 from hoi_retarget.batch.ray_pool import RayPool
-from hoi_retarget.batch.run import Summary, run_batch
+from hoi_retarget.batch.run_batch import Summary, run_batch
 from hoi_retarget.batch.specification import Specification, of_folder, read_specification
 from hoi_retarget.batch.work import run_job
 from hoi_retarget.cli.commands import Batch
-from hoi_retarget.cli.jobs import check_writable, prepare_skin
-from hoi_retarget.cli.settings import config_in
+from hoi_retarget.cli.output_checks import check_writable
+from hoi_retarget.cli.run import prepare_skin
+from hoi_retarget.cli.run_options import config_in
 from hoi_retarget.cli.terminal import Working, fail, say, show_table
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError
@@ -29,7 +31,7 @@ _STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _TENTHS = 10  # Lines of progress where no bar can be drawn.
 
 
-def execute(command: Batch) -> int:
+def execute_batch(command: Batch) -> int:
     """Run the jobs that have no valid result yet; return 0 when every job has one."""
     specification, pool = _specification(command), _pool(command)
     check_writable("--out", command.out)
@@ -61,14 +63,17 @@ def _specification(command: Batch) -> Specification:
             objects=command.objects, body_models=command.body_models, labels=command.labels, grasps=command.grasps
         )
         config = Config() if command.config is None else config_in(command.config)
+        if command.figures is not None:
+            config = replace(config, figures=command.figures)
         return of_folder(command.source, reading, config, refine=command.refine)
     if command.refine:
         raise ArgumentError(f"--refine is for a folder of clips. In {command.source} write refine = true.")
-    for name in ("objects", "body_models", "labels", "grasps", "config"):
+    for name in ("objects", "body_models", "labels", "grasps", "config", "figures"):
         value = getattr(command, name)
         if value != getattr(Batch, name):
             option = f"--{name.replace('_', '-')}"
-            raise ArgumentError(f'{option} {value} is for a folder of clips. In {command.source} write {name} = "...".')
+            key = f"config.{name}" if name == "figures" else name
+            raise ArgumentError(f'{option} {value} is for a folder of clips. In {command.source} write {key} = "...".')
     return read_specification(command.source)
 
 
@@ -89,13 +94,13 @@ def _pool(command: Batch) -> Pool:
 
 
 def _set_up_ray() -> None:
-    """Choose what Ray reads from the environment when it is imported, unless the user has."""
+    """Set Ray's environment variables, unless the user has: Ray reads them when it is imported."""
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # Ray reports to its makers otherwise.
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")  # What it warns will be the default.
 
 
 def _cores() -> int:
-    """Return how many cores this process may use."""
+    """Return the number of cores for this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -128,7 +133,7 @@ class _Progress:
         self.start = time.monotonic()
 
     def planned(self, jobs: int, todo: int) -> None:
-        """Say what is to be done, and begin to count."""
+        """Print the number of jobs, and begin to count."""
         self._begun(f"{jobs} job{'' if jobs == 1 else 's'}", jobs, todo)
 
     def refining(self, results: int, todo: int) -> None:
@@ -172,15 +177,23 @@ def duration_text(seconds: float) -> str:
     return f"{seconds / 3600:.1f} h"
 
 
+def _physics(entry: ManifestEntry) -> str:
+    """Return the worst light of physics among a job's results."""
+    levels = {(result.verdict.get("physics") or {}).get("level") for result in entry.results}
+    return next((level for level in ("fail", "warn", "pass") if level in levels), "not judged")
+
+
 def _show(summary: Summary, command: Batch) -> None:
     entries = summary.entries
     statuses = Counter(entry.status for entry in entries)
     verdicts = Counter(entry.verdict for entry in entries if entry.succeeded)
+    physics = Counter(_physics(entry) for entry in entries if entry.succeeded)
     licences = Counter(entry.source.licence or "unknown" for entry in entries if entry.succeeded)
     errors = Counter(entry.error or entry.status for entry in entries if not entry.succeeded)
     rows = [("", "jobs")]
     rows += [(status, str(statuses[status])) for status in STATUSES if status in statuses]
     rows += [(f"verdict {verdict}", str(count)) for verdict, count in sorted(verdicts.items())]
+    rows += [(f"physics {light}", str(count)) for light, count in sorted(physics.items())]
     rows += [(f"failed by {error}", str(count)) for error, count in errors.most_common()]
     rows += [(f"licence {licence}", str(count)) for licence, count in licences.most_common()]
     if entries:

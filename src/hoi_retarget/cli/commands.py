@@ -1,16 +1,16 @@
-"""What can be asked for on the command line: one frozen dataclass a command, a docstring per field."""
+"""Options of the command line: one frozen dataclass a command, a docstring per field; nothing heavy is imported."""
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal, Union
 
-from tyro.conf import Positional, arg, subcommand
+from tyro.conf import Positional, Suppress, arg, subcommand
 
 from hoi_retarget.clip.read_options import Grasps, Labels, ReadOptions
-from hoi_retarget.physics.settings import Physics, Refinement
-from hoi_retarget.retargeting.config import BandedInteriorPoint, ContactKind, IkConfig, Weights
+from hoi_retarget.dynamics.physics_settings import FigureSet, Physics, Refinement
+from hoi_retarget.retargeting.config import ContactKind, IkConfig, Scaling, Weights
+from hoi_retarget.retargeting.trajopt.solvers.solver import BandedInteriorPoint
 
 DESCRIPTION = (
     "Human-object interaction recordings to humanoid robot motions that touch the object in the same place "
@@ -26,9 +26,8 @@ Meshes = Annotated[Path | None, arg(metavar="DIR|menagerie", help_behavior_hint=
 ResultFiles = Annotated[Positional[tuple[Path, ...]], arg(metavar="RESULT...", help_behavior_hint="(required)")]
 ConfigFile = Annotated[Path | None, arg(metavar="FILE.toml|RESULT.npz", help_behavior_hint="")]
 OptionalFile = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
-TRIED = ("builtin:carry_box",)
+TRIAL_CLIPS = ("builtin:carry_box",)
 """Clips that robots are tried on, unless others are named."""
-JsonFile = Annotated[Path | None, arg(metavar="FILE|-", help_behavior_hint="")]
 
 
 @dataclass(frozen=True)
@@ -39,71 +38,55 @@ class Demo:
     """A robot's name, or its maker's URDF or MJCF; `hoi-retarget robots list` shows those there are."""
     out: Folder = Path("hoi-retarget-demo")
     """Folder to write into; made when it does not exist."""
+    all: bool = False
+    """Print all figures, not only the first ones."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Solving:
-    """Everything that decides a result beside the clip and its contacts: a robot, and the fields of `Config`."""
+class SolveOptions:
+    """A robot, and the fields of `Config`."""
 
     robot: RobotName = "unitree_g1"
     """A robot's name, or its maker's URDF or MJCF, or one for each person with commas between; `hoi-retarget robots
     list` shows those there are."""
     config: ConfigFile = None
     """Settings to begin with, from a TOML file or from a result; the options below change single ones of them."""
-    root_scale: Scale = "auto"
-    """Human size to robot size; auto divides the robot's stature by the person's height."""
-    object_scale: Scale = "auto"
-    """Size of the object; 1.0 keeps it, auto shrinks or keeps it, as suits the robot."""
-    size_multiplier: float = 1.0
-    """On top of the object scale, to make several motions of one clip."""
-    body_scale: Annotated[float | Literal["root"], arg(metavar="root|NUMBER")] = "root"
-    """Human size to robot size, of the body alone: for a robot of another size than the others in its world."""
+    scaling: Annotated[Scaling, arg(name="")] = Scaling()
     horizon: Annotated[str, arg(metavar="HORIZON")] = "auto"
     """How many frames are solved at once: auto, whole, per-frame, or windowed:LENGTH[:OVERLAP]."""
     contact: ContactKind = "surface"
     """What a labelled contact asks for: the hand's surface on the object's, and nothing inside anything; or the palm's
     landmark at the human's (paper Eq. 1)."""
     weights: Weights = Weights()
-    """Weights of the cost table (paper Table II); each multiplies the square of a residual, which is in metres,
-    radians, or the Frobenius norm of a difference of rotations."""
     ik: IkConfig = IkConfig()
-    """Settings of inverse kinematics."""
     solver: BandedInteriorPoint = BandedInteriorPoint()
-    """Settings of the interior-point Gauss-Newton solver; `trajopt/solvers/banded.py` is its method."""
     physics: Physics = Physics()
     """Masses and frictions, for the figures of physics; the motion does not depend on them."""
+    figures: FigureSet = "all"
+    """Figures to compute: all, none, or the fast ones, which need neither distances between surfaces nor forces."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading(ReadOptions):
-    """What a recording is read with."""
+class RecordingOptions(ReadOptions):
+    """Options of reading a recording as the command line names them; `ReadOptions` explains them."""
 
     objects: OptionalFolder = None
-    """Folder with the objects' geometry: OBJECTS/<name>/<name>.obj, or sample_points.npy there, or the source's own."""
     object_name: ObjectName = None
-    """Which object the clip is with; by default the clip says, or its file name sub<N>_<object>_<n>."""
     body_models: OptionalFolder = None
-    """Folder with SMPL-X or SMPL-H models, for recordings that hold their parameters."""
     floor: Annotated[float | None, arg(metavar="HEIGHT", help_behavior_hint="")] = None
-    """Height of the floor in the recording [m]; by default the format's, or an estimate from standing feet."""
-    labels: Labels = "auto"
-    """Where contacts come from: auto keeps the recording's own and finds them from distances where it has none;
-    proximity and interact find them anew, by the rule of that name."""
-    grasps: Grasps = "refuse"
-    """What is done with a clip whose grasps contradict how its rotations or units are read: refuse it, or warn."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class OneClip(Reading):
-    """A clip, and what it is read with."""
+class OneClipOptions(RecordingOptions):
+    """A clip, and options of reading it."""
 
     clip: Annotated[Positional[Path], arg(metavar="CLIP")]
     """A recording, or a built-in clip such as builtin:carry_box."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class MadeFrom:
-    """What results were made from."""
+class SourceClipOptions:
+    """The clip and the robot of results."""
 
     clip: Annotated[Path | None, arg(metavar="CLIP", help_behavior_hint="")] = None
     """The clip they were made from, where it is not where it was: it knows the human and the objects' surfaces."""
@@ -114,8 +97,8 @@ class MadeFrom:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Weighed(MadeFrom):
-    """What results were made from, with masses and frictions other than those that the run had."""
+class PhysicsOptions(SourceClipOptions):
+    """The clip and the robot of results, and masses and frictions in place of the run's."""
 
     object_mass: Annotated[float | None, arg(metavar="KG", help_behavior_hint="")] = None
     """Mass of each object; by default the run's setting, else from its size and what it is called."""
@@ -128,8 +111,8 @@ class Weighed(MadeFrom):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Served:
-    """Where a page is served."""
+class ServerOptions:
+    """The address of a page."""
 
     host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1"
     """Address to listen at; by default only this machine can see the page."""
@@ -137,9 +120,17 @@ class Served:
     """Port to listen at; by default the first free one from 8080 on."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class JsonOption:
+    """A file for other programs."""
+
+    json: Annotated[Path | None, arg(metavar="FILE|-", help_behavior_hint="")] = None
+    """Write the shown facts to this file as JSON; - prints it, and everything else goes to stderr."""
+
+
 @dataclass(frozen=True)
-class Run(Reading, Solving):
-    """Retarget recorded clips; each result is OUT/<clip's stem>.npz."""
+class Run(JsonOption, RecordingOptions, SolveOptions):
+    """Retarget recorded clips; each result is OUT/<clip's stem>.npz, or .npz.failed where it is no result."""
 
     clips: Annotated[Positional[tuple[Path, ...]], arg(metavar="CLIP...", help_behavior_hint="(required)")]
     """Clips to retarget, one after the other: files, or built-in ones such as builtin:carry_box."""
@@ -147,8 +138,8 @@ class Run(Reading, Solving):
     """Folder to write into; made when it does not exist."""
     edits: OptionalFile = None
     """Contact edits for the clip, as `hoi-retarget contacts` writes them; then only one clip can be named."""
-    json: JsonFile = None
-    """Write the figures to this file as JSON; - prints it, and everything else goes to stderr."""
+    all: bool = False
+    """Print all figures, not only the first ones."""
 
 
 @dataclass(frozen=True)
@@ -169,6 +160,8 @@ class Batch:
     """What is done with clips of a folder whose grasps contradict how they are read, as for run."""
     config: ConfigFile = None
     """Settings for a folder of clips, as for run."""
+    figures: FigureSet | None = None
+    """Figures to compute for a folder of clips, by default those of its settings: all, fast or none, as for run."""
     refine: bool = False
     """Have a simulated robot perform every result of a folder of clips, into OUT/refined, in a stage of its own."""
     workers: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: the number of cores)")] = None
@@ -184,8 +177,8 @@ class Batch:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BesideClip:
-    """What other programs' motions, which do not say, were made from."""
+class ReferenceClipOptions:
+    """The robot, the clip and the scales of other programs' motions."""
 
     robot: RobotName = "unitree_g1"
     """The robot of other programs' motions, which do not say."""
@@ -201,29 +194,25 @@ class BesideClip:
 
 
 @dataclass(frozen=True)
-class Evaluate(BesideClip):
+class Evaluate(JsonOption, ReferenceClipOptions):
     """Show the figures of merit of results, per clip and their mean."""
 
     results: ResultFiles
     """Result files (.npz), with the figures that the run stored in them, or other programs' motions."""
-    json: JsonFile = None
-    """Write the figures to this file as JSON; - prints it, and everything else goes to stderr."""
     csv: OptionalFile = None
     """Write the figures to this file as CSV."""
 
 
 @dataclass(frozen=True)
-class Inspect(Reading):
-    """Say what a file holds, what is missing, and which command to run on it."""
+class Inspect(JsonOption, RecordingOptions):
+    """Describe a file: contents, missing parts, and the command to run on it."""
 
     file: Annotated[Positional[Path], arg(metavar="FILE")]
     """A clip, as a file or a folder, or a result."""
-    json: JsonFile = None
-    """Write what is known of it to this file as JSON; - prints it, and everything else goes to stderr."""
 
 
 @dataclass(frozen=True)
-class Convert(OneClip):
+class Convert(OneClipOptions):
     """Write a clip in the project's own layout: one file with all that is needed, object shapes included."""
 
     out: Annotated[Path, arg(metavar="FILE")]
@@ -232,7 +221,7 @@ class Convert(OneClip):
 
 @dataclass(frozen=True)
 class AddRobot:
-    """Make a robot of a maker's URDF or MJCF, say what its parts were taken for, and try it on a clip."""
+    """Make a robot of a maker's URDF or MJCF, show the parts that were found, and try it on a clip."""
 
     file: Annotated[Positional[Path], arg(metavar="FILE")]
     """The robot's description (.urdf, .xml)."""
@@ -242,7 +231,7 @@ class AddRobot:
     """What the file does not tell, as TOML; docs/robots.md has all keys."""
     meshes: OptionalFolder = None
     """Folder with its meshes, where they are not beside it."""
-    tried: Annotated[tuple[str, ...], arg(name="try", metavar="CLIP...")] = TRIED
+    trial_clips: Annotated[tuple[str, ...], arg(name="try", metavar="CLIP...")] = TRIAL_CLIPS
     """Built-in clips that it is tried on."""
 
 
@@ -267,15 +256,12 @@ class FetchMeshes:
 
 
 @dataclass(frozen=True)
-class ListRobots:
+class ListRobots(JsonOption):
     """List the robots."""
-
-    json: JsonFile = None
-    """Write the list to this file as JSON; - prints it, and everything else goes to stderr."""
 
 
 @dataclass(frozen=True)
-class ShowRobot:
+class ShowRobot(JsonOption):
     """Show a robot's joints, limits and roles."""
 
     name: Annotated[Positional[str], arg(metavar="NAME")]
@@ -286,16 +272,18 @@ class ShowRobot:
     """Write the robot's page to this file (.html): pictures, findings, and how it does on the clips it was tried on."""
     meshes: Meshes = None
     """Draw the vendor meshes: from a folder, or those of the package mujoco-menagerie."""
-    json: JsonFile = None
-    """Write joints and roles to this file as JSON; - prints it, and everything else goes to stderr."""
 
 
 @dataclass(frozen=True)
 class CheckRobot:
-    """Check that a robot's description offers what retargeting needs."""
+    """Check a robot's description for all that retargeting needs."""
 
     subject: Annotated[Positional[str], arg(metavar="FILE|NAME")]
     """A robot's name, or an MJCF file (.xml)."""
+
+
+ROBOT_ACTIONS = ("add", "remove", "list", "show", "check", "meshes")
+"""The second word of `robots`."""
 
 
 @dataclass(frozen=True)
@@ -313,7 +301,7 @@ class Robots:
 
 
 @dataclass(frozen=True)
-class Bench:
+class Bench(JsonOption):
     """Time retargeting on a built-in clip, in milliseconds a frame by stage."""
 
     robot: RobotName = "unitree_g1"
@@ -322,8 +310,6 @@ class Bench:
     """Length of the clip [s]."""
     repeats: int = 3
     """Runs; the fastest one is shown."""
-    json: JsonFile = None
-    """Write the seconds of each stage to this file as JSON; - prints it, and everything else goes to stderr."""
 
 
 @dataclass(frozen=True)
@@ -335,8 +321,8 @@ class Sample:
 
 
 @dataclass(frozen=True)
-class Contacts(OneClip):
-    """Show the contacts of a clip, and edit them: who touches what, where and when; and pin parts by hand."""
+class Contacts(JsonOption, OneClipOptions):
+    """Show the contacts of a clip, edit their parts, places and times, and pin parts by hand."""
 
     edits: OptionalFile = None
     """Begin with the contact edits in this file. Those of the options below follow, in the order they have here."""
@@ -364,14 +350,14 @@ class Contacts(OneClip):
     were recorded, a rotation vector in the world's axes in degrees."""
     out: OptionalFile = None
     """Write the edits to this file, for `hoi-retarget run CLIP --edits FILE`."""
-    json: JsonFile = None
-    """Write the contacts to this file as JSON; - prints it, and everything else goes to stderr."""
 
 
 @dataclass(frozen=True)
-class Edit(Served, OneClip, Solving):
+class Edit(ServerOptions, OneClipOptions, SolveOptions):
     """Edit the contacts of a clip in a browser: drag, retime, split, add; the motion follows at once."""
 
+    figures: Suppress[FigureSet] = "all"
+    """The editor shows all figures of every change."""
     edits: OptionalFile = None
     """Where the edits are saved, by default <clip's stem>.edits.toml here; those already in it are loaded."""
     out: Folder = Path("results")
@@ -379,15 +365,15 @@ class Edit(Served, OneClip, Solving):
 
 
 @dataclass(frozen=True)
-class View(Served, MadeFrom):
-    """Show results in a browser: robot, human, object, contacts, and curves of what is wrong when."""
+class View(ServerOptions, SourceClipOptions):
+    """Show results in a browser: robot, human, object, contacts, and curves of errors over time."""
 
     results: ResultFiles
     """Result files (.npz) or other programs' motions, side by side; reloading the page reads them again."""
 
 
 @dataclass(frozen=True)
-class Share(MadeFrom):
+class Share(SourceClipOptions):
     """Write results as a folder of pages that play them in any browser, without a server or the internet."""
 
     results: ResultFiles
@@ -400,7 +386,7 @@ class Share(MadeFrom):
 
 
 @dataclass(frozen=True)
-class Report(BesideClip):
+class WriteReport(ReferenceClipOptions):
     """Judge many motions: a page, tables, and a verdict on each with its reasons."""
 
     paths: Annotated[Positional[tuple[Path, ...]], arg(metavar="DIR|FILE...", help_behavior_hint="(required)")]
@@ -417,15 +403,23 @@ class Report(BesideClip):
     """Exit with 1 when a motion fails or a file cannot be read."""
 
 
+def _formats() -> str:
+    """Return the help of `--to`, which names all formats."""
+    from hoi_retarget.motion.formats import WRITABLE  # noqa: PLC0415  # heavy, and no other command names them
+
+    return (
+        f"{', '.join(WRITABLE)}, dataset (many results in one folder), or mjlab-task (a training task for mjlab, with "
+        "objects; masses and frictions are for it alone)."
+    )
+
+
 @dataclass(frozen=True)
-class Export(Weighed):
+class Export(PhysicsOptions):
     """Write results as the files that trackers and other tools read."""
 
     results: ResultFiles
     """Result files (.npz) or other programs' motions."""
-    to: Annotated[str, arg(metavar="FORMAT")]
-    """beyondmimic, mjlab, holosoma, holosoma-qpos, hdmi, gmr, unitree-csv, dataset (many results in one folder), or
-    mjlab-task (a training task for mjlab, with objects; masses and frictions are for it alone)."""
+    to: "Annotated[str, arg(metavar='FORMAT', help=_formats())]"  # In quotes: not evaluated for other commands.
     out: Annotated[Path, arg(metavar="PATH")]
     """Folder to write <result's stem>.<format>.* into, or the file to write; the folder of a data set."""
     fps: Annotated[float | None, arg(metavar="NUMBER", help_behavior_hint="")] = None
@@ -439,7 +433,7 @@ class Export(Weighed):
 
 
 @dataclass(frozen=True)
-class Render(MadeFrom):
+class Render(SourceClipOptions):
     """Draw results, human and robot beside each other, as a picture or a film."""
 
     results: ResultFiles
@@ -483,19 +477,17 @@ class Render(MadeFrom):
 
 
 @dataclass(frozen=True)
-class CheckMotion:
-    """Say what a robot-motion file is, whoever wrote it, and what in its numbers contradicts what it claims."""
+class CheckMotion(JsonOption):
+    """Describe any program's robot-motion file, and name contradictions between its numbers and its claims."""
 
     file: Annotated[Positional[Path], arg(metavar="FILE")]
     """A result, or another program's motion: .npz, .pkl, .csv, .motion, or a folder that is one motion."""
     robot: RobotName = "unitree_g1"
     """A robot's name, or its maker's URDF or MJCF; `hoi-retarget robots list` shows those there are."""
-    json: JsonFile = None
-    """Write what was found to this file as JSON; - prints it, and everything else goes to stderr."""
 
 
 @dataclass(frozen=True)
-class Scene(Weighed):
+class Scene(PhysicsOptions):
     """Write a result as a scene of MuJoCo: robot, objects and floor, with keyframes of the motion."""
 
     result: Annotated[Positional[Path], arg(metavar="RESULT")]
@@ -505,18 +497,15 @@ class Scene(Weighed):
 
 
 @dataclass(frozen=True)
-class Feasible(Weighed):
-    """Say which forces and torques results would need, and what speaks against them; nothing is simulated."""
+class Feasible(JsonOption, PhysicsOptions):
+    """Compute forces and torques that results would need, and their violations of limits; nothing is simulated."""
 
     results: ResultFiles
     """Result files (.npz) or other programs' motions."""
-    json: JsonFile = None
-    """Write figures and all that speaks against the results to this file as JSON; - prints it, and everything else
-    goes to stderr."""
 
 
 @dataclass(frozen=True)
-class Refine(Weighed):
+class Refine(PhysicsOptions):
     """Change results until a simulated robot performs them, objects and all; each goes to OUT under its own name.
 
     OUT/physics has files of the same names for controllers: targets and gains of the drives, and contact forces. What
@@ -533,30 +522,27 @@ class Refine(Weighed):
     """How much is tried."""
 
 
-Command = (
-    Demo
-    | Run
-    | Batch
-    | Evaluate
-    | Inspect
-    | Convert
-    | Robots
-    | Bench
-    | Sample
-    | View
-    | Edit
-    | Export
-    | CheckMotion
-    | Scene
-    | Feasible
-    | Refine
-    | Render
-    | Share
-    | Contacts
-    | Report
-)
-
-COMMANDS: Mapping[str, type[Command]] = {
-    re.sub("(?<=[a-z])(?=[A-Z])", "-", kind.__name__).lower(): kind for kind in get_args(Command)
+COMMANDS: Mapping[str, type] = {
+    "demo": Demo,
+    "run": Run,
+    "batch": Batch,
+    "evaluate": Evaluate,
+    "inspect": Inspect,
+    "convert": Convert,
+    "robots": Robots,
+    "bench": Bench,
+    "sample": Sample,
+    "view": View,
+    "edit": Edit,
+    "export": Export,
+    "check-motion": CheckMotion,
+    "scene": Scene,
+    "feasible": Feasible,
+    "refine": Refine,
+    "render": Render,
+    "share": Share,
+    "contacts": Contacts,
+    "report": WriteReport,
 }
-"""What the first word of the command line may be: `demo`, ..., `check-motion`."""
+"""First word of the command line -> its options."""
+AnyCommand = Union[tuple(Annotated[kind, subcommand(name)] for name, kind in COMMANDS.items())]  # noqa: UP007  # of a table

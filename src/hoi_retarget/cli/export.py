@@ -1,41 +1,35 @@
-"""`hoi-retarget export`: results as the files that trackers and other tools read."""
+"""Results as files of other programs: formats of motions, data sets, and training tasks of mjlab."""
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 
 from hoi_retarget.cli.commands import Export
-from hoi_retarget.cli.export_task import export_tasks
-from hoi_retarget.cli.jobs import (
-    at_stage,
-    check_inputs_kept,
-    check_stems,
-    check_writable,
-    clip_or_warning,
-    digest_of,
-    do_for_each,
-    exit_code,
-    load_motion,
-    with_file,
-)
-from hoi_retarget.cli.terminal import Working, say, warn
-from hoi_retarget.cli.weighed import WEIGHED
-from hoi_retarget.errors import ArgumentError, HoiRetargetError
+from hoi_retarget.cli.open_results import PHYSICS_FIELDS, clip_or_warning, clip_with_objects, load_motion, physics_of
+from hoi_retarget.cli.output_checks import check_inputs_kept, check_stems, check_writable
+from hoi_retarget.cli.terminal import Working, do_for_each, exit_code, program, say, warn, with_file
+from hoi_retarget.dynamics.feasibility import held_by_others
+from hoi_retarget.errors import ArgumentError, ClipError, HoiRetargetError
 from hoi_retarget.files.atomic import write_together
-from hoi_retarget.motion.export import DATASET, export, format_named
 from hoi_retarget.motion.formats import WRITABLE, Format
 from hoi_retarget.motion.formats.dataset import CARD, FOLDER, write_dataset
+from hoi_retarget.motion.motion import SIMULATED, STAGE_TITLES, Motion
 from hoi_retarget.motion.result import Result
-from hoi_retarget.physics.mjlab_task import NAME as TASK
+from hoi_retarget.motion.result_file import set_aside
+from hoi_retarget.motion.write_export import DATASET, export, format_named
 from hoi_retarget.robots import load_robot
+from hoi_retarget.simulation.mjlab_task import NAME as TASK
+from hoi_retarget.simulation.mjlab_task import RATE, check_usable, package_files, plain_name, task_of
+from hoi_retarget.simulation.physics_scene import PhysicsScene, scene_of
 
 
-def execute(command: Export) -> int:
+def execute_export(command: Export) -> int:
     """Export every result; return 0 when all succeeded."""
     if command.to == TASK:
-        return export_tasks(command)
-    _check_not_weighed(command)
+        return _export_tasks(command)
+    _check_no_physics(command)
     if command.to == DATASET:
         return _export_dataset(command)
     format = format_named(command.to)
@@ -60,9 +54,9 @@ def execute(command: Export) -> int:
     return exit_code(failures, len(targets))
 
 
-def _check_not_weighed(command: Export) -> None:
+def _check_no_physics(command: Export) -> None:
     """Raise `ArgumentError` for masses and frictions, which a motion file does not hold."""
-    for name in WEIGHED:
+    for name in PHYSICS_FIELDS:
         if (value := getattr(command, name)) is not None:
             raise ArgumentError(
                 f"--{name.replace('_', '-')} {value:g}: only {TASK} has masses and frictions. Leave the option out."
@@ -134,7 +128,7 @@ def _targets(command: Export, format: Format) -> dict[Path, Path]:
 def _read(path: Path, command: Export) -> Result:
     """Return a result with the clip it was made from, where that is to be had."""
     motion = load_motion(path, command.robot)
-    chosen = at_stage(motion, path, command.stage)
+    chosen = _at_stage(motion, path, command.stage)
     alone = Result(path.stem, digest_of(path), chosen, load_robot(motion.robot), suffix=path.suffix)
     if motion.report.is_foreign:
         warn(f"{path.name}: who touches what is not known: no contacts are written.")
@@ -142,3 +136,87 @@ def _read(path: Path, command: Export) -> Result:
         return alone
     without = "contacts are written without surface normals."
     return replace(alone, clip=clip_or_warning(path, motion, command, without, surfaces=True))
+
+
+def digest_of(path: Path) -> str:
+    """Return the SHA-256 of a file, or of all files of a folder in the order of their names."""
+    files = sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
+    return sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+
+
+def _at_stage(motion: Motion, path: Path, stage: str | None) -> Motion:
+    """Return a motion as it was after a stage; None is its last. Raises `ArgumentError` where it has no such stage."""
+    if stage is None:
+        return motion
+    try:
+        return motion.at_stage(stage)
+    except ArgumentError as error:
+        advice = f" `{program()} refine {path}` makes it." if stage == SIMULATED else ""
+        raise ArgumentError(f"--stage {stage}: {error}{advice}") from error
+
+
+@dataclass(frozen=True, eq=False)
+class _ExportedTask:
+    """A task that was written."""
+
+    id: str
+    frames: int
+    result: Result
+    scene: PhysicsScene
+
+
+def _export_tasks(command: Export) -> int:
+    """Write a task for every result into one folder; return 0 when all succeeded."""
+    _check_tasks(command)
+    written: list[_ExportedTask] = []
+
+    def export_one(path: Path) -> None:
+        written.append(_export_task(path, command))
+
+    failures = do_for_each("exporting", command.results, export_one)
+    for item in written:
+        _describe_task(item)
+    if written:
+        say()
+        say(f"Train with mjlab, in an environment of its own: PYTHONPATH={command.out} train {written[0].id}")
+    say(f"{len(written)} exported, {len(failures)} failed.")
+    return exit_code(failures, len(command.results))
+
+
+def _check_tasks(command: Export) -> None:
+    if command.fps is not None:
+        raise ArgumentError(f"--fps {command.fps:g}: a task has {RATE:g} actions a second. Leave the option out.")
+    if command.object_name is not None:
+        raise ArgumentError(f"--object {command.object_name}: a task has all objects. Leave the option out.")
+    if command.out.exists() and not command.out.is_dir():
+        raise ArgumentError(f"--out {command.out} is a file. Tasks are written into a folder; name another one.")
+    check_writable("--out", command.out)
+    check_stems(command.results, lambda path: plain_name(path.stem), "as task {}. Export them into two folders.")
+
+
+def _export_task(path: Path, command: Export) -> _ExportedTask:
+    if path == set_aside(path.with_suffix("")):
+        raise ClipError(f"{path}: it is kept to be looked at, and no result. Export the one it was to become.")
+    motion = _at_stage(load_motion(path, command.robot), path, command.stage)
+    check_usable(motion)
+    physics, clip = physics_of(motion, command), clip_with_objects(motion, command)
+    if clip is not None and held_by_others(clip, motion.person).any():
+        raise ClipError(f"{path}: somebody else handles its objects too, and one robot alone is trained.")
+    model = load_robot(motion.robot)
+    geometries = [] if clip is None else [track.geometry for track in clip.objects]
+    scene = scene_of(motion, model, geometries, physics)
+    result = Result(path.stem, digest_of(path), motion, model, clip, path.suffix)
+    task = task_of(result, scene)
+    contents = {command.out / place: content for place, content in {**package_files(), **task.files}.items()}
+    check_inputs_kept("--out", contents, command.results)
+    write_together(contents)
+    return _ExportedTask(task.id, task.frames, result, scene)
+
+
+def _describe_task(item: _ExportedTask) -> None:
+    stage = item.result.motion.stages[-1].name
+    say(f"{item.id}  ({item.frames} frames at {RATE:g} frames/s: {STAGE_TITLES.get(stage, stage)})")
+    for placed in item.scene.objects:
+        mass = f"{placed.body.mass:.2f} kg ({placed.body.reason})"
+        say(f"  object  {placed.body.name}: {mass}, collides as {placed.shape.text}")
+    say(f"  licence of the source: {item.result.licence}")

@@ -1,12 +1,12 @@
-"""From the words of the command line to the command that does what they ask for."""
+"""Words of the command line parsed, and the command executed that they name."""
 
 import ctypes
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 _TYRO_COLOURS = "PYTHON_TYRO_ANSI_CODES"
@@ -15,19 +15,27 @@ _DECIDED = _TYRO_COLOURS in os.environ
 if _PLAIN and not _DECIDED:
     os.environ[_TYRO_COLOURS] = "False"  # tyro reads it when imported, and NO_COLOR not at all
 
-import tyro  # noqa: E402
+import tyro  # noqa: E402  # after its environment is set
 
 if _PLAIN and not _DECIDED:
     del os.environ[_TYRO_COLOURS]
 
-from hoi_retarget import __version__  # noqa: E402
-from hoi_retarget.cli.commands import COMMANDS, DESCRIPTION, Command, Render, Report, Robots, Share, Solving  # noqa: E402
-from hoi_retarget.cli.settings import words_of_config  # noqa: E402
-from hoi_retarget.cli.spelling import check_spelling  # noqa: E402
-from hoi_retarget.cli.terminal import STDOUT, fail, say, stdout_for_json  # noqa: E402
-from hoi_retarget.errors import ArgumentError, HoiRetargetError  # noqa: E402
+from hoi_retarget import __version__  # noqa: E402  # as above
+from hoi_retarget.cli.commands import COMMANDS, DESCRIPTION, ROBOT_ACTIONS, AnyCommand, SolveOptions  # noqa: E402  # as above
+from hoi_retarget.cli.run_options import fields_in  # noqa: E402  # as above
+from hoi_retarget.cli.terminal import STDOUT, fail, say, stdout_for_json  # noqa: E402  # as above
+from hoi_retarget.errors import ArgumentError, HoiRetargetError, did_you_mean  # noqa: E402  # as above
 
-_TYRO = (tyro.conf.OmitSubcommandPrefixes,)
+_MODULES = {
+    **dict.fromkeys(("bench", "demo"), "run"),
+    **dict.fromkeys(("check-motion", "convert", "inspect", "sample"), "files"),
+    "contacts": "edit_contacts",
+    **dict.fromkeys(("edit", "share", "view"), "pages"),
+    "evaluate": "report",
+    **dict.fromkeys(("feasible", "refine", "scene"), "physics"),
+}
+"""Module of each command that has none of its own name."""
+_DRAWING = ("render", "report", "robots", "share")
 _THREAD_VARIABLES = (
     "OPENBLAS_NUM_THREADS",
     "OMP_NUM_THREADS",
@@ -49,13 +57,12 @@ def run(arguments: Sequence[str]) -> int:
         return 0
     _use_one_thread()
     try:
-        check_spelling(words)
         command = _parsed(words)
         _check_named(words[0], command)
-        if isinstance(command, Render | Report | Robots | Share):
+        if words[0] in _DRAWING:
             _draw_without_a_screen()
         with stdout_for_json(json_of(command) == STDOUT):
-            return _module(type(command).__name__.lower()).execute(command)
+            return _executor(words[0])(command)
     except ArgumentError as error:
         fail(str(error))
         return 2
@@ -64,29 +71,38 @@ def run(arguments: Sequence[str]) -> int:
         return 1
 
 
-def _parsed(words: list[str]) -> Any:
-    """Return the command that the words ask for; raises `SystemExit` as `run` does."""
-    kind = COMMANDS.get(words[0]) if words else None
-    if kind is None:
-        return tyro.cli(
-            Command,  # pyright: ignore[reportArgumentType]  # a union of dataclasses is what tyro asks for
-            prog="hoi-retarget",
-            description=DESCRIPTION,
-            args=words,
-            config=_TYRO,
+def _parsed(words: Sequence[str]) -> Any:
+    """Return the command of the words, as a value of its class in `COMMANDS`; raises as `run` does."""
+    if not words or words[0].startswith("-"):
+        return _parse(AnyCommand, "hoi-retarget", words, description=DESCRIPTION)
+    if words[0] not in COMMANDS:
+        near = did_you_mean(words[0], COMMANDS)
+        raise ArgumentError(f"hoi-retarget has no command {words[0]!r}.{near} Each command: {', '.join(COMMANDS)}.")
+    action = words[1] if words[0] == "robots" and len(words) > 1 else "-"
+    if not action.startswith("-") and action not in ROBOT_ACTIONS:
+        near = did_you_mean(action, ROBOT_ACTIONS)
+        raise ArgumentError(
+            f"hoi-retarget robots has no action {action!r}.{near} Each action: {', '.join(ROBOT_ACTIONS)}."
         )
-    # Options that come later win: those of the user stand behind those of the file that --config names.
-    settings = words_of_config(words[1:]) if issubclass(kind, Solving) else []
-    return tyro.cli(kind, prog=f"hoi-retarget {words[0]}", args=[*settings, *words[1:]], config=_TYRO)
+    kind, prog = COMMANDS[words[0]], f"hoi-retarget {words[0]}"
+    command = _parse(kind, prog, words[1:])
+    if (file := getattr(command, "config", None)) is None or not issubclass(kind, SolveOptions):
+        return command
+    # Again, with the file's settings as defaults: options win.
+    return _parse(kind, prog, words[1:], default=replace(command, **fields_in(file)))
+
+
+def _parse(kind: Any, prog: str, words: Sequence[str], **options: Any) -> Any:
+    return tyro.cli(kind, prog=prog, args=words, config=(tyro.conf.OmitSubcommandPrefixes,), **options)
 
 
 def json_of(command: Any) -> Path | None:
-    """Return where a command, or its action, is to write what it says as JSON."""
+    """Return the file of a command's, or its action's, option `--json`."""
     return getattr(getattr(command, "action", command), "json", None)
 
 
-def _check_named(word: str, command: Command) -> None:
-    """Raise `ArgumentError` where a command is given none of the files that it is for."""
+def _check_named(word: str, command: Any) -> None:
+    """Raise `ArgumentError` where no file is named for a command."""
     for name, noun, shown in (
         ("clips", "clip", "CLIP"),
         ("results", "result", "RESULT"),
@@ -96,13 +112,13 @@ def _check_named(word: str, command: Command) -> None:
             raise ArgumentError(f"no {noun} is named. Usage: hoi-retarget {word} {shown}... (see --help).")
 
 
-def _module(name: str) -> ModuleType:
-    """Import what does a command; raises `HoiRetargetError` when MuJoCo cannot draw as `MUJOCO_GL` asks for.
+def _executor(word: str) -> Callable[[Any], int]:
+    """Import the function that executes a command; raises `HoiRetargetError` when MuJoCo cannot draw with `MUJOCO_GL`.
 
-    MuJoCo loads what it draws with as it is imported, even where nothing will be drawn.
+    MuJoCo loads its drawing library as it is imported, even where nothing will be drawn.
     """
     try:
-        return import_module(f"hoi_retarget.cli.{name}")
+        module = import_module(f"hoi_retarget.cli.{_MODULES.get(word, word)}")
     except (ImportError, AttributeError, RuntimeError, OSError) as error:
         if not os.environ.get("MUJOCO_GL") or "mujoco" in sys.modules:
             raise
@@ -110,6 +126,7 @@ def _module(name: str) -> ModuleType:
             f"MUJOCO_GL={os.environ['MUJOCO_GL']}: MuJoCo cannot be loaded with this way to draw ({error}). Unset "
             "MUJOCO_GL, or install what it needs (Debian: libegl1 and libgl1-mesa-dri for egl, libosmesa6 for osmesa)."
         ) from error
+    return getattr(module, f"execute_{word.replace('-', '_')}")
 
 
 def _use_one_thread() -> None:

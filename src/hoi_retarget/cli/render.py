@@ -10,27 +10,27 @@ from pathlib import Path
 import numpy as np
 
 from hoi_retarget.cli.commands import Render
-from hoi_retarget.cli.jobs import check_writable, clip_or_warning, load_motion, write_file
+from hoi_retarget.cli.open_results import clip_or_warning, load_motion
+from hoi_retarget.cli.output_checks import check_writable, write_file
 from hoi_retarget.cli.robots import vendor_meshes
 from hoi_retarget.cli.terminal import Working, program, say
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.motion.motion import SIMULATED
 from hoi_retarget.readers.open import clip_of
 from hoi_retarget.robots import load_robot
-from hoi_retarget.viewers.offscreen import film
-from hoi_retarget.viewers.offscreen.moments import contact_moments
-from hoi_retarget.viewers.offscreen.paper import paper_picture
-from hoi_retarget.viewers.offscreen.robot_picture import png
-from hoi_retarget.viewers.scene.camera import CameraSettings
-from hoi_retarget.viewers.scene.drawing import Scene
-from hoi_retarget.viewers.scene.scene import Shown, seen_through, without_marks
-from hoi_retarget.viewers.scene.titles import titles_of
+from hoi_retarget.studio.offscreen import film
+from hoi_retarget.studio.offscreen.paper import contact_moments, paper_picture
+from hoi_retarget.studio.offscreen.robot_portraits import png
+from hoi_retarget.studio.scene.camera import CameraSettings
+from hoi_retarget.studio.scene.drawing import DrawnScene
+from hoi_retarget.studio.scene.scene import SceneItem, seen_through, without_marks
+from hoi_retarget.studio.scene.subplots import titles_of
 
 _SHEET_FRAMES = 6  # Of a contact sheet, where nothing else is asked for.
 # By kind of file: width and height [px].
 _PANEL = {".mp4": (640, 720), ".gif": (320, 360), ".webp": (480, 480), ".png": (640, 720)}
 _SHEET_PANEL = (290, 340)
-_LEAST_SIDE, _MOST_SIDE = 64, 8192  # [px]
+_MIN_SIDE_PX, _MAX_SIDE_PX = 64, 8192
 _NUMBERS: Mapping[str, tuple[Callable[[float], bool], str]] = {
     **{
         name: (lambda value, most=most: 0 < value <= most, f"a positive number up to {most}")
@@ -39,10 +39,10 @@ _NUMBERS: Mapping[str, tuple[Callable[[float], bool], str]] = {
     **dict.fromkeys(("azimuth", "elevation"), (isfinite, "a number of degrees")),
 }
 """Options that are numbers: which ones fit."""
-_MOST_RATE = {".mp4": 60.0, ".gif": 15.0, ".webp": 15.0}  # Pictures a second, where nothing else is asked for.
+_MAX_RATE = {".mp4": 60.0, ".gif": 15.0, ".webp": 15.0}  # Pictures a second, where nothing else is asked for.
 
 
-def execute(command: Render) -> int:
+def execute_render(command: Render) -> int:
     """Draw the results into one file."""
     kind = _check(command)
     shown = _titled(command.results, [_shown(path, command) for path in command.results])
@@ -64,11 +64,13 @@ def execute(command: Render) -> int:
     return 0
 
 
-def _drawn_content(command: Render, kind: str, filmed: Sequence[Scene], view: CameraSettings) -> bytes:
+def _drawn_content(command: Render, kind: str, filmed: Sequence[DrawnScene], view: CameraSettings) -> bytes:
     return _picture(command, filmed, view) if kind == ".png" else _film(command, kind, filmed, view)
 
 
-def _for_paper(command: Render, shown: Sequence[Shown], filmed: Sequence[Scene], view: CameraSettings) -> bytes:
+def _for_paper(
+    command: Render, shown: Sequence[SceneItem], filmed: Sequence[DrawnScene], view: CameraSettings
+) -> bytes:
     """Return the moments of the first motion, or the frames that are asked for, cut out."""
     plain = tuple(without_marks(scene) for scene in filmed)
     motion = shown[0].motion
@@ -97,7 +99,7 @@ def _for_paper(command: Render, shown: Sequence[Shown], filmed: Sequence[Scene],
         )
 
 
-def _time_of(frame: int, filmed: Sequence[Scene]) -> float:
+def _time_of(frame: int, filmed: Sequence[DrawnScene]) -> float:
     """Return when a frame is [s]; raises `ArgumentError` for one that there is not."""
     rate = max(scene.fps for scene in filmed)
     last = round(film.duration(filmed) * rate)
@@ -107,7 +109,7 @@ def _time_of(frame: int, filmed: Sequence[Scene]) -> float:
 
 
 def _check(command: Render) -> str:
-    """Return the kind of file to write; raise `ArgumentError` for what cannot be drawn, before anything is read."""
+    """Return the kind of file to write; raise `ArgumentError` for options that do not fit, before anything is read."""
     kind = command.out.suffix.lower()
     if kind not in _PANEL:
         raise ArgumentError(f"--out {command.out}: name a file that ends in .mp4, .gif, .webp or .png.")
@@ -136,13 +138,13 @@ def _check_style(command: Render, kind: str) -> None:
             raise ArgumentError(f"--{name} is for pictures for a paper. Add --style paper.")
 
 
-def _titled(results: Sequence[Path], shown: Sequence[Shown]) -> list[Shown]:
+def _titled(results: Sequence[Path], shown: Sequence[SceneItem]) -> list[SceneItem]:
     motions = [item.motion for item in shown if item.motion is not None]
     titles = titles_of(list(zip(results, motions, strict=True)))
     return [replace(item, title=title) for item, title in zip(shown, titles, strict=True)]
 
 
-def _shown(path: Path, command: Render) -> Shown:
+def _shown(path: Path, command: Render) -> SceneItem:
     motion = load_motion(path, command.robot)
     if command.also and motion.stages[-1].name != SIMULATED:
         raise ArgumentError(
@@ -154,10 +156,10 @@ def _shown(path: Path, command: Render) -> Shown:
         clip = clip_of(motion, name=command.clip, objects=command.objects)
     else:
         clip = clip_or_warning(path, motion, command, "drawn without the human, and the object as its axes.")
-    return Shown(path.stem, motion, model, clip, motion.person, vendor_meshes(model.spec, command.meshes))
+    return SceneItem(path.stem, motion, model, clip, motion.person, vendor_meshes(model.spec, command.meshes))
 
 
-def _picture(command: Render, filmed: Sequence[Scene], view: CameraSettings) -> bytes:
+def _picture(command: Render, filmed: Sequence[DrawnScene], view: CameraSettings) -> bytes:
     """Return one frame, or a contact sheet."""
     if command.frame is not None:
         times = np.array([_time_of(command.frame, filmed)])
@@ -165,18 +167,18 @@ def _picture(command: Render, filmed: Sequence[Scene], view: CameraSettings) -> 
     else:
         times = film.sheet_times(filmed, command.frames or _SHEET_FRAMES)
         width, height = _size(command, len(times) * _SHEET_PANEL[0], len(filmed) * _SHEET_PANEL[1])
-    with film.opened(filmed, view, max(1, width // len(times)), height) as draw:
+    with film.panel_renderer(filmed, view, max(1, width // len(times)), height) as draw:
         return png(np.concatenate(list(_drawn(draw, times)), axis=1))
 
 
-def _film(command: Render, kind: str, filmed: Sequence[Scene], view: CameraSettings) -> bytes:
+def _film(command: Render, kind: str, filmed: Sequence[DrawnScene], view: CameraSettings) -> bytes:
     rate = max(scene.fps for scene in filmed)
-    fps = command.fps or rate / np.ceil(rate / _MOST_RATE[kind] - 1e-6)
+    fps = command.fps or rate / np.ceil(rate / _MAX_RATE[kind] - 1e-6)
     width, height = _size(command, *_beside(filmed, _PANEL[kind]))
     if kind == ".mp4" and (width % 2 or height % 2):
         raise ArgumentError(f"--size {command.size}: the width and the height of a video must be even.")
     times = film.film_times(filmed, fps)
-    with film.opened(filmed, view, width, height) as draw:
+    with film.panel_renderer(filmed, view, width, height) as draw:
         pictures = _drawn(draw, times)
         if kind == ".mp4":
             return film.mp4(pictures, fps)
@@ -193,7 +195,7 @@ def _drawn(draw: Callable[[float], film.Picture], times: Sequence[float] | np.nd
             working.advance()
 
 
-def _beside(filmed: Sequence[Scene], panel: tuple[int, int]) -> tuple[int, int]:
+def _beside(filmed: Sequence[DrawnScene], panel: tuple[int, int]) -> tuple[int, int]:
     """Return the size of a picture of all panels [px]: up to three in a row."""
     columns = len(filmed) if len(filmed) <= 3 else int(np.ceil(np.sqrt(len(filmed))))
     return panel[0] * columns, panel[1] * -(-len(filmed) // columns)
@@ -205,9 +207,9 @@ def _size(command: Render, width: int, height: int) -> tuple[int, int]:
         return width, height
     numbers = re.fullmatch(r"(\d{1,6})[xX](\d{1,6})", command.size)
     sides = tuple(map(int, numbers.groups())) if numbers else ()
-    if len(sides) != 2 or not all(_LEAST_SIDE <= side <= _MOST_SIDE for side in sides):
+    if len(sides) != 2 or not all(_MIN_SIDE_PX <= side <= _MAX_SIDE_PX for side in sides):
         raise ArgumentError(
-            f"--size {command.size}: give width and height in pixels, from {_LEAST_SIDE} to {_MOST_SIDE}, "
+            f"--size {command.size}: give width and height in pixels, from {_MIN_SIDE_PX} to {_MAX_SIDE_PX}, "
             "such as 1280x720."
         )
     return sides[0], sides[1]

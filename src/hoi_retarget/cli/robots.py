@@ -1,13 +1,17 @@
-"""`hoi-retarget robots`: list, show, check, remove; `robot_adding.py` adds."""
+"""Robots listed, shown, checked, added with a trial on clips, and removed; their meshes fetched."""
 
 import os
-from dataclasses import asdict
+import tempfile
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from math import degrees
 from pathlib import Path
 
+import mujoco
+
 from hoi_retarget.cli.commands import (
-    TRIED,
+    TRIAL_CLIPS,
     AddRobot,
     CheckRobot,
     FetchMeshes,
@@ -16,32 +20,48 @@ from hoi_retarget.cli.commands import (
     Robots,
     ShowRobot,
 )
-from hoi_retarget.cli.jobs import check_json, check_writable, write_file, write_json
-from hoi_retarget.cli.robot_adding import add
-from hoi_retarget.cli.robot_trials import page, tried
-from hoi_retarget.cli.terminal import Working, say, show_table
-from hoi_retarget.errors import ArgumentError
+from hoi_retarget.cli.output_checks import check_json, check_writable, write_file, write_json
+from hoi_retarget.cli.terminal import Working, say, show_table, warn
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.errors import ArgumentError, DrawingError, HoiRetargetError, RobotError
+from hoi_retarget.evaluation.thresholds import judged_figures
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.readers.open import builtin_scene, open_clip
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import ROBOTS, load_robot, robot, user_robots
-from hoi_retarget.robots.check import check, has_errors
-from hoi_retarget.robots.fetched_meshes import (
-    SOURCES,
-    fetch_meshes,
-    mesh_names,
-    read_folder,
-    remove_meshes,
-)
-from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.robots.adding.build import build_robot
+from hoi_retarget.robots.adding.findings import Record, RobotFinding, read_hints
+from hoi_retarget.robots.fetched_meshes import SOURCES, fetch_meshes, mesh_names, read_folder, remove_meshes
+from hoi_retarget.robots.model import RobotModel, load_model
+from hoi_retarget.robots.robot_check import check, has_errors
+from hoi_retarget.robots.robot_tables import joint_table, role_table
 from hoi_retarget.robots.spec import RobotSpec
-from hoi_retarget.robots.tables import joint_table, role_table
+from hoi_retarget.studio.offscreen.robot_portraits import (
+    jpeg,
+    picture,
+    picture_of,
+    png,
+    representative_frame,
+)
+from hoi_retarget.studio.report.robot_page import Trial, robot_page
+from hoi_retarget.studio.scene.camera import fit_camera
+from hoi_retarget.studio.scene.drawing import DrawnScene
+from hoi_retarget.studio.scene.robot_shapes import menagerie_meshes, robot_parts
+from hoi_retarget.studio.scene.scene import SceneItem, make_scene
 
-MENAGERIE = Path("menagerie")
+_MAX_GAP_M, _MAX_POSE_DEG, _MAX_POSE_OF_SHORT_ARMS_DEG = 0.002, 25.0, 30.0
+"""Bounds of trials: contacts' gap, and angles from the person's pose."""
+_USABLE, _REFUSED = 1, 2
+"""Exit codes of `robots add` beside 0."""
+_MENAGERIE = Path("menagerie")
 
 
-def execute(command: Robots) -> int:
-    """Do what is asked about robots."""
+def execute_robots(command: Robots) -> int:
+    """Execute an action on robots."""
     match command.action:
         case AddRobot() as action:
-            return add(action)
+            return _add(action)
         case RemoveRobot() as action:
             say(f"removed: {user_robots.remove(action.name)}")
             return 0
@@ -145,7 +165,7 @@ def _check_page(path: Path) -> None:
 def _write_page(model: RobotModel, path: Path) -> None:
     record = user_robots.record_of(model.spec.name)
     mjcf = model.spec.mjcf.read_text(encoding="utf-8")
-    trials = [tried(model.spec, mjcf, clip) for clip in record.tried or TRIED]
+    trials = [run_trial(model.spec, mjcf, clip) for clip in record.tried or TRIAL_CLIPS]
     write_file("--page", path, page(model, record.findings, trials))
     say()
     say(f"written: {path}")
@@ -154,7 +174,7 @@ def _write_page(model: RobotModel, path: Path) -> None:
 def _check_picture(path: Path, meshes: Path | None) -> None:
     if path.suffix.lower() != ".png":
         raise ArgumentError(f"--picture {path}: pictures are written as PNG. Name a file that ends in .png.")
-    if meshes == MENAGERIE and find_spec("mujoco_menagerie") is None:
+    if meshes == _MENAGERIE and find_spec("mujoco_menagerie") is None:
         raise ArgumentError(
             "--meshes menagerie: the package mujoco-menagerie is missing. "
             "Install it with: pip install '.[menagerie]' in a clone of this project."
@@ -163,9 +183,6 @@ def _check_picture(path: Path, meshes: Path | None) -> None:
 
 
 def _draw(spec: RobotSpec, path: Path, meshes: Path | None) -> None:
-    # What draws is imported only where something is drawn.
-    from hoi_retarget.viewers.offscreen.robot_picture import picture, png  # noqa: PLC0415
-
     write_file("--picture", path, png(picture(spec, meshes=vendor_meshes(spec, meshes))))
     say()
     say(f"written: {path}")
@@ -173,20 +190,133 @@ def _draw(spec: RobotSpec, path: Path, meshes: Path | None) -> None:
 
 def vendor_meshes(spec: RobotSpec, folder: Path | None) -> Path | None:
     """Return the folder of vendor meshes that `--meshes` names, of a package where it says `menagerie`."""
-    from hoi_retarget.viewers.scene.vendor_meshes import menagerie_meshes  # noqa: PLC0415
-
-    return menagerie_meshes(spec) if folder == MENAGERIE else folder
+    return menagerie_meshes(spec) if folder == _MENAGERIE else folder
 
 
 def _check(action: CheckRobot) -> int:
-    """Print every result; return 0 unless one is an error."""
+    """Print every finding; return 0 unless one is an error."""
     path = Path(action.subject)
     is_own = path.suffix.lower() == ".xml" and action.subject not in user_robots.names()
-    if not is_own and action.subject not in ROBOTS and os.path.exists(path) and path.suffix.lower() != ".urdf":  # noqa: PTH110
+    if not is_own and action.subject not in ROBOTS and os.path.exists(path) and path.suffix.lower() != ".urdf":  # noqa: PTH110  # raises nothing
         raise ArgumentError(
             f"{path}: descriptions of robots are MJCF (.xml) or URDF (.urdf). Name one of them, or a robot."
         )
-    results = check(path if is_own else robot(action.subject))
-    for result in results:
-        say(f"{result.level:6}{result.where}: {result.what}" + (f". {result.advice}" if result.advice else ""))
-    return 1 if has_errors(results) else 0
+    findings = check(path if is_own else robot(action.subject))
+    for finding in findings:
+        say(f"{finding.level:6}{finding.subject}: {finding.what}" + (f". {finding.hint}" if finding.hint else ""))
+    return 1 if has_errors(findings) else 0
+
+
+def _add(action: AddRobot) -> int:
+    """Add a robot; return 0 when all is well, 1 when it is usable with warnings, 2 when it is refused."""
+    name = action.name or user_robots.name_of(action.file)
+    user_robots.check_name(name)
+    if name in {*ROBOTS, *(full.rpartition("_")[2] for full in ROBOTS)}:
+        raise ArgumentError(f"{name} is a robot of this package. Choose another --name.")
+    for clip in action.trial_clips:
+        if builtin_scene(Path(clip)) is None:
+            raise ArgumentError(f"--try {clip}: name built-in clips, such as builtin:carry_box.")
+    hints = read_hints(action.hints)
+    try:
+        built = build_robot(action.file, name, hints, action.meshes)
+    except RobotError as refusal:
+        warn(f"{action.file.name}: refused: {refusal}")
+        return _REFUSED
+    rows = [(finding.level, finding.subject, finding.what, finding.hint) for finding in built.findings]
+    show_table([("", "part", "taken for", "to change it"), *rows], words=(0, 1, 2, 3))
+    say()
+    trials = [run_trial(built.spec, built.mjcf, clip) for clip in action.trial_clips]
+    for trial in trials:
+        say(f"{trial.name}: " + ", ".join(f"{what}{'' if holds else ' (!)'}" for what, holds in trial.gates))
+    record = Record(built.findings, action.trial_clips)
+    folder = user_robots.save(built.spec, built.mjcf, record)
+    _write_added_page(name, folder / user_robots.PAGE, record, trials)
+    say()
+    say(f"added: {name} ({folder}). Try it: hoi-retarget run CLIP --robot {name} --out results")
+    well = all(holds for trial in trials for _, holds in trial.gates)
+    return 0 if well and all(finding.level == "ok" for finding in built.findings) else _USABLE
+
+
+@dataclass(frozen=True, eq=False)
+class RobotTrial:
+    """A robot's motion of a clip, and the demands on it."""
+
+    name: str
+    """Of the clip."""
+    clip: Clip
+    model: RobotModel
+    """The robot without its shapes."""
+    motion: Motion | None
+    """None where there is none."""
+    gates: list[tuple[str, bool]]
+    """Demands in words with figures, and whether each is met."""
+
+
+def _write_added_page(name: str, path: Path, record: Record, trials: list[RobotTrial]) -> None:
+    """Write the page of a robot that was added; without a way to draw it is added all the same."""
+    try:
+        content = page(load_robot(name), record.findings, trials)
+    except DrawingError as error:
+        warn(f"no page of {name} is made: {error}")
+        return
+    write_file("robots add", path, content)
+    say(f"look at it: {path}")
+
+
+def run_trial(spec: RobotSpec, mjcf: str, clip: str) -> RobotTrial:
+    """Retarget a built-in clip by its landmarks for a robot with the text of its MJCF."""
+    opened = open_clip(clip)
+    with tempfile.TemporaryDirectory() as folder:
+        model = without_shapes(spec, mjcf, Path(folder))
+        try:
+            motion = retarget(opened, model, Config(contact="landmark"))
+        except HoiRetargetError as error:
+            return RobotTrial(clip, opened, model, None, [(str(error), False)])
+    return RobotTrial(clip, opened, model, motion, gates_of(motion, model))
+
+
+def gates_of(motion: Motion, model: RobotModel) -> list[tuple[str, bool]]:
+    """Return the demands on a motion, in words with its figures, and whether each is met."""
+    figures = judged_figures(motion, model)
+    gap, pose = figures["contact_gap_m"], figures["body_pose_deviation_deg"]
+    unreached, margin = figures["unreached_share"] or 0.0, figures["joint_range_margin_rad"]
+    widest = _MAX_POSE_DEG if model.spec.palm_weight == 1.0 else _MAX_POSE_OF_SHORT_ARMS_DEG
+    return [
+        ("converged", motion.converged) if motion.converged else ("not converged", False),
+        (f"contacts {1000 * (gap or 0.0):.1f} mm off", gap is None or gap <= _MAX_GAP_M),
+        (f"{100 * unreached:.0f} % of them unreached", unreached == 0.0),
+        (f"pose {pose or 0.0:.0f} deg from the person's", pose is None or pose <= widest),
+        ("ranges kept" if margin is None or margin >= 0 else "ranges not kept", margin is None or margin >= 0),
+    ]
+
+
+def without_shapes(spec: RobotSpec, mjcf: str, folder: Path) -> RobotModel:
+    """Return a robot's model without geometry: skins take minutes, and landmarks need none."""
+    description = mujoco.MjSpec.from_string(mjcf)
+    for element in (*description.geoms, *description.meshes):
+        description.delete(element)
+    file = folder / "robot.xml"
+    description.compile()
+    file.write_text(description.to_xml(), encoding="utf-8")
+    return load_model(replace(spec, mjcf=file))
+
+
+def page(model: RobotModel, findings: Iterable[RobotFinding], trials: Iterable[RobotTrial]) -> bytes:
+    """Return the page of a robot, with pictures.
+
+    Raises:
+        DrawingError: This machine has no way to draw without a screen.
+    """
+    shown = [Trial(trial.name, trial.gates, _picture(model, trial)) for trial in trials]
+    return robot_page(model, tuple(findings), shown).encode("utf-8")
+
+
+def _picture(model: RobotModel, trial: RobotTrial) -> bytes | None:
+    if trial.motion is None:
+        return None
+    shown = SceneItem(trial.name, trial.motion, trial.model, trial.clip)
+    subject = make_scene([shown]).subjects[0]
+    parts = robot_parts(model, model.forward(trial.motion.qpos), None)
+    layers = (replace(layer, parts=parts) if layer.name == "robot" else layer for layer in subject.layers)
+    scene = DrawnScene((replace(subject, layers=tuple(layers)),))
+    return jpeg(picture_of(scene, representative_frame(trial.motion), fit_camera(scene, shown.ahead)))

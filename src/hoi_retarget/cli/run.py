@@ -1,72 +1,92 @@
-"""`hoi-retarget run`: recorded clips to result files."""
+"""Clips to results: `run` for recordings, `demo` and `bench` for a built-in clip."""
 
 import json
+import shlex
+import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
-from hoi_retarget.cli.commands import Run
-from hoi_retarget.cli.figures import show_figures
-from hoi_retarget.cli.jobs import (
-    check_json,
-    check_spared,
-    check_stems,
-    check_writable,
-    config_of,
-    describe_result,
-    do_for_each,
-    exit_code,
-    prepare_skin,
-    score,
-    write_json,
-)
-from hoi_retarget.cli.run_arguments import settings_of
-from hoi_retarget.cli.terminal import say, warn
+from hoi_retarget.cli.commands import Bench, Demo, Run
+from hoi_retarget.cli.output_checks import check_json, check_stems, check_writable, write_json
+from hoi_retarget.cli.run_options import arguments_of, config_of
+from hoi_retarget.cli.scores import score, show_figures, titled
+from hoi_retarget.cli.terminal import Working, do_for_each, exit_code, program, say, show_table, warn
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import apply, load
-from hoi_retarget.errors import ArgumentError
+from hoi_retarget.errors import ArgumentError, SolveError
 from hoi_retarget.evaluation import Score, to_json
+from hoi_retarget.evaluation.figure_table import scales_text
+from hoi_retarget.files.atomic import remove
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.readers import can_be_clip, recordings_below, why_no_clip
+from hoi_retarget.motion.result_file import set_aside
+from hoi_retarget.readers import can_be_clip, own_layout, recordings_below, why_no_clip
 from hoi_retarget.readers.object_files import known_objects
 from hoi_retarget.readers.open import open_clip, result_stem
 from hoi_retarget.retargeting.config import Config
-from hoi_retarget.retargeting.multi_person import result_paths, retarget_people, write
-from hoi_retarget.robots import load_team
+from hoi_retarget.retargeting.retarget import result_paths, retarget_people, write
+from hoi_retarget.robots import load_robot, load_team
 from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.robots.skin import skin_of
+from hoi_retarget.synthetic import make
+
+_SCENE = "carry_box"
+_STAGES = {
+    "targets": "targets",
+    "ik": "inverse kinematics",
+    "trajectory": "trajectory optimization",
+    "metrics": "figures of merit",
+    "write": "result file",
+}
+OBJECT_SURFACES = {
+    "shell": "a shell, with no inside: what is within 1 mm of its surface counts as inside",
+    "hull": "only points of it are known: touch and penetration are those of their convex hull",
+}
+"""Kind of an object's surface other than its own solid -> its meaning."""
 
 
-def execute(command: Run) -> int:
+def execute_run(command: Run) -> int:
     """Retarget every clip; return 0 when all succeeded."""
     config = config_of(command)
     models = load_team(command.robot)
     _check_clips(command.clips)
     for path in command.clips:
-        check_spared(path, command.out)
+        check_clip_kept(path, command.out)
     _check_objects(command.objects, command.object_name)
     if command.edits is not None and len(command.clips) > 1:
         raise ArgumentError(f"--edits {command.edits} is for one clip, and {len(command.clips)} are named. Name one.")
     check_writable("--out", command.out)
     check_json(command.json, command.clips)
-    scores: list[Score] = []
+    if config.figures == "none" and command.json is not None:
+        raise ArgumentError("--figures none leaves nothing for --json to write. Leave one of them away.")
+    made: dict[Path, Motion] = {}
 
     def run_one(path: Path) -> None:
-        motions = _run_clip(path, command, models, config)
-        scores.extend(score(motion, out) for out, motion in motions.items())
+        motions, fault = _run_clip(path, command, models, config)
+        made.update(motions)
+        if fault is not None:
+            raise fault
 
     failures = do_for_each("retargeting", command.clips, run_one)
-    if scores:
+    if made and config.figures != "none":
         say()
-        show_figures(scores)
-        write_json(command.json, json.loads(to_json(scores)))
+        scores = _show_results(made, every=command.all)
+        if solved := [item for item in scores if item.file.endswith(".npz")]:
+            write_json(command.json, json.loads(to_json(solved)))
         say()
     say(f"{len(command.clips) - len(failures)} solved, {len(failures)} failed.")
     return exit_code(failures, len(command.clips))
 
 
-def _run_clip(path: Path, command: Run, models: Sequence[RobotModel], config: Config) -> dict[Path, Motion]:
-    """Retarget all people of one clip, then write their results; return what is where."""
+def _run_clip(
+    path: Path, command: Run, models: Sequence[RobotModel], config: Config
+) -> tuple[dict[Path, Motion], SolveError | None]:
+    """Retarget all people of one clip, write and return their motions by file, with the error that sets them aside.
+
+    Where there is no motion at all, results of an earlier run go, too.
+    """
     start = time.process_time()
     clip = open_clip(path, command)
     if command.edits is not None:
@@ -77,24 +97,78 @@ def _run_clip(path: Path, command: Run, models: Sequence[RobotModel], config: Co
         warn(f"{path.name}: {warning}")
     for model in models:
         prepare_skin(model)
-    motions = retarget_people(clip, models, config, command=settings_of(replace(command, clips=(path,))))
     paths = result_paths(clip, result_stem(path), command.out)
-    motions = write(motions, paths, read_seconds=read_seconds)
-    for motion, out in zip(motions, paths, strict=True):
-        describe_result(motion, out)
+    try:
+        motions = retarget_people(clip, models, config, command=arguments_of(replace(command, clips=(path,))))
+    except SolveError:
+        remove(paths)
+        raise
+    made, fault = _written(motions, paths, read_seconds)
     _describe_inter_robot_hand_errors(motions[0])
-    return dict(zip(paths, motions, strict=True))
+    return made, fault
+
+
+def _written(
+    motions: Sequence[Motion], paths: Sequence[Path], read_seconds: float = 0.0
+) -> tuple[dict[Path, Motion], SolveError | None]:
+    """Write and describe a clip's motions; return them by file, with the error that sets them aside."""
+    fault = None
+    try:
+        motions = write(motions, paths, read_seconds=read_seconds)
+    except SolveError as error:
+        fault, paths = error, [set_aside(path) for path in paths]
+    for motion, path in zip(motions, paths, strict=True):
+        describe_result(motion, path)
+    return dict(zip(paths, motions, strict=True)), fault
+
+
+def _show_results(made: Mapping[Path, Motion], *, every: bool) -> list[Score]:
+    """Print verdicts and figures of motions by their files, and return the figures."""
+    scores = titled([score(motion, path) for path, motion in made.items()], list(made.values()))
+    show_figures(scores, every=every)
+    return scores
+
+
+def check_clip_kept(clip: Path, out: Path) -> None:
+    """Raise `ArgumentError` when a clip's result would be written over the clip."""
+    result = out / f"{result_stem(clip)}.npz"
+    try:
+        same = result.samefile(own_layout.file_of(clip))
+    except (OSError, ValueError):
+        return
+    if same:
+        raise ArgumentError(f"--out {out}: the result would be written over the clip {clip}. Choose another folder.")
+
+
+@cache
+def prepare_skin(model: RobotModel) -> None:
+    """Compute the skin of a robot that has meshes and no skin yet, which takes long, and say so."""
+    if model.spec.skin is None and any(model.geometries.meshes):
+        say(f"{model.spec.name}: computing the skins of its meshes, which takes about two minutes, once")
+        skin_of(model)
+
+
+def describe_result(motion: Motion, path: Path) -> None:
+    """Print a result's file, scales and surfaces, and its warnings."""
+    seconds = sum(motion.report.cpu_seconds.values())
+    say(f"  {path}  ({motion.frames} frames, {seconds:.2f} s)")
+    say(f"  root scale {motion.report.root_scale:.3f}, object scale {scales_text(motion.object_scale)}")
+    for name, surface in motion.report.object_surfaces.items():
+        if surface in OBJECT_SURFACES:
+            say(f"  {name}: {OBJECT_SURFACES[surface]}")
+    for warning in motion.warnings:
+        warn(f"{path.name}: {warning}")
 
 
 def _describe_inter_robot_hand_errors(motion: Motion) -> None:
-    """Print how people's hands are placed on what they hold together, which each of their results tells."""
+    """Print the errors of people's hands relative to each other on objects held together, which each result has."""
     pairs = motion.report.inter_robot_hand_errors
     for name in dict.fromkeys(pair.object for pair in pairs):
         held = [pair for pair in pairs if pair.object == name]
         mean = sum(pair.mean_m * pair.frames for pair in held) / sum(pair.frames for pair in held)
         say(
-            f"  hands of different people on {name}: {1000 * mean:.1f} mm from their place relative to each other on "
-            f"average, {1000 * max(pair.max_m for pair in held):.1f} mm at most"
+            f"  hands of different people on {name}: {1000 * mean:.1f} mm of wandering from each other on average, "
+            f"{1000 * max(pair.max_m for pair in held):.1f} mm at most"
         )
 
 
@@ -111,7 +185,7 @@ def _is_folder(path: Path) -> bool:
     try:
         return path.is_dir()
     except OSError:
-        return False  # Reading it will tell what is wrong.
+        return False  # Reading it shows the fault.
 
 
 def _check_objects(folder: Path | None, name: str | None) -> None:
@@ -136,3 +210,58 @@ def _describe_clip(path: Path, clip: Clip) -> None:
     begins = f", from frame {clip.first_source_frame} of the recording" if clip.first_source_frame else ""
     noun = "objects" if len(clip.objects) > 1 else "object"
     say(f"{path.name}: {clip.frames} frames at {clip.fps:g} frames/s{people}, {noun}: {objects}{begins}")
+
+
+def execute_demo(command: Demo) -> int:
+    """Retarget the built-in clip, and show commands to try next."""
+    model = load_robot(command.robot)
+    check_writable("--out", command.out)
+    path = command.out / f"{_SCENE}.npz"
+    clip = make(_SCENE)
+    say(f"A built-in clip: a person of {clip.people[0].height:.2f} m walks to a box, lifts it, carries it round a")
+    say(f"turn and sets it down ({clip.frames} frames). Now the same by a {model.spec.title}:")
+    with Working("retargeting", None):
+        motions = retarget_people(clip, [model])
+    made, fault = _written(motions, [path])
+    say()
+    _show_results(made, every=command.all)
+    say()
+    if fault is not None:
+        raise fault
+    say("All figures: --all. They are explained in docs/metrics.md. Next:")
+    say(f"  {program()} view {shlex.quote(str(path))}   # see it in a browser")
+    say(f"  {program()} edit builtin:{_SCENE}   # drag its contacts, and see what follows")
+    say(f"  {program()} inspect {shlex.quote(str(path))}   # what the file holds")
+    say(f"  {program()} sample sample   # two real recordings (downloads 102 MB)")
+    say(f"  {program()} run sample/sub3_largebox_003.pt --objects sample/objects --out results")
+    return 0
+
+
+def execute_bench(command: Bench) -> int:
+    """Time the pipeline and print a table."""
+    if command.repeats < 1:
+        raise ArgumentError(f"--repeats is {command.repeats}; at least one run is needed.")
+    check_json(command.json)
+    model = load_robot(command.robot)
+    clip = make(_SCENE, seconds=command.seconds)
+    runs = []
+    with tempfile.TemporaryDirectory() as folder, Working("timing", command.repeats) as working:
+        for _ in range(command.repeats):
+            (motion,) = retarget_people(clip, [model])
+            (motion,) = write([motion], [Path(folder) / "bench.npz"])
+            runs.append(motion.report.cpu_seconds)
+            working.advance()
+    best = min(runs, key=lambda seconds: sum(seconds.values()))
+    rows = [(title, *_texts(best.get(name, 0.0), clip.frames)) for name, title in _STAGES.items()]
+    total = sum(best.values())
+    say(f"{model.spec.name}, {clip.frames} frames at {clip.fps:g} frames/s; CPU time, fastest of {command.repeats}.")
+    show_table([("stage", "ms a frame", "s in all"), *rows, ("all", *_texts(total, clip.frames))])
+    say(f"{clip.frames / total:.0f} frames a second, {clip.frames / total / clip.fps:.0f} times real time.")
+    write_json(
+        command.json, {"robot": model.spec.name, "frames": clip.frames, "fps": clip.fps, "cpu_seconds": dict(best)}
+    )
+    return 0
+
+
+def _texts(seconds: float, frames: int) -> tuple[str, str]:
+    return f"{1e3 * seconds / frames:.3f}", f"{seconds:.3f}"

@@ -1,9 +1,9 @@
-"""Printing: plain lines, errors and warnings on stderr, tables, and a bar for what takes long."""
+"""Printing: plain lines, errors and warnings on stderr, tables, and a bar for long work on many files."""
 
 import shlex
 import shutil
 import sys
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Event, Thread, Timer
@@ -13,6 +13,9 @@ from rich.cells import cell_len
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
+
+from hoi_retarget.errors import ArgumentError, HoiRetargetError
 
 NAME = "hoi-retarget"
 PATIENCE_S = 2.0  # Nobody needs a bar for less.
@@ -25,7 +28,7 @@ _said_on_stderr = False
 
 
 def program() -> str:
-    """Return how to start this program again from here, for commands that are shown."""
+    """Return the word that starts this program from here, for commands that are shown."""
     started = Path(sys.argv[0])
     if started.name == "__main__.py":
         return f"{shlex.quote(sys.executable)} -m hoi_retarget"
@@ -36,10 +39,10 @@ def program() -> str:
 
 
 @contextmanager
-def stdout_for_json(kept: bool) -> Iterator[None]:
-    """Let `say` print on stderr, where stdout is kept for JSON."""
+def stdout_for_json(reserved: bool) -> Iterator[None]:
+    """Let `say` print on stderr, where stdout is for JSON alone."""
     global _said_on_stderr  # noqa: PLW0603  # as there is one stdout
-    _said_on_stderr = kept
+    _said_on_stderr = reserved
     try:
         yield
     finally:
@@ -53,7 +56,7 @@ def say(text: str = "") -> None:
 
 
 def put(text: str) -> None:
-    """Print what another program reads on stdout."""
+    """Print text for another program on stdout."""
     with _without_bar():
         print(text, end="", flush=True)
 
@@ -70,6 +73,18 @@ def fail(text: str) -> None:
         print(f"error: {' '.join(text.split())}", file=sys.stderr, flush=True)
 
 
+class Coloured(str):
+    """A cell of a table with a style of Rich's for terminals."""
+
+    __slots__ = ("style",)
+
+    def __new__(cls, text: str, style: str) -> "Coloured":
+        """Return the cell."""
+        cell = super().__new__(cls, text)
+        cell.style = style
+        return cell
+
+
 def show_table(rows: Sequence[Sequence[str]], *, words: Collection[int] = (0,)) -> None:
     """Print rows as a table; the first one is the header, columns other than `words` are numbers."""
     console = Console(highlight=False, markup=False)
@@ -84,7 +99,7 @@ def show_table(rows: Sequence[Sequence[str]], *, words: Collection[int] = (0,)) 
                 rows[0][index], justify="left" if index in words else "right", overflow="fold", width=width
             )
         for row in rows[1:]:
-            table.add_row(*(row[index] for index in columns))
+            table.add_row(*(Text(row[index], getattr(row[index], "style", "")) for index in columns))
         # Printed by `say`: rich itself ends the program with another code when nobody reads it any more.
         with console.capture() as capture:
             console.print(table)
@@ -92,7 +107,7 @@ def show_table(rows: Sequence[Sequence[str]], *, words: Collection[int] = (0,)) 
 
 
 def _parts(rows: Sequence[Sequence[str]], width: int) -> list[dict[int, int]]:
-    """Return which columns stand side by side, and how wide: those that do not fit come below, after the first again.
+    """Return widths of columns that stand side by side; others come below them, after the first one again.
 
     Cells are broken between words; within one only where it is longer than all that is there.
     """
@@ -148,7 +163,7 @@ class Working:
         if self._visible:
             self._timer.start()
         else:
-            Thread(target=self._tell, daemon=True).start()
+            Thread(target=self._print_progress, daemon=True).start()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -158,8 +173,8 @@ class Working:
         if self._progress.live.is_started:
             self._progress.stop()
 
-    def _tell(self) -> None:
-        """Print how far the work has come, after every pause."""
+    def _print_progress(self) -> None:
+        """Print progress after every pause."""
         task = self._progress.tasks[0]
         while not self._ended.wait(PAUSE_S):
             counted = f"{task.completed:.0f} of {task.total:.0f}, " if task.total is not None and task.total > 1 else ""
@@ -167,7 +182,7 @@ class Working:
                 print(f"{task.description}: {counted}{monotonic() - self._start:.0f} s", file=sys.stderr, flush=True)
 
     def describe(self, what: str) -> None:
-        """Say what is being worked on now."""
+        """Name the current piece of work."""
         self._progress.update(self._task, description=what)
 
     def advance(self, pieces: int = 1) -> None:
@@ -180,6 +195,32 @@ class Working:
             self.describe(path.name)
             yield path
             self.advance()
+
+
+def do_for_each(what: str, paths: Collection[Path], do: Callable[[Path], None]) -> list[HoiRetargetError]:
+    """Work on every file, with a bar; print and return the errors."""
+    failures: list[HoiRetargetError] = []
+    with Working(what, len(paths)) as working:
+        for path in working.through(paths):
+            try:
+                do(path)
+            except HoiRetargetError as error:
+                failures.append(error)
+                fail(with_file(path, error))
+    return failures
+
+
+def with_file(path: Path | str, problem: object) -> str:
+    """Return the text of an error or a warning, which names its file."""
+    text = str(problem)
+    return text if Path(path).name in text else f"{path}: {text}"
+
+
+def exit_code(failures: Collection[HoiRetargetError], total: int) -> int:
+    """Return 0 for no failure, 2 where all of a total fail by their arguments, else 1."""
+    if not failures:
+        return 0
+    return 2 if len(failures) == total and all(isinstance(error, ArgumentError) for error in failures) else 1
 
 
 @contextmanager

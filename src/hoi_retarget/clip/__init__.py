@@ -1,1 +1,1 @@
-"""A recorded interaction: people, objects, contacts, and what is done to them before retargeting."""
+"""A recorded interaction: people, objects, contacts, and the work on them before retargeting."""

@@ -1,18 +1,17 @@
 """More clips of one recording: its mirror image, and the same at another speed.
 
-Contacts stay what they are: the same points of the object, touched by the same part, or by the other
-side's in a mirror. What was done stands in the clip's source, so that results tell their parent and
-`readers.open.clip_of` finds their clip again. Other sizes of the object need no other clip:
-`targets.Scaling.size_multiplier` makes them.
+Contacts keep their points on the object and their parts, or get the other side's in a mirror. The changes stand in the
+clip's source, so that results name their parent and `readers.open.clip_of` finds their clip again. Other sizes of the
+object need no other clip: `targets.Scaling.size_multiplier` makes them.
 """
 
 from dataclasses import replace
 
 import numpy as np
+import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float
 
-from hoi_retarget.clip.clip import MINIMUM_FRAMES, Augmentation, Clip, ContactTrack, Source
-from hoi_retarget.clip.pin import PosePin
+from hoi_retarget.clip.clip import MINIMUM_FRAMES, Augmentation, Clip, ContactTrack, PosePin
 from hoi_retarget.errors import ClipError
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS
@@ -38,7 +37,7 @@ def augment(clip: Clip, augmentation: Augmentation) -> Clip:
 
 
 def mirrored(clip: Clip) -> Clip:
-    """Return the clip as seen in a mirror at the world's plane y = 0: left parts do what right ones did.
+    """Return the clip as seen in a mirror at the world's plane y = 0: left parts move as right ones did.
 
     Objects are mirrored at the plane y = 0 of their own frames, too, so that their poses are rotations. Where an
     object's mesh is known, its mirror image is in `points` and `faces`, with no file; else its points are mirrored.
@@ -46,18 +45,17 @@ def mirrored(clip: Clip) -> Clip:
     Raises:
         GeometryError: an object's mesh file is missing or damaged.
     """
-    source = _noted(
-        replace(clip.source, augmentation=_toggled(clip.source.augmentation)),
-        "Mirrored at the plane y = 0, left for right; objects are mirror images of those recorded.",
-    )
-    return replace(
+    augmentation = replace(clip.source.augmentation, mirrored=not clip.source.augmentation.mirrored)
+    seen = replace(
         clip,
         people=tuple(map(_mirrored_person, clip.people)),
         objects=tuple(map(_mirrored_object, clip.objects)),
         contacts=tuple(map(_mirrored_contact, clip.contacts)),
+        recorded_contacts=tuple(map(_mirrored_contact, clip.recorded_contacts)),
         pins=tuple(map(_mirrored_pin, clip.pins)),
-        source=source,
+        source=replace(clip.source, augmentation=augmentation),
     )
+    return seen.with_note("Mirrored at the plane y = 0, left for right; objects are mirror images of those recorded.")
 
 
 def at_speed(clip: Clip, speed: float) -> Clip:
@@ -80,8 +78,8 @@ def at_speed(clip: Clip, speed: float) -> Clip:
             f"{MINIMUM_FRAMES} are needed. Use a lower speed."
         )
     times = np.linspace(0.0, clip.frames - 1, frames)
-    source = _noted(replace(clip.source, augmentation=done), f"Played at {speed:g} times the speed.")
-    return replace(resampled(clip, times, clip.fps), source=source)
+    faster = replace(resampled(clip, times, clip.fps), source=replace(clip.source, augmentation=done))
+    return faster.with_note(f"Played at {speed:g} times the speed.")
 
 
 def resampled(clip: Clip, times: Float[np.ndarray, "T"], fps: float) -> Clip:
@@ -92,22 +90,15 @@ def resampled(clip: Clip, times: Float[np.ndarray, "T"], fps: float) -> Clip:
         people=tuple(_resampled_person(person, times) for person in clip.people),
         objects=tuple(_resampled_object(track, times) for track in clip.objects),
         contacts=tuple(_resampled_contact(track, times) for track in clip.contacts),
+        recorded_contacts=tuple(_resampled_contact(track, times) for track in clip.recorded_contacts),
         pins=_resampled_pins(clip.pins, times),
     )
 
 
 def describe(augmentation: Augmentation) -> tuple[str, ...]:
-    """Return what was done to a recording, a few words for each."""
+    """Return the changes of a recording, a few words for each."""
     speed = () if augmentation.speed == 1.0 else (f"speed {augmentation.speed:g}",)
     return (*speed, "mirrored") if augmentation.mirrored else speed
-
-
-def _toggled(augmentation: Augmentation) -> Augmentation:
-    return replace(augmentation, mirrored=not augmentation.mirrored)
-
-
-def _noted(source: Source, note: str) -> Source:
-    return replace(source, notes=(*source.notes, note))
 
 
 def _other_side(name: str) -> str:
@@ -156,7 +147,7 @@ def _mirrored_pin(pin: PosePin) -> PosePin:
 
 
 def _resampled_pins(pins: tuple[PosePin, ...], times: Float[np.ndarray, "T"]) -> tuple[PosePin, ...]:
-    """Return pins in the frames nearest to their own; of those that come to one frame, the last."""
+    """Return pins in the frames nearest to their own; of several in one frame, the last."""
     nearest = [replace(pin, frame=int(np.abs(times - pin.frame).argmin())) for pin in pins]
     return tuple({pin.key: pin for pin in nearest}.values())
 
@@ -186,9 +177,9 @@ def _resampled_contact(track: ContactTrack, times: Float[np.ndarray, "T"]) -> Co
 
 def _resampled(values: Float[np.ndarray, "F *rest"], times: Float[np.ndarray, "T"]) -> Float[np.ndarray, "T *rest"]:
     """Return values at fractional frames: on a spline of third degree, or less where they are few."""
-    from scipy.interpolate import make_interp_spline  # noqa: PLC0415  # takes a quarter of a second
-
-    return np.asarray(make_interp_spline(np.arange(len(values)), values, k=min(3, len(values) - 1))(times))
+    return np.asarray(
+        scipy.interpolate.make_interp_spline(np.arange(len(values)), values, k=min(3, len(values) - 1))(times)
+    )
 
 
 def _resampled_quats(

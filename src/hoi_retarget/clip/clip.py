@@ -1,20 +1,72 @@
-"""The human side of a clip: people, objects, contacts; no robot anywhere.
+"""The human side of a clip: people, objects, contacts, pins, and the options of reading it; no robot anywhere.
 
-World frame: z up, floor at z = 0, metres, seconds. All arrays are read-only copies.
+World frame: z up, floor at z = 0, metres, seconds. All arrays are read-only copies. A pin is the place of a person's
+part in one frame, set by hand.
 """
 
 from dataclasses import dataclass, field, replace
+from enum import Enum
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hoi_retarget.clip.pin import PINNED_PARTS, PosePin
-from hoi_retarget.clip.quality_warning import QualityWarning
 from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import PARTS
 from hoi_retarget.numerics.arrays import check_shape, describe_frames, frozen, runs
 from hoi_retarget.objects.track import ObjectTrack
+
+PELVIS = "pelvis"
+PINNED_PARTS: tuple[str, ...] = (*PARTS, PELVIS)
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class PosePin:
+    """A part of a person in one frame."""
+
+    person: int
+    part: str
+    frame: int
+    position: Vector
+    """In the world of the recording, at captured size [m]."""
+    turn: Vector | None = None
+    """Rotation vector in the world's axes, on top of the recorded part's rotation [degrees]; None leaves it free."""
+
+    @property
+    def key(self) -> tuple[int, int, int]:
+        """The order of pins: by person, part and time."""
+        return self.person, PINNED_PARTS.index(self.part), self.frame
+
+
+def pinned_path(person: Person, part: str) -> Float[np.ndarray, "T 3"]:
+    """Return the path of a part that can be pinned [m]."""
+    return person.position(part) if part == PELVIS else person.part_position(part)
+
+
+class Severity(Enum):
+    """Severity of a warning."""
+
+    WARNING = "warning"
+    """Look at it before using it."""
+    ERROR = "error"
+    """Do not use it."""
+
+
+@dataclass(frozen=True)
+class QualityWarning:
+    """A fault of a recording or a motion, for a program (the code) and for a person (the text)."""
+
+    code: str
+    """Names the kind, such as `unreached_contact`."""
+    severity: Severity = Severity.WARNING
+    text: str = ""
+    """A sentence."""
+
+    def __str__(self) -> str:
+        return self.text
+
 
 MINIMUM_FRAMES = 4  # The jerk penalty is a third difference.
 
@@ -50,7 +102,7 @@ class ContactTrack:
 
 @dataclass(frozen=True)
 class Augmentation:
-    """What was done to a whole recording to get another clip of it; nothing by default."""
+    """Changes of a whole recording that make another clip of it; none by default."""
 
     mirrored: bool = False
     """Left for right."""
@@ -64,20 +116,20 @@ class Augmentation:
 
 @dataclass(frozen=True)
 class Source:
-    """Where a clip comes from."""
+    """Origin of a clip."""
 
     path: str = ""
     sha256: str = ""
     format: str = ""
     licence: str = ""
     notes: tuple[str, ...] = field(default=())
-    """What the reader found and decided, one sentence each."""
+    """Findings and decisions of the reader, one sentence each."""
     contact_edits: str = ""
     """Text of the contact edits that were applied to the contacts as recorded; empty where none were."""
     augmentation: Augmentation = Augmentation()
-    """What was done after that."""
+    """Applied after the edits."""
     warnings: tuple[QualityWarning, ...] = ()
-    """What looks wrong but does not stop anybody."""
+    """Doubts, and errors, with which a verdict fails."""
     files: tuple[str, ...] = ()
     """Other files that the clip was read from: companions and meshes; not the body models."""
 
@@ -99,7 +151,9 @@ class Clip:
     first_source_frame: int = 0
     """How many leading frames of the source were dropped."""
     pins: tuple[PosePin, ...] = ()
-    """Where parts are to be instead of where they are."""
+    """Other places for parts than the recorded ones."""
+    recorded_contacts: tuple[ContactTrack, ...] = ()
+    """The contacts as recorded, where `contacts` are edited ones; else none."""
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.fps) and self.fps > 0):
@@ -108,7 +162,9 @@ class Clip:
             raise ClipError(f"clip {self.name!r}: there is no person in it.")
         lengths = {f"person {person.name!r}": len(person.joint_positions) for person in self.people}
         lengths |= {f"object {track.name!r}": len(track.positions) for track in self.objects}
-        lengths |= {f"contact of {track.part!r}": len(track.active) for track in self.contacts}
+        lengths |= {
+            f"contact of {track.part!r}": len(track.active) for track in (*self.contacts, *self.recorded_contacts)
+        }
         if len(set(lengths.values())) > 1:
             listing = ", ".join(f"{owner}: {length}" for owner, length in lengths.items())
             raise ClipError(f"clip {self.name!r}: tracks differ in their number of frames ({listing}).")
@@ -127,7 +183,11 @@ class Clip:
         """Number of frames T."""
         return len(self.people[0].joint_positions)
 
-    def with_warnings(self, code: str, texts: tuple[str, ...]) -> "Clip":
+    def with_note(self, note: str) -> "Clip":
+        """Return the clip with one more sentence in its source's notes."""
+        return replace(self, source=replace(self.source, notes=(*self.source.notes, note)))
+
+    def with_warnings(self, code: str, texts: tuple[str, ...], severity: Severity = Severity.WARNING) -> "Clip":
         """Return the clip with more warnings of one kind, a sentence each."""
-        new = tuple(QualityWarning(code, text=text) for text in texts)
+        new = tuple(QualityWarning(code, severity, text) for text in texts)
         return replace(self, source=replace(self.source, warnings=(*self.source.warnings, *new))) if new else self

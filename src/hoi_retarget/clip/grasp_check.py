@@ -1,9 +1,9 @@
-"""Whether what is held stays where it is held: what shows most mistakes in an object's poses and contacts.
+"""A check that grasps are rigid: most mistakes in an object's poses and contacts show in slipping grasps.
 
 While a part touches a moving object, its contact point keeps its place in the object's frame, up to slip. Read
 with the inverse rotation, with another order of the quaternion, or with contacts of other frames, it does not. In 36
 recordings points wander by 0.8 to 7.2 cm within a contact, and farther with inverted rotations: up to 20 times as
-far where the object turns, hardly farther where it does not. What does not turn cannot be judged.
+far where the object turns, hardly farther where it does not. Grasps of objects that do not turn cannot be judged.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -12,30 +12,25 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hoi_retarget.clip.clip import Clip, ContactTrack
+from hoi_retarget.clip.clip import Clip, ContactTrack, Severity
 from hoi_retarget.clip.read_options import Grasps
 from hoi_retarget.errors import ClipError
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
 
-SHORTEST_SECONDS = 1 / 3
-"""Contacts that are shorter say nothing about slip."""
-LARGEST_SPREAD = 0.12
-"""[m]; nothing is held that slips farther within one contact."""
-SUSPECT_SPREAD = 0.04
-"""[m]; from there on it is asked whether the contacts belong to other frames."""
-WAY_ON = "If it is right nonetheless, as of a thing that is turned in the hand, pass --grasps warn."
-"""What to do with a clip that is refused wrongly."""
-LARGEST_REACH = 0.25
-"""[m]; no part touches an object that is this far from its contact point."""
-ANOTHER_UNIT = 5.0
-"""[m]; a contact this far away is not only wrong, but in another unit."""
-CLEARLY = 1.3
-"""How many times smaller another reading's spread must be to be believed..."""
-CLEARLY_BY = 0.01
-"""...and by how much [m]."""
+_MIN_CONTACT_SECONDS = 1 / 3  # Shorter contacts are no evidence of slip.
+MAX_SPREAD = 0.12
+"""[m]; an object that slips farther within one contact is not held."""
+_SUSPECT_SPREAD = 0.04  # [m]; from there on contacts of other frames are compared.
+ADVICE = "If it is right nonetheless, as of an object that is turned in the hand, pass --grasps warn."
+"""For a clip that is refused wrongly."""
+_MAX_REACH = 0.25  # [m]; no part touches an object that is this far from its contact point.
+_HOPELESS_REACH = 0.5  # [m]; no motion of it is of use.
+_MAX_METRIC_REACH = 5.0  # [m]; a contact this far away is not only wrong, but in another unit.
+MIN_SPREAD_RATIO, MIN_SPREAD_GAIN = 1.3, 0.01
+"""Another reading is believed if its spread is so many times smaller, and by so much [m]."""
 SHIFTS_SECONDS = (-1.0, -0.5, 0.5, 1.0)
-"""Contacts that a source labels are tried this much earlier and later."""
+"""Contacts of a source are compared at so much earlier and later frames."""
 
 READINGS: Mapping[str, tuple[str, Callable[[np.ndarray], np.ndarray]]] = {
     "inverse": ("inverse rotations", se3.quat_conjugate),
@@ -49,10 +44,10 @@ ONLY_INVERSE = ("inverse",)
 
 @dataclass(frozen=True)
 class GraspFigures:
-    """How far contact points wander in the object's frame, root mean square over all frames of longer contacts."""
+    """Wandering of contact points in the object's frame, root mean square over all frames of longer contacts."""
 
     frames: int
-    """How many frames of contacts were looked at; without any, all spreads are 0."""
+    """Number of frames of these contacts; without any, all spreads are 0."""
     spread: float
     """As read [m]."""
     other_readings: Mapping[str, float]
@@ -66,8 +61,8 @@ class GraspFigures:
 def grasp_figures(
     clip: Clip, readings: Collection[str] = tuple(READINGS), shifts: Collection[float] = SHIFTS_SECONDS
 ) -> GraspFigures:
-    """Return how rigid the grasps of a clip are, with some of `READINGS` and shifts of contacts [s] to compare with."""
-    least = max(2, round(SHORTEST_SECONDS * clip.fps))
+    """Return the figures of a clip's grasps, with some of `READINGS` and shifts of contacts [s] to compare with."""
+    least = max(2, round(_MIN_CONTACT_SECONDS * clip.fps))
     held = [track for track in clip.contacts if track.active.any()]
     points = [_points(clip, track) for track in held]
     longer = [runs(track.active, least) for track in held]
@@ -91,33 +86,33 @@ def grasp_figures(
 
 
 def grasp_faults(figures: GraspFigures) -> tuple[str, ...]:
-    """Return what the figures say against a clip, one sentence each; a fault of rotations or units comes first."""
+    """Return the faults of a clip by its figures, a sentence each; one of rotations or units stands alone."""
     fatal = fatal_fault(figures)
     if fatal:
         return (fatal,)
     texts: tuple[str, ...] = ()
-    if figures.reach > LARGEST_REACH:
+    if figures.reach > _MAX_REACH:
         texts += (
             f"Parts that are said to touch are mostly {figures.reach:.2f} m or more from the object: contacts, "
             "positions or the object's size are wrong.",
         )
     shifted, best = min(((spread, seconds) for seconds, spread in figures.shifted.items()), default=(np.inf, 0.0))
-    if _clearly_better(shifted, figures.spread) and figures.spread > SUSPECT_SPREAD:
+    if _clearly_better(shifted, figures.spread) and figures.spread > _SUSPECT_SPREAD:
         texts += (
             f"Contacts fit better {abs(best):g} s {'later' if best > 0 else 'earlier'}: points wander by "
             f"{shifted:.3f} m in the object's frame then, by {figures.spread:.3f} m as they are.",
         )
-    elif figures.spread > LARGEST_SPREAD:
+    elif figures.spread > MAX_SPREAD:
         texts += (
             f"What is held slips: contact points wander by {figures.spread:.3f} m in the object's frame within one "
-            f"contact, expected at most {LARGEST_SPREAD:g} m. The object's poses or the contacts are wrong.",
+            f"contact, expected at most {MAX_SPREAD:g} m. The object's poses or the contacts are wrong.",
         )
     return texts
 
 
 def fatal_fault(figures: GraspFigures) -> str:
     """Return why a clip must not be used: other rotations fit clearly better, or units differ; empty where neither."""
-    if figures.reach > ANOTHER_UNIT:
+    if figures.reach > _MAX_METRIC_REACH:
         return (
             f"Parts that are said to touch are mostly {figures.reach:.4g} m from the object: the object's positions "
             "are in another unit than the person's, or of another world. Convert the clip again."
@@ -132,7 +127,7 @@ def fatal_fault(figures: GraspFigures) -> str:
     return ""
 
 
-def checked(
+def with_grasp_warnings(
     clip: Clip,
     readings: Collection[str] = tuple(READINGS),
     shifts: Collection[float] = SHIFTS_SECONDS,
@@ -153,13 +148,14 @@ def checked(
     figures = grasp_figures(clip, readings, shifts)
     fatal = fatal_fault(figures)
     if fatal and grasps == "refuse":
-        raise ClipError(f"{clip.source.path or clip.name}: {fatal} {WAY_ON}")
+        raise ClipError(f"{clip.source.path or clip.name}: {fatal} {ADVICE}")
     known = {str(warning) for warning in clip.source.warnings}
-    return clip.with_warnings("grasp", tuple(text for text in grasp_faults(figures) if text not in known))
+    severity = Severity.ERROR if fatal or figures.reach > _HOPELESS_REACH else Severity.WARNING
+    return clip.with_warnings("grasp", tuple(text for text in grasp_faults(figures) if text not in known), severity)
 
 
 def _clearly_better(other: float, spread: float) -> bool:
-    return spread > CLEARLY * other and spread > other + CLEARLY_BY
+    return spread > MIN_SPREAD_RATIO * other and spread > other + MIN_SPREAD_GAIN
 
 
 def _points(
@@ -182,7 +178,7 @@ def _root_mean(squares: Float[np.ndarray, "n"]) -> float:
 
 
 def _later(active: Bool[np.ndarray, "T"], frames: int) -> Bool[np.ndarray, "T"]:
-    """Return flags some frames later; those that leave the clip are left out."""
+    """Return flags some frames later, without those beyond the clip."""
     before = np.arange(len(active)) - frames
     within = (before >= 0) & (before < len(active))
     return within & active[np.where(within, before, 0)]

@@ -1,27 +1,38 @@
-"""Contacts of a clip: those of its source, or where it has none, those that distances between body and object show.
+"""Contacts of a clip, of its source or else from distances between body and object; who may move an object.
 
-Every decision becomes a note of the clip.
+Every decision becomes a note of the clip. An object may be moved by somebody with the body beside it, or beside
+another object that it rides on.
 """
 
 from collections.abc import Collection
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from jaxtyping import Bool
 
-from hoi_retarget.clip.carrying import carried, is_moving
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.clip.grasp_check import READINGS, WAY_ON
-from hoi_retarget.clip.label_contacts import PROXIMITY, InterAct, Nearness, label_contacts, nearness
+from hoi_retarget.clip.grasp_check import ADVICE, READINGS
+from hoi_retarget.clip.label_contacts import (
+    FAR,
+    PROXIMITY,
+    InterAct,
+    PartObjectDistance,
+    body_distances,
+    label_contacts,
+    part_object_distances,
+)
 from hoi_retarget.clip.read_options import Grasps, Labels
 from hoi_retarget.errors import ClipError
 from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.filters import speeds
+from hoi_retarget.objects.track import MOVING_SPEED, ObjectTrack
 
-LEAST_MOVING = 10
-"""Frames of moving that an object's poses are judged from."""
-LEAST_HELD, CLEARLY_HELD = 0.5, 0.3
-"""Share of these frames with somebody at the object below which its poses are doubted, and how much better
-inverted rotations must be to be believed."""
+_RIDING_SHARE = 0.5  # An object on another one moves against it with less than this share of its own speed.
+_MIN_MOVING_FRAMES = 10  # An object's poses are judged from at least so many frames of moving.
+MIN_HELD_SHARE, MIN_HELD_GAIN = 0.5, 0.3
+"""Share of these frames with somebody at the object below which its poses are doubted, and the gain by inverted
+rotations above which these are believed."""
 
 
 def with_contacts(
@@ -31,7 +42,7 @@ def with_contacts(
     readings: Collection[str] = tuple(READINGS),
     grasps: Grasps = "refuse",
 ) -> Clip:
-    """Return a clip whose contacts are those of its source, or where it has none, or others are asked for, geometry's.
+    """Return a clip with the contacts of its source, or where it has none, or others are requested, of geometry.
 
     Args:
         clip: its floor is at z = 0.
@@ -49,30 +60,26 @@ def with_contacts(
     if clip.contacts and labels == "auto":
         return _with_untouched(clip)
     rule = InterAct() if labels == "interact" else PROXIMITY
-    near = nearness(clip)
+    near = part_object_distances(clip)
     unheld = _unheld(clip, near, inverse="inverse" in readings, grasps=grasps)
     contacts = label_contacts(clip, rule=rule, near=near)
     why = "as was asked for" if clip.contacts else "as the source labels none"
     note = f"Contacts are found from distances between body and object ({type(rule).__name__}'s rule), {why}."
-    found = _with_note(replace(clip, contacts=contacts), note)
+    found = replace(clip, contacts=contacts).with_note(note)
     return found.with_warnings("unheld_object", unheld) if unheld else _with_untouched(found)
 
 
-def _with_note(clip: Clip, note: str) -> Clip:
-    return replace(clip, source=replace(clip.source, notes=(*clip.source.notes, note)))
-
-
 def _with_untouched(clip: Clip) -> Clip:
-    """Return a clip that says where objects move and nothing is ever touched by a hand or a foot."""
+    """Return a clip with a note or a warning if objects move and no hand or foot ever touches anything."""
     frames = [int(is_moving(track, clip.fps).sum()) for track in clip.objects]
-    moved = [index for index, moving in enumerate(frames) if moving >= LEAST_MOVING]
+    moved = [index for index, moving in enumerate(frames) if moving >= _MIN_MOVING_FRAMES]
     if not moved or any(track.active.any() for track in clip.contacts):
         return clip
     listing = " and ".join(f"{clip.objects[index].name} moves in {frames[index]} frames" for index in moved)
-    near = nearness(clip)
-    held, by_body = [_held(near, index, clip) for index in moved], _carried(clip)
-    if max(held) < LEAST_HELD <= min(by_body[index] for index in moved):
-        return _with_note(clip, f"{listing}, by other parts of the body than hands and feet: none of them touches.")
+    near = part_object_distances(clip)
+    held, by_body = [_held(near, index, clip) for index in moved], _moved_by_somebody(clip)
+    if max(held) < MIN_HELD_SHARE <= min(by_body[index] for index in moved):
+        return clip.with_note(f"{listing}, by other parts of the body than hands and feet: none of them touches.")
     return clip.with_warnings(
         "untouched_object",
         (
@@ -82,28 +89,28 @@ def _with_untouched(clip: Clip) -> Clip:
     )
 
 
-def _unheld(clip: Clip, near: tuple[Nearness, ...], *, inverse: bool, grasps: Grasps) -> tuple[str, ...]:
+def _unheld(clip: Clip, near: tuple[PartObjectDistance, ...], *, inverse: bool, grasps: Grasps) -> tuple[str, ...]:
     """Return a warning for each object that moves with nobody near; raises `ClipError` where rotations are inverted."""
     doubtful = [
         index
         for index, track in enumerate(clip.objects)
-        if is_moving(track, clip.fps).sum() >= LEAST_MOVING and _held(near, index, clip) < LEAST_HELD
+        if is_moving(track, clip.fps).sum() >= _MIN_MOVING_FRAMES and _held(near, index, clip) < MIN_HELD_SHARE
     ]
-    by_body = _carried(clip) if doubtful else []
+    by_body = _moved_by_somebody(clip) if doubtful else []
     texts: tuple[str, ...] = ()
     for index in doubtful:
         track, held = clip.objects[index], by_body[index]
         other = _held_inverted(clip, index) if inverse else 0.0
-        if other > held + CLEARLY_HELD:
+        if other > held + MIN_HELD_GAIN:
             fault = (
                 f"the rotations of {track.name!r} are read wrongly: somebody is at it in {held:.0%} of the frames in "
                 f"which it moves, with inverse rotations a hand or a foot in {other:.0%}. This copy of the data has "
                 "another convention than its source."
             )
             if grasps == "refuse":
-                raise ClipError(f"{clip.source.path or clip.name}: {fault} {WAY_ON}")
+                raise ClipError(f"{clip.source.path or clip.name}: {fault} {ADVICE}")
             texts += (fault[0].upper() + fault[1:],)
-        elif held < LEAST_HELD:
+        elif held < MIN_HELD_SHARE:
             texts += (
                 f"{track.name} moves in {is_moving(track, clip.fps).sum()} frames, in {1 - held:.0%} of them with "
                 "nobody within 10 cm of it or of an object that it rides on: its poses, its shape or the recording's "
@@ -113,24 +120,53 @@ def _unheld(clip: Clip, near: tuple[Nearness, ...], *, inverse: bool, grasps: Gr
 
 
 def _held_inverted(clip: Clip, index: int) -> float:
-    """Return what `_held` would be if an object's rotations were inverted."""
+    """Return the result of `_held` for inverted rotations of an object."""
     track = clip.objects[index]
     inverted = replace(clip, objects=(replace(track, quats=se3.quat_conjugate(track.quats)),), contacts=())
-    there = _at_hand(nearness(inverted), 0)
+    there = _at_hand(part_object_distances(inverted), 0)
     return float(there[is_moving(track, clip.fps)].mean())
 
 
-def _held(near: tuple[Nearness, ...], index: int, clip: Clip) -> float:
-    """Return in which share of the frames in which an object moves somebody's hand or foot is near it."""
+def _held(near: tuple[PartObjectDistance, ...], index: int, clip: Clip) -> float:
+    """Return the share of an object's moving frames with somebody's hand or foot near it."""
     return float(_at_hand(near, index)[is_moving(clip.objects[index], clip.fps)].mean())
 
 
-def _at_hand(near: tuple[Nearness, ...], index: int) -> Bool[np.ndarray, "T"]:
+def _at_hand(near: tuple[PartObjectDistance, ...], index: int) -> Bool[np.ndarray, "T"]:
     return np.any([np.isfinite(item.distances) for item in near if item.object == index], axis=0)
 
 
-def _carried(clip: Clip) -> list[float]:
-    """Return in which share of the frames in which it moves somebody may move each object; 0 where it never does."""
-    flags = carried(clip)
+def _moved_by_somebody(clip: Clip) -> list[float]:
+    """Return the share of each object's moving frames in which somebody may move it; 0 if it never moves."""
+    flags = may_move_object(clip)
     moving = [is_moving(track, clip.fps) for track in clip.objects]
     return [float(there[when].mean()) if when.any() else 0.0 for there, when in zip(flags, moving, strict=True)]
+
+
+def is_moving(track: ObjectTrack, fps: float) -> Bool[np.ndarray, "T"]:
+    """Return when the middle of an object's box moves."""
+    return speeds(track.corners.mean(axis=1), fps) > MOVING_SPEED
+
+
+def may_move_object(clip: Clip) -> Bool[np.ndarray, "O T"]:
+    """Return when any part of anybody's body is within `FAR` of each object, or of another that it rides on.
+
+    Raises:
+        GeometryError: an object's mesh cannot be read.
+    """
+    found = np.stack([body_distances(clip, index) <= FAR for index in range(len(clip.objects))])
+    pairs = [(i, j) for i, j in product(range(len(found)), repeat=2) if i != j]
+    rides = {(i, j): _rides(clip.objects[i], clip.objects[j], clip.fps) for i, j in pairs}
+    for _ in clip.objects:  # Objects on objects on objects.
+        for (rider, carrier), flags in rides.items():
+            found[rider] |= flags & found[carrier]
+    return found
+
+
+def _rides(rider: ObjectTrack, carrier: ObjectTrack, fps: float) -> Bool[np.ndarray, "T"]:
+    """Return when an object is at another one and moves as this does."""
+    corners, others = rider.corners, carrier.corners
+    path = corners.mean(axis=1)
+    along = speeds(carrier.to_object(path), fps) < np.maximum(MOVING_SPEED, _RIDING_SHARE * speeds(path, fps))
+    above, below = corners.min(axis=1) <= others.max(axis=1) + FAR, others.min(axis=1) <= corners.max(axis=1) + FAR
+    return along & (above & below).all(axis=1)

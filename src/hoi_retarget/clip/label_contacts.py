@@ -13,28 +13,26 @@ from jaxtyping import Bool, Float
 
 from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.human.capsules import BODY_CAPSULES, PART_CAPSULES, Capsule, Spheres, spheres
-from hoi_retarget.human.person import Person
+from hoi_retarget.human.capsules import BODY_CAPSULES, PART_CAPSULES, Spheres, spheres
+from hoi_retarget.human.person import Person, stance
 from hoi_retarget.human.skeleton import FEET, PARTS
-from hoi_retarget.human.stance import stance
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
-from hoi_retarget.numerics.filters import nearest_active, speeds, steadied
+from hoi_retarget.numerics.filters import closed_and_opened, nearest_active, speeds
 from hoi_retarget.objects.mesh import Surface, surface_of
 from hoi_retarget.objects.track import ObjectTrack
 
 FAR = 0.10
-"""[m]; what is farther from an object than this is only known to be."""
+"""[m]; larger distances from an object are not measured."""
 GUESSED_FINGERS = 0.015
 """[m]; how much farther a hand may be whose fingers are not recorded: most hold with bent ones."""
-_CROSSING = 1e-6  # [m]; a middle that is nearer to the surface lies on it, and has no direction from it.
 _GRAVITY = 9.8  # [m/s^2]
 _SKIN_FRAMES = 500  # Whose skin is made at once: bounds the memory.
 
 
 @dataclass(frozen=True)
 class Proximity:
-    """The paper's criterion, steadied: near enough, slow enough, long enough.
+    """The paper's criterion, made steady: near enough, slow enough, long enough.
 
     A contact is a run of frames nearer than `release`, in at least one of which the part is nearer than `touch`
     and slow against the object. The same clip backwards has the same contacts.
@@ -89,8 +87,8 @@ PROXIMITY = Proximity()
 
 
 @dataclass(frozen=True, eq=False)
-class Nearness:
-    """How near a part's surface is to an object's, and where, frame by frame."""
+class PartObjectDistance:
+    """The distance of a part's surface from an object's, and the nearest point, frame by frame."""
 
     person: int
     object: int
@@ -99,14 +97,6 @@ class Nearness:
     """From surface to surface, negative where they overlap [m]; infinite beyond `FAR`."""
     contact_points: Float[np.ndarray, "T 3"]
     """The object's nearest point, in its frame at captured size [m]; NaN beyond `FAR`."""
-    directions_object: Float[np.ndarray, "T 3"]
-    """Unit direction from there to the middle of the part's nearest bone, in the object's frame: the surface's normal,
-    or one of an edge's; it points inwards where the bone itself has sunk in. NaN beyond `FAR` and on the surface."""
-
-    def confidence(self, rule: Proximity = PROXIMITY) -> Float[np.ndarray, "T"]:
-        """Return how surely this is a contact: 1 up to the distance `touch`, falling to 0 at `release`."""
-        width = max(rule.release - rule.touch, np.finfo(float).tiny)
-        return np.clip((rule.release - self.distances) / width, 0.0, 1.0)
 
 
 def label_contacts(
@@ -114,7 +104,7 @@ def label_contacts(
     *,
     rule: Rule = PROXIMITY,
     points: Literal["part", "surface"] = "part",
-    near: tuple["Nearness", ...] | None = None,
+    near: tuple[PartObjectDistance, ...] | None = None,
 ) -> tuple[ContactTrack, ...]:
     """Return the contacts of a clip: a track for each person, object and part, in this order.
 
@@ -123,12 +113,12 @@ def label_contacts(
         rule: when a part touches.
         points: `part` gives the part's own point (`Person.part_position`) in the object's frame, as the readers do;
             `surface` gives the object's point nearest to the part.
-        near: the clip's `nearness`, where it is known already.
+        near: the clip's `part_object_distances`, where it is known already.
 
     Raises:
         GeometryError: an object's mesh cannot be read.
     """
-    near = nearness(clip) if near is None else near
+    near = part_object_distances(clip) if near is None else near
     active = touching(clip, near, rule) if isinstance(rule, Proximity) else _by_interact(clip, rule)
     tracks = []
     for item, flags in zip(near, active, strict=True):
@@ -138,7 +128,7 @@ def label_contacts(
 
 
 def body_distances(clip: Clip, index: int) -> Float[np.ndarray, "T"]:
-    """Return how far an object is from the nearest of anybody's body, by capsules [m]; infinite beyond `FAR`.
+    """Return the distance of an object from the nearest body, by capsules [m]; infinite beyond `FAR`.
 
     Raises:
         GeometryError: its mesh cannot be read.
@@ -148,8 +138,8 @@ def body_distances(clip: Clip, index: int) -> Float[np.ndarray, "T"]:
     return np.min([_nearest(spheres(human, BODY_CAPSULES), track, surface)[0] for human in clip.people], axis=0)
 
 
-def nearness(clip: Clip) -> tuple[Nearness, ...]:
-    """Return how near each part of each person is to each object, in the order of `label_contacts`.
+def part_object_distances(clip: Clip) -> tuple[PartObjectDistance, ...]:
+    """Return the distance of each part of each person from each object, in the order of `label_contacts`.
 
     Raises:
         GeometryError: an object's mesh cannot be read.
@@ -159,19 +149,19 @@ def nearness(clip: Clip) -> tuple[Nearness, ...]:
     for person, human in enumerate(clip.people):
         for index, track in enumerate(clip.objects):
             for part in PARTS:
-                near = (_of_capsules if human.shape is None else _of_skin)(human, part, track, surfaces[index])
-                found.append(Nearness(person, index, part, *near))
+                near = _of_part(human, part, track, surfaces[index])
+                found.append(PartObjectDistance(person, index, part, *near))
     return tuple(found)
 
 
 # Distances
 
 
-_Near = tuple[Float[np.ndarray, "T"], Float[np.ndarray, "T 3"], Float[np.ndarray, "T 3"]]
+_Near = tuple[Float[np.ndarray, "T"], Float[np.ndarray, "T 3"]]
 
 
 def _nearest(balls: Spheres, track: ObjectTrack, surface: Surface) -> _Near:
-    """Return distance, point and direction of the sphere that is nearest in each frame."""
+    """Return distance and point of the nearest sphere in each frame."""
     middles = se3.rotate_inverse(track.quats[:, None], balls.middles - track.positions[:, None])
     radii = np.broadcast_to(balls.radii, middles.shape[:2])
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
@@ -184,22 +174,15 @@ def _nearest(balls: Spheres, track: ObjectTrack, surface: Surface) -> _Near:
     known = distances <= FAR
     distances[~known] = np.inf
     middle = np.take_along_axis(middles, nearest[..., None], axis=1)[known, 0]
-    points, directions = np.full((len(middles), 3), np.nan), np.full((len(middles), 3), np.nan)
+    points = np.full((len(middles), 3), np.nan)
     points[known] = surface.closest_points(middle)
-    out = middle - points[known]
-    away = np.linalg.norm(out, axis=1, keepdims=True)
-    directions[known] = out / np.where(away > _CROSSING, away, np.nan)
-    return distances, points, directions
+    return distances, points
 
 
-def _of_capsules(human: Person, part: str, track: ObjectTrack, surface: Surface) -> _Near:
-    """Return distance, point and direction of a part from its capsules."""
-    return _nearest(spheres(human, PART_CAPSULES[part]), track, surface)
-
-
-def _of_skin(human: Person, part: str, track: ObjectTrack, surface: Surface) -> _Near:
-    """Return the same from a part's skin: its vertices are spheres without a size."""
-    assert human.shape is not None, "asked before"
+def _of_part(human: Person, part: str, track: ObjectTrack, surface: Surface) -> _Near:
+    """Return distance and point of a part from its skin, the vertices as spheres without a size, or its capsules."""
+    if human.shape is None:
+        return _nearest(spheres(human, PART_CAPSULES[part]), track, surface)
     joints = tuple({capsule.joint for capsule in PART_CAPSULES[part]})
     vertices = human.shape.vertices_of(joints)
     found = []
@@ -208,14 +191,16 @@ def _of_skin(human: Person, part: str, track: ObjectTrack, surface: Surface) -> 
         skin = human.shape.skin(human.joint_positions[frames], human.joint_quats[frames], vertices)
         piece = replace(track, positions=track.positions[frames], quats=track.quats[frames])
         found.append(_nearest(Spheres(skin, np.zeros(len(vertices))), piece, surface))
-    distances, points, directions = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return distances, points, directions
+    distances, points = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return distances, points
 
 
 # When
 
 
-def touching(clip: Clip, near: Iterable[Nearness], rule: Proximity = PROXIMITY) -> list[Bool[np.ndarray, "T"]]:
+def touching(
+    clip: Clip, near: Iterable[PartObjectDistance], rule: Proximity = PROXIMITY
+) -> list[Bool[np.ndarray, "T"]]:
     """Return when each part touches by the paper's criterion, in the order of `near`."""
     gap, shortest = (int(np.floor(seconds * clip.fps + 1e-6)) for seconds in (rule.gap, rule.shortest))
     stands = [stance(person, clip.fps) for person in clip.people]
@@ -230,7 +215,7 @@ def touching(clip: Clip, near: Iterable[Nearness], rule: Proximity = PROXIMITY) 
         flags = np.zeros(clip.frames, dtype=bool)
         for first, stop in runs(lasting):
             flags[first:stop] = made[first:stop].any()
-        found.append(steadied(flags, gap=gap, shortest=shortest))
+        found.append(closed_and_opened(flags, gap=gap, shortest=shortest))
     return found
 
 
@@ -241,22 +226,18 @@ def _by_interact(clip: Clip, rule: InterAct) -> list[Bool[np.ndarray, "T"]]:
         lowest = float(balls.lowest.min())
         for track in clip.objects:
             surface = surface_of(track.geometry)
-            by_joints = {
-                part: _unsigned(human, track, surface, [c for c in capsules if c.joint in PARTS[part].label_joints])
-                for part, capsules in PART_CAPSULES.items()
-            }
-            body = np.maximum(_nearest(balls, track, surface)[0], 0.0)
+            body = _unsigned(balls, track, surface)
             contact = _touched(clip.fps, track, body, lowest, rule)
             limit = np.where(contact, body + rule.margin, rule.alone)
-            found += [distances < limit for distances in by_joints.values()]
+            for part, capsules in PART_CAPSULES.items():
+                own = spheres(human, [capsule for capsule in capsules if capsule.joint in PARTS[part].label_joints])
+                found.append(_unsigned(own, track, surface) < limit)
     return found
 
 
-def _unsigned(
-    human: Person, track: ObjectTrack, surface: Surface, capsules: Iterable[Capsule]
-) -> Float[np.ndarray, "T"]:
+def _unsigned(balls: Spheres, track: ObjectTrack, surface: Surface) -> Float[np.ndarray, "T"]:
     """Return distances [m] as between two meshes' points, which know no inside."""
-    return np.maximum(_nearest(spheres(human, capsules), track, surface)[0], 0.0)
+    return np.maximum(_nearest(balls, track, surface)[0], 0.0)
 
 
 def _touched(
@@ -275,11 +256,11 @@ def _touched(
 # Where
 
 
-def _part_points(clip: Clip, item: Nearness) -> Float[np.ndarray, "T 3"]:
+def _part_points(clip: Clip, item: PartObjectDistance) -> Float[np.ndarray, "T 3"]:
     return clip.objects[item.object].to_object(clip.people[item.person].part_position(item.part))
 
 
-def _surface_points(item: Nearness, active: Bool[np.ndarray, "T"]) -> Float[np.ndarray, "T 3"]:
+def _surface_points(item: PartObjectDistance, active: Bool[np.ndarray, "T"]) -> Float[np.ndarray, "T 3"]:
     """Return the nearest points; in closed interruptions that led beyond `FAR`, those of the nearest known frame."""
     known = np.isfinite(item.distances)
     if not active.any() or known[active].all():

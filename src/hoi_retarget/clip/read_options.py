@@ -1,46 +1,47 @@
-"""How a clip is read: what recordings leave open, and the user says."""
+"""Options of reading a clip. Nothing heavy is imported here: the command line's help is made of them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
-from hoi_retarget.errors import ArgumentError, ReadError
+from hoi_retarget.errors import ArgumentError
+from hoi_retarget.files.tables import decode
 
-HIGHEST_FLOOR = 1000.0
+MAX_FLOOR_HEIGHT = 1000.0
 """[m]"""
 Labels = Literal["auto", "proximity", "interact"]
 Grasps = Literal["refuse", "warn"]
-_CHOICES: Mapping[str, tuple[str, ...]] = {"labels": get_args(Labels), "grasps": get_args(Grasps)}
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReadOptions:
-    """What a clip is read with, beside its name."""
+    """Options of reading a clip, beside its name."""
 
     objects: Path | None = None
-    """Folder with the objects' geometry, `<name>/<name>.obj` or as the source gives it; built-in clips need none."""
+    """Folder with the objects' geometry: OBJECTS/<name>/<name>.obj, or sample_points.npy there, or the source's own."""
     object_name: str | None = None
-    """The object's name, where the recording does not tell it."""
+    """Which object the clip is with; by default the clip says, or its file name sub<N>_<object>_<n>."""
     body_models: Path | None = None
     """Folder with SMPL-X or SMPL-H models, for recordings that hold their parameters."""
     floor: float | None = None
-    """Height of the floor in the recording [m], where it is known better than by the source or an estimate."""
+    """Height of the floor in the recording [m]; by default the format's, or an estimate from standing feet."""
     labels: Labels = "auto"
-    """Where contacts come from, as `infer_contacts.with_contacts` takes it."""
+    """Where contacts come from: auto keeps the recording's own and finds them from distances where it has none;
+    proximity and interact find them anew, by the rule of that name."""
     grasps: Grasps = "refuse"
-    """Whether a clip is refused whose grasps contradict how its rotations or units are read, or only warned of."""
+    """What is done with a clip whose grasps contradict how its rotations or units are read: refuse it, or warn."""
 
     def __post_init__(self) -> None:
-        if self.floor is not None and not abs(self.floor) <= HIGHEST_FLOOR:
+        if self.floor is not None and not abs(self.floor) <= MAX_FLOOR_HEIGHT:
             raise ArgumentError(
-                f"--floor {self.floor:g}: the floor's height in the recording is at most {HIGHEST_FLOOR:g} m, up or "
+                f"--floor {self.floor:g}: the floor's height in the recording is at most {MAX_FLOOR_HEIGHT:g} m, up or "
                 "down. Leave the option out to have it estimated."
             )
 
     def as_json(self) -> dict[str, str | float | None]:
-        """Return the options as a result's report keeps them."""
-        values = {name: getattr(self, name) for name in NAMES}
+        """Return the options as a result's report has them."""
+        values = {name: getattr(self, name) for name in READ_OPTIONS}
         return {name: str(value) if isinstance(value, Path) else value for name, value in values.items()}
 
     @staticmethod
@@ -49,20 +50,9 @@ class ReadOptions:
 
         The table may have other entries, too; options that it lacks keep their defaults.
         """
-        values = {name: table[name] for name in NAMES if table.get(name) is not None}
-        for name, value in values.items():
-            if name == "floor":
-                good, expected = type(value) in (int, float), "a number"
-            elif name in _CHOICES:
-                good, expected = value in _CHOICES[name], f"one of {', '.join(_CHOICES[name])}"
-            else:
-                good, expected = isinstance(value, str), "a text"
-            if not good:
-                raise ReadError(f"{name} is {value!r}; expected {expected}.")
-            if name in ("objects", "body_models"):
-                values[name] = Path(value)
-        return ReadOptions(**values)
+        values = {name: table[name] for name in READ_OPTIONS if table.get(name) is not None}
+        return decode(ReadOptions, values, "the options of reading")
 
 
-NAMES: tuple[str, ...] = tuple(field.name for field in fields(ReadOptions))
-"""Names of the options."""
+READ_OPTIONS: tuple[str, ...] = tuple(field.name for field in fields(ReadOptions))
+"""Names of the options of reading."""

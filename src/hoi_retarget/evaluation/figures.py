@@ -3,49 +3,65 @@
 from collections.abc import Mapping
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.evaluation import contact, feasibility, ground, limits, movement, penetration, pose, touch
-from hoi_retarget.evaluation.figure import Figure
-from hoi_retarget.evaluation.performed import performed_figures
-from hoi_retarget.evaluation.view import Comparison
-from hoi_retarget.motion.motion import Motion
-from hoi_retarget.motion.of_robot import check_robot
-from hoi_retarget.robots.model import Kinematics, RobotModel
+from hoi_retarget.dynamics.physics_settings import FigureSet
+from hoi_retarget.evaluation import (
+    contact_figures,
+    hand_slip,
+    motion_figures,
+    penetration,
+    physics_figures,
+)
+from hoi_retarget.evaluation.comparison import Comparison, Figure
+from hoi_retarget.evaluation.physics_figures import performed_figures
+from hoi_retarget.motion.motion import Motion, check_robot
+from hoi_retarget.robots.model import RobotModel
 
 FIGURES: tuple[Figure, ...] = (
-    contact.CONTACT_GAP,
-    contact.CONTACT_GAP_P95,
-    contact.CONTACT_GAP_MAX,
-    contact.CONTACT_SLIP,
-    touch.TOUCH_SHARE,
-    touch.TOUCH_GAP_P95,
-    touch.TOUCH_PLACE,
-    touch.FOOT_TOUCH_SHARE,
-    touch.FOOT_TOUCH_GAP_P95,
-    penetration.PENETRATION_MEAN,
-    penetration.PENETRATION_P95,
-    penetration.PENETRATION_MAX,
-    penetration.SELF_PENETRATION_MAX,
-    penetration.ROBOT_PENETRATION_MAX,
-    penetration.LINK_BELOW_FLOOR,
-    pose.BODY_POSE_DEVIATION,
-    movement.LINK_VELOCITY_DIRECTION,
-    contact.RELATIVE_HAND_ROTATION,
-    movement.BODY_JERK,
-    movement.BODY_JERK_MAX,
-    ground.STANCE_SLIDE,
-    ground.STANCE_SOLE_HEIGHT_ABS,
-    ground.STANCE_FLOAT,
-    ground.FLOOR_PENETRATION_MAX,
-    ground.OBJECT_BELOW_FLOOR,
-    ground.OBJECT_FLOAT,
-    movement.OBJECT_PATH_ERROR,
-    limits.JOINT_RANGE_MARGIN,
-    limits.JOINT_SPEED_MARGIN,
-    *feasibility.FEASIBILITY,
+    contact_figures.contact_gap_m,
+    contact_figures.contact_gap_p95_m,
+    contact_figures.contact_gap_max_m,
+    hand_slip.hand_slip_mps,
+    hand_slip.hand_slip_fast_share,
+    hand_slip.hand_wander_excess_m,
+    contact_figures.touch_share,
+    contact_figures.palm_touch_share,
+    contact_figures.fingertip_touch_share,
+    contact_figures.touch_gap_p95_m,
+    contact_figures.touch_place_m,
+    contact_figures.recorded_place_m,
+    contact_figures.foot_touch_share,
+    contact_figures.foot_touch_gap_p95_m,
+    penetration.penetration_mean_m,
+    penetration.penetration_p95_m,
+    penetration.penetration_max_m,
+    penetration.self_penetration_max_m,
+    penetration.robot_penetration_max_m,
+    penetration.link_below_floor_m,
+    motion_figures.trunk_deviation_deg,
+    motion_figures.trunk_deviation_p95_deg,
+    motion_figures.trunk_deviation_max_deg,
+    motion_figures.trunk_lean_p95_deg,
+    motion_figures.body_pose_deviation_deg,
+    motion_figures.link_velocity_direction_deg,
+    contact_figures.relative_hand_rotation_deg,
+    motion_figures.body_jerk_mps3,
+    motion_figures.body_jerk_max_mps3,
+    motion_figures.stance_slide_mps,
+    motion_figures.stance_sole_height_abs_m,
+    motion_figures.stance_float_m,
+    motion_figures.floor_penetration_max_m,
+    motion_figures.object_below_floor_m,
+    motion_figures.object_float_m,
+    motion_figures.object_path_error_m,
+    motion_figures.joint_range_margin_rad,
+    motion_figures.joint_speed_margin_radps,
+    *physics_figures.FEASIBILITY,
 )
 
 
-def evaluate(motion: Motion, clip: Clip, model: RobotModel, *, person: int = 0) -> Mapping[str, float | None]:
+def evaluate(
+    motion: Motion, clip: Clip, model: RobotModel, *, person: int = 0, figures: FigureSet = "all"
+) -> Mapping[str, float | None]:
     """Return the figures of a motion against the clip it was made from, by name.
 
     Args:
@@ -53,6 +69,7 @@ def evaluate(motion: Motion, clip: Clip, model: RobotModel, *, person: int = 0) 
         clip: The human side.
         model: The robot of the motion.
         person: Index of the person that the robot follows.
+        figures: Which figures are computed.
 
     Raises:
         ClipError: The motion does not cover the clip's frames, rate and objects.
@@ -60,18 +77,16 @@ def evaluate(motion: Motion, clip: Clip, model: RobotModel, *, person: int = 0) 
         ArgumentError: There is no such person.
     """
     check_robot(motion, model)
-    return evaluate_kinematics(motion, clip, model.forward(motion.qpos), person=person)
+    return figures_of(Comparison(motion, clip, person, model.forward(motion.qpos)), figures)
 
 
-def evaluate_kinematics(
-    motion: Motion, clip: Clip, kinematics: Kinematics, *, person: int = 0
-) -> Mapping[str, float | None]:
-    """Do the same as `evaluate` where `kinematics`, the model's `forward(motion.qpos)`, is at hand."""
-    check_robot(motion, kinematics.model)
-    return figures_of(Comparison(motion, clip, person, kinematics))
-
-
-def figures_of(view: Comparison) -> Mapping[str, float | None]:
-    """Return the figures of a comparison, by name, with those that only a performed motion has."""
-    measured = {figure.name: figure.measure(view) for figure in FIGURES if figure.measure is not None}
+def figures_of(view: Comparison, chosen: FigureSet = "all") -> Mapping[str, float | None]:
+    """Return the figures of a comparison by name, those of simulated motions too."""
+    if chosen == "none":
+        return {}
+    measured = {
+        figure.name: figure.measure(view)
+        for figure in FIGURES
+        if figure.measure is not None and (chosen == "all" or not figure.slow)
+    }
     return measured | performed_figures(view.motion)

@@ -1,69 +1,59 @@
-"""Whether people's robots hold an object as the people did, relative to each other, and keep out of each other."""
+"""Several people's robots: how their hands on one object wander from each other, and penetrations of each other."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import combinations, product
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
-from hoi_retarget.evaluation.link_depths import pair_depths, placed_links
-from hoi_retarget.evaluation.statistics import norms
-from hoi_retarget.evaluation.view import HAND_SITES
+from hoi_retarget.evaluation.comparison import HAND_SITES, norms
+from hoi_retarget.evaluation.penetration import sunk_runs
+from hoi_retarget.evaluation.surface_distances import pair_depths, posed_links
+from hoi_retarget.evaluation.unreached_contacts import contact_offsets
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.motion.report import InterRobotHandError, InterRobotPenetration
-from hoi_retarget.numerics import se3
+from hoi_retarget.motion.motion_report import Event, InterRobotHandError
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.skin import LinkSkin
 
-SUNK = 5e-3
-"""[m]; skins are known to a millimetre, and palms of rubber give way by as much."""
-SHORTEST = 3
-"""Frames."""
-
 
 def inter_robot_hand_errors(motions: Sequence[Motion], models: Sequence[RobotModel]) -> tuple[InterRobotHandError, ...]:
-    """Return how each pair of hands of different robots is placed on each object that both touch at once.
+    """Return how hands of different robots wander from each other on objects that both touch, pair by pair.
+
+    That is the change of the vector between the two hands' offsets from their targets, from its mean over each run of
+    frames in which both touch: hands as thick as they are stay as far off, and hands that move alike do not wander.
 
     Args:
         motions: One for each person of a clip, frame by frame in step.
         models: The robots of the motions.
     """
-    hands = [tuple(_hands(motion, model)) for motion, model in zip(motions, models, strict=True)]
+    paths = zip(motions, models, strict=True)
+    hands = [(motion, contact_offsets(motion, model.forward(motion.qpos))) for motion, model in paths]
     found = []
-    for (one, ones), (other, others) in combinations(enumerate(hands), 2):
-        for ours in ones:
-            for theirs in others:
-                both = ours.touching & theirs.touching
-                if ours.object != theirs.object or not both.any():
-                    continue
-                off = norms(ours.misplaced[both] - theirs.misplaced[both])
-                found.append(
-                    InterRobotHandError(
-                        (one, other),
-                        (ours.link, theirs.link),
-                        ours.object,
-                        int(both.sum()),
-                        float(off.mean()),
-                        float(off.max()),
-                    )
-                )
+    for (person, (own, offsets)), (other, (others, their_offsets)) in combinations(enumerate(hands), 2):
+        for one, (index, name), another in product(_palms(own), enumerate(own.object_names), _palms(others)):
+            both = own.labelled(index)[:, one] & others.labelled(index)[:, another]
+            if both.any():
+                apart = offsets[:, one] - their_offsets[:, another]
+                errors = np.concatenate([norms(apart[a:b] - apart[a:b].mean(axis=0)) for a, b in runs(both)])
+                links, frames = (own.contact_links[one], others.contact_links[another]), int(both.sum())
+                numbers = frames, float(errors.mean()), float(errors.max())
+                found.append(InterRobotHandError((person, other), links, name, *numbers))
     return tuple(found)
 
 
 def robot_depths(
     one: Kinematics, other: Kinematics
 ) -> tuple[Float[np.ndarray, "pairs T"], tuple[tuple[LinkSkin, LinkSkin], ...]]:
-    """Return how deep links of two robots are in each other in every frame [m], for pairs that ever are near."""
-    ones, others = placed_links(one), placed_links(other)
+    """Return the depths of links of two robots in each other in every frame [m], for pairs that ever are near."""
+    ones, others = posed_links(one), posed_links(other)
     return pair_depths(ones, others, product(range(len(ones)), range(len(others))))
 
 
 def inter_robot_penetrations(
     motions: Sequence[Motion], models: Sequence[RobotModel]
-) -> tuple[tuple[InterRobotPenetration, ...], tuple[float | None, ...]]:
-    """Return where robots are more than `SUNK` in each other for `SHORTEST` frames or longer, and the depth of each.
+) -> tuple[tuple[Event, ...], tuple[float | None, ...]]:
+    """Return the stretches of frames in which two robots are sunk in each other, and the depth of each robot.
 
     The depth [m] is the largest of a robot in any other, over all frames; None where there is no other.
 
@@ -79,34 +69,19 @@ def inter_robot_penetrations(
         largest[one], largest[other] = (max(deepest, largest[person] or 0.0) for person in (one, other))
         for (link, met), depth in zip(near, depths, strict=True):
             found += [
-                InterRobotPenetration(
-                    (one, other), (link.link, met.link), first, stop - 1, float(depth[first:stop].max())
+                Event(
+                    "inter_robot_penetration",
+                    first,
+                    stop - 1,
+                    float(depth[first:stop].max()),
+                    people=(one, other),
+                    links=(link.link, met.link),
                 )
-                for first, stop in runs(depth > SUNK)
-                if stop - first >= SHORTEST
+                for first, stop in sunk_runs(depth)
             ]
     return tuple(found), tuple(largest)
 
 
-@dataclass(frozen=True, eq=False)
-class _Hand:
-    """One hand and one object."""
-
-    link: str
-    object: str
-    touching: Bool[np.ndarray, "T"]
-    misplaced: Float[np.ndarray, "T 3"]
-    """From the target to the hand, in the object's frame [m]."""
-
-
-def _hands(motion: Motion, model: RobotModel) -> Iterator[_Hand]:
-    kinematics = model.forward(motion.qpos)
-    sites = set(HAND_SITES.values())
-    for column, link in enumerate(motion.contact_links):
-        if link not in sites:
-            continue
-        for index, name in enumerate(motion.object_names):
-            away = kinematics.site_position(link) - motion.object_pos[:, index]
-            inside = se3.rotate_inverse(motion.object_quat[:, index], away)
-            touching = motion.contact_flags[:, column] & (motion.contact_object[:, column] == index)
-            yield _Hand(link, name, touching, inside - motion.contact_points[:, column])
+def _palms(motion: Motion) -> list[int]:
+    """Return the columns of the contact links that are palms."""
+    return [column for column, link in enumerate(motion.contact_links) if link in HAND_SITES.values()]

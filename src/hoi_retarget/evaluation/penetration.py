@@ -1,80 +1,170 @@
-"""Does nothing go through anything: robot and objects, the robot and itself, any link and the floor?"""
+"""Penetration figures: links in objects, in other links and in the floor; links inside an object, one by one."""
+
+from functools import lru_cache
+from itertools import combinations
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from hoi_retarget.evaluation.figure import Figure
-from hoi_retarget.evaluation.link_heights import link_heights
-from hoi_retarget.evaluation.self_penetration import self_depths
-from hoi_retarget.evaluation.statistics import max_or_none, mean_or_none
-from hoi_retarget.evaluation.surface_curves import surface_curves
-from hoi_retarget.evaluation.view import Comparison
-from hoi_retarget.robots.skin import skin_of
+from hoi_retarget.evaluation.comparison import Comparison, figure, max_or_none, mean_or_none, percentile_or_none
+from hoi_retarget.evaluation.contact_figures import surface_curves
+from hoi_retarget.evaluation.surface_distances import pair_depths, part_skins, posed_links
+from hoi_retarget.motion.motion_report import Event
+from hoi_retarget.numerics.arrays import runs
+from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.robots.model import Kinematics, RobotModel
+from hoi_retarget.robots.skin import link_heights, skin_of
+
+_MAX_NEAR_JOINTS, _MAX_NEAR_JOINTS_ALONG_LIMB = 2, 3
+"""Links with so many joints between them, or fewer, are no pair: they meet at their joints. The second number is for a
+link that carries the other."""
+_MAX_HOME_DEPTH = 1e-3
+"""Links that are deeper than this in each other [m] in the home pose are built so."""
+MAX_DEPTH_M, _MIN_FRAMES = 5e-3, 3
+"""A link is sunk where it is deeper than this [m] for so many frames: skins and meshes are known to a millimetre, and
+palms of rubber give way by as much."""
+_MAX_HUMAN_DEPTH_M = 2e-3
+"""A human part that is deeper inside the object [m] asks the robot's to be there."""
 
 
+@figure("penetration", "mm", "Mean depth of the deepest point of the robot in objects, while it touches", slow=True)
 def penetration_mean_m(view: Comparison) -> float | None:
     """Return the mean over contact frames of the deepest penetration of any link and any object [m], both ways."""
     depths = _penetration(view)
-    return mean_or_none(depths[contact_frames(view)]) if depths is not None else None
+    return mean_or_none(depths[_contact_frames(view)]) if depths is not None else None
 
 
+@figure("penetration p95", "mm", "That depth, exceeded in 5 % of all frames", slow=True)
 def penetration_p95_m(view: Comparison) -> float | None:
     """Return the 95th percentile of that depth over all frames, in contact or not [m]; None without objects."""
     depths = _penetration(view)
-    return float(np.percentile(depths, 95)) if depths is not None and depths.size else None
+    return percentile_or_none(depths) if depths is not None else None
 
 
+@figure("penetration max", "mm", "That depth at its largest", slow=True)
 def penetration_max_m(view: Comparison) -> float | None:
     """Return the largest such depth of the clip [m]; None without objects."""
     depths = _penetration(view)
     return max_or_none(depths) if depths is not None else None
 
 
+@figure("self-penetration", "mm", "How deep one part of the robot gets into another")
 def self_penetration_max_m(view: Comparison) -> float | None:
-    """Return how deep any link is in another one, at most over the clip [m]."""
-    depths, _, _ = view.once(_self_depths)
+    """Return the largest depth of any link in another one over the clip [m]."""
+    depths, _, _ = view.cached(_self_depths)
     return max_or_none(depths) if skin_of(view.kinematics.model).links else None
 
 
+@figure("in another robot", "mm", "How deep one robot gets into another")
 def robot_penetration_max_m(view: Comparison) -> float | None:
-    """Return how deep the robot is in another person's robot [m], as its report tells; the other is not in view."""
+    """Return the depth of the robot in another person's robot [m], from its report; the other is not in view."""
     return view.motion.report.figures.get("robot_penetration_max_m")
 
 
+@figure("link below floor", "mm", "How deep any part gets below the floor", needs_floor=True)
 def link_below_floor_m(view: Comparison) -> float | None:
     """Return the depth [m] of the lowest skin point of any link, soles included; zero if none is below the floor."""
-    return max_or_none(np.maximum(-view.once(_heights), 0.0))
-
-
-def contact_frames(view: Comparison) -> Bool[np.ndarray, "F"]:
-    """Return in which frames the recording says that the person touches an object."""
-    touching = np.zeros(view.clip.frames - view.first, dtype=bool)
-    for track in view.clip.contacts:
-        if track.person == view.person:
-            touching |= track.active[view.first :]
-    return touching
+    return max_or_none(np.maximum(-view.cached(_link_heights), 0.0))
 
 
 def _penetration(view: Comparison) -> Float[np.ndarray, "F"] | None:
-    curves = view.once(surface_curves)
+    curves = view.cached(surface_curves)
     return curves.penetration if curves.depth.size else None
+
+
+def _contact_frames(view: Comparison) -> Bool[np.ndarray, "F"]:
+    """Return whether the person touches an object in each frame, by the recording's labels."""
+    touching = np.zeros(view.clip.frames - view.first, dtype=bool)
+    return np.logical_or.reduce([touching, *(track.active for track in view.contacts)])
 
 
 def _self_depths(view: Comparison) -> tuple[np.ndarray, np.ndarray, tuple[tuple[str, str], ...]]:
     return self_depths(view.kinematics, view.first)
 
 
-def _heights(view: Comparison) -> Float[np.ndarray, "L F"]:
+def _link_heights(view: Comparison) -> Float[np.ndarray, "L F"]:
     return link_heights(view.kinematics, view.first)
 
 
-PENETRATION_MEAN = Figure("penetration_mean_m", "penetration", "mm", 1e3, 1, "lower", penetration_mean_m)
-PENETRATION_P95 = Figure("penetration_p95_m", "penetration p95", "mm", 1e3, 1, "lower", penetration_p95_m)
-PENETRATION_MAX = Figure("penetration_max_m", "penetration max", "mm", 1e3, 1, "lower", penetration_max_m)
-SELF_PENETRATION_MAX = Figure(
-    "self_penetration_max_m", "self-penetration", "mm", 1e3, 1, "lower", self_penetration_max_m
-)
-ROBOT_PENETRATION_MAX = Figure(
-    "robot_penetration_max_m", "in another robot", "mm", 1e3, 1, "lower", robot_penetration_max_m
-)
-LINK_BELOW_FLOOR = Figure("link_below_floor_m", "link below floor", "mm", 1e3, 1, "lower", link_below_floor_m)
+def self_depths(
+    kinematics: Kinematics, first: int = 0
+) -> tuple[Float[np.ndarray, "F"], Int[np.ndarray, "F"], tuple[tuple[str, str], ...]]:
+    """Return the largest depth [m] of links in each other in every frame, which pair has it, and the pairs.
+
+    Args:
+        kinematics: The robot's.
+        first: The first frame that counts.
+    """
+    links = posed_links(kinematics, first)
+    depths, near = pair_depths(links, links, self_collision_pairs(kinematics.model))
+    if not len(depths):
+        return np.zeros(len(kinematics.qpos) - first), np.zeros(len(kinematics.qpos) - first, dtype=int), ()
+    worst = depths.argmax(axis=0)
+    return depths.max(axis=0), worst, tuple((one.link, other.link) for one, other in near)
+
+
+@lru_cache(maxsize=8)
+def self_collision_pairs(model: RobotModel) -> tuple[tuple[int, int], ...]:
+    """Return the pairs of links that can be in each other, as indices into the skin's links."""
+    skin = skin_of(model)
+    nodes = [link.frame.node for link in skin.links]
+    pairs = [
+        (one, other)
+        for one, other in combinations(range(len(nodes)), 2)
+        if _far_apart(model.supports, nodes[one], nodes[other])
+    ]
+    home = posed_links(model.forward(model.home_qpos[None]))
+    depths, _ = pair_depths(home, home, pairs, keep_all=True)
+    return tuple(
+        pair for pair, depth in zip(pairs, depths.max(axis=1, initial=0.0), strict=True) if depth <= _MAX_HOME_DEPTH
+    )
+
+
+def _far_apart(supports: Float[np.ndarray, "N N"], one: int, other: int) -> bool:
+    shared = supports[:, one] * supports[:, other]
+    joints = supports[:, one].sum() + supports[:, other].sum() - 2 * shared.sum()
+    along = bool(supports[one, other] or supports[other, one])
+    return bool(joints > (_MAX_NEAR_JOINTS_ALONG_LIMB if along else _MAX_NEAR_JOINTS))
+
+
+def sunk_links(view: Comparison) -> tuple[Event, ...]:
+    """Return the stretches of frames of the motion in which a link is sunk in an object.
+
+    Raises `GeometryError` when an object's mesh cannot be read.
+    """
+    curves = view.cached(surface_curves)
+    found = []
+    for index, name in enumerate(view.motion.object_names):
+        for link, depth in zip(curves.links, curves.depth[index], strict=True):
+            for first, stop in sunk_runs(depth):
+                reason, largest = _reason(view, index, link, first, stop), float(depth[first:stop].max())
+                frames = view.first + first, view.first + stop - 1
+                found.append(Event("sunk_link", *frames, largest, subject=link, object=name, reason=reason))
+    return tuple(found)
+
+
+def sunk_runs(depth: Float[np.ndarray, "F"]) -> tuple[tuple[int, int], ...]:
+    """Return the runs of frames that are sunk by their depth [m], as (first, one past the last)."""
+    return runs(depth > MAX_DEPTH_M, _MIN_FRAMES)
+
+
+def _reason(view: Comparison, index: int, link: str, first: int, stop: int) -> str:
+    inside = _human_depth(view, index, link, first, stop)
+    if inside > _MAX_HUMAN_DEPTH_M:
+        return f"the human's own part is up to {1e3 * inside:.0f} mm inside it there"
+    return "no pose near by keeps the contacts and is free of it"
+
+
+def _human_depth(view: Comparison, index: int, link: str, first: int, stop: int) -> float:
+    """Return the depth in the object of the contact points of the part that a link stands for [m]."""
+    model = view.kinematics.model
+    points = [
+        track.contact_points[first:stop][track.active[first:stop]]
+        for track in view.contacts
+        if track.object == index and link in {skin.link for skin in part_skins(model, track.part)}
+    ]
+    pooled = np.concatenate([np.zeros((0, 3)), *points])
+    if not len(pooled):
+        return 0.0
+    scale = float(view.motion.object_scale[index])
+    return scale * max(0.0, -float(surface_of(view.clip.objects[index].geometry).signed_distances(pooled).min()))

@@ -1,38 +1,39 @@
-"""What a robot's motion says of itself, without the clip it was made from: is it one that a robot can make?
-
-These look at every frame, as the joint margins do. Undefined ones are None.
-"""
-
-from dataclasses import dataclass
+"""Figures of a robot's motion by itself, without the clip that it was made from, over every frame."""
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hoi_retarget.evaluation.statistics import max_or_none, mean_or_none, norms
+from hoi_retarget.evaluation.comparison import Figure, max_or_none, mean_or_none, norms
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import repeated
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 
-_LOWEST = 0.05  # [m]
+_MIN_STANDING_HEIGHT = 0.05  # [m]
 
-
-@dataclass(frozen=True)
-class Soundness:
-    """One number per figure."""
-
-    sole_tilt_deg: float | None
-    """Median angle between sole and floor in stance, both feet pooled [deg]."""
-    frozen_share: float | None
-    """Share of the frames that repeat the one before them."""
-    base_speed_max_mps: float | None
-    """Largest speed of the base [m/s]."""
-    base_turn_max_radps: float | None
-    """Largest turning speed of the base [rad/s]."""
-    base_height_min_share: float | None
-    """Lowest height of the base, over that of standing."""
-    base_height_max_share: float | None
-    """Greatest height of the base, over that of standing."""
+SOUNDNESS = (
+    Figure("sole_tilt_deg", "sole tilt", "deg", "Median angle between soles and floor in stance", needs_floor=True),
+    Figure("frozen_share", "frozen frames", "%", "Share of the frames that repeat the one before them"),
+    Figure("base_speed_max_mps", "base speed", "m/s", "Largest speed of the base"),
+    Figure("base_turn_max_radps", "base turn", "rad/s", "Largest turning speed of the base"),
+    Figure(
+        "base_height_min_share",
+        "base height, lowest",
+        "%",
+        "Lowest height of the base, over that of standing",
+        digits=0,
+        better="higher",
+        needs_floor=True,
+    ),
+    Figure(
+        "base_height_max_share",
+        "base height, highest",
+        "%",
+        "Greatest height of the base, over that of standing",
+        digits=0,
+        needs_floor=True,
+    ),
+)
 
 
 def soundness(
@@ -41,8 +42,8 @@ def soundness(
     kinematics: Kinematics,
     stance: Bool[np.ndarray, "T 2"],
     standing_height: float,
-) -> Soundness:
-    """Return the figures of a motion.
+) -> dict[str, float | None]:
+    """Return the values of `SOUNDNESS` by name; None where undefined.
 
     Args:
         qpos: Root position [m], root rotation wxyz, joints [rad].
@@ -53,15 +54,15 @@ def soundness(
     """
     tilts = sole_tilts_deg(kinematics)[stance]
     # A root link on wheels may be on the floor, and has no height to speak of.
-    heights = qpos[:, 2] / standing_height if standing_height > _LOWEST else np.zeros(0)
-    return Soundness(
-        sole_tilt_deg=float(np.median(tilts)) if tilts.size else None,
-        frozen_share=mean_or_none(repeated(qpos).astype(float)),
-        base_speed_max_mps=max_or_none(norms(np.diff(qpos[:, :3], axis=0)) * fps),
-        base_turn_max_radps=max_or_none(se3.angle_between(qpos[1:, 3:7], qpos[:-1, 3:7]) * fps),
-        base_height_min_share=float(heights.min()) if heights.size else None,
-        base_height_max_share=max_or_none(heights),
-    )
+    heights = qpos[:, 2] / standing_height if standing_height > _MIN_STANDING_HEIGHT else np.zeros(0)
+    return {
+        "sole_tilt_deg": float(np.median(tilts)) if tilts.size else None,
+        "frozen_share": mean_or_none(repeated(qpos).astype(float)),
+        "base_speed_max_mps": max_or_none(norms(np.diff(qpos[:, :3], axis=0)) * fps),
+        "base_turn_max_radps": max_or_none(se3.angle_between(qpos[1:, 3:7], qpos[:-1, 3:7]) * fps),
+        "base_height_min_share": float(heights.min()) if heights.size else None,
+        "base_height_max_share": max_or_none(heights),
+    }
 
 
 def sole_tilts_deg(kinematics: Kinematics) -> Float[np.ndarray, "T 2"]:

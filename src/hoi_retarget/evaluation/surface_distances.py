@@ -1,65 +1,118 @@
-"""Distances between a robot's skin and objects, frame by frame, both ways: what touches, and what goes through what.
+"""Distances of a robot's links from objects and from other links, frame by frame, both ways.
 
 Skin points are measured against the object's triangles, points of the object against each link's solid: a hand that
 goes right through a thin board is hardly inside the board, but the board is deep inside the hand. Every frame, every
-link and every object is looked at; figures and viewers choose.
+link and every object is measured; figures and viewers choose.
 """
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hoi_retarget.evaluation.object_shape import ObjectShape
+from hoi_retarget.evaluation.comparison import FOOT_SITES, HAND_SITES, RigidPoses, object_poses
+from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics.point_tree import Nearest, PointTree
-from hoi_retarget.robots.model import Kinematics
-from hoi_retarget.robots.skin import LinkSkin
+from hoi_retarget.objects.distance_field import SHELL_THICKNESS, DistanceField, distance_field, surface_samples
+from hoi_retarget.objects.mesh import Surface, surface_of
+from hoi_retarget.objects.track import ObjectGeometry
+from hoi_retarget.robots.model import Kinematics, RobotModel
+from hoi_retarget.robots.skin import LinkSkin, skin_of, skins_from
+
+_SPACING = 3e-3
+"""Square of the surface that a point stands for [m], so that no place is further than 4 mm from one."""
+_OUTSIDE_ERROR, _INSIDE_ERROR = 0.06, 0.25
+"""Relative errors of a field's distance on either side of the surface, besides its absolute error."""
+_FAR_ERROR, _FAR_M = 0.45, 0.02
+"""The relative error by which the distance may be larger than the field's from so far on [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectShape:
+    """Distances from one object at captured size [m], negative inside.
+
+    A shell, which has no inside, counts as `SHELL_THICKNESS` thick on both sides of its surface.
+    """
+
+    surface: Surface
+    field: DistanceField
+
+    @cached_property
+    def tree(self) -> PointTree:
+        """Points all over the surface."""
+        return PointTree.of(surface_samples(self.surface, _SPACING))
+
+    @cached_property
+    def radius(self) -> float:
+        """Radius of a ball that holds it, where its box has its middle [m]."""
+        return 0.5 * float(np.linalg.norm(np.ptp(self.surface.vertices, axis=0)))
+
+    def bounds(self, points: Float[np.ndarray, "K 3"]) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
+        """Return a lower and an upper bound of the distances of points [m]."""
+        found = self.field.distances(points)
+        size = np.abs(found)
+        share = np.where(found < 0.0, _INSIDE_ERROR, _OUTSIDE_ERROR)
+        lower = found - self.field.error - share * size
+        return lower, found + self.field.error + np.where(found > _FAR_M, _FAR_ERROR, share) * size
+
+    def distances(
+        self, points: Float[np.ndarray, "K 3"], lower: Float[np.ndarray, "K"], upper: Float[np.ndarray, "K"]
+    ) -> Float[np.ndarray, "K"]:
+        """Return the exact distances of points from the triangles [m], given their `bounds`."""
+        away = self.surface.distances(points)
+        if self.field.shell:
+            return away - SHELL_THICKNESS
+        inside = upper < 0.0
+        unsure = ~inside & (lower < 0.0)
+        inside[unsure] = self.surface.encloses(points[unsure], away[unsure])
+        return np.where(inside, -away, away)
+
+
+ObjectSurface = Literal["solid", "shell", "hull"]
+"""Kind of an object's surface: one that has an inside, one that has none, or the convex hull of its points."""
+
+
+def surface_kind(geometry: ObjectGeometry) -> ObjectSurface:
+    """Return the kind of an object's surface; raises `GeometryError` when its mesh cannot be read."""
+    path = geometry.mesh_path
+    # Data sets whose objects are known by points alone come with meshes of their hulls.
+    if not surface_of(geometry).exact or (path is not None and path.stem.endswith("_hull")):
+        return "hull"
+    return "shell" if distance_field(geometry).shell else "solid"
+
+
+@lru_cache(maxsize=8)
+def shape_of(geometry: ObjectGeometry) -> ObjectShape:
+    """Return an object's shape, made once; raises `GeometryError` when its mesh cannot be read."""
+    return ObjectShape(surface_of(geometry), distance_field(geometry))
+
 
 REACH = 0.012
-"""An object's points are looked for in links whose skin is at most so far from it [m]: skin points are nearer to each
+"""An object's points are measured in links whose skin is at most so far from it [m]: skin points are nearer to each
 other, so an object that is in the solid is near one of them, unless all of it is inside."""
 FRAMES_AT_ONCE = 500
-"""That are measured together: enough for numpy to be quick, and few enough for their points to fit in memory."""
+"""Measured together: enough for numpy to be quick, and few enough for their points to fit in memory."""
 
 
 @dataclass(frozen=True, eq=False)
-class Poses:
-    """World poses of one frame over F frames."""
-
-    positions: Float[np.ndarray, "F 3"]
-    """[m]"""
-    rotations: Float[np.ndarray, "F 3 3"]
-
-    @classmethod
-    def of_link(cls, kinematics: Kinematics, skin: LinkSkin, first: int = 0) -> "Poses":
-        """Return the poses of a link from one frame on."""
-        rotations = kinematics.orientation(skin.frame).transpose(2, 0, 1)
-        return cls(kinematics.point(skin.frame).T[first:], np.ascontiguousarray(rotations[first:]))
-
-    def inside(self, other: "Poses") -> "Poses":
-        """Return these poses in the frame of others."""
-        back = other.rotations.transpose(0, 2, 1)
-        away = np.einsum("fij,fj->fi", back, self.positions - other.positions)
-        return Poses(away, back @ self.rotations)
-
-    def at(self, frames: Int[np.ndarray, "K"]) -> "Poses":
-        """Return those of some frames."""
-        return Poses(self.positions[frames], self.rotations[frames])
-
-    def placed(self, points: Float[np.ndarray, "F 3"]) -> Float[np.ndarray, "F 3"]:
-        """Return a point for each frame in the world [m]."""
-        return np.einsum("fij,fj->fi", self.rotations, points) + self.positions
-
-
-@dataclass(frozen=True, eq=False)
-class PlacedObject:
+class PosedObject:
     """An object over F frames."""
 
     shape: ObjectShape
     """At captured size."""
-    pose: Poses
+    pose: RigidPoses
     scale: float
+
+
+def posed_objects(
+    geometries: Sequence[ObjectGeometry], poses: Sequence[RigidPoses], motion: Motion
+) -> tuple[PosedObject, ...]:
+    """Return a motion's objects at poses; raises `GeometryError` when an object's mesh cannot be read."""
+    placed = zip(geometries, poses, motion.object_scale.tolist(), strict=True)
+    return tuple(PosedObject(shape_of(geometry), pose, scale) for geometry, pose, scale in placed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,16 +128,18 @@ class LinkDistances:
 
     @cached_property
     def depth(self) -> Float[np.ndarray, "F"]:
-        """How deep one is in the other [m], the larger of both ways; 0 where they are apart."""
+        """Depth of one in the other [m], the larger of both ways; 0 where they are apart."""
         return np.maximum(np.maximum(-self.skin, -self.object), 0.0)
 
     @property
     def gap(self) -> Float[np.ndarray, "F"]:
-        """Least signed distance [m]: off the surface, or how deep one is in the other."""
+        """Least signed distance [m]: off the surface, or minus the depth of one in the other."""
         return np.where(self.object < 0.0, np.minimum(self.skin, self.object), self.skin)
 
 
-def link_distances(skin: LinkSkin, link: Poses, placed: PlacedObject, measured: Bool[np.ndarray, "F"]) -> LinkDistances:
+def link_distances(
+    skin: LinkSkin, link: RigidPoses, placed: PosedObject, measured: Bool[np.ndarray, "F"]
+) -> LinkDistances:
     """Return the distances of a link and an object in every frame, in memory that long clips do not grow.
 
     Args:
@@ -104,12 +159,12 @@ def link_distances(skin: LinkSkin, link: Poses, placed: PlacedObject, measured: 
 
 
 def _link_distances(
-    skin: LinkSkin, link: Poses, placed: PlacedObject, measured: Bool[np.ndarray, "F"]
+    skin: LinkSkin, link: RigidPoses, placed: PosedObject, measured: Bool[np.ndarray, "F"]
 ) -> LinkDistances:
     shape, scale = placed.shape, placed.scale
     limit = np.where(measured, np.inf, REACH)
     least, point, sunk = np.full(len(limit), np.inf), np.full(len(limit), -1), np.zeros(len(limit))
-    inside = link.inside(placed.pose)
+    inside = link.relative_to(placed.pose)
     lower, _ = shape.bounds((inside.positions + inside.rotations @ skin.centre) / scale)
     near = np.flatnonzero(scale * lower - skin.radius <= limit)
     if not len(near):
@@ -125,25 +180,30 @@ def _link_distances(
     swallowed = scale * shape.radius <= skin.radius
     hit = near if swallowed else np.flatnonzero(least <= REACH)
     if len(hit):
-        # Measured at the object's captured size, as its points are.
-        back = placed.pose.at(hit).inside(link.at(hit))
-        sunk[hit] = scale * least_in_solid(shape.tree, skin, Poses(back.positions / scale, back.rotations), scale)[0]
+        back = placed.pose.at(hit).relative_to(link.at(hit))
+        sunk[hit] = scale * least_in_solid(shape.tree, skin, back, scale)[0]
     return LinkDistances(least, point, sunk)
 
 
 def least_in_solid(
-    tree: PointTree, skin: LinkSkin, pose: Poses, scale: float = 1.0
+    tree: PointTree, skin: LinkSkin, pose: RigidPoses, scale: float = 1.0
 ) -> tuple[Float[np.ndarray, "F"], Float[np.ndarray, "F 3"]]:
-    """Return the least signed distance of points from a link's solid, over the scale, at most 0, and the point.
+    """Return the least signed distance of points from a link's solid, over the scale, at most 0, and the point [m].
 
     Where none is inside, the point is the origin.
+
+    Args:
+        tree: Points of another link, or of an object at captured size.
+        skin: The link's.
+        pose: Poses of the points' owner in the link's frame.
+        scale: Size of the object over captured size.
     """
 
     def bounds(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         distances = skin.solid.distances(scale * points) / scale
         return distances, distances
 
-    found = tree.nearest(pose.rotations, pose.positions, bounds, 0.0)
+    found = tree.nearest(pose.rotations, pose.positions / scale, bounds, 0.0)
     least, points = np.zeros(len(pose.positions)), np.zeros((len(pose.positions), 3))
     np.minimum.at(least, found.place, found.lower)
     deepest = (found.lower == least[found.place]) & (found.lower < 0.0)
@@ -158,7 +218,7 @@ def tree_of(skin: LinkSkin) -> PointTree:
 
 
 def _exact(
-    found: Nearest, tree: PointTree, pose: Poses, shape: ObjectShape, scale: float
+    found: Nearest, tree: PointTree, pose: RigidPoses, shape: ObjectShape, scale: float
 ) -> tuple[Float[np.ndarray, "F"], Int[np.ndarray, "F"]]:
     """Return the exact least distance at each place, and the skin point that has it."""
     least, point = np.full(len(pose.positions), np.inf), np.full(len(pose.positions), -1)
@@ -168,7 +228,7 @@ def _exact(
     first = np.ones(len(order), dtype=bool)
     first[1:] = place[1:] != place[:-1]
     for batch in (order[first], order[~first]):
-        # The one that seems nearest is measured first: it leaves few others to measure.
+        # The seemingly nearest is measured first: it leaves few others to measure.
         chosen = batch[found.lower[batch] < least[found.place[batch]]]
         at, which = found.place[chosen], found.point[chosen]
         placed = np.einsum("kij,kj->ki", pose.rotations[at], tree.points[which]) + pose.positions[at]
@@ -177,3 +237,188 @@ def _exact(
         better = better[distances[better] < least[at[better]]]
         least[at[better]], point[at[better]] = distances[better], tree.order[which[better]]
     return least, point
+
+
+@dataclass(frozen=True, eq=False)
+class PosedLink:
+    """A link over F frames."""
+
+    skin: LinkSkin
+    pose: RigidPoses
+    centre: Float[np.ndarray, "F 3"]
+    """Of the ball around it, in the world [m]."""
+
+
+def posed_links(kinematics: Kinematics, first: int = 0) -> tuple[PosedLink, ...]:
+    """Return a robot's links that have a skin, from one frame on."""
+    poses = [(skin, RigidPoses.of_link(kinematics, skin, first)) for skin in skin_of(kinematics.model).links]
+    return tuple(PosedLink(skin, pose, pose.positions + pose.rotations @ skin.centre) for skin, pose in poses)
+
+
+def pair_depths(
+    ones: Sequence[PosedLink],
+    others: Sequence[PosedLink],
+    pairs: Iterable[tuple[int, int]],
+    *,
+    keep_all: bool = False,
+) -> tuple[Float[np.ndarray, "pairs F"], tuple[tuple[LinkSkin, LinkSkin], ...]]:
+    """Return the depths of pairs of links in each other in every frame [m], and their links.
+
+    Args:
+        ones: Links of one robot.
+        others: Links of the same robot or another, in the same frames.
+        pairs: Indices into both.
+        keep_all: Whether pairs that are not near in any frame are returned, too.
+    """
+    depths, links = [], []
+    for pair in pairs:
+        one, other = ones[pair[0]], others[pair[1]]
+        away = one.centre - other.centre
+        near = np.flatnonzero(np.einsum("fi,fi->f", away, away) < (one.skin.radius + other.skin.radius) ** 2)
+        if not len(near) and not keep_all:
+            continue
+        depth = np.zeros(len(away))
+        if len(near):
+            at_one, at_other = one.pose.at(near), other.pose.at(near)
+            depth[near] = np.maximum(
+                _in_solid(one.skin, at_one.relative_to(at_other), other.skin),
+                _in_solid(other.skin, at_other.relative_to(at_one), one.skin),
+            )
+        depths.append(depth)
+        links.append((one.skin, other.skin))
+    return np.reshape(depths, (len(depths), len(ones[0].centre) if ones else 0)), tuple(links)
+
+
+def _in_solid(skin: LinkSkin, pose: RigidPoses, solid: LinkSkin) -> Float[np.ndarray, "F"]:
+    """Return the depth of one link's skin in another's solid [m], at poses in the other's frame."""
+    depth = np.zeros(len(pose.positions))
+    near = np.flatnonzero(solid.solid.distances(pose.positions + pose.rotations @ skin.centre) < skin.radius)
+    if len(near):
+        depth[near] = -least_in_solid(tree_of(skin), solid, pose.at(near))[0]
+    return depth
+
+
+def area_near(
+    placed: PosedObject,
+    poses: RigidPoses,
+    points: Float[np.ndarray, "K 3"],
+    areas: Float[np.ndarray, "K"],
+    limit: float,
+) -> Float[np.ndarray, "F"]:
+    """Return the area of the skin within a distance of an object's surface in every frame, on either side [m2].
+
+    Args:
+        placed: The object.
+        poses: World poses of the points' link.
+        points: Of the link's skin [m].
+        areas: Each point's share of the skin [m2].
+        limit: The distance [m].
+    """
+    shape, scale, found = placed.shape, placed.scale, np.zeros(len(poses.positions))
+    inside = poses.relative_to(placed.pose)
+    for start in range(0, len(poses.positions), FRAMES_AT_ONCE):
+        rotations, places = (each[start : start + FRAMES_AT_ONCE] for each in (inside.rotations, inside.positions))
+        there = (np.einsum("fij,kj->fki", rotations, points) + places[:, None]).reshape(-1, 3) / scale
+        lower, upper = shape.bounds(there)
+        near = (scale * lower >= -limit) & (scale * upper <= limit)
+        unsure = np.flatnonzero(~near & (scale * lower <= limit) & (scale * upper >= -limit))
+        exact = shape.distances(there[unsure], lower[unsure], upper[unsure])
+        near[unsure] = scale * np.abs(exact) <= limit
+        found[start : start + len(places)] = near.reshape(len(places), -1) @ areas
+    return found
+
+
+PART_SITES = {**HAND_SITES, **FOOT_SITES}
+Touching = dict[tuple[str, int], Bool[np.ndarray, "F"]]
+"""Link and object -> the frames in which they are to touch."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectDistances:
+    """One robot and all objects over F frames."""
+
+    links: tuple[str, ...]
+    poses: Mapping[str, RigidPoses]
+    """Of links in the world."""
+    objects: tuple[PosedObject, ...]
+    pairs: Mapping[tuple[str, int], LinkDistances]
+    """By link and object."""
+
+    @property
+    def depth(self) -> Float[np.ndarray, "O L F"]:
+        """Depth of each link and each object in each other [m]."""
+        frames = len(next(iter(self.poses.values())).positions) if self.poses else 0
+        depths = [self.pairs[link, index].depth for index in range(len(self.objects)) for link in self.links]
+        return np.reshape(depths, (len(self.objects), len(self.links), frames))
+
+    def gap(self, skins: tuple[LinkSkin, ...], index: int) -> Float[np.ndarray, "F"]:
+        """Return the least signed distance of some links and an object [m]; infinite where it was not measured."""
+        return np.min([self.pairs[skin.link, index].gap for skin in skins], axis=0)
+
+
+def object_distances(
+    kinematics: Kinematics, objects: tuple[PosedObject, ...], touching: Touching, first: int = 0
+) -> ObjectDistances:
+    """Return the distances from one frame on.
+
+    Args:
+        kinematics: The robot's, over all frames.
+        objects: Over the frames that count.
+        touching: Frames in which distances are measured however large they are.
+        first: The first frame that counts.
+    """
+    skins = skin_of(kinematics.model).links
+    poses = {skin.link: RigidPoses.of_link(kinematics, skin, first) for skin in skins}
+    never = np.zeros(len(kinematics.qpos) - first, dtype=bool)
+    pairs = {
+        (skin.link, index): link_distances(skin, poses[skin.link], one, touching.get((skin.link, index), never))
+        for index, one in enumerate(objects)
+        for skin in skins
+    }
+    return ObjectDistances(tuple(poses), poses, objects, pairs)
+
+
+@lru_cache(maxsize=4)
+def distances_of_motion(
+    motion: Motion, model: RobotModel, geometries: tuple[ObjectGeometry, ...]
+) -> tuple[ObjectDistances, Float[np.ndarray, "T C"]]:
+    """Return a motion's distances from its objects, and of each contact link from the object that it is to touch [m].
+
+    The latter are negative inside, and NaN where there is no contact. Raises `GeometryError` when an object's mesh
+    cannot be read.
+    """
+    objects = posed_objects(geometries, object_poses(motion), motion)
+    skins_of = {name: part_skins(model, part) for part, site in PART_SITES.items() for name in (part, site)}
+    contacts = [
+        (column, index, skins_of[link], labelled)
+        for column, link in enumerate(motion.contact_links)
+        for index in range(len(geometries))
+        if skins_of.get(link) and (labelled := motion.labelled(index)[:, column]).any()
+    ]
+    touching = {(skin.link, index): labelled for _, index, skins, labelled in contacts for skin in skins}
+    distances = object_distances(model.forward(motion.qpos), objects, touching)
+    gaps = np.full(motion.contact_flags.shape, np.nan)
+    for column, index, skins, labelled in contacts:
+        gaps[labelled, column] = distances.gap(skins, index)[labelled]
+    return distances, gaps
+
+
+_PALMAR_DEG = 75.0
+"""Skin that faces so near to the palm's direction is palmar, fingers' and thumb's too [degrees]."""
+
+
+@lru_cache(maxsize=64)
+def palmar_points(model: RobotModel, part: str, skin: LinkSkin) -> Int[np.ndarray, "K"]:
+    """Return which points of a skin are on the palmar side of a hand, as in the home pose.
+
+    The palm faces along -y of a left hand's palm site, along +y of a right one's: x is along the fingers.
+    """
+    home = model.forward(model.home_qpos[None])
+    palm = home.site_rotation(PART_SITES[part])[0][:, 1] * (-1.0 if part.startswith("left") else 1.0)
+    facing = skin.normals @ (home.orientation(skin.frame)[:, :, 0].T @ palm)
+    return np.flatnonzero(facing > np.cos(np.radians(_PALMAR_DEG)))
+
+
+def part_skins(model: RobotModel, part: str) -> tuple[LinkSkin, ...]:
+    """Return the skins of the links that stand for a human's hand or foot: the site's link and those it carries."""
+    return skins_from(model, PART_SITES[part])

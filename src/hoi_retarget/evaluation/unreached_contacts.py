@@ -1,19 +1,20 @@
-"""Contacts that the robot did not reach: named one by one, never hidden in a mean."""
+"""Contacts that the robot did not reach, named one by one, never hidden in a mean."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hoi_retarget.evaluation.object_distances import PART_SITES
-from hoi_retarget.evaluation.statistics import norms
-from hoi_retarget.evaluation.surface_curves import surface_curves
-from hoi_retarget.evaluation.view import Comparison
+from hoi_retarget.clip.clip import Clip, ContactTrack
+from hoi_retarget.evaluation.comparison import Comparison, norms
+from hoi_retarget.evaluation.contact_figures import surface_curves
+from hoi_retarget.evaluation.surface_distances import PART_SITES
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.motion.report import ELSEWHERE_M, UNREACHED_M, UnreachedContact
+from hoi_retarget.motion.motion_report import ELSEWHERE_M, UNREACHED_M, Event
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
+from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.robots.model import Kinematics
 
-SHORTEST_UNREACHED = 3
+_MIN_FRAMES = 3
 """Frames; a hand that takes one or two more to arrive did reach its contact."""
 
 
@@ -23,12 +24,11 @@ def unreached_contacts(
     *,
     residuals: Float[np.ndarray, "T C"] | None = None,
     limit_m: float = UNREACHED_M,
-) -> tuple[UnreachedContact, ...]:
+) -> tuple[Event, ...]:
     """Return where contact links stay further than `limit_m` [m] from their targets, in order of link and time.
 
-    The residual is the distance in the object's frame between a contact link and the target that the motion
-    was asked to touch. Stretches of `SHORTEST_UNREACHED` frames count, and contacts that are missed altogether
-    however short. All frames count, the first one too.
+    The residual is the distance in the object's frame between a contact link and its target. Stretches of 3 frames
+    count, and contacts that are missed altogether however short. All frames count, the first one too.
 
     Args:
         motion: The robot's motion; its contact links are sites of the robot, or human parts standing for them.
@@ -44,14 +44,28 @@ def unreached_contacts(
         for index in range(len(motion.object_names)):
             for first, end in _unreached_runs(touched == index, off):
                 lengths = residuals[first:end, column]
-                mean, largest = float(lengths.mean()), float(lengths.max())
-                found.append(UnreachedContact(link, motion.object_names[index], first, end - 1, mean, largest))
-    return tuple(sorted(found, key=lambda segment: (motion.contact_links.index(segment.link), segment.first_frame)))
+                found.append(
+                    Event(
+                        "unreached_contact",
+                        first,
+                        end - 1,
+                        float(lengths.max()),
+                        subject=link,
+                        object=motion.object_names[index],
+                        mean=float(lengths.mean()),
+                    )
+                )
+    return tuple(sorted(found, key=lambda event: (motion.contact_links.index(event.subject), event.first_frame)))
 
 
 def contact_residuals(motion: Motion, kinematics: Kinematics) -> Float[np.ndarray, "T C"]:
     """Return the distance on the object [m] of each contact link from its target; NaN where it touches nothing."""
-    residuals = np.full(motion.contact_flags.shape, np.nan)
+    return norms(contact_offsets(motion, kinematics))
+
+
+def contact_offsets(motion: Motion, kinematics: Kinematics) -> Float[np.ndarray, "T C 3"]:
+    """Return the path on the object [m] from each contact link's target to the link; NaN where it touches nothing."""
+    offsets = np.full(motion.contact_points.shape, np.nan)
     for column, link in enumerate(motion.contact_links):
         touched = _touched(motion, column)
         frames = np.flatnonzero(touched >= 0)
@@ -60,25 +74,64 @@ def contact_residuals(motion: Motion, kinematics: Kinematics) -> Float[np.ndarra
         objects = touched[frames]
         away = kinematics.site_position(PART_SITES.get(link, link))[frames] - motion.object_pos[frames, objects]
         inside = se3.rotate_inverse(motion.object_quat[frames, objects], away)
-        residuals[frames, column] = norms(inside - motion.contact_points[frames, column])
-    return residuals
+        offsets[frames, column] = inside - motion.contact_points[frames, column]
+    return offsets
+
+
+NEAR_SURFACE_M = 0.05
+"""From the surface to a point that is never in thin air [m]: palms' middles lie 3 cm off it in the median recording."""
+FARTHER_M = 0.01
+"""Farther than this beyond all recorded points of a part on an object, an edited one is in thin air [m]."""
+
+
+def thin_air_contacts(clip: Clip, person: int = 0) -> tuple[Event, ...]:
+    """Return where edited contacts of a person ask for touch in thin air; none where nothing was edited.
+
+    Raises `GeometryError` when an object's mesh cannot be read.
+    """
+    if not clip.recorded_contacts:
+        return ()
+    found, farthest = [], {}
+    for track in clip.recorded_contacts:
+        key = track.person, track.part, track.object
+        farthest[key] = max(farthest.get(key, 0.0), float(_off_surface(clip, track)[track.active].max(initial=0.0)))
+    for track in clip.contacts:
+        off, key = _off_surface(clip, track), (track.person, track.part, track.object)
+        if track.person == person:
+            limit, name = max(NEAR_SURFACE_M, farthest.get(key, 0.0) + FARTHER_M), clip.objects[track.object].name
+            found += [
+                Event("thin_air_contact", first, stop - 1, float(off[first:stop].max()), track.part, name)
+                for first, stop in runs(off > limit)
+            ]
+    return tuple(found)
+
+
+def _off_surface(clip: Clip, track: ContactTrack) -> Float[np.ndarray, "T"]:
+    """Return the distance of contact points from the object's surface at captured size [m]; 0 where inactive."""
+    off = np.zeros(clip.frames)
+    if track.active.any():
+        off[track.active] = surface_of(clip.objects[track.object].geometry).distances(
+            track.contact_points[track.active]
+        )
+    return off
 
 
 def surface_residuals(view: Comparison) -> Float[np.ndarray, "T C"]:
-    """Return how far each contact link is from touch [m]; NaN where there is none.
+    """Return the distance of each contact link from touch [m]; NaN where it touches nothing.
 
-    That is how far its skin is from the surface; where it is at another place of the object, it is how far that one is.
-    Frames before the first that counts are as that one. Raises `GeometryError` when an object's mesh cannot be read.
+    That is the distance of its skin from the surface, or from the human's place where it touches elsewhere on the
+    object. Frames before the first that counts are as that one. Raises `GeometryError` when an object's mesh cannot be
+    read.
     """
     motion = view.motion
     residuals = np.full(motion.contact_flags.shape, np.nan)
     sites = [PART_SITES.get(link, link) for link in motion.contact_links]
-    for curve in view.once(surface_curves).touches:
+    for curve in view.cached(surface_curves).touches:
         column = sites.index(PART_SITES[curve.part])
-        asked = _touched(motion, column) == curve.object
+        labelled = _touched(motion, column) == curve.object
         off = np.where(curve.place > ELSEWHERE_M, curve.place, np.maximum(curve.gap, 0.0))
         off = np.concatenate([np.repeat(off[:1], view.first), off])
-        residuals[asked, column] = off[asked]
+        residuals[labelled, column] = off[labelled]
     return residuals
 
 
@@ -88,6 +141,6 @@ def _touched(motion: Motion, column: int) -> Int[np.ndarray, "T"]:
 
 
 def _unreached_runs(touched: Bool[np.ndarray, "T"], off: Bool[np.ndarray, "T"]) -> list[tuple[int, int]]:
-    """Return stretches of contacts that are off: those that last, and contacts that are off altogether."""
+    """Return stretches of contacts that are off, if they last or are whole contacts, as (first, one past the last)."""
     contacts = set(runs(touched))
-    return [run for run in runs(touched & off) if run[1] - run[0] >= SHORTEST_UNREACHED or run in contacts]
+    return [run for run in runs(touched & off) if run[1] - run[0] >= _MIN_FRAMES or run in contacts]

@@ -3,7 +3,7 @@
 import errno
 import os
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -56,9 +56,16 @@ def write_together(contents: Mapping[Path, bytes]) -> None:
                 leftover.unlink(missing_ok=True)
 
 
+def remove(paths: Iterable[Path]) -> None:
+    """Remove files, where they are there; raises `WriteError`."""
+    for path in paths:
+        with writing(path):
+            path.unlink(missing_ok=True)
+
+
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Turn what the system says of a file or a folder into a `WriteError`."""
+    """Turn the system's error for a file or a folder into a `WriteError`."""
     try:
         yield
     except OSError as error:
@@ -82,7 +89,7 @@ def _keep_earlier(path: Path, temporary: Path, earlier: dict[Path, Path | None])
 
 
 def _put_back(stopped: Path, earlier: Mapping[Path, Path | None]) -> None:
-    """Undo the renames before the one that failed."""
+    """Undo the renames before the failed one."""
     for path, name in earlier.items():
         if path == stopped:
             return

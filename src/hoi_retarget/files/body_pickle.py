@@ -1,7 +1,6 @@
-"""Pickles of body models, as they are given away, read without executing anything.
+"""Pickles of body models, as their authors publish them, read without executing anything.
 
-They are written by Python 2, with chumpy's arrays and scipy's sparse matrices among numpy's; of these only the numbers
-are taken.
+They are written by Python 2, with chumpy's arrays and scipy's sparse matrices among numpy's; only the numbers are read.
 """
 
 import math
@@ -11,13 +10,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from scipy.sparse import csc_matrix
+import scipy  # its modules are loaded where they are first used
 
-from hoi_retarget.files.numpy_pickle import ARRAYS, Array, unpickle
-from hoi_retarget.files.safe_pickle import Class, Function, Names, RefusedError, StandIn, Unpickler, plain, refusals
+from hoi_retarget.files.array_pickle import ARRAYS, Array, unpickle
+from hoi_retarget.files.safe_pickle import Class, Function, Names, RefusedError, Stub, Unpickler, plain, refusals
 
-_ENTRIES = 1 << 26  # Of a sparse matrix when unfolded.
-_WRAPPINGS = 4  # Of a chumpy array in others.
+_MAX_ENTRIES = 1 << 26  # Of a sparse matrix when unfolded.
+_MAX_WRAPPINGS = 4  # Of a chumpy array in others.
 
 
 def read_body_pickle(path: Path, content: bytes, names: Iterable[str]) -> dict[str, np.ndarray | None]:
@@ -30,12 +29,12 @@ def read_body_pickle(path: Path, content: bytes, names: Iterable[str]) -> dict[s
         values = unpickle(content, _BODIES, encoding="latin-1")
         if not isinstance(values, dict):
             raise RefusedError("it holds no dictionary, as every body model does")
-        wanted = set(names)
-        return {str(name): _array(value) if name in wanted else None for name, value in values.items()}
+        requested = set(names)
+        return {str(name): _array(value) if name in requested else None for name, value in values.items()}
 
 
 @dataclass(eq=False)
-class _Instance(StandIn):
+class _Instance(Stub):
     """An object of chumpy or scipy: its attributes, and nothing that they do."""
 
     kind: Literal["chumpy array", "chumpy selection", "sparse matrix", "object"]
@@ -48,13 +47,13 @@ class _Instance(StandIn):
         self.attributes = state
 
 
-def _array(value: Any, wrappings: int = _WRAPPINGS) -> np.ndarray | None:
+def _array(value: Any, wrappings: int = _MAX_WRAPPINGS) -> np.ndarray | None:
     """Return the numbers of an array, a sparse matrix, or a chumpy array of one of these; None for all else."""
     if isinstance(value, _Instance):
         if value.kind == "sparse matrix":
             return _dense(value.attributes)
         if wrappings == 0:
-            raise RefusedError(f"chumpy arrays are inside one another more than {_WRAPPINGS} deep")
+            raise RefusedError(f"chumpy arrays are inside one another more than {_MAX_WRAPPINGS} deep")
         if value.kind == "chumpy selection":
             return _selected(value.attributes, _array(value.attributes.get("a"), wrappings - 1))
         return _array(value.attributes.get("x"), wrappings - 1)
@@ -79,39 +78,41 @@ def _dense(attributes: dict) -> np.ndarray:
     entries, rows, starts = (_array(attributes.get(name)) for name in ("data", "indices", "indptr"))
     shape = attributes.get("_shape", attributes.get("shape"))
     sizes = shape if isinstance(shape, tuple) else ()
-    if len(sizes) != 2 or not all(type(size) is int and size > 0 for size in sizes) or math.prod(sizes) > _ENTRIES:
+    if len(sizes) != 2 or not all(type(size) is int and size > 0 for size in sizes) or math.prod(sizes) > _MAX_ENTRIES:
         raise RefusedError("a sparse matrix has no shape that a regressor can have")
     try:
-        matrix = csc_matrix((entries, rows, starts), shape=shape)
+        matrix = scipy.sparse.csc_matrix((entries, rows, starts), shape=shape)
         matrix.check_format(full_check=True)
     except (ValueError, TypeError, IndexError) as error:
         raise RefusedError(f"a sparse matrix contradicts itself ({error})") from error
     return matrix.toarray()
 
 
-def _reconstructor(_unpickler: Unpickler, arguments: tuple) -> StandIn:
+def _new_object(_unpickler: Unpickler, kind: Class, *_: Any) -> Any:
     """Return an object that Python 2 builds by a call."""
-    kind = arguments[0] if arguments else None
-    if not isinstance(kind, Class) or kind.make is None:
-        raise RefusedError("refused: it builds an object of a class, expected arrays")
-    return kind.make()
+    if kind.new is None:
+        raise RefusedError(_NO_ARRAY)
+    return kind.new()
 
 
-def _nothing(_unpickler: Unpickler, _arguments: tuple) -> None:
-    """Stand for a set, which no array is in."""
-
-
-_CHUMPY, _SPARSE = Class(lambda: _Instance("chumpy array")), Class(lambda: _Instance("sparse matrix"))
+_NO_ARRAY = "refused: it builds an object of a class, expected arrays"
+_CHUMPY, _SPARSE, _OBJECT = (
+    Class(lambda kind=kind: _Instance(kind)) for kind in ("chumpy array", "sparse matrix", "object")
+)
 _BODIES: Names = {
     **ARRAYS,
     ("chumpy.ch", "Ch"): _CHUMPY,
     ("chumpy.ch", "MatVecMult"): _CHUMPY,
     ("chumpy.reordering", "Select"): Class(lambda: _Instance("chumpy selection")),
+    ("scipy.sparse.csc", "csc_matrix"): _SPARSE,
+    ("scipy.sparse._csc", "csc_matrix"): _SPARSE,
     **{
-        (f"scipy.sparse.{module}", "csc_matrix"): Class(lambda: _Instance("sparse matrix"))
-        for module in ("csc", "_csc")
+        (module, name): stub
+        for python_2, python_3, name, stub in (
+            ("__builtin__", "builtins", "object", _OBJECT),
+            ("__builtin__", "builtins", "set", Function(lambda *_: None, (...,), "")),  # No array is in a set.
+            ("copy_reg", "copyreg", "_reconstructor", Function(_new_object, (Class, ...), _NO_ARRAY)),
+        )
+        for module in (python_2, python_3)
     },
-    **{(module, "set"): Function(_nothing) for module in ("__builtin__", "builtins")},
-    **{(module, "_reconstructor"): Function(_reconstructor) for module in ("copy_reg", "copyreg")},
-    **{(module, "object"): Class(lambda: _Instance("object")) for module in ("__builtin__", "builtins")},
 }

@@ -18,7 +18,7 @@ from hoi_retarget.numerics import se3
 
 MAGIC = b"glTF"
 ChannelPath = Literal["translation", "rotation", "scale"]
-"""What of a node is animated, as glTF calls it."""
+"""Animated value of a node, in glTF's words."""
 
 _HEADER = 20  # Bytes before the text of a `.glb` file; the last eight tell the text's length and kind.
 _BYTES_HEADER = 8  # Likewise between the text and the bytes.
@@ -53,7 +53,7 @@ def _table(value: Any) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """What an animation does with one of a node's three values."""
+    """The animation of one of a node's three values."""
 
     node: int
     path: ChannelPath
@@ -261,7 +261,7 @@ class Gltf:
     # Bytes
 
     def array(self, index: Any, width: int, meaning: str) -> np.ndarray:
-        """Return what an accessor shows of the file's bytes, (count, width)."""
+        """Return the values that an accessor shows of the file's bytes, (count, width)."""
         accessor = self._checked(index, self._accessors, f"accessor of {meaning}")
         if accessor.get("sparse") is not None or accessor.get("bufferView") is None:
             raise self._wrong(f"{meaning}: stored sparsely or compressed; export without compression")

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files.archive import unpacked
-from hoi_retarget.files.numpy_pickle import ARRAYS, unpickle
+from hoi_retarget.files.array_pickle import unpickle
+from hoi_retarget.files.reading import unpacked
 from hoi_retarget.files.safe_pickle import RefusedError, plain
 
 # The start of an .npy file as numpy writes it: matched, never evaluated.
@@ -34,7 +34,7 @@ def encode(arrays: Mapping[str, Any]) -> bytes:
 
 
 def array(name: str, content: bytes, kinds: str) -> np.ndarray:
-    """Return the array of an .npy file whose numbers are of one of `kinds`, or raise `ValueError`."""
+    """Return the array of an .npy file, of a numpy kind among `kinds`, or raise `ValueError`."""
     header = _NPY.match(content)
     if header is None:
         raise ValueError(f"{name} is no plain array")
@@ -56,14 +56,14 @@ def array(name: str, content: bytes, kinds: str) -> np.ndarray:
 
 
 def object_or_array(path: Path, name: str, content: bytes) -> Any:
-    """Return what an `.npy` file holds: an array of numbers or text; of one object, this object; of several, a list.
+    """Return the content of an `.npy` file: an array of numbers or text, its only object, or a list of several objects.
 
     Several sources keep a dictionary in an array of their `.npz` files, as `numpy.save(..., allow_pickle=True)` writes
     them: one object, or a list of some. Nothing of it is executed.
 
     Args:
         path: the file that it is in, for errors.
-        name: what the array is called.
+        name: of the array.
         content: the bytes of the `.npy` file.
 
     Raises:
@@ -73,7 +73,7 @@ def object_or_array(path: Path, name: str, content: bytes) -> Any:
     try:
         if header is None or (header["kind"], header["fortran"]) != (b"O", b"False"):
             return array(name, content, "fiubUS")
-        values = plain(unpickle(content[header.end() :], ARRAYS), objects=True)
+        values = plain(unpickle(content[header.end() :]), objects=True)
     except (RefusedError, ValueError) as error:
         raise ReadError(f"{path}: {name} cannot be read: {error}. Download the file again.") from error
     single = not header["shape"].strip()

@@ -1,11 +1,8 @@
 """Pickles read without executing them: the standard library's unpickler with a closed table of names.
 
-A pickle is a small program, and `pickle._Unpickler` interprets it. All that it may name are stand-ins of ours from a
-table; the operations that call, build or fill something are replaced by ones that take nothing but these. The unpickler
-in C would not do: it sizes its memo by a number in the file, which lets a few bytes claim 64 GB.
-
-The result may hold stand-ins; `plain` puts arrays in their places and refuses all else that is no value. It also is the
-one place that limits how deep containers are nested.
+A pickle is a small program, and `pickle._Unpickler` interprets it. Everything that it may name is a stub from a table;
+the operations that call, build or fill something are replaced by ones that accept these alone. The unpickler in C would
+not do: it sizes its memo by a number in the file, so that a few bytes can claim 64 GB.
 """
 
 import mmap
@@ -21,88 +18,77 @@ import numpy as np
 
 from hoi_retarget.errors import ReadError
 
-MAXIMUM_DEPTH = 64
+MAX_DEPTH = 64
 """Containers inside containers; deeper files are refused."""
-MAXIMUM_SURPLUS = 1 << 20
-"""Elements that arrays may show beyond those stored, by strides of zero or by using bytes again."""
-_MAXIMUM_INTEGER = 16  # Bytes.
-_MAXIMUM_KEY = 63  # Bits: many longer numbers can be found that are alike to a dictionary, which takes forever.
+MAX_SURPLUS = 1 << 20
+"""Elements that arrays may show beyond the stored ones, by strides of zero or by using bytes again."""
+_MAX_INTEGER_BYTES = 16
+_MAX_KEY_BITS = 63  # Longer numbers can be found that are alike to a dictionary, which takes forever.
 
 
 class RefusedError(Exception):
-    """What is wrong with a pickle or the file around it; `refusals` makes it a `ReadError`."""
+    """A fault of a pickle or of the file around it; `refusals` makes it a `ReadError`."""
 
 
 @contextmanager
 def refusals(path: Path, advice: str) -> Iterator[None]:
-    """Raise `ReadError` with the file's name and what to do about it in the place of `RefusedError`."""
+    """Raise `ReadError` with the file's name and advice in the place of `RefusedError`."""
     try:
         yield
     except RefusedError as error:
         raise ReadError(f"{path}: {error}. {advice}") from error
 
 
-# Stand-ins
-
-
-class StandIn:
-    """Stands for something that a pickle names or builds; it keeps what it is given and does nothing."""
+class Stub:
+    """Stands for something that a pickle names or builds; it holds data and does nothing."""
 
     def build(self, _unpickler: "Unpickler", _state: Any) -> None:
         """Take the attributes that a pickle gives to an object; raises `RefusedError`."""
         raise _not_open()
 
     def value(self) -> Any:
-        """Return the array, or the list of objects, in whose place it stands; raises `RefusedError`."""
-        raise _no_value()
+        """Return the array, or the list of objects, that it stands for; raises `RefusedError`."""
+        raise RefusedError("it holds no value but the name of a function, a class or a storage")
 
 
 @dataclass(frozen=True, eq=False)
-class Function(StandIn):
-    """A function that a pickle may call; `call` is ours and gets the arguments as a tuple."""
+class Function(Stub):
+    """A function that a pickle may call."""
 
-    call: Callable[["Unpickler", tuple], Any]
+    call: Callable[..., Any]
+    """Ours, with the unpickler and the arguments."""
+    accepts: tuple[Any, ...]
+    """Type or value of each argument; behind `...` at the end there may be more arguments."""
+    refusal: str
+    """The fault of other arguments."""
+
+    def called(self, unpickler: "Unpickler", arguments: tuple) -> Any:
+        """Return the value of a call; raises `RefusedError` for arguments that it does not accept."""
+        expected = tuple(kind for kind in self.accepts if kind is not ...)
+        fits = len(arguments) == len(expected) or (... in self.accepts and len(arguments) > len(expected))
+        pairs = zip(arguments, expected, strict=False)
+        if not fits or not all(isinstance(a, kind) if isinstance(kind, type) else a == kind for a, kind in pairs):
+            raise RefusedError(self.refusal)
+        return self.call(unpickler, *arguments)
 
 
 @dataclass(frozen=True, eq=False)
-class Class(StandIn):
-    """A class that a pickle may name and, where `make` is given, build objects of."""
+class Class(Stub):
+    """A class that a pickle may name and, unless `new` is None, build objects of."""
 
-    make: Callable[[], StandIn] | None = None
-
-
-@dataclass(frozen=True)
-class Unread(StandIn):
-    """An object that some files hold beside their arrays; nothing of it is kept."""
-
-    name: str
-    """Of its class."""
-
-    def build(self, _unpickler: "Unpickler", _state: Any) -> None:
-        """Keep nothing."""
-
-    def value(self) -> "Unread":
-        """Return itself."""
-        return self
+    new: Callable[[], Any] | None = None
 
 
-Names = Mapping[tuple[str, str], StandIn]
-"""Module and name of all that a pickle may name."""
-
-
-def _no_value() -> RefusedError:
-    return RefusedError("it holds no value but the name of a function, a class or a storage")
+Names = Mapping[tuple[str, str], Stub]
+"""Module and name of everything that a pickle may name."""
 
 
 def _not_open() -> RefusedError:
     return RefusedError("the pickle fills a value that is not an open container")
 
 
-# Interpreting
-
-
 class _Source:
-    """The bytes of pickles, as the file that the standard library reads; never shorter than what is asked for."""
+    """The bytes of pickles as the file that the standard library reads; it never returns fewer than requested."""
 
     def __init__(self, content: bytes | mmap.mmap) -> None:
         self.content = content
@@ -116,7 +102,7 @@ class _Source:
         return self.read((end if end >= 0 else len(self.content)) + 1 - self.position)
 
     def view(self, count: int) -> bytes | memoryview:
-        """Return the next bytes, those of a mapped file without reading them."""
+        """Return the next bytes, without reading those of a mapped file."""
         if isinstance(self.content, bytes):
             return self.read(count)
         return memoryview(self.content)[self._next(count)]
@@ -154,13 +140,13 @@ _STANDARD = (
 
 
 class Unpickler(pickle._Unpickler):
-    """Reads pickles that stand one behind the other.
+    """Reads consecutive pickles.
 
     Args:
-        content: the bytes of the pickles, and of what follows them.
-        names: all that they may name.
-        refer: gives the stand-in for a reference to something outside of the pickle; they have none by default.
-        encoding: of the strings of Python 2.
+        content: Bytes of the pickles, and of anything behind them.
+        names: Everything that they may name.
+        refer: Returns the stub for a reference to something outside of the pickle; None refuses such references.
+        encoding: Of the strings of Python 2.
     """
 
     stack: list[Any]
@@ -171,36 +157,38 @@ class Unpickler(pickle._Unpickler):
         content: bytes | mmap.mmap,
         names: Names,
         *,
-        refer: Callable[[Any], StandIn] | None = None,
+        refer: Callable[[Any], Stub] | None = None,
         encoding: str = "utf-8",
     ) -> None:
         self.source = _Source(content)
         super().__init__(self.source, encoding=encoding)
         self._names, self._refer = names, refer
-        self._surplus = MAXIMUM_SURPLUS + 2 * len(content)  # Bytes may be written as text, and then used in an array.
+        self._surplus = MAX_SURPLUS + 2 * len(content)  # Bytes may be written as text, and then used in an array.
 
     def next(self) -> Any:
-        """Return what the next pickle holds, stand-ins among it; raises `RefusedError`."""
+        """Return the value of the next pickle, with stubs in it; raises `RefusedError`."""
         self.memo = _Memo()
         try:
             return self.load()
         except IndexError as error:
             raise RefusedError("the pickle takes a value that is not there") from error
+        except UnicodeEncodeError as error:
+            raise RefusedError("bytes are written as text that is not latin1") from error
         except UnicodeDecodeError as error:
             raise RefusedError("a string, or a name that the pickle wants to import, is not UTF-8 text") from error
         except (pickle.UnpicklingError, ValueError) as error:
             raise RefusedError(f"the pickle is damaged ({error})") from error
 
     def spend(self, count: int) -> None:
-        """Count elements that are shown and may have been shown before; raises `RefusedError` for too many."""
+        """Count elements that may have been shown before; raises `RefusedError` for too many."""
         self._surplus -= count
         if self._surplus < 0:
             raise RefusedError("arrays show too many elements beyond those stored")
 
-    # What the standard library asks for
+    # Methods that the standard library calls
 
-    def find_class(self, module: str, name: str) -> StandIn:
-        """Return the stand-in for what a pickle wants to import; raises `RefusedError`."""
+    def find_class(self, module: str, name: str) -> Stub:
+        """Return the stub of an imported name; raises `RefusedError`."""
         if (module, name) not in self._names:
             raise RefusedError(
                 f"refused: the file wants to import {ascii(f'{module}.{name}')[1:-1][:120]}, which could run code; "
@@ -208,8 +196,8 @@ class Unpickler(pickle._Unpickler):
             )
         return self._names[module, name]
 
-    def persistent_load(self, pid: Any) -> StandIn:
-        """Return the stand-in for something outside of the pickle; raises `RefusedError`."""
+    def persistent_load(self, pid: Any) -> Stub:
+        """Return the stub for something outside of the pickle; raises `RefusedError`."""
         if self._refer is None:
             raise RefusedError("it refers to a storage of torch, which a plain pickle has not")
         return self._refer(pid)
@@ -218,7 +206,7 @@ class Unpickler(pickle._Unpickler):
         """Return the values of the container that is closed; raises `RefusedError`."""
         if not self.metastack:
             raise RefusedError("the pickle closes a list that was not opened")
-        return super().pop_mark()  # pyright: ignore[reportAttributeAccessIssue] - not in the stubs
+        return super().pop_mark()  # pyright: ignore[reportAttributeAccessIssue]  # not in the stubs
 
     # Operations
 
@@ -227,11 +215,6 @@ class Unpickler(pickle._Unpickler):
 
     def _pop(self) -> None:
         self.stack.pop()  # The standard library would also take what belongs to another container.
-
-    def _open(self, kind: type) -> Any:
-        if type(self.stack[-1]) is not kind:
-            raise _not_open()
-        return self.stack[-1]
 
     def _append(self) -> None:
         value = self.stack.pop()
@@ -243,38 +226,43 @@ class Unpickler(pickle._Unpickler):
 
     def _set_item(self) -> None:
         value, key = self.stack.pop(), self.stack.pop()
-        self._set(self._open(dict), key, value)
+        self._set([key, value])
 
     def _set_items(self) -> None:
-        values = self.pop_mark()
+        self._set(self.pop_mark())
+
+    def _set(self, values: list[Any]) -> None:
+        """Fill the dictionary on the stack with keys and values in turn."""
         target = self._open(dict)
         if len(values) % 2:
             raise RefusedError("a dictionary's key has no value")
         for key, value in zip(values[::2], values[1::2], strict=True):
-            self._set(target, key, value)
+            if type(key) not in (str, int, float, bool, type(None)):
+                raise RefusedError(f"a dictionary's key is a {type(key).__name__}, expected a string or a number")
+            if type(key) is int and key.bit_length() > _MAX_KEY_BITS:
+                raise RefusedError(f"a dictionary's key is a number of more than {_MAX_KEY_BITS} bits")
+            target[key] = value
 
-    def _set(self, target: dict, key: Any, value: Any) -> None:
-        if type(key) not in (str, int, float, bool, type(None)):
-            raise RefusedError(f"a dictionary's key is a {type(key).__name__}, expected a string or a number")
-        if type(key) is int and key.bit_length() > _MAXIMUM_KEY:
-            raise RefusedError(f"a dictionary's key is a number of more than {_MAXIMUM_KEY} bits")
-        target[key] = value
+    def _open(self, kind: type) -> Any:
+        if type(self.stack[-1]) is not kind:
+            raise _not_open()
+        return self.stack[-1]
 
     def _call(self) -> None:
         arguments, function = self.stack.pop(), self.stack.pop()
         if not isinstance(function, Function) or type(arguments) is not tuple:
             raise RefusedError("the pickle calls something that is not a function")
-        self.stack.append(function.call(self, arguments))
+        self.stack.append(function.called(self, arguments))
 
     def _make(self) -> None:
         arguments, kind = self.stack.pop(), self.stack.pop()
-        if not isinstance(kind, Class) or kind.make is None or arguments != ():
+        if not isinstance(kind, Class) or kind.new is None or arguments != ():
             raise RefusedError("refused: it builds an object of a class, expected arrays and plain values")
-        self.stack.append(kind.make())
+        self.stack.append(kind.new())
 
     def _build(self) -> None:
         state, target = self.stack.pop(), self.stack[-1]
-        if isinstance(target, StandIn):
+        if isinstance(target, Stub):
             target.build(self, state)
         elif type(target) is not dict:  # The attributes of an OrderedDict, such as a state_dict's, are left out.
             raise _not_open()
@@ -302,53 +290,41 @@ class Unpickler(pickle._Unpickler):
     )
 
 
-# What is left of it
-
-
 def plain(value: Any, *, objects: bool = False) -> Any:
-    """Return a value with arrays in the place of their stand-ins; what was shared stays shared.
+    """Return an unpickled value with arrays in the place of their stubs; shared containers stay shared.
 
     Args:
-        value: what `Unpickler.next` returned.
-        objects: whether there may be arrays of objects, which become lists.
+        value: Of `Unpickler.next`.
+        objects: Whether there may be arrays of objects, which become lists.
 
     Raises:
-        RefusedError: it holds something else than arrays, numbers, text, bytes, None and containers of these, it is
+        RefusedError: It holds something else than arrays, numbers, text, bytes, None and containers of these, it is
             nested too deep, or in itself.
     """
-    return _Values(objects).plain(value, 0)[0]
+    return _plain(value, 0, {}, objects)[0]
 
 
-_SIMPLE = (float, bool, bytes, type(None), np.ndarray)
+def _plain(value: Any, level: int, known: dict[int, tuple[Any, int]], objects: bool) -> tuple[Any, int]:
+    """Return a value that is inside of `level` containers, and the depth of the containers in it.
 
-
-class _Values:
-    def __init__(self, objects: bool) -> None:
-        self._objects = objects
-        self._known: dict[int, tuple[Any, int]] = {}
-        """By the id of a container: what became of it, and how deep it is nested."""
-
-    def plain(self, value: Any, level: int) -> tuple[Any, int]:
-        """Return a value that is in `level` containers, and how many there are inside each other in it."""
-        if type(value) in _SIMPLE:
-            return value, 0
-        if isinstance(value, StandIn):
-            value = value.value()
-            if isinstance(value, list) and not self._objects:
-                raise RefusedError("refused: an array holds Python objects, expected numbers")
-        if type(value) not in (list, tuple, dict):
-            _check(value)
-            return value, 0
-        known, depth = self._known.get(id(value), (None, 0))
-        if level + max(1, depth) > MAXIMUM_DEPTH:
-            raise RefusedError(
-                f"containers are nested more than {MAXIMUM_DEPTH} deep, or one contains itself: a damaged or endless "
-                "structure"
-            )
-        if depth:
-            return known, depth
-        self._known[id(value)] = None, MAXIMUM_DEPTH  # If it is met inside itself, that is too deep.
-        items = [self.plain(item, level + 1) for item in (value.values() if isinstance(value, dict) else value)]
+    `known` has the result for each container by its id.
+    """
+    if isinstance(value, Stub):
+        value = value.value()
+        if isinstance(value, list) and not objects:
+            raise RefusedError("refused: an array holds Python objects, expected numbers")
+    if type(value) not in (list, tuple, dict):
+        _check(value)
+        return value, 0
+    _, depth = known.get(id(value), (None, 0))
+    if level + max(1, depth) > MAX_DEPTH:
+        raise RefusedError(
+            f"containers are nested more than {MAX_DEPTH} deep, or one contains itself: a damaged or endless structure"
+        )
+    if not depth:
+        known[id(value)] = None, MAX_DEPTH  # Met again inside itself, it is too deep.
+        content = value.values() if isinstance(value, dict) else value
+        items = [_plain(item, level + 1, known, objects) for item in content]
         copied: Any = [item for item, _ in items]
         if isinstance(value, tuple):
             copied = tuple(copied)
@@ -356,20 +332,20 @@ class _Values:
             for key in value:
                 _check(key)
             copied = dict(zip(value, copied, strict=True))
-        self._known[id(value)] = copied, 1 + max((inner for _, inner in items), default=0)
-        return self._known[id(value)]
+        known[id(value)] = copied, 1 + max((inner for _, inner in items), default=0)
+    return known[id(value)]
 
 
 def _check(value: Any) -> None:
-    """Raise `RefusedError` unless something that is no container is a value."""
+    """Raise `RefusedError` unless a value other than a container is plain."""
     if type(value) is int:
         size = value.bit_length() // 8 + 1
-        if size > _MAXIMUM_INTEGER:
-            raise RefusedError(f"an integer has {size} bytes, expected at most {_MAXIMUM_INTEGER}")
+        if size > _MAX_INTEGER_BYTES:
+            raise RefusedError(f"an integer has {size} bytes, expected at most {_MAX_INTEGER_BYTES}")
     elif type(value) is str:
         try:
             value.encode()
         except UnicodeEncodeError as error:
             raise RefusedError("a string is not UTF-8 text") from error
-    elif type(value) not in (*_SIMPLE, Unread):
-        raise _no_value()
+    elif type(value) not in (float, bool, bytes, type(None), np.ndarray):
+        Stub().value()

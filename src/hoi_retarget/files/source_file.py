@@ -1,4 +1,4 @@
-"""A recording as it is named: a file or a folder, perhaps one clip of several in it, read as far as somebody asks."""
+"""A recording as it is named: a file or a folder, perhaps one clip of several in it, read on demand."""
 
 import hashlib
 from collections.abc import Mapping
@@ -8,21 +8,20 @@ from typing import Any
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.files import npz
-from hoi_retarget.files.archive import entry_names
-from hoi_retarget.files.numpy_pickle import parse_pickle
-from hoi_retarget.files.reading import read_bytes
+from hoi_retarget.files.array_pickle import parse_pickle
+from hoi_retarget.files.reading import entry_names, read_bytes
 from hoi_retarget.files.torch_file import parse_torch
 
 SELECTION = "#"
 """Stands between the path and the name of one clip in it."""
 FOLDER = "/"
-"""What stands for a file name's ending where a recording is a folder."""
+"""Stands for a file name's ending where a recording is a folder."""
 
 
 class SourceFile:
-    """A recording's path, and what its files hold, each read and parsed at most once.
+    """A recording's path and the content of its files, each read and parsed at most once.
 
-    What is not of the kind that is asked for raises `ReadError` or is empty.
+    Content of another kind than the requested one raises `ReadError` or is empty.
     """
 
     def __init__(self, name: Path) -> None:
@@ -43,7 +42,7 @@ class SourceFile:
 
     @property
     def exists(self) -> bool:
-        """Whether it is there; what cannot be looked at may be."""
+        """Whether it is there; True where the system does not say."""
         return _there(self.path)
 
     @cached_property
@@ -61,17 +60,17 @@ class SourceFile:
 
     @cached_property
     def array_names(self) -> frozenset[str]:
-        """What the arrays of an `.npz` file are called, without reading them; empty where it is no such file."""
+        """Names of the arrays of an `.npz` file, without reading them; empty where it is no such file."""
         return frozenset(name.removesuffix(".npy") for name in entry_names(self.path))
 
     @cached_property
     def torch(self) -> Any:
-        """What a torch file holds; raises `ReadError`."""
+        """Value of a torch file; raises `ReadError`."""
         return parse_torch(self.content, self.path)
 
     @cached_property
     def pickle(self) -> Any:
-        """What a pickle of plain values and arrays holds; raises `ReadError`."""
+        """Value of a pickle of plain values and arrays; raises `ReadError`."""
         return parse_pickle(self.content, self.path)
 
     def beside(self, *steps: str) -> Path:

@@ -22,7 +22,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ReadError(f"{path}: not a TOML file ({error}).") from error
 
 
-def decode(  # noqa: PLR0913 - the last three are options
+def decode(  # noqa: PLR0913  # the last three are options
     kind: type[T],
     values: Any,
     owner: str,
@@ -35,8 +35,8 @@ def decode(  # noqa: PLR0913 - the last three are options
 
     Args:
         kind: The dataclass; fields of it may be dataclasses, tuples and mappings of them.
-        values: What TOML or JSON holds.
-        owner: What an error begins with: the file, and the key there.
+        values: From TOML or JSON.
+        owner: Begins an error: the file, and the key there.
         default: Holds what the values leave out; by default the fields' own defaults do.
         folder: What relative paths are relative to.
         hidden: Fields that are no keys.
@@ -53,7 +53,7 @@ def decode(  # noqa: PLR0913 - the last three are options
         raise TypeError
 
     _check_all_keys(kind, values, owner, hidden)
-    whole = values if default is None else _overlaid(asdict(default), values)  # pyright: ignore[reportArgumentType]
+    whole = values if default is None else _overlaid(asdict(default), values)  # pyright: ignore[reportArgumentType]  # T is a dataclass
     try:
         return msgspec.convert(whole, kind, dec_hook=path)
     except msgspec.ValidationError as error:
@@ -66,7 +66,14 @@ def decode(  # noqa: PLR0913 - the last three are options
 
 
 def check_keys(kind: type, values: Any, owner: str, hidden: tuple[str, ...] = ()) -> None:
-    """Raise `ReadError` unless values are a table whose keys are fields of a dataclass."""
+    """Raise `ReadError` unless values are a table with fields of a dataclass as keys.
+
+    Args:
+        kind: The dataclass.
+        values: From TOML or JSON.
+        owner: Begins an error: the file, and the key there.
+        hidden: Fields that are no keys.
+    """
     if not isinstance(values, Mapping):
         raise ReadError(f"{owner} is {values!r}; expected a table of settings.")
     known = [item.name for item in fields(kind) if item.name not in hidden]

@@ -1,7 +1,7 @@
 """Parametric human bodies, SMPL-X and SMPL-H: joints and skin from shape and pose, for all frames at once.
 
 A body is blend shapes on a template, a regressor from vertices to joints, and linear blend skinning. The numbers are
-licensed by their makers and are not part of this package; `readers.body_models` reads their files.
+licensed by their authors and are not part of this package; `readers.body_models` reads their files.
 
 Frames are those of the model: rest pose along +y, looking along +z, metres. Rotations go in as rotation vectors, a row
 for each joint, root first.
@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hoi_retarget.errors import ArgumentError, ReadError
-from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
+from hoi_retarget.human.skeleton import JOINT_INDEX, PARENTS, world_positions, world_quats
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 
@@ -92,7 +92,7 @@ class BodyModel:
 
     @property
     def betas(self) -> int:
-        """Number of shape components there are."""
+        """Number of shape components."""
         return self.shape_directions.shape[-1]
 
     @property
@@ -110,10 +110,13 @@ class BodyModel:
         *,
         flat_hands: bool,
     ) -> Float[np.ndarray, "T J 3"]:
-        """Return rotation vectors of all joints [rad] from those of the body, root first, and of the hands.
+        """Return rotation vectors of all joints [rad]; jaw and eyes rest.
 
-        Hands of 45 numbers are rotation vectors; of fewer, weights of as many principal components. Both are counted
-        from the model's mean hand, unless `flat_hands`. Jaw and eyes rest.
+        Args:
+            body: Rotation vectors of the body's joints [rad], root first.
+            left_hand: 45 numbers are rotation vectors [rad]; fewer, weights of as many principal components.
+            right_hand: Likewise.
+            flat_hands: Whether hands are counted from flat ones; otherwise from the model's mean hand.
 
         Raises:
             ArgumentError: hands of more numbers than there are components, or none of either kind.
@@ -161,18 +164,9 @@ class BodyModel:
             ArgumentError: more betas than the model has, or a pose of another number of joints.
         """
         self._check_pose(pose)
-        return self._posed(self.rest_joints(betas), pose, translation)
-
-    def _posed(
-        self, rest: np.ndarray, pose: np.ndarray, translation: np.ndarray
-    ) -> tuple[Float[np.ndarray, "T J 3"], Float[np.ndarray, "T J 4"]]:
-        local = se3.exp(pose)
-        quats, positions = np.empty_like(local), np.empty_like(pose)
-        quats[:, 0], positions[:, 0] = local[:, 0], rest[0] + translation
-        for joint, parent in list(enumerate(self.parents))[1:]:
-            quats[:, joint] = se3.quat_multiply(quats[:, parent], local[:, joint])
-            positions[:, joint] = positions[:, parent] + se3.rotate(quats[:, parent], rest[joint] - rest[parent])
-        return positions, quats
+        rest, parents = self.rest_joints(betas), self.parents.tolist()
+        quats = world_quats(pose, parents)
+        return world_positions(rest[0] + translation, rest - rest[parents], quats, parents), quats
 
     def _checked(self, betas: np.ndarray) -> int:
         if len(betas) > self.betas:
@@ -195,9 +189,9 @@ class BodyModel:
 
 @dataclass(frozen=True, eq=False)
 class BodyShape:
-    """One person's skin: what a body model makes of the person's betas, moved by the joints of `skeleton.JOINTS`.
+    """One person's skin: a body model with the person's betas, moved by the joints of `skeleton.JOINTS`.
 
-    Jaw and eyes rest, so the skin follows from these joints alone, in whatever world they are.
+    Jaw and eyes rest, so the skin follows from these joints alone, in any world.
     Raises `ArgumentError` for more betas than the model has.
     """
 
@@ -218,12 +212,12 @@ class BodyShape:
         quats: Float[np.ndarray, "T 52 4"],
         vertices: Int[np.ndarray, "n"] | None = None,
     ) -> Float[np.ndarray, "T n 3"]:
-        """Return where vertices are when joints are there [m]; all of them, unless some are named."""
+        """Return places of vertices for places and rotations of the joints [m]; of all, unless some are named."""
         chosen = slice(None) if vertices is None else vertices
         shaped, weights = self.rest_vertices[chosen], self._weights[chosen]
         directions = self.model.pose_directions[chosen][..., self._bending].reshape(3 * len(shaped), -1)
         turns = se3.quat_to_matrix(quats)
-        local = np.swapaxes(turns[:, _PARENTS[1:]], -1, -2) @ turns[:, 1:] - np.eye(3)
+        local = np.swapaxes(turns[:, PARENTS[1:]], -1, -2) @ turns[:, 1:] - np.eye(3)
         moves = positions - np.einsum("tjab,jb->tja", turns, self.rest_joints)
         # A rotation and a translation for each vertex, as one row of twelve numbers for each joint.
         rigid = np.concatenate([turns, moves[..., None]], axis=-1).reshape(len(turns), -1, 12)
@@ -252,7 +246,7 @@ class BodyShape:
 
     @cached_property
     def _weights(self) -> Float[np.ndarray, "V 52"]:
-        """Weights of the skeleton's joints: what jaw and eyes move, the head does."""
+        """Weights of the skeleton's joints; jaw and eyes are added to the head."""
         weights = self.model.weights[:, self.model.skeleton_joints].copy()
         face = np.setdiff1d(np.arange(JOINT_COUNT[self.model.family]), self.model.skeleton_joints)
         weights[:, JOINT_INDEX["head"]] += self.model.weights[:, face].sum(axis=1)
@@ -263,6 +257,3 @@ class BodyShape:
         """Which of the pose's displacements are of the skeleton's joints."""
         first = 9 * (self.model.skeleton_joints[1:] - 1)
         return (first[:, None] + np.arange(9)).reshape(-1)
-
-
-_PARENTS = np.array([0 if PARENT[joint] is None else JOINT_INDEX[str(PARENT[joint])] for joint in JOINTS])

@@ -1,4 +1,4 @@
-"""A body's surface as capsules around its bones: what is known of it without a body model.
+"""A body's surface as capsules around its bones, for people without a body model.
 
 Radii are those of an adult 1.75 m tall and grow with the height. Fingers go on beyond their last
 joint, and feet beyond toes and ankles, by what bones and rotations tell.
@@ -26,7 +26,7 @@ _HEEL, _BALL, _TOES = (0.0, -0.045, -0.035), (0.0, -0.02, 0.0), (0.0, -0.015, 0.
 
 
 @dataclass(frozen=True)
-class Capsule:
+class BodyCapsule:
     """A bone with flesh around it, that belongs to a joint as a mesh's segment does."""
 
     joint: str
@@ -72,7 +72,7 @@ class Spheres:
         return (self.middles[..., 2] - self.radii).min(axis=1)
 
 
-def spheres(person: Person, capsules: Iterable[Capsule]) -> Spheres:
+def spheres(person: Person, capsules: Iterable[BodyCapsule]) -> Spheres:
     """Return a person's capsules as spheres a centimetre apart."""
     pairs = [(capsule, capsule.axis(person)) for capsule in capsules]
     size = person.height / _HEIGHT
@@ -86,53 +86,53 @@ def _turned(person: Person, joint: str, offset: tuple[float, float, float], size
     return se3.rotate(person.quat(joint), size * np.array([offset]))
 
 
-def _hand(side: str) -> tuple[Capsule, ...]:
+def _hand(side: str) -> tuple[BodyCapsule, ...]:
     """Return the palm's bones, which the wrist moves, and three bones of each finger."""
     found = []
     for finger in _FINGERS:
         first, second, third = (f"{side}_{finger}{bone}" for bone in (1, 2, 3))
         radius = _THUMB if finger == "thumb" else _FINGER
         found += [
-            Capsule(f"{side}_wrist", f"{side}_wrist", first, _PALM),
-            Capsule(first, first, second, radius),
-            Capsule(second, second, third, radius),
-            Capsule(third, third, third, radius, tip_of=second),
+            BodyCapsule(f"{side}_wrist", f"{side}_wrist", first, _PALM),
+            BodyCapsule(first, first, second, radius),
+            BodyCapsule(second, second, third, radius),
+            BodyCapsule(third, third, third, radius, tip_of=second),
         ]
     return tuple(found)
 
 
-def _foot(side: str) -> tuple[Capsule, ...]:
+def _foot(side: str) -> tuple[BodyCapsule, ...]:
     ankle, toe = f"{side}_ankle", f"{side}_foot"
     return (
-        Capsule(ankle, ankle, toe, 0.035, start_offset=_HEEL, end_offset=_BALL),
-        Capsule(ankle, ankle, toe, 0.030, end_offset=_BALL),
-        Capsule(toe, toe, toe, 0.025, start_offset=_BALL, end_offset=_TOES),
+        BodyCapsule(ankle, ankle, toe, 0.035, start_offset=_HEEL, end_offset=_BALL),
+        BodyCapsule(ankle, ankle, toe, 0.030, end_offset=_BALL),
+        BodyCapsule(toe, toe, toe, 0.025, start_offset=_BALL, end_offset=_TOES),
     )
 
 
-def _limbs(side: str) -> tuple[Capsule, ...]:
+def _limbs(side: str) -> tuple[BodyCapsule, ...]:
     return (
-        Capsule(f"{side}_hip", f"{side}_hip", f"{side}_knee", 0.075),
-        Capsule(f"{side}_knee", f"{side}_knee", f"{side}_ankle", 0.05),
-        Capsule(f"{side}_collar", f"{side}_collar", f"{side}_shoulder", 0.06),
-        Capsule(f"{side}_shoulder", f"{side}_shoulder", f"{side}_elbow", 0.045),
-        Capsule(f"{side}_elbow", f"{side}_elbow", f"{side}_wrist", 0.035),
+        BodyCapsule(f"{side}_hip", f"{side}_hip", f"{side}_knee", 0.075),
+        BodyCapsule(f"{side}_knee", f"{side}_knee", f"{side}_ankle", 0.05),
+        BodyCapsule(f"{side}_collar", f"{side}_collar", f"{side}_shoulder", 0.06),
+        BodyCapsule(f"{side}_shoulder", f"{side}_shoulder", f"{side}_elbow", 0.045),
+        BodyCapsule(f"{side}_elbow", f"{side}_elbow", f"{side}_wrist", 0.035),
     )
 
 
-PART_CAPSULES: dict[str, tuple[Capsule, ...]] = {
+PART_CAPSULES: dict[str, tuple[BodyCapsule, ...]] = {
     part: (_hand if part.endswith("hand") else _foot)(part.split("_")[0]) for part in PARTS
 }
 """The capsules of each part that can touch."""
 
-BODY_CAPSULES: tuple[Capsule, ...] = (
+BODY_CAPSULES: tuple[BodyCapsule, ...] = (
     *(capsule for capsules in PART_CAPSULES.values() for capsule in capsules),
     *(capsule for side in _SIDES for capsule in _limbs(side)),
-    Capsule("pelvis", "left_hip", "right_hip", 0.10),
-    Capsule("spine1", "pelvis", "spine2", 0.12),
-    Capsule("spine3", "spine2", "neck", 0.11),
-    Capsule("spine3", "left_shoulder", "right_shoulder", 0.07),
-    Capsule("neck", "neck", "head", 0.055),
-    Capsule("head", "head", "head", 0.09, end_offset=(0.0, 0.07, 0.02)),
+    BodyCapsule("pelvis", "left_hip", "right_hip", 0.10),
+    BodyCapsule("spine1", "pelvis", "spine2", 0.12),
+    BodyCapsule("spine3", "spine2", "neck", 0.11),
+    BodyCapsule("spine3", "left_shoulder", "right_shoulder", 0.07),
+    BodyCapsule("neck", "neck", "head", 0.055),
+    BodyCapsule("head", "head", "head", 0.09, end_offset=(0.0, 0.07, 0.02)),
 )
 """The capsules of the whole body."""

@@ -9,11 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hoi_retarget.human.kinematics import BODY_PARENTS
 from hoi_retarget.human.person import Person
-from hoi_retarget.human.skeleton import JOINTS, PARENT
+from hoi_retarget.human.skeleton import BODY_PARENTS, JOINTS, PARENT
 from hoi_retarget.numerics import se3
-from hoi_retarget.numerics.filters import frames_in
+from hoi_retarget.numerics.filters import seconds_to_frames
 
 LARGEST_STEP = np.radians(60.0)
 FASTEST = 30.0  # [rad/s]; forearms turn at 20 at most.
@@ -42,7 +41,7 @@ class RotationJump:
 
 
 def without_rotation_jumps(person: Person, fps: float) -> tuple[Person, tuple[RotationJump, ...]]:
-    """Return the person whose joints do not jump, itself where none does, and the jumps.
+    """Return the person without jumps of joints, itself where there are none, and the jumps.
 
     Rotations to the parents are looked at: of the two ways around, a forearm takes the one that its bones allow.
     """
@@ -83,7 +82,7 @@ def _hangs_from(joint: str | None, above: str) -> bool:
 def _jumps(joint: str, quats: Float[np.ndarray, "T 4"], fps: float) -> list[RotationJump]:
     """Return the jumps of one joint in the order in which they are taken out: those of a moment first."""
     steps = se3.angle_between(quats[1:], quats[:-1])
-    around = frames_in(USUAL_SECONDS, fps)
+    around = seconds_to_frames(USUAL_SECONDS, fps)
     last = [
         step
         for step in np.flatnonzero(_large_steps(quats, fps)).tolist()
@@ -94,7 +93,11 @@ def _jumps(joint: str, quats: Float[np.ndarray, "T 4"], fps: float) -> list[Rota
         before = last.pop(0)
         degrees = float(np.degrees(steps[before]))
         back = last[0] if last else None
-        if back is not None and back - before < frames_in(MOMENT_SECONDS, fps) and _returns(quats, before, back):
+        if (
+            back is not None
+            and back - before < seconds_to_frames(MOMENT_SECONDS, fps)
+            and _returns(quats, before, back)
+        ):
             momentary.append(RotationJump(joint, before + 1, last.pop(0), degrees))
         else:
             staying.append(RotationJump(joint, before + 1, None, degrees))
@@ -120,7 +123,7 @@ def _smoothed(quats: Float[np.ndarray, "T 4"], jump: RotationJump, fps: float) -
         turns = se3.slerp(begin[None], end[None], np.linspace(0.0, 1.0, stop - first))
         smooth[first:stop] = se3.quat_multiply(quats[first:stop], turns)
         return smooth
-    ramp = frames_in(TURN_SECONDS, fps)
+    ramp = seconds_to_frames(TURN_SECONDS, fps)
     frames = np.arange(max(first - ramp, 0), min(first + ramp, len(quats)))
     share = (frames - first + ramp + 0.5) / (2 * ramp)
     share = share**2 * (3.0 - 2.0 * share) - (frames >= first)

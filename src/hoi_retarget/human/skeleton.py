@@ -2,10 +2,17 @@
 
 The joints are those of SMPL-X in its order, without jaw and eyes (52 of 55), which are
 also the 52 of SMPL-H. A joint's world rotation follows SMPL-X: identity for all joints is
-the T-pose that stands along +y and looks along +z.
+the T-pose that stands along +y and looks along +z. Beside the names there are forward
+kinematics, straight fingers for recordings without any, and the trunk's frame.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.numerics import se3
 
 _FINGERS = tuple(f"{finger}{bone}" for finger in ("index", "middle", "pinky", "ring", "thumb") for bone in (1, 2, 3))
 LEFT_FINGERS = tuple(f"left_{name}" for name in _FINGERS)
@@ -73,7 +80,7 @@ HEIGHT_OVER_CHAIN = 1.204
 
 
 @dataclass(frozen=True)
-class Part:
+class BodyPart:
     """A part of the body that can touch an object.
 
     The contact point is the mean of `point_joints`, its orientation that of `rotation_joint`;
@@ -86,14 +93,109 @@ class Part:
     label_joints: tuple[str, ...]
 
 
-PARTS: dict[str, Part] = {
+PARTS: dict[str, BodyPart] = {
     part.name: part
     for part in (
-        Part("left_hand", ("left_wrist", "left_middle3"), "left_wrist", LEFT_FINGERS),
-        Part("right_hand", ("right_wrist", "right_middle3"), "right_wrist", RIGHT_FINGERS),
-        Part("left_foot", ("left_ankle",), "left_ankle", ("left_ankle", "left_foot")),
-        Part("right_foot", ("right_ankle",), "right_ankle", ("right_ankle", "right_foot")),
+        BodyPart("left_hand", ("left_wrist", "left_middle3"), "left_wrist", LEFT_FINGERS),
+        BodyPart("right_hand", ("right_wrist", "right_middle3"), "right_wrist", RIGHT_FINGERS),
+        BodyPart("left_foot", ("left_ankle",), "left_ankle", ("left_ankle", "left_foot")),
+        BodyPart("right_foot", ("right_ankle",), "right_ankle", ("right_ankle", "right_foot")),
     )
 }
 HANDS = ("left_hand", "right_hand")
 FEET = ("left_foot", "right_foot")
+
+
+PARENTS: tuple[int, ...] = tuple(-1 if PARENT[joint] is None else JOINT_INDEX[str(PARENT[joint])] for joint in JOINTS)
+"""Of the joints in the order of `JOINTS`; -1 for the root."""
+BODY_PARENTS = PARENTS[:22]
+"""Of the joints of the body, in an order that is also SMPL-X's."""
+
+
+def world_quats(pose: Float[np.ndarray, "T J 3"], parents: Sequence[int]) -> Float[np.ndarray, "T J 4"]:
+    """Return joint rotations in the world, wxyz, from rotation vectors to the parents [rad], root first."""
+    local = se3.exp(pose)
+    quats = np.empty_like(local)
+    for joint, parent in enumerate(parents):
+        quats[:, joint] = local[:, joint] if parent < 0 else se3.quat_multiply(quats[:, parent], local[:, joint])
+    return quats
+
+
+def world_positions(
+    root: Float[np.ndarray, "T 3"],
+    bones: Float[np.ndarray, "J 3"],
+    quats: Float[np.ndarray, "T J 4"],
+    parents: Sequence[int],
+) -> Float[np.ndarray, "T J 3"]:
+    """Return joint positions in the world [m].
+
+    Args:
+        root: Positions of the root [m].
+        bones: Joints' places in their parents' frames [m]; the root's is unused.
+        quats: Rotations of the joints in the world, wxyz.
+        parents: Index of each joint's parent, smaller than its own; -1 for the root.
+    """
+    positions = np.empty((*quats.shape[:2], 3))
+    for joint, parent in enumerate(parents):
+        if parent < 0:
+            positions[:, joint] = root
+        else:
+            positions[:, joint] = positions[:, parent] + se3.rotate(quats[:, parent], bones[joint][None])
+    return positions
+
+
+def bones_in_parents(
+    positions: Float[np.ndarray, "T J 3"], quats: Float[np.ndarray, "T J 4"], parents: Sequence[int]
+) -> Float[np.ndarray, "T J 3"]:
+    """Return each joint's place in its parent's frame [m], the same in all frames of rigid bones; zero for the root."""
+    bones = np.zeros_like(positions)
+    children = [joint for joint, parent in enumerate(parents) if parent >= 0]
+    above = [parents[joint] for joint in children]
+    bones[:, children] = se3.rotate_inverse(quats[:, above], positions[:, children] - positions[:, above])
+    return bones
+
+
+def bone_deviations(bones: Float[np.ndarray, "T J 3"]) -> Float[np.ndarray, "T J"]:
+    """Return the distance of each joint from its mean place in its parent's frame [m]."""
+    return np.linalg.norm(bones - bones.mean(axis=0), axis=-1)
+
+
+STRAIGHT_FINGERS = "The clip has no fingers; they are straight, of a length that follows the forearm's."
+
+# Where straight fingers are in the left wrist's frame, in lengths of the forearm: x along the hand, z to the thumb.
+_KNUCKLES = {"index": 0.10, "middle": 0.02, "ring": -0.05, "pinky": -0.12}
+_ALONG = (0.38, 0.50, 0.59)
+_THUMB = ((0.14, 0.0, 0.12), (0.24, 0.0, 0.20), (0.33, 0.0, 0.26))
+
+
+def add_straight_fingers(positions: Float[np.ndarray, "T P 52 3"], quats: Float[np.ndarray, "T P 52 4"]) -> None:
+    """Fill in the finger joints of arrays that have the body's: straight, turned as the wrist."""
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        wrist, elbow = JOINT_INDEX[f"{side}_wrist"], JOINT_INDEX[f"{side}_elbow"]
+        bones = np.linalg.norm(positions[:, :, wrist] - positions[:, :, elbow], axis=-1)
+        # The mean over time: a hand does not grow.
+        length = bones.mean(axis=0)[:, None]
+        for joint in LEFT_FINGERS if side == "left" else RIGHT_FINGERS:
+            finger, bone = joint.removeprefix(f"{side}_")[:-1], int(joint[-1]) - 1
+            place = _THUMB[bone] if finger == "thumb" else (_ALONG[bone], 0.0, _KNUCKLES[finger])
+            offset = length * (np.array(place) * [sign, 1.0, 1.0])
+            index = JOINT_INDEX[joint]
+            positions[:, :, index] = positions[:, :, wrist] + se3.rotate(quats[:, :, wrist], offset[None])
+            quats[:, :, index] = quats[:, :, wrist]
+
+
+def trunk_rotations(position: Callable[[str], Float[np.ndarray, "T 3"]]) -> Float[np.ndarray, "T 3 3"]:
+    """Return the frames with the z axis from the hips' middle to the shoulders', and the y axis to the left.
+
+    Unlike the rotations of pelvis and chest they do not tell how a trunk bends: robots have stiff ones.
+
+    Args:
+        position: Returns the places of `left_hip`, `right_shoulder` and so on in the world [m].
+    """
+    left = position("left_hip") + position("left_shoulder")
+    right = position("right_hip") + position("right_shoulder")
+    up = position("left_shoulder") + position("right_shoulder") - position("left_hip") - position("right_hip")
+    up = up / np.linalg.norm(up, axis=1, keepdims=True)
+    ahead = np.cross(left - right, up)
+    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    return np.stack([ahead, np.cross(up, ahead), up], axis=2)

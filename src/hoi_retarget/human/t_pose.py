@@ -1,8 +1,8 @@
-"""Rotations counted from the T-pose, for skeletons whose bones have a rest pose and axes of their own.
+"""Rotations from the T-pose, for skeletons with a rest pose and bone axes of their own, and a check of such rotations.
 
 `skeleton` counts a joint's rotation from the T-pose that stands along +y and looks along +z. A rig counts it from its
-rest pose, in whatever frame that is. Where the limbs of the rest pose are near those of a T-pose, be it that arms hang
-down, the shortest rotations between them tell the difference.
+rest pose, in any frame. Where the limbs of the rest pose are near those of a T-pose, even with hanging arms, the
+shortest rotations between them are the difference.
 """
 
 from collections.abc import Mapping
@@ -27,11 +27,11 @@ LIMBS: Mapping[str, tuple[str, tuple[float, float, float]]] = MappingProxyType(
         )
     }
 )
-"""Joint -> where its bone ends, and which way that lies in the T-pose."""
+"""Joint -> the end of its bone, and the direction of that in the T-pose."""
 
 
 def body_axes(positions: Float[np.ndarray, "J 3"]) -> Float[np.ndarray, "4"]:
-    """Return the rotation from a body that stands along +y and looks along +z to a rest pose, wxyz.
+    """Return the rotation (quaternion, wxyz) from a body that stands along +y and looks along +z to a rest pose.
 
     Frames of exporters differ by quarter turns, so it is the nearest of these.
 
@@ -57,15 +57,15 @@ def body_axes(positions: Float[np.ndarray, "J 3"]) -> Float[np.ndarray, "4"]:
 def turns_from_t_pose(
     positions: Float[np.ndarray, "J 3"], quats: Float[np.ndarray, "J 4"], body: Float[np.ndarray, "4"], farthest: float
 ) -> tuple[Float[np.ndarray, "J 4"], float]:
-    """Return what to turn each bone by, in its own frame, to get its joint's rotation from the T-pose, wxyz.
+    """Return the turn of each bone, in its own frame, that gives its joint's rotation from the T-pose, wxyz.
 
-    Beside it, how far the rest pose's limbs are from those of the T-pose [deg].
+    Beside it, the largest angle between the rest pose's limbs and those of the T-pose [deg].
 
     Args:
         positions: of the joints in the rest pose, in the order of `skeleton.JOINTS`, perhaps without fingers.
         quats: of the same, wxyz.
         body: their `body_axes`.
-        farthest: how far the limbs may be from those of a T-pose [deg].
+        farthest: the largest angle allowed between the limbs and those of a T-pose [deg].
 
     Raises:
         ClipError: the rest pose is farther from a T-pose.
@@ -88,3 +88,20 @@ def turns_from_t_pose(
             if JOINT_INDEX[joint] < len(positions):
                 swings[JOINT_INDEX[joint]] = swings[JOINT_INDEX[f"{side}_elbow"]]
     return se3.quat_multiply(se3.quat_conjugate(quats), se3.quat_multiply(body, swings)), largest
+
+
+MIN_T_POSE_AGREEMENT = 0.75
+"""A cosine; in 36 recordings, limbs are within 22 degrees of the T-pose's axes in their parents' frames (0.93)."""
+
+
+def agreement(positions: Float[np.ndarray, "T 52 3"], quats: Float[np.ndarray, "T 52 4"]) -> float:
+    """Return the least cosine [unitless] between thighs or upper arms and the T-pose's axes, in their own frames."""
+    cosines = []
+    for joint, (end, axis) in LIMBS.items():
+        if not joint.endswith(("hip", "shoulder")):
+            continue
+        index, parent = JOINT_INDEX[end], JOINT_INDEX[joint]
+        bones = se3.rotate_inverse(quats[:, parent], positions[:, index] - positions[:, parent])
+        lengths = np.maximum(np.linalg.norm(bones, axis=1), 1e-9)
+        cosines.append(float(np.median(bones @ np.array(axis) / lengths)))
+    return min(cosines)

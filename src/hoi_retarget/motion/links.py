@@ -1,10 +1,12 @@
-"""Where all bodies of a robot are and how they move, over a whole motion.
+"""Links and joints of a robot over a whole motion, as simulators and the robot's own description have them.
 
-Formats differ in the point whose linear velocity they store: MuJoCo's link frame has its origin at
-the joint, simulators built on PhysX tell the velocity of the centre of mass.
+Formats differ in the point whose linear velocity they store: MuJoCo's link frame has its origin at the joint, and
+simulators built on PhysX store the velocity of the centre of mass. A description may have more joints than the robot
+moves: held ones, and ones that are coupled to others.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -77,3 +79,48 @@ def _node_twists(kinematics: Kinematics, motion: ResampledMotion) -> tuple[np.nd
         angular[:, hinges + 1] = angular[:, parents] + turning[:, hinges]
         linear[:, hinges + 1] = linear[:, parents] + np.cross(angular[:, parents], lever, axis=0)
     return angular, linear
+
+
+@dataclass(frozen=True, eq=False)
+class SourceJoints:
+    """All joints of a robot's description over time, in its order."""
+
+    names: tuple[str, ...]
+    pos: Float[np.ndarray, "T m"]
+    """[rad], of a slide [m]."""
+    vel: Float[np.ndarray, "T m"]
+    """[rad/s], of a slide [m/s]."""
+
+
+def source_joint_names(model: RobotModel) -> tuple[str, ...]:
+    """Return the names of all joints of a robot's description, in its order."""
+    return model.spec.joint_order or model.joint_names
+
+
+def source_joints(motion: ResampledMotion) -> SourceJoints:
+    """Return all joints of a motion: held ones are constant, coupled ones follow as in the description."""
+    model = motion.model
+    pos = dict(zip(model.joint_names, motion.qpos[:, 7:].T, strict=True))
+    vel = dict(zip(model.joint_names, motion.joint_vel.T, strict=True))
+    waiting = list(model.spec.held)
+    still = np.zeros(motion.frames)
+    while waiting:
+        ready = [one for one in waiting if not one.other or one.other in pos]
+        # Joints that are coupled in a circle follow none: they stay at their offset.
+        for one in ready or waiting:
+            ratio = one.ratio if one.other in pos else 0.0
+            pos[one.joint] = one.offset + ratio * pos.get(one.other, still)
+            vel[one.joint] = ratio * vel.get(one.other, still)
+        waiting = [one for one in waiting if one.joint not in pos]
+    names = source_joint_names(model)
+    return SourceJoints(names, *(np.stack([of[name] for name in names], axis=1) for of in (pos, vel)))
+
+
+def held_joints(model: RobotModel, names: tuple[str, ...]) -> list[dict[str, Any]]:
+    """Return the offsets and couplings of the held joints among some names, as plain values."""
+    return [
+        {"name": one.joint, "value": one.offset}
+        | ({"follows": one.other, "ratio": one.ratio} if one.other and one.ratio else {})
+        for one in model.spec.held
+        if one.joint in names
+    ]

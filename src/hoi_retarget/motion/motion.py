@@ -1,34 +1,70 @@
-"""The robot side of a clip: what a retarget produced; body poses follow from `qpos` and are never stored."""
+"""A robot's motion with the objects that it moves, stage by stage; body poses follow from `qpos`, never stored."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hoi_retarget.clip.quality_warning import QualityWarning, Severity
-from hoi_retarget.errors import ArgumentError, ClipError
-from hoi_retarget.motion.contact_forces import ContactForces
-from hoi_retarget.motion.report import Report, Status, Window
+from hoi_retarget.clip.clip import QualityWarning, Severity
+from hoi_retarget.errors import ArgumentError, ClipError, RobotError
+from hoi_retarget.motion.motion_report import Report, Status, Window
 from hoi_retarget.numerics.arrays import check_shape, frozen
+from hoi_retarget.robots.model import RobotModel
 
 UNIT_TOLERANCE = 1e-3  # Of a quaternion's length: more is damage, not rounding.
 LOWEST_RATE, HIGHEST_RATE = 1.0, 1000.0
-"""[frames/s]; what is beyond is a slip of the keyboard, or damage."""
-FARTHEST = 1000.0
-"""[m]; nothing in a motion is so far from anything else, nor from the origin."""
+"""[frames/s]; other rates are slips of the keyboard, or damage."""
+_MAX_NUMBER = 1000.0
+"""Bound of coordinates [m] and angles [rad]."""
 _SCALES = (1e-3, 1e3)
-_TALLEST = 10.0  # [m]
+_MAX_HUMAN_HEIGHT_M = 10.0
+
+BEYOND_RANGE = np.pi
+"""A joint this much beyond its range [rad] is damage."""
+ARRAYS = (
+    "object_pos",
+    "object_quat",
+    "object_scale",
+    "contact_flags",
+    "contact_object",
+    "contact_points",
+    "stance_flags",
+)
+"""Names of the arrays of a motion beside its stages."""
 
 SIMULATED = "physics"
 """Name of the stage in which a simulated robot performed the motion; it ends where the robot fell."""
 STAGE_TITLES = {"ik": "inverse kinematics", "trajectory": "trajectory", SIMULATED: "performed in simulation"}
-"""What stages are called in sentences."""
+"""Names of stages in sentences."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactForces:
+    """Sums of simulated contact forces on F bodies over T frames, in the world.
+
+    Bodies are the robot's links, and objects, the latter with forces of the floor alone. Raises `ClipError` when
+    shapes disagree, or a number is not finite.
+    """
+
+    bodies: tuple[str, ...]
+    forces: Float[np.ndarray, "T F 3"]
+    """[N]; zero where nothing is touched."""
+    points: Float[np.ndarray, "T F 3"]
+    """Where they act [m]: the mean of the contacts' places, weighted by force."""
+
+    def __post_init__(self) -> None:
+        for name in ("forces", "points"):
+            values = frozen(getattr(self, name))
+            object.__setattr__(self, name, values)
+            check_shape("motion", f"contact {name}", values, (len(self.forces), len(self.bodies), 3))
+            if not np.isfinite(values).all():
+                raise ClipError(f"motion: contact {name} hold numbers that are not finite.")
 
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """A motion after one stage of a retarget, and how its windows were solved."""
+    """A motion after one stage of a retarget, with the outcome of its windows."""
 
     name: str
     qpos: Float[np.ndarray, "T nq"]
@@ -61,7 +97,7 @@ class Motion:
     fps: float
     joint_names: tuple[str, ...]
     stages: tuple[Stage, ...]
-    """What the motion was after each stage of the retarget; the last one is the motion."""
+    """The motion after each stage of the retarget; the last one is the result."""
     object_names: tuple[str, ...]
     object_pos: Float[np.ndarray, "T O 3"]
     object_quat: Float[np.ndarray, "T O 4"]
@@ -76,11 +112,11 @@ class Motion:
     stance_flags: Bool[np.ndarray, "T 2"]
     """Left and right foot on the floor."""
     first_source_frame: int
-    """How many leading frames of the source were dropped."""
+    """Number of leading frames of the source that were dropped."""
     human_height: float
     """[m]"""
     report: Report = Report()
-    """Figures, settings, versions, source, and what is wrong."""
+    """Figures, settings, versions, source, and faults."""
 
     def __post_init__(self) -> None:
         kinds = {"contact_flags": bool, "stance_flags": bool, "contact_object": int}
@@ -92,13 +128,13 @@ class Motion:
             raise ClipError(
                 f"motion: the rate is {self.fps:g} frames a second; it must be {LOWEST_RATE:g} to {HIGHEST_RATE:g}."
             )
-        if not (0.0 <= self.human_height <= _TALLEST and self.first_source_frame >= 0):
+        if not (0.0 <= self.human_height <= _MAX_HUMAN_HEIGHT_M and self.first_source_frame >= 0):
             raise ClipError(
                 f"motion: a person of {self.human_height:g} m, {self.first_source_frame} frames dropped at the start."
             )
         self._check_shapes()
         self._check_values()
-        self._check_segments()
+        self._check_frames()
 
     def _check_shapes(self) -> None:
         if not self.stages:
@@ -135,10 +171,10 @@ class Motion:
         for name, values in numbers.items():
             if not np.isfinite(values).all():
                 raise ClipError(f"motion: {name} holds numbers that are not finite.")
-            if (np.abs(values) > FARTHEST).any():
+            if (np.abs(values) > _MAX_NUMBER).any():
                 raise ClipError(
                     f"motion: {name} holds {values.flat[np.abs(values).argmax()]:.4g}; "
-                    f"metres and radians end at {FARTHEST:g}."
+                    f"metres and radians end at {_MAX_NUMBER:g}."
                 )
         if ((self.object_scale < _SCALES[0]) | (self.object_scale > _SCALES[1])).any():
             raise ClipError(
@@ -155,12 +191,10 @@ class Motion:
         if (self.contact_object[touching] < 0).any():
             raise ClipError("motion: contact_flags tells a contact where contact_object names no object.")
 
-    def _check_segments(self) -> None:
-        report = self.report
+    def _check_frames(self) -> None:
         spans = [(window.start, window.stop - 1) for stage in self.stages for window in stage.windows]
-        told = (*(report.unreached_contacts or ()), *(report.orientation_flips or ()))
-        spans += [(segment.first_frame, segment.last_frame) for segment in told]
-        for first, last in spans:
+        events = (*(self.report.unreached_contacts or ()), *(self.report.orientation_flips or ()))
+        for first, last in (*spans, *((event.first_frame, event.last_frame) for event in events)):
             if not 0 <= first <= last < self.frames:
                 raise ClipError(f"motion: its report tells of frames {first} to {last}; it has {self.frames}.")
 
@@ -181,39 +215,37 @@ class Motion:
 
     @property
     def converged(self) -> bool:
-        """Whether every window of every stage was solved to tolerance."""
-        return not any(True for _ in self._unsolved())
+        """Whether every window of every stage was solved to tolerance, in its last pass."""
+        return not self._unsolved
 
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:
-        """What is not right with it: windows that did not converge, and the warnings of its report."""
+        """Its faults and doubts: windows that did not converge, and the warnings of its report."""
         unsolved = [
             QualityWarning(
                 "not_converged",
-                self._severity(stage, window),
+                Severity.WARNING,
                 f"{STAGE_TITLES.get(stage.name, stage.name)}, frames {window.start} to {window.stop - 1}: "
                 f"{window.status.message}.",
             )
-            for stage, window in self._unsolved()
+            for stage, window in self._unsolved
         ]
         return (*unsolved, *self.report.warnings)
 
-    def _severity(self, stage: Stage, window: Window) -> Severity:
-        """Return how bad an unsolved window is: with surfaces, trapped links keep sound motions from their end."""
-        trapped = stage.name == "trajectory" and window.status is Status.MAX_ITERATIONS
-        return Severity.WARNING if trapped and self.report.touches_with_surfaces else Severity.ERROR
-
-    @property
-    def faults(self) -> tuple[QualityWarning, ...]:
-        """Why it is not to be used: the warnings that are errors; none for a good one."""
-        return tuple(warning for warning in self.warnings if warning.severity is Severity.ERROR)
+    def labelled(self, index: int) -> Bool[np.ndarray, "T C"]:
+        """Return whether each contact link is to touch an object in each frame."""
+        return self.contact_flags & (self.contact_object == index)
 
     def with_qpos(self, qpos: Float[np.ndarray, "T nq"]) -> "Motion":
         """Return the motion with another last stage."""
         return replace(self, stages=(*self.stages[:-1], replace(self.stages[-1], qpos=qpos)))
 
+    def with_report(self, **fields: Any) -> "Motion":
+        """Return the motion with other fields in its report."""
+        return replace(self, report=replace(self.report, **fields))
+
     def at_stage(self, name: str) -> "Motion":
-        """Return the motion as it was after one of its stages, without the figures of later ones.
+        """Return the motion after one of its stages, without the figures of later ones.
 
         Raises `ArgumentError`, which lists its stages, where it has no such stage.
         """
@@ -229,17 +261,33 @@ class Motion:
         poses = {"object_pos": last.objects[..., :3], "object_quat": last.objects[..., 3:]}
         return replace(self, stages=(*earlier, replace(last, objects=None)), report=report, **poses)
 
-    def _unsolved(self) -> Iterator[tuple[Stage, Window]]:
-        for stage in self.stages:
-            yield from ((stage, window) for window in stage.windows if window.status is not Status.SOLVED)
+    @property
+    def _unsolved(self) -> list[tuple[Stage, Window]]:
+        windows = ((stage, window) for stage in self.stages for window in stage.windows)
+        return [(stage, window) for stage, window in windows if window.status is not Status.SOLVED]
 
 
-ARRAYS = (
-    "object_pos",
-    "object_quat",
-    "object_scale",
-    "contact_flags",
-    "contact_object",
-    "contact_points",
-    "stance_flags",
-)
+def check_robot(motion: Motion, model: RobotModel) -> None:
+    """Raise `RobotError` unless the motion's joints are the model's, in its order, and its contact links are there."""
+    if motion.joint_names != model.joint_names:
+        strange = sorted(set(motion.joint_names) ^ set(model.joint_names)) or ["the same ones in another order"]
+        raise RobotError(
+            f"motion of {motion.robot!r}: its joints are not the model's (differing: {', '.join(strange[:10])}"
+            f"{', ...' if len(strange) > 10 else ''}). Use the robot it was made for."
+        )
+    absent = [link for link in motion.contact_links if link not in model.sites.index]
+    if absent:
+        raise RobotError(f"motion of {motion.robot!r}: {', '.join(absent[:10])} are no contact links of the robot.")
+
+
+def check_turns(motion: Motion, model: RobotModel) -> None:
+    """Raise `RobotError` where a joint is turned so far beyond its range that only damage does it."""
+    for stage in motion.stages:
+        joints = stage.qpos[:, 7:]
+        beyond = np.maximum(joints - model.upper, model.lower - joints)
+        if (beyond > BEYOND_RANGE).any():
+            frame, joint = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
+            raise RobotError(
+                f"{stage.name} qpos turns {model.joint_names[joint]} to {joints[frame, joint]:.4g} rad in frame "
+                f"{frame}; its range is {model.lower[joint]:.2f} to {model.upper[joint]:.2f}."
+            )

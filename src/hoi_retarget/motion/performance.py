@@ -1,10 +1,10 @@
-"""How a simulated robot performed a motion, as its result keeps it: to the end or to a fall, and its certificate."""
+"""A simulated robot's performance of a motion, to the end or to a fall, with its certificate."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-LARGEST_OBJECT_M, LARGEST_BASE_M = 0.1, 0.15
-"""A replay in which an object or the robot's base is farther from the performed motion [m] does not keep to it."""
+MAX_OBJECT_DISTANCE_M, MAX_BASE_DISTANCE_M = 0.1, 0.15
+"""Bounds of the distance of objects and base from the performed motion in a replay that keeps to it."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Replay:
     @property
     def kept(self) -> bool:
         """Whether it stood, and stayed near the performed motion."""
-        return not self.fell and (self.object_m or 0.0) <= LARGEST_OBJECT_M and self.base_m <= LARGEST_BASE_M
+        return not self.fell and (self.object_m or 0.0) <= MAX_OBJECT_DISTANCE_M and self.base_m <= MAX_BASE_DISTANCE_M
 
     def __str__(self) -> str:
         if self.fell:
@@ -37,7 +37,7 @@ class Replay:
 
 @dataclass(frozen=True)
 class Certificate:
-    """What became of a motion that was performed whole when it was simulated again."""
+    """The outcome of simulating a wholly performed motion again."""
 
     repeats: bool
     """Whether its targets alone, without feedback, give it to the bit."""
@@ -61,7 +61,7 @@ class Certificate:
 
 @dataclass(frozen=True)
 class Performance:
-    """How far a motion was performed."""
+    """The performance of a motion: its length, and the fall if there was one."""
 
     seconds: float
     """How long the robot stood [s]."""
@@ -74,7 +74,7 @@ class Performance:
 
     @property
     def robustness(self) -> str:
-        """What is certified, in words."""
+        """The certificate in words."""
         if self.certificate is not None:
             return str(self.certificate)
         return "none, as the robot falls" if self.fell else "none"

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its modules are loaded where they are first used
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.errors import ArgumentError, ClipError
@@ -17,7 +18,7 @@ from hoi_retarget.motion.motion import HIGHEST_RATE, Motion
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 
-_ROUNDING = 1e-6  # Of a frame: what is that near to a frame is that frame.
+_FRAME_TOLERANCE = 1e-6  # Of a frame: nearer times are that frame.
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +78,12 @@ def resample(motion: Motion, model: RobotModel, fps: float | None = None, object
     before it. Where a spline between two frames leaves a joint's range, the joint stays at the
     limit with zero velocity.
 
+    Args:
+        motion: The motion.
+        model: Its robot.
+        fps: Frames a second.
+        object: Index of the object for the format's one place for it.
+
     Raises:
         ArgumentError: the rate is not positive, or above 1000.
         ClipError: the motion has a single frame, so nothing moves between frames.
@@ -118,17 +125,15 @@ def _places(frames: int, source_fps: float, fps: float) -> Float[np.ndarray, "K"
     """Return where the new frames lie, counted in frames of the source."""
     if fps == source_fps:
         return np.arange(frames, dtype=float)
-    count = math.floor((frames - 1) * fps / source_fps + _ROUNDING) + 1
+    count = math.floor((frames - 1) * fps / source_fps + _FRAME_TOLERANCE) + 1
     place = np.minimum(np.arange(count) * (source_fps / fps), frames - 1.0)
     whole = np.round(place)
-    return np.where(np.abs(place - whole) < _ROUNDING, whole, place)
+    return np.where(np.abs(place - whole) < _FRAME_TOLERANCE, whole, place)
 
 
 def _curve(values: np.ndarray, place: np.ndarray, source_fps: float) -> tuple[np.ndarray, np.ndarray]:
     """Return a cubic spline through `values`, frames first, and its derivative by time."""
-    from scipy.interpolate import CubicSpline  # noqa: PLC0415  # takes a quarter of a second
-
-    spline = CubicSpline(np.arange(len(values)), values)
+    spline = scipy.interpolate.CubicSpline(np.arange(len(values)), values)
     return spline(place), spline(place, 1) * source_fps
 
 
@@ -145,7 +150,7 @@ def _turning(quats: np.ndarray, place: np.ndarray, source_fps: float) -> tuple[n
 def _in_range(
     joints: np.ndarray, velocity: np.ndarray, motion: Motion, model: RobotModel
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return joints held at their limits where the spline goes beyond, and what their velocity is then.
+    """Return joints and velocities, at rest at their limits where the spline goes beyond.
 
     What the motion itself has beyond its limits stays: export repairs nothing.
     """

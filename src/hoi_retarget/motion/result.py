@@ -1,4 +1,4 @@
-"""A result to be exported, and what is known of it beside its numbers."""
+"""A result to be exported, with its origin and its objects' shapes."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -9,8 +9,7 @@ from typing import Any
 
 from hoi_retarget import __version__
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.motion.motion import Motion
-from hoi_retarget.motion.of_robot import check_robot
+from hoi_retarget.motion.motion import Motion, check_robot
 from hoi_retarget.objects.mesh import Surface, surface_of
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots.model import RobotModel
@@ -20,7 +19,7 @@ UNKNOWN = "unknown"
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """One result, or another program's motion: its file's name without folder and suffix, its hash, and what it holds.
+    """One result, or another program's motion, with its file's name without folder and suffix, and its hash.
 
     Raises `RobotError` when its joints or its contact links are not the robot's.
     """
@@ -30,7 +29,7 @@ class Result:
     motion: Motion
     model: RobotModel
     clip: Clip | None = None
-    """What it was made from, where that is to be had: it knows the objects' shapes."""
+    """Its source, where available: it knows the objects' shapes."""
     suffix: str = ".npz"
     """Of the file."""
 
@@ -94,5 +93,5 @@ class Result:
 
 
 def _text(value: str) -> str:
-    """Return a text of a report with question marks for what no file can hold, such as half a character."""
+    """Return a text of a report with question marks for half characters, which no file can hold."""
     return value.encode("utf-8", "replace").decode()

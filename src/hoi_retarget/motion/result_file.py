@@ -15,13 +15,10 @@ import numpy as np
 
 from hoi_retarget.errors import ArgumentError, ClipError, ReadError, RobotError
 from hoi_retarget.files import npz
-from hoi_retarget.files.archive import limit_of_motion
 from hoi_retarget.files.atomic import write_atomically
-from hoi_retarget.files.reading import read_bytes
-from hoi_retarget.motion.contact_forces import ContactForces
-from hoi_retarget.motion.motion import ARRAYS, Motion, Stage
-from hoi_retarget.motion.of_robot import check_robot, check_turns
-from hoi_retarget.motion.report import Report, Window, windows_from_json
+from hoi_retarget.files.reading import limit_of_motion, read_bytes
+from hoi_retarget.motion.motion import ARRAYS, ContactForces, Motion, Stage, check_robot, check_turns
+from hoi_retarget.motion.motion_report import Report, Window, windows_from_json
 from hoi_retarget.robots import load_robot, user_robots
 from hoi_retarget.robots.model import RobotModel
 

@@ -20,7 +20,14 @@ def frozen(values: Any, dtype: Any = float) -> np.ndarray:
 
 
 def check_shape(owner: str, name: str, array: np.ndarray, expected: tuple[int, ...]) -> None:
-    """Raise `ClipError` unless `array` has the expected shape."""
+    """Raise `ClipError` unless an array has the expected shape.
+
+    Args:
+        owner: Of the array, for the message.
+        name: Of the array there.
+        array: Any.
+        expected: Its shape.
+    """
     if array.shape != expected:
         raise ClipError(f"{owner}: {name} has shape {array.shape}, expected {expected}.")
 
@@ -56,7 +63,7 @@ def evenly_spaced(count: int, most: int) -> Int[np.ndarray, "K"]:
 
 
 def unit_quats(owner: str, name: str, quats: np.ndarray) -> np.ndarray:
-    """Return rotations of exactly unit length; raises `ClipError` for those that are not close to it."""
+    """Return rotations of exactly unit length; raises `ClipError` unless they are close to it."""
     quats = np.asarray(quats, dtype=float)
     check_finite(owner, {name: quats})
     norms = np.linalg.norm(quats, axis=-1)

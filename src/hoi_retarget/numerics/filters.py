@@ -1,8 +1,8 @@
 """Filters over time: captures jitter and labels switch from frame to frame, robots should not."""
 
 import numpy as np
+import scipy  # its modules are loaded where they are first used
 from jaxtyping import Bool, Float, Int
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
@@ -12,16 +12,18 @@ LIFT_SECONDS = 0.2  # In each direction, of each of two means over time.
 
 
 def smooth(path: Float[np.ndarray, "T k"], fps: float) -> Float[np.ndarray, "T k"]:
-    """Return a path after a Savitzky-Golay filter; one too short for the filter's order as it is."""
-    from scipy.signal import savgol_filter  # noqa: PLC0415  # takes half a second, and not every command smooths
-
+    """Return a path, in its unit, after a Savitzky-Golay filter; one too short for the filter's order as it is."""
     longest = len(path) - 1 + len(path) % 2
     window = min(2 * round(0.5 * (SMOOTHING_SECONDS * fps - 1)) + 1, longest)
-    return np.asarray(savgol_filter(path, window, SMOOTHING_ORDER, axis=0)) if window > SMOOTHING_ORDER else path.copy()
+    return (
+        np.asarray(scipy.signal.savgol_filter(path, window, SMOOTHING_ORDER, axis=0))
+        if window > SMOOTHING_ORDER
+        else path.copy()
+    )
 
 
 def smooth_quats(quats: Float[np.ndarray, "T 4"], fps: float) -> Float[np.ndarray, "T 4"]:
-    """Return rotations after the same filter."""
+    """Return rotations (quaternions, wxyz) after the same filter."""
     return se3.quat_normalize(smooth(se3.quat_continuous(quats), fps))
 
 
@@ -30,15 +32,15 @@ def speeds(path: Float[np.ndarray, "T *batch 3"], fps: float) -> Float[np.ndarra
     return np.linalg.norm(np.gradient(path, axis=0), axis=-1) * fps
 
 
-def slow_cover(values: Float[np.ndarray, "T"], fps: float) -> Float[np.ndarray, "T"]:
-    """Return values that are nowhere below the given ones, and rise and fall slowly."""
-    window = 2 * frames_in(LIFT_SECONDS, fps) + 1
+def rate_limited_upper_envelope(values: Float[np.ndarray, "T"], fps: float) -> Float[np.ndarray, "T"]:
+    """Return values, in their unit, that are nowhere below the given ones, and rise and fall slowly."""
+    window = 2 * seconds_to_frames(LIFT_SECONDS, fps) + 1
     # As wide as both means together: these are then nowhere below.
-    largest = maximum_filter1d(values, 2 * window - 1)
-    return uniform_filter1d(uniform_filter1d(largest, window), window)
+    largest = scipy.ndimage.maximum_filter1d(values, 2 * window - 1)
+    return scipy.ndimage.uniform_filter1d(scipy.ndimage.uniform_filter1d(largest, window), window)
 
 
-def steadied(active: Bool[np.ndarray, "T"], *, gap: int, shortest: int) -> Bool[np.ndarray, "T"]:
+def closed_and_opened(active: Bool[np.ndarray, "T"], *, gap: int, shortest: int) -> Bool[np.ndarray, "T"]:
     """Return flags without gaps of up to `gap` frames, and then without runs of fewer than `shortest`."""
     steady = active.copy()
     for first, stop in _inner_runs(~steady):
@@ -51,7 +53,7 @@ def steadied(active: Bool[np.ndarray, "T"], *, gap: int, shortest: int) -> Bool[
 
 
 def _inner_runs(active: Bool[np.ndarray, "T"]) -> list[tuple[int, int]]:
-    """Return the runs that end within the clip on both sides; others may be longer than what is seen of them."""
+    """Return the runs that end within the clip on both sides; others may be longer than their recorded part."""
     return [(first, stop) for first, stop in runs(active) if first > 0 and stop < len(active)]
 
 
@@ -65,14 +67,14 @@ def nearest_active(active: Bool[np.ndarray, "T"]) -> Int[np.ndarray, "T"]:
     return np.where(closer, frames[before], frames[after])
 
 
-def fade(active: Bool[np.ndarray, "T"], ramp: int) -> Float[np.ndarray, "T"]:
-    """Return 1 in active frames and a cosine ramp to 0 over `ramp` frames on either side of them."""
+def smoothstep_around(active: Bool[np.ndarray, "T"], ramp: int) -> Float[np.ndarray, "T"]:
+    """Return weights: 1 in active frames, with a cosine ramp to 0 over `ramp` frames on either side of them."""
     if not active.any():
         return np.zeros(len(active))
     away = np.abs(np.arange(len(active)) - nearest_active(active))
     return 0.5 + 0.5 * np.cos(np.pi * np.minimum(away / (ramp + 1), 1.0))
 
 
-def frames_in(seconds: float, fps: float) -> int:
-    """Return how many frames a duration takes, at least one."""
+def seconds_to_frames(seconds: float, fps: float) -> int:
+    """Return the number of frames in a duration, at least one."""
     return max(1, round(seconds * fps))

@@ -1,7 +1,7 @@
-"""Points in nested balls, and the search for the one of them that is nearest to something, at many places at once.
+"""Points in nested balls, and the search for the nearest one to a shape, at many places at once.
 
-The search is exact: a ball is left out only where none of its points can be the nearest. It costs little where things
-are far from each other, because the largest balls then decide.
+The search is exact: a ball is left out only where none of its points can be the nearest. Far apart
+shapes cost little, because the largest balls then decide.
 """
 
 from collections.abc import Callable
@@ -29,7 +29,7 @@ class _Level:
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
-    """Points that can be the nearest ones, by the bounds that were asked."""
+    """Points that can be the nearest ones, by their bounds [m]."""
 
     place: Int[np.ndarray, "C"]
     """Which of the places each is at; places without any are beyond the limit."""
@@ -62,7 +62,7 @@ class PointTree:
 
     @cached_property
     def _levels(self) -> tuple[_Level, ...]:
-        """From the largest balls to the smallest, whose runs are of points."""
+        """From the largest balls to the smallest, the runs of points."""
         levels: list[_Level] = []
         run = _BRANCHES
         while not levels or len(levels[-1].radii) > _BRANCHES:
@@ -82,10 +82,16 @@ class PointTree:
         bounds: Bounds,
         limit: float | Float[np.ndarray, "K"] = np.inf,
     ) -> Nearest:
-        """Return which points can be the nearest at each of K places, and not further than its limit [m].
+        """Return which points can be the nearest at each of K places, within its limit.
 
         A place turns and moves the points, `R p + t`, into the frame in which `bounds` measures. The distance must not
         change by more than the way between two points, as distances do.
+
+        Args:
+            rotations: Of the places.
+            translations: Of the places [m].
+            bounds: Lower and upper bounds of the distance of points.
+            limit: Largest distance of interest [m].
         """
         places = len(translations)
         most = np.full(places, np.inf)
@@ -97,15 +103,15 @@ class PointTree:
             radius = level.radii[ball]
             lower, upper = bounds(_placed(level.centres[ball], rotations[place], translations[place]))
             np.minimum.at(most, place, upper + radius)
-            kept = lower - radius <= most[place]
-            place, ball = np.repeat(place[kept], _BRANCHES), ball[kept]
+            near = lower - radius <= most[place]
+            place, ball = np.repeat(place[near], _BRANCHES), ball[near]
             ball = (ball[:, None] * _BRANCHES + np.arange(_BRANCHES)).ravel()
             there = ball < below
             place, ball = place[there], ball[there]
         lower, upper = bounds(_placed(self.points[ball], rotations[place], translations[place]))
         np.minimum.at(most, place, upper)
-        kept = lower <= most[place]
-        return Nearest(place[kept], ball[kept], lower[kept], upper[kept])
+        near = lower <= most[place]
+        return Nearest(place[near], ball[near], lower[near], upper[near])
 
 
 def _placed(points: np.ndarray, rotations: np.ndarray, translations: np.ndarray) -> np.ndarray:

@@ -34,7 +34,7 @@ def quat_conjugate(quat: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
 
 
 def quat_multiply(a: Float[Array, "*#batch 4"], b: Float[Array, "*#batch 4"]) -> Float[Array, "*batch 4"]:
-    """Return the Hamilton product `a b`: first rotate by `b`, then by `a`."""
+    """Return the Hamilton product `a b` of quaternions: first rotate by `b`, then by `a`."""
     aw, ax, ay, az = np.moveaxis(a, -1, 0)
     bw, bx, by, bz = np.moveaxis(b, -1, 0)
     return np.stack(
@@ -49,7 +49,7 @@ def quat_multiply(a: Float[Array, "*#batch 4"], b: Float[Array, "*#batch 4"]) ->
 
 
 def quat_mirrored(quat: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
-    """Return the rotation that is seen in a mirror at the plane y = 0."""
+    """Return the rotation (quaternion) as seen in a mirror at the plane y = 0."""
     return quat * np.array([1.0, -1.0, 1.0, -1.0])
 
 
@@ -100,12 +100,12 @@ def matrix_to_quat(matrix: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4
 
 
 def quat_positive(quat: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
-    """Return the representative of the rotation with w >= 0."""
+    """Return the quaternion of the rotation with w >= 0."""
     return np.where(quat[..., :1] < 0, -quat, quat)
 
 
 def quat_continuous(quat: Float[Array, "T *batch 4"]) -> Float[Array, "T *batch 4"]:
-    """Return the same rotations with signs such that neighbours in time are in one hemisphere."""
+    """Return the same quaternions with signs such that neighbours in time are in one hemisphere."""
     flips = np.sum(quat[1:] * quat[:-1], axis=-1, keepdims=True) < 0
     signs = np.where(np.cumsum(flips, axis=0) % 2 == 1, -1.0, 1.0)
     return np.concatenate([quat[:1], quat[1:] * signs], axis=0)
@@ -162,11 +162,15 @@ def matrix_angle_between(a: Float[Array, "*#batch 3 3"], b: Float[Array, "*#batc
 
 
 def shortest_rotation(start: Float[Array, "3"], end: Float[Array, "3"]) -> Float[Array, "4"]:
-    """Return the shortest rotation from a unit vector to a direction; half a turn for opposite ones or none."""
+    """Return the shortest rotation from a unit vector to a direction; none to a vector of no length."""
     end = end / max(float(np.linalg.norm(end)), 1e-9)
     quat = np.concatenate([[1.0 + start @ end], np.cross(start, end)])
     length = float(np.linalg.norm(quat))
-    return quat / length if length > 1e-6 else np.array([0.0, 0.0, 0.0, 1.0])
+    if length > 1e-6:
+        return quat / length
+    # Half a turn for opposite ones, about a vector across them: z where it is one.
+    across = np.array([0.0, 0.0, 1.0]) - start[2] * start if abs(start[2]) < 0.9 else np.cross(start, [0.0, 1.0, 0.0])
+    return np.concatenate([[0.0], across / np.linalg.norm(across)])
 
 
 def slerp(
@@ -178,7 +182,7 @@ def slerp(
 
 
 def skew(vector: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
-    """Return the matrix `S` with `S v = vector x v`."""
+    """Return the matrix `S` with `S v = vector x v`, in the unit of the vector."""
     matrix = np.zeros((*vector.shape[:-1], 3, 3))
     matrix[..., 2, 1], matrix[..., 1, 2] = vector[..., 0], -vector[..., 0]
     matrix[..., 0, 2], matrix[..., 2, 0] = vector[..., 1], -vector[..., 1]

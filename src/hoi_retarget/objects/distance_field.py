@@ -1,22 +1,178 @@
 """Signed distance from an object's surface, sampled once: a query costs a fifth of a microsecond.
 
-Sides are told by how often the surface winds around a point, so that meshes need not be closed
-(`Surface.signed_distances`). A surface that does not part its two sides, such as a sheet or faces that are not wound
-alike, has no inside. It counts as a shell: what is within `SHELL_THICKNESS` of it, on either side, is inside.
+Space is cut into cubic cells. A cell holds samples on a lattice of its own, of one to eight steps along an edge: as
+many as make the values in between, which are trilinear, right (adaptively sampled distance fields; Frisken et al.,
+2000). Samples are exact. Their side of a closed surface is that of a neighbour where no surface can lie between. The
+side is decided by the winding of the surface around a point, so meshes need not be closed (`Surface.signed_distances`).
+A surface that does not part its two sides, such as a sheet or faces that are not wound alike, has no inside. It is a
+shell: points within `SHELL_THICKNESS` of it, on either side, are inside.
 """
 
-import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
+import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float, Int
 
-from hoi_retarget.files import npz, user_cache
-from hoi_retarget.numerics.trilinear import directions, interpolate, with_slopes
+from hoi_retarget.files import user_cache
+from hoi_retarget.numerics.distance_grid import directions, interpolate, with_slopes
 from hoi_retarget.objects.mesh import Surface, surface_of
-from hoi_retarget.objects.surface_cells import STEPS, Cells, sample, starts_of
 from hoi_retarget.objects.track import ObjectGeometry
+
+STEPS = np.array([1, 2, 4, 8])
+"""Steps along an edge of a cell, by level."""
+
+_MIN_STEP = 3e-3  # [m] between samples where they are densest.
+_MIN_SIZE = 1e-2  # [m]
+_MIN_STEPS = 64  # Along the longest side: a small object gets finer ones.
+_MAX_CELLS = 150_000  # A large one gets coarser ones,
+_MAX_SAMPLES = 2_500_000  # and so does one that bends everywhere.
+# An interpolated value may be off by so much: at the surface [m], and more by shares of the distance on both sides.
+_TOLERANCE, _OUTSIDE, _INSIDE = 3e-4, 0.05, 0.2
+_COARSE_DISTANCE = 2.0  # Edges of a cell; from there on, one step a cell is enough.
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Cells around a surface and the samples of each."""
+
+    origin: Float[np.ndarray, "3"]
+    """Lowest corner of the first cell [m]."""
+    edge: float
+    """[m]"""
+    levels: Int[np.ndarray, "X Y Z"]
+    """Of each cell: index into `STEPS`."""
+    samples: Float[np.ndarray, "S"]
+    """[m], cell after cell, in single precision; the z coordinate of a cell's lattice runs fastest."""
+
+
+def sample(surface: Surface, *, signed: bool, step: float | None = None) -> Cells:
+    """Return samples of the distance from a surface, negative inside where they are signed.
+
+    The step is that of the finest lattices [m]; None chooses by the object's size. Objects that would take more
+    samples than memory is worth get coarser ones.
+    """
+    corners = surface.triangles.reshape(-1, 3)
+    lowest, size = corners.min(axis=0), np.ptp(corners, axis=0)
+    edge = STEPS[-1] * (step or min(_MIN_STEP, max(float(size.max()), _MIN_SIZE) / _MIN_STEPS))
+    while True:
+        counts = np.ceil(size / edge).astype(int) + 2  # One cell around at least.
+        if np.prod(counts.astype(float)) <= _MAX_CELLS:
+            origin = lowest - 0.5 * (counts * edge - size)
+            cells = _Sampling(surface, signed, origin, edge, counts).cells()
+            if cells is not None:
+                return cells
+        edge *= 1.25
+
+
+@dataclass(frozen=True, eq=False)
+class _Sampling:
+    surface: Surface
+    signed: bool
+    origin: Float[np.ndarray, "3"]
+    edge: float
+    counts: Int[np.ndarray, "3"]
+
+    def cells(self) -> Cells | None:
+        """Return the cells, or None where they would be too many samples."""
+        indices = np.indices(tuple(self.counts)).reshape(3, -1)
+        corners = np.indices((2, 2, 2)).reshape(3, 8)
+        lattices = self._corners()[tuple(indices[:, :, None] + corners[:, None])].reshape(-1, 2, 2, 2)
+        active = np.arange(len(lattices))
+        levels = np.zeros(len(lattices), dtype=np.int8)
+        by_level = [(active, lattices)]
+        near = np.abs(lattices).min(axis=(1, 2, 3)) < _COARSE_DISTANCE * self.edge
+        for level in range(1, len(STEPS)):
+            active, lattices = active[near], lattices[near]
+            if len(lattices) * (STEPS[level] + 1) ** 3 > _MAX_SAMPLES:
+                return None
+            if len(lattices) == 0:
+                break
+            expected = _halved(lattices, _mean)
+            lattices = self._refined(indices[:, active], lattices, expected, int(STEPS[level]))
+            excess = np.abs(lattices - expected) - np.maximum(_OUTSIDE * lattices, -_INSIDE * lattices)
+            near = excess.max(axis=(1, 2, 3), initial=0.0) > _TOLERANCE
+            levels[active[near]] = level
+            by_level.append((active, lattices))
+        starts = starts_of(levels)
+        samples = np.empty(int(((STEPS[levels] + 1) ** 3).sum()), dtype=np.float32)
+        for level, (active, lattices) in enumerate(by_level):
+            own = levels[active] == level
+            count = int(STEPS[level] + 1) ** 3
+            samples[starts[active[own], None] + np.arange(count)] = lattices[own].reshape(-1, count)
+        return Cells(self.origin, self.edge, levels.reshape(self.counts), samples)
+
+    def _corners(self) -> Float[np.ndarray, "X Y Z"]:
+        """Return the distances at the corners of all cells."""
+        places = np.indices(tuple(self.counts + 1))
+        points = self.origin + self.edge * places.reshape(3, -1).T
+        distances = self.surface.distances(points)
+        if not self.signed:
+            return distances.reshape(self.counts + 1)
+        unknown = np.arange(len(points))
+        inside = np.zeros(len(points), dtype=bool)
+        if self.surface.closed:
+            # Corners next to each other that are farther from the surface than from one another are on one side.
+            regions = np.empty(self.counts + 1, dtype=np.int32)
+            scipy.ndimage.label((distances > self.edge).reshape(regions.shape), output=regions)
+            regions = regions.reshape(-1)
+            _, first, region = np.unique(regions, return_index=True, return_inverse=True)
+            inside = self.surface.encloses(points[first], distances[first])[region.reshape(-1)]
+            unknown = np.flatnonzero(regions == 0)
+        inside[unknown] = self.surface.encloses(points[unknown], distances[unknown])
+        return np.where(inside, -distances, distances).reshape(self.counts + 1)
+
+    def _refined(self, indices: np.ndarray, lattices: np.ndarray, expected: np.ndarray, steps: int) -> np.ndarray:
+        """Return the lattices of some cells with half the step: `expected`, with exact values at the new places."""
+        step = self.edge / steps
+        local = np.indices((steps + 1,) * 3).reshape(3, -1)
+        halfway = (local % 2).sum(axis=0)
+        new = np.flatnonzero(halfway)
+        places = (indices[:, :, None] * steps + local[:, None, new]).reshape(3, -1)
+        # Neighbouring cells share places.
+        _, first, shared = np.unique(
+            np.ravel_multi_index(tuple(places), tuple(self.counts * steps + 1)), return_index=True, return_inverse=True
+        )
+        points = self.origin + step * places[:, first].T
+        values = self.surface.distances(points)
+        if self.signed:
+            neighbours = _halved(lattices, _farther).reshape(len(lattices), -1)[:, new].reshape(-1)[first]
+            reach = np.tile(step * np.sqrt(halfway[new]), len(lattices))[first]
+            inside = neighbours < 0
+            unknown = np.abs(neighbours) <= (reach if self.surface.closed else np.inf)
+            inside[unknown] = self.surface.encloses(points[unknown], values[unknown])
+            values = np.where(inside, -values, values)
+        refined = expected.reshape(len(lattices), -1).copy()
+        refined[:, new] = values[shared.reshape(-1)].reshape(len(lattices), -1)
+        return refined.reshape(expected.shape)
+
+
+def starts_of(levels: Int[np.ndarray, "..."]) -> Int[np.ndarray, "C"]:
+    """Return the index of the first sample of each cell."""
+    ends = np.cumsum((STEPS[levels.reshape(-1)] + 1) ** 3)
+    return np.concatenate([[0], ends[:-1]])
+
+
+def _halved(lattices: np.ndarray, middle: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
+    """Return lattices with half the step; `middle` gives new values from those on both sides, axis after axis."""
+    for axis in (1, 2, 3):
+        coarse = np.moveaxis(lattices, axis, -1)
+        fine = np.empty((*coarse.shape[:-1], 2 * coarse.shape[-1] - 1))
+        fine[..., ::2] = coarse
+        fine[..., 1::2] = middle(coarse[..., :-1], coarse[..., 1:])
+        lattices = np.moveaxis(fine, -1, axis)
+    return np.ascontiguousarray(lattices)
+
+
+def _mean(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return 0.5 * (first + second)
+
+
+def _farther(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return np.where(np.abs(first) > np.abs(second), first, second)
+
 
 SHELL_THICKNESS = 1e-3
 """[m] on either side of a surface without an inside."""
@@ -26,7 +182,7 @@ _PROBES = 2000  # Places on the surface that tell its sides and the field's erro
 _PROBE_DEPTH = 5e-4  # [m]
 _PARTED = 0.5  # A surface that parts its sides at fewer of these places is a shell.
 _BLOCK = 1 << 16  # Points of a query at once.
-_INSIDE = 1.0 - 1e-12  # Of the cells' extent: the last place that is in a cell.
+_LAST_PLACE = 1.0 - 1e-12  # Of the cells' extent: the last place that is in a cell.
 _CORNERS = np.array([[(x * (n + 1) + y) * (n + 1) + z for n in STEPS] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 
 
@@ -38,7 +194,7 @@ class DistanceField:
     shell: bool
     """Whether the surface has no inside; distances are then those from either side less `SHELL_THICKNESS`."""
     error: float
-    """Largest error that was seen within two steps of the surface [m]."""
+    """Largest error at random points within two steps of the surface [m]."""
 
     @property
     def step(self) -> float:
@@ -99,7 +255,7 @@ class DistanceField:
         cells = self.cells
         at = (points.T - cells.origin[:, None]) / cells.edge
         counts = np.array(cells.levels.shape)
-        inside = np.clip(at, 0.0, counts[:, None] * _INSIDE)
+        inside = np.clip(at, 0.0, counts[:, None] * _LAST_PLACE)
         beyond = (at - inside) * cells.edge if (at != inside).any() else None
         cell = inside.astype(np.int64)
         index = (cell[0] * counts[1] + cell[1]) * counts[2] + cell[2]
@@ -117,20 +273,17 @@ class DistanceField:
 
 
 def distance_field(geometry: ObjectGeometry) -> DistanceField:
-    """Return the field of an object's surface; fields are kept in the user's cache folder.
+    """Return the field of an object's surface; fields stay in the user's cache folder.
 
     Raises:
         GeometryError: The mesh file is missing, damaged, or has no triangles.
     """
     surface = surface_of(geometry)
-    digest = hashlib.sha256(f"{_VERSION} {surface.exact}".encode())
-    digest.update(surface.vertices.data)
-    digest.update(surface.faces.data)
-    return _kept(_Named(digest.hexdigest()[:32], surface))
+    return _cached(_Named(f"field-{surface.digest(f'{_VERSION} {surface.exact}')}.npz", surface))
 
 
 def field_of(surface: Surface, step: float | None = None) -> DistanceField:
-    """Return the field of a surface, with so far between samples where they are densest [m]; None: by its size."""
+    """Return the field of a surface; `step` is the smallest distance of samples [m], None chooses it by the size."""
     on_surface, normals = surface.random_points(_PROBES)
     shell = not _parts_its_sides(surface, on_surface, normals)
     cells = sample(surface, signed=not shell, step=step)
@@ -152,50 +305,29 @@ def _parts_its_sides(surface: Surface, points: np.ndarray, normals: np.ndarray) 
 
 @dataclass(frozen=True)
 class _Named:
-    """A surface with a digest of all that its field depends on."""
+    """A surface with the name of its cached field."""
 
-    digest: str
+    name: str
     surface: Surface = field(compare=False)
 
 
 @lru_cache(maxsize=8)
-def _kept(named: _Named) -> DistanceField:
-    name = f"field-{named.digest}.npz"
-    content = user_cache.kept(name)
-    if content is not None:
-        try:
-            return _decode(content)
-        except ValueError:
-            pass  # Damaged: it is built anew.
-    built = field_of(named.surface)
-    user_cache.keep(name, _encode(built))
-    return built
+def _cached(named: _Named) -> DistanceField:
+    kinds = {"place": "f", "levels": "i", "samples": "f", "shell": "i"}
+    arrays = user_cache.cached_arrays(named.name, kinds, lambda: _arrays(field_of(named.surface)))
+    place = arrays["place"]
+    cells = Cells(place[:3], float(place[3]), arrays["levels"], arrays["samples"])
+    return DistanceField(cells, bool(arrays["shell"][0]), float(place[4]))
 
 
-def _encode(built: DistanceField) -> bytes:
+def _arrays(built: DistanceField) -> dict[str, np.ndarray]:
     cells = built.cells
-    return npz.encode(
-        {
-            "place": np.array([*cells.origin, cells.edge, built.error]),
-            "levels": cells.levels,
-            "samples": cells.samples,
-            "shell": np.array([built.shell], dtype=np.int8),
-        }
-    )
-
-
-def _decode(content: bytes) -> DistanceField:
-    """Return a field from its bytes, or raise `ValueError`."""
-    entries = npz.members(content)
-    try:
-        place, levels, samples, shell = (
-            npz.array(name, entries[name], kind)
-            for name, kind in (("place", "f"), ("levels", "i"), ("samples", "f"), ("shell", "i"))
-        )
-    except KeyError as error:
-        raise ValueError(f"no array {error}") from error
-    cells = Cells(place[:3], float(place[3]), levels, samples)
-    return DistanceField(cells, bool(shell[0]), float(place[4]))
+    return {
+        "place": np.array([*cells.origin, cells.edge, built.error]),
+        "levels": cells.levels,
+        "samples": cells.samples,
+        "shell": np.array([built.shell], dtype=np.int8),
+    }
 
 
 def _lengthened(distances: np.ndarray, beyond: np.ndarray) -> np.ndarray:
@@ -206,3 +338,21 @@ def _lengthened(distances: np.ndarray, beyond: np.ndarray) -> np.ndarray:
 def _blocks(points: np.ndarray) -> list[np.ndarray]:
     points = np.asarray(points, dtype=float)
     return [points[first : first + _BLOCK] for first in range(0, max(len(points), 1), _BLOCK)]
+
+
+# Multiples of these two numbers, without their whole parts, fill a square evenly (Roberts, 2018).
+_EVEN = np.array([0.7548776662466927, 0.5698402909980532])
+
+
+def surface_samples(surface: Surface, spacing: float) -> Float[np.ndarray, "K 3"]:
+    """Return points of the surface [m], one for each square of that side [m], as dense on every triangle."""
+    corners = surface.triangles
+    along = corners[:, 1:] - corners[:, :1]
+    areas = np.cumsum(0.5 * np.linalg.norm(np.cross(along[:, 0], along[:, 1]), axis=1))
+    count = max(1, round(float(areas[-1]) / spacing**2))
+    steps = np.arange(count)
+    triangles = np.searchsorted(areas, (steps + 0.5) / count * areas[-1])
+    square = (0.5 + steps[:, None] * _EVEN) % 1.0
+    # The half of the square beyond its diagonal is folded back onto the triangle.
+    weights = np.where(square.sum(axis=1, keepdims=True) > 1.0, 1.0 - square, square)
+    return corners[triangles, 0] + np.einsum("kc,kci->ki", weights, along[triangles])

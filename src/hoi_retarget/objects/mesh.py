@@ -6,23 +6,24 @@ and only when a surface is asked for.
 """
 
 import functools
+import hashlib
 import itertools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy  # its modules are loaded where they are first used
 from jaxtyping import Bool, Float, Int
-from scipy.spatial import ConvexHull, QhullError
 
 from hoi_retarget.errors import GeometryError, MeshError
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.objects.track import ObjectGeometry
 
-_THIN = 1e-3  # Sine of a triangle's smallest angle.
+_MAX_THIN_SINE = 1e-3  # Sine of a triangle's smallest angle.
 _EDGES = ((0, 1), (1, 2), (2, 0))
 _HALF_A_TURN = 0.5  # Between the winding numbers of outside, 0, and inside, 1 or -1.
-_NEAR = 1e-5  # Of the surface's size: nearer, a point's side is told in double precision.
+_EXACT_DISTANCE = 1e-5  # Of the surface's size; below it, a point's side is decided in double precision.
 
 # What trimesh raises for files that are no meshes.
 _MESH_ERRORS = (
@@ -69,6 +70,13 @@ class Surface:
         """Corners of every triangle [m]."""
         return self.vertices[self.faces]
 
+    def digest(self, settings: str) -> str:
+        """Return a name for anything made of these triangles with some settings."""
+        digest = hashlib.sha256(settings.encode())
+        digest.update(self.vertices.data)
+        digest.update(self.faces.data)
+        return digest.hexdigest()[:32]
+
     def closest_points(self, points: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K 3"]:
         """Return, for each point, the nearest point of the surface [m]."""
         if len(points) == 0:
@@ -88,11 +96,11 @@ class Surface:
         return np.where(lengths > 0, across / np.where(lengths > 0, lengths, 1.0), [0.0, 0.0, 1.0])
 
     def distances(self, points: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K"]:
-        """Return how far points are from the surface, inside or outside [m]."""
+        """Return the distances of points from the surface, inside or outside [m]."""
         return np.linalg.norm(points - self.closest_points(points), axis=-1)
 
     def signed_distances(self, points: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K"]:
-        """Return how far points are from the surface [m], negative inside.
+        """Return the distances of points from the surface [m], negative inside.
 
         A point is inside where the surface winds around it more than half a time, either way (generalized winding
         number; Jacobson et al., 2013). So a mesh need not be closed or manifold: an opening counts as closed where
@@ -104,7 +112,7 @@ class Surface:
         return np.where(self.encloses(points, distances), -distances, distances)
 
     def encloses(self, points: Float[np.ndarray, "K 3"], distances: Float[np.ndarray, "K"]) -> Bool[np.ndarray, "K"]:
-        """Return which points are inside, as `signed_distances` tells it, given how far each is from the surface."""
+        """Return which points are inside, as for `signed_distances`, given their distances from the surface [m]."""
         return np.abs(self._winding_numbers(points, distances)) > _HALF_A_TURN
 
     @functools.cached_property
@@ -141,7 +149,7 @@ class Surface:
             return np.zeros(0)
         numbers = self._winding_tree.winding_number(np.asarray(points, dtype=float))
         # The tree has single precision, which tells no side this near to the surface.
-        near = distances < _NEAR * float(np.ptp(self.vertices, axis=0).max())
+        near = distances < _EXACT_DISTANCE * float(np.ptp(self.vertices, axis=0).max())
         if near.any():
             numbers[near] = igl.winding_number(self.vertices, self._wound_faces, points[near])
         return numbers
@@ -155,7 +163,7 @@ class Surface:
         lengths = np.sort(np.linalg.norm(along, axis=2), axis=1)
         area = np.linalg.norm(np.cross(along[:, 0], along[:, 1]), axis=1)
         # Places on a thin triangle lose digits; those on a triangle of two corners, which is an edge, do not.
-        thin = self.faces[area <= _THIN * lengths[:, 1] * lengths[:, 2]]
+        thin = self.faces[area <= _MAX_THIN_SINE * lengths[:, 1] * lengths[:, 2]]
         faces = np.concatenate([self.faces, *(thin[:, [first, second, second]] for first, second in _EDGES)])
         tree = igl.AABB()
         tree.init(self.vertices, faces)
@@ -224,15 +232,15 @@ def _load(path: Path, _modified: int, _size: int) -> Surface:
 
 def _hull(points: Float[np.ndarray, "P 3"]) -> Surface:
     try:
-        return Surface(points, ConvexHull(points).simplices, exact=False)
-    except (QhullError, ValueError):
+        return Surface(points, scipy.spatial.ConvexHull(points).simplices, exact=False)
+    except (scipy.spatial.QhullError, ValueError):
         pass  # Flat points have no hull in space, but one in their own plane; straight ones are an edge.
     _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
     along = points @ axes.T
     try:
-        around = ConvexHull(along[:, :2]).vertices
+        around = scipy.spatial.ConvexHull(along[:, :2]).vertices
         faces = np.array([(around[0], a, b) for a, b in itertools.pairwise(around[1:])])
-    except (QhullError, ValueError):
+    except (scipy.spatial.QhullError, ValueError):
         first, last = int(along[:, 0].argmin()), int(along[:, 0].argmax())
         faces = np.array([(first, last, last)])
     return Surface(points, faces, exact=False)

@@ -15,7 +15,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import check_finite, check_shape, frozen, unit_quats
 
 MOVING_SPEED = 0.15
-"""[m/s]; an object that is faster is moved by somebody, or falls."""
+"""[m/s]; a faster object is moved by somebody, or falls."""
 
 # Frames times points held at once: 4 MB of doubles, which stays in the cache.
 _BLOCK = 500_000
@@ -23,7 +23,7 @@ _BLOCK = 500_000
 
 @dataclass(frozen=True, eq=False)
 class ObjectGeometry:
-    """What is known of an object's shape, in the object's frame at captured size."""
+    """Known points and triangles of an object's shape, in its frame at captured size."""
 
     points: Float[np.ndarray, "P 3"]
     """Points that contain the extreme ones in every direction (mesh or hull vertices) [m]."""

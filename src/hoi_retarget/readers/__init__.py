@@ -1,10 +1,9 @@
-"""Readers of recorded interactions: one module for each source, found by what a file holds."""
+"""Readers of recorded interactions: one module for each source, chosen by the content of a file."""
 
 import difflib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 
 from hoi_retarget.clip import grasp_check
 from hoi_retarget.clip.clip import Clip
@@ -34,32 +33,30 @@ from hoi_retarget.readers import (
 )
 from hoi_retarget.readers.reader import Reader
 
-READERS: Mapping[str, Reader] = MappingProxyType(
-    {
-        module.READER.format: module.READER
-        for module in (
-            intermimic,
-            intermimic_objects,
-            theia,
-            physhoi,
-            own_layout,
-            core4d,
-            cari4d,
-            behave,
-            intercap,
-            grab,
-            interact,
-            hodome,
-            imhd,
-            omomo,
-            humoto,
-            parahome,
-            amass,
-            gvhmr,
-            bvh,
-        )
-    }
-)
+READERS: Mapping[str, Reader] = {
+    module.READER.format: module.READER
+    for module in (
+        intermimic,
+        intermimic_objects,
+        theia,
+        physhoi,
+        own_layout,
+        core4d,
+        cari4d,
+        behave,
+        intercap,
+        grab,
+        interact,
+        hodome,
+        imhd,
+        omomo,
+        humoto,
+        parahome,
+        amass,
+        gvhmr,
+        bvh,
+    )
+}
 """Format name -> its reader."""
 SUFFIXES: tuple[str, ...] = tuple(dict.fromkeys(suffix for reader in READERS.values() for suffix in reader.suffixes))
 """Endings that the file of a clip can have; `FOLDER` for clips that are folders."""
@@ -70,28 +67,28 @@ _EXPLAINING: Mapping[str, Reader] = {
     ".npz": own_layout.READER,
     ".fbx": humoto.READER,
 }
-"""Readers that say best what a file is not, where nobody reads it."""
+"""Readers with the best explanation of a file that nobody reads."""
 _UNDOCUMENTED = {
     "corolehoi": "CoRoleHOI's own files are documented nowhere, so they are not read. Two ways are open: InterAct's "
     "canonical layout, each of the two people in a folder omomo_corole/sequences_canonical/ID, and clips of two people "
     "in the layout of your own clips (docs/sources.md).",
 }
-"""Name of a data set in a path, in small letters -> why its files are not read, and what to do."""
-_SHOWN = 12  # Names of clips that an error lists.
+"""Name of a data set in a path, in small letters -> the reason why its files are not read, and a way out."""
+_MAX_LISTED = 12  # Names of clips in an error.
 
 
 def read_clip(path: Path, options: ReadOptions = ReadOptions()) -> Clip:
-    """Return the clip in `path` as its source has it, whatever supported format that is.
+    """Return the clip in `path`, of any supported format, as its source has it.
 
     Contacts are the source's labels, none where it labels none; `open.open_clip` finds them then, and the floor.
 
     Args:
         path: The recording; `FILE#NAME` is one clip of a file that holds several.
-        options: What it is read with; floor and labels are for `open.open_clip`.
+        options: Those of reading; floor and labels are for `open.open_clip`.
 
     Raises:
         ReadError: The file is missing, damaged, or of no supported format.
-        ClipError: What it holds cannot be used, or its grasps contradict how it is read.
+        ClipError: Its content cannot be used, or its grasps contradict how it is read.
         GeometryError: The object's geometry cannot be had.
         BodyModelError: The body model that it needs cannot be had.
         ArgumentError: The object's name is given, although the file tells it, or a clip is named that is not in it.
@@ -103,7 +100,7 @@ def read_clip(path: Path, options: ReadOptions = ReadOptions()) -> Clip:
     meshes = (track.geometry.file for track in clip.objects)
     others = sorted({str(path) for path in (*file.files, *meshes) if path is not None and path != file.path})
     clip = replace(clip, source=replace(clip.source, files=tuple(others)))
-    return grasp_check.checked(clip, reader.rotation_readings, grasps=options.grasps)
+    return grasp_check.with_grasp_warnings(clip, reader.rotation_readings, grasps=options.grasps)
 
 
 def reader_of(file: SourceFile) -> Reader:
@@ -150,14 +147,14 @@ def recordings_below(folder: Path, pattern: str = "**/*") -> tuple[Path, ...]:
     """Return all files and folders in a folder that fit a pattern and may be clips, in order."""
     found: list[Path] = []
     for path in sorted(folder.glob(pattern)):
-        # What lies in a clip's own folder, right behind it in this order, is part of it.
+        # Files in a clip's own folder, right behind it in this order, are part of it.
         if not (found and path.is_relative_to(found[-1])) and can_be_clip(path):
             found.append(path)
     return tuple(found)
 
 
 def why_no_clip(folder: Path) -> str:
-    """Return why a folder is not one clip: what it lacks, where some of its files tell what it should be."""
+    """Return the reason why a folder is not one clip: missing files, where others of a format are there."""
     if text := undocumented(folder):
         return text
     fitting = [reader for reader in READERS.values() if FOLDER in reader.suffixes]
@@ -187,7 +184,7 @@ def select(file: SourceFile, reader: Reader) -> None:
         return
     if not names:
         raise ArgumentError(f"{file.name}: the file is one clip. Leave {SELECTION}{file.selection} away.")
-    listing = f"{', '.join(names[:_SHOWN])}{', ...' if len(names) > _SHOWN else ''}"
+    listing = f"{', '.join(names[:_MAX_LISTED])}{', ...' if len(names) > _MAX_LISTED else ''}"
     if file.selection is None:
         raise ArgumentError(
             f"{file.name}: there are {len(names)} clips in it ({listing}). Choose one: {file.path}{SELECTION}{names[0]}"
@@ -198,7 +195,7 @@ def select(file: SourceFile, reader: Reader) -> None:
 
 
 def can_be_clip(path: Path) -> bool:
-    """Return whether a file or a folder may be a clip by its name, and where that says little, by what it holds."""
+    """Return whether a file or a folder may be a clip by its name, or by its content where the name says little."""
     file = SourceFile(path)
     if file.suffix in (".pt", ".pth"):
         return True

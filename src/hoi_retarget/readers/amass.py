@@ -1,4 +1,4 @@
-"""Reads AMASS, and whatever is stored as AMASS is: `<name>.npz`, one person without objects.
+"""Reads AMASS, and recordings in its layout: `<name>.npz`, one person without objects.
 
 Two releases exist. SMPL-H: `poses` has 156 numbers a frame, pelvis, body, left and right hand, the rate is called
 `mocap_framerate`. SMPL-X, in files `*_stageii.npz`: `poses` has 165, with jaw and eyes between body and hands, the same
@@ -13,7 +13,6 @@ Cites: nghorbani/amass `README.md` and notebooks; human_body_prior `body_model.p
 """
 
 from collections.abc import Mapping
-from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Float
@@ -23,16 +22,14 @@ from hoi_retarget.errors import ClipError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.body_model import Family
 from hoi_retarget.readers.body_parameters import FLAT_HANDS, TITLES, BodyParameters
-from hoi_retarget.readers.companions import npz_fields
-from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import data_set
-from hoi_retarget.readers.recording import Recording, Tracks
+from hoi_retarget.readers.fields import Fields, npz_fields
+from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
 
 FORMAT = "amass"
 LICENCE = "AMASS: non-commercial scientific research; and the terms of the subset"
 RATES = ("mocap_framerate", "mocap_frame_rate")
-FAMILY_OF_WIDTH: Mapping[int, Family] = MappingProxyType({156: "smplh", 165: "smplx"})
-"""Numbers of `poses` in a frame -> whose model they are of."""
+FAMILY_OF_WIDTH: Mapping[int, Family] = {156: "smplh", 165: "smplx"}
+"""Numbers of `poses` in a frame -> family of their model."""
 
 _BODY, _HANDS = 66, 90
 _PARTS = ("root_orient", "pose_body")
@@ -47,8 +44,8 @@ def holds(file: SourceFile) -> bool:
     return posed and names.issuperset(("trans", "betas")) and not names.isdisjoint(RATES)
 
 
-def record(file: SourceFile, options: ReadOptions) -> Recording:
-    """Return what a file holds."""
+def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
+    """Return the recording in a file."""
     fields = npz_fields(file, file.path)
     frames = len(fields.array("trans", ("T", 3), "the body's position"))
     rate = next(name for name in RATES if name in fields)
@@ -65,12 +62,12 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
         )
         return Tracks(people=(person,), objects=())
 
-    return Recording(
+    return SourceRecording(
         name=file.path.stem,
         description="recording of one person in AMASS's layout",
         frames=frames,
         fps=float(fields.array(rate, (), "frames a second")),
-        rate_stated=True,
+        fps_stated=True,
         skeleton=f"{TITLES[family]} {gender}, {len(betas)} betas",
         objects=(),
         contacts="none, as there are no objects",
@@ -83,7 +80,7 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
 
 
 def _family(fields: Fields, frames: int) -> tuple[Family, tuple[str, ...]]:
-    """Return whose body model the pose is of, and what is to be noted of that; raises `ClipError`."""
+    """Return the family of the pose's body model, and notes of it; raises `ClipError`."""
     if "surface_model_type" in fields:
         stated = fields.text("surface_model_type", "the body model")
         # Another release of the same model, such as smplx_locked_head, has the same joints.

@@ -15,7 +15,6 @@ Subject and object are told by the folder's name, `Date03_Sub04_chairwood_sit`, 
 
 import re
 from collections.abc import Mapping
-from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Int
@@ -27,11 +26,9 @@ from hoi_retarget.files.source_file import FOLDER, SourceFile
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
-from hoi_retarget.readers.companions import folder_of_tree, json_values, npz_fields
-from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import data_set
-from hoi_retarget.readers.recording import Recording, Tracks
-from hoi_retarget.readers.triangles import first_mesh
+from hoi_retarget.readers.fields import Fields, folder_of_tree, json_values, npz_fields
+from hoi_retarget.readers.object_files import first_mesh
+from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
 
 FORMAT = "behave"
 LICENCE = "BEHAVE's licence: non-commercial research, education and art only; faces in published images are blurred"
@@ -50,13 +47,13 @@ _OTHER_MESHES = {
     "monitor": "monitor_closed_f1000.ply",
     "tablesquare": "tablesquare_f2000.ply",
 }
-MESHES: Mapping[str, str] = MappingProxyType({name: f"{name}_f1000.ply" for name in _OBJECTS} | _OTHER_MESHES)
+MESHES: Mapping[str, str] = {name: f"{name}_f1000.ply" for name in _OBJECTS} | _OTHER_MESHES
 """Object -> the simplified mesh that its poses were fitted with."""
 
 _PERSON, _OBJECT, _INFO = "smpl_fit_all.npz", "object_fit_all.npz", "info.json"
 _TIMES = "frame_times"
 _TIME = re.compile(r"t(\d{1,6}\.\d{3})")
-_LARGEST_OFFSET = 0.1
+_MAX_OFFSET = 0.1
 """Frames by which a time may be off a multiple of 1/30 s; they are written in milliseconds."""
 _NAME = re.compile(r"Date\d\d_Sub(?P<subject>\d\d)_(?P<category>[a-z]+)(?:_.*)?")
 _TILT_NOTE = (
@@ -70,11 +67,11 @@ def holds(file: SourceFile) -> bool:
     return all(file.beside(name).is_file() for name in (_PERSON, _OBJECT))
 
 
-def record(file: SourceFile, options: ReadOptions) -> Recording:
-    """Return what a folder holds, in the stretch without gaps that is selected."""
+def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
+    """Return the recording in a folder, in the stretch without gaps that is selected."""
     gender, category = _gender_and_category(file)
-    person, thing = (npz_fields(file, file.beside(name)) for name in (_PERSON, _OBJECT))
-    times = _numbers(person), _numbers(thing)
+    person, object_ = (npz_fields(file, file.beside(name)) for name in (_PERSON, _OBJECT))
+    times = _numbers(person), _numbers(object_)
     chosen = [part for name, part in _stretches(*times).items() if file.selection in (None, name)]
     if not chosen:
         raise ClipError(
@@ -85,17 +82,17 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
 
     def read_tracks() -> Tracks:
         body = _body(person, len(times[0]), gender).at(rows[0])
-        angles = thing.array("angles", (len(times[1]), 3), "the object's rotation vectors")[rows[1]]
-        positions = thing.array("trans", (len(times[1]), 3), "the object's position")[rows[1]]
+        angles = object_.array("angles", (len(times[1]), 3), "the object's rotation vectors")[rows[1]]
+        positions = object_.array("trans", (len(times[1]), 3), "the object's position")[rows[1]]
         track = ObjectTrack(category, positions, se3.exp(angles), _geometry(file, options, category))
         return Tracks(people=(body,), objects=(track,))
 
-    return Recording(
+    return SourceRecording(
         name="_".join(filter(None, (file.path.resolve().name, file.selection))),
         description="BEHAVE recording of one person and one object",
         frames=sum(map(len, chosen)),
         fps=FPS,
-        rate_stated=True,
+        fps_stated=True,
         skeleton=f"SMPL-H {gender}, {BETAS} betas",
         up_axis="-y of the first camera, as the format has it; its tilt is not known",
         objects=(category,),
@@ -112,35 +109,32 @@ def clips_in(file: SourceFile) -> tuple[str, ...]:
     try:
         names = tuple(_stretches(*(_numbers(npz_fields(file, file.beside(name))) for name in (_PERSON, _OBJECT))))
     except ClipError:
-        return ()  # Reading tells.
+        return ()  # Reading raises it.
     return names if len(names) > 1 else ()
-
-
-# Files and frames
 
 
 def _gender_and_category(file: SourceFile) -> tuple[str, str]:
     named = _NAME.fullmatch(file.path.resolve().name)
     path = file.beside(_INFO)
     info = Fields(path, json_values(file, path) if path.is_file() else {})
-    told = {
+    facts = {
         "gender": GENDERS.get(named["subject"]) if named else None,
         "cat": named["category"] if named else None,
     }
     for key, meaning in (("gender", "the person's gender"), ("cat", "the object's category")):
         stated = info.text(key, meaning) if key in info else None
-        if stated and told[key] and stated != told[key]:
+        if stated and facts[key] and stated != facts[key]:
             raise ClipError(
-                f"{path}: {key} is {stated[:40]!a}, but the folder's name says {told[key]!r}. Give the folder the name "
-                "that its makers gave it."
+                f"{path}: {key} is {stated[:40]!a}, but the folder's name says {facts[key]!r}. Give the folder its "
+                "own name again."
             )
-        told[key] = stated or told[key]
-        if told[key] is None:
+        facts[key] = stated or facts[key]
+        if facts[key] is None:
             raise ClipError(
                 f"{file.name}: neither the folder's name nor {_INFO} tells {meaning}. Expected a name such as "
                 f"Date03_Sub04_chairwood_sit, subjects {', '.join(GENDERS)}. Give the folder its own name again."
             )
-    gender, category = str(told["gender"]), str(told["cat"])
+    gender, category = str(facts["gender"]), str(facts["cat"])
     if category not in MESHES:
         raise ClipError(f"{file.name}: {category[:40]!a} is none of BEHAVE's objects: {', '.join(MESHES)}.")
     return gender, category
@@ -155,7 +149,7 @@ def _numbers(fields: Fields) -> Int[np.ndarray, "T"]:
     matches = [match for match in map(_TIME.fullmatch, texts) if match]
     exact = FPS * np.array([float(match[1]) for match in matches])
     numbers = np.rint(exact).astype(int)
-    sound = len(matches) == len(texts) and (np.abs(exact - numbers) <= _LARGEST_OFFSET).all()
+    sound = len(matches) == len(texts) and (np.abs(exact - numbers) <= _MAX_OFFSET).all()
     if not sound or (np.diff(numbers) <= 0).any():
         raise ClipError(
             f"{fields.path}: {_TIMES}, when the frames are, are not times in order such as 't0003.033', each a "
@@ -164,17 +158,17 @@ def _numbers(fields: Fields) -> Int[np.ndarray, "T"]:
     return numbers
 
 
-def _stretches(person: Int[np.ndarray, "P"], thing: Int[np.ndarray, "O"]) -> dict[str, Int[np.ndarray, "T"]]:
+def _stretches(person: Int[np.ndarray, "P"], object_: Int[np.ndarray, "O"]) -> dict[str, Int[np.ndarray, "T"]]:
     """Return the numbers of the frames that both have, by stretches that are long enough for a clip; with names."""
-    shared = np.intersect1d(person, thing, assume_unique=True)
+    shared = np.intersect1d(person, object_, assume_unique=True)
     parts = np.split(shared, np.flatnonzero(np.diff(shared) > 1) + 1)
     return {f"{part[0]:04d}-{part[-1]:04d}": part for part in parts if len(part) >= MINIMUM_FRAMES}
 
 
 def _frame_notes(
-    person: Int[np.ndarray, "P"], thing: Int[np.ndarray, "O"], chosen: Int[np.ndarray, "T"]
+    person: Int[np.ndarray, "P"], object_: Int[np.ndarray, "O"], chosen: Int[np.ndarray, "T"]
 ) -> tuple[str, ...]:
-    alone = {_PERSON: np.setdiff1d(person, thing), _OBJECT: np.setdiff1d(thing, person)}
+    alone = {_PERSON: np.setdiff1d(person, object_), _OBJECT: np.setdiff1d(object_, person)}
     notes = [
         f"{len(numbers)} frame(s) that only {name} has are left out." for name, numbers in alone.items() if len(numbers)
     ]
@@ -185,9 +179,6 @@ def _frame_notes(
             f"{len(chosen)} of {shared} frames."
         )
     return tuple(notes)
-
-
-# What is in them
 
 
 def _body(fields: Fields, count: int, gender: str) -> BodyParameters:

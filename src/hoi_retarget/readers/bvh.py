@@ -1,4 +1,4 @@
-"""Reads BVH: one person, captured or animated, without objects; LAFAN1, and skeletons with names of `rigs`.
+"""Reads BVH: one person, captured or animated, without objects; LAFAN1, and skeletons with the names of a known rig.
 
 Joints are found by their names. BVH states neither which axis is up, nor a unit, nor a T-pose, so these are found:
 
@@ -17,50 +17,51 @@ Cites: ubisoft/ubisoft-laforge-animation-dataset (names, 30 frames a second, cen
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError
-from hoi_retarget.files.bvh import Bvh, is_bvh, parse_bvh
+from hoi_retarget.files.bvh_file import END, Bvh, is_bvh, parse_bvh
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.human import fingers
 from hoi_retarget.human.person import Person
-from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS
+from hoi_retarget.human.skeleton import (
+    JOINT_INDEX,
+    JOINTS,
+    LEFT_FINGERS,
+    RIGHT_FINGERS,
+    STRAIGHT_FINGERS,
+    add_straight_fingers,
+)
 from hoi_retarget.human.t_pose import LIMBS, body_axes, turns_from_t_pose
 from hoi_retarget.numerics import se3
-from hoi_retarget.readers.finish import data_set
-from hoi_retarget.readers.recording import Recording, Tracks
-from hoi_retarget.readers.rigs import RiggedSkeleton, skeleton_of
-from hoi_retarget.readers.upright import standing_axis
-from hoi_retarget.readers.worlds import World
+from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
+from hoi_retarget.readers.worlds import World, standing_axis
 
 FORMAT = "bvh"
 LICENCE = "that of the data, which BVH does not state; LAFAN1: CC BY-NC-ND 4.0"
-UNITS: Mapping[str, float] = MappingProxyType(
-    {
-        "a metre": 1.0,
-        "0.05644 m, as in CMU's": 0.0254 / 0.45,
-        "an inch": 0.0254,
-        "a centimetre": 0.01,
-        "a millimetre": 1e-3,
-    }
-)
+UNITS: Mapping[str, float] = {
+    "a metre": 1.0,
+    "0.05644 m, as in CMU's": 0.0254 / 0.45,
+    "an inch": 0.0254,
+    "a centimetre": 0.01,
+    "a millimetre": 1e-3,
+}
 """What a unit of length may be [m]; no person is a grown one in two of them."""
-SHORTEST, TALLEST = 1.2, 2.3  # [m]
-FARTHEST_FROM_T_POSE = 100.0
+MIN_HEIGHT, MAX_HEIGHT = 1.2, 2.3  # [m]
+MAX_ANGLE_TO_T_POSE = 100.0
 """[deg]; arms that hang down are about 90 away."""
-LOWEST_PELVIS = 0.04
+MIN_PELVIS_HEIGHT = 0.04
 """Of a leg's length; a root that is less above the hips is between them."""
 
-LEAST_HEAD = 0.08
+MIN_HEAD_HEIGHT = 0.08
 """Of the height; less above the head's joint is no top of it."""
 
 _BODY = 22
-_STRAIGHT = 0.85  # A cosine; limbs that are bent less tell nothing.
+_STRAIGHT = 0.85  # A cosine; limbs that are bent less are no evidence.
 _FLAT_FOOT = np.deg2rad(21.454555)
 """By which LAFAN1's toes are turned against its feet; they are level while it stands."""
 _TRUNK = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])
@@ -73,16 +74,67 @@ _ARMS = {
 """The axes of LAFAN1's bones in the T-pose, one a column."""
 
 
+@dataclass(frozen=True)
+class _Rig:
+    """Names of bones, without a prefix that a file gives to all of them."""
+
+    title: str
+    pelvis: str
+    sides: tuple[str, str]
+    """Beginnings of the names of a left and of a right limb."""
+    limbs: dict[str, tuple[str, ...]]
+    """Joint without its side -> its possible names."""
+    toe_height: float = 0.0
+    """Of the toe joints over the soles [m]; most rigs have them on the soles, for a hinge."""
+
+    def bones(self) -> dict[str, tuple[str, ...]]:
+        """Return joint -> its possible names, without spine and fingers."""
+        # A foot without toes may have an end.
+        limbs = self.limbs | {"foot": (*self.limbs["foot"], f"{self.limbs['ankle'][0]}{END}")}
+        sided = {
+            f"{side}_{joint}": tuple(f"{prefix}{name}" for name in names)
+            for side, prefix in zip(("left", "right"), self.sides, strict=True)
+            for joint, names in limbs.items()
+        }
+        return {"pelvis": (self.pelvis,), "neck": ("Neck",), "head": ("Head",), **sided}
+
+
+_LIMBS = ("hip", "knee", "ankle", "foot", "collar", "shoulder", "elbow", "wrist")
+
+
+def _rig(title: str, pelvis: str, sides: tuple[str, str], bones: str, toe_height: float = 0.0) -> _Rig:
+    names = (tuple(bone.split("|")) for bone in bones.split())
+    return _Rig(title, pelvis, sides, dict(zip(_LIMBS, names, strict=True)), toe_height)
+
+
+_RIGS = (
+    _rig("LAFAN1 and Mixamo", "Hips", ("Left", "Right"), "UpLeg Leg Foot ToeBase|Toe Shoulder Arm ForeArm Hand"),
+    _rig("Xsens MVN", "Hips", ("Left", "Right"), "Hip Knee Ankle Toe Collar Shoulder Elbow Wrist"),
+    _rig("SMPL", "Pelvis", ("L_", "R_"), "Hip Knee Ankle Foot|Toe Collar Shoulder Elbow Wrist", 0.025),
+)
+
+
+@dataclass(frozen=True)
+class _RiggedSkeleton:
+    """A file's joints by the names of `skeleton.JOINTS`."""
+
+    rig: _Rig
+    joints: Mapping[str, int]
+    """Of the body without the spine, and of all fingers where they are there."""
+    spine: tuple[int, ...]
+    """From above the pelvis to below the neck."""
+
+
 def holds(file: SourceFile) -> bool:
     """Return whether a file begins as BVH does."""
     return is_bvh(file.content)
 
 
-def record(file: SourceFile, options: ReadOptions) -> Recording:
-    """Return what a file holds."""
+def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
+    """Return the recording in a file."""
     motion = parse_bvh(file.content, file.path)
     try:
-        skeleton = skeleton_of(motion.names, motion.parents)
+        skeleton = _skeleton_of(motion.names, motion.parents)
     except ClipError as error:
         raise ClipError(f"{file.path}: {error}.") from error
 
@@ -90,12 +142,12 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
         person, notes = _person(file.path, motion, skeleton)
         return Tracks(people=(person,), objects=(), notes=notes)
 
-    return Recording(
+    return SourceRecording(
         name=file.path.stem,
         description="BVH motion of one person",
         frames=len(motion.values),
         fps=motion.rate,
-        rate_stated=True,
+        fps_stated=True,
         skeleton=f"{len(motion.names)} joints with the names of {skeleton.rig.title}",
         up_axis="measured from the person when it is read",
         objects=(),
@@ -117,11 +169,8 @@ def _world(person: Person) -> World:
     return World("y", world.turns, "y is taken as up, as in most BVH files; the person does not stand along it.")
 
 
-# The person
-
-
-def _person(path: Path, motion: Bvh, skeleton: RiggedSkeleton) -> tuple[Person, tuple[str, ...]]:
-    """Return the person in the file's world, in metres, and what is to be noted; raises `ClipError`."""
+def _person(path: Path, motion: Bvh, skeleton: _RiggedSkeleton) -> tuple[Person, tuple[str, ...]]:
+    """Return the person in the file's world, in metres, and notes; raises `ClipError`."""
     rest = motion.rest_positions()
     joints = _joints(skeleton, skeleton.spine)
     turns, how = _turns(path, rest[joints])
@@ -135,8 +184,8 @@ def _person(path: Path, motion: Bvh, skeleton: RiggedSkeleton) -> tuple[Person, 
     positions, quats = all_positions[:, places], se3.quat_multiply(all_quats[:, joints], turns)
     if len(joints) == _BODY:
         positions, quats = _with_fingers(positions, quats)
-        notes += (fingers.NOTE,)
-    unit, said = _unit(path, Person("person", positions, quats, stature=stature).height)
+        notes += (STRAIGHT_FINGERS,)
+    unit, unit_note = _unit(path, Person("person", positions, quats, stature=stature).height)
     person = Person(
         "person",
         unit * positions,
@@ -146,10 +195,10 @@ def _person(path: Path, motion: Bvh, skeleton: RiggedSkeleton) -> tuple[Person, 
         toe_height=skeleton.rig.toe_height,
     )
     _check_bending(path, person)
-    return person, (*notes, said)
+    return person, (*notes, unit_note)
 
 
-def _joints(skeleton: RiggedSkeleton, spine: Sequence[int]) -> Int[np.ndarray, "J"]:
+def _joints(skeleton: _RiggedSkeleton, spine: Sequence[int]) -> Int[np.ndarray, "J"]:
     """Return the file's joints in the order of `skeleton.JOINTS`, without fingers where it has none."""
     chosen = np.linspace(0, len(spine) - 1, 3).round().astype(int)
     found = {**skeleton.joints, **{f"spine{number}": spine[place] for number, place in enumerate(chosen, 1)}}
@@ -157,12 +206,12 @@ def _joints(skeleton: RiggedSkeleton, spine: Sequence[int]) -> Int[np.ndarray, "
 
 
 def _turns(path: Path, rest: Float[np.ndarray, "J 3"]) -> tuple[Float[np.ndarray, "J 4"], str]:
-    """Return what turns each bone's rotation into one that is counted from the T-pose, and a note of how."""
+    """Return turns of each bone's rotation into one that is counted from the T-pose, wxyz, and a note of them."""
     if _is_along_x(rest):
         return _lafan1_turns(), "All bones lie along x while nothing is turned, as LAFAN1's: rotations are as there."
     unturned = np.tile(se3.IDENTITY_QUAT, (len(rest), 1))
     try:
-        turns, largest = turns_from_t_pose(rest, unturned, body_axes(rest), FARTHEST_FROM_T_POSE)
+        turns, largest = turns_from_t_pose(rest, unturned, body_axes(rest), MAX_ANGLE_TO_T_POSE)
     except ClipError as error:
         raise ClipError(
             f"{path}: {error}, while nothing is turned. Export it with a T-pose as the rest pose; of other rest poses "
@@ -181,7 +230,7 @@ def _stature(
         of_head[joint] |= parent >= 0 and of_head[parent]
     heights = se3.rotate_inverse(turn, rest)[:, 1]
     top, lowest = float(heights[of_head].max()), float(heights.min())
-    return top - lowest if top - heights[head] > LEAST_HEAD * (top - lowest) else None
+    return top - lowest if top - heights[head] > MIN_HEAD_HEIGHT * (top - lowest) else None
 
 
 def _is_along_x(rest: Float[np.ndarray, "J 3"]) -> bool:
@@ -211,7 +260,7 @@ def _root_between_hips(rest: Float[np.ndarray, "J 3"], turn: Float[np.ndarray, "
         rest[JOINT_INDEX[joint]] for joint in ("pelvis", "left_hip", "right_hip", "left_knee", "left_ankle")
     )
     upwards = se3.rotate_inverse(turn, pelvis - 0.5 * (left + right))[1]
-    return bool(upwards < LOWEST_PELVIS * (np.linalg.norm(knee - left) + np.linalg.norm(ankle - knee)))
+    return bool(upwards < MIN_PELVIS_HEIGHT * (np.linalg.norm(knee - left) + np.linalg.norm(ankle - knee)))
 
 
 def _with_fingers(
@@ -220,17 +269,17 @@ def _with_fingers(
     frames = len(positions)
     full_positions, full_quats = np.zeros((frames, 1, len(JOINTS), 3)), np.zeros((frames, 1, len(JOINTS), 4))
     full_positions[:, 0, :_BODY], full_quats[:, 0, :_BODY] = positions, quats
-    fingers.add_straight_fingers(full_positions, full_quats)
+    add_straight_fingers(full_positions, full_quats)
     return full_positions[:, 0], full_quats[:, 0]
 
 
 def _unit(path: Path, height: float) -> tuple[float, str]:
-    """Return what a unit of the file is [m], and a note of it, from the person's height in it; raises `ClipError`."""
+    """Return the file's unit [m], from the person's height in it, and a note of it; raises `ClipError`."""
     for name, unit in UNITS.items():
-        if SHORTEST <= unit * height <= TALLEST:
+        if MIN_HEIGHT <= unit * height <= MAX_HEIGHT:
             return unit, f"A unit of length is {name}: the person is then {unit * height:.2f} m tall; BVH states none."
     raise ClipError(
-        f"{path}: the person is {height:.4g} units tall, which is {SHORTEST:g} to {TALLEST:g} m in none of "
+        f"{path}: the person is {height:.4g} units tall, which is {MIN_HEIGHT:g} to {MAX_HEIGHT:g} m in none of "
         f"{', '.join(UNITS)}. Scale offsets and positions to centimetres."
     )
 
@@ -250,6 +299,51 @@ def _check_bending(path: Path, person: Person) -> None:
                     f"{path}: the {side} {end} bends the wrong way in most frames: the bones have other axes than "
                     "the rest pose tells. Export it with a T-pose as the rest pose."
                 )
+
+
+def _skeleton_of(names: Sequence[str], parents: Sequence[int]) -> _RiggedSkeleton:
+    """Return the skeleton of a known rig, from the names and parents of all joints, root first; raises `ClipError`."""
+    lacking: list[tuple[_Rig, list[str]]] = []
+    for rig in _RIGS:
+        prefix = names[0].removesuffix(rig.pelvis) if names[0].endswith(rig.pelvis) else ""
+        # The first of a name counts: ends of limbs may repeat one.
+        places = {name.removeprefix(prefix): index for index, name in reversed(list(enumerate(names)))}
+        bones = rig.bones()
+        found = {
+            joint: next((places[name] for name in called if name in places), -1) for joint, called in bones.items()
+        }
+        spine = _between(found["pelvis"], found["neck"], parents)
+        if spine and min(found.values()) >= 0:
+            return _RiggedSkeleton(rig, found | _fingers(rig, places), spine)
+        lacking.append((rig, [bones[joint][0] for joint, index in found.items() if index < 0]))
+    nearest, missing = min(lacking, key=lambda item: len(item[1]))
+    raise ClipError(
+        f"the skeleton is none that is known ({', '.join(rig.title for rig in _RIGS)}): of the names of "
+        f"{nearest.title} it lacks {', '.join(missing[:4]) or 'a spine'}{', ...' if len(missing) > 4 else ''}, and has "
+        f"{', '.join(names[:6])}, .... Rename its bones, or convert it to the layout in docs/sources.md"
+    )
+
+
+def _between(pelvis: int, neck: int, parents: Sequence[int]) -> tuple[int, ...]:
+    """Return the joints from above the pelvis to below the neck, none where the neck is not above it."""
+    chain: list[int] = []
+    joint = parents[neck] if neck >= 0 else -1
+    while joint >= 0 and joint != pelvis:
+        chain.append(joint)
+        joint = parents[joint]
+    return tuple(reversed(chain)) if joint == pelvis else ()
+
+
+def _fingers(rig: _Rig, places: Mapping[str, int]) -> dict[str, int]:
+    """Return all finger joints, such as `LeftHandIndex1` for that of `LeftHand`; none where some are missing."""
+    found: dict[str, int] = {}
+    for side, prefix, fingers in zip(("left", "right"), rig.sides, (LEFT_FINGERS, RIGHT_FINGERS), strict=True):
+        for joint in fingers:
+            name = f"{prefix}{rig.limbs['wrist'][0]}{joint.removeprefix(f'{side}_').title()}"
+            if name not in places:
+                return {}
+            found[joint] = places[name]
+    return found
 
 
 READER = data_set(FORMAT, (".bvh",), record, holds=holds)

@@ -23,7 +23,6 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -35,10 +34,8 @@ from hoi_retarget.human.skeleton import HANDS
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import data_set
-from hoi_retarget.readers.recording import Recording, Tracks
-from hoi_retarget.readers.rigid import poses_of
-from hoi_retarget.readers.triangles import first_mesh
+from hoi_retarget.readers.object_files import first_mesh, poses_of
+from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
 
 FORMAT = "cari4d"
 LICENCE = "NVIDIA licence of CARI4D: non-commercial research; the video's own terms hold as well"
@@ -50,13 +47,11 @@ VIDEO_FPS = 30.0
 RECONSTRUCTION_LENGTH = 2.0
 """How long meshes are before their size is estimated: from -1 to 1."""
 
-_GENDER_OF: Mapping[str, str] = MappingProxyType(
-    {
-        **dict.fromkeys(("Sub01", "Sub02", "Sub03", "Sub04", "Sub05"), "male"),
-        **dict.fromkeys(("Sub06", "Sub07", "Sub08"), "female"),
-        **{word: word for word in ("male", "female", "neutral")},
-    }
-)
+_GENDER_OF: Mapping[str, str] = {
+    **dict.fromkeys(("Sub01", "Sub02", "Sub03", "Sub04", "Sub05"), "male"),
+    **dict.fromkeys(("Sub06", "Sub07", "Sub08"), "female"),
+    **{word: word for word in ("male", "female", "neutral")},
+}
 _SUBJECT = re.compile(r"[Ss]ub\d+")
 _TIME, _INDEX = re.compile(r"t\d+\.\d{3}"), re.compile(r"\d{1,9}")
 _TIME_STEP_TOLERANCE = 2e-3  # [s]; times of frames are rounded to milliseconds.
@@ -68,7 +63,7 @@ _PREDICTION = ("pose_abs", "smpl_pose", "smpl_t", "betas")
 
 @dataclass(frozen=True)
 class _Sequence:
-    """What the names of a recording's file, folder and frames tell."""
+    """Facts from the names of a recording's file, folder and frames."""
 
     name: str
     """CARI4D's name of the video, such as `Date03_Sub01_gas_wild002`."""
@@ -87,8 +82,8 @@ def holds(file: SourceFile) -> bool:
     return isinstance(prediction, dict) and all(name in prediction for name in _PREDICTION)
 
 
-def record(file: SourceFile, options: ReadOptions) -> Recording:
-    """Return what a file holds, and what the names of its frames tell."""
+def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
+    """Return the recording in a file."""
     fields = Fields(file.path, file.torch).table("pr", "the prediction")
     sequence = _sequence(file)
     frames, gender, name = sequence.frames, _gender(file, sequence), sequence.object or options.object_name
@@ -111,12 +106,12 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
             notes=(*body_notes, *mesh_notes, *contact_notes),
         )
 
-    return Recording(
+    return SourceRecording(
         name=file.path.stem,
         description="CARI4D reconstruction of one person and one object from video",
         frames=frames,
         fps=sequence.fps,
-        rate_stated=not sequence.centred,
+        fps_stated=not sequence.centred,
         skeleton=f"SMPL-H {gender}, {BETAS} betas",
         up_axis="-y, by the camera, taken to be level",
         objects=(name,) if name else (),
@@ -127,9 +122,6 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
         read_tracks=read_tracks,
         names_objects=sequence.object is not None,
     )
-
-
-# What names tell
 
 
 def _sequence(file: SourceFile) -> _Sequence:
@@ -219,9 +211,6 @@ def _gender(file: SourceFile, sequence: _Sequence) -> str:
     )
 
 
-# The body
-
-
 def _body(fields: Fields, frames: int, gender: str) -> tuple[BodyParameters, tuple[str, ...]]:
     pose = fields.array("smpl_pose", (frames, "numbers"), "the body's pose")
     if pose.shape[1] not in (OPTIMIZED, REFINED):
@@ -249,9 +238,6 @@ def _body(fields: Fields, frames: int, gender: str) -> tuple[BodyParameters, tup
     return body, notes
 
 
-# The object
-
-
 def _geometry(
     file: SourceFile, sequence: _Sequence, name: str, objects: Path | None
 ) -> tuple[ObjectGeometry, tuple[str, ...]]:
@@ -259,9 +245,9 @@ def _geometry(
     plain = file.beside(name, f"{name}.obj")  # Refuses names that would leave the folder.
     folder = objects or file.path.parent
     found = _meshes(folder, sequence.name)
-    wanted = folder / f"{sequence.name}*_align" / "*_align.obj"
+    expected = folder / f"{sequence.name}*_align" / "*_align.obj"
     own = folder / plain.parent.name / plain.name
-    geometry = first_mesh(name, (*found[:1], wanted, own), centred=sequence.centred)
+    geometry = first_mesh(name, (*found[:1], expected, own), centred=sequence.centred)
     frame = "less the mean of its vertices, as for videos" if sequence.centred else "as it is"
     mesh = found[0].relative_to(folder) if found else own.relative_to(folder)
     notes = (f"The object's poses are of its mesh {mesh} {frame}.",)
@@ -289,11 +275,8 @@ def _meshes(folder: Path, sequence: str) -> list[Path]:
         raise GeometryError(f"{folder}: cannot be read ({error}). Check --objects and its permissions.") from error
 
 
-# Contacts
-
-
 def _touching(fields: Fields, frames: int) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Return when each hand touches the object, nothing where no scores are stored, and what is to be noted of it."""
+    """Return the contact of each hand over time, empty where no scores are stored, and notes of it."""
     stored = "contact_logits" in fields
     scores = fields.array("contact_logits", (frames, 2), "scores of the hands' contacts") if stored else np.zeros(0)
     if not scores.any():

@@ -23,25 +23,22 @@ from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, ReadError
 from hoi_retarget.files import npz
 from hoi_retarget.files.source_file import FOLDER, SourceFile
-from hoi_retarget.human import kinematics
+from hoi_retarget.human import skeleton
 from hoi_retarget.human.body_model import JOINT_COUNT
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINTS
 from hoi_retarget.numerics.arrays import describe_frames
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters, constant_betas, person_of
-from hoi_retarget.readers.companions import check_frames, folder_of_tree, json_values, npz_fields
-from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import data_set
-from hoi_retarget.readers.recording import Recording, Tracks
-from hoi_retarget.readers.rigid import poses_of
-from hoi_retarget.readers.triangles import first_mesh
+from hoi_retarget.readers.fields import Fields, check_frames, folder_of_tree, json_values, npz_fields
+from hoi_retarget.readers.object_files import first_mesh, poses_of
+from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
 
 FORMAT = "core4d"
 LICENCE = "CC BY 4.0, as the data set's README says"
 FPS = 15.0
 PEOPLE = ("person1", "person2")
-LARGEST_GAP = 0.01
+MAX_GAP = 0.01
 """[m]; between joints that the file stores and where its own parameters put them."""
 
 _PARAMETERS = "arr_0"
@@ -68,8 +65,8 @@ def holds(file: SourceFile) -> bool:
     return any(file.beside(*name).is_file() for name in names) or _is_synthetic(file)
 
 
-def record(file: SourceFile, options: ReadOptions) -> Recording:
-    """Return what a folder holds; body models are used where they are given."""
+def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
+    """Return the recording in a folder; body models are used where they are given."""
     _check_version(file)
     name, poses = _object_name(file), _object_poses(file)
 
@@ -81,7 +78,7 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
             notes=() if options.body_models else (_FINGER_NOTE,),
         )
 
-    return Recording(
+    return SourceRecording(
         name="_".join(file.path.resolve().parts[-2:]),
         description="CORE4D recording of two people and one object",
         frames=len(poses),
@@ -113,11 +110,8 @@ def _check_version(file: SourceFile) -> None:
         )
 
 
-# The object
-
-
 def _object_name(file: SourceFile) -> str:
-    """Return what the object is called in small letters, as its mesh is; raises `ReadError` or `ClipError`."""
+    """Return the object's name in small letters, which is its mesh's; raises `ReadError` or `ClipError`."""
     path = file.beside(_METADATA)
     name = Fields(path, json_values(file, path)).text("obj_name", "the object's name").lower()
     category = name[:-_DIGITS]
@@ -143,9 +137,6 @@ def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeomet
     folder = options.objects or folder_of_tree(file.path, _MESHES, beside="human_object_motions")
     places = (folder / name[:-_DIGITS], folder)
     return first_mesh(name, [place / f"{name}_m.obj" for place in places], centred=False)
-
-
-# People
 
 
 def _person(file: SourceFile, name: str, frames: int, body_models: Path | None) -> Person:
@@ -174,22 +165,22 @@ def _person(file: SourceFile, name: str, frames: int, body_models: Path | None) 
 def _person_of_joints(
     path: Path, name: str, positions: Float[np.ndarray, "T 52 3"], pose: Float[np.ndarray, "T 22 3"]
 ) -> Person:
-    body = kinematics.world_quats(pose, kinematics.BODY_PARENTS)
+    body = skeleton.world_quats(pose, skeleton.BODY_PARENTS)
     count = body.shape[1]
-    bones = kinematics.bones_in_parents(positions[:, :count], body, kinematics.BODY_PARENTS)
-    _check_gap(path, kinematics.wandering(bones), "rigid bones turned by its pose have")
+    bones = skeleton.bones_in_parents(positions[:, :count], body, skeleton.BODY_PARENTS)
+    _check_gap(path, skeleton.bone_deviations(bones), "rigid bones turned by its pose have")
     wrists = [body[:, JOINTS.index(f"{side}_wrist"), None] for side in ("left", "right")]
     hands = [np.broadcast_to(wrist, (len(body), 15, 4)) for wrist in wrists]
     return Person(name, positions, np.concatenate([body, *hands], axis=1))
 
 
 def _check_gap(path: Path, gaps: Float[np.ndarray, "T J"], elsewhere: str) -> None:
-    bad = gaps > LARGEST_GAP
+    bad = gaps > MAX_GAP
     if bad.any():
         joint = JOINTS[int(gaps.max(axis=0).argmax())]
         raise ClipError(
             f"{path}: stored joints are up to {gaps.max():.3g} m from where {elsewhere} them, most at {joint}, in "
-            f"{describe_frames(np.flatnonzero(bad.any(axis=1)))}; at most {LARGEST_GAP:g} m was expected. Use the "
+            f"{describe_frames(np.flatnonzero(bad.any(axis=1)))}; at most {MAX_GAP:g} m was expected. Use the "
             "neutral SMPL-X model, or download the recording again."
         )
 

@@ -1,4 +1,4 @@
-"""Says what a file is and what it holds, before anything is retargeted; plain facts, nothing printed."""
+"""Facts of a file before anything is retargeted: format, content, missing parts, and the next command."""
 
 import shlex
 from collections import Counter
@@ -13,10 +13,11 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, MeshError, ReadError
 from hoi_retarget.files import npz
-from hoi_retarget.files.archive import limit_of_motion
+from hoi_retarget.files.reading import limit_of_motion
 from hoi_retarget.files.source_file import FOLDER, SELECTION, SourceFile
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load
+from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.readers import (
     READERS,
@@ -31,35 +32,35 @@ from hoi_retarget.readers import (
 )
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.readers.reader import Reader
-from hoi_retarget.readers.upright import standing_axis
+from hoi_retarget.readers.worlds import standing_axis
 
 MOTION = "hoi-retarget-motion"
 UNKNOWN = "unknown"
 FLOOR_TOLERANCE = 0.3
 """[m]; the lowest joint is that near the floor in most frames of any recording."""
 
-_SHOWN = 12  # Names of clips that are listed.
+_MAX_LISTED = 12  # Names of clips.
 _SHARED = (".npz", ".pt", ".pth")
 """Endings of files that others write, too."""
 
 
 @dataclass(frozen=True)
 class ObjectFacts:
-    """What is known of one object."""
+    """Facts of one object."""
 
     name: str
     moved: float | None
-    """Largest distance from where it was first [m]; None where it could not be read."""
+    """Largest distance from its first place [m]; None where it could not be read."""
     lowest: float | None
     """Height of its lowest point over all frames [m]; None without geometry."""
     geometry: str
-    """The file of its shape, or what is missing and how to add it."""
+    """The file of its shape, or the missing one and a way to add it."""
     has_geometry: bool
 
 
 @dataclass(frozen=True)
 class ContactFacts:
-    """How often one part touches one object."""
+    """Contact of one part with one object."""
 
     part: str
     object: str
@@ -70,7 +71,7 @@ class ContactFacts:
 
 @dataclass(frozen=True)
 class Inspection:
-    """What a file is, what it holds, what is missing, and what to run."""
+    """Facts of a file, its faults, its missing parts, and the next command."""
 
     path: str
     format: str
@@ -90,26 +91,26 @@ class Inspection:
     objects: tuple[ObjectFacts, ...] = ()
     contacts: tuple[ContactFacts, ...] = ()
     contacts_from: str = ""
-    """Where contacts come from, where the source does not label them all."""
+    """The origin of contacts, where the source does not label them all."""
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
-    """What looks wrong but does not stop retargeting."""
+    """Doubts that do not stop retargeting."""
     problems: tuple[str, ...] = ()
     """Why the file cannot be retargeted as it is."""
     missing: tuple[str, ...] = ()
-    """What has to be added, and how."""
+    """Files and options that have to be added, and how."""
     command: str = ""
-    """What to run next; empty where nothing can be."""
+    """To be run next; empty where nothing can be."""
     result: Motion | None = None
     """The motion, where the file is a result."""
 
 
 def inspect(path: Path, options: ReadOptions = ReadOptions()) -> Inspection:
-    """Return what is in a file or a folder; neither it nor its objects need to be complete.
+    """Return the facts of a file or a folder; neither it nor its objects need to be complete.
 
     Args:
         path: Any file, or a folder that is a recording.
-        options: What it would be read with; whatever is not given counts as missing.
+        options: Those of reading it; files of options that are not given count as missing.
 
     Raises:
         ReadError: The file is missing or damaged.
@@ -131,7 +132,7 @@ def inspect(path: Path, options: ReadOptions = ReadOptions()) -> Inspection:
 
 
 def _content(file: SourceFile) -> str:
-    """Return what a file holds that is neither a recording nor a result; raises `ReadError` where it is damaged."""
+    """Return the content of a file that is neither a recording nor a result; raises `ReadError` for a damaged one."""
     if file.suffix in (".pt", ".pth"):
         return f"a torch file that holds {intermimic.describe(file.torch)}"
     if file.suffix != ".npz":
@@ -141,9 +142,6 @@ def _content(file: SourceFile) -> str:
     except ValueError as error:
         raise ReadError(f"{file.path}: not a readable .npz file ({error}). Write it again.") from error
     return f"a .npz archive of other arrays: {', '.join(map(ascii, names[:10]))[:400]}"
-
-
-# Recordings
 
 
 def _describe_recording(file: SourceFile, reader: Reader, options: ReadOptions) -> Inspection:
@@ -175,10 +173,10 @@ def _describe_recording(file: SourceFile, reader: Reader, options: ReadOptions) 
     except MeshError as error:
         return replace(facts, problems=(str(error),))
     except (GeometryError, BodyModelError) as error:
-        wanted: dict[str, str | Path] = {"body_models" if isinstance(error, BodyModelError) else "objects": Path("DIR")}
+        needed: dict[str, str | Path] = {"body_models" if isinstance(error, BodyModelError) else "objects": Path("DIR")}
         if "" in outline.objects:
-            wanted["object_name"] = "NAME"
-        given = {name: getattr(options, name) or stand_in for name, stand_in in wanted.items()}
+            needed["object_name"] = "NAME"
+        given = {name: getattr(options, name) or stand_in for name, stand_in in needed.items()}
         return replace(facts, missing=(str(error),), command=_command("run", file.name, replace(options, **given)))
     except (ClipError, ReadError, ArgumentError) as error:
         return replace(facts, problems=(str(error),))
@@ -186,24 +184,23 @@ def _describe_recording(file: SourceFile, reader: Reader, options: ReadOptions) 
 
 
 def _with_clip(facts: Inspection, clip: Clip) -> Inspection:
-    """Return the facts with what a clip that could be read holds."""
+    """Return the facts with those of the clip, which could be read."""
     described = tuple(_describe_object(track) for track in clip.objects)
-    contacts = (
-        # Parts of others than the first person are called as in contact edits.
-        _describe_contact(
-            track.active,
-            f"p{track.person}.{track.part}" if track.person else track.part,
-            clip.objects[track.object].name,
-        )
-        for track in clip.contacts
-    )
     texts = (text for person in clip.people for text in _contradictions(person.joint_positions, described))
     return replace(
         facts,
         lowest_joint=min(float(person.joint_positions[..., 2].min()) for person in clip.people),
         height=float(np.mean([person.height for person in clip.people])),
         objects=described,
-        contacts=tuple(contacts),
+        contacts=tuple(
+            # Parts of others than the first person are called as in contact edits.
+            _describe_contact(
+                f"p{track.person}.{track.part}" if track.person else track.part,
+                clip.objects[track.object].name,
+                track.active,
+            )
+            for track in clip.contacts
+        ),
         notes=tuple(dict.fromkeys((*facts.notes, *clip.source.notes))),
         warnings=(*dict.fromkeys(texts), *map(str, clip.source.warnings)),
     )
@@ -217,7 +214,7 @@ def _describe_object(track: ObjectTrack) -> ObjectFacts:
 
 
 def _contradictions(positions: Float[np.ndarray, "T 52 3"], objects: Iterable[ObjectFacts]) -> tuple[str, ...]:
-    """Return what speaks against z being up and the floor being at 0.
+    """Return contradictions of z being up and the floor being at 0.
 
     A person who bends has the head beside the pelvis, but hardly ever beside the feet.
     """
@@ -236,16 +233,12 @@ def _contradictions(positions: Float[np.ndarray, "T 52 3"], objects: Iterable[Ob
     return texts
 
 
-# Folders of recordings
-
-
 def _describe_folder(path: Path, options: ReadOptions) -> Inspection:
     found = recordings_below(path)
     if not found:
         problem = f"There is no clip in it or below. {why_no_clip(path)}"
         return Inspection(str(path), UNKNOWN, "a folder", problems=(problem,))
-    kinds = Counter(map(_format_of, found))
-    counted = ", ".join(f"{count} {name}" for name, count in kinds.most_common())
+    counted = ", ".join(f"{count} {name}" for name, count in Counter(map(_format_of, found)).most_common())
     names = [str(clip.relative_to(path)) for clip in found]
     shared = ReadOptions(objects=options.objects, body_models=options.body_models)
     return Inspection(
@@ -264,9 +257,6 @@ def _format_of(path: Path) -> str:
         return "unreadable"
 
 
-# Results
-
-
 def _describe_result(path: Path, result: Motion) -> Inspection:
     return Inspection(
         str(path),
@@ -282,20 +272,13 @@ def _describe_result(path: Path, result: Motion) -> Inspection:
             ObjectFacts(name, _moved(result.object_pos[:, index]), None, "not stored in results", False)
             for index, name in enumerate(result.object_names)
         ),
-        contacts=tuple(_motion_contacts(result)),
+        contacts=tuple(
+            _describe_contact(link, name, result.contact_flags[:, column] & (result.contact_object[:, column] == index))
+            for column, link in enumerate(result.contact_links)
+            for index, name in enumerate(result.object_names)
+        ),
         result=result,
     )
-
-
-def _motion_contacts(result: Motion) -> Iterable[ContactFacts]:
-    for column, link in enumerate(result.contact_links):
-        for index, name in enumerate(result.object_names):
-            yield _describe_contact(
-                result.contact_flags[:, column] & (result.contact_object[:, column] == index), link, name
-            )
-
-
-# What both share
 
 
 def _command(verb: str, path: Path, options: ReadOptions) -> str:
@@ -308,12 +291,11 @@ def _command(verb: str, path: Path, options: ReadOptions) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    return f"{', '.join(names[:_SHOWN])}{', ...' if len(names) > _SHOWN else ''}"
+    return f"{', '.join(names[:_MAX_LISTED])}{', ...' if len(names) > _MAX_LISTED else ''}"
 
 
-def _describe_contact(active: Bool[np.ndarray, "T"], part: str, name: str) -> ContactFacts:
-    begins = active & ~np.concatenate([[False], active[:-1]])
-    return ContactFacts(part, name, int(active.sum()), int(begins.sum()))
+def _describe_contact(part: str, name: str, active: Bool[np.ndarray, "T"]) -> ContactFacts:
+    return ContactFacts(part, name, int(active.sum()), len(runs(active)))
 
 
 def _moved(positions: Float[np.ndarray, "T 3"]) -> float:

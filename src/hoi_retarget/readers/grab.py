@@ -27,11 +27,9 @@ from hoi_retarget.human.skeleton import HANDS, JOINTS, PARTS
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
-from hoi_retarget.readers.companions import folder_of_tree, npz_fields
-from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import data_set
-from hoi_retarget.readers.recording import Recording, Tracks
-from hoi_retarget.readers.triangles import first_mesh
+from hoi_retarget.readers.fields import Fields, folder_of_tree, npz_fields
+from hoi_retarget.readers.object_files import first_mesh
+from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
 
 FORMAT = "grab"
 LICENCE = "GRAB's licence: non-commercial scientific research only"
@@ -39,7 +37,7 @@ TABLE = "table"
 LABELLED_JOINTS = (*JOINTS[:22], "jaw", "left_eye", "right_eye", *JOINTS[22:])
 """SMPL-X's joints: the k-th, counted from 1, is what label k says."""
 
-_TOLD_BY = ("body", "object", "sbj_id", "obj_name", "n_comps")
+_KEYS = ("body", "object", "sbj_id", "obj_name", "n_comps")
 _TOOLS, _SUBJECTS, _MESHES = "tools", "subject_meshes", ("object_meshes", "contact_meshes")
 _ROWS = 1024  # Frames whose labels are looked at at once.
 _TABLE_NOTE = "Contact is labelled for the object only, not for the table."
@@ -47,11 +45,11 @@ _TABLE_NOTE = "Contact is labelled for the object only, not for the table."
 
 def holds(file: SourceFile) -> bool:
     """Return whether an `.npz` file has the arrays of one of GRAB's recordings."""
-    return all(name in file.array_names for name in _TOLD_BY)
+    return all(name in file.array_names for name in _KEYS)
 
 
-def record(file: SourceFile, options: ReadOptions) -> Recording:
-    """Return what a file holds."""
+def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
+    """Return the recording in a file."""
     fields = npz_fields(file, file.path)
     name = fields.text("obj_name", "the object's name")
     file.beside(name)  # A plain name, or an error.
@@ -71,12 +69,12 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
             notes=_other_touches(touching, name),
         )
 
-    return Recording(
+    return SourceRecording(
         name=f"{file.path.resolve().parent.name}_{file.path.stem}",
         description="GRAB recording of one person, one object and a table",
         frames=frames,
         fps=float(fields.array("framerate", (), "frames a second")),
-        rate_stated=True,
+        fps_stated=True,
         skeleton=f"SMPL-X {gender}, with the body of subject {fields.text('sbj_id', 'the subject')}",
         objects=(name, TABLE),
         contacts="labels of the object's vertices",
@@ -85,9 +83,6 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
         up="z",
         read_tracks=read_tracks,
     )
-
-
-# The person
 
 
 def _body(file: SourceFile, fields: Fields, pose: Fields, frames: int, gender: str) -> BodyParameters:
@@ -120,9 +115,6 @@ def _template(file: SourceFile, named: str, gender: str) -> Float[np.ndarray, "V
     )
 
 
-# Objects
-
-
 def _track(file: SourceFile, fields: Fields, name: str, frames: int, options: ReadOptions) -> ObjectTrack:
     pose = fields.table("params", "the pose")
     turns = se3.exp(pose.array("global_orient", (frames, 3), "rotation vectors"))
@@ -139,9 +131,6 @@ def _geometry(file: SourceFile, name: str, named: str, objects: Path | None) -> 
         tools = folder_of_tree(file.path, _TOOLS, _MESHES[0], beside="grab")
         folders = [tools / _MESHES[1], tools]
     return first_mesh(name, [folder / plain for folder in folders], centred=False)
-
-
-# Contacts
 
 
 def _touching(path: Path, contact: Any, frames: int) -> Bool[np.ndarray, "T 56"]:

@@ -14,17 +14,15 @@ from jaxtyping import Float
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.readers.body_parameters import FLAT_HANDS, BodyParameters
-from hoi_retarget.readers.companions import npz_fields
-from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import data_set
-from hoi_retarget.readers.recording import Recording, Tracks
+from hoi_retarget.readers.fields import Fields, npz_fields
+from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
 
 FORMAT = "gvhmr"
 LICENCE = "GVHMR's licence: non-commercial; and the terms of the video"
 FPS = 30.0
 BETAS = 10
 RESULTS = "hmr4d_results"
-"""What all its files are called, without their ending; the folder is called as the video."""
+"""The name of all its files, without their ending; the folder has the video's name."""
 
 _GLOBAL = "smpl_params_global"
 _KEYS = frozenset(("global_orient", "body_pose", "transl", "betas"))
@@ -42,8 +40,8 @@ def holds(file: SourceFile) -> bool:
     return isinstance(file.torch, dict) and isinstance(file.torch.get(_GLOBAL), dict)
 
 
-def record(file: SourceFile, options: ReadOptions) -> Recording:
-    """Return what a file holds."""
+def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
+    """Return the recording in a file."""
     whole = npz_fields(file, file.path) if file.suffix == ".npz" else Fields(file.path, file.torch)
     fields = whole.table(_GLOBAL, "the person in the world") if _GLOBAL in whole else whole
     frames = len(fields.array("transl", ("T", 3), "the body's position"))
@@ -65,12 +63,12 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
         )
         return Tracks(people=(person,), objects=())
 
-    return Recording(
+    return SourceRecording(
         name=file.path.resolve().parent.name if file.path.stem == RESULTS else file.path.stem,
         description="reconstruction of one person from video by GVHMR",
         frames=frames,
         fps=float(whole.array(_RATE, (), "frames a second")) if stated else FPS,
-        rate_stated=stated,
+        fps_stated=stated,
         skeleton=f"SMPL-X neutral, {BETAS} betas",
         objects=(),
         contacts="none, as there are no objects",
@@ -83,7 +81,7 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
 
 
 def _betas(fields: Fields, frames: int) -> tuple[Float[np.ndarray, "10"], tuple[str, ...]]:
-    """Return the body's shape, which is estimated in each frame of the video, and what is to be noted of it."""
+    """Return the body's shape, which is estimated in each frame of the video, and notes of it."""
     stored = fields.get("betas")
     if isinstance(stored, np.ndarray) and stored.ndim == 1:
         return fields.array("betas", (BETAS,), "the body's shape"), ()

@@ -22,12 +22,9 @@ from hoi_retarget.errors import ClipError, GeometryError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
-from hoi_retarget.readers.companions import folder_above, folder_of_tree, npz_fields
-from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import data_set
-from hoi_retarget.readers.recording import Recording, Tracks
-from hoi_retarget.readers.rigid import quats_of
-from hoi_retarget.readers.triangles import first_mesh
+from hoi_retarget.readers.fields import Fields, folder_above, folder_of_tree, npz_fields
+from hoi_retarget.readers.object_files import first_mesh, quats_of
+from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
 
 FORMAT = "hodome"
 LICENCE = "NeuralDome HODome: non-commercial; LICENSE.md beside the data tells the terms"
@@ -46,21 +43,21 @@ def holds(file: SourceFile) -> bool:
     return file.array_names >= _KEYS
 
 
-def record(file: SourceFile, options: ReadOptions) -> Recording:
-    """Return what the files of a person and an object hold, in the frames that both have."""
-    human, thing = npz_fields(file, file.path), npz_fields(file, _object_file(file))
-    human_ids, thing_ids = _ids(human), _object_ids(thing)
-    ids, human_rows, thing_rows = np.intersect1d(human_ids, thing_ids, assume_unique=True, return_indices=True)
+def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
+    """Return the recording in the files of a person and an object, in the frames that both have."""
+    human, object_ = npz_fields(file, file.path), npz_fields(file, _object_file(file))
+    human_ids, object_ids = _ids(human), _object_ids(object_)
+    ids, human_rows, object_rows = np.intersect1d(human_ids, object_ids, assume_unique=True, return_indices=True)
     if len(ids) < MINIMUM_FRAMES:
         raise ClipError(
             f"{file.name}: person and object have {len(ids)} frames in common, at least {MINIMUM_FRAMES} are needed: "
-            f"the person's are {_span(human_ids)}, the object's {_span(thing_ids)}. Download both files again."
+            f"the person's are {_span(human_ids)}, the object's {_span(object_ids)}. Download both files again."
         )
     name = options.object_name or file.path.stem.rpartition("_")[2]
     notes = (
         f"The object is {name}, as {'was asked for' if options.object_name else 'the name of the sequence says'}.",
     )
-    stated = _RATE in thing
+    stated = _RATE in object_
     if not stated:
         notes += (_RATE_NOTE,)
     if len(ids) < len(human_ids):
@@ -70,18 +67,18 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
     def read_tracks() -> Tracks:
         betas = human.array("betas", (len(human_ids), BETAS), "the body's shape")
         body = BodyParameters.of_fields(human, len(human_ids), hand=45, gender="neutral", betas=betas, flat_hands=True)
-        rotations = thing.array("object_R", (len(thing_ids), 3, 3), _ROTATION)[thing_rows]
-        positions = thing.rows("object_T", len(thing_ids), 3, "the object's position")[thing_rows]
-        quats = quats_of(thing.path, "object_R", rotations)
+        rotations = object_.array("object_R", (len(object_ids), 3, 3), _ROTATION)[object_rows]
+        positions = object_.rows("object_T", len(object_ids), 3, "the object's position")[object_rows]
+        quats = quats_of(object_.path, "object_R", rotations)
         track = ObjectTrack(name, positions, quats, _geometry(file, options, name))
         return Tracks(people=(body.at(human_rows),), objects=(track,))
 
-    return Recording(
+    return SourceRecording(
         name=file.path.stem,
         description="HODome sequence of one person and one object",
         frames=len(ids),
-        fps=float(thing.array(_RATE, (), "the rate")) if stated else FPS,
-        rate_stated=stated,
+        fps=float(object_.array(_RATE, (), "the rate")) if stated else FPS,
+        fps_stated=stated,
         skeleton=f"SMPL-X neutral, {BETAS} betas",
         objects=(name,),
         licence=LICENCE,
@@ -91,9 +88,6 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
         names_objects=False,
         first_frame=int(human_rows[0]),
     )
-
-
-# Files and frames
 
 
 def _object_file(file: SourceFile) -> Path:
@@ -123,10 +117,10 @@ def _ids(fields: Fields) -> Int[np.ndarray, "T"]:
     return ids
 
 
-def _object_ids(thing: Fields) -> Int[np.ndarray, "T"]:
-    """Return the same of an object's file, whose frames are counted from 0 where they have no ids."""
-    rotations = thing.array("object_R", ("T", 3, 3), _ROTATION)
-    return np.arange(len(rotations)) if thing.get(_IDS) is None else _ids(thing)
+def _object_ids(object_: Fields) -> Int[np.ndarray, "T"]:
+    """Return the same of an object's file; frames without ids are counted from 0."""
+    rotations = object_.array("object_R", ("T", 3, 3), _ROTATION)
+    return np.arange(len(rotations)) if object_.get(_IDS) is None else _ids(object_)
 
 
 def _span(ids: Int[np.ndarray, "T"]) -> str:

@@ -23,7 +23,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Float
@@ -37,10 +36,8 @@ from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS
 from hoi_retarget.human.t_pose import LIMBS, body_axes, turns_from_t_pose
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
-from hoi_retarget.readers.finish import data_set
-from hoi_retarget.readers.object_files import LARGEST_OBJECT
-from hoi_retarget.readers.recording import Recording, Tracks
-from hoi_retarget.readers.rigid import quats_of
+from hoi_retarget.readers.object_files import MAX_OBJECT_SIZE, quats_of
+from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
 
 FORMAT = "humoto"
 LICENCE = "Adobe Research License v1.1: research use; the full set on request"
@@ -52,7 +49,7 @@ HEAD_TOP = f"{PREFIX}HeadTop_End"
 TOE_HEIGHT = 0.006
 """[m]; of the toe joints over the floor, in the bind pose and wherever people stand."""
 FBX = ".fbx"
-FARTHEST_FROM_T_POSE = 60.0
+MAX_ANGLE_TO_T_POSE = 60.0
 """[deg]; limbs of a bind pose that are farther from a T-pose's are of another pose."""
 
 _SIDES = {
@@ -70,17 +67,15 @@ _SIDES = {
         for bone in (1, 2, 3)
     },
 }
-BONES: Mapping[str, str] = MappingProxyType(
-    {
-        "pelvis": "Hips",
-        "spine1": "Spine",
-        "spine2": "Spine1",
-        "spine3": "Spine2",
-        "neck": "Neck",
-        "head": "Head",
-        **{f"{side}_{joint}": f"{side.title()}{bone}" for side in ("left", "right") for bone, joint in _SIDES.items()},
-    }
-)
+BONES: Mapping[str, str] = {
+    "pelvis": "Hips",
+    "spine1": "Spine",
+    "spine2": "Spine1",
+    "spine3": "Spine2",
+    "neck": "Neck",
+    "head": "Head",
+    **{f"{side}_{joint}": f"{side.title()}{bone}" for side in ("left", "right") for bone, joint in _SIDES.items()},
+}
 """Joint of `skeleton.JOINTS` -> Mixamo's bone."""
 
 _STEP_TOLERANCE = 0.05  # [frames]; of keys from the frames they are on.
@@ -88,7 +83,7 @@ _STEP_TOLERANCE = 0.05  # [frames]; of keys from the frames they are on.
 
 @dataclass(frozen=True, eq=False)
 class _Capture:
-    """A file's scene, and which of its nodes are what."""
+    """A file's scene with its nodes of the body and of objects."""
 
     path: Path
     scene: Gltf
@@ -107,7 +102,7 @@ class _Capture:
 
     @cached_property
     def armature(self) -> frozenset[int]:
-        """All nodes of the body: the skeleton's root, and whatever hangs from it."""
+        """All nodes of the body: the skeleton's root, and all that hang from it."""
         root = (self.joints[0], *self.scene.ancestors(self.joints[0]))[-1]
         below = (node for node in self.scene.order if root in self.scene.ancestors(node))
         return frozenset((root, *below))
@@ -128,7 +123,7 @@ class _Capture:
 
     @cached_property
     def clock(self) -> tuple[Float[np.ndarray, "T"], float]:
-        """The frames that are captured, and how many a second the file says.
+        """The frames that are captured, and the file's rate [Hz].
 
         Raises `ClipError` where keys are not those of frames, or the body's and an object's are not of the same ones.
         """
@@ -167,8 +162,8 @@ def holds(file: SourceFile) -> bool:
     return f'"{PREFIX}{BONES["pelvis"]}"'.encode() in text_of(file.content)
 
 
-def record(file: SourceFile, options: ReadOptions) -> Recording:
-    """Return what a file holds."""
+def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
+    """Return the recording in a file."""
     if file.suffix == FBX:
         raise ReadError(
             f"{file.name}: .fbx files are not read. HUMOTO has the same sequence as .glb; otherwise open it in Blender "
@@ -183,12 +178,12 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
         objects = tuple(_object(capture, poses, node) for node in capture.objects)
         return Tracks(people=(person,), objects=objects, notes=notes)
 
-    return Recording(
+    return SourceRecording(
         name=file.path.stem,
         description="HUMOTO capture of one person and household objects",
         frames=len(frames),
         fps=FPS,
-        rate_stated=rate == FPS,
+        fps_stated=rate == FPS,
         skeleton=f"{len(JOINTS)} of Mixamo's 65 joints",
         objects=tuple(capture.scene.names[node] for node in capture.objects),
         licence=LICENCE,
@@ -207,7 +202,7 @@ def _rate_note(rate: float) -> str:
 
 
 def _part_notes(capture: _Capture) -> tuple[str, ...]:
-    """Return which objects hang from others: their poses hold what a hinge or a drawer does."""
+    """Return notes of objects that hang from others: their poses hold the motion of a hinge or a drawer."""
     notes: tuple[str, ...] = ()
     for node in capture.objects:
         above = next((other for other in capture.scene.ancestors(node) if other in capture.objects), None)
@@ -215,9 +210,6 @@ def _part_notes(capture: _Capture) -> tuple[str, ...]:
             names = capture.scene.names
             notes += (f"{names[node]} is a part of {names[above]}, with poses of its own.",)
     return notes
-
-
-# The person
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +228,7 @@ def _person(capture: _Capture, poses: NodePoses) -> tuple[Person, tuple[str, ...
     bound = _bind_pose(capture)
     try:
         body = body_axes(bound.positions)
-        turns, largest = turns_from_t_pose(bound.positions, bound.quats, body, FARTHEST_FROM_T_POSE)
+        turns, largest = turns_from_t_pose(bound.positions, bound.quats, body, MAX_ANGLE_TO_T_POSE)
     except ClipError as error:
         raise ClipError(f"{capture.path}: {error}. Export the file with Mixamo's bind pose.") from error
     positions, quats = poses.positions[:, joints], se3.quat_multiply(poses.quats[:, joints], turns)
@@ -278,9 +270,6 @@ def _bind_pose(capture: _Capture) -> _BindPose:
     )
 
 
-# The objects
-
-
 def _object(capture: _Capture, poses: NodePoses, node: int) -> ObjectTrack:
     name, scales = capture.scene.names[node], poses.scales[:, node]
     scale = float(scales.mean())
@@ -292,10 +281,10 @@ def _object(capture: _Capture, poses: NodePoses, node: int) -> ObjectTrack:
     assert mesh is not None  # Objects are nodes with a mesh.
     vertices, faces = capture.scene.mesh(mesh)
     vertices = vertices * scale
-    if np.abs(vertices).max() > LARGEST_OBJECT:
+    if np.abs(vertices).max() > MAX_OBJECT_SIZE:
         raise GeometryError(
             f"{capture.path}: {name!r} reaches {np.abs(vertices).max():.4g} m from its origin, expected at most "
-            f"{LARGEST_OBJECT:g}: another unit, or damage."
+            f"{MAX_OBJECT_SIZE:g}: another unit, or damage."
         )
     geometry = ObjectGeometry(vertices, faces=faces)
     return ObjectTrack(name, poses.positions[:, node], poses.quats[:, node], geometry)

@@ -17,7 +17,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -29,23 +28,20 @@ from hoi_retarget.human.skeleton import JOINT_INDEX
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
-from hoi_retarget.readers.companions import check_frames, folder_above
-from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import data_set
-from hoi_retarget.readers.object_files import mesh_vertices
-from hoi_retarget.readers.recording import Recording, Tracks
-from hoi_retarget.readers.triangles import first_mesh
+from hoi_retarget.readers.fields import Fields, check_frames, folder_above
+from hoi_retarget.readers.object_files import first_mesh, mesh_vertices
+from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
 from hoi_retarget.readers.worlds import TURN, Turn, World
 
 FORMAT = "imhd"
 LICENCE = "IMHD2: CC BY-NC-SA 4.0, on request"
 FPS = 60.0
 BETAS = 16
-STEEPEST = np.radians(30.0)
+MAX_TILT = np.radians(30.0)
 """Between an axis and the way from feet to head of somebody who stands along it."""
-LEAST_STANDING = 0.5
+MIN_SHARE_STANDING = 0.5
 """Share of the frames in which somebody does, for that axis to be up."""
-TURNS: Mapping[str, tuple[str, ...]] = MappingProxyType({"z": ("z",), "y": ("y",), "-y": ("-y",), "-z": ("y", "y")})
+TURNS: Mapping[str, tuple[str, ...]] = {"z": ("z",), "y": ("y",), "-y": ("-y",), "-z": ("y", "y")}
 """The axis that is up -> turns of `worlds` that make it z, one after the other: y up becomes z up, and z then -y."""
 
 _KEYS = {"objectRot", "objectTrans", "smplPose", "smplHandPose", "smplShape", "smplTrans"}
@@ -54,8 +50,8 @@ _BODY, _HAND = 66, 45
 _SEGMENT = re.compile(r"\d{8}_[^_]+_(?P<object>[^_]+)(_.*)?")
 """Capture date, who it is, the object."""
 _TEMPLATES = "object_templates"
-_OTHER_NAMES: Mapping[str, str] = MappingProxyType({"bat": "baseball"})
-"""What the object of a recording is called -> what its template is."""
+_OTHER_NAMES: Mapping[str, str] = {"bat": "baseball"}
+"""Name of a recording's object -> name of its template."""
 _RATE_NOTE = "60 frames a second, as the data set has it; the file does not state it."
 
 
@@ -64,10 +60,10 @@ def holds(file: SourceFile) -> bool:
     return _MARK in file.content and isinstance(file.pickle, dict) and set(file.pickle) >= _KEYS
 
 
-def record(file: SourceFile, options: ReadOptions) -> Recording:
-    """Return what a file holds."""
+def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
+    """Return the recording in a file."""
     fields = Fields(file.path, file.pickle)
-    recorded, told = _object_name(file, options)
+    recorded, origin = _object_name(file, options)
     name = _OTHER_NAMES.get(recorded, recorded)
     positions = fields.array("smplTrans", ("T", 3), "the body's position")
 
@@ -78,7 +74,7 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
         track = ObjectTrack(name, places, se3.exp(angles), _geometry(file, options, name))
         return Tracks(people=(_body(fields, positions),), objects=(track,))
 
-    return Recording(
+    return SourceRecording(
         name="_".join(file.path.resolve().with_suffix("").parts[-3 if _SEGMENT.fullmatch(_segment(file)) else -1 :]),
         description="IMHD2 recording of one person and one object",
         frames=len(positions),
@@ -87,18 +83,15 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
         up_axis="another one on each capture date; measured from the person when it is read",
         objects=(name,),
         licence=LICENCE,
-        notes=(f"The object is {name}, as {told}.", _RATE_NOTE),
+        notes=(f"The object is {name}, as {origin}.", _RATE_NOTE),
         up=partial(_world, file.path),
         read_tracks=read_tracks,
         names_objects=False,
     )
 
 
-# The world
-
-
 def _world(path: Path, person: Person) -> World:
-    """Return the world whose up axis is the one along which a person stands.
+    """Return the world with the axis up along which a person stands.
 
     Args:
         path: the recording, for errors.
@@ -111,16 +104,16 @@ def _world(path: Path, person: Person) -> World:
     upward = person.position("head") - person.joint_positions[:, feet].mean(axis=1)
     cosines = upward / np.maximum(np.linalg.norm(upward, axis=1, keepdims=True), 1e-9)
     shares = {
-        f"{sign}{axis}": float((factor * cosines[:, index] > np.cos(STEEPEST)).mean())
+        f"{sign}{axis}": float((factor * cosines[:, index] > np.cos(MAX_TILT)).mean())
         for index, axis in enumerate("xyz")
         for sign, factor in (("", 1.0), ("-", -1.0))
     }
     up = max(shares, key=lambda axis: shares[axis])
-    if shares[up] <= LEAST_STANDING or up not in TURNS:
+    if shares[up] <= MIN_SHARE_STANDING or up not in TURNS:
         listing = ", ".join(f"{axis}: {share:.0%}" for axis, share in shares.items())
         raise ClipError(
             f"{path}: which axis is up cannot be told: the person should stand along {', '.join(TURNS)} in more than "
-            f"{LEAST_STANDING:.0%} of the frames, but stands along {listing}. Turn the recording to z up."
+            f"{MIN_SHARE_STANDING:.0%} of the frames, but stands along {listing}. Turn the recording to z up."
         )
     note = (
         f"{up} is up: the person stands along it in {shares[up]:.0%} of the frames. Calibrations are not used; the "
@@ -129,11 +122,8 @@ def _world(path: Path, person: Person) -> World:
     return World(up, tuple(Turn(TURN[axis]) for axis in TURNS[up]), note)
 
 
-# The object
-
-
 def _object_name(file: SourceFile, options: ReadOptions) -> tuple[str, str]:
-    """Return what the recording calls its object and who says so; raises `ClipError` where nobody does."""
+    """Return the recording's name of its object and the origin of that name; raises `ClipError` without one."""
     if options.object_name is not None:
         return options.object_name, "was asked for"
     segment = _segment(file)
@@ -162,9 +152,6 @@ def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeomet
     geometry = first_mesh(name, [path], centred=False)
     # Of the vertices as listed: where a texture has seams, the geometry has more of them.
     return replace(geometry, points=geometry.points - mesh_vertices(path).mean(axis=0))
-
-
-# The person
 
 
 def _body(fields: Fields, positions: np.ndarray) -> BodyParameters:

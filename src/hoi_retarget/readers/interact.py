@@ -20,7 +20,6 @@ the data set decide: BEHAVE's model adds no mean hand (xiexh20/behave-dataset ch
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Float
@@ -32,17 +31,15 @@ from hoi_retarget.human.body_model import Family
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.readers.body_parameters import TITLES, BodyParameters
-from hoi_retarget.readers.companions import check_frames, npz_fields
-from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import data_set
-from hoi_retarget.readers.recording import Recording, Tracks
-from hoi_retarget.readers.triangles import first_mesh
+from hoi_retarget.readers.fields import Fields, check_frames, npz_fields
+from hoi_retarget.readers.object_files import first_mesh
+from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
 
 FORMAT = "interact-canonical"
 LICENCE = "InterAct: CC BY-NC-SA 4.0, on request"
 FPS = 30.0
 CANONICAL = "sequences_canonical"
-LARGEST_OFFSET = 0.01
+MAX_OFFSET = 0.01
 """[m]; from the origin of a mesh to the mean of its vertices, which are the same in InterAct's meshes."""
 
 _HUMAN, _OBJECT = "human.npz", "object.npz"
@@ -50,7 +47,7 @@ _OBJECTS = "objects"
 _BEHAVE_BODY = "smpl_fit_all.npz"
 """BEHAVE's own file, which stands beside InterAct's in the folders that the canonical ones are made from."""
 _PARTS = ("base", "part1", "part2", "top", "bottom")
-"""What follows an object's name in that of a part with a mesh of its own."""
+"""Endings of an object's name in that of a part with a mesh of its own."""
 _BODY = 66
 """Numbers of the pose before those of the hands."""
 _FACE = 9
@@ -63,7 +60,7 @@ _RESEARCH = f"non-commercial scientific research; by way of {LICENCE}"
 
 @dataclass(frozen=True)
 class Subset:
-    """One of the data sets: what its bodies are."""
+    """One of the data sets, and its kind of bodies."""
 
     title: str
     terms: str
@@ -78,11 +75,11 @@ class Subset:
     face: bool = False
     """Whether numbers of jaw and eyes may follow."""
     note: str = ""
-    """What is doubtful about it."""
+    """A doubt about it."""
 
     @property
     def width(self) -> int:
-        """How many numbers a pose has, without jaw and eyes."""
+        """Numbers of a pose, without jaw and eyes."""
         return _BODY + 2 * self.hand
 
     def fits(self, width: int, betas: int) -> bool:
@@ -95,65 +92,63 @@ class Subset:
         return f"{self.title}: {self.terms}"
 
 
-SUBSETS: Mapping[str, Subset] = MappingProxyType(
-    {
-        "behave": Subset(
-            "BEHAVE",
-            _RESEARCH,
-            "smplh",
-            10,
-            note="Hands are counted from flat ones, as BEHAVE's own model does; some scripts of InterAct add its mean "
-            "hand.",
-        ),
-        "neuraldome": Subset("NeuralDome", f"non-commercial; by way of {LICENCE}", "smplh", 16),
-        "imhd": Subset("IMHD", f"CC BY-NC-SA 4.0; by way of {LICENCE}", "smplh", 16),
-        "chairs": Subset(
-            "CHAIRS",
-            f"by way of {LICENCE}",
-            "smplx",
-            10,
-            flat_hands=False,
-            face=True,
-            note="Hands are counted from the model's mean hand, as CHAIRS' own code does; some scripts of InterAct "
-            "count them from flat ones.",
-        ),
-        "intercap": Subset(
-            "InterCap",
-            _RESEARCH,
-            "smplx",
-            10,
-            hand=12,
-            flat_hands=False,
-            note="Hands are counted from the model's mean hand, as InterCap's own fits are; some scripts of InterAct "
-            "count them from flat ones.",
-        ),
-        "omomo": Subset("OMOMO", f"MIT; by way of {LICENCE}", "smplx", 16),
-        "omomo_corole": Subset(
-            "CoRoleHOI",
-            f"CC BY 4.0, as others state it; by way of {LICENCE}",
-            "smplx",
-            16,
-            note="It is one of two people: each is a sequence of its own, the other one is not in it.",
-        ),
-        "grab": Subset(
-            "GRAB",
-            _RESEARCH,
-            "smplx",
-            0,
-            hand=24,
-            flat_hands=False,
-            note="The object's rotations are taken as they are stored; GRAB's own are inverted, and whether InterAct "
-            "accounts for that is not known.",
-        ),
-        "parahome": Subset(
-            "ParaHome",
-            f"CC BY-NC-SA 4.0; by way of {LICENCE}",
-            "smplx",
-            20,
-            note="InterAct found the floor with ten of the twenty betas; it may be off by some millimetres.",
-        ),
-    }
-)
+SUBSETS: Mapping[str, Subset] = {
+    "behave": Subset(
+        "BEHAVE",
+        _RESEARCH,
+        "smplh",
+        10,
+        note="Hands are counted from flat ones, as BEHAVE's own model does; some scripts of InterAct add its mean "
+        "hand.",
+    ),
+    "neuraldome": Subset("NeuralDome", f"non-commercial; by way of {LICENCE}", "smplh", 16),
+    "imhd": Subset("IMHD", f"CC BY-NC-SA 4.0; by way of {LICENCE}", "smplh", 16),
+    "chairs": Subset(
+        "CHAIRS",
+        f"by way of {LICENCE}",
+        "smplx",
+        10,
+        flat_hands=False,
+        face=True,
+        note="Hands are counted from the model's mean hand, as CHAIRS' own code does; some scripts of InterAct "
+        "count them from flat ones.",
+    ),
+    "intercap": Subset(
+        "InterCap",
+        _RESEARCH,
+        "smplx",
+        10,
+        hand=12,
+        flat_hands=False,
+        note="Hands are counted from the model's mean hand, as InterCap's own fits are; some scripts of InterAct "
+        "count them from flat ones.",
+    ),
+    "omomo": Subset("OMOMO", f"MIT; by way of {LICENCE}", "smplx", 16),
+    "omomo_corole": Subset(
+        "CoRoleHOI",
+        f"CC BY 4.0, as others state it; by way of {LICENCE}",
+        "smplx",
+        16,
+        note="It is one of two people: each is a sequence of its own, the other one is not in it.",
+    ),
+    "grab": Subset(
+        "GRAB",
+        _RESEARCH,
+        "smplx",
+        0,
+        hand=24,
+        flat_hands=False,
+        note="The object's rotations are taken as they are stored; GRAB's own are inverted, and whether InterAct "
+        "accounts for that is not known.",
+    ),
+    "parahome": Subset(
+        "ParaHome",
+        f"CC BY-NC-SA 4.0; by way of {LICENCE}",
+        "smplx",
+        20,
+        note="InterAct found the floor with ten of the twenty betas; it may be off by some millimetres.",
+    ),
+}
 """First words of the data set's folder in small letters -> the data set; data sets of others that were converted as
 one of InterAct's own have its word first (leggedrobotics/hoi-retarget docs/INTERACT.md)."""
 
@@ -164,8 +159,8 @@ def holds(file: SourceFile) -> bool:
     return there and (_place(file.path).parent.name == CANONICAL or not file.beside(_BEHAVE_BODY).is_file())
 
 
-def record(file: SourceFile, options: ReadOptions) -> Recording:
-    """Return what a folder holds."""
+def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
+    """Return the recording in a folder."""
     place = _canonical_place(file)
     human, objects = npz_fields(file, file.beside(_HUMAN)), _objects(file)
     subset, why = _subset(place, human)
@@ -179,7 +174,7 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
         tracks = tuple(_track(name, fields, angles[name], folder) for name, fields in objects.items())
         return Tracks(people=(_body(human, subset, gender, poses),), objects=tracks, notes=_mesh_notes(tracks))
 
-    return Recording(
+    return SourceRecording(
         name=place.name,
         description=f"InterAct's canonical sequence of {subset.title}",
         frames=len(poses),
@@ -192,9 +187,6 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
         up="y",
         read_tracks=read_tracks,
     )
-
-
-# Places and names
 
 
 def _place(path: Path) -> Path:
@@ -220,7 +212,7 @@ def _object_files(folder: Path) -> list[Path]:
 
 
 def _objects(file: SourceFile) -> dict[str, Fields]:
-    """Return what is stored of each object by its name; raises `ReadError` or `ClipError`."""
+    """Return each object's arrays by its name; raises `ReadError` or `ClipError`."""
     objects: dict[str, Fields] = {}
     for path in _object_files(file.path):
         fields = npz_fields(file, path)
@@ -237,9 +229,6 @@ def _objects(file: SourceFile) -> dict[str, Fields]:
     if not objects:
         raise ReadError(f"{file.name}: there is no {_OBJECT} and no object_*.npz. Download the sequence again.")
     return objects
-
-
-# The person
 
 
 def _poses(human: Fields) -> Float[np.ndarray, "T D"]:
@@ -291,9 +280,6 @@ def _body(human: Fields, subset: Subset, gender: str, poses: Float[np.ndarray, "
     )
 
 
-# Objects
-
-
 def _track(name: str, fields: Fields, angles: Float[np.ndarray, "T 3"], folder: Path) -> ObjectTrack:
     positions = fields.array("trans", (len(angles), 3), "the object's position")
     geometry = first_mesh(name, _mesh_files(name, folder), centred=False)
@@ -312,7 +298,7 @@ def _mesh_notes(tracks: Sequence[ObjectTrack]) -> tuple[str, ...]:
         f"The mesh of {name} has the mean of its vertices {100 * offset:.1f} cm from its origin; InterAct's have it "
         "there, so it may be another one than the poses are of."
         for name, offset in offsets.items()
-        if offset > LARGEST_OFFSET
+        if offset > MAX_OFFSET
     )
 
 

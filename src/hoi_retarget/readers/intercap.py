@@ -15,7 +15,6 @@ z = 0 where the feet are indeed on it.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -30,9 +29,8 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import data_set
-from hoi_retarget.readers.recording import Recording, Tracks
-from hoi_retarget.readers.triangles import first_mesh
+from hoi_retarget.readers.object_files import first_mesh
+from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
 from hoi_retarget.readers.worlds import TURN, Turn, World
 
 FORMAT = "intercap"
@@ -40,7 +38,7 @@ LICENCE = "InterCap's licence: non-commercial scientific research only"
 FPS = 30.0
 UP = "-y"
 _NAMES = ["suitcase", "skateboard", "soccerball", "umbrella", "racket", "toolbox", "chair", "bottle", "cup", "stool"]
-OBJECTS: Mapping[str, str] = MappingProxyType({f"{number:02d}": name for number, name in enumerate(_NAMES, start=1)})
+OBJECTS: Mapping[str, str] = {f"{number:02d}": name for number, name in enumerate(_NAMES, start=1)}
 """Object's folder -> its name."""
 MALE = ("01", "02", "04", "05", "10")
 SUBJECTS = tuple(f"{number:02d}" for number in range(1, 11))
@@ -48,11 +46,11 @@ FLOOR_POINT = (-0.07362306, 1.06334016, 2.88126607)
 """A point of the floor in the first camera's frame [m]..."""
 FLOOR_NORMAL = (0.02645398, -0.98627183, -0.16299712)
 """...and the direction upward there."""
-LOWEST_FOOT, HIGHEST_FOOT = -0.1, 0.25
+MIN_FOOT_HEIGHT, MAX_FOOT_HEIGHT = -0.1, 0.25
 """[m]; the lower foot's joints are between these heights above the floor..."""
-LEAST_ON_FLOOR = 0.8
+MIN_SHARE_ON_FLOOR = 0.8
 """...in this part of the frames of a recording that has the makers' floor."""
-LARGEST_MISFIT = 0.02
+MAX_MISFIT = 0.02
 """[m]; between the mesh of `--objects` and the one beside the recording."""
 
 _WIDTHS = {
@@ -66,14 +64,14 @@ _WIDTHS = {
     "ob_trans": 3,
 }
 """Numbers a frame of everything that is used."""
-_TOLD_BY = ("body_pose", "global_orient", "ob_pose", "ob_trans")
+_KEYS = ("body_pose", "global_orient", "ob_pose", "ob_trans")
 _MESHES, _FIRST_MESH = "Mesh", "00000_second_obj.ply"
 _FEET = [JOINT_INDEX[f"{side}_{joint}"] for side in ("left", "right") for joint in ("ankle", "foot")]
 
 
 @dataclass(frozen=True)
 class _Place:
-    """Whose recording of which object it is, as the folders tell."""
+    """Subject, object and segment of a recording, from the names of its folders."""
 
     subject: str
     object: str
@@ -92,11 +90,11 @@ def holds(file: SourceFile) -> bool:
     """Return whether a pickle is a dictionary, or a list of some, with a body's pose and an object's."""
     value = file.pickle
     first = value[0] if isinstance(value, list) and value else value
-    return isinstance(first, Mapping) and all(name in first for name in _TOLD_BY)
+    return isinstance(first, Mapping) and all(name in first for name in _KEYS)
 
 
-def record(file: SourceFile, options: ReadOptions) -> Recording:
-    """Return what a file holds."""
+def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
+    """Return the recording in a file."""
     place = _place(file)
     fields = _fields(file)
     frames = len(fields.array("global_orient", ("T", 3), "the pelvis's rotation"))
@@ -112,7 +110,7 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
         track = ObjectTrack(place.name, positions, quats, _geometry(file, place, options, saved))
         return Tracks(people=(body,), objects=(track,))
 
-    return Recording(
+    return SourceRecording(
         name=f"{place.subject}_{place.object}_{place.segment}",
         description="InterCap recording of one person and one object",
         frames=frames,
@@ -135,9 +133,6 @@ def _place(file: SourceFile) -> _Place:
             "<subject>/<object>/Seg_<n>/res.pkl with subjects and objects 01 to 10, as InterCap has them."
         )
     return place
-
-
-# What the file holds
 
 
 def _fields(file: SourceFile) -> Fields:
@@ -180,9 +175,6 @@ def _rows(path: Path, name: str, value: Any, width: int) -> Float[np.ndarray, "T
     return numbers.reshape(-1, width).astype(float)
 
 
-# The object's shape
-
-
 def _saved_geometry(
     file: SourceFile, place: _Place, position: Float[np.ndarray, "3"], quat: Float[np.ndarray, "4"]
 ) -> ObjectGeometry | None:
@@ -207,7 +199,7 @@ def _geometry(file: SourceFile, place: _Place, options: ReadOptions, saved: Obje
     if saved is not None:
         ends = [np.stack([item.points.min(axis=0), item.points.max(axis=0)]) for item in (given, saved)]
         misfit = float(np.abs(ends[0] - ends[1]).max())
-        if misfit > LARGEST_MISFIT:
+        if misfit > MAX_MISFIT:
             raise GeometryError(
                 f"--objects {options.objects}: the mesh of {place.name!r} is up to {misfit:.3f} m off the one in "
                 f"{_MESHES}/{_FIRST_MESH} beside {file.name}: it was moved or scaled. Leave the option out, or give "
@@ -216,17 +208,14 @@ def _geometry(file: SourceFile, place: _Place, options: ReadOptions, saved: Obje
     return given
 
 
-# The world
-
-
 def _world(person: Person) -> World:
-    """Return the world whose floor is the makers', where feet are on it; otherwise with y down."""
+    """Return the world with the data set's floor, where feet are on it; otherwise with y down."""
     up, point = (se3.rotate(TURN[UP], np.array(place)) for place in (FLOOR_NORMAL, FLOOR_POINT))
     tilt = se3.shortest_rotation(up, np.array([0.0, 0.0, 1.0]))
     height = float(se3.rotate(tilt, point)[2])
     feet = se3.rotate(tilt, se3.rotate(TURN[UP], person.joint_positions[:, _FEET]))[..., 2].min(axis=1) - height
-    on_floor = float(((feet >= LOWEST_FOOT) & (feet <= HIGHEST_FOOT)).mean())
-    if on_floor < LEAST_ON_FLOOR:
+    on_floor = float(((feet >= MIN_FOOT_HEIGHT) & (feet <= MAX_FOOT_HEIGHT)).mean())
+    if on_floor < MIN_SHARE_ON_FLOOR:
         note = (
             f"The feet are on the makers' floor in {on_floor:.0%} of the frames only (median {np.median(feet):.2f} m "
             "above it): y is down as in the first camera, whose tilt is not known here, so the floor may slope."

@@ -1,4 +1,4 @@
-"""Reads InterMimic's `.pt` clips of one person and one object: a tensor of 591 columns, whose names are `FIELDS`.
+"""Reads InterMimic's `.pt` clips of one person and one object: a tensor of the 591 columns in `FIELDS`.
 
 Two generations of files share the layout. The older ones (25 of 33 public OMOMO clips looked at)
 took the 55 joint positions of SMPL-X for the 52 of SMPL-H: jaw and eyes stand in the place of the
@@ -7,53 +7,35 @@ fingers far from their wrists; undone, all bones are constant in their parent's 
 """
 
 import re
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.clip.clip import Clip, Source
-from hoi_retarget.clip.grasp_check import READINGS
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import GeometryError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
 from hoi_retarget.numerics import se3
-from hoi_retarget.objects.track import ObjectTrack
-from hoi_retarget.readers.intermimic_rows import (
-    CONTACT_LABEL,
-    KNUCKLES,
-    LONGEST_PALM,
-    PERSON,
-    UPRIGHT_QUAT,
-    WRISTS,
-    Rows,
-    clip_of,
-    object_count,
-    outline_of,
-    palm_lengths,
-)
-from hoi_retarget.readers.object_files import load_geometry
-from hoi_retarget.readers.reader import Outline, Reader, never_has_companions
+from hoi_retarget.readers import intermimic_layouts as layouts
 
 FORMAT = "intermimic-591"
 LICENCE = "OMOMO: MIT; repackaged via InterAct: CC BY-NC-SA 4.0"
 COLUMNS = 591
-FIELDS: Mapping[str, slice] = {
-    **PERSON,
-    "object position": slice(318, 321),
-    "object rotation": slice(321, 325),
-    "second padding": slice(325, 330),
-    "object contact label": slice(330, 331),
-    "body contact labels": slice(331, 383),
-    "body rotations": slice(383, 591),
-}
+FIELDS = layouts.column_table(
+    {
+        **layouts.PERSON,
+        "object position": 3,
+        "object rotation": 4,
+        "second padding": 5,
+        "object contact label": 1,
+        "body contact labels": 52,
+        "body rotations": 208,
+    }
+)
 
 _ADVICE = "Write the clip again, with one person and one object, by InterAct's simulation/interact2mimic.py."
-_LABELS = "-1 (far), 0 (near) or 1 (contact)"
 _FIRST_FINGER = JOINT_INDEX["left_index1"]
 _LATE = 3  # jaw, left eye and right eye come between wrists and fingers in SMPL-X
 _THUMB = ("thumb1", "thumb2", "thumb3")
@@ -63,7 +45,7 @@ _STATURES = (
     *(1.664, 1.844, 1.941, 1.790, 1.817, 1.762, 1.808, 1.845, 1.753),
     *(1.651, 1.767, 1.803, 1.811, 1.826, 1.685, 1.723, 1.737),
 )
-_SAME_STATURE = 0.05  # [m]
+_MAX_STATURE_DIFFERENCE = 0.05  # [m]
 _OMOMO_OBJECTS = (
     *("clothesstand", "floorlamp", "largebox", "largetable", "monitor", "mop", "plasticbox", "smallbox"),
     *("smalltable", "suitcase", "trashcan", "tripod", "vacuum", "whitechair", "woodchair"),
@@ -72,72 +54,56 @@ _OMOMO_OBJECTS = (
 
 def holds(file: SourceFile) -> bool:
     """Return whether a torch file is one tensor of this layout's width."""
-    return isinstance(file.torch, np.ndarray) and file.torch.ndim == 2 and file.torch.shape[1] == COLUMNS
+    return layouts.is_table(file.torch, FIELDS)
 
 
-def read_file(file: SourceFile, options: ReadOptions) -> Clip:
-    """Return the clip, with the geometry of its object from `options.objects`.
+def record(file: SourceFile, options: ReadOptions) -> layouts.RowsRecording:
+    """Return the clip; its object is named by `options.object_name`, or by the file, `sub<N>_<object>_<n>.pt`.
 
-    The object's name is `options.object_name`, or else in the file's name, `sub<N>_<object>_<n>.pt`.
-
-    Raises:
-        ReadError: the file is missing, damaged, or of another layout.
-        ClipError: numbers are not finite, rotations zero, labels unknown, or parts contradict each other.
-        GeometryError: the object has no name, or its geometry cannot be had.
+    Raises `ReadError` where the file is of another layout.
     """
     rows = _rows(file)
+    match = _FILE_NAME.fullmatch(file.path.stem)
+    name = options.object_name or (match["object"] if match else "")
+
+    def read() -> tuple[Person, list[Float[np.ndarray, "T 52"]], tuple[str, ...]]:
+        person, late = _person(rows)
+        labels = rows.labels("body contact labels")
+        notes = (
+            f"The object's name is from {'the argument' if options.object_name else 'the file name'}.",
+            *_notes(labels, rows.used("object contact label")[:, 0], late),
+            *_stature_notes(int(match["subject"]) if match and name in _OMOMO_OBJECTS else 0, person),
+        )
+        return person, [labels], notes
+
+    misnamed = GeometryError(
+        f"{file.path}: the object's name is not in the file's name, expected sub<N>_<object>_<n>.pt. "
+        "Pass --object NAME."
+    )
+    return layouts.RowsRecording(
+        rows=rows, names=(name,) if name else (), misnamed=misnamed, licence=LICENCE, read=read
+    )
+
+
+def _rows(file: SourceFile) -> layouts.Rows:
+    """Return the clip's rows in double precision; raises `ReadError` naming the layout if it is another."""
+    value = file.torch
+    if not layouts.is_table(value, FIELDS) or value.dtype.kind != "f":
+        raise ReadError(
+            f"{file.path}: the file holds {describe(value)}; expected one tensor of {COLUMNS} columns of "
+            f"floating-point numbers, a frame in each row ({FORMAT}). {_ADVICE}"
+        )
+    rows = layouts.Rows(file.path, value.astype(float), FIELDS)
     if _is_multi_object(rows):
         raise ReadError(
             f"{file.path}: the tensor has {COLUMNS} columns in the order of InterMimic's multi-object layout "
             f"(rotations in columns 318:526), expected that of {FORMAT} (rotations in 383:591). {_ADVICE}"
         )
-    rows.check((-1, 1), _LABELS)
-    positions, quats = rows.vectors("body positions"), se3.quat_multiply(rows.rotations("body rotations"), UPRIGHT_QUAT)
-    late = _has_late_fingers(positions)
-    if late:
-        positions = _without_delay(positions, quats)
-    rows.check_hands(positions)
-    name = options.object_name or _name_in_file_name(file.path)
-    if name is None:
-        raise GeometryError(
-            f"{file.path}: the object's name is not in the file's name, expected sub<N>_<object>_<n>.pt. "
-            "Pass --object NAME."
-        )
-    if options.objects is None:
-        raise GeometryError(
-            f"{file.path}: the clip needs the geometry of its object {name!r}. "
-            f"Pass --objects DIR with {name}/{name}.obj or {name}/sample_points.npy in it."
-        )
-    track = ObjectTrack(name, *rows.track("object position", "object rotation"), load_geometry(options.objects, name))
-    labels = rows.labels("body contact labels")
-    person = Person("person", positions, quats)
-    notes = (
-        f"The object's name is from {'the argument' if options.object_name else 'the file name'}.",
-        *_notes(labels, rows.used("object contact label")[:, 0], late),
-        *_stature_notes(file.path, name, person),
-    )
-    source = Source(str(file.path), file.sha256, FORMAT, LICENCE, notes)
-    return clip_of(rows, person, (track,), (labels,), source)
-
-
-def outline(file: SourceFile) -> Outline:
-    """Return what the clip holds; raises `ReadError`."""
-    return outline_of(_rows(file), (_name_in_file_name(file.path) or "",), LICENCE)
-
-
-def _rows(file: SourceFile) -> Rows:
-    """Return the clip's rows in double precision; raises `ReadError` naming the layout if it is another."""
-    value = file.torch
-    if not isinstance(value, np.ndarray) or value.ndim != 2 or value.dtype.kind != "f" or value.shape[1] != COLUMNS:
-        raise ReadError(
-            f"{file.path}: the file holds {describe(value)}; expected one tensor of {COLUMNS} columns of "
-            f"floating-point numbers, a frame in each row ({FORMAT}). {_ADVICE}"
-        )
-    return Rows(file.path, value.astype(float), FIELDS)
+    return rows
 
 
 def describe(value: Any) -> str:
-    """Return what a torch file holds, of no layout that is read."""
+    """Return a description of a torch file's content that is of no layout that is read."""
     if isinstance(value, np.ndarray):
         known = f": {_describe_columns(value.shape[1])}" if value.ndim == 2 and value.shape[1] != COLUMNS else ""
         return f"one tensor of shape {value.shape} and type {value.dtype}{known}"
@@ -146,7 +112,7 @@ def describe(value: Any) -> str:
         return f"{'an' if name[0] in 'aeiou' else 'a'} {name}"
     keys = ", ".join(ascii(key)[:40] for key in list(value)[:6])
     data = value.get("data")
-    count = object_count(data.shape[1]) if isinstance(data, np.ndarray) and data.ndim == 2 else 0
+    count = layouts.object_count(data.shape[1]) if isinstance(data, np.ndarray) and data.ndim == 2 else 0
     looks = f": this looks like InterMimic's multi-object layout with {count} object(s)"
     return f"a dictionary ({keys}){looks if count and 'objects' in value else ''}"
 
@@ -157,7 +123,7 @@ def _describe_columns(columns: int) -> str:
             "it has 337 columns and looks like SkillMimic's layout, whose 53 bodies are of a humanoid of its own; "
             "PhysHOI's, with 331 columns and SMPL-X's bodies, is read"
         )
-    if count := object_count(columns):
+    if count := layouts.object_count(columns):
         return (
             f"it has {columns} columns and looks like InterMimic's multi-object layout "
             f"(526 + 65 for each of {count} objects) without the dictionary that names the objects"
@@ -165,7 +131,7 @@ def _describe_columns(columns: int) -> str:
     return f"it has {columns} columns, which is no layout known here"
 
 
-def _is_multi_object(rows: Rows) -> bool:
+def _is_multi_object(rows: layouts.Rows) -> bool:
     """Return whether the columns are those of the multi-object layout, which has 591 of them for one object."""
     used = rows.values[rows.first :, 318:526]
     with np.errstate(over="ignore"):  # Damage may hold any number.
@@ -173,16 +139,26 @@ def _is_multi_object(rows: Rows) -> bool:
     return len(used) > 0 and bool((np.abs(lengths - 1.0) < 0.01).all())
 
 
-def _name_in_file_name(path: Path) -> str | None:
-    match = _FILE_NAME.fullmatch(path.stem)
-    return match["object"] if match else None
+def _person(rows: layouts.Rows) -> tuple[Person, bool]:
+    """Return the person, and whether the file has finger positions three places late; raises `ClipError`."""
+    positions, quats = (
+        rows.vectors("body positions"),
+        se3.quat_multiply(rows.rotations("body rotations"), layouts.UPRIGHT_QUAT),
+    )
+    late = _has_late_fingers(positions)
+    if late:
+        positions = _without_delay(positions, quats)
+    rows.check_hands(positions)
+    return Person("person", positions, quats), late
 
 
 def _has_late_fingers(positions: Float[np.ndarray, "T 52 3"]) -> bool:
     """Return whether fingers are hands' breadths from their wrists only when each is read three places later."""
-    present = len(JOINTS) - _LATE > KNUCKLES
-    late = np.linalg.norm(positions[:, KNUCKLES[present] + _LATE] - positions[:, WRISTS[present]], axis=-1)
-    return bool(palm_lengths(positions).max() > LONGEST_PALM >= late.max())
+    present = len(JOINTS) - _LATE > layouts.KNUCKLES
+    late = np.linalg.norm(
+        positions[:, layouts.KNUCKLES[present] + _LATE] - positions[:, layouts.WRISTS[present]], axis=-1
+    )
+    return bool(layouts.palm_lengths(positions).max() > layouts.MAX_PALM_LENGTH >= late.max())
 
 
 def _without_delay(
@@ -205,9 +181,9 @@ def _without_delay(
 def _notes(
     joint_labels: Float[np.ndarray, "T 52"], object_labels: Float[np.ndarray, "T"], late_fingers: bool
 ) -> tuple[str, ...]:
-    """Return what the two kinds of labels say against each other; the object's own label is not used."""
-    body = (joint_labels == CONTACT_LABEL).any(axis=1)
-    item = object_labels == CONTACT_LABEL
+    """Return notes of contradictions between the bodies' labels and the object's own one, which is not used."""
+    body = (joint_labels == layouts.CONTACT_LABEL).any(axis=1)
+    item = object_labels == layouts.CONTACT_LABEL
     notes = ()
     if late_fingers:
         notes += (
@@ -221,25 +197,14 @@ def _notes(
     return notes
 
 
-def _stature_notes(path: Path, name: str, person: Person) -> tuple[str, ...]:
-    """Return whether the skeleton is another one than that of OMOMO's subject, whom the file's name tells."""
-    match = _FILE_NAME.fullmatch(path.stem)
-    number = int(match["subject"]) if match and name in _OMOMO_OBJECTS else 0
-    if not 0 < number <= len(_STATURES) or abs(person.height - _STATURES[number - 1]) <= _SAME_STATURE:
+def _stature_notes(subject: int, person: Person) -> tuple[str, ...]:
+    """Return whether the skeleton is another one than that of an OMOMO subject, 0 where that is not known."""
+    if not 0 < subject <= len(_STATURES) or abs(person.height - _STATURES[subject - 1]) <= _MAX_STATURE_DIFFERENCE:
         return ()
     return (
-        f"The skeleton is {person.height:.2f} m tall, OMOMO's subject {number} {_STATURES[number - 1]:.2f} m: the "
+        f"The skeleton is {person.height:.2f} m tall, OMOMO's subject {subject} {_STATURES[subject - 1]:.2f} m: the "
         "motion was put onto another body. All sizes follow the skeleton in the file.",
     )
 
 
-READER = Reader(
-    format=FORMAT,
-    suffixes=(".pt", ".pth"),
-    floor_at_zero=True,
-    rotation_readings=tuple(READINGS),
-    holds=holds,
-    read=read_file,
-    outline=outline,
-    has_companions=never_has_companions,
-)
+READER = layouts.rows_reader(FORMAT, holds, record)

@@ -4,29 +4,36 @@ The layout is that of InterMimic's and InterAct's object folders. Wavefront OBJ 
 hand, vertices only: trimesh takes 170 to 200 ms of CPU for the 2.5 to 4 MB meshes of OMOMO, mostly
 for faces and normals that no computation uses; one pass over the bytes and the hull together
 take 8 to 16 ms. Viewers load the whole mesh from `ObjectGeometry.mesh_path`.
+
+Meshes of other sources are read by trimesh, triangles included, and moved to the centre that their poses are of.
+Poses that sources store as matrices become positions and quaternions.
 """
 
 import difflib
 import functools
+import io
 import re
 import tokenize
 import warnings
+from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float
-from scipy.spatial import ConvexHull, QhullError
 
-from hoi_retarget.errors import GeometryError, MeshError
-from hoi_retarget.numerics.arrays import runs
+from hoi_retarget.errors import ClipError, GeometryError, MeshError
+from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.arrays import describe_frames, runs
 from hoi_retarget.objects.track import ObjectGeometry
 
 SAMPLE_POINTS = "sample_points.npy"
-LARGEST_OBJECT = 100.0
+MAX_OBJECT_SIZE = 100.0
 """[m]; coordinates beyond it are another unit or damage."""
 
 NUMPY_ERRORS = (OSError, ValueError, EOFError, TypeError, SyntaxError, OverflowError, MemoryError, tokenize.TokenError)
-"""What numpy raises on damaged headers of `.npy` files; warnings about them are silenced."""
+"""Errors of numpy for damaged headers of `.npy` files; warnings about them are silenced."""
 
 
 def load_geometry(folder: Path, name: str) -> ObjectGeometry:
@@ -115,9 +122,9 @@ def _load(path: Path, _modified: int, _size: int) -> ObjectGeometry:
     points = mesh_vertices(path) if is_mesh else _read_points(path)
     if not np.isfinite(points).all():
         raise MeshError(f"{path}: {(~np.isfinite(points).all(axis=1)).sum()} of its points are not finite numbers.")
-    if np.abs(points).max() > LARGEST_OBJECT:
+    if np.abs(points).max() > MAX_OBJECT_SIZE:
         raise MeshError(
-            f"{path}: coordinates reach {np.abs(points).max():.4g}, expected metres up to {LARGEST_OBJECT:g}. "
+            f"{path}: coordinates reach {np.abs(points).max():.4g}, expected metres up to {MAX_OBJECT_SIZE:g}. "
             "Scale the mesh if it is in millimetres."
         )
     return ObjectGeometry(points=extreme_points(points), mesh_path=path if is_mesh else None, file=path)
@@ -128,14 +135,14 @@ def extreme_points(points: Float[np.ndarray, "P 3"]) -> Float[np.ndarray, "E 3"]
     if len(points) < 3:
         return np.unique(points, axis=0)
     try:
-        return points[ConvexHull(points).vertices]
-    except QhullError:
+        return points[scipy.spatial.ConvexHull(points).vertices]
+    except scipy.spatial.QhullError:
         pass  # A flat or straight shape has no hull in space, but has one in its own plane or line.
     _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
     along = points @ axes.T
     try:
-        return points[ConvexHull(along[:, :2]).vertices]
-    except QhullError:
+        return points[scipy.spatial.ConvexHull(along[:, :2]).vertices]
+    except scipy.spatial.QhullError:
         return np.unique(points[[along[:, 0].argmin(), along[:, 0].argmax()]], axis=0)
 
 
@@ -156,7 +163,7 @@ def _read_points(path: Path) -> Float[np.ndarray, "P 3"]:
 
 
 def mesh_vertices(path: Path) -> Float[np.ndarray, "V 3"]:
-    """Return the vertices that a Wavefront OBJ mesh lists; raises `MeshError`, also where it has no faces."""
+    """Return the vertices [m] that a Wavefront OBJ mesh lists; raises `MeshError`, also where it has no faces."""
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -218,3 +225,89 @@ def _parse_vertices(path: Path, text: bytes, count: int) -> Float[np.ndarray, "V
         return np.array([words[axis::width] for axis in (1, 2, 3)], dtype=float).T
     except ValueError as error:
         raise MeshError(f"{path}: a vertex is not three numbers ({error}). Export the mesh again.") from error
+
+
+MAX_DEVIATION = 0.01
+"""Of a rotation times its transpose from the identity: rounding and smoothing stay below, sizes and shears do not."""
+_LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+def quats_of(path: Path, name: str, matrices: Float[np.ndarray, "T 3 3"]) -> Float[np.ndarray, "T 4"]:
+    """Return unit quaternions, wxyz, from rotation matrices that turn columns.
+
+    Args:
+        path: the recording, for errors.
+        name: the matrices', for errors.
+        matrices: the rotations.
+
+    Raises:
+        ClipError: they are no rotations, but mirror, scale or shear.
+    """
+    deviation = np.abs(np.einsum("tji,tjk->tik", matrices, matrices) - np.eye(3)).max(axis=(1, 2))
+    bad = deviation > MAX_DEVIATION
+    if bad.any():
+        raise ClipError(
+            f"{path}: {name} is no rotation in {describe_frames(np.flatnonzero(bad))}: its columns are not of unit "
+            f"length or not at right angles, by up to {deviation.max():.3g}. Download the recording again."
+        )
+    mirrored = np.linalg.det(matrices) < 0
+    if mirrored.any():
+        raise ClipError(
+            f"{path}: {name} mirrors in {describe_frames(np.flatnonzero(mirrored))}, which no rotation does. "
+            "Download the recording again."
+        )
+    return se3.matrix_to_quat(matrices)
+
+
+def poses_of(
+    path: Path, name: str, matrices: Float[np.ndarray, "T 4 4"]
+) -> tuple[Float[np.ndarray, "T 3"], Float[np.ndarray, "T 4"]]:
+    """Return positions [m] and rotations, wxyz, from matrices that move columns; otherwise as `quats_of`."""
+    if (np.abs(matrices[:, 3] - _LAST_ROW) > MAX_DEVIATION).any():
+        raise ClipError(
+            f"{path}: {name} holds matrices whose last row is not 0, 0, 0, 1. Transposed ones have the position there: "
+            "save them so that they move columns."
+        )
+    return matrices[:, :3, 3], quats_of(path, name, matrices[:, :3, :3])
+
+
+def first_mesh(name: str, candidates: Sequence[Path], *, centred: bool, scale: float = 1.0) -> ObjectGeometry:
+    """Return the geometry of the first mesh file that exists, triangles included.
+
+    Args:
+        name: the object's, for errors.
+        candidates: where its mesh may be.
+        centred: whether poses are of the mesh less the mean of its vertices.
+        scale: a factor of its coordinates before that.
+
+    Raises:
+        GeometryError: no file exists, or the first that does holds no usable mesh.
+    """
+    for path in candidates:
+        if path.is_file():
+            status = path.stat()
+            return _load_triangles(path, centred, scale, status.st_mtime_ns, status.st_size)
+    listing = " or ".join(map(str, candidates))
+    raise GeometryError(f"object {name!r}: there is no mesh, looked for {listing}. Add it, or pass --objects DIR.")
+
+
+@lru_cache(maxsize=64)
+def _load_triangles(path: Path, centred: bool, scale: float, *_changed: int) -> ObjectGeometry:
+    import trimesh  # noqa: PLC0415  # takes a third of a second, and not every source has meshes
+
+    try:
+        # From bytes: a path would be followed to materials and pictures that the file names, which no shape needs.
+        mesh = trimesh.load_mesh(io.BytesIO(path.read_bytes()), file_type=path.suffix[1:], process=False)
+        vertices, faces = np.array(mesh.vertices, dtype=float) * scale, np.array(mesh.faces)
+    except Exception as error:  # trimesh and what it calls raise anything on damaged files
+        raise MeshError(f"{path}: not a readable mesh ({error}). Export it again.") from error
+    if vertices.shape[1:] != (3,) or len(vertices) == 0 or len(faces) == 0:
+        raise MeshError(f"{path}: the mesh has no triangles. Export it again.")
+    if not (np.abs(vertices) <= MAX_OBJECT_SIZE).all():
+        raise MeshError(
+            f"{path}: its coordinates are not finite, or reach beyond {MAX_OBJECT_SIZE:g} m: another unit, or damage."
+        )
+    try:
+        return ObjectGeometry(vertices - vertices.mean(axis=0) if centred else vertices, faces=faces, file=path)
+    except ClipError as error:
+        raise MeshError(f"{path}: {error} Export it again.") from error

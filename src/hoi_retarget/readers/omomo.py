@@ -24,29 +24,26 @@ from jaxtyping import Float
 
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, GeometryError, ReadError
-from hoi_retarget.files.joblib_file import read_joblib, starts_with
+from hoi_retarget.files.array_pickle import read_joblib, starts_with
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.human import fingers, kinematics, rest_pose
+from hoi_retarget.human import skeleton, t_pose
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINTS
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of
-from hoi_retarget.readers.companions import chosen_clip, folder_of_tree
-from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import data_set
-from hoi_retarget.readers.recording import Recording, Tracks
-from hoi_retarget.readers.rigid import quats_of
-from hoi_retarget.readers.triangles import first_mesh
+from hoi_retarget.readers.fields import Fields, chosen_clip, folder_of_tree
+from hoi_retarget.readers.object_files import first_mesh, quats_of
+from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
 
 FORMAT = "omomo"
 LICENCE = "MIT, as others state it; the makers' repository has no licence"
 FPS = 30.0
 TWO_PARTS = ("mop", "vacuum")
-LARGEST_CHANGE = 1e-3
+MAX_SIZE_CHANGE = 1e-3
 """Of an object's size within a clip, as a share of it."""
-LARGEST_GAP = 0.05
+MAX_GAP = 0.05
 """[m]; between the clip's own joints and those of a body model: farther is another body."""
-NOTED_GAP = 0.01
+MIN_NOTED_GAP = 0.01
 """[m]; from there on it is said."""
 
 _NAMES = (b"seq_name", b"rest_offsets", b"trans2joint")
@@ -54,14 +51,14 @@ _START = 1 << 24
 """Bytes of a file within which its first clip ends, and all names have occurred."""
 _PLAIN = re.compile(r"[A-Za-z0-9-]+(_[A-Za-z0-9-]+)+")
 _SCANS = "captured_objects"
-_BODY = len(kinematics.BODY_PARENTS)
+_BODY = len(skeleton.BODY_PARENTS)
 _RATE_NOTE = "30 frames a second, as others than the makers state it; the file does not."
 _HANDS_NOTE = "Hands are not recorded; the model's are flat."
 
 
 @dataclass(frozen=True, eq=False)
 class _Recordings:
-    """What a file holds, its arrays left in it."""
+    """All clips of a file, their arrays left in it."""
 
     sha256: str
     clips: Mapping[str, Mapping[str, Any]]
@@ -77,42 +74,39 @@ def clips_in(file: SourceFile) -> tuple[str, ...]:
     return tuple(_recordings(file).clips)
 
 
-def record(file: SourceFile, options: ReadOptions) -> Recording:
-    """Return what the selected clip holds; a body model is used where it is given."""
+def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
+    """Return the selected clip; a body model is used where it is given."""
     recordings = _recordings(file)
     name = chosen_clip(file, recordings.clips, "clips")
     fields = Fields(file.path, recordings.clips[name], within=f"{name}/")
     positions = fields.array("trans", ("T", 3), "the body's position")
-    thing = name.split("_")[1]
+    object_name = name.split("_")[1]
     # What follows the object's name in that of a part, and what follows it in that of the part's scan.
-    parts = {"": "_top", "_bottom": "_bottom"} if thing in TWO_PARTS else {"": ""}
+    parts = {"": "_top", "_bottom": "_bottom"} if object_name in TWO_PARTS else {"": ""}
 
     def read_tracks() -> Tracks:
         person, notes = _person(fields, positions, options.body_models)
         tracks: tuple[ObjectTrack, ...] = ()
         for part, scan in parts.items():
-            size, size_notes = _size(fields, f"{thing}{part}", f"obj{part}_scale", len(positions))
-            geometry = _geometry(file, options, thing, scan, size)
-            tracks += (_track(fields, f"{thing}{part}", f"obj{part}", len(positions), geometry),)
+            size, size_notes = _size(fields, f"{object_name}{part}", f"obj{part}_scale", len(positions))
+            geometry = _geometry(file, options, object_name, scan, size)
+            tracks += (_track(fields, f"{object_name}{part}", f"obj{part}", len(positions), geometry),)
             notes += size_notes
         return Tracks(people=(person,), objects=tracks, notes=notes)
 
-    return Recording(
+    return SourceRecording(
         name=name,
         description="OMOMO clip of one person and one object",
         frames=len(positions),
         fps=FPS,
         skeleton=f"SMPL-X {fields.text('gender', 'the body model')}, 16 betas, joints at rest stored",
-        objects=tuple(f"{thing}{part}" for part in parts),
+        objects=tuple(f"{object_name}{part}" for part in parts),
         licence=LICENCE,
         notes=(_RATE_NOTE,),
         up="z",
         read_tracks=read_tracks,
         sha256=recordings.sha256,
     )
-
-
-# Clips
 
 
 def _recordings(file: SourceFile) -> _Recordings:
@@ -142,9 +136,6 @@ def _indexed(path: Path, *_changed: int) -> _Recordings:
     return _Recordings(sha256, clips)
 
 
-# The person
-
-
 def _person(
     fields: Fields, positions: Float[np.ndarray, "T 3"], body_models: Path | None
 ) -> tuple[Person, tuple[str, ...]]:
@@ -154,7 +145,7 @@ def _person(
     pose = np.concatenate([root, body], axis=1)
     own = _own_person(fields, positions, pose.reshape(frames, _BODY, 3))
     if body_models is None:
-        return own, (fingers.NOTE,)
+        return own, (skeleton.STRAIGHT_FINGERS,)
     parameters = BodyParameters.of_rows(
         np.concatenate([pose, np.zeros((frames, 90))], axis=1),
         family="smplx",
@@ -171,29 +162,28 @@ def _own_person(fields: Fields, positions: Float[np.ndarray, "T 3"], pose: Float
     bones = fields.array("rest_offsets", (_BODY + 2, 3), "joints in their parents' frames at rest")[:_BODY]
     pelvis = positions - fields.array("trans2joint", (3,), "minus the pelvis at rest")
     quats, places = np.empty((len(pose), len(JOINTS), 4)), np.empty((len(pose), len(JOINTS), 3))
-    quats[:, :_BODY] = kinematics.world_quats(pose, kinematics.BODY_PARENTS)
-    places[:, :_BODY] = kinematics.world_positions(pelvis, bones, quats[:, :_BODY], kinematics.BODY_PARENTS)
-    if rest_pose.agreement(places, quats) < rest_pose.LEAST_AGREEMENT:
+    quats[:, :_BODY] = skeleton.world_quats(pose, skeleton.BODY_PARENTS)
+    places[:, :_BODY] = skeleton.world_positions(pelvis, bones, quats[:, :_BODY], skeleton.BODY_PARENTS)
+    if t_pose.agreement(places, quats) < t_pose.MIN_T_POSE_AGREEMENT:
         raise ClipError(
             f"{fields.path}: rest_offsets has knees or elbows elsewhere than below or beside their parents, where "
             "SMPL-X's T-pose has them. Download it again."
         )
-    fingers.add_straight_fingers(places[:, None], quats[:, None])
+    skeleton.add_straight_fingers(places[:, None], quats[:, None])
     return Person("person", places, quats, fingers_recorded=False)
 
 
 def _gap_notes(path: Path, own: Person, modelled: Person) -> tuple[str, ...]:
     gaps = np.linalg.norm(own.joint_positions - modelled.joint_positions, axis=-1)[:, :_BODY].mean(axis=0)
     joint, gap = JOINTS[int(gaps.argmax())], float(gaps.max())
-    if gap > LARGEST_GAP:
+    if gap > MAX_GAP:
         raise ClipError(
             f"{path}: the body model puts {joint} {gap:.3g} m from where the clip's own skeleton has it, expected at "
-            f"most {LARGEST_GAP:g} m. Is this the SMPL-X model of that gender? Without a model the skeleton is used."
+            f"most {MAX_GAP:g} m. Is this the SMPL-X model of that gender? Without a model the skeleton is used."
         )
-    return (f"The body model puts {joint} {gap:.3f} m from where the clip's own skeleton has it.",) * (gap > NOTED_GAP)
-
-
-# The object
+    return (f"The body model puts {joint} {gap:.3f} m from where the clip's own skeleton has it.",) * (
+        gap > MIN_NOTED_GAP
+    )
 
 
 def _track(fields: Fields, name: str, key: str, frames: int, geometry: ObjectGeometry) -> ObjectTrack:
@@ -203,27 +193,27 @@ def _track(fields: Fields, name: str, key: str, frames: int, geometry: ObjectGeo
 
 
 def _size(fields: Fields, name: str, key: str, frames: int) -> tuple[float, tuple[str, ...]]:
-    """Return how many times as large as its scan an object is, and what is to be noted of it."""
+    """Return the ratio of an object's size to its scan's, and notes of it."""
     sizes = fields.array(key, (frames,), "the object's size")
     size, change = float(sizes.mean()), float(np.ptp(sizes))
-    if sizes.min() <= 0 or change > LARGEST_CHANGE * size:
+    if sizes.min() <= 0 or change > MAX_SIZE_CHANGE * size:
         raise ClipError(
             f"{fields.path}: the size of {name} goes from {sizes.min():.4g} to {sizes.max():.4g} times its scan's; a "
-            f"rigid body keeps it, up to {LARGEST_CHANGE:g} of it. Choose another clip."
+            f"rigid body keeps it, up to {MAX_SIZE_CHANGE:g} of it. Choose another clip."
         )
     return size, (f"The size of {name} varies by {change / size:.1e} of it; the mean is taken.",) * (change > 0)
 
 
-def _geometry(file: SourceFile, options: ReadOptions, thing: str, scan: str, size: float) -> ObjectGeometry:
+def _geometry(file: SourceFile, options: ReadOptions, object_name: str, scan: str, size: float) -> ObjectGeometry:
     folder = options.objects or folder_of_tree(file.path, _SCANS)
-    path = folder / f"{thing}_cleaned_simplified{scan}.obj"
-    centred = folder / thing / f"{thing}.obj"
+    path = folder / f"{object_name}_cleaned_simplified{scan}.obj"
+    centred = folder / object_name / f"{object_name}.obj"
     if centred.is_file() and not path.is_file():
         raise GeometryError(
-            f"object {thing!r}: poses are those of the scan, {path.name}, and {centred} may be InterMimic's mesh, "
-            f"which is moved to its middle and scaled. Pass --objects DIR with OMOMO's {_SCANS}."
+            f"object {object_name!r}: poses are those of the scan, {path.name}, and {centred} may be InterMimic's "
+            f"mesh, which is moved to its middle and scaled. Pass --objects DIR with OMOMO's {_SCANS}."
         )
-    return first_mesh(f"{thing}{scan}", [path], centred=False, scale=size)
+    return first_mesh(f"{object_name}{scan}", [path], centred=False, scale=size)
 
 
 READER = data_set(FORMAT, (".p",), record, holds=holds, clips_in=clips_in)

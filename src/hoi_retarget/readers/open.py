@@ -1,4 +1,4 @@
-"""Clips by what they are called: a built-in one, a recording's file, or the one a result was made from."""
+"""Clips by name: a built-in one, a recording's file, or the source of a result."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -24,16 +24,16 @@ _ADVICE = "Pass --clip to name it."
 def open_clip(name: Path | str, options: ReadOptions = ReadOptions()) -> Clip:
     """Return a clip by its name, `builtin:<scene>` or the path of a recording, with floor and contacts.
 
-    What the source leaves open is found from the motion, and said in the clip's notes.
+    Facts that the source leaves open are found from the motion, and are in the clip's notes.
 
     Args:
-        name: What the clip is called; `FILE#NAME` is one clip of a file that holds several.
-        options: What it is read with.
+        name: The clip's; `FILE#NAME` is one clip of a file that holds several.
+        options: Those of reading.
 
     Raises:
         ArgumentError: There is no such built-in clip.
         ReadError: The file is missing, damaged, or of no supported format.
-        ClipError: What it holds cannot be used.
+        ClipError: Its content cannot be used.
         GeometryError: The object's geometry cannot be had.
         BodyModelError: The body model that it needs cannot be had.
     """
@@ -44,7 +44,7 @@ def open_clip(name: Path | str, options: ReadOptions = ReadOptions()) -> Clip:
     clip = with_contacts(recorded, options.labels, readings=readings, grasps=options.grasps)
     if clip.contacts is recorded.contacts:  # These were checked when they were read.
         return clip
-    return grasp_check.checked(clip, readings, shifts=(), grasps=options.grasps)
+    return grasp_check.with_grasp_warnings(clip, readings, shifts=(), grasps=options.grasps)
 
 
 def _as_recorded(name: Path | str, options: ReadOptions) -> Clip:
@@ -65,7 +65,7 @@ def builtin_scene(name: Path | str) -> str | None:
 
 
 def result_stem(name: Path | str) -> str:
-    """Return what results made of a clip are called, without `.npz`.
+    """Return the name of results made of a clip, without `.npz`.
 
     Names that say little alone, such as `res.pkl` and `004`, are those of many clips: their folders' stand before them.
     """
@@ -79,7 +79,7 @@ def result_stem(name: Path | str) -> str:
 
 
 def clip_stem(name: Path | str) -> str:
-    """Return what a clip is called among those in its folder."""
+    """Return the name of a clip among those in its folder."""
     scene = builtin_scene(name)
     if scene is not None:
         return scene
@@ -94,14 +94,14 @@ def clip_stem(name: Path | str) -> str:
 
 
 def clip_of(motion: Motion, *, name: Path | None = None, objects: Path | None = None) -> Clip:
-    """Return the clip that a result was made from, edited and augmented as it was, by what the result's report says.
+    """Return the clip that a result was made from, edited and augmented as the result's report states.
 
     Of a motion that fell in simulation, it is the clip up to the fall.
 
     Args:
         motion: The result.
-        name: The clip's name, where it is not the one that the report says; what it holds is then not compared.
-        objects: The objects' folder, where it is not the one that the report says.
+        name: The clip's, where it is not the one in the report; its content is then not compared.
+        objects: The objects' folder, where it is not the one in the report.
 
     Raises:
         ReadError: The report does not say it, the recording is gone or has changed since, or it cannot

@@ -29,27 +29,24 @@ from jaxtyping import Float
 
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import BodyModelError, ClipError, GeometryError, ReadError
+from hoi_retarget.files.array_pickle import parse_pickle
 from hoi_retarget.files.source_file import FOLDER, SourceFile
-from hoi_retarget.files.torch_file import parse_tensors
-from hoi_retarget.human import kinematics, rest_pose
+from hoi_retarget.human import skeleton, t_pose
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of
-from hoi_retarget.readers.companions import chosen_clip, folder_above, folder_of_tree, json_values
-from hoi_retarget.readers.fields import Fields
-from hoi_retarget.readers.finish import data_set
-from hoi_retarget.readers.object_files import load_mesh
-from hoi_retarget.readers.recording import Recording, Tracks
-from hoi_retarget.readers.rigid import poses_of
+from hoi_retarget.readers.fields import Fields, chosen_clip, folder_above, folder_of_tree, json_values
+from hoi_retarget.readers.object_files import load_mesh, poses_of
+from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
 
 FORMAT = "parahome"
 LICENCE = "CC BY-NC-SA 4.0, academic use"
 FPS = 30.0
-LARGEST_GAP = 0.10
+MAX_GAP = 0.10
 """[m]; median distance between joints of the makers' fit and of their skeleton: farther, frames or people differ."""
-LARGEST_WANDERING = 0.02
+MAX_WANDERING = 0.02
 """[m]; root mean square of a joint's way from its place in its parent's frame."""
 
 _POSES = "object_transformations.pkl"
@@ -80,11 +77,11 @@ _FINGERS: Mapping[str, tuple[int, int, int]] = {
 _HANDS: Mapping[str, tuple[int, float]] = {"left": (_BODY, 1.0), "right": (_BODY + _HAND, -1.0)}
 """Where a hand's 25 joints begin, and its fingers' direction along x in the T-pose."""
 _COMPARED = ("elbow", "wrist", "knee", "ankle")
-_STRAIGHT, _ROUGHLY = 0.95, 0.75
+_MIN_HIP_COSINE, _MIN_SPINE_COSINE = 0.95, 0.75
 """Cosines within which the T-pose lies along axes: hips from side to side, the spine's lowest bone upwards."""
-_SMALLEST_PALM = 1e-3
+_MIN_PALM_SIZE = 1e-3
 """[m]; no palm is that short or narrow."""
-_STILL_METRES, _STILL_RADIANS = 2e-3, 0.01
+_MAX_STILL_METRES, _MAX_STILL_RADIANS = 2e-3, 0.01
 _RATE_NOTE = "30 frames a second, as others than the makers state it; the files do not."
 _SKELETON_NOTE = (
     "The person is ParaHome's own skeleton: the pelvis at the lowest joint of the spine, hands and fingers turned as "
@@ -94,7 +91,7 @@ _SKELETON_NOTE = (
 
 @dataclass(frozen=True)
 class _Interval:
-    """Frames of a folder's recording, the last one not included, and what is done in them."""
+    """Frames of a folder's recording, the last one not included, and a text of the action in them."""
 
     first: int
     stop: int
@@ -119,8 +116,8 @@ def clips_in(file: SourceFile) -> tuple[str, ...]:
     return tuple(_intervals(file))
 
 
-def record(file: SourceFile, options: ReadOptions) -> Recording:
-    """Return what the selected interval holds; the makers' fit is used where body models are given."""
+def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
+    """Return the selected interval; the data set's own fit is used where body models are given."""
     intervals = _intervals(file)
     interval = intervals[chosen_clip(file, intervals, "intervals")]
 
@@ -138,7 +135,7 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
             person, notes = _own_person(file, joints, interval), (_SKELETON_NOTE, *notes)
         return Tracks(people=(person,), objects=tracks, notes=notes)
 
-    return Recording(
+    return SourceRecording(
         name=f"{file.path.resolve().name}_{interval.name}",
         description=f"ParaHome recording of one person in a room: {interval.text[:200]}",
         frames=interval.stop - interval.first,
@@ -151,9 +148,6 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
         read_tracks=read_tracks,
         first_frame=interval.first,
     )
-
-
-# Files
 
 
 def _intervals(file: SourceFile) -> dict[str, _Interval]:
@@ -184,10 +178,7 @@ def _scene(file: SourceFile) -> tuple[str, ...]:
 
 def _array(file: SourceFile, name: str, shape: tuple[int | str, ...], meaning: str) -> np.ndarray:
     path = file.beside(name)
-    return Fields(path, {name: parse_tensors(file.read(path), path)}).array(name, shape, meaning)
-
-
-# Objects
+    return Fields(path, {name: parse_pickle(file.read(path), path)}).array(name, shape, meaning)
 
 
 def _objects(
@@ -205,14 +196,14 @@ def _objects(
     if not made:
         raise ClipError(f"{path}: no part of an object is there in all frames of {interval.name}. Choose another one.")
     still = [track.name for track in made if _is_still(track)]
-    told = {"Parts that do not move": still, "Left out, as they are there in some of the frames only": absent}
-    return tuple(made), tuple(f"{what}: {', '.join(names)}." for what, names in told.items() if names)
+    sentences = {"Parts that do not move": still, "Left out, as they are there in some of the frames only": absent}
+    return tuple(made), tuple(f"{what}: {', '.join(names)}." for what, names in sentences.items() if names)
 
 
 @lru_cache(maxsize=2)
 def _poses(content: bytes, path: Path) -> Mapping[str, Mapping[int, np.ndarray]]:
     """Return the poses of all parts over a whole recording, by name and frame; raises `ReadError`."""
-    frames = parse_tensors(content, path)
+    frames = parse_pickle(content, path)
     found: dict[str, dict[int, np.ndarray]] = {}
     for frame, parts in frames.items() if isinstance(frames, dict) else ():
         if type(frame) is not int or not isinstance(parts, dict):
@@ -228,24 +219,21 @@ def _poses(content: bytes, path: Path) -> Mapping[str, Mapping[int, np.ndarray]]
 
 
 def _is_still(track: ObjectTrack) -> bool:
-    moves = np.ptp(track.positions, axis=0).max() > _STILL_METRES
-    return not moves and float(se3.angle_between(track.quats, track.quats[0]).max()) <= _STILL_RADIANS
+    moves = np.ptp(track.positions, axis=0).max() > _MAX_STILL_METRES
+    return not moves and float(se3.angle_between(track.quats, track.quats[0]).max()) <= _MAX_STILL_RADIANS
 
 
 def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeometry:
-    thing, _, part = name.rpartition("_")
-    file.beside(thing, part)  # Plain names, or an error.
+    whole, _, part = name.rpartition("_")
+    file.beside(whole, part)  # Plain names, or an error.
     folder = options.objects or folder_of_tree(file.path, "scan", beside="seq")
-    path = folder / thing / "simplified" / f"{part}.obj"
+    path = folder / whole / "simplified" / f"{part}.obj"
     if not path.is_file():
         raise GeometryError(
             f"object {name!r}: there is no mesh {path}. Pass --objects DIR with ParaHome's scans, "
-            f"{thing}/simplified/{part}.obj."
+            f"{whole}/simplified/{part}.obj."
         )
     return load_mesh(path)
-
-
-# The person
 
 
 def _fitted_person(
@@ -279,17 +267,17 @@ def _fitted_person(
     fitted = person.joint_positions[:, [JOINT_INDEX[joint] for joint in compared]]
     own = joints[interval.rows][:, [_PLACES[joint][0] for joint in compared]]
     gap = float(np.median(np.linalg.norm(fitted - own, axis=2)))
-    if gap > LARGEST_GAP:
+    if gap > MAX_GAP:
         raise ClipError(
             f"{fit.path}: arms and legs of the fit are mostly {gap:.3g} m from those of {_JOINTS}, expected at most "
-            f"{LARGEST_GAP:g} m: frames or people differ. Use the model of that gender, or leave --body-models away."
+            f"{MAX_GAP:g} m: frames or people differ. Use the model of that gender, or leave --body-models away."
         )
     return person
 
 
 def _table(file: SourceFile, path: Path) -> Fields:
     """Return a dictionary of arrays as fields: numbers without a frame as those of one frame."""
-    values = parse_tensors(file.read(path), path)
+    values = parse_pickle(file.read(path), path)
     if not isinstance(values, dict):
         raise ReadError(f"{path}: it holds {type(values).__name__}, expected a dictionary. Download it again.")
     return Fields(
@@ -308,7 +296,7 @@ def _own_person(file: SourceFile, joints: Float[np.ndarray, "T 73 3"], interval:
     rotations, transforms, joints = (array[interval.rows] for array in (rotations, transforms, joints))
     _, frame = poses_of(file.path, "body_global_transform.pkl", transforms)
     own = se3.quat_multiply(frame[:, None], _quats_of_rows(file.path, rotations))
-    bones = kinematics.bones_in_parents(joints[:, :_BODY], own, _PARENTS)
+    bones = skeleton.bones_in_parents(joints[:, :_BODY], own, _PARENTS)
     _check_rigid(file.path, bones)
     turned = se3.quat_multiply(own, _t_pose_axes(file.path, bones.mean(axis=0)))
     positions, quats = np.empty((len(joints), len(JOINTS), 3)), np.empty((len(joints), len(JOINTS), 4))
@@ -323,7 +311,7 @@ def _own_person(file: SourceFile, joints: Float[np.ndarray, "T 73 3"], interval:
             for bone, place in enumerate(places, start=1):
                 positions[:, JOINT_INDEX[f"{side}_{finger}{bone}"]] = hand[:, place]
                 quats[:, JOINT_INDEX[f"{side}_{finger}{bone}"]] = palm
-    if rest_pose.agreement(positions, quats) < rest_pose.LEAST_AGREEMENT:
+    if t_pose.agreement(positions, quats) < t_pose.MIN_T_POSE_AGREEMENT:
         raise _unfit(file.path, "knees or elbows are elsewhere than below or beside their parents in its T-pose")
     return Person("person", positions, quats)
 
@@ -347,8 +335,8 @@ def _quats_of_rows(path: Path, rows: Float[np.ndarray, "T J 6"]) -> Float[np.nda
 
 
 def _check_rigid(path: Path, bones: Float[np.ndarray, "T 23 3"]) -> None:
-    wandering = np.sqrt(np.mean(kinematics.wandering(bones) ** 2, axis=0))
-    if wandering.max() > LARGEST_WANDERING:
+    wandering = np.sqrt(np.mean(skeleton.bone_deviations(bones) ** 2, axis=0))
+    if wandering.max() > MAX_WANDERING:
         raise _unfit(
             path,
             f"turned by its rotations, its bones do not keep their place: joint {int(wandering.argmax())} wanders by "
@@ -359,8 +347,8 @@ def _check_rigid(path: Path, bones: Float[np.ndarray, "T 23 3"]) -> None:
 def _t_pose_axes(path: Path, bones: Float[np.ndarray, "23 3"]) -> Float[np.ndarray, "4"]:
     """Return the rotation from the T-pose of `skeleton` to that of the file, wxyz."""
     left_hip, right_hip, spine = _PLACES["left_hip"][0], _PLACES["right_hip"][0], 1
-    left = _nearest_axis(bones[left_hip] - bones[right_hip], _STRAIGHT)
-    up = _nearest_axis(bones[spine], _ROUGHLY)
+    left = _nearest_axis(bones[left_hip] - bones[right_hip], _MIN_HIP_COSINE)
+    up = _nearest_axis(bones[spine], _MIN_SPINE_COSINE)
     if left is None or up is None or abs(left @ up) > 0.5:
         raise _unfit(path, "its T-pose does not lie along axes")
     axes = np.stack([left, up, np.cross(left, up)], axis=1)
@@ -376,11 +364,11 @@ def _nearest_axis(direction: Float[np.ndarray, "3"], least: float) -> Float[np.n
 
 
 def _palm_quats(path: Path, hand: Float[np.ndarray, "T 25 3"], sign: float) -> Float[np.ndarray, "T 4"]:
-    """Return how the palm lies, wxyz: in the T-pose fingers are along x and the index in front of the pinky."""
+    """Return the palm's rotation, wxyz: in the T-pose fingers are along x and the index in front of the pinky."""
     along = sign * (hand[:, _FINGERS["middle"][0]] - hand[:, 0])
     upward = np.cross(hand[:, _FINGERS["index"][0]] - hand[:, _FINGERS["pinky"][0]], along)
     length, area = (np.linalg.norm(sides, axis=1, keepdims=True) for sides in (along, upward))
-    if length.min() < _SMALLEST_PALM or area.min() < _SMALLEST_PALM**2:
+    if length.min() < _MIN_PALM_SIZE or area.min() < _MIN_PALM_SIZE**2:
         raise ClipError(f"{path}: {_JOINTS} has a palm without length or breadth. Download it again.")
     x, y = along / length, upward / area
     return se3.matrix_to_quat(np.stack([x, y, np.cross(x, y)], axis=-1))

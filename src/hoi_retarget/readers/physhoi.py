@@ -1,4 +1,4 @@
-"""Reads PhysHOI's `.pt` clips of one person with a basketball: a tensor of 331 columns, named in `FIELDS`.
+"""Reads PhysHOI's `.pt` clips of one person with a basketball: a tensor of the 331 columns in `FIELDS`.
 
 The layout is what `_load_motion` of wyhuai/PhysHOI physhoi/env/tasks/physhoi.py takes apart: z up, 25 frames a
 second (its README.md). Bodies are InterMimic's 52 in the same order. Their rotations are not stored: rotation vectors
@@ -10,40 +10,35 @@ The ball's size is not stored and its model was not to be had; a basketball of s
 clip at hand the ball bounces with its middle 0.14 m above the floor, between two frames, which agrees with it.
 """
 
-from collections.abc import Mapping
-from types import MappingProxyType
-
 import numpy as np
+import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float
-from scipy.spatial import ConvexHull
 
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.human import kinematics, rest_pose
+from hoi_retarget.human import skeleton, t_pose
 from hoi_retarget.human.person import Person
-from hoi_retarget.human.skeleton import HANDS, JOINT_INDEX, JOINTS, PARTS
+from hoi_retarget.human.skeleton import HANDS, JOINTS
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
-from hoi_retarget.readers.finish import data_set
-from hoi_retarget.readers.intermimic_rows import CONTACT_LABEL, JOINT_ORDER, Rows
+from hoi_retarget.readers import intermimic_layouts as layouts
 from hoi_retarget.readers.object_files import geometry_files, load_geometry
-from hoi_retarget.readers.recording import Recording, Tracks
+from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
 
 FORMAT = "physhoi-331"
 LICENCE = "not stated by the file; BallPlay, of PhysHOI's repository"
 FPS = 25.0
-COLUMNS = 331
-FIELDS: Mapping[str, slice] = MappingProxyType(
+FIELDS = layouts.column_table(
     {
-        "root position": slice(0, 3),
-        "root angles": slice(3, 6),
-        "root angles again": slice(6, 9),
-        "joint angles": slice(9, 162),
-        "body positions": slice(162, 318),
-        "ball position": slice(318, 321),
-        "ball angles": slice(321, 324),
-        "padding": slice(324, 330),
-        "contact label": slice(330, 331),
+        "root position": 3,
+        "root angles": 3,
+        "root angles again": 3,
+        "joint angles": 153,
+        "body positions": 156,
+        "ball position": 3,
+        "ball angles": 3,
+        "padding": 6,
+        "contact label": 1,
     }
 )
 BALL = "ball"
@@ -52,22 +47,19 @@ RADIUS = 0.12
 TOUCH = 0.06
 """[m]; a hand with a joint this near to the ball touches it where the label says that one does."""
 
-_HAND_JOINTS = {
-    hand: [JOINT_INDEX[joint] for joint in (PARTS[hand].rotation_joint, *PARTS[hand].label_joints)] for hand in HANDS
-}
 _POINTS = 600  # Their hull is at most 1 mm inside the sphere.
 _LABELS = "0 or 1 (hands touch the ball)"
 
 
 def holds(file: SourceFile) -> bool:
     """Return whether a torch file is one tensor of this layout's width."""
-    return isinstance(file.torch, np.ndarray) and file.torch.ndim == 2 and file.torch.shape[1] == COLUMNS
+    return layouts.is_table(file.torch, FIELDS)
 
 
-def record(file: SourceFile, options: ReadOptions) -> Recording:
-    """Return what a file holds."""
-    rows = Rows(file.path, file.torch.astype(float), FIELDS)
-    return Recording(
+def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
+    """Return the recording in a file."""
+    rows = layouts.Rows(file.path, file.torch.astype(float), FIELDS)
+    return SourceRecording(
         name=file.path.stem,
         description="PhysHOI clip of one person and a ball",
         frames=len(rows.values) - rows.first,
@@ -83,14 +75,14 @@ def record(file: SourceFile, options: ReadOptions) -> Recording:
     )
 
 
-def _tracks(rows: Rows, options: ReadOptions) -> Tracks:
+def _tracks(rows: layouts.Rows, options: ReadOptions) -> Tracks:
     """Return the arrays; raises `ClipError` or `GeometryError`."""
     rows.check((0, 1), _LABELS)
     person = _person(rows)
     geometry, note = _ball(options)
     # The rotation vector is negated where PhysHOI loads it.
     track = ObjectTrack(BALL, rows.used("ball position"), se3.exp(-rows.used("ball angles")), geometry)
-    labelled = rows.used("contact label")[:, 0] == CONTACT_LABEL
+    labelled = rows.used("contact label")[:, 0] == layouts.CONTACT_LABEL
     radius = float(np.linalg.norm(geometry.points, axis=1).max())
     touching = {hand: labelled & (_distance(person, hand, track) < radius + TOUCH) for hand in HANDS}
     alone = int((labelled & ~np.any(list(touching.values()), axis=0)).sum())
@@ -103,23 +95,23 @@ def _tracks(rows: Rows, options: ReadOptions) -> Tracks:
     return Tracks(people=(person,), objects=(track,), touching=touching, notes=notes)
 
 
-def _person(rows: Rows) -> Person:
+def _person(rows: layouts.Rows) -> Person:
     positions = rows.vectors("body positions")
     pose = np.concatenate([rows.used("root angles"), rows.used("joint angles")], axis=1)
-    quats = kinematics.world_quats(pose.reshape(len(pose), len(JOINTS), 3)[:, JOINT_ORDER], kinematics.PARENTS)
-    rows.check_limbs(rest_pose.agreement(positions, quats), "joint angles")
+    quats = skeleton.world_quats(pose.reshape(len(pose), len(JOINTS), 3)[:, layouts.JOINT_ORDER], skeleton.PARENTS)
+    rows.check_limbs(t_pose.agreement(positions, quats), "joint angles")
     rows.check_hands(positions)
     return Person("person", positions, quats)
 
 
 def _distance(person: Person, hand: str, track: ObjectTrack) -> Float[np.ndarray, "T"]:
-    """Return how far the nearest of a hand's joints is from the ball's middle [m]."""
-    joints = person.joint_positions[:, _HAND_JOINTS[hand]]
+    """Return the distance from the ball's middle to the nearest joint of a hand [m]."""
+    joints = person.joint_positions[:, layouts.HAND_JOINTS[hand]]
     return np.linalg.norm(joints - track.positions[:, None], axis=-1).min(axis=1)
 
 
 def _ball(options: ReadOptions) -> tuple[ObjectGeometry, str]:
-    """Return the ball in the objects' folder, or a sphere without one there, and what is to be noted of it."""
+    """Return the ball in the objects' folder, or a sphere without one there, and a note of its origin."""
     if options.objects is not None and any(path.is_file() for path in geometry_files(options.objects, BALL)):
         return load_geometry(options.objects, BALL), f"The ball's shape is {BALL} in the folder of objects."
     note = (
@@ -130,14 +122,14 @@ def _ball(options: ReadOptions) -> tuple[ObjectGeometry, str]:
 
 
 def _sphere() -> ObjectGeometry:
-    """Return a sphere of points spread evenly, on a spiral from pole to pole whose turns keep the golden angle."""
+    """Return a sphere of evenly spread points: a spiral from pole to pole that turns by the golden angle."""
     height = np.linspace(1.0, -1.0, _POINTS)
     around = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_POINTS)
     beside = np.sqrt(1.0 - height**2)
     points = RADIUS * np.stack([beside * np.cos(around), beside * np.sin(around), height], axis=1)
-    faces = ConvexHull(points).simplices
+    faces = scipy.spatial.ConvexHull(points).simplices
     inward = np.linalg.det(points[faces]) < 0
     return ObjectGeometry(points, faces=np.where(inward[:, None], faces[:, ::-1], faces))
 
 
-READER = data_set(FORMAT, (".pt", ".pth"), record, holds=holds, floor_at_zero=True)
+READER = data_set(FORMAT, layouts.SUFFIXES, record, holds=holds, floor_at_zero=True)

@@ -1,56 +1,51 @@
-"""What every reader of recordings offers."""
+"""The interface of readers: recordings as data sets have them, and checked clips with z up made of them."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
-from hoi_retarget.clip.clip import Clip
+import numpy as np
+from jaxtyping import Bool
+
+from hoi_retarget.clip.clip import Clip, ContactTrack, Source
 from hoi_retarget.clip.grasp_check import ONLY_INVERSE
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import PARTS
+from hoi_retarget.objects.track import ObjectTrack
+from hoi_retarget.readers.body_parameters import BodyParameters, person_of_rows
+from hoi_retarget.readers.fields import check_frames, refuse_object_name
+from hoi_retarget.readers.worlds import World, check_upright
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Outline:
-    """What a recording holds, as far as its own files say without shapes and body models."""
+    """Facts of a recording from its own files, without shapes and body models."""
 
     description: str
     """Such as `BEHAVE recording of one person and one object`."""
     frames: int
     fps: float
     """Frames a second."""
-    fps_stated: bool
+    fps_stated: bool = False
     """Whether the recording states its rate; otherwise its format implies it."""
     skeleton: str
-    """What the person is given as, such as `SMPL-H male, 10 betas`."""
-    up_axis: str
-    """Which way is up in the recording, and who says so."""
-    people: int
+    """The kind of body, such as `SMPL-H male, 10 betas`."""
+    up_axis: str = ""
+    """The axis that is up in the recording, and the source of that fact."""
+    people: int = 1
     objects: tuple[str, ...]
     """Their names; empty for an object that the recording does not name."""
-    contacts: str
-    """Where contacts come from, such as `none stored` or `labels of the hands`."""
+    contacts: str = "none stored"
+    """The origin of contacts, such as `labels of the hands`."""
     licence: str
     notes: tuple[str, ...] = ()
-
-
-def always_has_companions(_file: SourceFile) -> bool:
-    """Return True: what lies beside the recording, or body models, may be missing when it is read first."""
-    return True
-
-
-def never_has_companions(_file: SourceFile) -> bool:
-    """Return False: the recording needs no other file than its objects' geometry."""
-    return False
-
-
-def is_one_clip(_file: SourceFile) -> tuple[str, ...]:
-    """Return no names: each recording is one clip."""
-    return ()
+    """What was found before the arrays were read, one sentence each."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reader:
-    """How one format is recognized and read.
+    """One format: its recognition and its reading.
 
     Clips come out with z up, in metres; contacts are empty where the source has none.
     """
@@ -67,11 +62,134 @@ class Reader:
     """Whether the format has the floor at z = 0; otherwise its height is estimated from the clip."""
     rotation_readings: tuple[str, ...] = ONLY_INVERSE
     """Other ways in which copies could mean objects' rotations: those of `grasp_check.READINGS` that are left open."""
-    clips_in: Callable[[SourceFile], tuple[str, ...]] = is_one_clip
+    clips_in: Callable[[SourceFile], tuple[str, ...]] = lambda _file: ()
     """Returns the names of the clips to select from; none where the recording is one clip."""
     parts: tuple[str, ...] = ()
     """Files that a folder of this format has, where some alone tell that the others are missing."""
     outline: Callable[[SourceFile], Outline]
     """Returns what the recording is and holds, cheaply; raises `ReadError` or `ClipError`."""
-    has_companions: Callable[[SourceFile], bool] = always_has_companions
-    """Tells whether a recording may need files that are not known until it is read."""
+    has_companions: Callable[[SourceFile], bool] = lambda _file: True
+    """Tells whether a recording may need files that are not known until it is read, such as body models."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Tracks:
+    """People and objects of a recording over time, in its source's own world."""
+
+    people: tuple[Person | BodyParameters, ...]
+    objects: tuple[ObjectTrack, ...]
+    touching: Mapping[str, Bool[np.ndarray, "T"]] = field(default_factory=dict)
+    """Part of the first person -> when it touches the first object; nothing where contacts are not labelled."""
+    notes: tuple[str, ...] = ()
+    """What was found in the arrays, one sentence each."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SourceRecording(Outline):
+    """One recording of a data set; the format states its up axis where `up_axis` is empty."""
+
+    name: str
+    """Of the clip."""
+    up: str | Callable[[Person], World]
+    """The source's axis that is up, one of `worlds.TURN`, or a function that finds its world from the first person."""
+    read_tracks: Callable[[], Tracks]
+    """Returns the arrays; raises `ReadError`, `ClipError`, `GeometryError` or `BodyModelError`."""
+    names_objects: bool = True
+    """Whether it tells the names of its objects, so that the user cannot."""
+    first_frame: int = 0
+    """Number of the source's frames before its first one."""
+    may_lie: bool = False
+    """Whether it may be of people who never stand upright, lying on a floor near 0."""
+    sha256: str = ""
+    """Where its bytes were not read by way of `SourceFile`."""
+
+    def world(self, person: Person) -> World:
+        """Return the world of the recording, from its first person where the format does not state it."""
+        return World.of_axis(self.up) if isinstance(self.up, str) else self.up(person)
+
+
+Record = Callable[[SourceFile, ReadOptions], SourceRecording]
+"""Returns the recording in a file; raises `ReadError` or `ClipError`."""
+
+
+def data_set(  # noqa: PLR0913  # data sets differ in all of them
+    name: str,
+    suffixes: tuple[str, ...],
+    record: Record,
+    *,
+    holds: Callable[[SourceFile], bool],
+    clips_in: Callable[[SourceFile], tuple[str, ...]] = Reader.clips_in,
+    parts: tuple[str, ...] = (),
+    floor_at_zero: bool = False,
+    rotation_readings: tuple[str, ...] = ONLY_INVERSE,
+) -> Reader:
+    """Return the reader of a data set.
+
+    Args:
+        name: Of the format.
+        suffixes: Endings of file names.
+        record: Finds the recording in a file.
+        holds: As in `Reader`, and so are the others.
+        clips_in: Names of the clips in a file.
+        parts: Files of a folder.
+        floor_at_zero: Whether the format has the floor at z = 0.
+        rotation_readings: Other readings of objects' rotations.
+    """
+    return Reader(
+        format=name,
+        suffixes=suffixes,
+        floor_at_zero=floor_at_zero,
+        rotation_readings=rotation_readings,
+        holds=holds,
+        read=lambda file, options: _clip(name, record(file, options), file, options),
+        clips_in=clips_in,
+        parts=parts,
+        outline=lambda file: _outline(record(file, ReadOptions())),
+    )
+
+
+def _outline(recording: SourceRecording) -> Outline:
+    return replace(recording, up_axis=recording.up_axis or f"{recording.up}, as the format has it")
+
+
+def _clip(format_name: str, recording: SourceRecording, file: SourceFile, options: ReadOptions) -> Clip:
+    """Return the clip of a recording; raises as `Reader.read`."""
+    if recording.names_objects:
+        refuse_object_name(file, options, ", ".join(recording.objects) or "none")
+    check_frames(file.path, {"recording": recording.frames})
+    tracks = recording.read_tracks()
+    people, shape_notes = _people(file, tracks, options)
+    world = recording.world(people[0])
+    people = tuple(world.turned_person(person) for person in people)
+    for person in people:
+        check_upright(file.path, person, world.up, may_lie=recording.may_lie)
+    objects = tuple(world.turned_object(track) for track in tracks.objects)
+    notes = (*recording.notes, *filter(None, [world.note]), *shape_notes, *tracks.notes)
+    return Clip(
+        name=recording.name,
+        fps=recording.fps,
+        people=people,
+        objects=objects,
+        contacts=_contacts(tracks, people[0], objects[0]) if tracks.touching else (),
+        source=Source(str(file.name), recording.sha256 or file.sha256, format_name, recording.licence, notes),
+        first_source_frame=recording.first_frame,
+    )
+
+
+def _people(file: SourceFile, tracks: Tracks, options: ReadOptions) -> tuple[tuple[Person, ...], tuple[str, ...]]:
+    """Return all people as joints, and notes of their bodies."""
+    made = [
+        person_of_rows(file.path, "person", person, options.body_models)
+        if isinstance(person, BodyParameters)
+        else (person, ())
+        for person in tracks.people
+    ]
+    return tuple(person for person, _ in made), tuple(note for _, notes in made for note in notes)
+
+
+def _contacts(tracks: Tracks, person: Person, track: ObjectTrack) -> tuple[ContactTrack, ...]:
+    nobody = np.zeros(len(track.positions), dtype=bool)
+    return tuple(
+        ContactTrack(0, 0, part, tracks.touching.get(part, nobody), track.to_object(person.part_position(part)))
+        for part in PARTS
+    )

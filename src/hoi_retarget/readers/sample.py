@@ -9,43 +9,40 @@ import hashlib
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
-from types import MappingProxyType
 
 from hoi_retarget.errors import ReadError, WriteError
 from hoi_retarget.files.atomic import write_atomically
-from hoi_retarget.files.python_package import check_digest, download_wheel, read_members, sha256_of_file
+from hoi_retarget.files.python_wheel import check_digest, download_wheel, read_members, sha256_of_file
 
 PACKAGE = "holosoma-retargeting"
 VERSION = "0.1.0"
 LICENCE = "Apache-2.0, as the package says; the recordings are from OMOMO, by way of InterMimic"
 WHEEL_SHA256 = "3dcdcc06c6705c091478808024298dfcc684d9eb49e890cc6b11fc03fa246cb4"
 _DATA = "holosoma_retargeting"
-MEMBERS: Mapping[str, tuple[str, str]] = MappingProxyType(
-    {
-        "sub3_largebox_003.pt": (
-            f"{_DATA}/demo_data/OMOMO_new/sub3_largebox_003.pt",
-            "dead7293077ca1e1ea1a344cf416182463fa2f4d66f4e304cc846866913a4844",
-        ),
-        "sub10_largebox_049.pt": (
-            f"{_DATA}/demo_data/OMOMO_new/sub10_largebox_049.pt",
-            "a26452327215eb3a5dfddba406d4a11c54fb911c3c963b0a87d4e343930a38c2",
-        ),
-        "objects/largebox/largebox.obj": (
-            f"{_DATA}/models/largebox/largebox.obj",
-            "dbcc11281f62e9226f49165252375080d2e490e5a3f0ab6ba917acbd8f7abc1c",
-        ),
-    }
-)
+MEMBERS: Mapping[str, tuple[str, str]] = {
+    "sub3_largebox_003.pt": (
+        f"{_DATA}/demo_data/OMOMO_new/sub3_largebox_003.pt",
+        "dead7293077ca1e1ea1a344cf416182463fa2f4d66f4e304cc846866913a4844",
+    ),
+    "sub10_largebox_049.pt": (
+        f"{_DATA}/demo_data/OMOMO_new/sub10_largebox_049.pt",
+        "a26452327215eb3a5dfddba406d4a11c54fb911c3c963b0a87d4e343930a38c2",
+    ),
+    "objects/largebox/largebox.obj": (
+        f"{_DATA}/models/largebox/largebox.obj",
+        "dbcc11281f62e9226f49165252375080d2e490e5a3f0ab6ba917acbd8f7abc1c",
+    ),
+}
 """Where each file goes, below the folder that is asked for: its name in the wheel, and its SHA-256."""
 CLIPS = tuple(name for name in MEMBERS if name.endswith(".pt"))
 OBJECTS = "objects"
 
 
 def fetch_sample(folder: Path) -> tuple[Path, ...]:
-    """Download the sample into a folder and return the files; those that are there already stay.
+    """Download the sample into a folder and return the files; existing ones stay.
 
     Raises:
-        ReadError: pip or the network is missing, or what came is not what was expected.
+        ReadError: pip or the network is missing, or the download is not the expected one.
         WriteError: the folder cannot be written.
     """
     targets = tuple(folder / name for name in MEMBERS)
@@ -70,6 +67,12 @@ def is_complete(folder: Path) -> bool:
 
 def unpack(wheel: Path, folder: Path, members: Mapping[str, tuple[str, str]], wheel_sha256: str) -> None:
     """Check a wheel and write some of its files below a folder; nothing is written unless all are as expected.
+
+    Args:
+        wheel: The downloaded file.
+        folder: The target.
+        members: Target name -> name in the wheel and its SHA-256.
+        wheel_sha256: Of the wheel.
 
     Raises:
         ReadError: the wheel or one of its files is not what its hash says, or a place lies outside the folder.

@@ -10,26 +10,21 @@ from dataclasses import asdict, dataclass, is_dataclass, replace
 from math import isfinite
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args, runtime_checkable
+from typing import Any, Literal, get_args
 
+from hoi_retarget.dynamics.physics_settings import FigureSet, Physics
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.files.tables import check_keys, decode, read_toml
-from hoi_retarget.physics.settings import Physics
+from hoi_retarget.retargeting.trajopt.solvers.solver import SOLVERS, BandedInteriorPoint, Solver
 
-if TYPE_CHECKING:
-    import numpy as np
-
-    from hoi_retarget.retargeting.trajopt.problem import Problem
-    from hoi_retarget.retargeting.trajopt.solvers.base import Solution
-
-SHORTEST_WINDOW = 20  # Of those that pin frames.
+MIN_WINDOW_FRAMES = 20  # Of those that pin frames.
 PINNED = 3  # The reach of a third difference.
 LOOK_AHEAD = 15  # Shared frames with which seams can no longer be seen.
 
 
 @dataclass(frozen=True)
 class Scaling:
-    """How the human and the objects are made to fit the robot."""
+    """Scales from the human and the objects to the robot."""
 
     root_scale: float | Literal["auto"] = "auto"
     """Human size to robot size; auto divides the robot's stature by the mean height of the clip's people."""
@@ -89,17 +84,19 @@ class Weights:
 
     At other rates it is scaled so that its share of the cost stays what it is at 30.
     """
-    stance_anchor: float = 3e4
+    trunk_orientation: float = 6.0
+    """The torso's rotation in the world, in surface contact; not in the paper."""
+    stance_anchor: float = 6e4
     """Feet that keep one place while they stand [1/m^2], in surface contact; not in the paper."""
     floor_clearance: float = 2000.0
     """Sole corners under the floor [1/m^2]; not in the paper."""
-    self_clearance: float = 5e3
+    self_clearance: float = 2e4
     """Points of a link's skin, 6 mm apart, in another link [1/m^2], in surface contact; not in the paper."""
     link_floor: float = 5e3
     """Skin of any link under the floor [1/m^2], in surface contact; not in the paper."""
-    surface_touch: float = 5000.0
+    surface_touch: float = 2e4
     """Skin off the surface that it is to touch [1/m^2], in surface contact; not in the paper."""
-    clearance: float = 2e4
+    clearance: float = 8e4
     """Skin inside an object, or an object inside the robot [1/m^2], in surface contact; not in the paper."""
     pin: float = 3e4
     """Parts that are pinned by hand [1/m^2]; not in the paper."""
@@ -125,13 +122,13 @@ class Weights:
         return replace(self, **{name: factor * getattr(self, name) for name, factor in factors.items()})
 
 
-SURFACE_CONTACT: Mapping[str, float] = MappingProxyType({"base_position": 40.0, "jerk": 2.0, "hand_orientation": 1.5})
+SURFACE_CONTACT: Mapping[str, float] = MappingProxyType({"base_position": 50.0, "jerk": 5.5, "hand_orientation": 1.5})
 """Weight -> its factor where surfaces touch: what hands lose of the human's small motions, the body keeps."""
 
 
 @dataclass(frozen=True)
 class Horizon:
-    """How many frames are solved at once."""
+    """Number of frames that are solved at once."""
 
     length: int = 1000
     """Frames in a window; a clip that is no longer is solved whole."""
@@ -174,63 +171,13 @@ def parse_horizon(text: str) -> Horizon:
         return Horizon(*map(int, numbers))
     if kind == "windowed" and 1 <= len(numbers) <= 2 and all(n.isascii() and n.isdecimal() for n in numbers):
         length, overlap = int(numbers[0]), int(numbers[1]) if len(numbers) == 2 else LOOK_AHEAD
-        if length >= SHORTEST_WINDOW and PINNED <= overlap < length:
+        if length >= MIN_WINDOW_FRAMES and PINNED <= overlap < length:
             return Horizon(length, overlap, PINNED)
         raise ArgumentError(
-            f"horizon {text!r}: LENGTH must be at least {SHORTEST_WINDOW} frames, for shorter windows extrapolate the "
-            f"jerk of the {PINNED} frames they keep; OVERLAP at least {PINNED} and less than LENGTH."
+            f"horizon {text!r}: LENGTH must be at least {MIN_WINDOW_FRAMES} frames, for shorter windows extrapolate "
+            f"the jerk of the {PINNED} frames they keep; OVERLAP at least {PINNED} and less than LENGTH."
         )
     raise ArgumentError(f"horizon {text!r}: expected auto, whole, per-frame or windowed:LENGTH[:OVERLAP].")
-
-
-@runtime_checkable
-class Solver(Protocol):
-    """A frozen value whose fields are its options."""
-
-    def solve(self, problem: "Problem", qpos: "np.ndarray") -> "Solution":
-        """Return a solution from a starting trajectory; failure is a status, never an exception."""
-        ...
-
-
-@dataclass(frozen=True)
-class BandedInteriorPoint:
-    """The options of the interior-point Gauss-Newton solver; `trajopt/solvers/banded.py` is its method."""
-
-    max_iterations: int = 200
-    """Iterations after which the solve stops."""
-    tolerance: float = 3e-4
-    """Predicted decrease and complementarity gap, relative to the cost, at which it is solved."""
-    step_tolerance: float = 10.0
-    """Largest last step of any coordinate [m, rad] with which it is solved before the last iteration: where costs stay
-    large, a small relative decrease can still be a large step. Ten is no limit."""
-    fraction_to_boundary: float = 0.995
-    """Largest part of the way to a bound taken in one step."""
-
-    def __post_init__(self) -> None:
-        if self.max_iterations < 1:
-            raise ArgumentError(f"max-iterations is {self.max_iterations}; it must be at least 1.")
-        for name in ("tolerance", "step_tolerance"):
-            if not (isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise ArgumentError(f"{name.replace('_', '-')} is {getattr(self, name)}; it must be positive.")
-        if not 0 < self.fraction_to_boundary < 1:
-            raise ArgumentError(f"fraction-to-boundary is {self.fraction_to_boundary}; it must lie between 0 and 1.")
-
-    def solve(self, problem: "Problem", qpos: "np.ndarray") -> "Solution":
-        """Return the solution from a starting trajectory; joints outside their range are moved in."""
-        from hoi_retarget.retargeting.trajopt.solvers.banded import solve  # noqa: PLC0415  # scipy, when it is needed
-
-        return solve(self, problem, qpos)
-
-
-@dataclass(frozen=True)
-class KeepStart:
-    """The solver that keeps its start: the pipeline around a solver is tested with it in milliseconds."""
-
-    def solve(self, problem: "Problem", qpos: "np.ndarray") -> "Solution":
-        """Return the starting trajectory as solved."""
-        from hoi_retarget.retargeting.trajopt.solvers.keep_start import solve  # noqa: PLC0415  # as above
-
-        return solve(problem, qpos)
 
 
 @dataclass(frozen=True)
@@ -277,17 +224,20 @@ class Config:
     landmark at the human's (paper Eq. 1)."""
     physics: Physics = Physics()
     """Decides figures of physics, not the motion."""
+    figures: FigureSet = "all"
+    """Figures that are computed; the motion does not depend on them."""
 
     def as_json(self) -> dict[str, Any]:
         """Return plain JSON values, which `from_table` reads again."""
         name = type(self.solver).__name__
         options = asdict(self.solver) if is_dataclass(self.solver) and not isinstance(self.solver, type) else {}
         plain = {name: asdict(getattr(self, name)) for name in _TABLES}
-        return {**plain, "contact": self.contact, "solver": {"name": name, **options}}
+        figures = {} if self.figures == "all" else {"figures": self.figures}
+        return {**plain, "contact": self.contact, **figures, "solver": {"name": name, **options}}
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], owner: str) -> "Config":
-        """Return the configuration of a table; what the table leaves out is as by default.
+        """Return the configuration of a table, with defaults for missing keys.
 
         Raises:
             ReadError: A key does not exist, or a value is not of its field's type.
@@ -299,9 +249,9 @@ class Config:
             place = f"{owner}: {name}"
             if name == "horizon" and isinstance(value, str):
                 values[name] = parse_horizon(value)
-            elif name == "contact":
-                if value not in get_args(ContactKind):
-                    raise ReadError(f"{place} is {value!r}; expected {' or '.join(get_args(ContactKind))}.")
+            elif name in _CHOICES:
+                if value not in _CHOICES[name]:
+                    raise ReadError(f"{place} is {value!r}; expected {' or '.join(_CHOICES[name])}.")
                 values[name] = value
             else:
                 values[name] = (
@@ -312,9 +262,8 @@ class Config:
         return cls(**values)
 
 
+_CHOICES = {"contact": get_args(ContactKind), "figures": get_args(FigureSet)}
 _TABLES = {"scaling": Scaling(), "weights": Weights(), "ik": IkConfig(), "horizon": Horizon(), "physics": Physics()}
-SOLVERS: Mapping[str, type[Solver]] = {solver.__name__: solver for solver in (BandedInteriorPoint, KeepStart)}
-"""Solvers that a table can name."""
 
 
 def _solver(table: Any, owner: str) -> Solver:
@@ -326,5 +275,5 @@ def _solver(table: Any, owner: str) -> Solver:
 
 
 def read_config(path: Path) -> Config:
-    """Return the configuration of a TOML file; raises what `Config.from_table` raises."""
+    """Return the configuration of a TOML file; raises the errors of `Config.from_table`."""
     return Config.from_table(read_toml(path), str(path))

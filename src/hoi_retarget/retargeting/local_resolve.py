@@ -7,91 +7,84 @@ what the optimum gains from moving the pinned frames too, and by where its solve
 centimetres.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import binary_dilation
+import scipy  # its modules are loaded where they are first used
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics.arrays import runs
-from hoi_retarget.numerics.filters import frames_in
-from hoi_retarget.retargeting.config import PINNED, Config, Solver
-from hoi_retarget.retargeting.pipeline import on_surfaces, one_thread, retarget_with_targets, scored, solve_trajectory
-from hoi_retarget.retargeting.surfaces.solve import ProblemOf, SurfaceProblems
+from hoi_retarget.numerics.filters import seconds_to_frames
+from hoi_retarget.retargeting.config import PINNED, Config
+from hoi_retarget.retargeting.solve import Solution, one_thread, solve_trajectory
 from hoi_retarget.retargeting.targets import Targets, with_contacts_of, with_pins
-from hoi_retarget.retargeting.trajopt.problem import Problem
-from hoi_retarget.retargeting.trajopt.table import trajectory_terms
-from hoi_retarget.retargeting.trajopt.windows import report_window
-from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.retargeting.trajopt.windows import FrameRange
 
 MARGIN_SECONDS = 1.0  # On either side of a change: what an arm needs to get from one place to another.
-_AT_ONCE = 4  # Times as many frames as are around a change: no longer clips are solved whole when pins change.
+_WHOLE_CLIP_FACTOR = (
+    4  # Times as many frames as are around a change: no longer clips are solved whole when pins change.
+)
 
 
-@dataclass(frozen=True, eq=False)
-class Draft:
-    """One robot's motion for one person of a clip, and what is needed to revise it."""
+def resolve_locally(before: Solution, clip: Clip, config: Config, *, quickly: bool = False) -> Solution:
+    """Return the solution for a clip that equals the one before but for its contacts and pins.
 
-    clip: Clip
-    person: int
-    targets: Targets
-    motion: Motion
+    Args:
+        before: Of the clip before the change.
+        clip: After it.
+        config: The configuration of the solution.
+        quickly: Otherwise pins that change in a short clip make the solution that of `solve`, to the bit.
 
-
-def draft(clip: Clip, model: RobotModel, config: Config, *, person: int = 0) -> Draft:
-    """Solve a whole clip; raises what `retarget` raises."""
-    motion, targets = retarget_with_targets(clip, model, config, person=person)
-    return Draft(clip, person, targets, motion)
-
-
-def revise(before: Draft, clip: Clip, model: RobotModel, config: Config, *, quickly: bool = False) -> Draft:
-    """Return the draft for a clip that is equal to the draft's own but for its contacts and pins.
-
-    Unless it is to go quickly, pins that change in a short clip make it what `draft` makes of it, to the bit.
-
-    Raises `SolveError` when the frames around a change end without a usable trajectory.
+    Raises:
+        SolveError: The frames around a change end without a usable trajectory.
     """
+    model, ik_qpos = before.model, before.stages[0].qpos
     with one_thread():
         unpinned = before.targets.unpinned or before.targets
         targets = with_contacts_of(unpinned, clip, model, person=before.person)
-        targets = with_pins(targets, clip, model, before.motion.stages[0].qpos, person=before.person)
+        targets = with_pins(targets, clip, model, ik_qpos, person=before.person)
         qpos = before.motion.qpos.copy()
         pieces = _pieces(before.targets, targets)
         around = sum(stop - first for first, stop in pieces)
-        whole = not quickly and len(qpos) <= _AT_ONCE * around and _repinned(before.targets, targets).any()
+        whole = (
+            not quickly and len(qpos) <= _WHOLE_CLIP_FACTOR * around and _pins_changed(before.targets, targets).any()
+        )
         if whole or any(stop - first > config.horizon.length for first, stop in pieces):
-            qpos = solve_trajectory(model, targets, before.motion.stages[0].qpos, config)[0]
+            qpos = solve_trajectory(model, targets, ik_qpos, config)[0]
         else:
             for first, stop in pieces:
-                qpos[first:stop] = _solve_piece(model, targets, before.motion.stages[0].qpos, qpos, config, first, stop)
+                window = FrameRange.within(first, stop, len(qpos)).alone
+                piece, start = targets.window(first, stop), qpos[first:stop]
+                qpos[first:stop], _ = solve_trajectory(
+                    model, piece, ik_qpos[first:stop], config, windows=(window,), start=start, first_frame=first
+                )
         motion = replace(
             before.motion.with_qpos(qpos),
             contact_flags=targets.contact_flags,
             contact_object=targets.contact_object,
             contact_points=targets.contact_points,
         )
-        return Draft(clip, before.person, targets, scored(motion, targets, clip, model, before.person))
+        return Solution.of(clip, before.person, targets, motion, model)
 
 
 def _pieces(before: Targets, after: Targets) -> tuple[tuple[int, int], ...]:
-    """Return the frames to solve again as (first, one past the last): those that changed, and a margin."""
-    margin = frames_in(MARGIN_SECONDS, after.fps) + PINNED
+    """Return the runs of changed frames, each with a margin, as (first, one past the last)."""
+    margin = seconds_to_frames(MARGIN_SECONDS, after.fps) + PINNED
     changed = changed_frames(before, after)
-    return runs(binary_dilation(changed, np.ones(2 * margin + 1)))
+    return runs(scipy.ndimage.binary_dilation(changed, np.ones(2 * margin + 1)))
 
 
 def changed_frames(before: Targets, after: Targets) -> np.ndarray:
-    """Return in which frames contacts or pins ask for something else, T booleans."""
-    asked = (before.contact_weights > 0) | (after.contact_weights > 0)
+    """Return whether contacts or pins changed in each frame, T booleans."""
+    active = (before.contact_weights > 0) | (after.contact_weights > 0)
     moved = (before.carried_contact_points != after.carried_contact_points).any(axis=2)
     exchanged = before.carried_contact_object != after.carried_contact_object
-    weighed = before.contact_weights != after.contact_weights
+    reweighted = before.contact_weights != after.contact_weights
     turned = before.contact_rotation_weights != after.contact_rotation_weights
-    return ((asked & (moved | exchanged)) | weighed | turned).any(axis=1) | _repinned(before, after)
+    return ((active & (moved | exchanged)) | reweighted | turned).any(axis=1) | _pins_changed(before, after)
 
 
-def _repinned(before: Targets, after: Targets) -> np.ndarray:
+def _pins_changed(before: Targets, after: Targets) -> np.ndarray:
     changed = (before.foot_positions != after.foot_positions).any(axis=(1, 2))
     changed |= (before.foot_quats != after.foot_quats).any(axis=(1, 2))
     old, new = ({pin.site: pin for pin in targets.pins} for targets in (before, after))
@@ -100,37 +93,7 @@ def _repinned(before: Targets, after: Targets) -> np.ndarray:
         if one is None or other is None:
             changed |= (one or new[site]).weights > 0
             continue
-        asked = (one.weights > 0) | (other.weights > 0)
+        active = (one.weights > 0) | (other.weights > 0)
         moved = (one.positions != other.positions).any(axis=1) | (one.quats != other.quats).any(axis=1)
-        changed |= (asked & moved) | (one.weights != other.weights) | (one.turn_weights != other.turn_weights)
+        changed |= (active & moved) | (one.weights != other.weights) | (one.turn_weights != other.turn_weights)
     return changed
-
-
-def _solve_piece(  # noqa: PLR0913, PLR0917 - what a problem is made of
-    model: RobotModel,
-    targets: Targets,
-    ik_qpos: np.ndarray,
-    qpos: np.ndarray,
-    config: Config,
-    first: int,
-    stop: int,
-) -> np.ndarray:
-    piece, frames = targets.window(first, stop), stop - first
-    pinned, pinned_after = (PINNED if first > 0 else 0), (PINNED if stop < len(qpos) else 0)
-
-    def solve(problem_of: ProblemOf, start: np.ndarray, solver: Solver, last: bool) -> np.ndarray:
-        problem = replace(problem_of(0, frames, pinned), pinned_after=pinned_after)
-        # The first pass starts from inverse kinematics, but what is pinned is as it was.
-        begun = qpos[first:stop] if start is reference else start
-        solution = solver.solve(problem, begun)
-        if last:
-            report_window(first, stop, problem, solution)
-        return solution.qpos
-
-    reference = ik_qpos[first:stop]
-    if on_surfaces(targets, config):
-        return SurfaceProblems.of(model, piece, reference, config).passes(solve)
-    terms = trajectory_terms(config.weights, piece, model.forward(reference))
-    return solve(
-        lambda _first, _stop, pinned: Problem(model, terms, targets.fps, pinned), reference, config.solver, True
-    )

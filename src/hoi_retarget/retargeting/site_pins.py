@@ -1,4 +1,4 @@
-"""Pins on a robot's sites: paths that lead through the pinned places and back, and how much each frame of them counts.
+"""Pins on a robot's sites: paths through the pinned places and back, with a weight in each frame.
 
 A path is what the site would follow anyway, shifted by what the pin asks for: wholly in the pinned frame, and less and
 less before and after it. From one pin to the next that is near, the shift goes straight from the one to the other.
@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hoi_retarget.clip.pin import PosePin
+from hoi_retarget.clip.clip import PosePin
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen, runs
-from hoi_retarget.numerics.filters import fade, frames_in
+from hoi_retarget.numerics.filters import seconds_to_frames, smoothstep_around
 
 RAMP_SECONDS = 0.3
 """On either side of a pin: what a hand needs for a decimetre, there and back, without a jerk."""
@@ -50,7 +50,7 @@ class SitePin:
         )
 
 
-def site_pin(  # noqa: PLR0913 - what a pinned path is made of
+def site_pin(  # noqa: PLR0913  # the parts of a pinned path
     site: str,
     pins: Sequence[PosePin],
     positions: Float[np.ndarray, "T 3"],
@@ -71,7 +71,7 @@ def site_pin(  # noqa: PLR0913 - what a pinned path is made of
         stands: When the site is a foot that stands.
         fps: Frames a second.
     """
-    ramp, frames = frames_in(RAMP_SECONDS, fps), len(positions)
+    ramp, frames = seconds_to_frames(RAMP_SECONDS, fps), len(positions)
     places = {pin.frame: scale * np.array(pin.position) - positions[pin.frame] for pin in pins}
     turns = {pin.frame: np.radians(pin.turn) for pin in pins if pin.turn is not None}
     shift = np.where(FLAT, _course(places, stands, ramp), _course(places, np.zeros_like(stands), ramp))
@@ -121,4 +121,4 @@ def _spans(frames: Sequence[int], holds: Sequence[tuple[int, int]]) -> Iterator[
 
 def _weights(pinned: dict[int, np.ndarray], frames: int, ramp: int) -> Float[np.ndarray, "T"]:
     """Return weights that are small where the path is still the site's own, which something else may know better."""
-    return fade(np.isin(np.arange(frames), list(pinned)), ramp) ** 2
+    return smoothstep_around(np.isin(np.arange(frames), list(pinned)), ramp) ** 2

@@ -1,4 +1,4 @@
-"""What one robot is asked to do for one person of a clip: the only place that scales and grounds.
+"""The targets of one robot for one person of a clip: the only place that scales and grounds.
 
 `make_targets` scales the human to the robot, the object by one of two rules (paper Sec. III-A),
 carries the contact points along in the object's frame (Eq. 1), plants standing feet on the floor
@@ -12,23 +12,26 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hoi_retarget.clip.clip import Clip
-from hoi_retarget.clip.pin import PELVIS
+from hoi_retarget.clip.clip import PELVIS, Clip
 from hoi_retarget.errors import RobotError
-from hoi_retarget.human.person import Person
+from hoi_retarget.human.person import LARGEST_DIFFERENCE, Person, stance
 from hoi_retarget.human.rotation_jumps import RotationJump, without_rotation_jumps
-from hoi_retarget.human.skeleton import LIMBS
-from hoi_retarget.human.stance import LARGEST_DIFFERENCE, stance
-from hoi_retarget.human.trunk import trunk_rotations
-from hoi_retarget.motion.report import PinnedPart
+from hoi_retarget.human.skeleton import LIMBS, trunk_rotations
+from hoi_retarget.motion.motion_report import PinnedPart
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
-from hoi_retarget.numerics.filters import fade, frames_in, nearest_active, slow_cover, smooth, smooth_quats
+from hoi_retarget.numerics.filters import (
+    nearest_active,
+    rate_limited_upper_envelope,
+    seconds_to_frames,
+    smooth,
+    smooth_quats,
+    smoothstep_around,
+)
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
-from hoi_retarget.retargeting.base_path import base_path
 from hoi_retarget.retargeting.config import ContactKind, Scaling
-from hoi_retarget.retargeting.foot_anchors import anchor, anchor_weights
-from hoi_retarget.retargeting.foot_planting import Foot, plant, resting_height, resting_tilt
+from hoi_retarget.retargeting.feet import Foot, anchor, anchor_weights, plant, resting_height, resting_tilt
+from hoi_retarget.retargeting.mobile_base_path import mobile_base_path
 from hoi_retarget.retargeting.site_pins import SitePin, site_pin
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.spec import SIDES
@@ -53,6 +56,8 @@ class Targets:
     site_quats: Float[np.ndarray, "T K 4"]
     trunk_rotations: Float[np.ndarray, "T 3 3"]
     """Of the person's trunk, as hips and shoulders lie."""
+    torso_quats: Float[np.ndarray, "T 4"]
+    """World rotations of the torso, as the person's chest turns, smoothed."""
     foot_positions: Float[np.ndarray, "T 2 3"]
     """World positions of the left and right foot's contact site [m]: on the floor in stance."""
     foot_quats: Float[np.ndarray, "T 2 4"]
@@ -126,7 +131,12 @@ def make_targets(
 ) -> Targets:
     """Return the targets of one robot for one person of a clip.
 
-    Feet keep one place for each stance run in surface contact, and follow the person's otherwise.
+    Args:
+        clip: The recording.
+        model: The robot.
+        scaling: Sizes of human and objects on the robot's side.
+        contact: With surfaces, feet keep one place for each stance run; otherwise they follow the person's.
+        person: Index of the person.
     """
     human, jumps = without_rotation_jumps(clip.people[person], clip.fps)
     root_scale = _root_scale(clip, model, scaling)
@@ -152,7 +162,7 @@ def make_targets(
     if model.spec.base != "legs":
         row = goals.row("pelvis")
         working = np.any(contacts["contact_flags"], axis=1)
-        base = frozen(base_path(model, goals.positions[:, row], goals.quats[:, row], working, clip.fps))
+        base = frozen(mobile_base_path(model, goals.positions[:, row], goals.quats[:, row], working, clip.fps))
         carried = model.forward(np.concatenate([base, np.tile(model.home_qpos[7:], (clip.frames, 1))], axis=1))
         goals.positions[:, row] = carried.site_position("pelvis")
         goals.quats[:, row] = se3.matrix_to_quat(carried.site_rotation("pelvis"))
@@ -165,6 +175,7 @@ def make_targets(
         site_positions=frozen(goals.positions),
         site_quats=frozen(goals.quats),
         trunk_rotations=frozen(trunk_rotations(human.position)),
+        torso_quats=frozen(smooth_quats(goals.quats[:, goals.row("torso")], clip.fps)),
         foot_positions=frozen(foot_positions),
         foot_quats=frozen(foot_quats),
         anchor_weights=frozen(anchors),
@@ -193,9 +204,16 @@ def with_contacts_of(targets: Targets, clip: Clip, model: RobotModel, *, person:
 def with_pins(
     targets: Targets, clip: Clip, model: RobotModel, ik_qpos: Float[np.ndarray, "T nq"], *, person: int = 0
 ) -> Targets:
-    """Return targets with the pins of the clip, on top of what inverse kinematics found; without any, the same ones.
+    """Return targets with the pins of the clip, on top of the IK trajectory; without pins, the same targets.
 
-    A foot's own targets go where it is pinned: all of a stance in which it is.
+    A pinned foot moves its own targets, in all frames of the stance.
+
+    Args:
+        targets: Without pins.
+        clip: With the pins.
+        model: The robot.
+        ik_qpos: Places of sites without targets [m, rad].
+        person: Index of the person.
 
     Raises:
         RobotError: The robot has no such part.
@@ -227,7 +245,7 @@ def with_pins(
 
 
 def pinned_parts(kinematics: Kinematics, targets: Targets) -> tuple[PinnedPart, ...]:
-    """Return how far off its pins a motion is, in the order of parts and time."""
+    """Return the errors of a motion at its pins, in the order of parts and time."""
     parts = {site: part for part, site in pinned_sites(kinematics.model).items()}
     found = []
     for pin in targets.pins:
@@ -377,12 +395,12 @@ def _scale_track(track: ObjectTrack, root_scale: float, geometry_scale: float, f
 def _lift_out(
     track: ObjectTrack, path: Float[np.ndarray, "T 3"], quats: Float[np.ndarray, "T 4"], scale: float, fps: float
 ) -> Float[np.ndarray, "T"]:
-    """Return by how much to lift an object so that none of it is under the floor, rising and falling slowly [m].
+    """Return the slowly changing lift that holds all of an object above the floor [m].
 
     Its rotation is smoothed on its own: where it tips over an edge, the edge then dips into the floor by millimetres.
     """
     lowest = path[:, 2] + scale * track.geometry.lowest_along(se3.quat_to_matrix(quats)[:, 2])
-    return slow_cover(np.maximum(-lowest, 0.0), fps)
+    return rate_limited_upper_envelope(np.maximum(-lowest, 0.0), fps)
 
 
 def _limbs(human: Person, objects: Sequence[ObjectTrack], scale: float) -> Float[np.ndarray, "T O L 2 3"]:
@@ -398,7 +416,10 @@ def _contact_fields(clip: Clip, model: RobotModel, person: int, geometry_scale: 
     """Return the fields of `Targets` that follow from the clip's contacts."""
     flags, touched, points = _contacts(clip, model, person, geometry_scale)
     carried_object, carried_points = _carried(flags, touched, points)
-    ramp, rotation_ramp = frames_in(CONTACT_RAMP_SECONDS, clip.fps), frames_in(ROTATION_RAMP_SECONDS, clip.fps)
+    ramp, rotation_ramp = (
+        seconds_to_frames(CONTACT_RAMP_SECONDS, clip.fps),
+        seconds_to_frames(ROTATION_RAMP_SECONDS, clip.fps),
+    )
     return {
         "contact_flags": frozen(flags, bool),
         "contact_object": frozen(touched, int),
@@ -406,8 +427,10 @@ def _contact_fields(clip: Clip, model: RobotModel, person: int, geometry_scale: 
         "carried_contact_object": frozen(carried_object, int),
         "carried_contact_points": frozen(carried_points),
         "part_points": frozen(_part_points(clip, model, person, geometry_scale, carried_object)),
-        "contact_weights": frozen(np.stack([fade(active, ramp) for active in flags.T], axis=1)),
-        "contact_rotation_weights": frozen(np.stack([fade(active, rotation_ramp) for active in flags.T], axis=1)),
+        "contact_weights": frozen(np.stack([smoothstep_around(active, ramp) for active in flags.T], axis=1)),
+        "contact_rotation_weights": frozen(
+            np.stack([smoothstep_around(active, rotation_ramp) for active in flags.T], axis=1)
+        ),
     }
 
 

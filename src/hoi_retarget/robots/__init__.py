@@ -1,4 +1,4 @@
-"""The robots this package knows, each a module of data beside its MJCF, and those that the user added."""
+"""The robots of this package, each a module of data beside its MJCF, and the user's own."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -10,11 +10,15 @@ from hoi_retarget.robots import unitree_g1, unitree_h2, user_robots
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.robots.spec import RobotSpec
 
-ROBOTS: Mapping[str, RobotSpec] = MappingProxyType({spec.name: spec for spec in (unitree_g1.SPEC, unitree_h2.SPEC)})
+_SPECS = (
+    unitree_g1.SPEC,
+    unitree_h2.SPEC,
+)
+ROBOTS: Mapping[str, RobotSpec] = MappingProxyType({spec.name: spec for spec in _SPECS})
 
 
 def team(names: str) -> tuple[RobotSpec, ...]:
-    """Return the robots of the people of a clip, whose names stand with commas between; raises as `robot`."""
+    """Return the robots of the people of a clip by their names with commas between; raises as `robot`."""
     return tuple(robot(name.strip()) for name in names.split(","))
 
 
@@ -26,7 +30,7 @@ def load_team(names: str) -> tuple[RobotModel, ...]:
 def robot(name: str) -> RobotSpec:
     """Return a robot: one of this package by its name or the last part of it, `unitree_g1` or `g1`, or an added one.
 
-    The path of a maker's file stands for the robot made of it, which is added where it was not yet.
+    The path of a manufacturer's file stands for the robot made of it, which is added where it was not yet.
 
     Raises:
         ArgumentError: There is no such robot; the message lists those there are.
@@ -52,6 +56,6 @@ def load_robot(name: str) -> RobotModel:
 
 @cache
 def _loaded(name: str, mjcf: Path, digest: str) -> RobotModel:
-    # An added robot may be another one later: its file and the digest tell.
+    # An added robot may be another one later, with another file and digest.
     del mjcf, digest
     return load_model(ROBOTS[name] if name in ROBOTS else user_robots.load(name))

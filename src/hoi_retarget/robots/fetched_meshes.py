@@ -14,7 +14,7 @@ from urllib.request import urlopen
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.files.atomic import write_together, writing
-from hoi_retarget.files.python_package import check_digest, download_wheel, read_members
+from hoi_retarget.files.python_wheel import check_digest, download_wheel, read_members
 from hoi_retarget.robots import user_robots
 from hoi_retarget.robots.adding.mesh_files import coarse_stl
 from hoi_retarget.robots.spec import RobotSpec
@@ -81,7 +81,7 @@ class Repository:
 
 
 @dataclass(frozen=True)
-class Source:
+class MeshSource:
     """Where a robot's meshes come from, and under which terms."""
 
     place: Wheel | Repository
@@ -89,9 +89,9 @@ class Source:
 
 
 _UNITREE = "BSD-3-Clause, (c) HangZhou YuShu TECHNOLOGY CO., LTD (Unitree Robotics)"
-SOURCES: Mapping[str, Source] = MappingProxyType(
+SOURCES: Mapping[str, MeshSource] = MappingProxyType(
     {
-        "unitree_g1": Source(
+        "unitree_g1": MeshSource(
             Wheel(
                 "mjlab",
                 "1.6.0",
@@ -100,7 +100,7 @@ SOURCES: Mapping[str, Source] = MappingProxyType(
             ),
             _UNITREE,
         ),
-        "unitree_h2": Source(
+        "unitree_h2": MeshSource(
             Repository(
                 "https://raw.githubusercontent.com/unitreerobotics/unitree_ros/"
                 "fceefdfd21389778ebb42419d503c7e5eee4a1be/robots/h2_description/meshes/",

@@ -2,7 +2,7 @@
 
 Inside this package's kinematics and optimization, time is the last axis of every array: numpy's
 inner loops then run over frames, which makes them several times faster than stacks of 3 x 3
-matrices. What is handed out to metrics, viewers and exporters has time first.
+matrices. Arrays for metrics, viewers and exporters have time first.
 
 The tree's nodes are the free root (node 0) and one node per hinge. Bodies and sites are fixed to a
 node by a constant transform. A configuration is `q = (p_b, R_b, theta)`, stored as MuJoCo's qpos;
@@ -19,8 +19,7 @@ from jaxtyping import Bool, Float, Int
 from hoi_retarget.errors import RobotError
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
-from hoi_retarget.robots.mjcf import compile_mjcf
-from hoi_retarget.robots.parts import (
+from hoi_retarget.robots.frames import (
     Attachments,
     Frame,
     Geometries,
@@ -31,6 +30,7 @@ from hoi_retarget.robots.parts import (
     sites_of,
     tree_of,
 )
+from hoi_retarget.robots.mjcf import compile_mjcf
 from hoi_retarget.robots.spec import SITES, RobotSpec
 
 
@@ -102,7 +102,7 @@ class RobotModel:
 
     @cached_property
     def fixed_columns(self) -> Bool[np.ndarray, "nv"]:
-        """Return the tangent coordinates that nothing is solved for.
+        """Return the tangent coordinates that are fixed.
 
         All of the root's where its base stays; where it follows, its height and its tilt, and all of its rotation if
         none of the root link's axes points up.
@@ -190,7 +190,7 @@ class Kinematics:
         return self._points[frame]
 
     def orientation(self, site: str | Frame) -> Float[np.ndarray, "3 3 T"]:
-        """Return the world rotation of a site or another frame, time last."""
+        """Return the world rotation matrices of a site or another frame, time last."""
         frame = self.frame(site)
         return np.einsum("ijt,jk->ikt", self.node_rotation[:, :, frame.node], frame.rotation)
 
@@ -199,7 +199,7 @@ class Kinematics:
         return np.ascontiguousarray(self.point(site).T)
 
     def site_rotation(self, site: str) -> Float[np.ndarray, "T 3 3"]:
-        """Return a site's world rotation."""
+        """Return a site's world rotation matrices."""
         return np.ascontiguousarray(self.orientation(site).transpose(2, 0, 1))
 
     @property
@@ -226,7 +226,7 @@ class Kinematics:
         return axes
 
     def jacobian(self, site: str | Frame) -> Float[np.ndarray, "T 6 nv"]:
-        """Return how the world twist (linear, then angular) of a site or another frame follows the tangent."""
+        """Return the Jacobian of the world twist of a site or another frame, linear [m], then angular [rad]."""
         moved = np.concatenate([np.ones(6), self.model.supports[1:, self.frame(site).node]])
         axes = self.motion_axes * moved[:, None]
         lever = self.point(site) - self.node_position[:, 0]

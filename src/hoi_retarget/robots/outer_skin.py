@@ -1,36 +1,35 @@
 """The outer skin of a link's triangles and the solid that it encloses, internals left out.
 
-A maker's mesh of a link holds motors, ribs and screws, is often not closed and seldom wound alike. So inside and
-outside are told by a small ball: the outside is all that a ball can fill that comes in from far away, and the skin
-all that it can touch. Hollows that it cannot enter belong to the solid, and so do those that other links plug.
+A manufacturer's mesh of a link holds motors, ribs and screws, is often not closed and seldom wound alike. So a small
+ball distinguishes inside and outside: it can fill the outside, coming in from far away, and touch the skin. Hollows
+that it cannot enter belong to the solid, and so do those that other links plug.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its modules are loaded where they are first used
 from jaxtyping import Bool, Float, Int
-from scipy import ndimage
-from scipy.spatial import ConvexHull, KDTree, QhullError
 
 from hoi_retarget.numerics.distance_grid import DistanceGrid
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
 
 _NEIGHBOURS = 32
-"""Balls that are tried for one point: the best one is among the nearest."""
+"""Nearest balls to a point, with the best one among them."""
 _TOUCH = 5e-4
-"""A ball touches what is nearer to it than this [m]: centres of balls are nodes of a grid."""
+"""A ball touches points within this distance [m]: centres of balls are nodes of a grid."""
 _HULL = 1e-3
 """By which the skin may bulge out between its points [m]."""
-_STEEPEST, _CLOSE = 1.2, 1.5
-"""Steps of a grid: most that values next to each other differ by; how near to the skin the balls' values are kept."""
+_MAX_SLOPE, _MAX_KEPT = 1.2, 1.5
+"""Steps of a grid: between values next to each other; from the skin to values of the balls that are kept."""
 _BLOCK = 200_000
 """Points asked for at once, which bounds memory."""
 
 
 @dataclass(frozen=True)
-class Fineness:
-    """How finely one link is looked at, all in [m]."""
+class SkinResolution:
+    """Resolution of one link's skin, all in [m]."""
 
     nodes: float
     """Distance of the balls' centres."""
@@ -42,13 +41,13 @@ class Fineness:
     """Step of the solid's distance grid."""
 
 
-_HAND = Fineness(nodes=0.001, ball=0.00125, spacing=0.0035, grid=0.0025)  # 5 mm apart on a square lattice
-_FOOT = Fineness(nodes=0.002, ball=0.003, spacing=0.0055, grid=0.005)  # 8 mm apart
-_LINK = Fineness(nodes=0.002, ball=0.003, spacing=0.0085, grid=0.006)  # 12 mm apart
+_HAND = SkinResolution(nodes=0.001, ball=0.00125, spacing=0.0035, grid=0.0025)  # 5 mm apart on a square lattice
+_FOOT = SkinResolution(nodes=0.002, ball=0.003, spacing=0.0055, grid=0.005)  # 8 mm apart
+_LINK = SkinResolution(nodes=0.002, ball=0.003, spacing=0.0085, grid=0.006)  # 12 mm apart
 
 
-def fineness_of(model: RobotModel, link: str) -> Fineness:
-    """Return how finely a link is looked at: hands and forearms, which touch, finest, then feet."""
+def resolution_of(model: RobotModel, link: str) -> SkinResolution:
+    """Return the resolution of a link's skin: finest for hands and forearms, which touch, then feet."""
     node = model.body_frames.frames[link].node
     elbows = [model.sites.frames[f"{side}_elbow"].node for side in SIDES]
     if any(model.supports[elbow, node] for elbow in elbows):
@@ -77,8 +76,8 @@ class Outside:
     """Of the largest balls there that touch nothing [m]."""
 
     def free(self, points: Float[np.ndarray, "K 3"]) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
-        """Return how deep points lie in the balls [m], negative where in none, and the centre of the best ball."""
-        ways, indices = KDTree(self.centres).query(points, k=min(_NEIGHBOURS, len(self.centres)))
+        """Return the depths of points in the balls [m], negative in none, and the centre of the best ball."""
+        ways, indices = scipy.spatial.KDTree(self.centres).query(points, k=min(_NEIGHBOURS, len(self.centres)))
         nearest = np.asarray(indices)
         depths = self.radii[nearest] - ways
         best = depths.argmax(axis=1)
@@ -89,7 +88,7 @@ class Outside:
 def outer_skin(
     vertices: Float[np.ndarray, "V 3"],
     faces: Int[np.ndarray, "F 3"],
-    fineness: Fineness,
+    resolution: SkinResolution,
     outside: Outside | None = None,
     *,
     seed: int = 0,
@@ -99,19 +98,19 @@ def outer_skin(
     Args:
         vertices: [m]
         faces: Triangles.
-        fineness: How finely to look.
+        resolution: The resolution.
         outside: The outside, where it is known from more than these triangles.
         seed: Of the places that are tried on the triangles.
     """
-    outside = outside or outside_of(vertices, faces, fineness)
-    candidates, normals = _samples(vertices, faces, 0.2 * fineness.spacing, seed)
+    outside = outside or outside_of(vertices, faces, resolution)
+    candidates, normals = _samples(vertices, faces, 0.2 * resolution.spacing, seed)
     depth, centre = outside.free(candidates)
     touched = depth > -_TOUCH
     candidates, normals, centre = candidates[touched], normals[touched], centre[touched]
     inward = np.einsum("ki,ki->k", centre - candidates, normals) < 0.0
     normals = np.where(inward[:, None], -normals, normals)
-    chosen = farthest_points(candidates, fineness.spacing)
-    solid = _solid(vertices, faces, outside, candidates, fineness)
+    chosen = farthest_points(candidates, resolution.spacing)
+    solid = _solid(vertices, faces, outside, candidates, resolution)
     return OuterSkin(candidates[chosen], normals[chosen], solid)
 
 
@@ -129,38 +128,38 @@ def farthest_points(points: Float[np.ndarray, "K 3"], spacing: float) -> Int[np.
         chosen.append(farthest)
 
 
-def outside_of(vertices: np.ndarray, faces: np.ndarray, fineness: Fineness) -> Outside:
+def outside_of(vertices: np.ndarray, faces: np.ndarray, resolution: SkinResolution) -> Outside:
     """Return the outside of triangles alone."""
-    origin, shape = grid_around(vertices, fineness.nodes, fineness.ball + 4 * fineness.nodes)
-    nodes = grid_nodes(origin, fineness.nodes, shape)
+    origin, shape = grid_around(vertices, resolution.nodes, resolution.ball + 4 * resolution.nodes)
+    nodes = grid_nodes(origin, resolution.nodes, shape)
     room = mesh_distances(nodes, vertices, faces)
-    reached = reached_from_afar((room > fineness.ball).reshape(shape)).reshape(-1)
-    layer = reached & (room <= fineness.ball + 2.0 * fineness.nodes)
+    reached = reached_from_afar((room > resolution.ball).reshape(shape)).reshape(-1)
+    layer = reached & (room <= resolution.ball + 2.0 * resolution.nodes)
     return Outside(nodes[layer], room[layer])
 
 
 def reached_from_afar(fits: Bool[np.ndarray, "X Y Z"]) -> Bool[np.ndarray, "X Y Z"]:
     """Return where a ball can come to from the first node, by nodes where it fits."""
     parts = np.zeros(fits.shape, dtype=np.int32)
-    ndimage.label(fits, output=parts)
+    scipy.ndimage.label(fits, output=parts)
     return parts == parts[0, 0, 0]
 
 
 def _solid(
-    vertices: np.ndarray, faces: np.ndarray, outside: Outside, skin: np.ndarray, fineness: Fineness
+    vertices: np.ndarray, faces: np.ndarray, outside: Outside, skin: np.ndarray, resolution: SkinResolution
 ) -> DistanceGrid:
-    origin, shape = grid_around(vertices, fineness.grid, 2 * fineness.grid)
-    nodes = grid_nodes(origin, fineness.grid, shape)
+    origin, shape = grid_around(vertices, resolution.grid, 2 * resolution.grid)
+    nodes = grid_nodes(origin, resolution.grid, shape)
     to_mesh = mesh_distances(nodes, vertices, faces)
-    to_skin = KDTree(skin).query(nodes)[0]
+    to_skin = scipy.spatial.KDTree(skin).query(nodes)[0]
     free, _ = outside.free(nodes)
     # Balls are next to the skin: from farther outside they are nearer than it, from inside farther.
-    beyond = (KDTree(outside.centres).query(nodes)[0] < to_skin) & (to_skin > outside.radii.min())
+    beyond = (scipy.spatial.KDTree(outside.centres).query(nodes)[0] < to_skin) & (to_skin > outside.radii.min())
     # Balls alone say a little less than the way to the skin, but more than that to the rim of a plugged hollow.
     by_skin = np.abs(to_mesh - free) < 2.0 * _TOUCH
     values = np.where(free > 0.0, np.where(by_skin, to_mesh, free), np.maximum(free, -to_skin))
     values = np.where(beyond, np.maximum(free, to_skin), values)
-    return ended_solid(DistanceGrid(origin, fineness.grid, values.reshape(shape)), skin)
+    return ended_solid(DistanceGrid(origin, resolution.grid, values.reshape(shape)), skin)
 
 
 def ended_solid(solid: DistanceGrid, skin: Float[np.ndarray, "P 3"]) -> DistanceGrid:
@@ -180,20 +179,20 @@ def ended_solid(solid: DistanceGrid, skin: Float[np.ndarray, "P 3"]) -> Distance
         change = (first < 0.0) != (second < 0.0)
         here, there = np.abs(first[change]), np.abs(second[change])
         # Two values that do not fit together tell no place between them.
-        fit = here + there < _STEEPEST * step
+        fit = here + there < _MAX_SLOPE * step
         share = np.where(fit, here / np.maximum(here + there, 1e-9), 0.5)[:, None]
         meet.append((1.0 - share) * start[change] + share * end[change])
-    away = KDTree(np.concatenate([*meet, skin])).query(nodes)[0].reshape(shape)
-    size = np.where(away < _CLOSE * step, np.minimum(np.abs(values), away), away)
+    away = scipy.spatial.KDTree(np.concatenate([*meet, skin])).query(nodes)[0].reshape(shape)
+    size = np.where(away < _MAX_KEPT * step, np.minimum(np.abs(values), away), away)
     return DistanceGrid(solid.origin, step, np.where(values < 0.0, -size, size).astype(np.float32))
 
 
 def _beyond_hull(nodes: np.ndarray, skin: np.ndarray, step: float) -> Float[np.ndarray, "N"]:
-    """Return by how much nodes are beyond the hull of a skin, or a little less [m]; negative inside."""
+    """Return the distances of nodes beyond the hull of a skin, or a little less [m]; negative inside."""
     try:
-        planes = np.unique(ConvexHull(skin).equations.round(6), axis=0)
-    except QhullError:  # A few points, or flat ones: all of a link that shows between others.
-        return KDTree(skin).query(nodes)[0] - step
+        planes = np.unique(scipy.spatial.ConvexHull(skin).equations.round(6), axis=0)
+    except scipy.spatial.QhullError:  # A few points, or flat ones: all of a link that shows between others.
+        return scipy.spatial.KDTree(skin).query(nodes)[0] - step
     beyond = np.full(len(nodes), -np.inf)
     for *normal, offset in planes:
         np.maximum(beyond, nodes @ np.array(normal) + offset, out=beyond)
@@ -203,7 +202,7 @@ def _beyond_hull(nodes: np.ndarray, skin: np.ndarray, step: float) -> Float[np.n
 def mesh_distances(
     points: Float[np.ndarray, "K 3"], vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]
 ) -> Float[np.ndarray, "K"]:
-    """Return how far points are from the nearest triangle [m]."""
+    """Return the distances of points from the nearest triangle [m]."""
     import igl  # noqa: PLC0415  # takes a fifth of a second, and only robots without skin data need it
 
     tree = igl.AABB()
@@ -235,7 +234,7 @@ def _samples(vertices: np.ndarray, faces: np.ndarray, spacing: float, seed: int)
 
 
 def grid_around(vertices: np.ndarray, step: float, margin: float) -> tuple[np.ndarray, tuple[int, int, int]]:
-    """Return the first node of a grid around points, and how many nodes it has along each axis."""
+    """Return the first node of a grid around points [m], and its numbers of nodes along the axes."""
     low, high = vertices.min(axis=0) - margin, vertices.max(axis=0) + margin
     x, y, z = np.ceil((high - low) / step).astype(int) + 1
     return low, (int(x), int(y), int(z))

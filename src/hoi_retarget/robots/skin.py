@@ -1,27 +1,110 @@
-"""The outer skin of a robot's links: points on it with normals, and the solid that it encloses.
+"""The outer skin of a robot's links, points with normals and the enclosed solids, its files, and links that may meet.
 
-A robot of this package has its skin in a file, made by `tools/make_skins.py` from its maker's meshes; the skin of any
-other robot is that of its colliding geometries.
+A robot of this package has its skin in a file, made by `tools/make_skins.py` from the manufacturer's meshes; the skin
+of any other robot is that of its colliding geometries. Files hold whole numbers of small steps.
 """
 
 import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import combinations
+from pathlib import Path
 
 import numpy as np
+import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float
-from scipy.spatial import ConvexHull, QhullError
 
 from hoi_retarget.errors import RobotError
+from hoi_retarget.files import npz
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.numerics.distance_grid import DistanceGrid
 from hoi_retarget.robots.collision_skin import collision_skins
-from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.robots.frames import Frame
+from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.outer_skin import OuterSkin
-from hoi_retarget.robots.parts import Frame
-from hoi_retarget.robots.skin_file import read_skins, write_skins
-from hoi_retarget.robots.user_robots import keep_skin
+from hoi_retarget.robots.spec import SIDES
+from hoi_retarget.robots.user_robots import store_skin
+
+_POINT_STEP = 2e-5  # [m]
+_NORMAL_STEP = 1.0 / 127.0
+_DISTANCE_STEP = 1e-4  # [m]
+_MIRROR = np.array([1.0, -1.0, 1.0])
+_CELL_NEIGHBOURS, _CELL_SAMPLES = 16, 256
+"""Of a point's cell on the skin: neighbours that can bound it, and places of which it is made."""
+_SAME_SIDE = -0.1
+"""Cosine between normals from which on two points share the skin: both sides of an edge do, those of a plate do not."""
+_MAX_OVERLAP_JOINTS, _MAX_OVERLAP_JOINTS_ON_LIMB = 2, 3
+"""Links with so many joints between them overlap by design; on one limb the joints are short."""
+
+
+def mirrored_skin(skin: OuterSkin) -> OuterSkin:
+    """Return the skin of the link on the other side: y turned around."""
+    solid = skin.solid
+    _, width, _ = solid.values.shape
+    last = solid.origin[1] + (width - 1) * solid.step
+    origin = np.array([solid.origin[0], -last, solid.origin[2]])
+    return OuterSkin(
+        skin.points * _MIRROR, skin.normals * _MIRROR, DistanceGrid(origin, solid.step, solid.values[:, ::-1])
+    )
+
+
+def write_skins(path: Path | io.BytesIO, skins: Mapping[str, OuterSkin], mirrored: Mapping[str, str]) -> None:
+    """Write skins by link, and the pairs of a link and the link with the mirrored skin."""
+    own = list(skins.values())
+    grids = [skin.solid for skin in own]
+    np.savez_compressed(
+        path,
+        links=np.array(list(skins)),
+        mirrored=np.array(list(mirrored.items())).reshape(-1, 2),
+        counts=np.array([len(skin.points) for skin in own], np.int32),
+        points=np.concatenate([_whole(skin.points, _POINT_STEP, np.int16) for skin in own]),
+        normals=np.concatenate([_whole(skin.normals, _NORMAL_STEP, np.int8) for skin in own]),
+        origins=np.array([grid.origin for grid in grids]),
+        steps=np.array([grid.step for grid in grids]),
+        shapes=np.array([grid.values.shape for grid in grids], np.int32),
+        # Neighbours differ little, so their differences pack well.
+        values=np.concatenate(
+            [
+                np.diff(_whole(grid.values, _DISTANCE_STEP, np.int16), axis=2, prepend=np.int16(0)).ravel()
+                for grid in grids
+            ]
+        ),
+    )
+
+
+def read_skins(path: Path) -> dict[str, OuterSkin]:
+    """Return the skins in a file by link; raises `RobotError` when it is missing or damaged."""
+    try:
+        arrays = {name: npz.array(name, entry, "fiU") for name, entry in npz.members(path.read_bytes()).items()}
+        counts, shapes = arrays["counts"], arrays["shapes"]
+        points = np.split(arrays["points"] * _POINT_STEP, np.cumsum(counts)[:-1])
+        normals = np.split(arrays["normals"].astype(float), np.cumsum(counts)[:-1])
+        values = np.split(arrays["values"], np.cumsum(shapes.prod(axis=1))[:-1])
+        skins = {
+            str(link): OuterSkin(
+                places,
+                along / np.linalg.norm(along, axis=1, keepdims=True),
+                DistanceGrid(
+                    origin,
+                    float(step),
+                    (np.cumsum(steps.reshape(shape), axis=2, dtype=np.int32) * _DISTANCE_STEP).astype(np.float32),
+                ),
+            )
+            for link, places, along, origin, step, shape, steps in zip(
+                arrays["links"], points, normals, arrays["origins"], arrays["steps"], shapes, values, strict=True
+            )
+        }
+        return {**skins, **{str(link): mirrored_skin(skins[str(other)]) for link, other in arrays["mirrored"]}}
+    except (OSError, ValueError, KeyError) as error:
+        raise RobotError(f"{path}: no skin can be read from it ({error}). Make it with tools/make_skins.py.") from error
+
+
+def _whole(values: np.ndarray, unit: float, dtype: type[np.integer]) -> np.ndarray:
+    numbers = np.rint(values / unit)
+    if np.abs(numbers).max() > np.iinfo(dtype).max:
+        raise ValueError(f"numbers up to {np.abs(values).max():g} do not fit into steps of {unit:g}")
+    return numbers.astype(dtype)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +119,7 @@ class LinkSkin:
     normals: Float[np.ndarray, "P 3"]
     """Outward, of unit length."""
     radii: Float[np.ndarray, "P"]
-    """What each point stands for is a ball of this radius [m]; 0 for a point of the skin itself."""
+    """Each point stands for a ball of this radius [m]; 0 for a point of the skin itself."""
     solid: DistanceGrid
 
     @cached_property
@@ -50,11 +133,37 @@ class LinkSkin:
         return float((np.linalg.norm(self.points - self.centre, axis=1) + self.radii).max())
 
     @cached_property
+    def areas(self) -> Float[np.ndarray, "P"]:
+        """Area of the skin that is nearer to each point than to any other [m2].
+
+        In the tangent plane, a cell is the part of a disc that no neighbour is nearer to, a neighbour being as far as
+        it is in space. The disc's radius is the smallest distance of two points, from which no place of the skin is
+        farther than that (`farthest_points`).
+        """
+        count = min(_CELL_NEIGHBOURS + 1, len(self.points))
+        if count < 2:
+            return np.zeros(len(self.points))
+        lengths, near = (found[:, 1:] for found in scipy.spatial.KDTree(self.points).query(self.points, k=count))
+        radius = lengths[:, 0].min()
+        along = np.eye(3)[np.abs(self.normals).argmin(axis=1)]
+        first = np.cross(self.normals, along)
+        first /= np.linalg.norm(first, axis=1, keepdims=True)
+        plane = np.stack([first, np.cross(self.normals, first)], axis=1)
+        ways = np.einsum("pai,pki->pka", plane, self.points[near] - self.points[:, None])
+        ways *= (lengths / np.maximum(np.linalg.norm(ways, axis=2), 1e-9))[:, :, None]
+        number = np.arange(_CELL_SAMPLES) + 0.5
+        angle = number * np.pi * (3.0 - np.sqrt(5.0))  # Evenly over the disc, as seeds of a sunflower.
+        disc = radius * np.sqrt(number / _CELL_SAMPLES) * np.array([np.cos(angle), np.sin(angle)])
+        taken = 2.0 * ways @ disc > lengths[:, :, None] ** 2
+        taken &= (np.einsum("pki,pi->pk", self.normals[near], self.normals) > _SAME_SIDE)[:, :, None]
+        return np.pi * radius**2 * (1.0 - taken.any(axis=1).mean(axis=1))
+
+    @cached_property
     def extreme_points(self) -> Float[np.ndarray, "H 3"]:
-        """Points among which the furthest one in any direction is [m]."""
+        """Corners of the hull: the farthest point in any direction is one of them [m]."""
         try:
-            return self.points[ConvexHull(self.points).vertices]
-        except (QhullError, ValueError):  # Few points, or all in one plane.
+            return self.points[scipy.spatial.ConvexHull(self.points).vertices]
+        except (scipy.spatial.QhullError, ValueError):  # Few points, or all in one plane.
             return self.points
 
 
@@ -78,7 +187,7 @@ class Skin:
 
 @lru_cache(maxsize=32)
 def skins_from(model: RobotModel, site: str) -> tuple[LinkSkin, ...]:
-    """Return the skins of a site's link and of those it carries, such as a hand's; raises what `skin_of` raises."""
+    """Return the skins of a site's link and of the links that it carries, such as a hand's; raises as `skin_of`."""
     node = model.sites.frames[site].node
     return tuple(link for link in skin_of(model).links if model.supports[node, link.frame.node])
 
@@ -115,5 +224,41 @@ def _computed(model: RobotModel) -> Mapping[str, OuterSkin]:
     if skins:
         content = io.BytesIO()
         write_skins(content, skins, {})
-        keep_skin(model.spec, content.getvalue())
+        store_skin(model.spec, content.getvalue())
     return skins
+
+
+@lru_cache(maxsize=8)
+def separable_pairs(model: RobotModel, links: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
+    """Return the pairs of some links that must stay apart: a link of a limb with any other."""
+    arms, legs = _limbs(model, "palm"), _limbs(model, "foot")
+    frames = model.body_frames.frames
+    node = {link: frames[link].node for link in links}
+    limb = {link: next((k for k, nodes in enumerate((*arms, *legs)) if node[link] in nodes), None) for link in links}
+
+    def apart(first: str, second: str) -> bool:
+        ways = model.supports[1:, [node[first], node[second]]]
+        one_limb = limb[first] is not None and limb[first] == limb[second]
+        joints = np.abs(ways[:, 0] - ways[:, 1]).sum()
+        return bool(joints > (_MAX_OVERLAP_JOINTS_ON_LIMB if one_limb else _MAX_OVERLAP_JOINTS))
+
+    def meet(first: str, second: str) -> bool:
+        return limb[first] is not None or limb[second] is not None
+
+    return tuple(pair for pair in combinations(links, 2) if meet(*pair) and apart(*pair))
+
+
+def _limbs(model: RobotModel, end: str) -> list[set[int]]:
+    """Return, for each side, the nodes on the way to the end of its limb that are not on the other side's."""
+    ends = (model.sites.frames[f"{side}_{end}"].node for side in SIDES)
+    ways = [set(np.flatnonzero(model.supports[:, node]).tolist()) for node in ends]
+    return [way - ways[1 - k] for k, way in enumerate(ways)]
+
+
+def link_heights(kinematics: Kinematics, first: int = 0) -> Float[np.ndarray, "L F"]:
+    """Return the height of the lowest skin point of each link of the skin [m], from one frame on."""
+    heights = []
+    for skin in skin_of(kinematics.model).links:
+        up = kinematics.orientation(skin.frame)[2, :, first:]
+        heights.append((skin.extreme_points @ up).min(axis=0) + kinematics.point(skin.frame)[2, first:])
+    return np.reshape(heights, (-1, len(kinematics.qpos) - first))

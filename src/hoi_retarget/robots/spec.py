@@ -1,7 +1,8 @@
-"""What the package needs to know of a robot beside its MJCF: one frozen value per robot.
+"""The specification of a robot beside its MJCF: one frozen value per robot.
 
-Every MJCF carries sites named by their role, the same names on every robot (`SITES`): the links
-that inverse kinematics steers, the palms and feet that touch, the head, and the sole corners.
+Every MJCF carries sites named by their role, the same names on every robot (`SITES`): the links that inverse kinematics
+steers, the palms and feet that touch, the head, and the sole corners. The IK table is that of robots with the sites'
+axes of docs/robots.md.
 """
 
 from collections.abc import Mapping
@@ -22,6 +23,16 @@ SITES: tuple[str, ...] = (
     ),
     *(f"{side}_sole_{corner}" for side in SIDES for corner in SOLE_CORNERS),
 )
+Quat = tuple[float, float, float, float]
+# A human joint's axes are x to the left, y up, z ahead in the T-pose; a link's are x ahead, y to the
+# left, z up while the robot stands. The offsets turn the first into the second; those of the arms
+# bring in that the human's arms are spread where the links' frames hang (upper arm, along -z) or
+# point ahead (forearm and hand, along +x).
+TRUNK: Quat = (0.5, -0.5, -0.5, -0.5)
+_LEFT_UPPER_ARM: Quat = (0.70711, 0.0, -0.70711, 0.0)
+_RIGHT_UPPER_ARM: Quat = (0.0, 0.70711, 0.0, 0.70711)
+_LEFT_FOREARM: Quat = (1.0, 0.0, 0.0, 0.0)
+_RIGHT_FOREARM: Quat = (0.0, 0.0, 0.0, -1.0)
 
 
 @dataclass(frozen=True)
@@ -55,7 +66,7 @@ class SitePose:
 
 
 @dataclass(frozen=True)
-class Capsule:
+class LinkCapsule:
     """All places within a radius of a segment that is fixed to a body: a coarse shape of one link."""
 
     body: str
@@ -68,17 +79,17 @@ class Capsule:
 
 @dataclass(frozen=True)
 class Motor:
-    """Published facts on one joint's drive, which no MJCF of the maker holds."""
+    """Published facts on one joint's drive, beside the manufacturer's MJCF."""
 
     armature: float
     """Inertia of the rotors as the joint feels it [kg m^2]."""
     torque: float | None = None
-    """What it can give [N m], where that is not the MJCF's."""
+    """Torque limit [N m], where it is not the MJCF's."""
 
 
 @dataclass(frozen=True)
 class HeldJoint:
-    """A joint of the maker's that the MJCF has not: a finger's, or one that is coupled to another."""
+    """A joint of the source file that is missing in the MJCF: a finger's, or one that is coupled to another."""
 
     joint: str
     other: str
@@ -97,11 +108,11 @@ class RobotSpec:
     title: str
     mjcf: Path
     provenance: str
-    """Whose description the numbers of the MJCF were taken from, and under which licence."""
+    """Source and licence of the numbers of the MJCF."""
     stature: float
     """Human height times root scale [m]: a human of this height is retargeted without scaling."""
     object_size: Literal["root", "captured"]
-    """What `--object-scale auto` means: objects shrink with the root scale, or keep their size."""
+    """Meaning of `--object-scale auto`: objects shrink with the root scale, or keep their size."""
     speed_limits: Mapping[str, float]
     """Joint speed limits [rad/s], one for every hinge."""
     home: Mapping[str, float]
@@ -117,9 +128,9 @@ class RobotSpec:
             "right_foot": "right_foot",
         }
     )
-    """Which site touches for which human part."""
+    """Touching site by human part."""
     base: Literal["legs", "stays", "follows"] = "legs"
-    """What carries the trunk: legs, or a base that stands where the hands' work is, or goes where the person goes."""
+    """Carrier of the trunk: legs, or a base that stays at the place of the hands' work, or follows the person."""
     palm_weight: float = 1.0
     """Share of the cost table's `hand_orientation`: less where the arms cannot turn the palms freely."""
     contact_weight: float = 1.0
@@ -130,20 +141,19 @@ class RobotSpec:
     sites: Mapping[str, SitePose] = field(default_factory=dict)
     """Sites that the MJCF lacks, by role."""
     meshes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Body name to the vendor's mesh file names, for pictures where a user has those files."""
-    capsules: tuple[Capsule, ...] = ()
+    """Body name to the manufacturer's mesh file names, for pictures where a user has those files."""
+    capsules: tuple[LinkCapsule, ...] = ()
     """Coarse shapes of the links, for the weight `capsule_clearance`."""
     motors: Mapping[str, Motor] = field(default_factory=dict)
-    """Drives by joint, where they are published; `physics/actuators.py` estimates others."""
+    """Drives by joint, where they are published; `dynamics/actuators.py` estimates others."""
     skin: Path | None = None
-    """File of the links' skins, made from the vendor's meshes; without one, the colliding geometries are the skin."""
-
+    """File of the links' skins, made from the manufacturer's meshes; else the colliding geometries are the skin."""
     held: tuple[HeldJoint, ...] = ()
-    """Joints of the maker's that are not moved; exports give them back."""
+    """Joints of the source file that are not moved; exports give them back."""
     joint_order: tuple[str, ...] = ()
-    """All of the maker's joints in its order, held ones included; empty where none is held."""
+    """All joints of the source file in its order, held ones included; empty where none is held."""
     description_file: str = ""
-    """Name of the maker's file that the robot was made from; empty for the robots of this package."""
+    """Name of the source file that the robot was made from; empty for the robots of this package."""
     description_sha256: str = ""
     """Digest of that file."""
 
@@ -153,3 +163,20 @@ class RobotSpec:
         return tuple(
             replace(row, rotation_weight=0.0) if row.site in self.dropped_rotations else row for row in self.ik
         )
+
+
+def ik_table(hip: Quat) -> tuple[IkRow, ...]:
+    """Return the IK table, with the rotation offset of the hips."""
+    return (
+        IkRow("pelvis", "pelvis", 100.0, 5.0, TRUNK),
+        IkRow("torso", "spine3", 0.0, 10.0, TRUNK),
+        *(IkRow(f"{side}_hip", f"{side}_hip", 10.0, 5.0, hip) for side in SIDES),
+        *(IkRow(f"{side}_knee", f"{side}_knee", 10.0, 5.0, TRUNK) for side in SIDES),
+        *(IkRow(f"{side}_toe", f"{side}_foot", 100.0, 50.0, TRUNK) for side in SIDES),
+        IkRow("left_shoulder", "left_shoulder", 20.0, 5.0, _LEFT_UPPER_ARM),
+        IkRow("right_shoulder", "right_shoulder", 20.0, 5.0, _RIGHT_UPPER_ARM),
+        IkRow("left_elbow", "left_elbow", 25.0, 5.0, _LEFT_FOREARM),
+        IkRow("right_elbow", "right_elbow", 25.0, 5.0, _RIGHT_FOREARM),
+        IkRow("left_wrist", "left_wrist", 10.0, 5.0, _LEFT_FOREARM),
+        IkRow("right_wrist", "right_wrist", 10.0, 5.0, _RIGHT_FOREARM),
+    )

@@ -4,15 +4,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
-from hoi_retarget.robots.spec import SIDES, Capsule
+from hoi_retarget.robots.spec import SIDES, LinkCapsule
 
 Value = TypeVar("Value")
-
 LIMB_MESHES = (
     *("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll"),
     *("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow", "wrist_roll", "wrist_pitch"),
 )
-"""Links of a limb of which the vendor's mesh file is called as the link is."""
+"""Links of a limb with the manufacturer's mesh file of the same name."""
+_SIGNS = (("left", 1.0), ("right", -1.0))
 
 
 def joint_values(limbs: Mapping[str, Value], trunk: Mapping[str, Value]) -> dict[str, Value]:
@@ -29,14 +29,14 @@ def mirrored(values: Mapping[str, float]) -> dict[str, float]:
 
 
 def limb_meshes(suffix: str, hand: str) -> dict[str, tuple[str, ...]]:
-    """Return the vendor's mesh files by body, of the limbs, with the one that hangs from the wrist."""
+    """Return the manufacturer's mesh files of the limbs by body, with the hand's."""
     files = {f"{side}_{link}_link": (f"{side}_{link}_link{suffix}",) for side in SIDES for link in LIMB_MESHES}
     hands = {f"{side}_wrist_yaw_link": (f"{side}_wrist_yaw_link{suffix}", f"{side}_{hand}{suffix}") for side in SIDES}
     return {**files, **hands}
 
 
-def mirrored_capsules(left: Iterable[Capsule]) -> tuple[Capsule, ...]:
-    """Return the capsules of the left limbs and those of the right ones, whose bodies' frames are mirrored at y = 0."""
+def mirrored_capsules(left: Iterable[LinkCapsule]) -> tuple[LinkCapsule, ...]:
+    """Return the capsules of the left and the right limbs; the frames of their bodies are mirrored at y = 0."""
     return tuple(
         replace(
             capsule,
@@ -47,6 +47,3 @@ def mirrored_capsules(left: Iterable[Capsule]) -> tuple[Capsule, ...]:
         for side, sign in _SIGNS
         for capsule in left
     )
-
-
-_SIGNS = (("left", 1.0), ("right", -1.0))

@@ -1,9 +1,8 @@
-"""Unitree G1 with 29 joints: what the package needs to know beside `unitree_g1.xml`."""
+"""Unitree G1 with 29 joints: the specification beside `unitree_g1.xml`."""
 
 from pathlib import Path
 
-from hoi_retarget.robots.ik_table import ik_table
-from hoi_retarget.robots.spec import Capsule, Motor, RobotSpec
+from hoi_retarget.robots.spec import LinkCapsule, Motor, RobotSpec, ik_table
 from hoi_retarget.robots.unitree import joint_values, limb_meshes, mirrored, mirrored_capsules
 
 _LEG_SPEEDS = {
@@ -26,8 +25,8 @@ _ARM_SPEEDS = {
 }
 
 # Rotor inertias by kind of motor: published by BeyondMimic (Liao et al., 2025), and used by mjlab. Two motors of 25 N m
-# turn each ankle, and two the waist, in parallel. The maker's URDF says 35 N m there and its MJCF of the same revision
-# 50, which is what two motors give and what mjlab has.
+# turn each ankle, and two the waist, in parallel. The manufacturer's URDF says 35 N m there and its MJCF of the same
+# revision 50, which is the torque of two motors and that of mjlab.
 _5020, _7520_14, _7520_22, _4010 = Motor(0.003609725), Motor(0.01017752), Motor(0.025101925), Motor(0.00425)
 _PAIR = Motor(2 * _5020.armature, 50.0)
 _LEG_MOTORS = {"hip_pitch": _7520_14, "hip_roll": _7520_22, "hip_yaw": _7520_14, "knee": _7520_22}
@@ -72,18 +71,20 @@ SPEC = RobotSpec(
     },
     # Least squares of the distance to the surface of each link's primitives.
     capsules=(
-        Capsule("pelvis", (0.0, 0.0, -0.088), (0.001, 0.0, -0.062), 0.072),
-        Capsule("torso_link", (0.008, 0.0, 0.086), (0.008, 0.0, 0.233), 0.094),
-        Capsule("torso_link", (0.006, 0.0, 0.333), (0.005, 0.0, 0.428), 0.061),  # neck and head
+        LinkCapsule("pelvis", (0.0, 0.0, -0.088), (0.001, 0.0, -0.062), 0.072),
+        LinkCapsule("torso_link", (0.008, 0.0, 0.086), (0.008, 0.0, 0.233), 0.094),
+        LinkCapsule("torso_link", (0.006, 0.0, 0.333), (0.005, 0.0, 0.428), 0.061),  # neck and head
         *mirrored_capsules(
             (
-                Capsule("left_hip_roll_link", (0.052, 0.0, -0.011), (0.029, -0.001, -0.099), 0.049),
-                Capsule("left_hip_yaw_link", (0.008, 0.002, -0.027), (-0.070, -0.008, -0.185), 0.048),
-                Capsule("left_knee_link", (0.012, 0.010, -0.004), (0.010, -0.005, -0.267), 0.041),
-                Capsule("left_ankle_roll_link", (-0.036, 0.0, -0.011), (0.108, 0.0, -0.018), 0.028),
-                Capsule("left_shoulder_yaw_link", (-0.003, 0.0, 0.007), (0.012, -0.007, -0.084), 0.037),
-                Capsule("left_elbow_link", (0.009, 0.022, -0.003), (0.080, -0.001, -0.012), 0.031),
-                Capsule("left_wrist_yaw_link", (0.014, 0.005, 0.001), (0.145, -0.013, 0.007), 0.030),  # with the hand
+                LinkCapsule("left_hip_roll_link", (0.052, 0.0, -0.011), (0.029, -0.001, -0.099), 0.049),
+                LinkCapsule("left_hip_yaw_link", (0.008, 0.002, -0.027), (-0.070, -0.008, -0.185), 0.048),
+                LinkCapsule("left_knee_link", (0.012, 0.010, -0.004), (0.010, -0.005, -0.267), 0.041),
+                LinkCapsule("left_ankle_roll_link", (-0.036, 0.0, -0.011), (0.108, 0.0, -0.018), 0.028),
+                LinkCapsule("left_shoulder_yaw_link", (-0.003, 0.0, 0.007), (0.012, -0.007, -0.084), 0.037),
+                LinkCapsule("left_elbow_link", (0.009, 0.022, -0.003), (0.080, -0.001, -0.012), 0.031),
+                LinkCapsule(
+                    "left_wrist_yaw_link", (0.014, 0.005, 0.001), (0.145, -0.013, 0.007), 0.030
+                ),  # with the hand
             )
         ),
     ),

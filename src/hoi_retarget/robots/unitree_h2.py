@@ -1,9 +1,8 @@
-"""Unitree H2 with 31 joints: what the package needs to know beside `unitree_h2.xml`."""
+"""Unitree H2 with 31 joints: the specification beside `unitree_h2.xml`."""
 
 from pathlib import Path
 
-from hoi_retarget.robots.ik_table import TRUNK, ik_table
-from hoi_retarget.robots.spec import Capsule, RobotSpec
+from hoi_retarget.robots.spec import TRUNK, LinkCapsule, RobotSpec, ik_table
 from hoi_retarget.robots.unitree import joint_values, limb_meshes, mirrored, mirrored_capsules
 
 _LEG_SPEEDS = {
@@ -65,18 +64,20 @@ SPEC = RobotSpec(
     },
     # Least squares of the distance to the surface of each link's primitives.
     capsules=(
-        Capsule("pelvis", (-0.001, 0.014, -0.009), (-0.001, -0.014, -0.009), 0.090),
-        Capsule("torso_link", (0.001, 0.0, 0.086), (0.0, 0.0, 0.341), 0.105),
-        Capsule("head_yaw_link", (0.034, 0.0, -0.014), (0.005, 0.0, 0.051), 0.066),
+        LinkCapsule("pelvis", (-0.001, 0.014, -0.009), (-0.001, -0.014, -0.009), 0.090),
+        LinkCapsule("torso_link", (0.001, 0.0, 0.086), (0.0, 0.0, 0.341), 0.105),
+        LinkCapsule("head_yaw_link", (0.034, 0.0, -0.014), (0.005, 0.0, 0.051), 0.066),
         *mirrored_capsules(
             (
-                Capsule("left_hip_roll_link", (-0.036, -0.004, -0.023), (-0.033, -0.009, -0.043), 0.065),
-                Capsule("left_hip_yaw_link", (-0.001, 0.0, -0.027), (0.006, -0.001, -0.281), 0.061),
-                Capsule("left_knee_link", (0.011, -0.021, 0.007), (0.011, -0.025, -0.463), 0.040),
-                Capsule("left_ankle_pitch_link", (-0.047, 0.037, -0.024), (0.120, 0.038, -0.034), 0.030),
-                Capsule("left_shoulder_yaw_link", (-0.003, -0.002, -0.019), (0.012, 0.024, -0.124), 0.036),
-                Capsule("left_elbow_link", (-0.005, -0.028, 0.0), (0.109, -0.021, -0.015), 0.039),
-                Capsule("left_wrist_yaw_link", (0.007, 0.005, -0.003), (0.169, -0.025, 0.015), 0.036),  # with the hand
+                LinkCapsule("left_hip_roll_link", (-0.036, -0.004, -0.023), (-0.033, -0.009, -0.043), 0.065),
+                LinkCapsule("left_hip_yaw_link", (-0.001, 0.0, -0.027), (0.006, -0.001, -0.281), 0.061),
+                LinkCapsule("left_knee_link", (0.011, -0.021, 0.007), (0.011, -0.025, -0.463), 0.040),
+                LinkCapsule("left_ankle_pitch_link", (-0.047, 0.037, -0.024), (0.120, 0.038, -0.034), 0.030),
+                LinkCapsule("left_shoulder_yaw_link", (-0.003, -0.002, -0.019), (0.012, 0.024, -0.124), 0.036),
+                LinkCapsule("left_elbow_link", (-0.005, -0.028, 0.0), (0.109, -0.021, -0.015), 0.039),
+                LinkCapsule(
+                    "left_wrist_yaw_link", (0.007, 0.005, -0.003), (0.169, -0.025, 0.015), 0.036
+                ),  # with the hand
             )
         ),
     ),

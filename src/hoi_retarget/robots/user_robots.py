@@ -1,4 +1,4 @@
-"""Robots that the user added: one folder each, with an MJCF and what the package knows of it, both data."""
+"""Robots of the user: one folder each with an MJCF, a specification, a skin and the findings, all data."""
 
 import hashlib
 import os
@@ -16,25 +16,23 @@ import msgspec
 
 from hoi_retarget.errors import ArgumentError, RobotError, WriteError
 from hoi_retarget.files.atomic import write_atomically, writing
-from hoi_retarget.robots.adding.build import build_robot
-from hoi_retarget.robots.adding.findings import Record
-from hoi_retarget.robots.adding.hints import Hints
+from hoi_retarget.robots.adding.findings import Hints, Record
 from hoi_retarget.robots.spec import RobotSpec
 
 FOLDER_VARIABLE = "HOI_RETARGET_ROBOTS"
 """Environment variable with another folder for them."""
 SUFFIXES = (".urdf", ".xml", ".mjcf")
-"""Of makers' files."""
+"""Of manufacturers' files."""
 PAGE = "robot.html"
 """Of the page in a robot's folder."""
 _MJCF, _SPEC, _SKIN, _RECORD = "robot.xml", "robot.json", "skin.npz", "added.json"
 _NAME = re.compile(r"[a-z0-9][a-z0-9_.-]{0,63}")
-_MOST_BYTES = 64 << 20
+_MAX_BYTES = 64 << 20
 _NO_RECORD = Record()
 
 
 def folder() -> Path:
-    """Return where the platform wants a user's data, or the folder of the environment."""
+    """Return the folder of added robots: the platform's for a user's data, or that of the environment."""
     if named := os.environ.get(FOLDER_VARIABLE):
         return Path(named)
     home = Path(os.path.expanduser("~"))  # noqa: PTH111  # unlike Path.home, never fails
@@ -70,20 +68,20 @@ def load(name: str) -> RobotSpec:
     own = folder() / name
     try:
         content = (own / _SPEC).read_bytes()
-        if len(content) > _MOST_BYTES:
+        if len(content) > _MAX_BYTES:
             raise ValueError("it is too large")
         spec = msgspec.json.decode(content, type=RobotSpec, dec_hook=_decoded)
     except (OSError, ValueError, msgspec.MsgspecError, RecursionError) as error:
         raise RobotError(
             f"{own}: the added robot is damaged ({error}). Add it again: robots add FILE --name {name}"
         ) from error
-    # A file's name and path are what its folder says, nothing else.
+    # Its name and its paths follow from its folder alone.
     skin = own / _SKIN
     return replace(spec, name=name, mjcf=own / _MJCF, skin=skin if skin.is_file() else None)
 
 
-def keep_skin(spec: RobotSpec, content: bytes) -> None:
-    """Keep the skin of an added robot, which takes minutes to compute, beside it; nothing fails where it cannot be."""
+def store_skin(spec: RobotSpec, content: bytes) -> None:
+    """Store the skin of an added robot, which takes minutes to compute, beside it, where that is possible."""
     own = spec.mjcf.parent
     if own == folder() / spec.name:
         with suppress(WriteError):
@@ -91,7 +89,7 @@ def keep_skin(spec: RobotSpec, content: bytes) -> None:
 
 
 def record_of(name: str) -> Record:
-    """Return how a robot was added; nothing where that is not known, as of robots of this package."""
+    """Return the findings and trials of an added robot; none of a robot of this package."""
     try:
         return msgspec.json.decode((folder() / name / _RECORD).read_bytes(), type=Record)
     except (OSError, msgspec.MsgspecError):
@@ -125,7 +123,7 @@ def save(spec: RobotSpec, mjcf: str, record: Record = _NO_RECORD) -> Path:
 
 
 def of_file(path: Path, taken: Container[str] = ()) -> RobotSpec:
-    """Return the robot that was made of a maker's file; made now, under the file's name, where there is none.
+    """Return the robot made of a manufacturer's file; made now, under the file's name, where there is none.
 
     Args:
         path: The file.
@@ -145,13 +143,15 @@ def of_file(path: Path, taken: Container[str] = ()) -> RobotSpec:
     name = name_of(path)
     if name in taken or name in names():
         name = f"{name[:50]}_{digest[:8]}"
+    from hoi_retarget.robots.adding.build import build_robot  # noqa: PLC0415  # trimesh, for robots that are new
+
     built = build_robot(path, name, Hints())
     save(built.spec, built.mjcf, Record(built.findings))
     return load(name)
 
 
 def name_of(path: Path) -> str:
-    """Return what a robot of a file is called."""
+    """Return the name of a robot made of a file."""
     return re.sub(r"[^a-z0-9_.-]+", "_", path.stem.lower()).strip("._-")[:64] or "robot"
 
 

@@ -1,4 +1,4 @@
-"""Clips made from nothing, whose contacts are known exactly: for the demo, the tests and the pictures."""
+"""Clips made from nothing, with exactly known contacts: for the demo, the tests and the pictures."""
 
 import json
 from collections.abc import Callable, Mapping
@@ -10,16 +10,16 @@ import numpy as np
 from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, Source
 from hoi_retarget.errors import ArgumentError, did_you_mean
 from hoi_retarget.synthetic.acting import act, contacts_of
-from hoi_retarget.synthetic.objects import OBJECTS, object_mesh, write_objects
+from hoi_retarget.synthetic.object_shapes import OBJECTS
 from hoi_retarget.synthetic.scenes import carry_box, carry_table, drag_suitcase, move_chair, push_table
 from hoi_retarget.synthetic.staging import StagedScene
-from hoi_retarget.synthetic.timing import Times
+from hoi_retarget.synthetic.walking import Times
 
-__all__ = ["BUILTIN", "OBJECTS", "SCENES", "make", "object_mesh", "write_objects"]
+__all__ = ["BUILTIN", "OBJECTS", "SCENES", "make"]
 
 LICENCE = "Apache-2.0 (made by hoi-retarget)"
 BUILTIN = "builtin:"
-"""What stands before a scene's name where a clip's file could be named."""
+"""Stands before a scene's name in the place of a clip's file."""
 HEIGHT, SEED, FPS = 1.75, 0, 30.0  # Of built-in clips.
 MINIMUM_HEIGHT, MAXIMUM_HEIGHT = 1.2, 2.2  # [m]
 
@@ -29,7 +29,7 @@ SCENES: Mapping[str, Callable[[float, int], StagedScene]] = MappingProxyType(
 """The scenes by name: each makes its script from a height [m] and a seed."""
 
 
-def make(  # noqa: PLR0913 - all but the name are options with defaults
+def make(  # noqa: PLR0913  # all but the name are options with defaults
     name: str,
     *,
     height: float = HEIGHT,

@@ -1,4 +1,4 @@
-"""One person acts: walks, bends, looks and grips objects whose motion is given.
+"""One person acts: walks, bends, looks and grips objects of given motion.
 
 Legs and arms are solved so that planted feet and gripping palms are exactly where they
 belong. Where a grip would be out of reach, the pelvis follows, smoothly.
@@ -30,8 +30,7 @@ from hoi_retarget.synthetic.human import (
     heading_quat,
     palm_offset,
 )
-from hoi_retarget.synthetic.timing import Times, keyed, minimum_jerk, soft_excess
-from hoi_retarget.synthetic.walking import Ground, Walk, feet_of, ground_of
+from hoi_retarget.synthetic.walking import Ground, Times, Walk, feet_of, ground_of, keyed, minimum_jerk, soft_excess
 
 PALM_CLEARANCE = 0.025
 """How far the middle of a gripping hand lies outside the surface it touches [m]."""
@@ -83,7 +82,7 @@ class Grip:
         return rise * (1.0 - minimum_jerk(times, release, release + _APPROACH_SECONDS))
 
     def standoff(self, times: Times) -> Scalars:
-        """Return how far the hand still is from its contact point [m]."""
+        """Return the distance of the hand from its contact point before it closes and after it opens [m]."""
         touch, release = self.span
         closed = minimum_jerk(times, touch - _CLOSING_SECONDS, touch)
         opened = minimum_jerk(times, release, release + _CLOSING_SECONDS)
@@ -96,7 +95,7 @@ class Grip:
 
 @dataclass(frozen=True)
 class Actor:
-    """What one person does: keys are `(time [s], value)` in order of time."""
+    """The actions of one person: keys are `(time [s], value)` in order of time."""
 
     name: str
     height: float
@@ -204,7 +203,7 @@ def _lower_to_legs(height: float, pelvis: Vectors, pelvis_quat: Quats, feet: tup
 
 
 def _reach_shift(body: Body, hands: Sequence[HandGoal], arm: float) -> Vectors:
-    """Return by how much the shoulders must come closer to their hands' goals [m]."""
+    """Return the shift that brings the shoulders closer to their hands' goals [m]."""
     shift = np.zeros_like(body.position("pelvis"))
     for side, goal in zip(SIDES, hands, strict=True):
         line = goal.wrist - body.position(f"{side}_shoulder")

@@ -250,7 +250,7 @@ def heading_quat(yaw: Scalars, pitch: Scalars, roll: Scalars) -> Quats:
 
 
 def frame_quat(first: Vectors, second: Vectors) -> Quats:
-    """Return the rotation whose x axis is along `first` and whose y axis is as near as possible to `second`."""
+    """Return the rotation with the x axis along `first` and the y axis as near as possible to `second`."""
     x = _unit(first)
     y = _unit(second - np.sum(second * x, axis=-1, keepdims=True) * x)
     return se3.matrix_to_quat(np.stack([x, y, np.cross(x, y)], axis=-1))

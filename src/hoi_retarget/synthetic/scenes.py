@@ -1,4 +1,4 @@
-"""The scenes: who walks where and when, what is held, and how the object moves.
+"""The scenes: walks, grips and the motion of objects.
 
 Each scene goes somewhere and comes back to the pose it began in, at rest, so that it can be
 repeated without a seam. Times are in seconds, places in metres.
@@ -11,7 +11,7 @@ import numpy as np
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.synthetic.acting import Actor, Grip
-from hoi_retarget.synthetic.objects import Shape, shape
+from hoi_retarget.synthetic.object_shapes import Shape, shape
 from hoi_retarget.synthetic.staging import (
     Span,
     StagedScene,
@@ -24,8 +24,7 @@ from hoi_retarget.synthetic.staging import (
     rounded,
     upright,
 )
-from hoi_retarget.synthetic.timing import Times, keyed
-from hoi_retarget.synthetic.walking import Place, Walk
+from hoi_retarget.synthetic.walking import Place, Times, Walk, keyed
 
 
 def carry_box(height: float, seed: int) -> StagedScene:
@@ -40,7 +39,7 @@ def carry_box(height: float, seed: int) -> StagedScene:
     pick = begin.ahead(2 * stride)
     there_path = arc(pick, radius, turn)
     put = there_path(1.0)
-    walk = Walk(begin).to(pick, start=0.3, count=3)
+    walk = Walk(begin).along(begin.line_to(pick), start=0.3, count=3)
     touch = walk.end + 0.95
     walk = walk.along(there_path, start=touch + 0.75, count=5)
     release = walk.end + 1.05
@@ -48,7 +47,7 @@ def carry_box(height: float, seed: int) -> StagedScene:
     touch_again = there + 1.2
     walk = walk.along(arc(put, radius, 2 * np.pi - turn), start=touch_again + 0.75, count=13)
     release_again = walk.end + 1.05
-    walk = walk.to(walk.place.ahead(-2 * stride), start=release_again + 0.9, count=3)
+    walk = walk.along(walk.place.line_to(walk.place.ahead(-2 * stride)), start=release_again + 0.9, count=3)
     cycle = rounded(max(walk.end + 0.5, release_again + 1.4))
 
     spans = ((touch, release), (touch_again, release_again))
@@ -82,12 +81,12 @@ def push_table(height: float, seed: int) -> StagedScene:
     begin = Place(0.0, 0.0)
     far = begin.ahead(5 * stride)
     touch = 1.3
-    walk = Walk(begin).to(far, start=touch + 0.25, count=6, seconds=0.60)
+    walk = Walk(begin).along(begin.line_to(far), start=touch + 0.25, count=6, seconds=0.60)
     release = walk.end + 0.35
     there = rounded(release + 1.1)
     touch_again = there + 1.2
     # Backwards in shorter steps.
-    walk = walk.to(begin, start=touch_again + 0.25, count=8, seconds=0.60)
+    walk = walk.along(walk.place.line_to(begin), start=touch_again + 0.25, count=8, seconds=0.60)
     release_again = walk.end + 0.35
     cycle = rounded(release_again + 1.1)
 

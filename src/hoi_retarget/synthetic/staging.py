@@ -1,4 +1,4 @@
-"""What the scenes are written with: paths to walk, key times of bending, and objects that are moved."""
+"""Parts of scenes: paths to walk, key times of bending, and objects that are moved."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,9 +10,8 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.synthetic.acting import Actor, Keys, Span
 from hoi_retarget.synthetic.human import Quats, Scalars
-from hoi_retarget.synthetic.objects import Shape
-from hoi_retarget.synthetic.timing import Times, minimum_jerk
-from hoi_retarget.synthetic.walking import Place, Walk, ground_of
+from hoi_retarget.synthetic.object_shapes import Shape
+from hoi_retarget.synthetic.walking import Place, Times, Walk, ground_of, minimum_jerk
 
 Anchor = Callable[[Times], tuple[Scalars, Scalars, Scalars]]
 """A place over time: x [m], y [m], yaw [rad]."""
@@ -63,7 +62,14 @@ def carries_of(
 
 
 def moved(shape: Shape, carries: tuple[Carry, ...], anchor: Anchor, times: Times) -> ObjectTrack:
-    """Return the motion of an upright object that follows `anchor` while it is carried."""
+    """Return the motion of an upright object.
+
+    Args:
+        shape: Of the object.
+        carries: In order of time.
+        anchor: The object's place while it is carried.
+        times: Of the frames [s].
+    """
     first = carries[0].origin
     x, y, yaw = (np.full(times.shape, value) for value in (first.x, first.y, first.yaw))
     z = np.full(times.shape, shape.half[2])
@@ -78,7 +84,15 @@ def moved(shape: Shape, carries: tuple[Carry, ...], anchor: Anchor, times: Times
 
 
 def before(walk: Walk, height: float, forward: float, left: float = 0.0, turn: float = 0.0) -> Anchor:
-    """Return the place that stays `forward` and `left` of a walker [m], turned by `turn` [rad]."""
+    """Return the place that stays beside a walker.
+
+    Args:
+        walk: Of the walker.
+        height: Of the walker [m].
+        forward: From the walker [m].
+        left: From the walker [m].
+        turn: Against the walker's heading [rad].
+    """
 
     def anchor(times: Times) -> tuple[Scalars, Scalars, Scalars]:
         ground = ground_of(walk, height, times)
@@ -106,7 +120,14 @@ def arc(begin: Place, radius: float, turn: float) -> Callable[[float], Place]:
 
 
 def dips(spans: tuple[Span, ...], depth: float, *, down: float = 1.0, up: float = 1.1) -> Keys:
-    """Return keys that reach `depth` where spans begin and end, and 0 between: to pick up, to put down."""
+    """Return keys that reach a depth where spans begin and end, and 0 between: to pick up, to put down.
+
+    Args:
+        spans: When the object is held.
+        depth: Value at the depth.
+        down: Duration of the way there [s].
+        up: Duration of the way back [s].
+    """
     keys = [(0.0, 0.0)]
     for touch, release in spans:
         keys += [(touch - 0.1 - down, 0.0), (touch - 0.1, depth), (touch + 0.1, depth), (touch + 0.1 + up, 0.0)]
@@ -116,7 +137,7 @@ def dips(spans: tuple[Span, ...], depth: float, *, down: float = 1.0, up: float 
 
 
 def holds(spans: tuple[Span, ...], depth: float, *, down: float = 1.0, up: float = 1.0) -> Keys:
-    """Return keys that stay at `depth` for the whole of every span."""
+    """Return keys that stay at a depth for the whole of every span; arguments are those of `dips`."""
     keys = [(0.0, 0.0)]
     for touch, release in spans:
         keys += [(touch - down, 0.0), (touch, depth), (release, depth), (release + up, 0.0)]

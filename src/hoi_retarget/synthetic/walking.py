@@ -3,17 +3,51 @@
 A stance foot is fixed exactly. A step first lifts the heel about the standing toe, then the
 toe travels and lands flat. The body's place on the floor is the mean of the feet, smoothed
 over two steps, so that it moves at a nearly even speed and leads the feet as people do.
+
+Everything that moves in a synthetic clip is a sum of smooth functions of time. They are twice
+continuously differentiable, so velocities and accelerations have no jumps, and continuous in
+time, so any frame rate samples the same motion.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
+from jaxtyping import Float
 
 from hoi_retarget.human.skeleton import JOINT_INDEX
 from hoi_retarget.numerics import se3
 from hoi_retarget.synthetic.human import ANKLE_HEIGHT, SIDES, FootGoal, Scalars, Vectors, heading_quat, rest_offsets
-from hoi_retarget.synthetic.timing import Times, bump, minimum_jerk
+
+Times = Float[np.ndarray, "T"]
+
+
+def minimum_jerk(times: Times, start: float, end: float) -> Times:
+    """Return a rise from 0 at `start` [s] to 1 at `end` [s] that begins and ends at rest."""
+    phase = np.clip((times - start) / (end - start), 0.0, 1.0)
+    return phase**3 * (10.0 + phase * (6.0 * phase - 15.0))
+
+
+def bump(times: Times, start: float, end: float) -> Times:
+    """Return a hump between `start` [s] and `end` [s], 1 in the middle and 0 outside."""
+    phase = np.clip((times - start) / (end - start), 0.0, 1.0)
+    return (4.0 * phase * (1.0 - phase)) ** 3
+
+
+def keyed(times: Times, keys: Sequence[tuple[float, float]]) -> Times:
+    """Return values that pass through `(time [s], value)` keys in order of time, resting at each."""
+    values = np.full(times.shape, keys[0][1])
+    for (start, before), (end, after) in pairwise(keys):
+        if after != before:
+            values += (after - before) * minimum_jerk(times, start, end)
+    return values
+
+
+def soft_excess(values: np.ndarray, width: float) -> np.ndarray:
+    """Return a smooth version of `max(values, 0)` that rounds the corner over about `width`."""
+    return width * np.logaddexp(0.0, values / width)
+
 
 STEP_SECONDS = 0.56
 HEEL_LIFT = 0.15
@@ -42,6 +76,10 @@ class Place:
             float(self.y + sine * forward + cosine * left),
             self.yaw + turn,
         )
+
+    def line_to(self, other: "Place") -> Callable[[float], "Place"]:
+        """Return the straight path to another place."""
+        return lambda fraction: self.toward(other, fraction)
 
     def toward(self, other: "Place", fraction: float) -> "Place":
         """Return the place at `fraction` of the straight way to another one."""
@@ -90,22 +128,28 @@ class Walk:
     def along(
         self, path: Callable[[float], Place], *, start: float, count: int, side: int = 0, seconds: float = STEP_SECONDS
     ) -> "Walk":
-        """Return this walk followed by `count` steps along `path(0..1)`, feet together at the end.
+        """Return this walk followed by steps along a path, feet together at the end.
 
-        The first and the last step are half as long as the others, `side` makes the first one.
+        Args:
+            path: Places from 0 to 1.
+            start: Time of the first step [s].
+            count: Number of steps; the first and the last one are half as long as the others.
+            side: Of the foot of the first step: 0 left, 1 right.
+            seconds: Duration of a step [s].
         """
         places = [path(min((index + 1) / (count - 1), 1.0)) for index in range(count)]
         return self._followed_by(places, start, side, seconds)
 
-    def to(self, goal: Place, *, start: float, count: int, side: int = 0, seconds: float = STEP_SECONDS) -> "Walk":
-        """Return this walk followed by `count` steps straight to a place."""
-        begin = self.place
-        return self.along(
-            lambda fraction: begin.toward(goal, fraction), start=start, count=count, side=side, seconds=seconds
-        )
-
     def sidestep(self, goal: Place, *, start: float, pairs: int, side: int, seconds: float = STEP_SECONDS) -> "Walk":
-        """Return this walk followed by steps to the side: the leading foot goes out, the other one follows."""
+        """Return this walk followed by steps to the side: the leading foot goes out, the other one follows.
+
+        Args:
+            goal: The place at the end.
+            start: Time of the first step [s].
+            pairs: Number of steps of each foot.
+            side: Of the leading foot: 0 left, 1 right.
+            seconds: Duration of a step [s].
+        """
         begin = self.place
         places = [begin.toward(goal, (index // 2 + 1) / pairs) for index in range(2 * pairs)]
         return self._followed_by(places, start, side, seconds)

@@ -1,4 +1,4 @@
-"""Contact edits: who touches what, where and when is changed by a small text file, never in the recording.
+"""Contact edits: contacts are changed by a small text file, never in the recording.
 
     edits = ContactEdits.of(clip).adding(Fix("left_hand", frame=50)).adding(Retime("right_hand", 80, 70, 120))
     save(edits, Path("edits.toml"))
@@ -11,60 +11,36 @@ result to the bit, whoever made it.
 from dataclasses import replace
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.clip.edits.edits import ContactEdits, MadeFor
-from hoi_retarget.clip.edits.file import from_text, load, save, to_text
-from hoi_retarget.clip.edits.operation import Point
-from hoi_retarget.clip.edits.operations import (
-    OPERATIONS,
-    Add,
-    Delete,
-    Edit,
-    Fix,
-    FixAll,
-    Merge,
-    Move,
-    Retime,
-    Snap,
-    SnapAll,
-    Split,
-    describe,
-    operation_name,
-)
-from hoi_retarget.clip.edits.pins import Pin, PinOperation, Unpin
-from hoi_retarget.clip.edits.segments import Segment, Segments, part_text, segments_of, span_text, tracks_of
+from hoi_retarget.clip.edits.edits import ContactEdits as ContactEdits
+from hoi_retarget.clip.edits.edits import MadeFor as MadeFor
+from hoi_retarget.clip.edits.edits_file import from_text as from_text
+from hoi_retarget.clip.edits.edits_file import load as load
+from hoi_retarget.clip.edits.edits_file import save as save
+from hoi_retarget.clip.edits.edits_file import to_text as to_text
+from hoi_retarget.clip.edits.operations import OPERATIONS as OPERATIONS
+from hoi_retarget.clip.edits.operations import Add as Add
+from hoi_retarget.clip.edits.operations import Delete as Delete
+from hoi_retarget.clip.edits.operations import Edit as Edit
+from hoi_retarget.clip.edits.operations import Fix as Fix
+from hoi_retarget.clip.edits.operations import FixAll as FixAll
+from hoi_retarget.clip.edits.operations import Merge as Merge
+from hoi_retarget.clip.edits.operations import Move as Move
+from hoi_retarget.clip.edits.operations import Pin as Pin
+from hoi_retarget.clip.edits.operations import PinOperation
+from hoi_retarget.clip.edits.operations import Point as Point
+from hoi_retarget.clip.edits.operations import Retime as Retime
+from hoi_retarget.clip.edits.operations import Snap as Snap
+from hoi_retarget.clip.edits.operations import SnapAll as SnapAll
+from hoi_retarget.clip.edits.operations import Split as Split
+from hoi_retarget.clip.edits.operations import Unpin as Unpin
+from hoi_retarget.clip.edits.operations import describe as describe
+from hoi_retarget.clip.edits.segments import Segment as Segment
+from hoi_retarget.clip.edits.segments import Segments as Segments
+from hoi_retarget.clip.edits.segments import part_text as part_text
+from hoi_retarget.clip.edits.segments import segments_of as segments_of
+from hoi_retarget.clip.edits.segments import span_text as span_text
+from hoi_retarget.clip.edits.segments import tracks_of
 from hoi_retarget.errors import ClipError
-
-__all__ = [
-    "OPERATIONS",
-    "Add",
-    "ContactEdits",
-    "Delete",
-    "Edit",
-    "Fix",
-    "FixAll",
-    "MadeFor",
-    "Merge",
-    "Move",
-    "Pin",
-    "Point",
-    "Retime",
-    "Segment",
-    "Segments",
-    "Snap",
-    "SnapAll",
-    "Split",
-    "Unpin",
-    "apply",
-    "describe",
-    "from_text",
-    "load",
-    "operation_name",
-    "part_text",
-    "save",
-    "segments_of",
-    "span_text",
-    "to_text",
-]
 
 
 def apply(clip: Clip, edits: ContactEdits) -> Clip:
@@ -90,4 +66,5 @@ def apply(clip: Clip, edits: ContactEdits) -> Clip:
         except ClipError as error:
             raise ClipError(f"contact edit {number} ({describe(edit)}): {error}") from error
     source = replace(clip.source, contact_edits=to_text(edits))
-    return replace(clip, contacts=tracks_of(segments, clip.frames), pins=pins, source=source)
+    contacts = tracks_of(segments, clip.frames)
+    return replace(clip, contacts=contacts, pins=pins, source=source, recorded_contacts=clip.contacts)

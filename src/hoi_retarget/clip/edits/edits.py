@@ -1,4 +1,4 @@
-"""A list of edits and what they were made for: values, which are added to and taken back from, never changed."""
+"""A list of edits and the facts of their clip: values, never changed."""
 
 import hashlib
 from dataclasses import dataclass, replace
@@ -11,7 +11,7 @@ from hoi_retarget.errors import ArgumentError, ClipError
 
 @dataclass(frozen=True)
 class MadeFor:
-    """What a clip must be like for edits to mean on it what they meant when they were made."""
+    """The facts of a clip that edits depend on: on a clip with the same ones they have the same meaning."""
 
     name: str
     """Of the clip, for people: a renamed recording is the same one."""
@@ -24,7 +24,7 @@ class MadeFor:
 
     @staticmethod
     def of(clip: Clip) -> "MadeFor":
-        """Return what tells this clip from others; raises `ClipError` when its contacts are edited ones."""
+        """Return the facts of this clip; raises `ClipError` when its contacts are edited ones."""
         if clip.source.contact_edits:
             raise ClipError(
                 f"clip {clip.name!r}: its contacts are edited already. Start from the clip as recorded; the edits "
@@ -41,7 +41,7 @@ class MadeFor:
         )
 
     def check(self, clip: Clip) -> None:
-        """Raise `ClipError` saying what differs, unless the clip is such a one."""
+        """Raise `ClipError` with the differences, unless the clip has these facts."""
         there = MadeFor.of(clip)
         differences = (
             ("frames", self.frames, there.frames),
@@ -61,7 +61,7 @@ class MadeFor:
 
 @dataclass(frozen=True)
 class ContactEdits:
-    """Edits in the order in which they are applied, and what they were made for."""
+    """Edits in the order of their application, and the facts of their clip."""
 
     made_for: MadeFor
     edits: tuple[Edit, ...] = ()

@@ -1,20 +1,18 @@
-"""The operations on segments: what each of them says, and what it does.
+"""Operations on the contact segments and the pins of a clip: their fields, checked when made, and their effects.
 
-An operation names a segment by its part, its person, and any frame in it: one part touches one
-thing at a time, so no more is needed. Points and offsets are in the object's frame at captured size.
+An operation names a segment by its part, its person, and any frame in it: one part touches one object at a time, so no
+more is needed. Points and offsets are in the object's frame at captured size.
 """
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import Field, dataclass, field, fields, replace
 from types import MappingProxyType
-from typing import Any, get_args
+from typing import Any, ClassVar, get_args
 
 import numpy as np
 
-from hoi_retarget.clip.clip import Clip
-from hoi_retarget.clip.edits.operation import Operation, Point
-from hoi_retarget.clip.edits.pins import Pin, Unpin
+from hoi_retarget.clip.clip import PINNED_PARTS, Clip, PosePin, pinned_path
 from hoi_retarget.clip.edits.segments import (
     Segment,
     Segments,
@@ -27,7 +25,137 @@ from hoi_retarget.clip.edits.segments import (
     span_text,
 )
 from hoi_retarget.errors import ArgumentError, ClipError
+from hoi_retarget.human.skeleton import PARTS
 from hoi_retarget.objects.mesh import surface_of
+
+Point = tuple[float | int, float | int, float | int]
+
+_LARGEST_COORDINATE = 100.0  # [m]; points farther from an object's origin are another unit or a slip.
+_LARGEST_TURN = 180.0  # [degrees]
+
+
+class Operation:
+    """An operation on a clip; its fields are checked, and numbers made plain, when it is made."""
+
+    parts: ClassVar[tuple[str, ...]] = tuple(PARTS)
+    """That it can name."""
+    verb: ClassVar[str] = "touch"
+    """Of these parts, for messages."""
+
+    def __post_init__(self) -> None:
+        for item in fields_of(type(self)):
+            value = getattr(self, item.name)
+            if item.name == "part" and (not isinstance(value, str) or value not in self.parts):
+                raise ArgumentError(f"part is {value!r}; parts that can {self.verb}: {', '.join(self.parts)}.")
+            if item.name != "part" and (value is not None or item.default is not None):
+                object.__setattr__(self, item.name, _plain(item.name, value))
+
+
+def fields_of(kind: type[Operation]) -> list["Field[Any]"]:
+    """Return the fields of an operation in the order in which files have them: the person last."""
+    return sorted(fields(kind), key=lambda item: bool(item.kw_only))  # pyright: ignore[reportArgumentType]  # a dataclass
+
+
+_VECTORS = {
+    **dict.fromkeys(("offset", "point", "position"), (_LARGEST_COORDINATE, "metres")),
+    "turn": (_LARGEST_TURN, "degrees"),
+}
+
+
+def _plain(name: str, value: Any) -> str | int | tuple[float, ...]:
+    """Return the value of a field other than the part as a plain one; raises `ArgumentError`."""
+    if name in _VECTORS:
+        largest, unit = _VECTORS[name]
+        numbers = list(value) if isinstance(value, Iterable) and not isinstance(value, str | bytes) else []
+        if len(numbers) == 3 and all(_is_real(number) and abs(number) <= largest for number in numbers):
+            return tuple(float(number) for number in numbers)
+        expected = f"three numbers in {unit}, none beyond {largest:g}"
+    elif name == "object":
+        if isinstance(value, str):
+            return value
+        expected = "a name"
+    else:
+        if _is_real(value) and isinstance(value, int | np.integer) and value >= 0:
+            return int(value)
+        expected = "a whole number from 0 on"
+    raise ArgumentError(f"{name} is {value!r}; expected {expected}.")
+
+
+def _is_real(number: Any) -> bool:
+    return isinstance(number, int | float | np.integer | np.floating) and not isinstance(number, bool)
+
+
+LARGEST_DISTANCE = 1.0
+"""[m] from where the part is in the recording: nobody gets farther within the fraction of a second around a pin."""
+
+Pins = tuple[PosePin, ...]
+
+
+class PinOperation(Operation):
+    """An operation on the pins of a clip."""
+
+    parts: ClassVar[tuple[str, ...]] = PINNED_PARTS
+    verb: ClassVar[str] = "be pinned"
+
+    def on_pins(self, clip: Clip, pins: Pins) -> Pins:
+        """Return the pins after the operation.
+
+        Raises:
+            ClipError: there is no such person, frame or pin, or the place is out of reach.
+        """
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Pin(PinOperation):
+    """Put a part somewhere in one frame, in the place of an earlier pin there."""
+
+    part: str
+    frame: int
+    position: Point
+    """In the world of the recording, at captured size [m]."""
+    turn: Point | None = None
+    """Rotation vector in the world's axes, on top of the recorded part's [degrees]; None leaves the rotation free."""
+    person: int = field(default=0, kw_only=True)
+
+    def on_pins(self, clip: Clip, pins: Pins) -> Pins:
+        """Return the pins after the operation, by person, part and time."""
+        check_person(clip, self.person)
+        check_frames(clip, self.frame, self.frame + 1)
+        recorded = pinned_path(clip.people[self.person], self.part)[self.frame]
+        away = float(np.linalg.norm(recorded - self.position))
+        if away > LARGEST_DISTANCE:
+            place = ", ".join(f"{number:.3f}" for number in recorded)
+            raise ClipError(
+                f"out of reach: {away:.2f} m from where {part_text(self.person, self.part)} is in frame {self.frame} "
+                f"of the recording, ({place}). A pin may be {LARGEST_DISTANCE:g} m away."
+            )
+        pin = PosePin(self.person, self.part, self.frame, self.position, self.turn)
+        return tuple(sorted((*_without(pins, self), pin), key=lambda item: item.key))
+
+
+@dataclass(frozen=True)
+class Unpin(PinOperation):
+    """Remove a pin."""
+
+    part: str
+    frame: int
+    person: int = field(default=0, kw_only=True)
+
+    def on_pins(self, clip: Clip, pins: Pins) -> Pins:
+        """Return the pins after the operation."""
+        left = _without(pins, self)
+        if len(left) == len(pins):
+            listing = ", ".join(f"{part_text(pin.person, pin.part)} in frame {pin.frame}" for pin in pins)
+            raise ClipError(
+                f"{part_text(self.person, self.part)} is not pinned in frame {self.frame}. Pinned: {listing or 'none'}."
+            )
+        return left
+
+
+def _without(pins: Pins, operation: Pin | Unpin) -> Pins:
+    named = (operation.person, operation.part, operation.frame)
+    return tuple(pin for pin in pins if (pin.person, pin.part, pin.frame) != named)
 
 
 class ContactOperation(Operation):
@@ -69,7 +197,7 @@ class Move(SegmentOperation):
     """[m]"""
 
     def _replacements(self, clip: Clip, segment: Segment) -> Sequence[Segment]:
-        return [segment.changed(points=segment.points + self.offset)]
+        return [replace(segment, points=segment.points + self.offset)]
 
 
 @dataclass(frozen=True)
@@ -88,7 +216,7 @@ class Retime(SegmentOperation):
     def _replacements(self, clip: Clip, segment: Segment) -> Sequence[Segment]:
         check_frames(clip, self.start, self.stop)
         nearest = np.clip(np.arange(self.start, self.stop), segment.start, segment.stop - 1)
-        return [segment.changed(start=self.start, stop=self.stop, points=segment.points[nearest - segment.start])]
+        return [replace(segment, start=self.start, stop=self.stop, points=segment.points[nearest - segment.start])]
 
 
 @dataclass(frozen=True)
@@ -106,8 +234,8 @@ class Split(SegmentOperation):
             )
         length = self.at - segment.start
         return [
-            segment.changed(stop=self.at, points=segment.points[:length]),
-            segment.changed(start=self.at, points=segment.points[length:]),
+            replace(segment, stop=self.at, points=segment.points[:length]),
+            replace(segment, start=self.at, points=segment.points[length:]),
         ]
 
 
@@ -128,7 +256,7 @@ class Merge(SegmentOperation):
         fraction = np.arange(1, gap + 1)[:, None] / (gap + 1)
         between = segment.points[-1] + fraction * (following.points[0] - segment.points[-1])
         points = np.concatenate([segment.points, between, following.points])
-        merged = segment.changed(stop=following.stop, points=points)
+        merged = replace(segment, stop=following.stop, points=points)
         return exchanged(clip, segments, [segment, following], [merged])
 
 
@@ -224,11 +352,6 @@ OPERATIONS: Mapping[str, type[Edit]] = MappingProxyType(
 _NAMES: Mapping[type, str] = {kind: name for name, kind in OPERATIONS.items()}
 
 
-def edit_of(kind: type[Edit], values: Mapping[str, Any]) -> Edit:
-    """Return the edit with values from a file, of whatever type they are; raises `ArgumentError`."""
-    return kind(**{name: kind.checked(name, value) for name, value in values.items()})
-
-
 def operation_name(edit: Edit) -> str:
     """Return an edit's name in `OPERATIONS`."""
     return _NAMES[type(edit)]
@@ -259,9 +382,9 @@ def _fixed(segment: Segment, point: Point | None) -> Segment:
     points = segment.points
     # The mean of equal points differs from them by rounding: fixing again must change nothing.
     mean = points[0] if (points == points[0]).all() else points.mean(axis=0)
-    return segment.changed(points=np.tile(mean if point is None else np.array(point), (segment.frames, 1)))
+    return replace(segment, points=np.tile(mean if point is None else np.array(point), (segment.frames, 1)))
 
 
 def _snapped(clip: Clip, segment: Segment) -> Segment:
     surface = surface_of(clip.objects[segment.object].geometry)
-    return segment.changed(points=surface.closest_points(segment.points))
+    return replace(segment, points=surface.closest_points(segment.points))

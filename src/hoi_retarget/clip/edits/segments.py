@@ -1,8 +1,7 @@
 """Segments: the contacts of a clip one by one, each with its frames and a point for every one of them."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -47,10 +46,6 @@ class Segment:
         """Return whether a frame is one of its own."""
         return self.start <= frame < self.stop
 
-    def changed(self, **changes: Any) -> "Segment":
-        """Return the segment with other values in some of its fields."""
-        return replace(self, **changes)
-
     def __str__(self) -> str:
         return span_text(self.start, self.stop)
 
@@ -92,7 +87,18 @@ def in_order(segments: Iterable[Segment]) -> Segments:
 
 
 def segment_at(clip: Clip, segments: Segments, person: int, part: str, frame: int) -> Segment:
-    """Return the segment of a person's part that holds a frame; raises `ClipError` naming those that there are."""
+    """Return the segment of a person's part that holds a frame.
+
+    Args:
+        clip: Of the segments, for messages.
+        segments: All of the clip.
+        person: Index of the person.
+        part: One of `PARTS`.
+        frame: Any frame of the segment.
+
+    Raises:
+        ClipError: There is none; the message names the nearest ones.
+    """
     own = of_part(clip, segments, person, part)
     for segment in own:
         if segment.holds(frame):
@@ -101,7 +107,17 @@ def segment_at(clip: Clip, segments: Segments, person: int, part: str, frame: in
 
 
 def of_part(clip: Clip, segments: Segments, person: int, part: str) -> Segments:
-    """Return the segments of a person's part; raises `ClipError` when there is no such person."""
+    """Return the segments of a person's part.
+
+    Args:
+        clip: Of the segments.
+        segments: All of the clip.
+        person: Index of the person.
+        part: One of `PARTS`.
+
+    Raises:
+        ClipError: There is no such person.
+    """
     check_person(clip, person)
     return tuple(segment for segment in segments if (segment.person, segment.part) == (person, part))
 
@@ -122,7 +138,14 @@ def check_frames(clip: Clip, start: int, stop: int) -> None:
 def exchanged(clip: Clip, segments: Segments, old: Sequence[Segment], new: Sequence[Segment]) -> Segments:
     """Return the segments with `new` in the place of `old`.
 
-    Raises `ClipError` when a new one overlaps another of the same part.
+    Args:
+        clip: Of the segments, for messages.
+        segments: All of the clip.
+        old: Some of them.
+        new: Any number of others.
+
+    Raises:
+        ClipError: A new one overlaps another of the same part.
     """
     result = [segment for segment in segments if not any(segment is item for item in old)]
     for segment in new:
@@ -140,7 +163,7 @@ def exchanged(clip: Clip, segments: Segments, old: Sequence[Segment], new: Seque
 
 
 def part_text(person: int, part: str) -> str:
-    """Return how a person's part is written: `left_hand`, or `p1.left_hand` for the second person."""
+    """Return the text for a person's part: `left_hand`, or `p1.left_hand` for the second person."""
     return f"p{person}.{part}" if person else part
 
 

@@ -1,19 +1,16 @@
-"""What a robot-motion file is, from its numbers alone, and what contradicts what it claims."""
+"""Checks of robot-motion files by their numbers alone: contradictions of the order, units, rate and frames claimed."""
 
-from hoi_retarget.motion.check.check import CheckedMotion, check, mended
-from hoi_retarget.motion.check.convert import ConvertedMotion, as_found, as_qpos
-from hoi_retarget.motion.check.finding import Finding
-from hoi_retarget.motion.check.ground import FLOOR
-from hoi_retarget.motion.check.objects import ObjectPath
+from hoi_retarget.motion.check.check_motion import CheckedMotion, as_qpos, check, repair
+from hoi_retarget.motion.check.finding import FormatFinding
+from hoi_retarget.motion.check.object_checks import ObjectPath
+from hoi_retarget.motion.check.plausibility import FLOOR
 
 __all__ = [
     "FLOOR",
     "CheckedMotion",
-    "ConvertedMotion",
-    "Finding",
+    "FormatFinding",
     "ObjectPath",
-    "as_found",
     "as_qpos",
     "check",
-    "mended",
+    "repair",
 ]

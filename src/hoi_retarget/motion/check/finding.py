@@ -1,33 +1,71 @@
-"""What was found in a file: what it claims, what its numbers say, what to do."""
+"""Findings about a motion file, and the changes to its arrays that they advise."""
 
-from collections.abc import Generator, Iterable
-from dataclasses import dataclass, replace
-from typing import Literal, TypeVar
+from collections.abc import Callable, Generator, Iterable, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal, TypeVar
 
-from hoi_retarget.motion.check.change import Change
+import numpy as np
+
+from hoi_retarget.motion.formats import Bodies, MotionFile, ObjectPoses
+from hoi_retarget.numerics import se3
+
+Values = tuple[int | float, ...]
+ROOT, JOINTS, BODIES = "root", "joints", "bodies"
+Kind = Literal[
+    "take quaternion components",
+    "multiply quaternion components",
+    "normalize quaternions",
+    "invert poses",
+    "exchange position and rotation",
+    "multiply positions",
+    "move",
+    "turn",
+    "compute velocities",
+    "take bodies",
+    "take columns",
+    "multiply columns",
+    "add to columns",
+    "drop first columns",
+    "set rate",
+    "interpolate frames",
+    "keep frames",
+    "compute joint velocities",
+]
+
+
+@dataclass(frozen=True)
+class Change:
+    """One change to a file's arrays."""
+
+    kind: Kind
+    of: str = ""
+    """`root`, `bodies`, `joints`, or an object's name; empty for all."""
+    values: Values = ()
+    """By kind: places of components, columns, bodies, frames; factors; angles [rad]; a vector [m]; a rotation wxyz."""
+
 
 Level = Literal["ok", "note", "unknown", "contradiction"]
 Spoils = Literal["poses", "rate", "velocities", "objects", "nothing"]
 
 
 @dataclass(frozen=True)
-class Finding:
-    """One thing that was looked at."""
+class FormatFinding:
+    """The outcome of one check."""
 
     level: Level
-    """Whether the numbers agree, want a remark, cannot tell, or contradict."""
+    """Whether the numbers agree with the claim, deserve a remark, leave it open, or contradict it."""
     subject: str
-    """What was looked at, such as 'quaternion order'."""
+    """Such as 'quaternion order'."""
     claim: str
-    """What the file says, or what its format demands."""
+    """Of the file, or the demand of its format."""
     numbers: str
-    """What the numbers say, with how far apart the possibilities are."""
+    """The finding, with figures of the alternatives."""
     advice: str = ""
-    """What to do; empty where there is nothing to do."""
+    """A sentence; empty where nothing is to be done."""
     spoils: Spoils = "nothing"
-    """What cannot be used as it is."""
-    mend: tuple[Change, ...] = ()
-    """The advice for programs; empty where other numbers or a decision is needed."""
+    """The part of the file that is unusable as it is."""
+    fix: tuple[Change, ...] = ()
+    """The advice for programs (`repair`); empty where other numbers or a decision is needed."""
     follows: str = ""
     """Subject of the finding that this one follows from; empty for one of its own."""
 
@@ -35,13 +73,25 @@ class Finding:
         return f"{self.subject}: {self.numbers}"
 
 
+def contradiction(  # noqa: PLR0913, PLR0917 - the fields of a finding
+    subject: str,
+    claim: str,
+    numbers: str,
+    advice: str = "",
+    fix: tuple[Change, ...] = (),
+    spoils: Spoils = "poses",
+) -> FormatFinding:
+    """Return a finding that contradicts a claim; its arguments are the fields of `FormatFinding`."""
+    return FormatFinding("contradiction", subject, claim, numbers, advice, spoils, fix)
+
+
 T = TypeVar("T")
-Check = Generator[Finding, None, T]
-"""Yields what it finds, and returns what the checks after it need."""
+Check = Generator[FormatFinding, None, T]
+"""Yields findings, and returns a value for the next checks."""
 
 
-def noted(check: Check[T], findings: list[Finding]) -> T:
-    """Run a check, add all that it finds, and return its value."""
+def collected(check: Check[T], findings: list[FormatFinding]) -> T:
+    """Run a check, append its findings to a list, and return its value."""
     while True:
         try:
             findings.append(next(check))
@@ -56,12 +106,12 @@ Velocities of links are made of the root's turning, a movement goes on far off a
 """
 
 
-def with_causes(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return findings that tell from which others they follow."""
+def with_causes(findings: Iterable[FormatFinding]) -> tuple[FormatFinding, ...]:
+    """Return the findings, consequences of others with their causes."""
     found = tuple(findings)
-    wrong = {finding.subject for finding in contradictions(found)}
+    wrong = {finding.subject for finding in found if finding.level == "contradiction"}
 
-    def cause(finding: Finding) -> str:
+    def cause(finding: FormatFinding) -> str:
         possible = (
             cause + finding.subject.removeprefix(effect)
             for effect, cause in _CAUSES
@@ -74,6 +124,216 @@ def with_causes(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     )
 
 
-def contradictions(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return those in which the numbers contradict the claim."""
-    return tuple(finding for finding in findings if finding.level == "contradiction")
+def changed(file: MotionFile, changes: Iterable[Change]) -> MotionFile:
+    """Return a file with changes made to its arrays, one after the other."""
+    for change in changes:
+        if change.kind in _OF_POSES:
+            for name in (change.of,) if change.of else _all_with_poses(file):
+                file = _with_poses(file, name, _OF_POSES[change.kind](file, _poses(file, name), change.values))
+        else:
+            file = _OF_FILES[change.kind](file, change)
+    return file
+
+
+# Poses: of the root, of bodies and of objects, each as bodies in the file's own order of components.
+
+
+def _all_with_poses(file: MotionFile) -> tuple[str, ...]:
+    return (
+        *([ROOT] if file.root is not None else []),
+        *([BODIES] if file.bodies is not None else []),
+        *(item.name for item in file.objects),
+    )
+
+
+def _poses(file: MotionFile, name: str) -> Bodies:
+    item = next((item for item in file.objects if item.name == name), None)
+    if item is None and name == ROOT and file.root is not None:
+        velocities = () if file.root_vel is None else (file.root_vel[:, :3], file.root_vel[:, 3:])
+        item = ObjectPoses(ROOT, file.root, *velocities)
+    if item is not None:
+        return item.as_body(file.convention)
+    assert file.bodies is not None
+    return file.bodies.only(_body_columns(file, name))
+
+
+def _with_poses(file: MotionFile, name: str, poses: Bodies) -> MotionFile:
+    pair = (poses.quat, poses.pos) if file.convention.root_order == "quat_pos" else (poses.pos, poses.quat)
+    lin, ang = poses.lin_vel, poses.ang_vel
+    if any(item.name == name for item in file.objects):
+        velocities = (None if values is None else values[:, 0] for values in (lin, ang))
+        made = ObjectPoses(name, np.concatenate(pair, axis=-1)[:, 0], *velocities)
+        return replace(file, objects=tuple(made if item.name == name else item for item in file.objects))
+    if name == ROOT and file.root is not None:
+        velocity = file.root_vel if lin is None or ang is None else np.concatenate([lin, ang], axis=-1)[:, 0]
+        return replace(file, root=np.concatenate(pair, axis=-1)[:, 0], root_vel=velocity)
+    assert file.bodies is not None
+    return replace(file, bodies=_with_columns_of(file.bodies, poses, _body_columns(file, name)))
+
+
+def _body_columns(file: MotionFile, name: str) -> list[int]:
+    """Return all bodies, the first one for a root without columns of its own, or the one of an object."""
+    assert file.bodies is not None
+    if name == BODIES:
+        return list(range(file.bodies.pos.shape[1]))
+    return [0 if name == ROOT or file.body_names is None else file.body_names.index(name)]
+
+
+def _with_columns_of(bodies: Bodies, some: Bodies, columns: list[int]) -> Bodies:
+    arrays = {field.name: np.array(getattr(bodies, field.name)) for field in fields(bodies) if _is_there(bodies, field)}
+    for name, array in arrays.items():
+        array[:, columns] = getattr(some, name)
+    return replace(bodies, **arrays)
+
+
+def _is_there(owner: Any, field: Any) -> bool:
+    return isinstance(getattr(owner, field.name), np.ndarray)
+
+
+def _quats(make: Callable[[np.ndarray, Any], np.ndarray]) -> Callable[[MotionFile, Bodies, Any], Bodies]:
+    return lambda file, poses, values: replace(poses, quat=make(poses.quat, values))
+
+
+def _inverted(file: MotionFile, poses: Bodies, values: Values) -> Bodies:
+    inverse = se3.quat_conjugate(_wxyz(file, poses.quat))
+    return Bodies(-se3.rotate(inverse, poses.pos), _stored(file, inverse))
+
+
+def _exchanged(file: MotionFile, poses: Bodies, values: Values) -> Bodies:
+    """Return positions and rotations of those columns in which the format has the others."""
+    flat = np.concatenate([poses.pos, poses.quat], axis=-1)
+    if file.convention.root_order == "quat_pos":  # Columns are stored as (quat, pos): these are not.
+        flat = np.concatenate([poses.quat, poses.pos], axis=-1)
+        return replace(poses, pos=flat[..., :3], quat=flat[..., 3:])
+    return replace(poses, pos=flat[..., 4:], quat=flat[..., :4])
+
+
+def _scaled(file: MotionFile, poses: Bodies, values: Values) -> Bodies:
+    lin_vel = None if poses.lin_vel is None else poses.lin_vel * values[0]
+    return replace(poses, pos=poses.pos * values[0], lin_vel=lin_vel)
+
+
+def _turned(file: MotionFile, poses: Bodies, values: Values) -> Bodies:
+    turn = np.array(values)
+    velocities = (None if vel is None else se3.rotate(turn, vel) for vel in (poses.lin_vel, poses.ang_vel))
+    quat = _stored(file, se3.quat_multiply(turn, _wxyz(file, poses.quat)))
+    return Bodies(se3.rotate(turn, poses.pos), quat, *velocities)
+
+
+def _with_velocities(file: MotionFile, poses: Bodies, values: Values) -> Bodies:
+    """Return poses with the velocities of their paths, where the file stores any; of the file's rate."""
+    fps = _rate(file)
+    quat = _wxyz(file, poses.quat)
+    before, after = np.concatenate([quat[:1], quat[:-1]]), np.concatenate([quat[1:], quat[-1:]])
+    turn = se3.log(se3.quat_multiply(after, se3.quat_conjugate(before)))
+    turn[1:-1] *= 0.5
+    lin_vel = None if poses.lin_vel is None else fps * np.gradient(poses.pos, axis=0)
+    return replace(poses, lin_vel=lin_vel, ang_vel=None if poses.ang_vel is None else fps * turn)
+
+
+def _wxyz(file: MotionFile, quat: np.ndarray) -> np.ndarray:
+    return quat if file.convention.quat_order == "wxyz" else se3.quat_from_xyzw(quat)
+
+
+def _stored(file: MotionFile, quat: np.ndarray) -> np.ndarray:
+    return quat if file.convention.quat_order == "wxyz" else se3.quat_to_xyzw(quat)
+
+
+_OF_POSES: Mapping[str, Callable[[MotionFile, Bodies, Values], Bodies]] = {
+    "take quaternion components": _quats(lambda quat, values: quat[..., _whole(values)]),
+    "multiply quaternion components": _quats(lambda quat, values: quat * values),
+    "normalize quaternions": _quats(lambda quat, values: se3.quat_normalize(quat)),
+    "invert poses": _inverted,
+    "exchange position and rotation": _exchanged,
+    "multiply positions": _scaled,
+    "move": lambda file, poses, values: replace(poses, pos=poses.pos + values),
+    "turn": _turned,
+    "compute velocities": _with_velocities,
+}
+
+
+# Columns of joints
+
+
+def _with_columns(file: MotionFile, change: Change) -> MotionFile:
+    make = _OF_COLUMNS[change.kind]
+    joint_vel = file.joint_vel
+    if joint_vel is not None and change.kind != "add to columns":  # Another zero of an angle leaves its velocity.
+        joint_vel = make(joint_vel, change.values)
+    return replace(file, joint_pos=make(file.joint_pos, change.values), joint_vel=joint_vel)
+
+
+_OF_COLUMNS: Mapping[str, Callable[[np.ndarray, Values], np.ndarray]] = {
+    "take columns": lambda table, values: table[:, _whole(values)],
+    "multiply columns": lambda table, values: table * values,
+    "add to columns": lambda table, values: table + values,
+}
+
+
+def _without_first_columns(file: MotionFile, change: Change) -> MotionFile:
+    assert file.root is not None
+    table = np.concatenate([file.root, file.joint_pos], axis=1)[:, int(change.values[0]) :]
+    return replace(file, root=table[:, :7], joint_pos=table[:, 7:])
+
+
+# Bodies and time
+
+
+def _interpolated(file: MotionFile, change: Change) -> MotionFile:
+    """Put poses and angles between their neighbours in some frames."""
+    gone = np.zeros(file.frames, dtype=bool)
+    gone[_whole(change.values)] = True
+    there = np.flatnonzero(~gone)
+    after = np.minimum(np.searchsorted(there, np.arange(file.frames)), len(there) - 1)
+    before, after = there[np.maximum(after - 1, 0)], there[after]
+    before = np.where(gone, before, np.arange(file.frames))
+    fraction = np.where(gone, (np.arange(file.frames) - before) / np.maximum(after - before, 1), 0.0)
+
+    def between(values: np.ndarray) -> np.ndarray:
+        part = fraction.reshape(-1, *(1,) * (values.ndim - 1))
+        return np.where(part > 0, (1 - part) * values[before] + part * values[after], values)
+
+    for name in _all_with_poses(file):
+        poses = _poses(file, name)
+        quat = _wxyz(file, poses.quat)
+        turned = se3.slerp(quat[before], quat[after], np.broadcast_to(fraction[:, None], quat.shape[:2]))
+        quat = np.where(gone[:, None, None], turned, quat)
+        poses = replace(poses, pos=between(poses.pos), quat=_stored(file, quat))
+        file = _with_poses(file, name, poses)
+    return replace(file, joint_pos=between(file.joint_pos))
+
+
+def _with_frames(file: MotionFile, change: Change) -> MotionFile:
+    first, stop = _whole(change.values)
+
+    def part(owner: Any) -> Any:
+        arrays = {field.name: getattr(owner, field.name) for field in fields(owner) if _is_there(owner, field)}
+        return replace(owner, **{name: array[first:stop] for name, array in arrays.items()})
+
+    return replace(
+        part(replace(file, bodies=None, objects=(), contacts=None)),
+        bodies=None if file.bodies is None else part(file.bodies),
+        objects=tuple(part(item) for item in file.objects),
+        contacts=None if file.contacts is None else part(file.contacts),
+    )
+
+
+_OF_FILES: Mapping[str, Callable[[MotionFile, Change], MotionFile]] = {
+    **dict.fromkeys(_OF_COLUMNS, _with_columns),
+    "drop first columns": _without_first_columns,
+    "take bodies": lambda file, change: replace(file, bodies=file.bodies and file.bodies.only(_whole(change.values))),
+    "set rate": lambda file, change: replace(file, fps=change.values[0]),
+    "interpolate frames": _interpolated,
+    "keep frames": _with_frames,
+    "compute joint velocities": lambda file, change: replace(
+        file, joint_vel=_rate(file) * np.gradient(file.joint_pos, axis=0)
+    ),
+}
+
+
+def _rate(file: MotionFile) -> float:
+    return file.fps or file.convention.usual_fps or 1.0
+
+
+def _whole(values: Values) -> list[int]:
+    return [int(value) for value in values]

@@ -1,4 +1,4 @@
-"""How a file's numbers may be read: the claimed way, and the ways in which files are known to differ from it."""
+"""Interpretations of a file's numbers: the claimed one, and the known deviations of files from it."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hoi_retarget.motion.check.change import JOINTS, Change
+from hoi_retarget.motion.check.finding import JOINTS, Change
 from hoi_retarget.motion.links import breadth_first
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
@@ -31,20 +31,20 @@ _BEYOND = 0.5
 """Angles this far out of the widest range [rad] are no radians of this robot; degrees are, in any motion."""
 _SHIFTS = (-3, -2, -1, 1, 2, 3)
 _PARTS = {"legs": ("hip", "knee", "ankle"), "arms": ("shoulder", "elbow", "wrist"), "sides": ("",)}
-"""Of a robot, by name: what the names of their joints contain."""
+"""Parts of joint names, by parts of a robot."""
 _SIDEWAYS = ("roll", "yaw")
 """Joints that a mirrored motion turns the other way round: not pitch, knee and elbow."""
 
 
 @dataclass(frozen=True)
 class Interpretation:
-    """How to get a robot's configuration from a root's pose and columns of angles."""
+    """The conversion of a root's pose and columns of angles to a robot's configuration."""
 
     columns: tuple[int, ...]
     """The column of each joint of the robot; -1 where there is none."""
     signs: tuple[float, ...]
     offsets: tuple[float, ...] = ()
-    """What is added to each joint's angle [rad]; empty for nothing."""
+    """Added to each joint's angle [rad]; empty for nothing."""
     quat_order: Literal["wxyz", "xyzw"] = "wxyz"
     inverted: bool = False
     y_up: bool = False
@@ -55,7 +55,7 @@ class Interpretation:
 
     @property
     def of_poses(self) -> "Interpretation":
-        """Return how poses are read, without joints."""
+        """The same for poses, without joints."""
         return replace(self, columns=(), signs=(), offsets=())
 
     def rotation(self, quat: Float[np.ndarray, "*batch 4"]) -> Float[np.ndarray, "*batch 4"]:
@@ -65,7 +65,7 @@ class Interpretation:
         return se3.quat_multiply(_Y_UP, turned) if self.y_up else turned
 
     def vector(self, vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return a vector in the axes of the z-up world."""
+        """Return a vector, its unit unchanged, in the axes of the z-up world."""
         return se3.rotate(_Y_UP, vector) if self.y_up else vector
 
     def position(self, pos: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
@@ -87,12 +87,12 @@ class Interpretation:
 
 
 def changes(claim: Interpretation, found: Interpretation, of: str, width: int) -> tuple[Change, ...]:
-    """Return what makes arrays that are to be read as `found` readable as claimed.
+    """Return the changes by which arrays that read as `found` read as claimed.
 
     Args:
-        claim: How the format reads them.
-        found: How the numbers are to be read.
-        of: Whose poses are meant.
+        claim: The reading of the format.
+        found: The reading of the numbers.
+        of: Owner of the poses.
         width: Number of columns of angles.
     """
     made = []
@@ -126,17 +126,17 @@ def _column_changes(claim: Interpretation, found: Interpretation, width: int) ->
 
 @dataclass(frozen=True)
 class Deviation:
-    """One way in which a file differs from what it claims."""
+    """One difference of a file from its claim."""
 
     subject: Subject
     is_: str
-    """What the numbers are, in words that follow 'are'."""
+    """The finding, in words that follow 'the numbers are'."""
     advice: str
     reading: Interpretation
 
 
 def world_deviations(claim: Interpretation) -> Iterator[Deviation]:
-    """Yield what may be wrong with the world: its up axis and its unit."""
+    """Yield possible faults of the world: its up axis and its unit."""
     if not claim.y_up:
         advice = "Turn the world by 90 degrees about x before it is used: (x, y, z) to (x, -z, y)."
         yield Deviation("up axis", "y up", advice, replace(claim, y_up=True))
@@ -147,7 +147,7 @@ def world_deviations(claim: Interpretation) -> Iterator[Deviation]:
 
 
 def rotation_deviations(claim: Interpretation) -> Iterator[Deviation]:
-    """Yield what may be wrong with quaternions."""
+    """Yield possible faults of quaternions."""
     other: Literal["wxyz", "xyzw"] = "xyzw" if claim.quat_order == "wxyz" else "wxyz"
     yield Deviation(
         "quaternion order", other, f"Reorder the quaternions to {claim.quat_order}.", replace(claim, quat_order=other)
@@ -165,7 +165,7 @@ def isaac_lab_columns(model: RobotModel) -> tuple[int, ...]:
 def angle_deviations(
     claim: Interpretation, model: RobotModel, joint_pos: Float[np.ndarray, "T c"]
 ) -> Iterator[Deviation]:
-    """Yield what may be wrong with the unit of angles."""
+    """Yield degrees, where angles are too large for radians."""
     reach = max(float(np.abs(model.lower).max()), float(np.abs(model.upper).max())) + _BEYOND
     if claim.radians == 1.0 and np.quantile(np.abs(joint_pos), 0.95, axis=0).max(initial=0.0) > reach:
         yield Deviation(
@@ -176,7 +176,7 @@ def angle_deviations(
 def joint_deviations(
     claim: Interpretation, model: RobotModel, joint_pos: Float[np.ndarray, "T c"]
 ) -> Iterator[Deviation]:
-    """Yield what may be wrong with columns of angles as a whole."""
+    """Yield possible faults of columns of angles as a whole."""
     yield from angle_deviations(claim, model, joint_pos)
     columns, signs = np.array(claim.columns), np.array(claim.signs)
     if (columns >= 0).all():
@@ -199,7 +199,7 @@ def joint_deviations(
 
 
 def sign_deviations(claim: Interpretation, model: RobotModel, moving: Bool[np.ndarray, "c"]) -> Iterator[Deviation]:
-    """Yield joints that may turn the other way round, of those whose columns are moving."""
+    """Yield possible negations of single joints with moving columns."""
     for index, name in enumerate(model.joint_names):
         if claim.columns[index] >= 0 and moving[claim.columns[index]]:
             signs = list(claim.signs)
@@ -208,13 +208,20 @@ def sign_deviations(claim: Interpretation, model: RobotModel, moving: Bool[np.nd
 
 
 def reordered(claim: Interpretation, subject: Subject, words: str, columns: np.ndarray) -> Deviation:
-    """Return a claim with other columns."""
+    """Return a claim with other columns.
+
+    Args:
+        claim: The claim.
+        subject: Of the deviation.
+        words: That follow 'the numbers are'.
+        columns: Of the robot's joints.
+    """
     reading = replace(claim, columns=tuple(int(column) for column in columns))
     return Deviation(subject, words, "Put the columns into the order that the format demands.", reading)
 
 
 def mirrored(names: tuple[str, ...], parts: tuple[str, ...] = ("",)) -> Int[np.ndarray, "n"]:
-    """Return where each name's counterpart on the other side is; only names that contain one of `parts` change."""
+    """Return the index of each name's counterpart on the other side; only names with one of `parts` change."""
     index = {name: place for place, name in enumerate(names)}
     others = {"left": "right", "right": "left"}
     places = []

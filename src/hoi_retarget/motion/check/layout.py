@@ -1,4 +1,4 @@
-"""Which column is what: the root's pose and the robot's joints in a file's columns."""
+"""The layout of a file's columns: the root's pose and the robot's joints."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.motion.check.change import ROOT, Change
-from hoi_retarget.motion.check.finding import Check, Finding
+from hoi_retarget.motion.check.finding import ROOT, Change, Check, FormatFinding, contradiction
 from hoi_retarget.motion.check.interpretation import isaac_lab_columns
 from hoi_retarget.motion.formats import WITHOUT_WRISTS, MotionFile
-from hoi_retarget.motion.makers_joints import makers_joint_names
+from hoi_retarget.motion.links import source_joint_names
 from hoi_retarget.robots.model import RobotModel
 
 UNIT_TOLERANCE = 0.01
@@ -21,13 +20,13 @@ _SMALLER_SETS = {
     WITHOUT_WRISTS: ("wrist",),
     "those of Unitree's 23-joint G1": ("waist_roll", "waist_pitch", "wrist_pitch", "wrist_yaw"),
 }
-"""Joints of files without names, in the robot's order, by what the names of those that are left out contain."""
-_FITS = 0.01  # Fraction of angles out of range: right readings of published files have none, wrong ones 3 % and more.
+"""Sets of joints of files without names, in the robot's order, by parts of the names that they leave out."""
+_MAX_SHARE_OUTSIDE = 0.01  # Of angles out of range: right readings of published files have 0, wrong ones 3 % and more.
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """A file's columns by what they are, as it orders and scales them."""
+    """A file's columns by their meanings, in its own order and units."""
 
     joint_pos: Float[np.ndarray, "T c"]
     columns: tuple[int, ...] | None
@@ -38,22 +37,29 @@ class Layout:
 
 
 def lay_out(file: MotionFile, model: RobotModel) -> Check[Layout]:
-    """Return where the root and the joints are."""
+    """Return the columns of the root and the joints."""
     layout = yield from _root(file)
     columns = yield from _columns(file, model, layout.joint_pos.shape[1])
     return replace(layout, columns=columns)
 
 
 def off_unit(quat: np.ndarray) -> float:
-    """Return how far the longest or shortest quaternion is from length 1."""
+    """Return the largest difference of a quaternion's length from 1."""
     with np.errstate(over="ignore"):
         return float(np.abs(np.linalg.norm(quat, axis=-1) - 1.0).max())
 
 
-def unnormalized(subject: str, claim: str, says: str, of: str) -> Finding:
-    """Return that quaternions are not of unit length; the checks after it normalize them."""
-    mend = (Change("normalize quaternions", of),)
-    return Finding("contradiction", subject, claim, says, "Divide the quaternions by their lengths.", "poses", mend)
+def unnormalized(subject: str, claim: str, numbers: str, of: str) -> FormatFinding:
+    """Return the finding of quaternions that are not of unit length; later checks normalize them.
+
+    Args:
+        subject: Of the finding.
+        claim: Of the file.
+        numbers: The finding in words.
+        of: Owner of the quaternions, as a `Change` names it.
+    """
+    fix = (Change("normalize quaternions", of),)
+    return contradiction(subject, claim, numbers, "Divide the quaternions by their lengths.", fix)
 
 
 def _root(file: MotionFile) -> Check[Layout]:
@@ -64,33 +70,33 @@ def _root(file: MotionFile) -> Check[Layout]:
     claim = f"{file.format} has the rotation in columns {start} to {start + 3} of the root"
     off = off_unit(flat[:, start : start + 4])
     if off < UNIT_TOLERANCE:
-        says = f"these are unit quaternions within {off:.1g} in every frame"
-        yield Finding("ok", "root layout", claim, says)
+        numbers = f"these are unit quaternions within {off:.1g} in every frame"
+        yield FormatFinding("ok", "root layout", claim, numbers)
         return _split(flat, start)
     unit = [column for column in range(flat.shape[1] - 3) if off_unit(flat[:, column : column + 4]) < UNIT_TOLERANCE]
-    says = f"their lengths differ from 1 by up to {off:.2g}"
+    numbers = f"their lengths differ from 1 by up to {off:.2g}"
     if not unit:
-        says += ", and no other four neighbouring columns are unit quaternions"
-        yield unnormalized("root layout", claim, says, ROOT)
+        numbers += ", and no other four neighbouring columns are unit quaternions"
+        yield unnormalized("root layout", claim, numbers, ROOT)
         # Without a direction, there is nothing to normalize.
         return _split(flat, start) if off < NO_ROTATION else Layout(file.joint_pos, None)
     found = unit[0]
-    says += f"; columns {found} to {found + 3} are unit quaternions"
+    numbers += f"; columns {found} to {found + 3} are unit quaternions"
     if found in (0, 3):
         order = "rotation before position" if found == 0 else "position before rotation"
         advice = f"The root is {order}: exchange the two."
-        mend = (Change("exchange position and rotation", ROOT),)
-        yield Finding("contradiction", "root order", claim, says, advice, "poses", mend)
+        fix = (Change("exchange position and rotation", ROOT),)
+        yield contradiction("root order", claim, numbers, advice, fix)
         return _split(flat, found)
     shift = found - start
     advice = f"All columns are shifted by {shift:+d}: remove or add what stands before them."
-    mend = (Change("drop first columns", "", (shift,)),) if shift > 0 else ()
-    yield Finding("contradiction", "shifted columns", claim, says, advice, "poses", mend)
+    fix = (Change("drop first columns", "", (shift,)),) if shift > 0 else ()
+    yield contradiction("shifted columns", claim, numbers, advice, fix)
     return Layout(file.joint_pos, None) if shift < 0 or start == 0 else _split(flat[:, shift:], start)
 
 
 def _split(flat: np.ndarray, start: int) -> Layout:
-    """Return columns whose first seven are the root's, with its rotation from `start` on."""
+    """Return a layout with the root in the first seven columns, its rotation from `start` on."""
     pos = flat[:, 4:7] if start == 0 else flat[:, :3]
     return Layout(flat[:, 7:], None, pos, flat[:, start : start + 4])
 
@@ -99,30 +105,30 @@ def _columns(file: MotionFile, model: RobotModel, count: int) -> Check[tuple[int
     robot = f"{model.spec.name} has {model.n} joints"
     if file.joint_names is not None:
         missing = [name for name in model.joint_names if name not in file.joint_names]
-        foreign = [name for name in file.joint_names if name not in makers_joint_names(model)]
+        foreign = [name for name in file.joint_names if name not in source_joint_names(model)]
         if len(missing) == model.n:
-            says = f"none of the file's joint names is one of them: {', '.join(foreign[:4])}, ..."
-            yield Finding("contradiction", "joint count", robot, says, "Name another --robot.", "poses")
+            numbers = f"none of the file's joint names is one of them: {', '.join(foreign[:4])}, ..."
+            yield contradiction("joint count", robot, numbers, "Name another --robot.")
             return None
         yield from _missing(robot, missing, foreign)
         return _places(model, file.joint_names)
     if count == model.n:
-        says = f"the file has {count} columns of angles"
-        yield Finding("ok", "joint count", robot, says)
+        numbers = f"the file has {count} columns of angles"
+        yield FormatFinding("ok", "joint count", robot, numbers)
         return isaac_lab_columns(model) if file.convention.order == "breadth_first" else tuple(range(count))
-    if count == len(makers_joint_names(model)):
-        says = f"the file has {count} columns of angles: all joints of its maker, of which the robot holds some still"
-        yield Finding("ok", "joint count", robot, says)
-        return _places(model, makers_joint_names(model))
+    if count == len(source_joint_names(model)):
+        numbers = f"the file has {count} columns of angles: all joints of its description, some of them held still"
+        yield FormatFinding("ok", "joint count", robot, numbers)
+        return _places(model, source_joint_names(model))
     known = _known_set(file, model, count)
     if known is not None:
         words, names = known
-        says = f"the file has {count} and no names: they are taken for {words}"
-        yield Finding("note", "joint count", robot, says, HELD)
+        numbers = f"the file has {count} and no names: they are taken for {words}"
+        yield FormatFinding("note", "joint count", robot, numbers, HELD)
         return _places(model, names)
-    says = f"the file has {count} columns of angles, and no names that tell which"
+    numbers = f"the file has {count} columns of angles, and no names that tell which"
     advice = "Name another --robot, or write all joints or their names: a consumer would drive the wrong ones."
-    yield Finding("contradiction", "joint count", robot, says, advice, "poses")
+    yield contradiction("joint count", robot, numbers, advice)
     return None
 
 
@@ -133,7 +139,7 @@ def _known_set(file: MotionFile, model: RobotModel, count: int) -> tuple[str, tu
         for words, absent in _SMALLER_SETS.items()
     }
     sets = {words: names for words, names in sets.items() if len(names) == count}
-    fitting = [words for words, names in sets.items() if _outside(file.joint_pos, names, model) < _FITS]
+    fitting = [words for words, names in sets.items() if _outside(file.joint_pos, names, model) < _MAX_SHARE_OUTSIDE]
     usual = [words for words in sets if words == file.convention.usual_joints]
     return next(((words, sets[words]) for words in (fitting if len(fitting) == 1 else usual)), None)
 
@@ -149,12 +155,12 @@ def _places(model: RobotModel, names: tuple[str, ...]) -> tuple[int, ...]:
     return tuple(names.index(name) if name in names else -1 for name in model.joint_names)
 
 
-def _missing(robot: str, missing: list[str], foreign: list[str]) -> Iterator[Finding]:
+def _missing(robot: str, missing: list[str], foreign: list[str]) -> Iterator[FormatFinding]:
     if missing:
-        says = f"the file lacks {', '.join(missing)}"
-        yield Finding("note", "joint count", robot, says, HELD)
+        numbers = f"the file lacks {', '.join(missing)}"
+        yield FormatFinding("note", "joint count", robot, numbers, HELD)
     if foreign:
-        says = f"the file has others, too: {', '.join(foreign)}"
-        yield Finding("note", "joint count", robot, says, "They are left out.")
+        numbers = f"the file has others, too: {', '.join(foreign)}"
+        yield FormatFinding("note", "joint count", robot, numbers, "They are left out.")
     if not missing and not foreign:
-        yield Finding("ok", "joint count", robot, "the file names all of them")
+        yield FormatFinding("ok", "joint count", robot, "the file names all of them")

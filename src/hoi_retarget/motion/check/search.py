@@ -1,4 +1,4 @@
-"""The reading of a root's path and joint angles that looks most like the robot, and what that contradicts."""
+"""The most plausible reading of a root's path and joint angles, and its contradictions of the claim."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.motion.check.change import ROOT
-from hoi_retarget.motion.check.finding import Check, Finding
+from hoi_retarget.motion.check.finding import ROOT, Check, FormatFinding, contradiction
 from hoi_retarget.motion.check.interpretation import (
     Deviation,
     Interpretation,
@@ -28,16 +27,16 @@ from hoi_retarget.robots.model import RobotModel
 _GAIN, _SIGN_GAIN, _PART = 0.25, 0.35, 0.75
 _UNDECIDED = 0.1
 _ROUNDS = 3  # Of faults found one after the other.
-_STANDS = 1.8
-"""Penalty between the best readings of shuffled columns, from 2.06 on, and right ones, to 1.52."""
-_OUT_OF_RANGE = 0.02
+_MAX_STANDING_PENALTY = 1.8
+"""Between the best readings of shuffled columns, from 2.06 on, and right ones, to 1.52."""
+_MAX_SHARE_OUTSIDE = 0.02
 """Part of the angles out of range from which on the columns are not the robot's."""
-_STILL = 1e-3  # [rad]
+_MIN_MOVEMENT_RAD = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Poses:
-    """What is read: a root's path and columns of angles."""
+class CandidatePoses:
+    """A root's path and columns of angles as in a file."""
 
     model: RobotModel
     pos: Float[np.ndarray, "T 3"]
@@ -48,19 +47,19 @@ class Poses:
     """Whose columns the root's pose is."""
 
     def judged(self, reading: Interpretation) -> Plausibility:
-        """Return what speaks against one reading."""
+        """Return the figures against one reading."""
         frames = sampled(len(self.pos))
         qpos = reading.qpos(self.pos[frames], self.quat[frames], self.joint_pos[frames])
         return plausibility(self.model, qpos, self.fps)
 
 
-def find_reading(poses: Poses, claim: Interpretation, *, known: bool) -> Check[Interpretation | None]:
+def find_reading(poses: CandidatePoses, claim: Interpretation, *, known: bool) -> Check[Interpretation | None]:
     """Return the most plausible reading; where the poses are known already, of z up and y up alone.
 
     None where the angles fit the robot in no order that is tried.
     """
     reading, judged = claim, poses.judged(claim)
-    findings: list[Finding] = []
+    findings: list[FormatFinding] = []
     for _ in range(_ROUNDS):
         deviations = list(_up_axes(reading) if known else _all(poses, reading))
         steps = [(item,) for item in deviations] + ([] if known else list(_of_root_and_world(reading)))
@@ -70,26 +69,24 @@ def find_reading(poses: Poses, claim: Interpretation, *, known: bool) -> Check[I
             break
         items, other = min(better, key=lambda pair: pair[1].penalty + _cost(pair[0]))
         are = " and ".join(item.is_ for item in items)
-        says = f"the numbers are {are}: {describe(other)}; as claimed {describe(judged)}"
+        numbers = f"the numbers are {are}: {describe(other)}; as claimed {describe(judged)}"
         for item in items:
-            mend = changes(reading, item.reading, poses.of, poses.joint_pos.shape[1])
-            findings.append(
-                Finding("contradiction", item.subject, "read as the format demands", says, item.advice, "poses", mend)
-            )
+            fix = changes(reading, item.reading, poses.of, poses.joint_pos.shape[1])
+            findings.append(contradiction(item.subject, "read as the format demands", numbers, item.advice, fix))
             reading = item.reading
         judged = other
-    if not known and judged.penalty > _STANDS and poses.judged(claim).outside > _OUT_OF_RANGE:
+    if not known and judged.penalty > _MAX_STANDING_PENALTY and poses.judged(claim).outside > _MAX_SHARE_OUTSIDE:
         yield _in_no_order(describe(poses.judged(claim)))
         return None
     yield from findings
     if reading is claim:
         subject, demand = ("up axis", "z up") if known else ("poses", "read as the format demands")
-        yield Finding("ok", subject, demand, f"the robot stands: {describe(judged)}")
+        yield FormatFinding("ok", subject, demand, f"the robot stands: {describe(judged)}")
     return reading
 
 
-def read_open(poses: Poses, claim: Interpretation, convention: Convention) -> Check[Interpretation]:
-    """Return the reading in the orders of quaternions and joints that fit best, of those that a format allows."""
+def read_open(poses: CandidatePoses, claim: Interpretation, convention: Convention) -> Check[Interpretation]:
+    """Return the most plausible of the orders of quaternions and joints that a format allows."""
     readings = _open_readings(poses.model, claim, convention)
     if len(readings) == 1:
         return claim
@@ -103,15 +100,15 @@ def read_open(poses: Poses, claim: Interpretation, convention: Convention) -> Ch
     alike = [words for words in others if penalty[words] - penalty[found] < _UNDECIDED]
     demand = "left open by the format"
     if alike:
-        yield Finding("unknown", "orders", demand, f"taken for {found}; as plausible as {', or '.join(alike)}")
+        yield FormatFinding("unknown", "orders", demand, f"taken for {found}; as plausible as {', or '.join(alike)}")
     else:
-        says = f"{found}: {describe(judged[found])}; next best {others[0]}: {describe(judged[others[0]])}"
-        yield Finding("ok", "orders", demand, says)
+        numbers = f"{found}: {describe(judged[found])}; next best {others[0]}: {describe(judged[others[0]])}"
+        yield FormatFinding("ok", "orders", demand, numbers)
     return readings[found]
 
 
 def _open_readings(model: RobotModel, claim: Interpretation, convention: Convention) -> dict[str, Interpretation]:
-    """Return what a format allows, in words, the usual one first."""
+    """Return the readings that a format allows by their descriptions, the usual one first."""
     turned = [item.reading for item in rotation_deviations(claim) if item.subject == "quaternion order"]
     rotations = [claim, *turned] if convention.quat_order is None else [claim]
     orders = {"MuJoCo's depth-first order": claim.columns}
@@ -124,48 +121,46 @@ def _open_readings(model: RobotModel, claim: Interpretation, convention: Convent
     }
 
 
-def _penalty_in_any_units(poses: Poses, reading: Interpretation) -> float:
-    """Return a reading's penalty, or what is less: that with another up axis or unit, and the cost of such a fault."""
+def _penalty_in_any_units(poses: CandidatePoses, reading: Interpretation) -> float:
+    """Return a reading's penalty, or if less, that with another up axis or unit and the cost of such a fault."""
     others = [*world_deviations(reading), *angle_deviations(reading, poses.model, poses.joint_pos)]
     return min(poses.judged(reading).penalty, *(poses.judged(item.reading).penalty + _GAIN for item in others))
 
 
-def _in_no_order(says: str) -> Finding:
+def _in_no_order(numbers: str) -> FormatFinding:
     advice = "Write the names of the joints beside the columns, in the order of the columns, or name another --robot."
-    return Finding(
-        "contradiction",
+    return contradiction(
         "joint order",
         "read as the format demands",
-        f"the columns are in no order that is known, or of another robot: {says}",
+        f"the columns are in no order that is known, or of another robot: {numbers}",
         advice,
-        "poses",
     )
 
 
-def undecided(poses: Poses, reading: Interpretation) -> Iterator[Finding]:
-    """Yield what else the numbers would allow."""
+def undecided(poses: CandidatePoses, reading: Interpretation) -> Iterator[FormatFinding]:
+    """Yield the other readings that are as plausible."""
     base = poses.judged(reading).penalty
     same = [item for item in _all(poses, reading) if poses.judged(item.reading).penalty - base < _UNDECIDED]
     whole = [item.is_ for item in same if item.subject != "joint sign"]
     signs = [item.is_.removeprefix("negated for ") for item in same if item.subject == "joint sign"]
     if whole:
-        says = f"as plausible if they were {', or '.join(whole)}"
-        yield Finding("unknown", "poses", "cannot be told from this motion", says)
+        numbers = f"as plausible if they were {', or '.join(whole)}"
+        yield FormatFinding("unknown", "poses", "cannot be told from this motion", numbers)
     if signs:
-        says = f"as plausible with the opposite sign of {', '.join(signs)}"
-        yield Finding("unknown", "joint sign", "cannot be told from this motion", says)
+        numbers = f"as plausible with the opposite sign of {', '.join(signs)}"
+        yield FormatFinding("unknown", "joint sign", "cannot be told from this motion", numbers)
 
 
 def _up_axes(reading: Interpretation) -> Iterator[Deviation]:
     return (item for item in world_deviations(reading) if item.subject == "up axis")
 
 
-def _all(poses: Poses, reading: Interpretation) -> Iterator[Deviation]:
+def _all(poses: CandidatePoses, reading: Interpretation) -> Iterator[Deviation]:
     yield from world_deviations(reading)
     yield from rotation_deviations(reading)
     yield from joint_deviations(reading, poses.model, poses.joint_pos)
     # A joint that never moves has no side to turn to: it may have been set so.
-    moving = np.ptp(poses.joint_pos, axis=0) > _STILL
+    moving = np.ptp(poses.joint_pos, axis=0) > _MIN_MOVEMENT_RAD
     yield from sign_deviations(reading, poses.model, moving)
 
 
@@ -181,12 +176,12 @@ def _is_better(items: tuple[Deviation, ...], judged: Plausibility, other: Plausi
 
 
 def _cost(items: tuple[Deviation, ...]) -> float:
-    """Return how much of the penalty faults have to take away."""
+    """Return the decrease of the penalty that faults must bring."""
     return sum(_SIGN_GAIN if item.subject == "joint sign" else _GAIN for item in items)
 
 
 def describe(judged: Plausibility) -> str:
-    """Return the figures that tell most, in words."""
+    """Return the most informative figures in words."""
     parts = [
         f"standing foot tilted {judged.tilt:.1f} deg",
         f"sliding at {judged.slide:.2f} of the pelvis' speed",

@@ -1,8 +1,8 @@
-"""Robot motions in the files of this and other programs, read as they are there and written as they are to be.
+"""Robot motions in the files of this and other programs, read unconverted and written by their conventions.
 
 Each format is a file here that owns its order of joints and bodies, its quaternions, units, names and rate.
-Adding one is one file and one line in `FORMATS`. What the numbers of a file mean, and whether they are what the
-format says, is decided by `hoi_retarget.motion.check`, which knows a robot.
+Adding one is one file, its import and a line in `FORMATS`. What the numbers of a file mean, and whether they are what
+the format says, is decided by `hoi_retarget.motion.check`, which knows a robot.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,23 +13,17 @@ from typing import Any
 from hoi_retarget.errors import ReadError
 from hoi_retarget.motion.formats import (
     asap,
-    beyondmimic,
+    csv,
     gmr,
-    gmr_npz,
     hdmi,
     holosoma,
-    holosoma_qpos,
-    mjlab,
-    named_csv,
-    omniretarget,
+    isaac_lab,
     own_result,
     protomotions,
     sbto,
-    seed_csv,
     sonic,
-    unitree_csv,
 )
-from hoi_retarget.motion.formats.arrays_by_name import ArraysByName
+from hoi_retarget.motion.formats.containers import ArraysByName
 from hoi_retarget.motion.formats.format import Format
 from hoi_retarget.motion.formats.motion_file import (
     WITHOUT_WRISTS,
@@ -56,20 +50,20 @@ __all__ = [
 # A file's format is the first that holds its entries: those that ask for more come first.
 FORMATS: tuple[Format, ...] = (
     own_result.FORMAT,
-    holosoma.FORMAT,
-    beyondmimic.FORMAT,
-    mjlab.FORMAT,
-    omniretarget.FORMAT,
-    holosoma_qpos.FORMAT,
+    holosoma.HOLOSOMA,
+    isaac_lab.BEYONDMIMIC,
+    isaac_lab.MJLAB,
+    holosoma.OMNIRETARGET,
+    holosoma.HOLOSOMA_QPOS,
     hdmi.FORMAT,
-    gmr_npz.FORMAT,
+    gmr.GMR_NPZ,
     sbto.FORMAT,
-    gmr.FORMAT,
+    gmr.GMR,
     asap.FORMAT,
     protomotions.FORMAT,
-    unitree_csv.FORMAT,
-    seed_csv.FORMAT,
-    named_csv.FORMAT,
+    csv.UNITREE_CSV,
+    csv.SEED_CSV,
+    csv.NAMED_CSV,
     sonic.FORMAT,
 )
 """All formats of one motion a file."""
@@ -78,12 +72,12 @@ WRITABLE: Mapping[str, Format] = MappingProxyType(
 )
 """By name, those to which results are exported."""
 
-KINDS = "*.npz, *.pkl, *.csv, *.motion, or a folder with motion.npz and meta.json, or with joint_pos.csv"
-"""What motions are read from, in words."""
+_KINDS = "*.npz, *.pkl, *.csv, *.motion, or a folder with motion.npz and meta.json, or with joint_pos.csv"
+"""Readable files, in words."""
 
 
 def read(path: Path) -> MotionFile:
-    """Return what a robot-motion file holds, whatever supported format it has.
+    """Return the content of a robot-motion file of any supported format.
 
     Raises:
         ReadError: The file is missing, damaged, of no known format, or holds numbers that are not finite.
@@ -92,7 +86,7 @@ def read(path: Path) -> MotionFile:
         return _read_folder(path)
     formats = [format for format in FORMATS if path.suffix.lower() in format.container.suffixes]
     if not formats:
-        raise ReadError(f"{path}: no robot motions are read from files of type {path.suffix!r}. Expected {KINDS}.")
+        raise ReadError(f"{path}: no robot motions are read from files of type {path.suffix!r}. Expected {_KINDS}.")
     return _read(path, formats)
 
 
@@ -104,7 +98,7 @@ def _read_folder(folder: Path) -> MotionFile:
     if len(motions) == 1:
         return read(motions[0])
     if not motions:
-        raise ReadError(f"{folder}: there is no motion in this folder. Expected {KINDS}.")
+        raise ReadError(f"{folder}: there is no motion in this folder. Expected {_KINDS}.")
     names = ", ".join(path.name for path in motions[:5])
     raise ReadError(
         f"{folder}: there are {len(motions)} motions in this folder ({names}{', ...' if len(motions) > 5 else ''}). "

@@ -4,8 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
-from hoi_retarget.motion.formats.containers import PICKLE
+from hoi_retarget.motion.formats.containers import PICKLE, ArraysByName, has
 from hoi_retarget.motion.formats.format import Format
 from hoi_retarget.motion.formats.motion_file import WITHOUT_WRISTS, Convention
 

@@ -1,4 +1,4 @@
-"""Containers of motion formats: how named values come out of a kind of file, and go into it as bytes."""
+"""Containers of motion formats: named values out of a kind of file, with clear errors, and into it as bytes."""
 
 import io
 import json
@@ -12,9 +12,8 @@ import numpy as np
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.files import npz
-from hoi_retarget.files.archive import limit_of_motion
-from hoi_retarget.files.numpy_pickle import parse_pickle
-from hoi_retarget.files.reading import read_bytes
+from hoi_retarget.files.array_pickle import parse_pickle
+from hoi_retarget.files.reading import limit_of_motion, read_bytes
 from hoi_retarget.files.torch_file import parse_torch
 
 FOLDER = "/"
@@ -27,6 +26,7 @@ JOINTS = "joint_pos"
 """The table of a folder of tables that has the joints; `<name> columns` are the names of a table's columns."""
 _TABLES = (JOINTS, "joint_vel", "body_pos", "body_quat", "body_lin_vel", "body_ang_vel")
 _KINDS = "biufU"
+_MAX_RATE = 1e300  # A whole number may be too large for a float.
 _PICKLED_BY_NUMPY_2 = b"cnumpy._core.multiarray\n_reconstruct\n"
 _READ_BY_ALL_NUMPYS = b"cnumpy.core.multiarray\n_reconstruct\n"
 
@@ -121,7 +121,7 @@ def _is_number(cell: str) -> bool:
 
 
 def to_json(content: Mapping[str, Any]) -> bytes:
-    """Return an indented JSON file; question marks stand for what no text can hold, such as half a character."""
+    """Return an indented JSON file; question marks stand for half characters, which no text can hold."""
     return (json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n").encode("utf-8", "replace")
 
 
@@ -157,3 +157,106 @@ NPZ_AND_JSON = Container((FOLDER, ".npz"), read_npz, inside=MOTION, encode=_to_f
 """A folder of two files; its arrays are also read on their own."""
 CSV_FOLDER = Container((FOLDER,), _read_csv_folder, inside=f"{JOINTS}.csv")
 """A folder of tables."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArraysByName:
+    """A file's entries by name; raises `ReadError` for one that is missing or something else."""
+
+    path: Path
+    values: Mapping[str, Any]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.values
+
+    def numbers(self, name: str) -> np.ndarray:
+        """Return an array of numbers."""
+        if name not in self.values:
+            there = ", ".join(sorted(map(str, self.values))) or "nothing"
+            raise ReadError(f"{self.path}: there is no '{name}' in it. It holds: {there}.")
+        value = self.values[name]
+        if isinstance(value, list | tuple):
+            value = _from_list(value)
+        if not isinstance(value, np.ndarray) or value.dtype.kind not in "biuf":
+            raise ReadError(f"{self.path}: '{name}' is no array of numbers. Make the file again.")
+        return value.astype(float)
+
+    def optional(self, name: str) -> np.ndarray | None:
+        """Return an array of numbers, None where it is not there."""
+        return self.numbers(name) if self.values.get(name) is not None else None
+
+    def table(self, name: str, min_columns: int) -> np.ndarray:
+        """Return a table, a frame a row."""
+        array = self.numbers(name)
+        if array.ndim != 2 or array.shape[1] < min_columns:
+            raise ReadError(
+                f"{self.path}: {name} has shape {array.shape}, expected a table of at least {min_columns} columns."
+            )
+        return array
+
+    def pose(self, position: str, rotation: str) -> np.ndarray:
+        """Return a free joint of its two arrays, the position first."""
+        return self.joined(self.numbers(position), self.numbers(rotation))
+
+    def joined(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        """Return a free joint of its position and its rotation over time, or its velocity of theirs."""
+        if first.ndim != 2 or second.ndim != 2 or len(first) != len(second):
+            raise ReadError(
+                f"{self.path}: parts of shapes {first.shape} and {second.shape} are no pose over time, nor a velocity."
+            )
+        return np.concatenate([first, second], axis=1)
+
+    def rate(self) -> float | None:
+        """Return the frames a second that are stated, None where they are not."""
+        value = self.values.get("fps")
+        if value is None:
+            return None
+        if isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and value.size == 1:
+            return float(value.reshape(()))
+        if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < _MAX_RATE:
+            return float(value)
+        raise ReadError(f"{self.path}: 'fps' is not one number. Make the file again.")
+
+    def text(self, name: str) -> str:
+        """Return a text."""
+        value = self.values.get(name)
+        if isinstance(value, np.ndarray) and value.dtype.kind == "U" and value.size == 1:
+            value = value.item()
+        if not isinstance(value, str):
+            raise ReadError(f"{self.path}: '{name}' is no text. Make the file again.")
+        return value
+
+    def names(self, name: str) -> tuple[str, ...]:
+        """Return a list of names."""
+        value = self.values.get(name)
+        if isinstance(value, np.ndarray) and value.dtype.kind == "U":
+            value = value.ravel().tolist()
+        if not isinstance(value, list | tuple) or not all(isinstance(item, str) for item in value):
+            raise ReadError(f"{self.path}: '{name}' is no list of names. Make the file again.")
+        return tuple(value)
+
+    def joint_names(self) -> tuple[str, ...] | None:
+        """Return the names of the joints' columns, by either of the keys that are in use; None without them."""
+        keys = (key for key in ("joint_names", "dof_names") if self.values.get(key) is not None)
+        return next((self.names(key) for key in keys), None)
+
+    def contents(self) -> tuple[str, ...]:
+        """Return the names, types and shapes of all entries, in words."""
+        return tuple(
+            f"{name} {value.dtype.name} {value.shape}"
+            if isinstance(value, np.ndarray)
+            else f"{name} {type(value).__name__}"
+            for name, value in self.values.items()
+        )
+
+
+def has(*names: str) -> Callable[[Mapping[str, Any]], bool]:
+    """Return whether all of these are among a file's entries, as a function of them."""
+    return lambda values: set(names) <= set(values)
+
+
+def _from_list(value: list | tuple) -> Any:
+    try:
+        return np.array(value)
+    except ValueError:  # Rows of different lengths.
+        return None

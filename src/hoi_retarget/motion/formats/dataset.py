@@ -14,7 +14,7 @@ import numpy as np
 
 from hoi_retarget import __version__
 from hoi_retarget.errors import HoiRetargetError
-from hoi_retarget.motion.contacts import contact_arrays
+from hoi_retarget.motion.contact_arrays import contact_arrays
 from hoi_retarget.motion.resample import resample
 from hoi_retarget.motion.result import UNKNOWN, Result
 

@@ -1,11 +1,10 @@
-"""The facts of a motion format: what tells its files, how they are read, and how they are written."""
+"""The facts of a motion format: the marks of its files, its reader and its writer."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from hoi_retarget.motion.formats.arrays_by_name import ArraysByName
-from hoi_retarget.motion.formats.containers import FOLDER, NPZ, Container
+from hoi_retarget.motion.formats.containers import FOLDER, NPZ, ArraysByName, Container
 from hoi_retarget.motion.formats.motion_file import Convention
 from hoi_retarget.motion.resample import ResampledMotion
 
@@ -14,7 +13,7 @@ VelocityPoint = Literal["link origins", "centres of mass", ""]
 
 @dataclass(frozen=True)
 class Written:
-    """A motion as a format has it, and what its readers have to know."""
+    """A motion as a format has it, with notes for its readers."""
 
     values: Mapping[str, Any]
     """Arrays and others by name; without contacts, which all formats have alike."""

@@ -1,20 +1,24 @@
-"""GMR's pickle of root and joints, scalar-last quaternions."""
+"""GMR's pickle of root and joints, scalar-last quaternions, and `.npz` files under its names.
 
+Few of the latter state the order of their quaternions' components and of their joints.
+"""
+
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
-from hoi_retarget.motion.formats.containers import PICKLE
+from hoi_retarget.errors import ReadError
+from hoi_retarget.motion.formats.containers import PICKLE, ArraysByName, has
 from hoi_retarget.motion.formats.format import Format, Written
 from hoi_retarget.motion.formats.motion_file import WITHOUT_WRISTS, Convention
-from hoi_retarget.motion.makers_joints import makers_joints
+from hoi_retarget.motion.links import source_joints
 from hoi_retarget.motion.resample import ResampledMotion
 from hoi_retarget.numerics import se3
 
 
-def read(arrays: ArraysByName) -> dict[str, Any]:
-    """Return what a GMR dictionary holds; raises `ReadError`."""
+def read_pickle(arrays: ArraysByName) -> dict[str, Any]:
+    """Return the fields of a `MotionFile`; raises `ReadError`."""
     return {
         "root": arrays.pose("root_pos", "root_rot"),
         "joint_pos": arrays.numbers("dof_pos"),
@@ -24,7 +28,7 @@ def read(arrays: ArraysByName) -> dict[str, Any]:
 
 def write(motion: ResampledMotion) -> Written:
     """Return one motion as GMR has it."""
-    qpos, joints = motion.qpos, makers_joints(motion)
+    qpos, joints = motion.qpos, source_joints(motion)
     values = {
         "fps": motion.rate,
         "root_pos": np.ascontiguousarray(qpos[:, :3]),
@@ -36,12 +40,45 @@ def write(motion: ResampledMotion) -> Written:
     return Written(values, joints.names)
 
 
-FORMAT = Format(
+GMR = Format(
     name="gmr",
     convention=Convention("gmr", quat_order="xyzw", usual_fps=30.0, usual_joints=WITHOUT_WRISTS),
     holds=has("root_pos", "root_rot", "dof_pos"),
-    read=read,
+    read=read_pickle,
     container=PICKLE,
     write=write,
     title="GMR, TWIST and what reads their files",
+)
+
+
+_JOINTS = {"dof_pos": "dof_vel", "joint_pos": "joint_vel"}
+_ORDER = "quat_convention"
+
+
+def _read_npz(arrays: ArraysByName) -> dict[str, Any]:
+    """Return the fields of a `MotionFile`; raises `ReadError`."""
+    joints = next(name for name in _JOINTS if name in arrays)
+    return {
+        "convention": replace(GMR_NPZ.convention, quat_order=_stated_order(arrays)),
+        "root": arrays.pose("root_pos", "root_rot"),
+        "joint_pos": arrays.numbers(joints),
+        "joint_vel": arrays.optional(_JOINTS[joints]),
+        "joint_names": arrays.joint_names(),
+    }
+
+
+def _stated_order(arrays: ArraysByName) -> Any:
+    if _ORDER not in arrays:
+        return None
+    stated = arrays.text(_ORDER)
+    if stated not in ("wxyz", "xyzw"):
+        raise ReadError(f"{arrays.path}: '{_ORDER}' is {stated!r}, expected 'wxyz' or 'xyzw'.")
+    return stated
+
+
+GMR_NPZ = Format(
+    name="gmr-npz",
+    convention=Convention("gmr-npz", quat_order=None, order=None, usual_fps=30.0, usual_joints=WITHOUT_WRISTS),
+    holds=lambda values: {"root_pos", "root_rot"} <= set(values) and not _JOINTS.keys().isdisjoint(values),
+    read=_read_npz,
 )

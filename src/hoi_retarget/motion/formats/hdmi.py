@@ -8,12 +8,11 @@ import numpy as np
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.files.reading import read_bytes
-from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
-from hoi_retarget.motion.formats.body_arrays import body_arrays, object_arrays, read_bodies, with_object
-from hoi_retarget.motion.formats.containers import META, NPZ_AND_JSON
+from hoi_retarget.motion.formats.containers import META, NPZ_AND_JSON, ArraysByName, has
 from hoi_retarget.motion.formats.format import Format, Written
+from hoi_retarget.motion.formats.isaac_lab import body_arrays, object_arrays, read_bodies, with_object
 from hoi_retarget.motion.formats.motion_file import ContactFlags, Convention
-from hoi_retarget.motion.makers_joints import makers_joints
+from hoi_retarget.motion.links import source_joints
 from hoi_retarget.motion.resample import ResampledMotion
 
 # Every motion of a training set must have the same meta.json; HDMI's own have no waist links.
@@ -22,7 +21,7 @@ _LOADED_AT = 50.0
 
 
 def read(arrays: ArraysByName) -> dict[str, Any]:
-    """Return what the arrays hold, with the names and the rate of the meta file beside; raises `ReadError`."""
+    """Return the fields of a `MotionFile`, names and rate from the meta file beside; raises `ReadError`."""
     meta = ArraysByName(arrays.path, _meta(arrays.path))
     return {
         "fps": meta.rate(),
@@ -62,21 +61,21 @@ def _meta(path: Path) -> dict:
 
 def write(motion: ResampledMotion) -> Written:
     """Return one motion as HDMI has it."""
-    thing, body_names = object_arrays(motion), motion.model.body_names
-    joints = makers_joints(motion)
+    object_paths, body_names = object_arrays(motion), motion.model.body_names
+    joints = source_joints(motion)
     kept = [index for index, name in enumerate(body_names) if name not in _LEFT_OUT]
-    names = [*(body_names[index] for index in kept), *([motion.object_name] if thing else [])]
+    names = [*(body_names[index] for index in kept), *([motion.object_name] if object_paths else [])]
     bodies = {name: array[:, kept] for name, array in body_arrays(motion, FORMAT.linear_velocity_of).items()}
     arrays = {"joint_pos": joints.pos, "joint_vel": joints.vel}
-    if thing:
+    if object_paths:
         touching = motion.contact_flags & (motion.contact_object == motion.object)
         arrays["object_contact"] = touching.any(axis=1, keepdims=True)
     meta = {"body_names": names, "joint_names": list(joints.names), "fps": float(motion.fps)}
     return Written(
-        {**with_object(bodies, thing), **arrays, META: meta},
+        {**with_object(bodies, object_paths), **arrays, META: meta},
         joints.names,
         tuple(names),
-        notes=_notes(motion.fps) if thing else (),
+        notes=_notes(motion.fps) if object_paths else (),
     )
 
 

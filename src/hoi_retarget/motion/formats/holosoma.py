@@ -1,14 +1,21 @@
-"""holosoma's whole-body tracking file: joints with the root before them, bodies by name, optionally one object."""
+"""holosoma's files: of its whole-body tracking, and the table of configurations of its retargeter.
 
+- `holosoma`: joints with the root before them, bodies by name, optionally one object.
+- `holosoma-qpos`: one table `qpos` of the robot's free joint, its hinges, and the objects' free joints, positions
+  first. Columns that are a unit quaternion in every frame are an object's, not hinges'.
+- `omniretarget`: the same of the OmniRetarget data set, rotations before positions.
+"""
+
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
-from hoi_retarget.motion.formats.body_arrays import body_arrays, object_arrays, read_bodies, with_object
+from hoi_retarget.motion.formats.containers import ArraysByName, has
 from hoi_retarget.motion.formats.format import Format, Written
-from hoi_retarget.motion.formats.motion_file import Convention, ObjectPoses
-from hoi_retarget.motion.makers_joints import makers_joints
+from hoi_retarget.motion.formats.isaac_lab import body_arrays, object_arrays, read_bodies, with_object
+from hoi_retarget.motion.formats.motion_file import MIN_COLUMNS, Convention, ObjectPoses
+from hoi_retarget.motion.links import source_joints
 from hoi_retarget.motion.resample import ResampledMotion
 from hoi_retarget.numerics import se3
 
@@ -26,8 +33,8 @@ _ABSENT_LINKS = (
 )
 
 
-def read(arrays: ArraysByName) -> dict[str, Any]:
-    """Return what the arrays of a training file hold; raises `ReadError`."""
+def _read_holosoma(arrays: ArraysByName) -> dict[str, Any]:
+    """Return the fields of a `MotionFile`; raises `ReadError`."""
     joint_pos, joint_vel = arrays.table("joint_pos", 8), arrays.table("joint_vel", 7)
     body_names = arrays.names("body_names")
     objects = ()
@@ -48,16 +55,16 @@ def read(arrays: ArraysByName) -> dict[str, Any]:
     }
 
 
-def write(motion: ResampledMotion) -> Written:
+def _write_holosoma(motion: ResampledMotion) -> Written:
     """Return one motion as holosoma's trainer has it."""
-    thing, joints = object_arrays(motion), makers_joints(motion)
-    names = (_WORLD, *motion.model.body_names, *([f"{motion.object_name}_link"] if thing else []))
+    object_paths, joints = object_arrays(motion), source_joints(motion)
+    names = (_WORLD, *motion.model.body_names, *([f"{motion.object_name}_link"] if object_paths else []))
     arrays = {
         "fps": np.array([motion.rate]),
         "joint_pos": np.concatenate([motion.qpos[:, :7], joints.pos], axis=1),
         "joint_vel": np.concatenate([motion.root_lin_vel, motion.root_ang_vel, joints.vel], axis=1),
-        **with_object(_with_world(body_arrays(motion, FORMAT.linear_velocity_of)), thing),
-        **thing,
+        **with_object(_with_world(body_arrays(motion, HOLOSOMA.linear_velocity_of)), object_paths),
+        **object_paths,
         "joint_names": np.array(joints.names, dtype=np.str_),
         "body_names": np.array(names, dtype=np.str_),
     }
@@ -65,7 +72,7 @@ def write(motion: ResampledMotion) -> Written:
 
 
 def _with_world(bodies: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return arrays of bodies with those of the world, which stands still, before them."""
+    """Return arrays of bodies behind those of the world, which stands still."""
     still = {4: se3.IDENTITY_QUAT, 3: np.zeros(3)}
     return {
         name: np.concatenate([np.tile(still[array.shape[-1]], (len(array), 1, 1)), array], axis=1)
@@ -83,15 +90,86 @@ def _notes(motion: ResampledMotion) -> tuple[str, ...]:
     )
 
 
-FORMAT = Format(
+HOLOSOMA = Format(
     name="holosoma",
     convention=Convention("holosoma-wbt", order="names"),
     holds=has("joint_pos", "joint_vel", "body_pos_w", "body_quat_w", "joint_names", "body_names"),
-    read=read,
-    write=write,
+    read=_read_holosoma,
+    write=_write_holosoma,
     title="holosoma, whole-body tracking",
     fps=50.0,
     place_for_object=True,
     contacts_inside=True,
     linear_velocity_of="centres of mass",
+)
+
+
+_UNIT_TOLERANCE = 1e-3
+
+
+def _read_qpos(arrays: ArraysByName) -> dict[str, Any]:
+    """Return the fields of a `MotionFile`; raises `ReadError`."""
+    qpos = arrays.table("qpos", MIN_COLUMNS)
+    end = qpos.shape[1]
+    poses: list[np.ndarray] = []
+    while end - 7 >= MIN_COLUMNS and _is_pose(qpos[:, end - 7 : end]):
+        end -= 7
+        poses.insert(0, qpos[:, end : end + 7])
+    names = ["object"] if len(poses) == 1 else [f"object{index}" for index in range(len(poses))]
+    objects = tuple(ObjectPoses(name, pose) for name, pose in zip(names, poses, strict=True))
+    return {"root": qpos[:, :7], "joint_pos": qpos[:, 7:end], "objects": objects}
+
+
+def _is_unit(quat: np.ndarray) -> bool:
+    """Return whether four columns are a unit quaternion in every frame."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        lengths = np.linalg.norm(quat.astype(float), axis=1)
+        return bool(np.abs(lengths - 1.0).max(initial=0.0) < _UNIT_TOLERANCE)
+
+
+def _is_pose(table: np.ndarray) -> bool:
+    return _is_unit(table[:, :4]) or _is_unit(table[:, 3:])
+
+
+def _write_qpos(motion: ResampledMotion) -> Written:
+    """Return one motion as a table."""
+    position_and_rotation, joints = list(object_arrays(motion).values())[:2], source_joints(motion)
+    qpos = np.concatenate([motion.qpos[:, :7], joints.pos, *position_and_rotation], axis=1)
+    return Written(
+        {"qpos": qpos, "fps": np.array(motion.rate)},
+        joints.names,
+        notes=(
+            f"holosoma's converter takes the rate from its command line: pass --input_fps {motion.rate}.",
+            "The human's joints and the solver's cost, which holosoma's retargeter adds, are not in the file.",
+        ),
+    )
+
+
+HOLOSOMA_QPOS = Format(
+    name="holosoma-qpos",
+    convention=Convention("holosoma-retarget", usual_fps=30.0),
+    holds=has("qpos"),
+    read=_read_qpos,
+    write=_write_qpos,
+    title="holosoma, converter and viewers of retargeted motions",
+    fps=30.0,
+    place_for_object=True,
+    contacts_inside=True,
+)
+
+
+def _is_rotation_first(values: Mapping[str, Any]) -> bool:
+    """Return whether the root's rotation is in the first four columns; holosoma's retargeter stores a cost, too."""
+    qpos = values.get("qpos")
+    is_table = isinstance(qpos, np.ndarray) and qpos.dtype.kind in "biuf" and qpos.ndim == 2
+    if "cost" in values or qpos is None or not is_table or qpos.shape[1] < MIN_COLUMNS:
+        return False
+    return _is_unit(qpos[:, :4]) and not _is_unit(qpos[:, 3:7])
+
+
+OMNIRETARGET = Format(
+    name="omniretarget",
+    convention=Convention("omniretarget", root_order="quat_pos", usual_fps=30.0),
+    holds=_is_rotation_first,
+    read=_read_qpos,
 )

@@ -1,4 +1,4 @@
-"""What is in a robot-motion file, as it is there: nothing is reordered, scaled or turned.
+"""The content of a robot-motion file as it is there: nothing is reordered, scaled or turned.
 
 Shapes come from foreign files: they are checked here, with an error for the user, not by annotations.
 """
@@ -12,13 +12,14 @@ from hoi_retarget.errors import ReadError
 from hoi_retarget.numerics.arrays import describe_frames, frozen
 
 LARGEST = 1e9  # In any unit: larger numbers are damage.
+MIN_COLUMNS = 8  # Of a table: a free joint and a hinge.
 MINIMUM_FRAMES = 3  # A velocity in the middle of a frame takes its two neighbours.
 WITHOUT_WRISTS = "all but the wrists, as GMT, TWIST and ASAP have them"
 
 
 @dataclass(frozen=True)
 class Convention:
-    """What a format demands of its numbers; None where it leaves a choice."""
+    """The demands of a format on its numbers; None where it leaves a choice."""
 
     name: str
     """Of the format."""
@@ -69,10 +70,15 @@ class ObjectPoses:
     lin_vel: Annotated[np.ndarray | None, Stored("the linear velocity of {name}", (3,))] = None
     ang_vel: Annotated[np.ndarray | None, Stored("the angular velocity of {name}", (3,))] = None
 
+    def as_body(self, convention: Convention) -> Bodies:
+        """Return it as one body."""
+        lin_vel, ang_vel = (None if values is None else values[:, None] for values in (self.lin_vel, self.ang_vel))
+        return Bodies(*convention.split(self.pose[:, None]), lin_vel, ang_vel)
+
 
 @dataclass(frozen=True, eq=False)
 class ContactFlags:
-    """Who touches when, by whatever names the file has for it."""
+    """Flags of touch over time, by the file's own names."""
 
     names: tuple[str, ...]
     flags: Annotated[np.ndarray, Stored("the contact flags", ("C",))]
@@ -134,9 +140,9 @@ class MotionFile:
                 ),
             )
             if array.shape != expected:
-                wanted = ", ".join("any" if isinstance(size, str) else str(size) for size in expected)
+                sizes_expected = ", ".join("any" if isinstance(size, str) else str(size) for size in expected)
                 raise ReadError(
-                    f"{self.path}: {name} have shape {array.shape}, expected ({wanted}): a {self.format} file."
+                    f"{self.path}: {name} have shape {array.shape}, expected ({sizes_expected}): a {self.format} file."
                 )
             self._check_values(name, array)
             object.__setattr__(owner, field.name, frozen(array, array.dtype))

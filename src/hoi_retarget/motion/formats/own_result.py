@@ -5,14 +5,14 @@ from typing import Any
 import numpy as np
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
+from hoi_retarget.motion.formats.containers import ArraysByName, has
 from hoi_retarget.motion.formats.format import Format
 from hoi_retarget.motion.formats.motion_file import ContactFlags, Convention, ObjectPoses
 from hoi_retarget.motion.result_file import load
 
 
 def read(arrays: ArraysByName) -> dict[str, Any]:
-    """Return what a result holds; raises `ReadError`."""
+    """Return the fields of a `MotionFile`; raises `ReadError`."""
     motion = load(arrays.path)
     if motion.qpos.shape[1] < 7:
         raise ReadError(

@@ -3,8 +3,7 @@
 from typing import Any
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
-from hoi_retarget.motion.formats.containers import TORCH
+from hoi_retarget.motion.formats.containers import TORCH, ArraysByName, has
 from hoi_retarget.motion.formats.format import Format
 from hoi_retarget.motion.formats.motion_file import Bodies, Convention
 
@@ -22,7 +21,7 @@ _G1_BODIES = (
 
 
 def read(arrays: ArraysByName) -> dict[str, Any]:
-    """Return what a motion holds; raises `ReadError`, also for one in a simulator's own order."""
+    """Return the fields of a `MotionFile`; raises `ReadError`, also for a simulator's own order."""
     layout = arrays.values.get("state_conversion", _COMMON)
     if layout != _COMMON:
         raise ReadError(

@@ -3,16 +3,15 @@
 from typing import Any
 
 from hoi_retarget.motion.formats import gmr
-from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
-from hoi_retarget.motion.formats.containers import PICKLE
+from hoi_retarget.motion.formats.containers import PICKLE, ArraysByName, has
 from hoi_retarget.motion.formats.format import Format
 from hoi_retarget.motion.formats.motion_file import WITHOUT_WRISTS, Convention, ObjectPoses
 
 
 def read(arrays: ArraysByName) -> dict[str, Any]:
-    """Return what an SBTO dictionary holds; raises `ReadError`."""
-    thing = ObjectPoses("object", arrays.pose("object_root_pos", "object_rot"))
-    return {**gmr.read(arrays), "objects": (thing,)}
+    """Return the fields of a `MotionFile`; raises `ReadError`."""
+    poses = ObjectPoses("object", arrays.pose("object_root_pos", "object_rot"))
+    return {**gmr.read_pickle(arrays), "objects": (poses,)}
 
 
 FORMAT = Format(

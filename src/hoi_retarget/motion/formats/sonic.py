@@ -5,17 +5,16 @@ from typing import Any
 import numpy as np
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.motion.formats.arrays_by_name import ArraysByName, has
-from hoi_retarget.motion.formats.containers import CSV_FOLDER, JOINTS
+from hoi_retarget.motion.formats.containers import CSV_FOLDER, JOINTS, ArraysByName, has
+from hoi_retarget.motion.formats.csv import named_columns
 from hoi_retarget.motion.formats.format import Format
 from hoi_retarget.motion.formats.motion_file import Convention
-from hoi_retarget.motion.formats.named_columns import named_columns
 
 _POSITIONS, _ROTATIONS, _VELOCITIES = "body_pos", "body_quat", ("body_lin_vel", "body_ang_vel")
 
 
 def read(arrays: ArraysByName) -> dict[str, Any]:
-    """Return what the tables hold; bodies but the first are passed over. Raises `ReadError`."""
+    """Return the fields of a `MotionFile`; bodies but the first are left out. Raises `ReadError`."""
     joints = named_columns(arrays.names(f"{JOINTS} columns"))
     root = arrays.joined(_first_body(arrays, _POSITIONS, 3), _first_body(arrays, _ROTATIONS, 4))
     velocities = [_first_body(arrays, name, 3) for name in _VELOCITIES if name in arrays]

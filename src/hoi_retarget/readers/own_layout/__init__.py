@@ -1,7 +1,7 @@
 """Reads and writes clips in a layout of our own, for recordings that no other reader knows: one `.npz`, documented.
 
 z up, floor at z = 0, metres, seconds, quaternions wxyz, no pickled objects; `docs/sources.md` describes every
-array. People are given as joints or as parameters of a body model. What is missing is derived by a stated rule or
+array. People are given as joints or as parameters of a body model. Missing parts are derived by a stated rule or
 refused: fingers are straight and hands flat where there are none, contact points are the parts' own points where none
 are given. Nothing else is made up.
 
@@ -16,38 +16,16 @@ from hoi_retarget.clip.grasp_check import READINGS
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ClipError, ReadError
 from hoi_retarget.files import npz
-from hoi_retarget.files.archive import limit_of_motion
-from hoi_retarget.files.reading import read_bytes
+from hoi_retarget.files.reading import limit_of_motion, read_bytes
 from hoi_retarget.files.source_file import FOLDER, SourceFile
-from hoi_retarget.readers.own_layout.arrays import Arrays
-from hoi_retarget.readers.own_layout.contacts import contacts_of
-from hoi_retarget.readers.own_layout.joints import BODY_JOINTS
-from hoi_retarget.readers.own_layout.layout import CLIP_FILE, FORMAT, SCHEMA, SCHEMA_KEY
-from hoi_retarget.readers.own_layout.objects import mesh_files as meshes_of
-from hoi_retarget.readers.own_layout.objects import object_names, objects_of
-from hoi_retarget.readers.own_layout.parameters import ARRAYS as PARAMETERS
-from hoi_retarget.readers.own_layout.people import people_of, summary_of
-from hoi_retarget.readers.own_layout.writing import encode, write
+from hoi_retarget.readers.own_layout.own_arrays import CLIP_FILE, FORMAT, SCHEMA_KEY, Arrays, encode, write
+from hoi_retarget.readers.own_layout.own_objects import contacts_of, mesh_paths, object_names, objects_of
+from hoi_retarget.readers.own_layout.own_people import BODY_JOINTS, PARAMETER_ARRAYS, people_of, summary_of
 from hoi_retarget.readers.reader import Outline, Reader
 
-__all__ = [
-    "BODY_JOINTS",
-    "CLIP_FILE",
-    "FORMAT",
-    "READER",
-    "SCHEMA",
-    "SCHEMA_KEY",
-    "clip_of",
-    "encode",
-    "file_of",
-    "has_parameters",
-    "holds",
-    "mesh_files",
-    "read",
-    "read_file",
-    "write",
-]
+__all__ = ["BODY_JOINTS", "CLIP_FILE", "FORMAT", "READER", "encode", "file_of", "mesh_files", "read", "write"]
 
+LICENCE = "the terms of the data, such as 'CC BY 4.0'"
 _OTHERS = (".pt", ".pth")
 """Endings of other recordings that are files; those that end with `.npz` say themselves what they are."""
 
@@ -58,17 +36,17 @@ def holds(file: SourceFile) -> bool:
         return SCHEMA_KEY in file.array_names
     clip = file_of(file.path)
     try:
-        return _says_so(clip) and not any(_is_recording(path) for path in file.path.rglob("*") if path != clip)
+        return _has_schema(clip) and not any(_is_recording(path) for path in file.path.rglob("*") if path != clip)
     except OSError:
         return False
 
 
-def _says_so(path: Path) -> bool:
+def _has_schema(path: Path) -> bool:
     return SCHEMA_KEY in SourceFile(path).array_names
 
 
 def _is_recording(path: Path) -> bool:
-    return path.suffix.lower() in _OTHERS or (path.suffix.lower() == ".npz" and _says_so(path))
+    return path.suffix.lower() in _OTHERS or (path.suffix.lower() == ".npz" and _has_schema(path))
 
 
 def file_of(path: Path) -> Path:
@@ -79,37 +57,31 @@ def file_of(path: Path) -> Path:
 
 def has_parameters(file: SourceFile) -> bool:
     """Return whether the people of a clip are parameters, which body models are needed for."""
-    return PARAMETERS[0] in SourceFile(file_of(file.path)).array_names
-
-
-def read_file(file: SourceFile, options: ReadOptions) -> Clip:
-    """Return the clip of an opened file or folder; otherwise as `read`."""
-    path = file_of(file.path)
-    return clip_of(path, file.content if path == file.path else file.read(path), options)
+    return PARAMETER_ARRAYS[0] in SourceFile(file_of(file.path)).array_names
 
 
 def read(path: Path, options: ReadOptions = ReadOptions()) -> Clip:
-    """Return the clip in `path`.
+    """Return the clip in a `.npz` file, or in a folder that has one called `clip.npz`; otherwise as `read_file`."""
+    return read_file(SourceFile(path), options)
+
+
+def read_file(file: SourceFile, options: ReadOptions) -> Clip:
+    """Return the clip in a file or folder.
 
     Args:
-        path: The `.npz` file, or the folder that has one called `clip.npz`.
-        options: What it is read with: the objects' folder for shapes that are neither in the clip nor beside it, no
+        file: The recording.
+        options: Those of reading: the objects' folder for shapes that are neither in the clip nor beside it, no
             object's name, as the clip names its objects, and the folder of the body models that parameters are of.
 
     Raises:
         ReadError: the file is missing, damaged, or of another layout, or so is the body model.
-        ClipError: arrays are missing, disagree, or contradict what the layout says.
+        ClipError: arrays are missing, disagree, or contradict the layout.
         GeometryError: the shape of an object cannot be had.
         BodyModelError: a body model is needed, and no folder of them is given.
         ArgumentError: an object's name is given.
     """
-    file = file_of(path)
-    return clip_of(file, read_bytes(file), options)
-
-
-def clip_of(path: Path, content: bytes, options: ReadOptions = ReadOptions()) -> Clip:
-    """Return the clip that the bytes of a file are; otherwise as `read`."""
-    arrays = _arrays(path, content)
+    path = file_of(file.path)
+    arrays, digest = _arrays(file)
     if options.object_name is not None:
         raise ArgumentError(
             f"{path}: --object {options.object_name} is for clips that do not name their object. Leave it out."
@@ -117,8 +89,9 @@ def clip_of(path: Path, content: bytes, options: ReadOptions = ReadOptions()) ->
     people, notes = people_of(arrays, options.body_models)
     tracks = objects_of(arrays, len(people[0].joint_positions), options.objects)
     contacts, contact_notes = contacts_of(arrays, people, tracks)
-    licence = arrays.text("licence", "the terms of the data, such as 'CC BY 4.0'")
+    licence = arrays.text("licence", LICENCE)
     arrays.check_all_used()
+    notes = (*arrays.texts("notes"), *notes, *contact_notes)
     try:
         return Clip(
             name=arrays.text("name", "what the clip is called"),
@@ -126,33 +99,28 @@ def clip_of(path: Path, content: bytes, options: ReadOptions = ReadOptions()) ->
             people=people,
             objects=tracks,
             contacts=contacts,
-            source=Source(
-                str(path),
-                hashlib.sha256(content).hexdigest(),
-                FORMAT,
-                licence,
-                (*arrays.texts("notes"), *notes, *contact_notes),
-            ),
+            source=Source(str(path), digest, FORMAT, licence, notes),
             first_source_frame=arrays.count("first_source_frame"),
         )
     except ClipError as error:
         raise ClipError(f"{path}: {error}") from error
 
 
-def _arrays(path: Path, content: bytes) -> Arrays:
-    """Return the arrays of a file of this layout; raises `ReadError` or `ClipError`."""
+def _arrays(file: SourceFile) -> tuple[Arrays, str]:
+    """Return the arrays of a clip and the SHA-256 of its file; raises `ReadError` or `ClipError`."""
+    path = file_of(file.path)
+    content = file.content if path == file.path else file.read(path)
     try:
         arrays = Arrays(path, npz.members(content, limit_of_motion(len(content))))
     except ValueError as error:
         raise ReadError(f"{path}: not a readable .npz file ({error}). Write it again.") from error
     arrays.check_schema()
-    return arrays
+    return arrays, hashlib.sha256(content).hexdigest()
 
 
 def outline(file: SourceFile) -> Outline:
-    """Return what the clip holds; raises `ReadError` or `ClipError`."""
-    path = file_of(file.path)
-    arrays = _arrays(path, file.content if path == file.path else file.read(path))
+    """Return the facts of the clip; raises `ReadError` or `ClipError`."""
+    arrays, _ = _arrays(file)
     frames, people, skeleton = summary_of(arrays)
     has_contacts = "contact_part" in arrays or "segment_part" in arrays
     return Outline(
@@ -165,7 +133,7 @@ def outline(file: SourceFile) -> Outline:
         people=people,
         objects=tuple(object_names(arrays)),
         contacts="the file" if has_contacts else "none in the file; found from distances",
-        licence=arrays.text("licence", "the terms of the data, such as 'CC BY 4.0'") or "not stated",
+        licence=arrays.text("licence", LICENCE) or "not stated",
     )
 
 
@@ -173,7 +141,7 @@ def mesh_files(path: Path) -> tuple[Path, ...]:
     """Return the mesh files beside a clip that it may need, whether there or not; none where it cannot be read."""
     file = file_of(path)
     try:
-        return meshes_of(Arrays(file, npz.members(read_bytes(file))))
+        return mesh_paths(Arrays(file, npz.members(read_bytes(file))))
     except (ReadError, ValueError, ClipError):
         return ()
 

@@ -42,7 +42,7 @@ class Bounds:
         return np.concatenate([unknown - self.lower, self.upper - unknown, self.step - change, self.step + change])
 
     def apply(self, change: Float[np.ndarray, "U n"]) -> Float[np.ndarray, "rows n"]:
-        """Return how the slacks change with the unknown joint angles."""
+        """Return the change of the slacks with the unknown joint angles [rad]."""
         still = np.zeros((1, change.shape[1]))
         steps = np.diff(change, axis=0, prepend=still[: self._open], append=still[: self._closed])
         return np.concatenate([change, -change, -steps, steps])
@@ -83,7 +83,7 @@ class Bounds:
         return min(self.pinned_after, 1)
 
     def _steps_at_each_frame(self, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the steps that end at an unknown frame, the last ones, and those that start at one, the first ones."""
+        """Return the steps to an unknown frame, the last ones, and the steps from one, the first ones."""
         return steps[: len(steps) - self._closed], steps[self._open :]
 
     def _frames(self, rows: int) -> int:

@@ -1,8 +1,8 @@
 """Pairs of links that may meet: which skin points of one are inside the solid of the other.
 
-All points that are inside count, so what is made of them is smooth however a link turns. Two links that cross deeply
-have points of the larger one on both sides of the smaller one, which would hold this fast: beyond `GRAZING`, only the
-smaller one's points tell the way out.
+All points inside count, so residuals are smooth however a link turns. Two links that cross deeply have points of the
+larger one on both sides of the smaller one, which would hold this fast: beyond `GRAZING_DEPTH_M`, only the smaller
+one's points decide the direction.
 """
 
 from bisect import bisect_left
@@ -10,19 +10,19 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float, Int
-from scipy.spatial import KDTree
 
 from hoi_retarget.numerics.distance_grid import DistanceGrid
+from hoi_retarget.robots.frames import Frame
 from hoi_retarget.robots.model import Kinematics
-from hoi_retarget.robots.parts import Frame
 from hoi_retarget.robots.skin import LinkSkin
 
-GRAZING = 8e-3  # [m]
+GRAZING_DEPTH_M = 8e-3  # [m]
 REACH = 0.02  # [m]: links that are further apart do not meet in one solve.
-LONGEST_WAY, STEPS_OUT = 0.1, 12
+MAX_EXIT_M, EXIT_STEPS = 0.1, 12
 """[m]; a link that is longer than this in a direction is left another way. Steps to its surface."""
-SPACING, COARSE = 0.006, 0.035  # [m] between a link's points; between those of them that tell where it is near.
+SPACING, COARSE = 0.006, 0.035  # [m] between a link's points; between the coarse ones of them.
 _OVERRATED = 1.5  # Beyond its grid, a solid may seem further away than it is by a factor of up to the root of 2.
 
 
@@ -48,7 +48,7 @@ class LinkPair:
     other: Frame
     solid: DistanceGrid
     deepest: float
-    """Depth from which on a point no longer tells the way out [m]."""
+    """Depth beyond which a point no longer decides the direction [m]."""
     frames: Int[np.ndarray, "F"]
     side: Float[np.ndarray, "3 T"] | None = None
     """World direction in which points are out of the solid; None where it is the nearest."""
@@ -56,7 +56,7 @@ class LinkPair:
     def meeting(self, here: Kinematics, there: Kinematics, margin: float) -> "Meeting | None":
         """Return the points that are inside or not as far from the solid as the margin [m], or None.
 
-        The link moves as `here` says and the other as `there`: the same trajectory, or those of two robots.
+        The link has the trajectory `here` and the other `there`: the same one, or those of two robots.
         """
         position, rotation = _pose(here, self.link, self.frames)
         other_position, turn = _pose(there, self.other, self.frames)
@@ -74,7 +74,7 @@ class LinkPair:
         if self.side is not None:
             away = np.einsum("jik,jk->ki", turn[:, :, times], self.side[:, self.frames[times]])
             ways = self._ways_out(seen, away, margin)
-            out = ways < LONGEST_WAY
+            out = ways < MAX_EXIT_M
             depths, slopes = np.where(out, ways, depths), np.where(out[:, None], away, slopes)
         active, first, column = np.unique(times, return_index=True, return_inverse=True)
         row = np.arange(len(times)) - first[column]
@@ -88,9 +88,9 @@ class LinkPair:
     def _ways_out(
         self, points: Float[np.ndarray, "K 3"], away: Float[np.ndarray, "K 3"], margin: float
     ) -> Float[np.ndarray, "K"]:
-        """Return how far points are from out of the solid in some directions, in the solid's frame [m]."""
+        """Return the distances of points to the outside of the solid along directions in its frame [m]."""
         ways = np.zeros(len(points))
-        for _ in range(STEPS_OUT):
+        for _ in range(EXIT_STEPS):
             ways += np.maximum(margin - self.solid.distances(points + ways[:, None] * away), 0.0)
         return np.where(self.solid.distances(points + ways[:, None] * away) > 0.0, ways, np.inf)
 
@@ -104,7 +104,7 @@ class LinkPair:
     def _near(
         self, rotation: np.ndarray, offset: np.ndarray, margin: float
     ) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"]]:
-        """Return frame and point, by frames, wherever the coarse point beside it does not tell that it is far."""
+        """Return frame and point, by frames, except for points that their coarse neighbour proves far."""
         distances = self._coarse(rotation, offset)
         frames = np.flatnonzero(distances.min(axis=1) < margin + _OVERRATED * COARSE)
         near = distances[frames[:, None], self.skin.nearest] < margin + _OVERRATED * self.skin.away
@@ -124,13 +124,13 @@ class Meeting:
     depths: Float[np.ndarray, "m F"]
     """[m]"""
     inwards: Float[np.ndarray, "m 3 F"]
-    """How the depth grows as the point moves, in world axes."""
+    """Derivative of the depth by the point's position, in world axes."""
     levers: Float[np.ndarray, "m 3 F"]
     """From the link's origin to the point, in world axes [m]."""
 
     @property
     def moments(self) -> Float[np.ndarray, "m 3 F"]:
-        """How the depth grows as the link turns about its origin [m]."""
+        """Derivative of the depth by the link's rotation about its origin [m/rad]."""
         return np.cross(self.levers, self.inwards, axis=1)
 
 
@@ -139,19 +139,25 @@ def near_pairs(
 ) -> tuple[LinkPair | None, LinkPair | None]:
     """Return the first link's points against the second's solid, and the other way around; None where they stay apart.
 
-    They have the frames in which the links are near. The first moves as `here` says, the second as `there`.
+    They have the frames in which the links are near.
+
+    Args:
+        first: Skin of one link.
+        second: Skin of the other.
+        here: Trajectory of the first link.
+        there: Trajectory of the second.
     """
     frames = _beside(first, second, here, there)
     if not frames.size:
         return None, None
     larger = first.radius > second.radius
     return (
-        _near_pair(first, second, here, there, GRAZING if larger else np.inf, frames),
-        _near_pair(second, first, there, here, np.inf if larger else GRAZING, frames),
+        _near_pair(first, second, here, there, GRAZING_DEPTH_M if larger else np.inf, frames),
+        _near_pair(second, first, there, here, np.inf if larger else GRAZING_DEPTH_M, frames),
     )
 
 
-def _near_pair(  # noqa: PLR0913, PLR0917 - what a pair is made of
+def _near_pair(  # noqa: PLR0913, PLR0917  # the parts of a pair
     link: LinkSkin, other: LinkSkin, here: Kinematics, there: Kinematics, deepest: float, frames: np.ndarray
 ) -> LinkPair | None:
     pair = LinkPair(link.frame, _spread(link), other.frame, other.solid, deepest, frames)
@@ -175,15 +181,15 @@ def _beside(first: LinkSkin, second: LinkSkin, here: Kinematics, there: Kinemati
 def _spread(link: LinkSkin) -> SpreadPoints:
     """Return the first of a link's points, as many as leave none further than `SPACING` from one of them."""
     count, coarse = (_covering(link.points, spacing) for spacing in (SPACING, COARSE))
-    away, nearest = KDTree(link.points[:coarse]).query(link.points[:count])
+    away, nearest = scipy.spatial.KDTree(link.points[:coarse]).query(link.points[:count])
     return SpreadPoints(link.points[:count], coarse, np.asarray(nearest), away)
 
 
 def _covering(points: Float[np.ndarray, "P 3"], spacing: float) -> int:
-    """Return how many of the first points leave none further than `spacing` from one of them."""
+    """Return the number of first points that leave no other point further than `spacing` [m] from one of them."""
 
     def covered(count: int) -> bool:
-        return bool(KDTree(points[:count]).query(points)[0].max() < spacing)
+        return bool(scipy.spatial.KDTree(points[:count]).query(points)[0].max() < spacing)
 
     return 1 + bisect_left(range(1, len(points)), True, key=covered)
 

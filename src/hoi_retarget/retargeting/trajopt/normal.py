@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hoi_retarget.retargeting.trajopt.rows import FrameRows, PairRows, Rows, StencilRows, TangentRows
+from hoi_retarget.retargeting.trajopt.problem import FrameRows, PairRows, Rows, StencilRows, TangentRows
 from hoi_retarget.robots.model import Kinematics
 
 
@@ -58,7 +58,7 @@ def _fix(band: np.ndarray, gradient: np.ndarray, fixed: Bool[np.ndarray, "nv"]) 
 
 
 def _width(part: Rows, nv: int) -> int:
-    """Return how many diagonals a row fills: between frames it couples few coordinates, not all."""
+    """Return the number of diagonals that a row fills: between frames it couples few coordinates."""
     if isinstance(part, StencilRows):
         return (len(part.coefficients) - 1) * nv + 1
     if isinstance(part, TangentRows):

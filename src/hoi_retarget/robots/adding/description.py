@@ -1,4 +1,4 @@
-"""A maker's URDF or MJCF, read as data: its tree, its limits and its meshes, everything else left out.
+"""A manufacturer's URDF or MJCF, read as data: its tree, its limits and its meshes, everything else left out.
 
 Nothing in it is executed, and no path in it is followed: meshes are found by name below its own folder.
 """
@@ -15,20 +15,19 @@ import mujoco
 import numpy as np
 
 from hoi_retarget.errors import RobotError
-from hoi_retarget.files.xml_file import parse_xml
-from hoi_retarget.robots.adding.collada import Colour
-from hoi_retarget.robots.adding.findings import Finding
-from hoi_retarget.robots.adding.mesh_files import SUFFIXES, Mesh, MeshFolder, joined_stl, mesh_folder, read_mesh
-from hoi_retarget.robots.mujoco_warnings import quiet
+from hoi_retarget.files.reading import parse_xml
+from hoi_retarget.robots.adding.findings import RobotFinding
+from hoi_retarget.robots.adding.mesh_files import SUFFIXES, Colour, Mesh, MeshFolder, joined_stl, mesh_folder, read_mesh
+from hoi_retarget.robots.mjcf import quiet
 from hoi_retarget.robots.spec import HeldJoint
 
 DEFAULT_SPEED = 20.0
 """Of joints of which no file says a speed limit [rad/s]."""
 _LAST_DRAWN = 2
 """MuJoCo's viewers draw no later group of shapes unless they are told to."""
-_FASTEST = 200.0
-_MOST_BYTES = 16 << 20
-_DEEPEST_INCLUDE = 8
+_MAX_SPEED = 200.0
+_MAX_BYTES = 16 << 20
+_MAX_INCLUDE_DEPTH = 8
 _COMPILER = {
     "strippath": "false",
     "fusestatic": "false",
@@ -38,7 +37,7 @@ _COMPILER = {
     "boundinertia": "1e-9",
     "angle": "radian",
 }
-_BETTER = 0.7
+_TURNED_DISTANCE = 0.7
 """Of meshes that are turned: so much nearer to the centres of mass."""
 _GREY = "0.5 0.5 0.5 1"
 _LEFT_OUT = (
@@ -59,13 +58,11 @@ _NO_SURFACE = ("hfield", "skin", "texture", "plugin", "flexcomp", "composite", "
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """What a file says of a robot."""
+    """The facts in a file about a robot."""
 
     path: Path
     sha256: str
     """Of the file."""
-    kind: str
-    """`urdf` or `mjcf`."""
     licence: str
     """File name of a licence beside it; empty where there is none."""
     compiled: mujoco.MjModel
@@ -74,7 +71,7 @@ class Description:
     torques: Mapping[str, float]
     """Torque limits [N m] by joint, where the file has them."""
     couplings: tuple[HeldJoint, ...]
-    findings: tuple[Finding, ...]
+    findings: tuple[RobotFinding, ...]
 
 
 def read_description(path: Path, meshes: Path | None = None) -> Description:
@@ -89,14 +86,13 @@ def read_description(path: Path, meshes: Path | None = None) -> Description:
     """
     root, content = _parsed(path)
     folder = mesh_folder(path, meshes)
-    findings: list[Finding] = []
-    kind = {"robot": "urdf", "mujoco": "mjcf"}.get(root.tag)
-    if kind is None:
+    findings: list[RobotFinding] = []
+    if root.tag not in {"robot", "mujoco"}:
         raise RobotError(f"{path}: it is neither a URDF nor an MJCF: its outermost element is <{root.tag}>.")
     speeds: dict[str, float] = {}
     couplings: list[HeldJoint] = []
     torques: dict[str, float] = {}
-    if kind == "urdf":
+    if root.tag == "robot":
         speeds, couplings = dict(_urdf_speeds(root)), list(_urdf_couplings(root))
         compiled = _compiled_urdf(path, root, folder, findings)
     else:
@@ -118,7 +114,6 @@ def read_description(path: Path, meshes: Path | None = None) -> Description:
     return Description(
         path,
         hashlib.sha256(content).hexdigest(),
-        kind,
         licence,
         compiled,
         speeds,
@@ -130,8 +125,8 @@ def read_description(path: Path, meshes: Path | None = None) -> Description:
 
 def _parsed(path: Path) -> tuple[ET.Element, bytes]:
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise RobotError(f"{path}: larger than {_MOST_BYTES >> 20} MiB: no description of a robot.")
+        if path.stat().st_size > _MAX_BYTES:
+            raise RobotError(f"{path}: larger than {_MAX_BYTES >> 20} MiB: no description of a robot.")
         content = path.read_bytes()
     except OSError as error:
         raise RobotError(f"{path}: cannot be read ({error.strerror or error}).") from error
@@ -149,14 +144,14 @@ def _with_includes(root: ET.Element, path: Path, depth: int) -> ET.Element:
             if child.tag != "include":
                 continue
             file = (own / child.get("file", "")).resolve()
-            if not file.is_relative_to(own) or depth >= _DEEPEST_INCLUDE:
+            if not file.is_relative_to(own) or depth >= _MAX_INCLUDE_DEPTH:
                 raise RobotError(f"{path}: it includes {child.get('file', '')!a}, which is not in its folder.")
             included = _with_includes(_parsed(file)[0], file if depth else path.with_name(file.name), depth + 1)
             parent[index : index + 1] = list(included)
     return root
 
 
-def _compiled_urdf(path: Path, root: ET.Element, folder: MeshFolder, findings: list[Finding]) -> mujoco.MjModel:
+def _compiled_urdf(path: Path, root: ET.Element, folder: MeshFolder, findings: list[RobotFinding]) -> mujoco.MjModel:
     """Return a URDF with its meshes; where files say that another axis is up, turned if that places them better."""
     assets = _Assets(folder)
     compiled = _compiled(path, _described(path, _with_urdf_meshes(deepcopy(root), assets), assets))
@@ -165,18 +160,18 @@ def _compiled_urdf(path: Path, root: ET.Element, folder: MeshFolder, findings: l
         turned = _Assets(folder, upright=True)
         upright = _compiled(path, _described(path, _with_urdf_meshes(deepcopy(root), turned), turned))
         before, after = 1000 * _off_masses(compiled), 1000 * _off_masses(upright)
-        if after < _BETTER * before:
+        if after < _TURNED_DISTANCE * before:
             what = (
                 f"turned by the up_axis of the .dae files, which rviz leaves out: centres of links are {after:.0f} mm "
                 f"from their centres of mass, {before:.0f} mm otherwise"
             )
-            findings.append(Finding("warn", "meshes", what, "--meshes DIR"))
+            findings.append(RobotFinding("warn", "meshes", what, "--meshes DIR"))
             return upright
     return compiled
 
 
 def _off_masses(compiled: mujoco.MjModel) -> float:
-    """Return how far the centres of meshes are from the centres of mass of their links, on average [m]."""
+    """Return the mean distance between the centres of meshes and the centres of mass of their links [m]."""
     meshes = compiled.geom_type == mujoco.mjtGeom.mjGEOM_MESH
     away = compiled.geom_pos[meshes] - compiled.body_ipos[compiled.geom_bodyid[meshes]]
     return float(np.linalg.norm(away, axis=1).mean()) if len(away) else 0.0
@@ -230,7 +225,7 @@ def _colour(shape: ET.Element, named: Mapping[str | None, ET.Element | None]) ->
         ET.SubElement(shape, "material", name="").append(ET.Element("color", rgba=_GREY) if colour is None else colour)
 
 
-def _with_mjcf_meshes(root: ET.Element, assets: "_Assets") -> ET.Element:  # noqa: C901, PLR0912 - one pass over a tree
+def _with_mjcf_meshes(root: ET.Element, assets: "_Assets") -> ET.Element:  # noqa: C901, PLR0912  # one pass over a tree
     for tag in _LEFT_OUT:
         for element in root.findall(tag):
             root.remove(element)
@@ -279,11 +274,11 @@ class _Assets:
         self._unread: dict[str, str] = {}
         self._parts: dict[Path, tuple[tuple[str, Colour | None], ...]] = {}
 
-    def parts_of(self, wanted: str) -> tuple[tuple[str, Colour | None], ...]:
+    def parts_of(self, name: str) -> tuple[tuple[str, Colour | None], ...]:
         """Return the assets that a description's path stands for; none where there is no such file or surface."""
-        file = self.folder.find(wanted)
+        file = self.folder.find(name)
         if file is None:
-            self._missing[wanted.replace("\\", "/").rsplit("/", 1)[-1]] = None
+            self._missing[name.replace("\\", "/").rsplit("/", 1)[-1]] = None
             return ()
         if file not in self._parts:
             try:
@@ -298,7 +293,7 @@ class _Assets:
         return self._parts[file]
 
     def joined(self, parts: Sequence[tuple[str, Colour | None]]) -> str:
-        """Return the one asset of all parts of a file, whatever their colours."""
+        """Return the asset of all parts of a file as one, without their colours."""
         first = parts[0][0]
         if len(parts) > 1:
             name = first.replace("mesh", "whole")
@@ -306,12 +301,12 @@ class _Assets:
             return name
         return first
 
-    def findings(self) -> Iterator[Finding]:
-        """Yield what to tell of files that are not there, or cannot be read."""
+    def findings(self) -> Iterator[RobotFinding]:
+        """Yield the findings about missing and unreadable files."""
         if self._unread:
             name, why = next(iter(self._unread.items()))
             what = f"{len(self._unread)} files cannot be read ({_some(self._unread)}); {name}: {why}"
-            yield Finding("warn", "meshes", what, "--meshes DIR")
+            yield RobotFinding("warn", "meshes", what, "--meshes DIR")
         if not self._missing:
             return
         places = " or ".join(str(top) for top in self.folder.folders)
@@ -320,7 +315,7 @@ class _Assets:
         unread = sorted({Path(name).suffix.lower() for name in self._missing} - {*SUFFIXES, ""})
         if unread:
             what += f"; {', '.join(unread)} is not read: convert it, under the same name, with Blender or MeshLab"
-        yield Finding("warn", "meshes", what, "--meshes DIR")
+        yield RobotFinding("warn", "meshes", what, "--meshes DIR")
 
 
 def _some(names: Iterable[str]) -> str:
@@ -342,8 +337,8 @@ def _compiled(path: Path, description: mujoco.MjSpec) -> mujoco.MjModel:
         for element in list(getattr(description, kind)):
             description.delete(element)
     for geom in description.geoms:
-        # Whether a shape collides is told apart by MuJoCo's group of what is only seen; hulls are not needed here.
-        # Groups that viewers do not draw are no look, whether they collide or not.
+        # Visible shapes get a group of their own, and no contacts, which would need hulls. Shapes in groups that
+        # viewers do not draw are not visible, whether they collide or not.
         geom.group = 0 if geom.contype or geom.conaffinity or geom.group > _LAST_DRAWN else 1
         geom.contype = geom.conaffinity = 0
     for mesh in description.meshes:
@@ -370,7 +365,7 @@ def _urdf_speeds(root: ET.Element) -> Iterator[tuple[str, float]]:
     for joint in root.findall("joint"):
         limit = joint.find("limit")
         speed = _number(None if limit is None else limit.get("velocity"), 0.0)
-        if 0.0 < speed < _FASTEST:
+        if 0.0 < speed < _MAX_SPEED:
             yield joint.get("name", ""), speed
 
 
@@ -394,7 +389,7 @@ def _urdf_couplings(root: ET.Element) -> Iterator[HeldJoint]:
             yield HeldJoint(joint.get("name", ""), mimic.get("joint", ""), ratio, offset)
 
 
-def _mjcf_couplings(description: mujoco.MjSpec, findings: list[Finding]) -> Iterator[HeldJoint]:
+def _mjcf_couplings(description: mujoco.MjSpec, findings: list[RobotFinding]) -> Iterator[HeldJoint]:
     loops = 0
     for equality in description.equalities:
         if equality.type == mujoco.mjtEq.mjEQ_JOINT:
@@ -404,11 +399,11 @@ def _mjcf_couplings(description: mujoco.MjSpec, findings: list[Finding]) -> Iter
             loops += 1
     if loops:
         what = f"{loops} constraints that close loops are left out; joints in such loops move on their own"
-        findings.append(Finding("warn", "closed loops", what, 'lock = ["JOINT", ...]'))
+        findings.append(RobotFinding("warn", "closed loops", what, 'lock = ["JOINT", ...]'))
 
 
 def _actuator_torques(description: mujoco.MjSpec) -> dict[str, float]:
-    """Return what an MJCF's drives give [N m], by joint."""
+    """Return the torque limits of an MJCF's drives [N m] by joint."""
     torques: dict[str, float] = {}
     for actuator in description.actuators:
         ranged = actuator.forcerange if actuator.forcerange[1] > 0 else None
@@ -428,7 +423,7 @@ def _number(text: str | None, otherwise: float) -> float:
 
 
 def with_ranges(description: Description, ranges: Mapping[str, tuple[float, float]]) -> Description:
-    """Return a description some of whose joints have other ranges [rad]."""
+    """Return a description with other ranges [rad] of some joints."""
     if not ranges:
         return description
     compiled = copy(description.compiled)

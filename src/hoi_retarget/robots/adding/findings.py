@@ -1,37 +1,41 @@
-"""What was found about a description, for the user: what it was taken for, and what would change that."""
+"""Findings about a robot for the user, and the user's hints, a small optional TOML file, where findings go wrong."""
 
-from dataclasses import dataclass
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
-from hoi_retarget.errors import RobotError
+import msgspec
+
+from hoi_retarget.errors import ArgumentError, RobotError
 
 Level = Literal["ok", "warn", "error"]
 
 
 @dataclass(frozen=True)
-class Finding:
-    """One line of the table."""
+class RobotFinding:
+    """One fact about a robot, or one fault of its description."""
 
     level: Level
     subject: str
-    """Such as `left knee`."""
+    """Part, joint, site, body or file, such as `left knee`."""
     what: str
-    """What was found, with its numbers."""
+    """The fact or the fault, with its numbers."""
     hint: str = ""
-    """The line of the hints file, or the option, that would change it."""
+    """The line of the hints file, the option or the correction that would change it; empty where none is needed."""
 
 
 @dataclass(frozen=True)
 class Record:
-    """How a robot was added, to be told again."""
+    """The findings and trials of a robot when it was added."""
 
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[RobotFinding, ...] = ()
     tried: tuple[str, ...] = ()
     """Built-in clips."""
 
 
 def hint_of_site(site: str) -> str:
-    """Return the line of the hints file that moves a site, as far as one does."""
+    """Return the line of the hints file that moves a site; that of the forward axis where none moves it alone."""
     side, _, place = site.rpartition("_")
     if "sole" in side or place in {"hip", "knee", "foot", "toe"}:
         return f'{side.split("_")[0] or "left"}.knee = "JOINT"'
@@ -40,5 +44,62 @@ def hint_of_site(site: str) -> str:
     return 'ahead = "x"  # or -x, y, -y'
 
 
-class Refused(RobotError):
-    """A description that no robot for retargeting can be made of; its message says why."""
+class UnsuitableRobotError(RobotError):
+    """A description of a robot that cannot be retargeted to; its message says why."""
+
+
+@dataclass(frozen=True)
+class Limb:
+    """Joints of one side, by name."""
+
+    knee: str = ""
+    elbow: str = ""
+
+
+@dataclass(frozen=True)
+class Hints:
+    """Facts of a robot that the user states, in place of findings."""
+
+    ahead: str = ""
+    """Forward axis in the zero pose: x, -x, y, -y."""
+    base: Literal["", "stays", "follows"] = ""
+    """Motion of the base of a robot of which the upper body alone follows a person."""
+    stature: float | None = None
+    """Human height times root scale [m]."""
+    hand_roll: float = 0.0
+    """Rotation of the hands about the forearms, thumbs outwards [deg]."""
+    lock: tuple[str, ...] = ()
+    """Joints that are held."""
+    left: Limb = Limb()
+    right: Limb = Limb()
+    range: dict[str, tuple[float, float]] = field(default_factory=dict)
+    """Ranges by joint, in place of those of the file [rad]."""
+    speed: dict[str, float] = field(default_factory=dict)
+    """Speed limits by joint [rad/s]; `default` is that of all others that have none."""
+
+
+def read_hints(path: Path | None) -> Hints:
+    """Return the hints in a file, or none.
+
+    Raises `ArgumentError` where it cannot be read, or has an unknown key or a wrong value.
+    """
+    if path is None:
+        return Hints()
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        unknown = sorted(set(table) - set(Hints.__dataclass_fields__))
+        if unknown:
+            raise ValueError(f"unknown: {', '.join(unknown)}; known: {', '.join(Hints.__dataclass_fields__)}")
+        hints = msgspec.convert(table, Hints)
+    except OSError as error:
+        raise ArgumentError(f"--hints {path}: cannot be read ({error.strerror or error}).") from error
+    except (ValueError, msgspec.ValidationError) as error:
+        raise ArgumentError(f"--hints {path}: {error}.") from error
+    if hints.stature is not None and not 0.2 < hints.stature < 3.0:
+        raise ArgumentError(f"--hints {path}: stature = {hints.stature}: it is in metres, 0.2 to 3.")
+    if not all(0.0 < speed < 1000.0 for speed in hints.speed.values()):
+        raise ArgumentError(f"--hints {path}: speeds are positive numbers [rad/s].")
+    wrong = [joint for joint, (lower, upper) in hints.range.items() if not -10.0 < lower < upper < 10.0]
+    if wrong:
+        raise ArgumentError(f"--hints {path}: range.{wrong[0]}: a range is [lower, upper] [rad].")
+    return hints

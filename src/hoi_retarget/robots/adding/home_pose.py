@@ -11,18 +11,18 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.spec import SIDES
 
-_BEND, _ELBOW, _OUT, _FORE = 0.15, 0.47, 0.2, 0.15
+_KNEE, _ELBOW, _ARM_OUT, _ARM_AHEAD = 0.15, 0.47, 0.2, 0.15
 """Of thigh and shank against the vertical, of the forearm below the horizontal, of arms outwards and ahead [rad]."""
 _WEIGHTS = {"wrist": 0.3, "elbow": 0.7, "foot": 2.0}
-_NEAR_ZERO = 0.01
-_INSIDE = 1e-3
-_STEP = 1e-6
-_MORE_STARTS, _GOOD = 6, 2.0
+_ZERO_WEIGHT = 0.01
+_RANGE_MARGIN = 1e-3  # [rad]
+_STEP = 1e-6  # Of finite differences [rad].
+_MORE_STARTS, _SUFFICIENT_DEG = 6, 2.0
 
 
 @dataclass(frozen=True)
 class HomePose:
-    """Joint angles, and by how much each site misses its goal."""
+    """Joint angles, and the distance of each site from its goal."""
 
     angles: Mapping[str, float]
     """[rad]"""
@@ -33,11 +33,11 @@ def home_goals() -> dict[str, Float[np.ndarray, "3 3"]]:
     """Return the rotations of the sites in the home pose, in axes ahead, left, up."""
     goals = {"pelvis": np.eye(3), "torso": np.eye(3)}
     for side, sign in zip(SIDES, (1.0, -1.0), strict=True):
-        arm = _turn(sign * _OUT, 0.0) @ _turn(0.0, _FORE)
-        fore = _turn(sign * _OUT, 0.0) @ _turn(0.0, _FORE + np.pi / 2 - _ELBOW)
+        arm = _turn(sign * _ARM_OUT, 0.0) @ _turn(0.0, _ARM_AHEAD)
+        fore = _turn(sign * _ARM_OUT, 0.0) @ _turn(0.0, _ARM_AHEAD + np.pi / 2 - _ELBOW)
         goals |= {
-            f"{side}_hip": _turn(0.0, -_BEND),
-            f"{side}_knee": _turn(0.0, _BEND),
+            f"{side}_hip": _turn(0.0, -_KNEE),
+            f"{side}_knee": _turn(0.0, _KNEE),
             f"{side}_foot": np.eye(3),
             f"{side}_shoulder": arm,
             f"{side}_elbow": fore,
@@ -47,8 +47,8 @@ def home_goals() -> dict[str, Float[np.ndarray, "3 3"]]:
 
 
 def solve_home(model: RobotModel) -> HomePose:
-    """Return the pose within a robot's ranges that comes nearest to the goals."""
-    lower, upper = model.lower + _INSIDE, model.upper - _INSIDE
+    """Return the pose nearest to the goals within a robot's ranges."""
+    lower, upper = model.lower + _RANGE_MARGIN, model.upper - _RANGE_MARGIN
     narrow = upper <= lower
     middle = 0.5 * (model.lower + model.upper)
     lower, upper = np.where(narrow, middle - 1e-9, lower), np.where(narrow, middle + 1e-9, upper)
@@ -64,15 +64,14 @@ def solve_home(model: RobotModel) -> HomePose:
 
     def solved(start: np.ndarray) -> tuple[float, np.ndarray]:
         inside = np.clip(start, lower + 1e-10, upper - 1e-10)
-        # scipy's types know the names of methods alone.
-        found = least_squares(residuals, inside, jac=jacobian, bounds=(lower, upper))  # pyright: ignore[reportArgumentType]
+        found = least_squares(residuals, inside, jac=jacobian, bounds=(lower, upper))  # pyright: ignore[reportArgumentType]  # scipy's types
         return float(found.cost), found.x
 
     best = min((solved(start) for start in (np.zeros(model.n), middle)), key=lambda one: one[0])
     # Limbs that are stretched or turned half around in the zero pose may need another way.
     random = np.random.default_rng(0)
     for _ in range(_MORE_STARTS):
-        if max(_missed(model, goals, best[1]).values()) < _GOOD:
+        if max(_missed(model, goals, best[1]).values()) < _SUFFICIENT_DEG:
             break
         best = min(best, solved(random.uniform(lower, upper)), key=lambda one: one[0])
     angles = np.clip(best[1], lower, upper)
@@ -101,7 +100,7 @@ def _residuals(model: RobotModel, goals: Mapping[str, np.ndarray], angles: Float
         _WEIGHTS.get(site.split("_")[-1], 1.0) * (kinematics.site_rotation(site) - goal).reshape(len(angles), 9)
         for site, goal in goals.items()
     ]
-    return np.concatenate([*rows, _NEAR_ZERO * angles], axis=1)
+    return np.concatenate([*rows, _ZERO_WEIGHT * angles], axis=1)
 
 
 def _posed(model: RobotModel, angles: Float[np.ndarray, "T n"]) -> Kinematics:

@@ -10,15 +10,22 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.robots.adding.anatomy import Anatomy, PlacedSite, arm_findings, arm_sites, spare_joints, trunk_sites
+from hoi_retarget.robots.adding.arms import Arm
 from hoi_retarget.robots.adding.description import Description
-from hoi_retarget.robots.adding.facing import Facing, find_facing
-from hoi_retarget.robots.adding.findings import Finding
-from hoi_retarget.robots.adding.hands import Arm, find_arm
-from hoi_retarget.robots.adding.hints import Hints
+from hoi_retarget.robots.adding.findings import Hints, RobotFinding
+from hoi_retarget.robots.adding.forward_axis import TrunkAxes, find_forward_axis
 from hoi_retarget.robots.adding.home_pose import home_goals
-from hoi_retarget.robots.adding.limbs import find_arms
-from hoi_retarget.robots.adding.zero_pose import ZeroPose, zero_pose
+from hoi_retarget.robots.adding.kinematic_chains import find_arms
+from hoi_retarget.robots.adding.morphology import (
+    Morphology,
+    PlacedSite,
+    arm_findings,
+    arm_sites,
+    find_both_arms,
+    pose_and_limbs,
+    trunk_sites,
+)
+from hoi_retarget.robots.adding.zero_pose import ZeroPose
 from hoi_retarget.robots.spec import SIDES
 
 _SHOULDERS, _ARM = 0.82, 0.30
@@ -38,54 +45,43 @@ _LEG = {
 """A person's left leg: ahead, left and above the floor under the shoulders, as shares of the stature."""
 
 
-def find_upper_body(description: Description, hints: Hints) -> Anatomy:
-    """Return what a description's joints and links above its base are.
+def find_upper_body(description: Description, hints: Hints) -> Morphology:
+    """Return the morphology above a robot's base.
 
     Raises:
-        Refused: It has no two arms that can follow a person's, or which way it looks is not told.
+        UnsuitableRobotError: It has no two arms that can follow a person's, or its forward axis cannot be decided.
     """
-    pose = zero_pose(description, hints.lock)
-    limbs = find_arms(pose)
-    if spare := spare_joints(pose, limbs):
-        pose = zero_pose(description, (*hints.lock, *spare))
-        limbs = find_arms(pose)
-    facing = find_facing(pose, limbs, (), (), hints.ahead)
-    if not facing.first_is_left:
+    pose, limbs = pose_and_limbs(description, hints, find_arms)
+    trunk = find_forward_axis(pose, limbs, (), (), hints.ahead)
+    if not trunk.first_is_left:
         limbs = replace(limbs, arms=limbs.arms[::-1])
-    first, second = (
-        find_arm(pose, chain, facing.axes[:, 0], inward, named=limb.elbow, roll=np.radians(hints.hand_roll))
-        for chain, inward, limb in zip(limbs.arms, (-1, 1), (hints.left, hints.right), strict=True)
-    )
-    arms = (first, second)
-    stature, height, by = _stature(pose, facing, arms, hints.stature)
-    shoulders = 0.5 * (first.bend.top + second.bend.top)
-    floor = shoulders - height * facing.axes[:, 2]
-    sites = dict(_leg_sites(pose, facing, floor, stature))
+    arms = find_both_arms(pose, limbs, trunk, hints)
+    stature, height, by = _stature(pose, trunk, arms, hints.stature)
+    shoulders = 0.5 * (arms[0].elbow.top + arms[1].elbow.top)
+    floor = shoulders - height * trunk.axes[:, 2]
+    sites = dict(_leg_sites(pose, trunk, floor, stature))
     hips = 0.5 * (sites["left_hip"].position + sites["right_hip"].position)
-    sites |= dict(trunk_sites(pose, limbs, facing, hips, shoulders, stature=stature))
-    for side, chain, arm in zip(SIDES, limbs.arms, arms, strict=True):
-        sites |= {f"{side}_{name}": site for name, site in arm_sites(pose, chain, arm)}
+    sites |= dict(trunk_sites(pose, limbs, trunk, hips, shoulders, stature=stature))
+    sites |= arm_sites(pose, limbs, arms)
     held = ", ".join(one.joint for one in pose.held[:4]) + (", ..." if len(pose.held) > 4 else "")
     findings = (
         *description.findings,
-        Finding(
+        RobotFinding(
             "ok", "base", f"{hints.base}; {len(pose.held)} joints are held ({held})", 'base = "stays"  # or follows'
         ),
-        *(
-            finding
-            for side, chain, arm in zip(SIDES, limbs.arms, arms, strict=True)
-            for finding in arm_findings(pose, side, chain, arm)
+        *arm_findings(pose, limbs, arms),
+        trunk.finding,
+        RobotFinding(
+            "ok", "stature", f"{stature:.2f} m {by}; the shoulders are {height:.2f} m high", "stature = NUMBER"
         ),
-        facing.finding,
-        Finding("ok", "stature", f"{stature:.2f} m {by}; the shoulders are {height:.2f} m high", "stature = NUMBER"),
     )
-    return Anatomy(pose, facing, sites, arms, stature, findings)
+    return Morphology(pose, trunk, sites, arms, stature, findings)
 
 
-def _stature(pose: ZeroPose, facing: Facing, arms: tuple[Arm, Arm], named: float | None) -> tuple[float, float, str]:
-    """Return the stature and the shoulders' height above the floor [m], and what tells them."""
-    up = facing.axes[:, 2]
-    shoulders = float(np.mean([arm.bend.top @ up for arm in arms]))
+def _stature(pose: ZeroPose, trunk: TrunkAxes, arms: tuple[Arm, Arm], named: float | None) -> tuple[float, float, str]:
+    """Return the stature and the shoulders' height above the floor [m], and their source in words."""
+    up = trunk.axes[:, 2]
+    shoulders = float(np.mean([arm.elbow.top @ up for arm in arms]))
     points = pose.points(*pose.parts)
     lowest = float((points @ up).min()) if len(points) else float((pose.anchors @ up).min())
     height, by_arm = shoulders - lowest, float(np.mean([_length(arm) for arm in arms])) / _ARM
@@ -96,15 +92,15 @@ def _stature(pose: ZeroPose, facing: Facing, arms: tuple[Arm, Arm], named: float
 
 
 def _length(arm: Arm) -> float:
-    return float(np.linalg.norm(arm.bend.top - arm.bend.middle) + np.linalg.norm(arm.wrist - arm.bend.middle))
+    return float(np.linalg.norm(arm.elbow.top - arm.elbow.middle) + np.linalg.norm(arm.wrist - arm.elbow.middle))
 
 
 def _leg_sites(
-    pose: ZeroPose, facing: Facing, floor: Float[np.ndarray, "3"], stature: float
+    pose: ZeroPose, trunk: TrunkAxes, floor: Float[np.ndarray, "3"], stature: float
 ) -> Iterator[tuple[str, PlacedSite]]:
     goals = home_goals()
     for side, sign in zip(SIDES, (1.0, -1.0), strict=True):
         for name, (ahead, left, above) in _LEG.items():
             turn = goals.get(f"{side}_{name}", np.eye(3))
-            place = floor + facing.axes @ (stature * np.array([ahead, sign * left, above]))
-            yield f"{side}_{name}", PlacedSite(pose.root, place, facing.axes @ turn)
+            place = floor + trunk.axes @ (stature * np.array([ahead, sign * left, above]))
+            yield f"{side}_{name}", PlacedSite(pose.root, place, trunk.axes @ turn)

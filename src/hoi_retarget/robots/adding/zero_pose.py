@@ -10,7 +10,8 @@ from jaxtyping import Float
 
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.adding.description import Description
-from hoi_retarget.robots.adding.findings import Refused
+from hoi_retarget.robots.adding.findings import UnsuitableRobotError
+from hoi_retarget.robots.mjcf import mesh_of
 from hoi_retarget.robots.spec import HeldJoint
 
 _HINGE, _FREE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_FREE
@@ -18,18 +19,18 @@ _SLIDE = mujoco.mjtJoint.mjJNT_SLIDE
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class LimbPart:
     """Bodies that no joint moves against each other."""
 
     body: int
     """The outermost of them."""
     hinges: tuple[int, ...]
     """Joints that move it against its parent; none for the root."""
-    parent: "Part | None"
+    parent: "LimbPart | None"
     bodies: list[int] = field(default_factory=list)
-    children: list["Part"] = field(default_factory=list)
+    children: list["LimbPart"] = field(default_factory=list)
 
-    def below(self) -> Iterator["Part"]:
+    def below(self) -> Iterator["LimbPart"]:
         """Yield the part and all that hang from it."""
         yield self
         for child in self.children:
@@ -37,7 +38,7 @@ class Part:
 
     @property
     def hinge_count(self) -> int:
-        """How many hinges move anything of it, its own included."""
+        """Number of hinges that move anything of it, its own included."""
         return sum(len(part.hinges) for part in self.below())
 
 
@@ -47,10 +48,10 @@ class ZeroPose:
 
     description: Description
     compiled: mujoco.MjModel
-    root: Part
-    parts: tuple[Part, ...]
+    root: LimbPart
+    parts: tuple[LimbPart, ...]
     held: tuple[HeldJoint, ...]
-    """Joints that do not move on their own, in the maker's order."""
+    """Joints that do not move on their own, in the source file's order."""
     anchors: Float[np.ndarray, "joints 3"]
     """[m]"""
     axes: Float[np.ndarray, "joints 3"]
@@ -66,8 +67,8 @@ class ZeroPose:
             points.setdefault(body, []).append(own)
         return {body: np.concatenate(own) for body, own in points.items()}
 
-    def points(self, *parts: Part, meshes_only: bool = False) -> Float[np.ndarray, "_ 3"]:
-        """Return points on the surfaces of parts; of their meshes alone where they have some."""
+    def points(self, *parts: LimbPart, meshes_only: bool = False) -> Float[np.ndarray, "_ 3"]:
+        """Return points on the surfaces of parts [m]; with `meshes_only`, of their meshes where they have some."""
         bodies = [body for part in parts for body in part.bodies]
         if meshes_only:
             is_mesh = self.compiled.geom_type == mujoco.mjtGeom.mjGEOM_MESH
@@ -83,15 +84,19 @@ class ZeroPose:
         own = [self._points[body] for body in bodies if body in self._points]
         return np.concatenate(own) if own else np.zeros((0, 3))
 
-    def mass(self, part: Part) -> float:
+    def mass(self, part: LimbPart) -> float:
         """Return the mass of a part and all that hangs from it [kg]."""
         return float(sum(self.compiled.body_mass[body] for below in part.below() for body in below.bodies))
+
+    def zero_angle(self, joint: int) -> float:
+        """Return the angle of a joint in the file's own zero pose [rad]."""
+        return float(self.compiled.qpos0[self.compiled.jnt_qposadr[joint]])
 
     def name(self, joint: int) -> str:
         """Return a joint's name."""
         return self.compiled.joint(joint).name
 
-    def part_of(self, body: int) -> Part:
+    def part_of(self, body: int) -> LimbPart:
         """Return the part that a body belongs to."""
         return next(part for part in self.parts if body in part.bodies)
 
@@ -104,23 +109,23 @@ class ZeroPose:
 def zero_pose(description: Description, locked: Collection[str]) -> ZeroPose:
     """Return a description's zero pose; joints in `locked`, coupled ones and slides are held.
 
-    Raises `Refused` when it has no joints that move.
+    Raises `UnsuitableRobotError` when it has no joints that move.
     """
     compiled = description.compiled
     root_body = _root_of(compiled)
     held = _held(description, root_body, locked)
     data = _posed(compiled, {one.joint: one for one in held})
     moved = {one.joint for one in held}
-    parts: dict[int, Part] = {}
+    parts: dict[int, LimbPart] = {}
     for body in _below(compiled, root_body):
         joints = range(compiled.body_jntadr[body], compiled.body_jntadr[body] + compiled.body_jntnum[body])
         hinges = tuple(
             joint for joint in joints if compiled.jnt_type[joint] == _HINGE and compiled.joint(joint).name not in moved
         )
         if body == root_body:
-            parts[body] = Part(body, (), None)
+            parts[body] = LimbPart(body, (), None)
         elif hinges:
-            parts[body] = Part(body, hinges, parts[int(compiled.body_parentid[body])])
+            parts[body] = LimbPart(body, hinges, parts[int(compiled.body_parentid[body])])
             parts[int(compiled.body_parentid[body])].children.append(parts[body])
         else:
             parts[body] = parts[int(compiled.body_parentid[body])]
@@ -140,11 +145,11 @@ def zero_pose(description: Description, locked: Collection[str]) -> ZeroPose:
 
 
 def _root_of(compiled: mujoco.MjModel) -> int:
-    """Return the body with the free joint, or the heaviest of those that stand in the world."""
+    """Return the body with the free joint, or the heaviest body that stands in the world."""
     free = [int(compiled.jnt_bodyid[joint]) for joint in np.flatnonzero(compiled.jnt_type == _FREE)]
     tops = free or [body for body in range(1, compiled.nbody) if compiled.body_parentid[body] == 0]
     if not tops:
-        raise Refused(f"{compiled.nbody - 1} links and no joint: there is nothing that moves.")
+        raise UnsuitableRobotError(f"{compiled.nbody - 1} links and no joint: there is nothing that moves.")
     return max(tops, key=lambda body: compiled.body_subtreemass[body])
 
 
@@ -157,7 +162,7 @@ def _below(compiled: mujoco.MjModel, root: int) -> list[int]:
 
 
 def _held(description: Description, root: int, locked: Collection[str]) -> tuple[HeldJoint, ...]:
-    """Return what does not move on its own: slides, joints that are coupled to others, and those that are locked."""
+    """Return the joints that do not move on their own: slides, joints coupled to others, and locked ones."""
     compiled = description.compiled
     inside = set(_below(compiled, root))
     names = {compiled.joint(joint).name: joint for joint in range(compiled.njnt)}
@@ -173,7 +178,7 @@ def _held(description: Description, root: int, locked: Collection[str]) -> tuple
 
 
 def _lighter(compiled: mujoco.MjModel, names: dict[str, int], coupling: HeldJoint) -> HeldJoint:
-    """Return a coupling such that the joint that carries less follows the one that carries more, a limb its motor."""
+    """Return a coupling such that the joint with less mass on it follows the other."""
     if coupling.other not in names or coupling.joint not in names or not coupling.ratio:
         joint = names.get(coupling.joint)
         offset = coupling.offset if joint is None or coupling.offset else _nearest_to_zero(compiled, joint)
@@ -223,11 +228,3 @@ def geom_points(compiled: mujoco.MjModel, geom: int) -> Float[np.ndarray, "_ 3"]
     else:
         return np.zeros((0, 3))
     return vertices @ se3.quat_to_matrix(compiled.geom_quat[geom]).T + compiled.geom_pos[geom]
-
-
-def mesh_of(compiled: mujoco.MjModel, geom: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices [m] and triangles of a mesh geometry, in the geometry's frame."""
-    mesh = int(compiled.geom_dataid[geom])
-    first, count = int(compiled.mesh_vertadr[mesh]), int(compiled.mesh_vertnum[mesh])
-    face, faces = int(compiled.mesh_faceadr[mesh]), int(compiled.mesh_facenum[mesh])
-    return compiled.mesh_vert[first : first + count].astype(float), compiled.mesh_face[face : face + faces].astype(int)

@@ -9,19 +9,19 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float, Int
-from scipy.spatial import KDTree
 
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.numerics import se3
+from hoi_retarget.objects.distance_field import surface_samples
 from hoi_retarget.objects.mesh import surface_of
-from hoi_retarget.objects.surface_samples import surface_samples
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.targets import Targets
-from hoi_retarget.retargeting.trajopt.rows import FrameRows
+from hoi_retarget.retargeting.trajopt.problem import FrameRows
 from hoi_retarget.robots.model import Kinematics
-from hoi_retarget.robots.spec import Capsule
+from hoi_retarget.robots.spec import LinkCapsule
 
 SPACING = 0.02  # [m] of the samples: one on every 4 cm^2, so that the cost is that of an area.
 
@@ -35,8 +35,8 @@ class CapsuleClearance:
     """
 
     name: str
-    capsules: tuple[Capsule, ...]
-    samples: KDTree
+    capsules: tuple[LinkCapsule, ...]
+    samples: "scipy.spatial.KDTree"
     """Of the object's surface, in the object's frame [m]."""
     object_position: Float[np.ndarray, "3 T"]
     object_rotation: Float[np.ndarray, "3 3 T"]
@@ -47,7 +47,7 @@ class CapsuleClearance:
         found = (self._rows_of(capsule, kinematics) for capsule in self.capsules)
         return tuple(rows for rows in found if rows is not None)
 
-    def _rows_of(self, capsule: Capsule, kinematics: Kinematics) -> FrameRows | None:
+    def _rows_of(self, capsule: LinkCapsule, kinematics: Kinematics) -> FrameRows | None:
         start, end = np.array(capsule.start), np.array(capsule.end)
         middle = kinematics.model.body_frames.frames[capsule.body].of(0.5 * (start + end), np.eye(3))
         half = np.einsum("ijt,j->it", kinematics.orientation(middle), 0.5 * (end - start))
@@ -70,7 +70,7 @@ class CapsuleClearance:
 
 
 def _pairs_within(
-    samples: KDTree, centres: Float[np.ndarray, "T 3"], halves: Float[np.ndarray, "T 3"], radius: float
+    samples: "scipy.spatial.KDTree", centres: Float[np.ndarray, "T 3"], halves: Float[np.ndarray, "T 3"], radius: float
 ) -> tuple[Int[np.ndarray, "P"], Float[np.ndarray, "P 3"], Float[np.ndarray, "P 3"]]:
     """Return, for every sample in the capsule, by frames: the frame, and two vectors [m].
 
@@ -91,8 +91,8 @@ def _pairs_within(
 
 
 @lru_cache(maxsize=32)
-def _samples_of(geometry: ObjectGeometry, scale: float) -> KDTree:
-    return KDTree(scale * surface_samples(surface_of(geometry), SPACING / scale))
+def _samples_of(geometry: ObjectGeometry, scale: float) -> "scipy.spatial.KDTree":
+    return scipy.spatial.KDTree(scale * surface_samples(surface_of(geometry), SPACING / scale))
 
 
 def capsule_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[CapsuleClearance]:

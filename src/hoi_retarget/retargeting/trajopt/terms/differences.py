@@ -9,7 +9,7 @@ import numpy as np
 from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.targets import Targets
-from hoi_retarget.retargeting.trajopt.rows import StencilRows, TangentRows
+from hoi_retarget.retargeting.trajopt.problem import StencilRows, TangentRows
 from hoi_retarget.robots.model import Kinematics
 
 PAPER_RATE = 30.0  # [frames/s] at which the paper's weights are given

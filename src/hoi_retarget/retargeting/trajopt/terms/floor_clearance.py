@@ -7,7 +7,7 @@ import numpy as np
 
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.targets import Targets
-from hoi_retarget.retargeting.trajopt.rows import FrameRows
+from hoi_retarget.retargeting.trajopt.problem import FrameRows
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 

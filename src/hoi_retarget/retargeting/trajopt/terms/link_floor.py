@@ -8,9 +8,9 @@ from jaxtyping import Float, Int
 
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.targets import Targets
-from hoi_retarget.retargeting.trajopt.rows import FrameRows
+from hoi_retarget.retargeting.trajopt.problem import FrameRows
+from hoi_retarget.robots.frames import Frame
 from hoi_retarget.robots.model import Kinematics
-from hoi_retarget.robots.parts import Frame
 from hoi_retarget.robots.skin import LinkSkin, skin_of
 
 # Links that the reference keeps higher are left out [m]; contacts draw hands and feet further.

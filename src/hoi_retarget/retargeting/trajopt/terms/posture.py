@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.targets import Targets
-from hoi_retarget.retargeting.trajopt.rows import StencilRows
+from hoi_retarget.retargeting.trajopt.problem import StencilRows
 from hoi_retarget.robots.model import Kinematics
 
 

@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.numerics import se3
-from hoi_retarget.numerics.filters import slow_cover
+from hoi_retarget.numerics.filters import rate_limited_upper_envelope
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.targets import Targets
-from hoi_retarget.retargeting.trajopt.rows import TangentRows
+from hoi_retarget.retargeting.trajopt.problem import TangentRows
 from hoi_retarget.retargeting.trajopt.terms.site_rotation import SiteRotation
 from hoi_retarget.robots.model import Kinematics
 
@@ -62,13 +62,17 @@ def torso_terms(weights: Weights, targets: Targets, reference: Kinematics) -> It
     yield RelativeRotation("torso_orientation", "torso", "pelvis", torso, weights.torso_orientation)
 
 
-def lying_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[SiteRotation]:
-    """Yield the torso's rotation in the world near that of inverse kinematics where a person lies, in surface contact.
+def trunk_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[SiteRotation]:
+    """Yield the torso's rotation in the world near the person's in surface contact, near that of IK of those who lie.
 
-    Head, base and feet are then in a line, about which nothing else holds a robot that the floor pushes.
+    Head, base and feet of a lying robot are in a line, about which nothing else holds it where the floor pushes.
     """
+    if targets.contact != "surface":
+        return
+    torso = se3.quat_to_matrix(targets.torso_quats).transpose(1, 2, 0)
+    yield SiteRotation("trunk_orientation", "torso", torso, weights.trunk_orientation)
     tilt = np.clip((UPRIGHT - targets.trunk_rotations[:, 2, 2]) / (UPRIGHT - LYING), 0.0, 1.0)
     lies = np.where(targets.stance_flags.any(axis=1), 0.0, tilt)
-    if targets.contact == "surface" and lies.any():
-        weight = LYING_FACTOR * weights.torso_orientation * slow_cover(lies, targets.fps)
+    if lies.any():
+        weight = LYING_FACTOR * weights.torso_orientation * rate_limited_upper_envelope(lies, targets.fps)
         yield SiteRotation("lying_orientation", "torso", reference.orientation("torso"), weight)

@@ -1,4 +1,4 @@
-"""Skin of a robot outside other robots, whose motions are known; the paper has one robot."""
+"""Skin of a robot outside other robots with known motions; the paper has one robot."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ import numpy as np
 
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.trajopt.link_pairs import LinkPair, near_pairs
-from hoi_retarget.retargeting.trajopt.rows import FrameRows
+from hoi_retarget.retargeting.trajopt.problem import FrameRows
 from hoi_retarget.retargeting.trajopt.terms.self_clearance import MARGIN
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.skin import skin_of
@@ -82,7 +82,7 @@ def robot_clearance_terms(
 
 
 def _passing(pair: LinkPair, here: Kinematics, there: Kinematics, fps: float) -> LinkPair:
-    """Return a pair whose points leave the solid on the side where the link is before and after.
+    """Return a pair of links with exits on the side of the link before and after the meeting.
 
     An arm that is more than half in another one would leave it on the wrong side, and one that goes right through it is
     pushed back in one frame and forwards in the next: of the two, the mean is the way around.

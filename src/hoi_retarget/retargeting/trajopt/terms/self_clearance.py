@@ -8,10 +8,9 @@ import numpy as np
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.link_pairs import REACH, LinkPair, near_pairs
-from hoi_retarget.retargeting.trajopt.rows import FrameRows, PairRows
-from hoi_retarget.robots.limbs import separable_pairs
+from hoi_retarget.retargeting.trajopt.problem import FrameRows, PairRows
 from hoi_retarget.robots.model import Kinematics
-from hoi_retarget.robots.skin import LinkSkin, skin_of
+from hoi_retarget.robots.skin import LinkSkin, separable_pairs, skin_of
 
 MARGIN = 3e-3  # [m]
 
@@ -53,7 +52,7 @@ def self_clearance_terms(weights: Weights, targets: Targets, reference: Kinemati
 
 
 def _within_reach(reference: Kinematics) -> Iterator[tuple[LinkSkin, LinkSkin]]:
-    """Yield the links that must stay apart and whose balls come near to each other in any frame."""
+    """Yield pairs of links that must stay apart and come near to each other in any frame."""
     skins = skin_of(reference.model).by_link
     centres = {link: reference.point(skin.frame.of(skin.centre, np.eye(3))) for link, skin in skins.items()}
     for first, second in separable_pairs(reference.model, tuple(skins)):

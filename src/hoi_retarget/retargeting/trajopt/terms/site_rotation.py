@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.numerics import se3
-from hoi_retarget.retargeting.trajopt.rows import FrameRows
+from hoi_retarget.retargeting.trajopt.problem import FrameRows
 from hoi_retarget.robots.model import Kinematics
 
 

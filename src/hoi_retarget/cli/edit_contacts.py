@@ -1,0 +1,187 @@
+"""`hoi-retarget contacts`: the contacts of a clip as a table, and edits to them."""
+
+import shlex
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from hoi_retarget.cli.commands import Contacts
+from hoi_retarget.cli.output_checks import check_json, check_writable, write_file, write_json
+from hoi_retarget.cli.run_options import to_argv
+from hoi_retarget.cli.terminal import program, say, show_table, warn
+from hoi_retarget.clip.clip import Clip, pinned_path
+from hoi_retarget.clip.edits import (
+    Add,
+    ContactEdits,
+    Delete,
+    Edit,
+    Fix,
+    FixAll,
+    Merge,
+    Move,
+    Pin,
+    Point,
+    Retime,
+    Segments,
+    Snap,
+    SnapAll,
+    Split,
+    Unpin,
+    apply,
+    load,
+    part_text,
+    segments_of,
+    to_text,
+)
+from hoi_retarget.errors import ArgumentError
+from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.readers.open import open_clip
+
+ALL = "all"
+
+
+def execute_contacts(command: Contacts) -> int:
+    """Edit a clip's contacts, show them, and write the edits."""
+    new = tuple(_edits_in(command))
+    if command.out is not None:
+        check_writable("--out", command.out.parent)
+    check_json(command.json, [command.clip])
+    loaded = None if command.edits is None else load(command.edits)
+    clip = open_clip(command.clip, command)
+    edits = ContactEdits.of(clip) if loaded is None else loaded
+    for edit in new:
+        edits = edits.adding(edit)
+    edited = apply(clip, edits)
+    count = len(edits.edits)
+    after = f", after {count} edit{'s' if count > 1 else ''}" if count else ""
+    say(f"{command.clip}: {clip.frames} frames at {clip.fps:g} frames/s{after}")
+    _show(edited)
+    _show_pins(edited)
+    write_json(command.json, facts(edited))
+    if command.out is not None:
+        write_file("--out", command.out, to_text(edits).encode())
+        say()
+        say(f"written: {command.out}")
+        words = to_argv(
+            {"clips": [str(command.clip)], "out": "results", **command.as_json(), "edits": str(command.out)}
+        )
+        say(f"to run: {program()} {shlex.join(words)}")
+    return 0
+
+
+def facts(clip: Clip) -> dict[str, object]:
+    """Return the contacts of a clip as plain JSON values; points are in the object's frame [m]."""
+    contacts = [
+        {
+            **{"person": item.person, "part": item.part, "object": clip.objects[item.object].name},
+            **{"start": item.start, "stop": item.stop, "spread": item.spread, "points": item.points.tolist()},
+        }
+        for item in segments_of(clip)
+    ]
+    pins = [asdict(pin) for pin in clip.pins]
+    return {"clip": clip.name, "frames": clip.frames, "fps": clip.fps, "contacts": contacts, "pins": pins}
+
+
+def _show(clip: Clip) -> None:
+    segments = segments_of(clip)
+    if not segments:
+        say("Nothing is touched.")
+        return
+    surfaces = {index: surface_of(clip.objects[index].geometry) for index in {item.object for item in segments}}
+    several = len(clip.people) > 1
+    header = ("part", "object", "frames", "seconds", "spread [mm]", "to surface [mm]")
+    rows = [
+        (
+            segment.part,
+            clip.objects[segment.object].name,
+            f"{segment.start} to {segment.stop - 1}",
+            f"{segment.frames / clip.fps:.2f}",
+            f"{1e3 * segment.spread:.1f}",
+            f"{1e3 * float(np.mean(surfaces[segment.object].distances(segment.points))):.1f}",
+        )
+        for segment in segments
+    ]
+    if several:
+        header = ("person", *header)
+        rows = [(f"p{segment.person}", *row) for segment, row in zip(segments, rows, strict=True)]
+    show_table([header, *rows], words=range(several + 2))
+    _summarize(segments, clip)
+    for index, surface in sorted(surfaces.items()):
+        if not surface.exact:
+            warn(f"object {clip.objects[index].name!r}: no mesh is known; its surface is the hull of its points.")
+
+
+def _show_pins(clip: Clip) -> None:
+    if not clip.pins:
+        return
+    rows = [("pinned", "frame", "place [m]", "turned [deg]", "from recording [mm]")]
+    for pin in clip.pins:
+        away = np.linalg.norm(pinned_path(clip.people[pin.person], pin.part)[pin.frame] - pin.position)
+        place, turn = (
+            "free" if vector is None else " ".join(f"{number:.{digits}f}" for number in vector)
+            for vector, digits in ((pin.position, 3), (pin.turn, 1))
+        )
+        rows.append((part_text(pin.person, pin.part), f"{pin.frame}", place, turn, f"{1e3 * away:.0f}"))
+    say()
+    show_table(rows, words=(0,))
+
+
+def _summarize(segments: Segments, clip: Clip) -> None:
+    frames = sum(segment.frames for segment in segments)
+    spread = max(segment.spread for segment in segments)
+    seconds = frames / clip.fps
+    say(f"{len(segments)} contacts, {seconds:.2f} s in all; the farthest point is {1e3 * spread:.1f} mm from its mean.")
+
+
+def _edits_in(command: Contacts) -> Iterator[Edit]:
+    """Yield the edits in the order of the options in `Contacts`: when something touches before where it does."""
+    for option, form, kind, fields in _OPTIONS:
+        for word in getattr(command, option.removeprefix("--").replace("-", "_")):
+            try:
+                yield _FOR_ALL[kind]() if kind in _FOR_ALL and word == ALL else _edit(kind, fields, word)
+            except ArgumentError as error:
+                raise ArgumentError(f"{option} {word}: {error}") from error
+            except ValueError as error:
+                raise ArgumentError(f"{option} {word}: expected {form}.") from error
+
+
+def _edit(kind: Callable[..., Edit], fields: Sequence[Callable[[str], Any]], word: str) -> Edit:
+    """Return the edit that a word describes, or raise `ValueError`: too few fields, too many, or no numbers."""
+    # An object's name may have colons in it.
+    part, *texts = word.split(":", len(fields) if fields[-1] is str else -1)
+    if not len(fields) - (kind in _LAST_MAY_BE_LEFT_OUT) <= len(texts) <= len(fields):
+        raise ValueError
+    name, person = _part(part)
+    values = [field(text) for field, text in zip(fields, texts, strict=False)]
+    return kind(name, *values, person=person)
+
+
+def _part(word: str) -> tuple[str, int]:
+    """Return the part and the person that `left_hand` or `p1.left_hand` names."""
+    person, dot, part = word.partition(".")
+    if dot and person.startswith("p"):
+        return part, int(person[1:])
+    return word, 0
+
+
+def _point(word: str) -> Point:
+    x, y, z = (float(number) for number in word.split(","))
+    return (x, y, z)
+
+
+_OPTIONS: tuple[tuple[str, str, Callable[..., Edit], Sequence[Callable[[str], Any]]], ...] = (
+    ("--delete", "PART:FRAME", Delete, (int,)),
+    ("--merge", "PART:FRAME", Merge, (int,)),
+    ("--split", "PART:FRAME:AT", Split, (int, int)),
+    ("--retime", "PART:FRAME:START:STOP", Retime, (int, int, int)),
+    ("--add", "PART:START:STOP:X,Y,Z[:OBJECT]", Add, (int, int, _point, str)),
+    ("--fix-segments", "all or PART:FRAME", Fix, (int,)),
+    ("--snap", "all or PART:FRAME", Snap, (int,)),
+    ("--move", "PART:FRAME:DX,DY,DZ", Move, (int, _point)),
+    ("--unpin", "PART:FRAME", Unpin, (int,)),
+    ("--pin", "PART:FRAME:X,Y,Z[:RX,RY,RZ]", Pin, (int, _point, _point)),
+)
+_LAST_MAY_BE_LEFT_OUT = (Add, Pin)
+_FOR_ALL: Mapping[Callable[..., Edit], Callable[[], Edit]] = {Fix: FixAll, Snap: SnapAll}

@@ -1,0 +1,159 @@
+"""Physics of results: `feasible` computes forces, `refine` simulates a robot, `scene` writes files for MuJoCo."""
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from hoi_retarget.cli.commands import Feasible, Refine, Scene
+from hoi_retarget.cli.open_results import clip_with_objects, load_motion, physics_of
+from hoi_retarget.cli.output_checks import check_inputs_kept, check_json, check_stems, check_writable, write_json
+from hoi_retarget.cli.terminal import Working, do_for_each, exit_code, fail, say, show_table, warn, with_file
+from hoi_retarget.dynamics.contact_forces import Forces
+from hoi_retarget.dynamics.feasibility import Infeasibility, forces_on_clip, infeasibilities
+from hoi_retarget.errors import HoiRetargetError
+from hoi_retarget.evaluation.physics_figures import FEASIBILITY, forces_figures
+from hoi_retarget.files.atomic import write_together
+from hoi_retarget.motion.motion import SIMULATED, Motion
+from hoi_retarget.robots import load_robot
+from hoi_retarget.simulation.physics_scene import FILE, scene_files, scene_of
+from hoi_retarget.simulation.physics_stage import FOR_CONTROLLERS, SimulatedMotion, add_physics_stage, write_simulated
+from hoi_retarget.simulation.refine import Progress
+from hoi_retarget.simulation.rollout import Reference, base_errors_deg, object_errors
+
+_MAX_SHOWN = 6  # Infeasibilities of a result that are printed.
+
+
+def execute_feasible(command: Feasible) -> int:
+    """Show the violations of limits in every result; return 0 when all could be judged."""
+    check_json(command.json, command.results)
+    rows: list[tuple[str, ...]] = []
+    facts: list[object] = []
+
+    def judge(path: Path) -> None:
+        motion = load_motion(path, command.robot)
+        clip, physics = clip_with_objects(motion, command), physics_of(motion, command)
+        forces = forces_on_clip(motion, clip, load_robot(motion.robot), physics)
+        values, found = forces_figures(forces, motion), infeasibilities(forces, motion)
+        masses = " ".join(f"{body.mass:.2f}" for body in forces.bodies) or "-"
+        rows.append((path.stem, motion.robot, masses, *(figure.text(values[figure.name]) for figure in FEASIBILITY)))
+        facts.append({"file": str(path), **_facts_of(motion, forces, values, found)})
+        say(f"{path}: {'nothing speaks against it' if not found else ''}")
+        for item in found[:_MAX_SHOWN]:
+            say(f"  {item}")
+        if len(found) > _MAX_SHOWN:
+            say(f"  and {len(found) - _MAX_SHOWN} more{'' if command.json else '; --json writes all'}")
+
+    failures = do_for_each("computing forces", command.results, judge)
+    if rows:
+        say()
+        show_table(
+            [("result", "robot", "objects [kg]", *(figure.header for figure in FEASIBILITY)), *rows], words=(0, 1)
+        )
+    if facts:
+        write_json(command.json, facts)
+    return exit_code(failures, len(command.results))
+
+
+def _facts_of(
+    motion: Motion, forces: Forces, values: Mapping[str, float | None], found: Sequence[Infeasibility]
+) -> dict[str, object]:
+    """Return a motion's figures, objects and violations of limits as plain JSON values."""
+    return {
+        **{"robot": motion.robot, "frames": motion.frames, **values},
+        "objects": [{"name": body.name, "mass": body.mass, "mass_is": body.reason} for body in forces.bodies],
+        "shortcomings": [asdict(item) for item in found],
+    }
+
+
+_HEADER = ("result", "whole", "performed [s]", "of [s]", "object [cm]", "base [cm]", "base [deg]", "CPU [s]")
+
+
+def execute_refine(command: Refine) -> int:
+    """Refine every result; return 0 when all were performed whole."""
+    check_writable("--out", command.out)
+    check_stems(command.results, lambda path: path.stem, f"{command.out}/{{}}.npz. Refine them one after the other.")
+    written = [
+        command.out / folder / f"{path.stem}.npz" for path in command.results for folder in ("", FOR_CONTROLLERS)
+    ]
+    check_inputs_kept("--out", written, command.results)
+    rows: list[tuple[str, ...]] = []
+    failures: list[HoiRetargetError] = []
+    fallen = 0
+    with Working("refining", len(command.results)) as working:
+        for path in working.through(command.results):
+            try:
+                row = _refined(path, command, working)
+            except HoiRetargetError as error:
+                failures.append(error)
+                fail(with_file(path, error))
+                continue
+            rows.append(row)
+            fallen += row[1] == "no"
+    if rows:
+        say()
+        show_table([_HEADER, *rows], words=(0, 1))
+        say()
+    say(f"{len(rows) - fallen} performed whole, {fallen} fell, {len(failures)} failed.")
+    return exit_code(failures, len(command.results)) or int(fallen > 0)
+
+
+def _refined(path: Path, command: Refine, working: Working) -> tuple[str, ...]:
+    """Refine one result, write the refined one, and return its row of the table."""
+    motion = load_motion(path, command.robot)
+    physics, clip = physics_of(motion, command), clip_with_objects(motion, command)
+
+    def describe(progress: Progress, reference: Reference) -> None:
+        working.describe(
+            f"{path.name}: {progress.seconds:.1f} of {reference.seconds:.1f} s, cost {progress.cost:.2f}, "
+            f"{progress.samples} samples"
+        )
+
+    performed = add_physics_stage(motion, clip, physics, command.refinement, seed=command.seed, on_progress=describe)
+    frames, performance = performed.motion.frames, performed.performance
+    cpu = performed.motion.report.cpu_seconds[SIMULATED]
+    written, for_controllers = write_simulated(performed, command.out / f"{path.stem}.npz")
+    if performance.fell:
+        warn(f"{path.name}: falls in frame {frames} of {motion.frames}: {performance.cause}.")
+    if performance.let_go_after is not None:
+        when = f"after {performance.let_go_after:.1f} s"
+        warn(f"{path.name}: the robot fell over its object, which counts little {when}.")
+    say(f"  {written}  ({frames} frames, {cpu:.0f} s of CPU; for controllers: {for_controllers})")
+    say(f"  certificate: {performance.robustness}")
+    return path.stem, *_row(performed), f"{cpu:.0f}"
+
+
+def _row(performed: SimulatedMotion) -> tuple[str, ...]:
+    reference, rollout = performed.reference, performed.rollout
+    errors = object_errors(rollout, reference, performed.scene.model.n)
+    base = np.linalg.norm(rollout.qpos[:, :3] - reference.qpos[: len(rollout.qpos), :3], axis=1)
+    return (
+        *("no" if performed.performance.fell else "yes", f"{rollout.seconds:.1f}", f"{reference.seconds:.1f}"),
+        f"{100 * errors.mean():.1f}" if errors.size else "-",
+        *(f"{100 * base.mean():.1f}", f"{base_errors_deg(rollout, reference).mean():.1f}"),
+    )
+
+
+def execute_scene(command: Scene) -> int:
+    """Write the scene of a result; return 0."""
+    check_writable("--out", command.out)
+    motion = load_motion(command.result, command.robot)
+    physics = physics_of(motion, command)
+    with Working("making the scene", None):
+        clip = clip_with_objects(motion, command)
+        geometries = [] if clip is None else [track.geometry for track in clip.objects]
+        scene = scene_of(motion, load_robot(motion.robot), geometries, physics)
+        files = {command.out / place: content for place, content in scene_files(scene, motion).items()}
+    check_inputs_kept("--out", files, [command.result])
+    write_together(files)
+    say(f"{command.out / FILE}  ({len(files)} files)")
+    source = "published gains" if scene.actuators.published else "gains estimated from its torques: none are published"
+    say(f"  robot   {scene.model.spec.title}, {source}")
+    for item in scene.objects:
+        say(f"  object  {item.body.name}: {item.body.mass:.2f} kg ({item.body.reason}), collides as {item.shape.text}")
+    at_soles = f"{physics.floor_friction:g} at soles, {physics.object_friction:g} under objects"
+    say(f"  friction {physics.hand_friction:g} at hands, {at_soles}")
+    say(f"Open it: {sys.executable} -m mujoco.viewer --mjcf={command.out / FILE}   # keyframes: right panel, Physics")
+    return 0

@@ -1,0 +1,200 @@
+"""Where forces can act on a robot and its objects in each frame of a motion.
+
+- Soles' corners, of a foot that stands or that are on the floor; each other link's lowest point where it is there.
+- Up to four points of a hand or foot that is labelled to touch an object, spread over its skin near the surface. Where
+  all of it is further off than `REACH`, it touches nothing.
+- Up to six of an object's lowest points, where they are on the floor.
+
+All are points of contact between two surfaces that may be some millimetres apart or sunk: a force acts on the object's
+surface, or on the floor.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy  # its modules are loaded where they are first used
+from jaxtyping import Bool, Float, Int
+
+from hoi_retarget.errors import RobotError
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.distance_field import distance_field
+from hoi_retarget.objects.track import ObjectGeometry
+from hoi_retarget.robots.frames import Frame
+from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.robots.skin import skin_of, skins_from
+from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
+
+REACH = 0.02
+"""A link whose skin is further off an object than this [m] does not touch it."""
+_MAX_STANCE_HEIGHT, _MAX_FLOOR_HEIGHT = 0.02, 0.005
+"""Heights up to which a corner of a foot that stands, and any other point, is on the floor [m]."""
+_MAX_OBJECT_HEIGHT = 0.015  # The same of an object, whose shape is known less well.
+_PATCH_DEPTH = 0.008  # Skin that is so much further off than the nearest is in contact, too [m].
+_SKIN_POINTS = 150  # Of a link: 7 mm apart on a hand.
+_HAND_POINTS, _OBJECT_POINTS = 4, 6
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPoint:
+    """One possible contact over T frames."""
+
+    name: str
+    """Site or link of the robot, or the object's name where it is on the floor."""
+    link: Frame | None
+    """The robot's frame that a force acts on; None where the robot has no part in it."""
+    object: int | None
+    """The object that the opposite force acts on, or the force itself where there is no link; None for the floor."""
+    active: Bool[np.ndarray, "T"]
+    position: Float[np.ndarray, "T 3"]
+    """In the world [m]."""
+    normal: Float[np.ndarray, "T 3"]
+    """Unit vector into what the force acts on: the robot, or an object on the floor."""
+
+    @property
+    def on_floor(self) -> bool:
+        """Whether it is between the floor and something."""
+        return self.link is None or self.object is None
+
+
+def contact_points(
+    motion: Motion, kinematics: Kinematics, geometries: Sequence[ObjectGeometry]
+) -> tuple[ContactPoint, ...]:
+    """Return all points that are in contact in some frame.
+
+    Args:
+        motion: The motion: labels, stance and the objects' paths.
+        kinematics: Poses of the robot in its frames.
+        geometries: Shapes of its objects, in their order.
+
+    Raises:
+        GeometryError: An object's mesh cannot be read.
+    """
+    found = (
+        *_soles(motion, kinematics),
+        *_links_on_floor(kinematics),
+        *_touching(motion, kinematics, geometries),
+        *_objects_on_floor(motion, geometries),
+    )
+    return tuple(point for point in found if point.active.any())
+
+
+def _soles(motion: Motion, kinematics: Kinematics) -> Iterator[ContactPoint]:
+    for column, side in enumerate(SIDES):
+        for corner in SOLE_CORNERS:
+            name = f"{side}_sole_{corner}"
+            position = kinematics.site_position(name)
+            height = position[:, 2]
+            active = (height < _MAX_FLOOR_HEIGHT) | (motion.stance_flags[:, column] & (height < _MAX_STANCE_HEIGHT))
+            yield ContactPoint(name, kinematics.frame(name), None, active, position, _upward(active))
+
+
+def _links_on_floor(kinematics: Kinematics) -> Iterator[ContactPoint]:
+    feet = {kinematics.frame(f"{side}_foot").node for side in SIDES}
+    for skin in skin_of(kinematics.model).links:
+        if skin.frame.node in feet:
+            continue
+        rotation, origin = kinematics.orientation(skin.frame), kinematics.point(skin.frame)
+        heights = skin.extreme_points @ rotation[2] + origin[2]
+        lowest = heights.argmin(axis=0)
+        active = heights.min(axis=0) < _MAX_FLOOR_HEIGHT
+        position = origin.T + np.einsum("ijt,tj->ti", rotation, skin.extreme_points[lowest])
+        yield ContactPoint(skin.link, skin.frame, None, active, position, _upward(active))
+
+
+def _objects_on_floor(motion: Motion, geometries: Sequence[ObjectGeometry]) -> Iterator[ContactPoint]:
+    for index, name in enumerate(motion.object_names):
+        corners = motion.object_scale[index] * _extreme(geometries[index].points)
+        rotations = se3.quat_to_matrix(motion.object_quat[:, index])
+        placed = motion.object_pos[:, index, None] + np.einsum("tij,kj->tki", rotations, corners)
+        height = placed[:, :, 2]
+        near = height < np.minimum(_MAX_OBJECT_HEIGHT, height.min(axis=1, keepdims=True) + _MAX_FLOOR_HEIGHT)
+        for chosen in _spread(placed, near, height, _OBJECT_POINTS):
+            active = chosen >= 0
+            position = placed[np.arange(len(placed)), chosen]
+            yield ContactPoint(name, None, index, active, position, _upward(active))
+
+
+def _touching(motion: Motion, kinematics: Kinematics, geometries: Sequence[ObjectGeometry]) -> Iterator[ContactPoint]:
+    for column in range(len(motion.contact_links)):
+        for index in range(len(motion.object_names)):
+            labelled = motion.labelled(index)[:, column]
+            if labelled.any():
+                yield from _patch(motion, kinematics, geometries[index], (column, index), labelled)
+
+
+def _patch(
+    motion: Motion,
+    kinematics: Kinematics,
+    geometry: ObjectGeometry,
+    pair: tuple[int, int],
+    labelled: Bool[np.ndarray, "T"],
+) -> Iterator[ContactPoint]:
+    """Yield the points of one contact link and one object that touch in some of the labelled frames."""
+    column, index = pair
+    site, frames = motion.contact_links[column], np.flatnonzero(labelled)
+    field, scale = distance_field(geometry), float(motion.object_scale[index])
+    skins = skins_from(kinematics.model, site)
+    if not skins:
+        raise RobotError(f"{motion.robot}: the link of {site} has no shape, so nothing tells where it touches.")
+    placed = np.concatenate(
+        [
+            kinematics.point(skin.frame).T[frames, None]
+            + np.einsum("ijt,kj->tki", kinematics.orientation(skin.frame)[:, :, frames], skin.points[:_SKIN_POINTS])
+            for skin in skins
+        ],
+        axis=1,
+    )
+    links = np.concatenate([np.full(len(skin.points[:_SKIN_POINTS]), number) for number, skin in enumerate(skins)])
+    rotations, origin = se3.quat_to_matrix(motion.object_quat[frames, index]), motion.object_pos[frames, index, None]
+    inside = (placed - origin) @ rotations
+    distance = scale * field.distances(inside.reshape(-1, 3) / scale).reshape(inside.shape[:2])
+    near = distance < np.minimum(REACH, distance.min(axis=1, keepdims=True) + _PATCH_DEPTH)
+    rows = np.arange(len(frames))
+    for chosen in _spread(inside, near, distance, _HAND_POINTS):
+        away, outward = field.distances_and_normals(inside[rows, chosen] / scale)
+        surface = inside[rows, chosen] - scale * away[:, None] * outward
+        for number, skin in enumerate(skins):
+            held = (chosen >= 0) & (links[chosen] == number)
+            active, position, normal = _empty(motion.frames)
+            active[frames] = held
+            position[frames] = origin[:, 0] + np.einsum("tij,tj->ti", rotations, surface)
+            normal[frames] = np.einsum("tij,tj->ti", rotations, outward)
+            yield ContactPoint(site, skin.frame, index, active, position, normal)
+
+
+def _spread(
+    points: Float[np.ndarray, "T K 3"], near: Bool[np.ndarray, "T K"], first: Float[np.ndarray, "T K"], count: int
+) -> list[Int[np.ndarray, "T"]]:
+    """Return the indices of near points: the one with the least value, then the farthest from the chosen ones each.
+
+    They are -1 where no point is left.
+    """
+    rows = np.arange(len(points))
+    chosen = np.where(near, first, np.inf).argmin(axis=1)
+    away = np.where(near, np.inf, -1.0)
+    found = []
+    for _ in range(count):
+        left = away[rows, chosen] > _MAX_FLOOR_HEIGHT
+        found.append(np.where(left, chosen, -1))
+        away = np.minimum(away, np.linalg.norm(points - points[rows, chosen][:, None], axis=2))
+        chosen = away.argmax(axis=1)
+    return found
+
+
+def _extreme(points: Float[np.ndarray, "P 3"]) -> Float[np.ndarray, "H 3"]:
+    """Return the points among which the lowest ones are."""
+    try:
+        return points[scipy.spatial.ConvexHull(points).vertices]
+    except (scipy.spatial.QhullError, ValueError):
+        return points
+
+
+def _upward(active: Bool[np.ndarray, "T"]) -> Float[np.ndarray, "T 3"]:
+    return np.tile(_UP, (len(active), 1))
+
+
+def _empty(frames: int) -> tuple[Bool[np.ndarray, "T"], Float[np.ndarray, "T 3"], Float[np.ndarray, "T 3"]]:
+    return np.zeros(frames, dtype=bool), np.zeros((frames, 3)), np.tile(_UP, (frames, 1))

@@ -1,0 +1,274 @@
+"""Contact figures: palms at the human's places on objects, and skins that touch surfaces without sinking into them."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from hoi_retarget.clip.clip import ContactTrack
+from hoi_retarget.evaluation.comparison import (
+    FOOT_SITES,
+    HAND_SITES,
+    Comparison,
+    figure,
+    max_or_none,
+    mean_or_none,
+    norms,
+    percentile_or_none,
+)
+from hoi_retarget.evaluation.surface_distances import (
+    PART_SITES,
+    ObjectDistances,
+    PosedObject,
+    Touching,
+    area_near,
+    object_distances,
+    palmar_points,
+    part_skins,
+    posed_objects,
+)
+from hoi_retarget.numerics import se3
+
+_MAX_TOUCH_GAP_M = 2e-3
+"""A gap up to this [m], off the surface or sunk into it, is touch."""
+_EDITED_M = 1e-6
+"""An edited contact point is so far from the recorded one [m]."""
+_MIN_TOUCH_AREA_M2 = 2e-4
+"""Palmar skin within that gap of the surface that makes a touch a hand's: a fingertip has 1 cm2, a flat hand 5."""
+
+
+@figure("contact gap", "mm", "Mean distance of palms from the points where the human's were on the object")
+def contact_gap_m(view: Comparison) -> float | None:
+    """Return the mean distance on the object between palm and human contact point [m]."""
+    return mean_or_none(view.cached(_contact_gaps))
+
+
+@figure("gap p95", "mm", "The same distance, exceeded in 5 % of the frames")
+def contact_gap_p95_m(view: Comparison) -> float | None:
+    """Return the 95th percentile of that distance [m]."""
+    return percentile_or_none(view.cached(_contact_gaps))
+
+
+@figure("gap max", "mm", "The same distance at its largest")
+def contact_gap_max_m(view: Comparison) -> float | None:
+    """Return the largest such distance [m]."""
+    return max_or_none(view.cached(_contact_gaps))
+
+
+@figure("hand rotation", "deg", "How differently a touching hand turns on the object")
+def relative_hand_rotation_deg(view: Comparison) -> float | None:
+    """Return the mean angle [deg] between the two sides' change of hand rotation since the segment's first frame.
+
+    With `A_t` the hand's rotation relative to the object, the change is `A_t A_0^T`: it is written in the
+    object's axes, which both sides share, and a constant offset between the human's and the robot's hand
+    frames, `A_t K`, cancels in it. (`A_0^T A_t` would be written in the hand's axes, which differ.)
+    """
+    angles = []
+    for track in view.hand_contacts:
+        frames = np.flatnonzero(track.active)
+        starts = _segment_starts(track.active)
+        robot = view.robot_objects[track.object].rotations_inside(view.robot_rotation(HAND_SITES[track.part]))
+        human = view.human_objects[track.object].rotations_inside(view.human_part_rotation(track.part))
+        robot_change = robot[frames] @ np.swapaxes(robot[starts], 1, 2)
+        human_change = human[frames] @ np.swapaxes(human[starts], 1, 2)
+        angles.append(np.degrees(se3.matrix_angle_between(robot_change, human_change)))
+    return mean_or_none(_pooled(angles))
+
+
+def _contact_gaps(view: Comparison) -> Float[np.ndarray, "K"]:
+    """Return the distance on the object [m] between palm and human contact point, hands and contact frames pooled."""
+    scales = view.motion.object_scale
+    return _pooled(
+        norms((_palm(view, track) - track.contact_points * scales[track.object])[track.active])
+        for track in view.hand_contacts
+    )
+
+
+def _palm(view: Comparison, track: ContactTrack) -> Float[np.ndarray, "F 3"]:
+    return view.robot_objects[track.object].points_inside(view.robot_point(HAND_SITES[track.part]))
+
+
+def _segment_starts(active: Bool[np.ndarray, "F"]) -> Int[np.ndarray, "K"]:
+    """Return, for each active frame, the first frame of its run of active frames."""
+    begins = active.copy()
+    begins[1:] &= ~active[:-1]
+    latest = np.maximum.accumulate(np.where(begins, np.arange(len(active)), 0))
+    return latest[active]
+
+
+def _pooled(arrays: Iterable[np.ndarray]) -> Float[np.ndarray, "K"]:
+    return np.concatenate([np.zeros(0), *arrays])
+
+
+@dataclass(frozen=True, eq=False)
+class TouchCurve:
+    """One hand or foot and one object that the human's own touches, over the F counted frames."""
+
+    part: str
+    object: int
+    active: Bool[np.ndarray, "F"]
+    """Frames in which they touch by the recording's labels."""
+    gap: Float[np.ndarray, "F"]
+    """Least signed distance [m] between skin and surface; minus the depth where one is in the other. In
+    inactive frames it is infinite beyond `REACH`."""
+    place: Float[np.ndarray, "F"]
+    """Distance on the object [m] from the nearest place of skin and surface to the human's palm; NaN where inactive."""
+    recorded_place: Float[np.ndarray, "F"]
+    """The same to where the human's palm was before the contact was edited; NaN where it was not."""
+    palmar_area: Float[np.ndarray, "F"]
+    """Area of a hand's palmar skin within 2 mm of the surface [m2]; 0 where inactive or off it."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceCurves:
+    """One robot and all objects over the F counted frames."""
+
+    links: tuple[str, ...]
+    depth: Float[np.ndarray, "O L F"]
+    """How deep each link and each object are in each other [m]."""
+    touches: tuple[TouchCurve, ...]
+
+    @property
+    def penetration(self) -> Float[np.ndarray, "F"]:
+        """The deepest of all links and objects in every frame [m]."""
+        return self.depth.max(axis=(0, 1), initial=0.0)
+
+
+@figure(
+    "touch",
+    "%",
+    "Share of the frames in which a hand that is to touch is within 2 mm of the surface",
+    better="higher",
+    slow=True,
+)
+def touch_share(view: Comparison) -> float | None:
+    """Return the share of the labelled frames of hands with a gap of 2 mm at most, sunk and off alike."""
+    return _touch_share(_gaps(view, HAND_SITES))
+
+
+@figure(
+    "palm touch",
+    "%",
+    "Share of these frames in which 2 cm2 of the hand's palmar side touch, not the tip of a finger alone",
+    better="higher",
+    slow=True,
+)
+def palm_touch_share(view: Comparison) -> float | None:
+    """Return the share of the labelled frames of hands with 2 cm2 of palmar skin within 2 mm of the surface."""
+    return mean_or_none(_by_palm(view).astype(float))
+
+
+@figure("fingertip touch", "%", "Share of these frames in which the hand touches, but with less than that", slow=True)
+def fingertip_touch_share(view: Comparison) -> float | None:
+    """Return the share of the labelled frames of hands that `touch_share` counts and `palm_touch_share` does not."""
+    touching = np.abs(_gaps(view, HAND_SITES)) <= _MAX_TOUCH_GAP_M
+    return mean_or_none((touching & ~_by_palm(view)).astype(float))
+
+
+@figure(
+    "touch gap p95", "mm", "Distance of such a hand's skin from the surface, exceeded in 5 % of the frames", slow=True
+)
+def touch_gap_p95_m(view: Comparison) -> float | None:
+    """Return the 95th percentile of the gap's size [m] over the labelled frames of hands, sunk and off alike."""
+    return percentile_or_none(np.abs(_gaps(view, HAND_SITES)))
+
+
+@figure("touch place", "mm", "How far from the human's place on the surface it touches", slow=True)
+def touch_place_m(view: Comparison) -> float | None:
+    """Return the mean distance on the object [m] from where hands touch to where the human's palms do."""
+    return mean_or_none(_pooled(curve.place[curve.active] for curve in _curves(view, HAND_SITES)))
+
+
+@figure("recorded place", "mm", "How far from where the person touched before contacts were edited", slow=True)
+def recorded_place_m(view: Comparison) -> float | None:
+    """Return `touch_place_m` [m] to the recorded contacts of edited ones, over frames with both; None if unedited."""
+    places = _pooled(curve.recorded_place[curve.active] for curve in _curves(view, HAND_SITES))
+    return mean_or_none(places[np.isfinite(places)])
+
+
+@figure(
+    "foot touch", "%", "Share of the frames in which a foot that is to touch an object does", better="higher", slow=True
+)
+def foot_touch_share(view: Comparison) -> float | None:
+    """Return `touch_share` of feet that are labelled to touch an object."""
+    return _touch_share(_gaps(view, FOOT_SITES))
+
+
+@figure(
+    "foot touch gap p95", "mm", "Distance of such a foot from the surface, exceeded in 5 % of the frames", slow=True
+)
+def foot_touch_gap_p95_m(view: Comparison) -> float | None:
+    """Return `touch_gap_p95_m` [m] of feet that are labelled to touch an object."""
+    return percentile_or_none(np.abs(_gaps(view, FOOT_SITES)))
+
+
+def _curves(view: Comparison, parts: dict[str, str]) -> list[TouchCurve]:
+    return [curve for curve in view.cached(surface_curves).touches if curve.part in parts]
+
+
+def _gaps(view: Comparison, parts: dict[str, str]) -> Float[np.ndarray, "K"]:
+    return _pooled(curve.gap[curve.active] for curve in _curves(view, parts))
+
+
+def _touch_share(gaps: Float[np.ndarray, "K"]) -> float | None:
+    return mean_or_none((np.abs(gaps) <= _MAX_TOUCH_GAP_M).astype(float))
+
+
+def _by_palm(view: Comparison) -> Bool[np.ndarray, "K"]:
+    areas = _pooled(curve.palmar_area[curve.active] for curve in _curves(view, HAND_SITES))
+    return areas >= _MIN_TOUCH_AREA_M2
+
+
+def surface_curves(view: Comparison) -> SurfaceCurves:
+    """Return the curves of a comparison; raises `GeometryError` when an object's mesh cannot be read."""
+    model = view.kinematics.model
+    tracks = [track for track in view.contacts if track.part in PART_SITES and part_skins(model, track.part)]
+    never = np.zeros(view.clip.frames - view.first, dtype=bool)
+    touching: Touching = {}
+    for track in tracks:
+        for link in part_skins(model, track.part):
+            key = link.link, track.object
+            touching[key] = touching.get(key, never) | track.active
+    placed = posed_objects([track.geometry for track in view.clip.objects], view.robot_objects, view.motion)
+    distances = object_distances(view.kinematics, placed, touching, view.first)
+    return SurfaceCurves(distances.links, distances.depth, tuple(_touch(view, track, distances) for track in tracks))
+
+
+def _touch(view: Comparison, track: ContactTrack, distances: ObjectDistances) -> TouchCurve:
+    active, never = track.active, np.full((len(track.active), 3), np.nan)
+    skins, placed = part_skins(view.kinematics.model, track.part), distances.objects[track.object]
+    pairs = [distances.pairs[skin.link, track.object] for skin in skins]
+    nearest = np.array([pair.skin for pair in pairs]).argmin(axis=0)
+    gap, touching, area = distances.gap(skins, track.object), never.copy(), np.zeros(len(active))
+    near = np.flatnonzero(active & (gap <= _MAX_TOUCH_GAP_M)) if track.part in HAND_SITES else np.zeros(0, dtype=int)
+    for index, (skin, pair) in enumerate(zip(skins, pairs, strict=True)):
+        chosen = np.flatnonzero(active & (nearest == index))
+        pose = distances.poses[skin.link].at(chosen).relative_to(placed.pose.at(chosen))
+        touching[chosen] = pose.placed(skin.points[pair.point[chosen]])
+        palmar = palmar_points(view.kinematics.model, track.part, skin) if len(near) else near
+        if len(palmar):
+            there = replace(placed, pose=placed.pose.at(near))
+            poses, points = distances.poses[skin.link].at(near), skin.points[palmar]
+            area[near] += area_near(there, poses, points, skin.areas[palmar], _MAX_TOUCH_GAP_M)
+    recorded = view.recorded_points.get((track.part, track.object), never)
+    recorded = np.where((norms(recorded - track.contact_points) > _EDITED_M)[:, None], recorded, np.nan)
+    place, before = (_place_distances(placed, touching, points) for points in (track.contact_points, recorded))
+    return TouchCurve(track.part, track.object, active, gap, place, before, area)
+
+
+def _place_distances(
+    placed: PosedObject, robot: Float[np.ndarray, "F 3"], human: Float[np.ndarray, "F 3"]
+) -> Float[np.ndarray, "F"]:
+    """Return the distance between two points' nearest places on the surface [m]; NaN where one is missing.
+
+    Args:
+        placed: The object.
+        robot: In the frame of the scaled object [m].
+        human: In the object's frame at captured size [m].
+    """
+    surface, found = placed.shape.surface, np.full(len(robot), np.nan)
+    both = np.flatnonzero(np.isfinite(robot + human).all(axis=1))
+    here, there = (surface.closest_points(points) for points in (robot[both] / placed.scale, human[both]))
+    found[both] = placed.scale * norms(here - there)
+    return found

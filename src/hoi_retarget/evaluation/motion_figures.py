@@ -1,0 +1,303 @@
+"""Motion figures: feet and objects on the floor, joint limits, likeness of links' and objects' motion, and smoothness.
+
+Joint limits are judged in every frame, the first one too: a limit is a promise, not a comparison.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.clip.floor import rests_on_floor
+from hoi_retarget.evaluation.comparison import (
+    HAND_SITES,
+    Comparison,
+    RigidPoses,
+    direction_angles_deg,
+    figure,
+    finite_min_or_none,
+    max_or_none,
+    mean_or_none,
+    norms,
+    percentile_or_none,
+)
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.numerics import se3
+from hoi_retarget.robots.model import Kinematics, RobotModel
+from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
+
+_MIN_SPEED_MPS = 0.02
+"""Below this speed [m/s] a direction means nothing (paper's table of metrics)."""
+# Robot site and human joint; the palms are added from `HAND_SITES`.
+_LINKS = (("left_foot", "left_ankle"), ("right_foot", "right_ankle"), ("head", "head"), ("pelvis", "pelvis"))
+# Turns a human joint's axes (x left, y up, z ahead) into a robot link's (x ahead, y left, z up), on the right.
+HUMAN_TO_ROBOT_AXES = se3.quat_to_matrix(np.array([0.5, -0.5, -0.5, -0.5]))
+_PALM = "palm"
+"""Stands for the contact point of a hand, which is no joint."""
+# Chains of robot site and human joint, `{side}` being left and right. Bones are seen in the frame of the first pair.
+_LEG = (
+    ("pelvis", "pelvis"),
+    ("{side}_hip", "{side}_hip"),
+    ("{side}_knee", "{side}_knee"),
+    ("{side}_foot", "{side}_ankle"),
+    ("{side}_toe", "{side}_foot"),
+)
+_ARM = (
+    ("torso", "spine3"),
+    ("{side}_shoulder", "{side}_shoulder"),
+    ("{side}_elbow", "{side}_elbow"),
+    ("{side}_wrist", "{side}_wrist"),
+    ("{side}_palm", _PALM),
+)
+_Chain = tuple[tuple[str, str], ...]
+
+
+@figure("foot slide", "cm/s", "Mean speed of standing feet over the floor", needs_floor=True)
+def stance_slide_mps(view: Comparison) -> float | None:
+    """Return the mean horizontal ankle speed [m/s] over pairs of neighbouring stance frames of each foot."""
+    speeds = foot_speeds(view.kinematics, view.clip.fps)[view.first :]
+    return mean_or_none(speeds[view.stance[1:] & view.stance[:-1]])
+
+
+@figure("sole height", "mm", "Mean distance of standing soles from the floor", needs_floor=True)
+def stance_sole_height_abs_m(view: Comparison) -> float | None:
+    """Return the mean distance [m] of the lowest sole corner from the floor, above or below, in stance."""
+    return mean_or_none(np.abs(view.cached(_counted_heights)[view.stance]))
+
+
+@figure("foot float", "mm", "Mean height of standing soles over the floor", needs_floor=True)
+def stance_float_m(view: Comparison) -> float | None:
+    """Return the mean height [m] of the lowest sole corner in stance, a sunken sole counting as zero."""
+    return mean_or_none(np.maximum(view.cached(_counted_heights)[view.stance], 0.0))
+
+
+@figure("floor penetration", "mm", "How deep a sole gets below the floor", needs_floor=True)
+def floor_penetration_max_m(view: Comparison) -> float | None:
+    """Return the depth [m] of the deepest sole corner of the clip, in stance or not; zero if none is below."""
+    return deepest(view.cached(_counted_heights))
+
+
+@figure("object below floor", "mm", "How deep an object gets below the floor", needs_floor=True)
+def object_below_floor_m(view: Comparison) -> float | None:
+    """Return the depth [m] of the deepest object point of the clip; zero if none is below, None without objects."""
+    if view.object_count == 0:
+        return None
+    return max(0.0, -float(view.cached(_object_heights).min()))
+
+
+@figure("object float", "mm", "Mean height of resting objects over the floor", needs_floor=True)
+def object_float_m(view: Comparison) -> float | None:
+    """Return an object's mean height above the floor [m] while the human's rests on it; that of the worst object."""
+    rests = rests_on_floor(view.clip)[:, view.first :]
+    if not rests.any():
+        return None
+    heights = np.maximum(view.cached(_object_heights), 0.0)
+    return max(float(own[resting].mean()) for own, resting in zip(heights, rests, strict=True) if resting.any())
+
+
+@figure(
+    "range margin",
+    "rad",
+    "Way left to the nearest end of any joint's range; negative is beyond it",
+    digits=3,
+    better="higher",
+)
+def joint_range_margin_rad(view: Comparison) -> float | None:
+    """Return the smallest distance [rad] of any joint to the end of its range; negative where it is violated."""
+    return finite_min_or_none(joint_range_margins(view.motion, view.kinematics.model))
+
+
+@figure(
+    "speed margin",
+    "rad/s",
+    "Speed left to the limit of the fastest joint; negative is beyond it",
+    digits=2,
+    better="higher",
+)
+def joint_speed_margin_radps(view: Comparison) -> float | None:
+    """Return the smallest limit minus speed [rad/s] of any joint; negative where it is violated."""
+    return finite_min_or_none(joint_speed_margins(view.motion, view.kinematics.model))
+
+
+@figure("pose", "deg", "Mean angle between the bones of robot and human; proportions alone make some")
+def body_pose_deviation_deg(view: Comparison) -> float | None:
+    """Return the mean angle [deg] between the two sides' bone directions, over 16 bones and frames.
+
+    Over the 8 of the arms alone where a base carries the robot.
+    """
+    chains = (_LEG, _ARM) if view.kinematics.model.spec.base == "legs" else (_ARM,)
+    angles = [direction_angles_deg(_robot_bones(view, chain), _human_bones(view, chain)) for chain in chains]
+    return mean_or_none(np.stack(angles))
+
+
+@figure("trunk", "deg", "Mean angle between the chests of robot and human, in the world")
+def trunk_deviation_deg(view: Comparison) -> float | None:
+    """Return the mean angle [deg] between the rotations of the robot's torso and the human's chest in the world.
+
+    None where a base carries the robot, whose trunk cannot follow.
+    """
+    return mean_or_none(view.cached(trunk_deviations)[0])
+
+
+@figure("trunk p95", "deg", "The angle between the chests that 95 % of the frames stay below")
+def trunk_deviation_p95_deg(view: Comparison) -> float | None:
+    """Return the 95th percentile of that angle [deg]."""
+    return percentile_or_none(view.cached(trunk_deviations)[0])
+
+
+@figure("trunk max", "deg", "The largest angle between the chests")
+def trunk_deviation_max_deg(view: Comparison) -> float | None:
+    """Return the largest such angle [deg]."""
+    return max_or_none(view.cached(trunk_deviations)[0])
+
+
+@figure(
+    "lean p95",
+    "deg",
+    "How much more or less than the human's the robot's trunk leans sideways, in 95 % of the frames",
+    needs_floor=True,
+)
+def trunk_lean_p95_deg(view: Comparison) -> float | None:
+    """Return the 95th percentile of the difference of the two trunks' sideways lean [deg]."""
+    return percentile_or_none(view.cached(trunk_deviations)[1])
+
+
+@figure("velocity direction", "deg", "Mean angle between the velocities of hands, feet, head and pelvis of the two")
+def link_velocity_direction_deg(view: Comparison) -> float | None:
+    """Return the mean angle [deg] between the two sides' link velocities relative to the object.
+
+    Over palms, ankles, head and pelvis, wherever both sides exceed 2 cm/s. With several objects, relative to
+    the one that the person touches longest; without objects, in the world.
+    """
+    robot_points = [view.robot_point(site) for site in HAND_SITES.values()]
+    robot_points += [view.robot_point(site) for site, _ in _LINKS]
+    human_points = [view.human_part_point(part) for part in HAND_SITES]
+    human_points += [view.human_point(joint) for _, joint in _LINKS]
+    robot = _velocities(np.stack(robot_points, axis=1), view.robot_objects, view)
+    human = _velocities(np.stack(human_points, axis=1), view.human_objects, view)
+    moving = (norms(robot) > _MIN_SPEED_MPS) & (norms(human) > _MIN_SPEED_MPS)
+    return mean_or_none(direction_angles_deg(robot[moving], human[moving]))
+
+
+@figure("jerk", "m/s^3", "Mean change of acceleration over all links")
+def body_jerk_mps3(view: Comparison) -> float | None:
+    """Return the mean third difference of the positions of all links with mass [m/s^3]."""
+    return mean_or_none(view.cached(_counted_jerks))
+
+
+@figure("jerk max", "m/s^3", "The largest change of acceleration of any link", digits=0)
+def body_jerk_max_mps3(view: Comparison) -> float | None:
+    """Return the largest such third difference [m/s^3]."""
+    return max_or_none(view.cached(_counted_jerks))
+
+
+@figure("object path", "cm", "How far the object's path is from the recorded one; it shrinks with the person by design")
+def object_path_error_m(view: Comparison) -> float | None:
+    """Return the mean distance [m] of the two sides' object translations, each relative to its first counted frame."""
+    distances = [
+        norms((robot.positions - robot.positions[:1]) - (human.positions - human.positions[:1]))
+        for robot, human in zip(view.robot_objects, view.human_objects, strict=True)
+    ]
+    return mean_or_none(np.array(distances))
+
+
+def trunk_deviations(view: Comparison) -> Float[np.ndarray, "2 F"]:
+    """Return the angle between the robot's torso and the human's chest, and how much their leans differ [deg].
+
+    A trunk leans by the angle of its axis to the left over the horizontal. No frames where a base carries the robot.
+    """
+    if view.kinematics.model.spec.base != "legs":
+        return np.zeros((2, 0))
+    robot, human = view.robot_rotation("torso"), view.human_rotation("spine3") @ HUMAN_TO_ROBOT_AXES
+    leans = [np.arcsin(np.clip(side[:, 2, 1], -1.0, 1.0)) for side in (robot, human)]
+    return np.degrees([se3.matrix_angle_between(robot, human), np.abs(leans[0] - leans[1])])
+
+
+def foot_speeds(kinematics: Kinematics, fps: float) -> Float[np.ndarray, "steps 2"]:
+    """Return the horizontal speed of each ankle [m/s] from each frame to the next."""
+    ankles = np.stack([kinematics.site_position(f"{side}_foot")[:, :2] for side in SIDES], axis=1)
+    return norms(np.diff(ankles, axis=0)) * fps
+
+
+def sole_heights(kinematics: Kinematics) -> Float[np.ndarray, "T 2"]:
+    """Return the height of the lowest sole corner of each foot above the floor [m]."""
+    corners = [[kinematics.site_position(f"{side}_sole_{corner}")[:, 2] for corner in SOLE_CORNERS] for side in SIDES]
+    return np.array(corners).min(axis=1).T
+
+
+def deepest(heights: Float[np.ndarray, "F 2"]) -> float | None:
+    """Return the depth [m] of the deepest sole corner; zero if none is below the floor."""
+    return float(np.maximum(-heights, 0.0).max()) if heights.size else None
+
+
+def joint_range_margins(motion: Motion, model: RobotModel) -> Float[np.ndarray, "T n"]:
+    """Return the distance [rad] of every joint to the nearer end of its range, in every frame."""
+    angles = motion.qpos[:, 7:]
+    return np.minimum(angles - model.lower, model.upper - angles)
+
+
+def joint_speed_margins(motion: Motion, model: RobotModel) -> Float[np.ndarray, "steps n"]:
+    """Return the limit minus speed [rad/s] of every joint, from each frame to the next."""
+    return model.speed_limits - np.abs(np.diff(motion.qpos[:, 7:], axis=0)) * motion.fps
+
+
+def body_jerks(kinematics: Kinematics, fps: float) -> Float[np.ndarray, "J B"]:
+    """Return the magnitude of the third difference of all links with mass [m/s^3], from every frame over four."""
+    positions = kinematics.body_positions
+    # Written out: three passes of `numpy.diff` cost twice as much.
+    third = positions[3:] - positions[:-3] - 3.0 * (positions[2:-1] - positions[1:-2])
+    return norms(third) * fps**3
+
+
+def _counted_heights(view: Comparison) -> Float[np.ndarray, "F 2"]:
+    return sole_heights(view.kinematics)[view.first :]
+
+
+def _object_heights(view: Comparison) -> Float[np.ndarray, "O F"]:
+    """Return the height of each object's lowest point above the floor [m]."""
+    return np.array(
+        [
+            pose.positions[:, 2] + scale * track.geometry.lowest_along(pose.rotations[:, 2])
+            for track, pose, scale in zip(view.clip.objects, view.robot_objects, view.motion.object_scale, strict=True)
+        ]
+    )
+
+
+def _velocities(
+    points: Float[np.ndarray, "F K 3"], objects: Sequence[RigidPoses], view: Comparison
+) -> Float[np.ndarray, "F-1 K 3"]:
+    """Return `R_o^T (v - v_o)` [m/s], or `v`, backward differences, with the rotation of the later frame."""
+    if view.main_object is None:
+        return np.diff(points, axis=0) * view.clip.fps
+    pose = objects[view.main_object]
+    # (v - v_o) is the difference of (p - p_o): the object's rotation is not differentiated.
+    relative = np.diff(points - pose.positions[:, None], axis=0) * view.clip.fps
+    return RigidPoses(pose.positions[1:], pose.rotations[1:]).vectors_inside(relative)
+
+
+def _counted_jerks(view: Comparison) -> Float[np.ndarray, "J B"]:
+    return body_jerks(view.kinematics, view.clip.fps)[view.first :]
+
+
+def _robot_bones(view: Comparison, chain: _Chain) -> Float[np.ndarray, "F 8 3"]:
+    points = [[view.robot_point(name.format(side=side)) for name, _ in chain] for side in SIDES]
+    return _bones_inside(view.robot_rotation(chain[0][0]), points)
+
+
+def _human_bones(view: Comparison, chain: _Chain) -> Float[np.ndarray, "F 8 3"]:
+    points = [
+        [
+            view.human_part_point(f"{side}_hand") if name == _PALM else view.human_point(name.format(side=side))
+            for _, name in chain
+        ]
+        for side in SIDES
+    ]
+    return _bones_inside(view.human_rotation(chain[0][1]) @ HUMAN_TO_ROBOT_AXES, points)
+
+
+def _bones_inside(
+    frame: Float[np.ndarray, "F 3 3"], points: list[list[Float[np.ndarray, "F 3"]]]
+) -> Float[np.ndarray, "F 8 3"]:
+    """Return the bones of two chains of five points each, along the axes of `frame` [m]."""
+    bones = np.diff(np.array(points), axis=1)
+    return bones.reshape(8, -1, 3).transpose(1, 0, 2) @ frame

@@ -1,0 +1,110 @@
+"""Figures of the forces that a motion needs, and of a simulated motion's deviations from its reference."""
+
+import numpy as np
+
+from hoi_retarget.dynamics.contact_forces import Forces
+from hoi_retarget.dynamics.feasibility import forces_on_clip, over_torque, unheld_by_one
+from hoi_retarget.errors import RobotError
+from hoi_retarget.evaluation.comparison import Comparison, Figure
+from hoi_retarget.motion.motion import SIMULATED, Motion
+from hoi_retarget.numerics import se3
+
+_PERCENTILE = 95
+
+
+def forces_figures(forces: Forces, motion: Motion) -> dict[str, float | None]:
+    """Return the figures of the forces that a motion needs, by name; None where undefined."""
+    largest = forces.torque_shares.max(axis=1)
+    at_objects = forces.missing_share_at_objects
+    judged = at_objects[np.isfinite(at_objects)]
+    return {
+        "missing_wrench_p95_share": float(np.percentile(forces.missing_share, _PERCENTILE)),
+        "object_missing_wrench_p95_share": float(np.percentile(judged, _PERCENTILE)) if judged.size else None,
+        "torque_p95_share": float(np.percentile(largest, _PERCENTILE)),
+        "torque_over_limit_share": float(over_torque(forces).any(axis=1).mean()),
+        "one_hand_unheld_s": float(unheld_by_one(forces, motion).sum() / motion.fps) if judged.size else None,
+    }
+
+
+def _feasibility(view: Comparison) -> dict[str, float | None]:
+    try:
+        forces = forces_on_clip(view.motion, view.clip, view.kinematics.model)
+    except RobotError:  # A base carries the robot, or a joint's torque has no limit.
+        return {}
+    return forces_figures(forces, view.motion)
+
+
+def _figure(name: str, title: str, unit: str, meaning: str, digits: int = 1) -> Figure:
+    def measure(view: Comparison) -> float | None:
+        return view.cached(_feasibility).get(name)
+
+    return Figure(name, title, unit, meaning, measure, digits, slow=True, needs_floor=True)
+
+
+FEASIBILITY = (
+    _figure(
+        "missing_wrench_p95_share",
+        "missing wrench p95",
+        "%",
+        "Force and moment that the robot needs and nothing gives, over its weight",
+    ),
+    _figure(
+        "object_missing_wrench_p95_share", "object missing wrench p95", "%", "The same of objects, over their weight"
+    ),
+    _figure("torque_p95_share", "torque p95", "%", "Torque of the joint that needs most, over its limit", 0),
+    _figure(
+        "torque_over_limit_share", "frames over torque", "%", "Share of frames that no torques within the limits can do"
+    ),
+    _figure("one_hand_unheld_s", "one hand cannot hold", "s", "Time in which one hand alone holds what it cannot", 2),
+)
+
+
+def performed_figures(motion: Motion) -> dict[str, float | None]:
+    """Return a simulated motion's deviations from the stage before, over all frames up to a fall, by name.
+
+    There are none of other motions, and none of objects where there are no objects.
+    """
+    if motion.stages[-1].name != SIMULATED or len(motion.stages) == 1:
+        return {}
+    reference = motion.at_stage(motion.stages[-2].name)
+    target, found = reference.qpos, motion.qpos
+    figures: dict[str, float | None] = {
+        "reference_root_m": float(np.linalg.norm(found[:, :3] - target[:, :3], axis=1).mean()),
+        "reference_root_deg": float(np.degrees(se3.angle_between(found[:, 3:7], target[:, 3:7])).mean()),
+        "reference_joint_rad": float(np.abs(found[:, 7:] - target[:, 7:]).mean()),
+    }
+    if motion.report.performance is not None:
+        figures["stood_s"] = motion.report.performance.seconds
+    if motion.object_names:
+        apart = np.linalg.norm(motion.object_pos - reference.object_pos, axis=2)
+        turned = se3.angle_between(motion.object_quat, reference.object_quat)
+        figures |= {"reference_object_m": float(apart.mean()), "reference_object_max_m": float(apart.max())}
+        figures["reference_object_deg"] = float(np.degrees(turned).mean())
+    return figures
+
+
+PERFORMED = (
+    Figure(
+        "reference_object_m", "object off reference", "cm", "Mean distance of the simulated object from its reference"
+    ),
+    Figure("reference_object_max_m", "object off reference max", "cm", "The same at its largest"),
+    Figure(
+        "reference_object_deg",
+        "object turned off reference",
+        "deg",
+        "Mean angle of the simulated object off its reference",
+    ),
+    Figure("reference_root_m", "root off reference", "cm", "Mean distance of the simulated root from its reference"),
+    Figure(
+        "reference_root_deg", "root turned off reference", "deg", "Mean angle of the simulated root off its reference"
+    ),
+    Figure(
+        "reference_joint_rad",
+        "joints off reference",
+        "rad",
+        "Mean angle of simulated joints off their reference",
+        digits=3,
+    ),
+    Figure("stood_s", "time to fall or end", "s", "Time until the simulated robot fell, or the end", better="higher"),
+)
+"""Figures that only a performed motion has."""

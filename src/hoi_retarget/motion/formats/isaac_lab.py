@@ -1,0 +1,136 @@
+"""`motion.npz` of BeyondMimic's whole_body_tracking (Isaac Lab's order) and mjlab's tracking task (MuJoCo's order).
+
+Their arrays have the same names, and neither stores those of joints and bodies: only the numbers distinguish them.
+Other trackers' files share the arrays of bodies and of one object.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from hoi_retarget.motion.formats.containers import ArraysByName, has
+from hoi_retarget.motion.formats.format import Format, VelocityPoint, Written
+from hoi_retarget.motion.formats.motion_file import Bodies, Convention
+from hoi_retarget.motion.links import breadth_first, link_states, source_joints
+from hoi_retarget.motion.resample import ResampledMotion
+
+
+def read_bodies(arrays: ArraysByName) -> Bodies:
+    """Return the bodies of a file; raises `ReadError`."""
+    return Bodies(
+        arrays.numbers("body_pos_w"),
+        arrays.numbers("body_quat_w"),
+        arrays.optional("body_lin_vel_w"),
+        arrays.optional("body_ang_vel_w"),
+    )
+
+
+def body_arrays(motion: ResampledMotion, velocity_of: VelocityPoint) -> dict[str, np.ndarray]:
+    """Return the arrays of all bodies in MuJoCo's order, (T, B, 3 or 4)."""
+    links = link_states(motion)
+    return {
+        "body_pos_w": links.pos,
+        "body_quat_w": links.quat,
+        # Isaac Lab's body_lin_vel_w, with which its trackers compare, is that of the centre of mass.
+        "body_lin_vel_w": links.com_lin_vel if velocity_of == "centres of mass" else links.lin_vel,
+        "body_ang_vel_w": links.ang_vel,
+    }
+
+
+def object_arrays(motion: ResampledMotion) -> dict[str, np.ndarray]:
+    """Return the arrays of the object in the format's one place for it, (T, 3 or 4); none where there is none."""
+    if motion.object is None:
+        return {}
+    paths = {
+        "object_pos_w": motion.object_pos,
+        "object_quat_w": motion.object_quat,
+        "object_lin_vel_w": motion.object_lin_vel,
+        "object_ang_vel_w": motion.object_ang_vel,
+    }
+    return {name: path[:, motion.object] for name, path in paths.items()}
+
+
+def with_object(bodies: dict[str, np.ndarray], object_paths: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return arrays of bodies with the object's at their ends, as one more body."""
+    if not object_paths:
+        return bodies
+    return {
+        name: np.concatenate([array, object_paths[name.replace("body", "object")][:, None]], axis=1)
+        for name, array in bodies.items()
+    }
+
+
+Columns = np.ndarray | slice
+
+OPEN = Convention("tracking", order=None)
+"""What both demand, as long as the order is not known."""
+
+holds = has("fps", "joint_pos", "joint_vel", "body_pos_w", "body_quat_w")
+
+
+def _read_tracking(arrays: ArraysByName) -> dict[str, Any]:
+    """Return the fields of a `MotionFile`; raises `ReadError`."""
+    return {
+        "convention": OPEN,
+        "joint_pos": arrays.numbers("joint_pos"),
+        "joint_vel": arrays.numbers("joint_vel"),
+        "bodies": read_bodies(arrays),
+    }
+
+
+def _write_tracking(
+    motion: ResampledMotion, velocity_of: VelocityPoint, fps: int | float, *, bodies: Columns, joints: Columns
+) -> Written:
+    """Return one motion, its bodies and joints in this order, in single precision."""
+    model, source = motion.model, source_joints(motion)
+    arrays = {"joint_pos": source.pos[:, joints], "joint_vel": source.vel[:, joints]}
+    arrays |= {name: array[:, bodies] for name, array in body_arrays(motion, velocity_of).items()}
+    single = {name: array.astype(np.float32) for name, array in arrays.items()}
+    return Written(
+        {"fps": np.array([fps]), **single},
+        joint_names=tuple(np.array(source.names)[joints].tolist()),
+        body_names=tuple(np.array(model.body_names)[bodies].tolist()),
+    )
+
+
+def _write_beyondmimic(motion: ResampledMotion) -> Written:
+    """Return one motion in Isaac Lab's order."""
+    bodies, joints = breadth_first(motion.model)
+    return _write_tracking(motion, BEYONDMIMIC.linear_velocity_of, motion.rate, bodies=bodies, joints=joints)
+
+
+BEYONDMIMIC = Format(
+    name="beyondmimic",
+    convention=Convention("beyondmimic", order="breadth_first"),
+    holds=holds,
+    read=_read_tracking,
+    write=_write_beyondmimic,
+    title="BeyondMimic, whole_body_tracking (Isaac Lab)",
+    fps=50.0,
+    contacts_inside=True,
+    # The file has no names, and how Isaac Lab orders the joints is known for the G1 alone.
+    robots=("unitree_g1",),
+    linear_velocity_of="centres of mass",
+)
+
+
+def _write_mjlab(motion: ResampledMotion) -> Written:
+    """Return one motion in MuJoCo's order."""
+    fps, as_they_are = float(motion.fps), slice(None)
+    written = _write_tracking(motion, MJLAB.linear_velocity_of, fps, bodies=as_they_are, joints=as_they_are)
+    note = "mjlab does not look at the file's rate: it must be that of the environment, 50 in its tasks."
+    return replace(written, notes=(note,))
+
+
+MJLAB = Format(
+    name="mjlab",
+    convention=Convention("mjlab", order="depth_first"),
+    holds=holds,
+    read=_read_tracking,
+    write=_write_mjlab,
+    title="mjlab, tracking task (MuJoCo Warp)",
+    fps=50.0,
+    contacts_inside=True,
+    linear_velocity_of="link origins",
+)

@@ -1,0 +1,225 @@
+"""From a clip to a robot's motion, in the order of the paper's Sec. III; nothing is judged here."""
+
+import time
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+import scipy  # its modules are loaded where they are first used
+from jaxtyping import Float
+from threadpoolctl import ThreadpoolController
+
+from hoi_retarget import __version__
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.motion.motion import Motion, Stage
+from hoi_retarget.motion.motion_report import Report, SolverPass, Window
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.ik import raised_above_floor, solve_ik
+from hoi_retarget.retargeting.orientation_flips import orientation_flips, rotation_errors_deg, trunk_turns, with_reasons
+from hoi_retarget.retargeting.surfaces.passes import SurfaceProblems
+from hoi_retarget.retargeting.targets import Targets, make_targets, pinned_parts, with_pins
+from hoi_retarget.retargeting.trajopt.problem import Problem
+from hoi_retarget.retargeting.trajopt.solvers.solver import Effort, Solver
+from hoi_retarget.retargeting.trajopt.solvers.solver_result import SolverResult
+from hoi_retarget.retargeting.trajopt.trajectory_terms import trajectory_terms
+from hoi_retarget.retargeting.trajopt.windows import FrameRange, ProblemOf, solve_windows, windows_of
+from hoi_retarget.robots.model import Kinematics, RobotModel
+
+_LINEAR_ALGEBRA = ThreadpoolController()
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """One robot's motion for one person of a clip, and the targets that it follows; it has no figures."""
+
+    clip: Clip
+    person: int
+    targets: Targets
+    motion: Motion
+    kinematics: Kinematics
+    """The model's `forward(motion.qpos)`."""
+
+    @classmethod
+    def of(cls, clip: Clip, person: int, targets: Targets, motion: Motion, model: RobotModel) -> "Solution":
+        """Return the solution; its motion's report names pins, flipped limbs and turns of the trunk.
+
+        Args:
+            clip: The recording.
+            person: Index of the person.
+            targets: Of the robot.
+            motion: Follows them.
+            model: The robot.
+        """
+        kinematics = model.forward(motion.qpos)
+        flips = orientation_flips(rotation_errors_deg(kinematics, targets))
+        motion = motion.with_report(
+            pins=pinned_parts(kinematics, targets),
+            orientation_flips=with_reasons(flips, kinematics, targets),
+            trunk_turns=trunk_turns(kinematics, targets),
+            rotation_jumps=targets.rotation_jumps,
+        )
+        return cls(clip, person, targets, motion, kinematics)
+
+    @property
+    def model(self) -> RobotModel:
+        """The robot."""
+        return self.kinematics.model
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """Trajectories of inverse kinematics and of the optimization, with the report of each window."""
+        return self.motion.stages
+
+
+def solve(clip: Clip, model: RobotModel, config: Config = Config(), *, person: int = 0) -> Solution:
+    """Return the motion of one robot for one person of a clip, without figures.
+
+    Args:
+        clip: The recording.
+        model: The robot.
+        config: Scales, weights, solvers.
+        person: Index of the person that the robot follows.
+
+    Raises:
+        SolveError: A window ends without a usable trajectory.
+    """
+    with one_thread():
+        clock = [time.process_time()]
+        targets = make_targets(clip, model, config.scaling, contact=config.contact, person=person)
+        clock.append(time.process_time())
+        ik_qpos, ik_windows = solve_ik(model, targets, config.ik, config.horizon)
+        if config.contact == "surface":
+            ik_qpos = raised_above_floor(model, targets, ik_qpos)
+        targets = with_pins(targets, clip, model, ik_qpos, person=person)
+        clock.append(time.process_time())
+        qpos, windows = solve_trajectory(model, targets, ik_qpos, config)
+        clock.append(time.process_time())
+        report = Report(
+            clip=clip.name,
+            person=person,
+            source=clip.source,
+            robot_file=model.spec.description_file,
+            robot_sha256=model.spec.description_sha256,
+            root_scale=targets.root_scale,
+            config=config.as_json(),
+            versions=_versions(),
+            cpu_seconds=dict(zip(("targets", "ik", "trajectory"), np.diff(clock).tolist(), strict=True)),
+        )
+        stages = (Stage("ik", ik_qpos, ik_windows), Stage("trajectory", qpos, windows))
+        return Solution.of(clip, person, targets, _motion(clip, model, targets, stages, report), model)
+
+
+def one_thread() -> AbstractContextManager[Any]:
+    """Return a context in which linear algebra uses one thread.
+
+    The matrices are small: several threads on them wait for each other, and slow a solve down many times.
+    """
+    return _LINEAR_ALGEBRA.limit(limits=1, user_api="blas")
+
+
+def solve_trajectory(  # noqa: PLR0913  # the parts of a solve
+    model: RobotModel,
+    targets: Targets,
+    ik_qpos: Float[np.ndarray, "T nq"],
+    config: Config,
+    *,
+    windows: Sequence[FrameRange] | None = None,
+    start: Float[np.ndarray, "T nq"] | None = None,
+    first_frame: int = 0,
+) -> tuple[Float[np.ndarray, "T nq"], tuple[Window, ...]]:
+    """Return the optimized trajectory [m, rad] (paper Sec. III-B) and the report of each window.
+
+    Args:
+        model: The robot.
+        targets: Of the T frames.
+        ik_qpos: The reference.
+        config: Weights, solver, contact.
+        windows: Frames that are solved at once; by default those of the horizon.
+        start: Holds the pinned frames, and is the start of the first pass; by default the reference.
+        first_frame: Frame of the clip in which the targets start, for messages.
+
+    Raises:
+        GeometryError: An object's mesh cannot be read.
+        SolveError: A window fails, or its trajectory breaks a joint range or a joint speed.
+    """
+    frames = windows_of(config.horizon, targets.frames) if windows is None else windows
+    reports: tuple[Window, ...] = ()
+    passes: list[_Recorder] = []
+
+    def solve_pass(problem_of: ProblemOf, begin: np.ndarray, effort: Effort, last: bool) -> np.ndarray:
+        nonlocal reports
+        begin = start if start is not None and begin is ik_qpos else begin
+        passes.append(_Recorder(config.solver, []))
+        qpos, reports = solve_windows(
+            problem_of, begin, frames, passes[-1], effort, first_frame=first_frame, reported=last
+        )
+        return qpos
+
+    if on_surfaces(targets, config):
+        qpos = SurfaceProblems.of(model, targets, ik_qpos, config).passes(solve_pass)
+    else:
+        qpos = solve_pass(_landmark_problems(model, targets, ik_qpos, config), ik_qpos, Effort(), True)
+    earlier = zip(*(item.ends for item in passes[:-1]), strict=True) if len(passes) > 1 else ((),) * len(reports)
+    return qpos, tuple(
+        replace(window, earlier_passes=tuple(ends)) for window, ends in zip(reports, earlier, strict=True)
+    )
+
+
+@dataclass(frozen=True)
+class _Recorder:
+    """A solver, and the end of each of its solves."""
+
+    solver: Solver
+    ends: list[SolverPass]
+
+    def solve(self, problem: Problem, qpos: np.ndarray, effort: Effort = Effort()) -> SolverResult:
+        result = self.solver.solve(problem, qpos, effort)
+        self.ends.append(SolverPass(result.status, result.iterations))
+        return result
+
+
+def on_surfaces(targets: Targets, config: Config) -> bool:
+    """Return whether the trajectory is that of surfaces in contact: there is an object, and the config says so."""
+    return config.contact == "surface" and bool(targets.object_names)
+
+
+def _landmark_problems(model: RobotModel, targets: Targets, ik_qpos: np.ndarray, config: Config) -> ProblemOf:
+    def problem_of(window: FrameRange) -> Problem:
+        reference = model.forward(ik_qpos[window.first : window.stop])
+        terms = trajectory_terms(config.weights, targets.window(window.first, window.stop), reference)
+        return Problem(model, terms, targets.fps, window.pinned, window.pinned_after)
+
+    return problem_of
+
+
+def _motion(clip: Clip, model: RobotModel, targets: Targets, stages: tuple[Stage, ...], report: Report) -> Motion:
+    return Motion(
+        robot=model.spec.name,
+        fps=clip.fps,
+        joint_names=model.joint_names,
+        stages=stages,
+        object_names=targets.object_names,
+        object_pos=targets.object_pos,
+        object_quat=targets.object_quat,
+        object_scale=targets.object_scale,
+        contact_links=targets.contact_links,
+        contact_flags=targets.contact_flags,
+        contact_object=targets.contact_object,
+        contact_points=targets.contact_points,
+        stance_flags=targets.stance_flags,
+        first_source_frame=clip.first_source_frame,
+        human_height=targets.human_height,
+        report=report,
+    )
+
+
+def _versions() -> dict[str, str]:
+    return {
+        "hoi_retarget": __version__,
+        "mujoco": mujoco.__version__,
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+    }

@@ -1,0 +1,185 @@
+"""Contact targets at which the robot's own skin touches the object, each on the human's side of it.
+
+A contact target is a point inside the human's hand. Moved there, a robot's hand is somewhere inside the object or
+off it. Each contact is moved, with the robot's hand as it is turned, along the contact's side until nothing of the
+hand is inside, and towards the nearest point of the surface until it touches. The moves are smoothed over time.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import scipy  # its modules are loaded where they are first used
+from jaxtyping import Float
+
+from hoi_retarget.numerics.arrays import frozen, runs
+from hoi_retarget.numerics.filters import seconds_to_frames
+from hoi_retarget.retargeting.surfaces.skin_points import MovingObject
+from hoi_retarget.retargeting.targets import Targets
+from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.robots.skin import LinkSkin, Skin
+
+APPROACH_SECONDS = 1 / 3
+"""Before and after a contact, in which the human's part is outside the object on the side from which it came."""
+STEADY_SECONDS = 0.27
+"""A side turns over this time, as where a hand slips around an edge."""
+CLEARLY_OUTSIDE = 0.04
+"""[m]; a part that is so far outside shows its side as well as any."""
+EDITED = 0.03
+"""[m]; a contact point that is so far from the human's part was placed by somebody."""
+
+
+def contact_sides(targets: Targets, objects: tuple[MovingObject, ...]) -> Float[np.ndarray, "T C 3"]:
+    """Return the outward direction of every contact, in the object's frame; zero in frames without.
+
+    In each run of contact it is the mean of the surface's normals nearest to the human's part, in frames of the run and
+    of its approach, weighted by how far outside the part is and by nearness in time. So a part inside a thin wall
+    has the side on which it was before.
+    """
+    sides = np.zeros_like(targets.part_points)
+    margin = seconds_to_frames(APPROACH_SECONDS, targets.fps)
+    for link in range(len(targets.contact_links)):
+        for first, stop in runs(targets.contact_weights[:, link] > 0):
+            window = slice(max(0, first - margin), min(targets.frames, stop + margin))
+            for index in np.unique(targets.carried_contact_object[first:stop, link]):
+                inside = np.flatnonzero(targets.carried_contact_object[first:stop, link] == index) + first
+                sides[inside, link] = _sides(targets, objects[index], link, window)[inside - window.start]
+    return sides
+
+
+def _sides(targets: Targets, moving_object: MovingObject, link: int, window: slice) -> Float[np.ndarray, "F 3"]:
+    points = _points(targets, link)[window]
+    distances, normals = moving_object.distances_and_normals(points.T)
+    shown = np.clip(distances, 1e-5, CLEARLY_OUTSIDE) * normals
+    time = np.arange(len(points)) / seconds_to_frames(STEADY_SECONDS, targets.fps)
+    # Falls slowly: in the midst of a long contact inside a wall, only the approach shows the side.
+    nearness = 1.0 / (1.0 + (time[:, None] - time) ** 2)
+    mean = nearness @ shown.T
+    lengths = np.linalg.norm(mean, axis=1, keepdims=True)
+    return np.where(lengths > 1e-9, mean / np.maximum(lengths, 1e-9), normals.T)
+
+
+def _points(targets: Targets, link: int) -> Float[np.ndarray, "T 3"]:
+    """Return the part's path in the object's frame; the contact points where these were placed elsewhere."""
+    placed = np.nan_to_num(targets.contact_points[:, link])
+    apart = np.linalg.norm(placed - targets.part_points[:, link], axis=1)
+    edited = targets.contact_flags[:, link] & (apart > EDITED)
+    return np.where(edited[:, None], placed, targets.part_points[:, link])
+
+
+SKIN_POINTS = 150
+"""Of the coarse skin that is moved: the last millimetres are left to the optimization."""
+STEPS = 8
+TOWARDS_PLACE = 0.45
+"""Share of the mean way, over a run of contact, from where the hand touches to where the human's does."""
+SMOOTHING_SECONDS = 0.4
+STRIDE_SECONDS = 0.1
+OVERSHOOT = 1.15
+"""A step out is longer than the depth: where the side is oblique to the surface, the depth shrinks by less."""
+LEFT = 0.001
+"""[m] of an object may be left in a link."""
+LARGEST_MOVE = 0.2
+"""[m]; a hand that would have to go further stays as it is."""
+
+
+def touching_targets(
+    targets: Targets,
+    objects: tuple[MovingObject, ...],
+    sides: Float[np.ndarray, "T C 3"],
+    skin: Skin,
+    kinematics: Kinematics,
+) -> Targets:
+    """Return the targets with contact points moved for links that are turned as in a trajectory.
+
+    Args:
+        targets: With the human's contact points.
+        objects: Of the robot's world.
+        sides: Side of the object for each contact, in the object's frame.
+        skin: Of the robot.
+        kinematics: Of the trajectory.
+    """
+    points = targets.carried_contact_points.copy()
+    for link, site in enumerate(targets.contact_links):
+        of_link = skin.by_link.get(kinematics.model.body_of(site))
+        if of_link is None:
+            continue
+        for first, stop in runs(targets.contact_weights[:, link] > 0):
+            # Moves are smoothed anyway: some frames of each stretch are enough.
+            frames = np.unique(
+                np.append(np.arange(first, stop, seconds_to_frames(STRIDE_SECONDS, targets.fps)), stop - 1)
+            )
+            moves = np.zeros((len(frames), 3))
+            for index in np.unique(targets.carried_contact_object[frames, link]):
+                at = targets.carried_contact_object[frames, link] == index
+                goals, outward = points[frames[at], link], sides[frames[at], link]
+                moves[at] = _moves(goals.T, outward.T, objects[index], of_link, kinematics, site, frames[at]).T
+            every, sigma = np.arange(first, stop), seconds_to_frames(SMOOTHING_SECONDS, targets.fps)
+            between = np.stack([np.interp(every, frames, along) for along in moves.T], axis=1)
+            points[every, link] += scipy.ndimage.gaussian_filter1d(between, sigma, axis=0, mode="nearest")
+    return replace(targets, carried_contact_points=frozen(points))
+
+
+def _moves(  # noqa: PLR0913, PLR0917  # the parts of a move
+    goals: Float[np.ndarray, "3 F"],
+    outward: Float[np.ndarray, "3 F"],
+    moving_object: MovingObject,
+    skin: LinkSkin,
+    kinematics: Kinematics,
+    site: str,
+    frames: np.ndarray,
+) -> Float[np.ndarray, "3 F"]:
+    """Return the move of each goal, in the object's frame [m]."""
+    to_object = moving_object.rotation[:, :, frames]
+    turned = np.einsum("jif,jkf->ikf", to_object, kinematics.orientation(skin.frame)[:, :, frames])
+    to_link = kinematics.point(skin.frame)[:, frames] - kinematics.point(site)[:, frames]
+    lever = np.einsum("ijf,kj->ikf", turned, skin.points[:SKIN_POINTS])
+    lever += np.einsum("jif,jf->if", to_object, to_link)[:, None]
+    moves, touched = _settled(np.zeros_like(goals), goals, lever, outward, moving_object)
+    distances, normals = moving_object.distances_and_normals(goals)
+    apart = (goals - distances * normals - touched).mean(axis=1, keepdims=True)
+    moves, _ = _settled(moves + TOWARDS_PLACE * apart, goals, lever, outward, moving_object)
+    origins = np.einsum("jif,jf->if", to_object, to_link) + goals
+    moves = _outside(moves, origins, turned, outward, moving_object, skin)
+    return np.where(np.linalg.norm(moves, axis=0) < LARGEST_MOVE, moves, 0.0)
+
+
+def _settled(
+    moves: Float[np.ndarray, "3 F"],
+    goals: Float[np.ndarray, "3 F"],
+    lever: Float[np.ndarray, "3 K F"],
+    outward: Float[np.ndarray, "3 F"],
+    moving_object: MovingObject,
+) -> tuple[Float[np.ndarray, "3 F"], Float[np.ndarray, "3 F"]]:
+    """Return moves with which skin touches, and where it does, in the object's frame [m]."""
+    every, touched = np.arange(goals.shape[1]), goals
+    for _ in range(STEPS):
+        points = (goals + moves)[:, None] + lever
+        nearest = moving_object.distances(points).argmin(axis=0)
+        touched = points[:, nearest, every]
+        distances, normals = moving_object.distances_and_normals(touched)
+        moves = moves + np.where(distances < 0.0, -OVERSHOOT * distances * outward, -distances * normals)
+    return moves, touched
+
+
+def _outside(  # noqa: PLR0913, PLR0917  # the parts of a move
+    moves: Float[np.ndarray, "3 F"],
+    origins: Float[np.ndarray, "3 F"],
+    turned: Float[np.ndarray, "3 3 F"],
+    outward: Float[np.ndarray, "3 F"],
+    moving_object: MovingObject,
+    skin: LinkSkin,
+) -> Float[np.ndarray, "3 F"]:
+    """Return moves that are longer where something of the object is in the link, between its skin points."""
+    moves = moves.copy()
+    surface = np.asarray(moving_object.samples.data)
+    for frame in range(moves.shape[1]):
+        turn, side = turned[:, :, frame], outward[:, frame]
+        origin = origins[:, frame] + moves[:, frame]
+        samples = surface[moving_object.samples.query_ball_point(origin + turn @ skin.centre, skin.radius)]
+        seen, back, way = (samples - origin) @ turn, turn.T @ side, 0.0
+        for _ in range(STEPS):
+            depth = -skin.solid.distances(seen - way * back).min(initial=np.inf)
+            if depth < LEFT:
+                break
+            way += OVERSHOOT * depth
+        moves[:, frame] += way * side
+    return moves

@@ -1,0 +1,136 @@
+"""Trajectories of hands that touch with their surface, solved in passes: contact points first, then surfaces.
+
+The first pass is the paper's problem, coarsely, with contact points moved to places where the robot's hand touches.
+It ends near the solution of the others, in which distances between surfaces count. These differ only in their
+points, which each pass chooses anew at the end of the pass before it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.errors import RobotError
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.orientation_flips import trunk_turns
+from hoi_retarget.retargeting.surfaces.contact_targets import contact_sides, touching_targets
+from hoi_retarget.retargeting.surfaces.depenetration import EscapePath, escape_paths, paths_within
+from hoi_retarget.retargeting.surfaces.skin_points import moving_objects
+from hoi_retarget.retargeting.surfaces.surface_terms import Surfaces, surface_terms
+from hoi_retarget.retargeting.targets import PALMS, Targets
+from hoi_retarget.retargeting.trajopt.problem import Problem
+from hoi_retarget.retargeting.trajopt.solvers.solver import Effort
+from hoi_retarget.retargeting.trajopt.trajectory_terms import trajectory_terms
+from hoi_retarget.retargeting.trajopt.windows import FrameRange, ProblemOf
+from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.robots.skin import Skin, skin_of, skins_from
+
+COARSE = Effort(300.0, max_iterations=15, restarts=False)
+"""Of the passes that choose contact points: contacts weigh so much that a smaller tolerance shows nowhere."""
+FINE = Effort(20.0, max_iterations=15, restarts=False)
+"""Of the first pass between surfaces."""
+FINAL = Effort(7.0, max_iterations=150, kinks=True)
+"""Of the last pass, which does not try for ever to free a trapped link."""
+ROUNDS = 3
+"""In which links leave objects."""
+
+SolvePass = Callable[[ProblemOf, Float[np.ndarray, "T nq"], Effort, bool], Float[np.ndarray, "T nq"]]
+"""Solves one pass from a start with an effort; the last argument says whether it is the last pass."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceProblems:
+    """The problems of one robot's targets, one for each pass."""
+
+    model: RobotModel
+    targets: Targets
+    ik_qpos: Float[np.ndarray, "T nq"]
+    config: Config
+    surfaces: Surfaces
+
+    @classmethod
+    def of(
+        cls, model: RobotModel, targets: Targets, ik_qpos: Float[np.ndarray, "T nq"], config: Config
+    ) -> "SurfaceProblems":
+        """Return the problems.
+
+        Raises:
+            GeometryError: An object's mesh cannot be read.
+            RobotError: The robot's hands have no shapes.
+        """
+        if not all(skins_from(model, palm) for palm in PALMS):
+            raise RobotError(
+                f"{model.spec.name}: its hands have no shapes, so surfaces cannot touch. Use --contact landmark, "
+                "or add the robot again with its meshes."
+            )
+        objects = moving_objects(targets)
+        surfaces = Surfaces(objects, skin_of(model), contact_sides(targets, objects))
+        return cls(model, targets, ik_qpos, config, surfaces)
+
+    def passes(self, solve_pass: SolvePass) -> Float[np.ndarray, "T nq"]:
+        """Return the trajectory at the end of all passes.
+
+        Args:
+            solve_pass: Solves one of them.
+        """
+        qpos: np.ndarray = self.ik_qpos
+        first = qpos
+        paths: tuple[EscapePath, ...] = ()
+        for _ in range(1 + ROUNDS):
+            qpos = solve_pass(self._with_points(self._touching(qpos), paths), qpos, COARSE, False)
+            further = self._escape_paths(qpos, paths)
+            if not further:
+                break
+            paths = (*paths, *further)
+            first = qpos if len(paths) == len(further) else first
+        if paths and trunk_turns(self.model.forward(qpos), self.targets):
+            # Links must not leave an object by turning the robot over.
+            qpos, paths = first, ()
+        touching = self._touching(qpos)
+        qpos = solve_pass(self._with_surfaces(touching, qpos, paths, relaxed=False), qpos, FINE, False)
+        return solve_pass(self._with_surfaces(touching, qpos, paths, relaxed=True), qpos, FINAL, True)
+
+    def last(self, qpos: Float[np.ndarray, "T nq"]) -> ProblemOf:
+        """Return the problem of the last pass, for a trajectory that has been through all of them."""
+        return self._with_surfaces(self._touching(qpos), qpos, (), relaxed=True)
+
+    def _escape_paths(self, qpos: np.ndarray, earlier: tuple[EscapePath, ...]) -> tuple[EscapePath, ...]:
+        """Return paths for links that are deep in an object, except for links in contact."""
+        of, targets = self.surfaces, self.targets
+        touching = {self.model.body_of(site) for site in targets.contact_links}
+        free = Skin(tuple(skin for skin in of.skin.links if skin.link not in touching))
+        weight, start = self.config.weights.clearance, self.model.forward(qpos)
+        return escape_paths(of.objects, targets.limbs, free, start, earlier, weight, targets.fps)
+
+    def _touching(self, qpos: np.ndarray) -> Targets:
+        of = self.surfaces
+        return touching_targets(self.targets, of.objects, of.sides, of.skin, self.model.forward(qpos))
+
+    def _with_points(self, targets: Targets, paths: tuple[EscapePath, ...]) -> ProblemOf:
+        def problem_of(window: FrameRange) -> Problem:
+            first, stop = window.first, window.stop
+            reference = self.model.forward(self.ik_qpos[first:stop])
+            terms = trajectory_terms(self.config.weights.with_surfaces, targets.window(first, stop), reference)
+            terms = (*terms, *paths_within(paths, first, stop))
+            return Problem(self.model, terms, targets.fps, window.pinned, window.pinned_after)
+
+        return problem_of
+
+    def _with_surfaces(
+        self, targets: Targets, qpos: np.ndarray, paths: tuple[EscapePath, ...], *, relaxed: bool
+    ) -> ProblemOf:
+        def problem_of(window: FrameRange) -> Problem:
+            first, stop = window.first, window.stop
+            terms = surface_terms(
+                self.config.weights.with_surfaces,
+                targets.window(first, stop),
+                self.model.forward(self.ik_qpos[first:stop]),
+                self.model.forward(qpos[first:stop]),
+                self.surfaces.window(first, stop),
+                paths_within(paths, first, stop),
+                relaxed=relaxed,
+            )
+            return Problem(self.model, terms, targets.fps, window.pinned, window.pinned_after)
+
+        return problem_of

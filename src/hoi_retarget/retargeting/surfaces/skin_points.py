@@ -1,0 +1,234 @@
+"""Points of a link's skin near a moving object, and rows that hold points at a distance from a surface.
+
+The nearest points are found from a coarser skin first: most of a skin is far from every object.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import scipy  # its modules are loaded where they are first used
+from jaxtyping import Bool, Float, Int
+
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.distance_field import DistanceField, distance_field, surface_samples
+from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.objects.track import ObjectGeometry
+from hoi_retarget.retargeting.targets import Targets
+from hoi_retarget.retargeting.trajopt.problem import FrameRows
+from hoi_retarget.robots.frames import Frame
+from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.robots.skin import LinkSkin
+
+LINEAR_BEYOND = 0.03
+"""[m]"""
+
+
+def levers(
+    kinematics: Kinematics, frame: Frame, points: Float[np.ndarray, "3 K F"], frames: Int[np.ndarray, "F"]
+) -> Float[np.ndarray, "3 K F"]:
+    """Return the vectors [m], in world axes, from a link's origin to points in its frame.
+
+    Args:
+        kinematics: Of the trajectory.
+        frame: Of the link.
+        points: In the link's frame [m].
+        frames: Frames of the trajectory.
+    """
+    return np.einsum("ijf,jkf->ikf", kinematics.orientation(frame)[:, :, frames], points)
+
+
+def moments(lever: Float[np.ndarray, "3 K F"], normals: Float[np.ndarray, "3 K F"]) -> Float[np.ndarray, "3 K F"]:
+    """Return the derivative of the points' way along the normals by the link's angular velocity [m/rad]."""
+    (x, y, z), (a, b, c) = lever, normals
+    return np.stack([y * c - z * b, z * a - x * c, x * b - y * a])
+
+
+def hinge_rows(  # noqa: PLR0913, PLR0917  # the parts of rows
+    frame: Frame,
+    lever: Float[np.ndarray, "3 K F"],
+    distances: Float[np.ndarray, "K F"],
+    normals: Float[np.ndarray, "3 K F"],
+    margin: float | Float[np.ndarray, "K F"],
+    weight: float | Float[np.ndarray, "F"],
+    frames: Int[np.ndarray, "F"],
+) -> FrameRows:
+    """Return `weight max(0, margin - distance)^2` of every point, as rows of the link that carries the points.
+
+    Deep inside, beyond `LINEAR_BEYOND`, the cost grows in proportion to the depth: what cannot be got out is not torn.
+
+    Args:
+        frame: Of the link.
+        lever: From the link's origin to the points, in world axes [m].
+        distances: Of the points [m].
+        normals: World directions in which the distances grow as the points move.
+        margin: Distance that costs nothing [m].
+        weight: [1/m^2]
+        frames: Of the rows.
+    """
+    residual, slope = softened(np.minimum(distances - margin, 0.0), LINEAR_BEYOND)
+    along = np.where(residual < 0.0, slope, 0.0) * normals
+    by_linear, by_angular = along, moments(lever, along)
+    return FrameRows(frame, residual, by_linear.transpose(1, 0, 2), by_angular.transpose(1, 0, 2), weight, frames)
+
+
+def softened(
+    residual: Float[np.ndarray, "*many"], knee: float
+) -> tuple[Float[np.ndarray, "*many"], Float[np.ndarray, "*many"]]:
+    """Return the residuals of Huber's cost, quadratic up to the knee and linear beyond, and their slopes."""
+    size = np.abs(residual)
+    beyond = size > knee
+    root = np.sqrt(np.where(beyond, knee * (2.0 * size - knee), 1.0))
+    return np.where(beyond, np.sign(residual) * root, residual), np.where(beyond, knee / root, 1.0)
+
+
+SPACING = 0.005
+"""Side of the square of surface for which one sample stands [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class MovingObject:
+    """One object of the robot's world over T frames; points are stacked along the last two axes, frames last."""
+
+    name: str
+    field: DistanceField
+    samples: "scipy.spatial.KDTree"
+    """Points of the surface, in the object's frame [m]."""
+    position: Float[np.ndarray, "3 T"]
+    """[m]"""
+    rotation: Float[np.ndarray, "3 3 T"]
+
+    def inside(self, points: Float[np.ndarray, "3 K F"], frames: Int[np.ndarray, "F"]) -> Float[np.ndarray, "3 K F"]:
+        """Return world points of some frames in the object's frame [m]."""
+        offset = points - self.position[:, None, frames]
+        return np.einsum("jif,jkf->ikf", self.rotation[:, :, frames], offset)
+
+    def distances(self, points: Float[np.ndarray, "3 *many"]) -> Float[np.ndarray, "*many"]:
+        """Return the distances from the surface [m] of points in the object's frame."""
+        return self.field.distances(points.reshape(3, -1).T).reshape(points.shape[1:])
+
+    def distances_and_normals(
+        self, points: Float[np.ndarray, "3 *many"]
+    ) -> tuple[Float[np.ndarray, "*many"], Float[np.ndarray, "3 *many"]]:
+        """Return these distances and the directions, in the object's frame, in which they grow."""
+        distances, normals = self.field.distances_and_normals(points.reshape(3, -1).T)
+        return distances.reshape(points.shape[1:]), normals.T.reshape(points.shape)
+
+    def distances_and_slopes(
+        self, points: Float[np.ndarray, "3 *many"]
+    ) -> tuple[Float[np.ndarray, "*many"], Float[np.ndarray, "3 *many"]]:
+        """Return these distances and their derivatives by the points."""
+        distances, slopes = self.field.distances_and_slopes(points.reshape(3, -1).T)
+        return distances.reshape(points.shape[1:]), slopes.T.reshape(points.shape)
+
+
+def moving_objects(targets: Targets) -> tuple[MovingObject, ...]:
+    """Return the objects of a robot's targets; raises `GeometryError` when a mesh cannot be read."""
+    rotations = se3.quat_to_matrix(targets.object_quat).transpose(1, 2, 3, 0)
+    return tuple(
+        MovingObject(
+            name,
+            *_shape_of(geometry, float(targets.object_scale[index])),
+            targets.object_pos[:, index].T,
+            rotations[index],
+        )
+        for index, (name, geometry) in enumerate(zip(targets.object_names, targets.object_geometry, strict=True))
+    )
+
+
+@lru_cache(maxsize=16)
+def _shape_of(geometry: ObjectGeometry, scale: float) -> tuple[DistanceField, "scipy.spatial.KDTree"]:
+    """Return the distances and samples of an object's surface at another size; geometries are known by identity."""
+    samples = surface_samples(surface_of(geometry), SPACING / scale)
+    return distance_field(geometry).scaled(scale), scipy.spatial.KDTree(scale * samples)
+
+
+COARSE = 100
+"""Points of the coarser skin."""
+SPREAD = 0.01
+"""[m]; patches of skin that may hold a point less than this further than the nearest one are looked at closely."""
+FAR = 10.0
+"""More than any distance of a near point [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """A link's skin in patches around the points of a coarser skin."""
+
+    order: Int[np.ndarray, "P"]
+    """Points, patch by patch."""
+    first: Int[np.ndarray, "C"]
+    count: Int[np.ndarray, "C"]
+    radius: Float[np.ndarray, "C"]
+    """[m]"""
+    close: Bool[np.ndarray, "P P"]
+    """Which points are too near to each other to be chosen both."""
+
+
+@lru_cache(maxsize=256)
+def patches_of(skin: LinkSkin, apart: float) -> Patches:
+    """Return the patches of a skin; points that are less than `apart` from each other [m] are close."""
+    points = skin.points
+    away, patch = scipy.spatial.KDTree(points[:COARSE]).query(points)
+    order = np.argsort(patch, kind="stable")
+    count = np.bincount(patch, minlength=min(COARSE, len(points)))
+    radius = np.zeros(len(count))
+    np.maximum.at(radius, patch, away)
+    close = np.linalg.norm(points[:, None] - points[None], axis=2) < apart
+    return Patches(order, np.cumsum(count) - count, count, radius, close)
+
+
+def near_distances(  # noqa: PLR0913, PLR0917  # the parts of a distance
+    skin: LinkSkin,
+    patches: Patches,
+    moving_object: MovingObject,
+    start: Kinematics,
+    frames: Int[np.ndarray, "F"],
+    near: float,
+) -> Float[np.ndarray, "P F"]:
+    """Return the distances of the nearest skin points from an object [m]; `FAR` for points that are not looked at."""
+    distances = np.full((len(skin.points), len(frames)), FAR)
+    if not frames.size:
+        return distances
+    rough = _distances(
+        skin, moving_object, start, frames, *np.indices((len(patches.count), len(frames))).reshape(2, -1)
+    )
+    rough = rough.reshape(len(patches.count), len(frames))
+    closely = rough - patches.radius[:, None] < np.minimum(rough.min(axis=0) + SPREAD, near)
+    patch, column = np.nonzero(closely)
+    count = patches.count[patch]
+    within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    point = patches.order[np.repeat(patches.first[patch], count) + within]
+    column = np.repeat(column, count)
+    distances[point, column] = _distances(skin, moving_object, start, frames, point, column)
+    return distances
+
+
+def _distances(  # noqa: PLR0913, PLR0917  # as above
+    skin: LinkSkin,
+    moving_object: MovingObject,
+    start: Kinematics,
+    frames: np.ndarray,
+    point: np.ndarray,
+    column: np.ndarray,
+) -> Float[np.ndarray, "N"]:
+    """Return the distance of single points in single frames [m]."""
+    # The link's pose in the object's frame, frame by frame, then once for each point.
+    rotation = np.einsum(
+        "jit,jkt->tik", moving_object.rotation[:, :, frames], start.orientation(skin.frame)[:, :, frames]
+    )
+    origin = moving_object.inside(start.point(skin.frame)[:, None, frames], frames)[:, 0].T
+    places = np.einsum("nij,nj->ni", rotation[column], skin.points[point]) + origin[column]
+    return moving_object.field.distances(places)
+
+
+def nearest_spread(distances: Float[np.ndarray, "P F"], patches: Patches, count: int) -> Int[np.ndarray, "K F"]:
+    """Return, in every frame, the point with the least distance, then the next one that is not close to these, ..."""
+    # Most of a skin is never looked at.
+    seen = np.flatnonzero((distances < FAR).any(axis=1))
+    seen = seen if seen.size else np.arange(min(count, len(distances)))
+    left, close, chosen = distances[seen], patches.close[np.ix_(seen, seen)], []
+    for _ in range(min(count, len(seen))):
+        chosen.append(left.argmin(axis=0))
+        left += np.where(close[:, chosen[-1]], FAR, 0.0)
+    return seen[np.array(chosen)]

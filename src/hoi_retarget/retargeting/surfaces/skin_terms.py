@@ -1,0 +1,243 @@
+"""Points of a link outside an object, and points of an object, such as rods, outside a link.
+
+Skin in contact stays on the object's surface. Between its points the skin does not see rods: their own points do.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from hoi_retarget.retargeting.surfaces.skin_points import (
+    MovingObject,
+    hinge_rows,
+    levers,
+    moments,
+    near_distances,
+    nearest_spread,
+    patches_of,
+    softened,
+)
+from hoi_retarget.retargeting.trajopt.problem import FrameRows
+from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.robots.skin import LinkSkin
+
+OUTSIDE_RANGE = 0.012
+"""[m]; samples that are further away from a link are left out."""
+STRIDE = 3
+"""Neighbouring frames that share their samples."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectOutsideLink:
+    """Hinge of object samples inside a link's solid [m^2]; the samples of each frame are chosen once."""
+
+    name: str
+    skin: LinkSkin
+    frames: Int[np.ndarray, "F"]
+    points: Float[np.ndarray, "3 K F"]
+    """World positions of the samples [m]."""
+    margins: Float[np.ndarray, "K F"]
+    """Distance from the solid that costs nothing [m]; minus infinity for places in the arrays without a sample."""
+    weights: Float[np.ndarray, "F"]
+    """[1/m^2]"""
+
+    def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
+        """Return one row a sample."""
+        frame = self.skin.frame
+        distances, away = self._at(kinematics)
+        lever = self.points - kinematics.point(frame)[:, None, self.frames]
+        rows = hinge_rows(frame, lever, distances, away, self.margins, self.weights, self.frames)
+        return (rows,) if rows.residual.any() else ()
+
+    def depths(self, kinematics: Kinematics) -> Float[np.ndarray, "F"]:
+        """Return the depth of the deepest sample in each frame [m]; negative outside."""
+        return -np.where(np.isfinite(self.margins), self._at(kinematics)[0], np.inf).min(axis=0)
+
+    def _at(self, kinematics: Kinematics) -> tuple[Float[np.ndarray, "K F"], Float[np.ndarray, "3 K F"]]:
+        """Return the samples' distances from the solid [m], and in which direction it must move for them to grow."""
+        frame, shape = self.skin.frame, self.points.shape
+        rotation = kinematics.orientation(frame)[:, :, self.frames]
+        lever = self.points - kinematics.point(frame)[:, None, self.frames]
+        inside = np.einsum("jif,jkf->ikf", rotation, lever)
+        distances, slopes = self.skin.solid.distances_and_slopes(inside.reshape(3, -1).T)
+        away = -np.einsum("ijf,jkf->ikf", rotation, slopes.T.reshape(shape))
+        return distances.reshape(shape[1:]), away
+
+
+def object_outside_link(  # noqa: PLR0913, PLR0917  # the parts of a term
+    name: str,
+    skin: LinkSkin,
+    moving_object: MovingObject,
+    start: Kinematics,
+    weight: float,
+    count: int,
+    apart: float,
+) -> ObjectOutsideLink | None:
+    """Return the term with the samples that are near the link at a start; None where none ever is.
+
+    Args:
+        name: Of the term.
+        skin: Of the link, with its solid.
+        moving_object: The object.
+        start: Trajectory that a solve starts from.
+        weight: [1/m^2]
+        count: Most samples in a frame.
+        apart: Least distance between two of them [m].
+    """
+    every = np.arange(len(start.qpos))
+    centres = moving_object.inside(start.point(skin.frame.of(skin.centre, np.eye(3)))[:, None], every)
+    near = np.flatnonzero(np.abs(moving_object.distances(centres)[0]) < skin.radius + OUTSIDE_RANGE)
+    if not near.size:
+        return None
+    # One frame in the middle of each group speaks for all of the group.
+    middles = near[np.minimum(np.arange(0, len(near), STRIDE) + STRIDE // 2, len(near) - 1)]
+    around = moving_object.samples.query_ball_point(centres[:, 0, middles].T, skin.radius + OUTSIDE_RANGE)
+    chosen = [
+        _nearest(samples, skin, moving_object, start, frame, count, apart)
+        for frame, samples in zip(middles.tolist(), around, strict=True)
+    ]
+    group = np.arange(len(near)) // STRIDE
+    kept = np.array([bool(len(samples)) for samples in chosen])[group]
+    frames = near[kept]
+    if not frames.size:
+        return None
+    most = max(map(len, chosen))
+    index, margins = np.zeros((most, len(chosen)), dtype=int), np.full((most, len(chosen)), -np.inf)
+    for column, samples in enumerate(chosen):
+        index[: len(samples), column], margins[: len(samples), column] = samples, 0.0
+    places = np.moveaxis(moving_object.samples.data[index[:, group[kept]]], 2, 0)
+    world = (
+        np.einsum("ijf,jkf->ikf", moving_object.rotation[:, :, frames], places)
+        + moving_object.position[:, None, frames]
+    )
+    return ObjectOutsideLink(name, skin, frames, world, margins[:, group[kept]], np.full(len(frames), weight))
+
+
+def _nearest(  # noqa: PLR0913, PLR0917  # the parts of a choice
+    samples: list[int],
+    skin: LinkSkin,
+    moving_object: MovingObject,
+    start: Kinematics,
+    frame: int,
+    count: int,
+    apart: float,
+) -> list[int]:
+    """Return the samples nearest to a link's solid in one frame, spread."""
+    if not samples:
+        return []
+    found = np.array(samples)
+    places = np.asarray(moving_object.samples.data)[found]
+    world = moving_object.rotation[:, :, frame] @ places.T + moving_object.position[:, frame, None]
+    rotation = start.orientation(skin.frame)[:, :, frame]
+    distances = skin.solid.nearest_distances((rotation.T @ (world - start.point(skin.frame)[:, frame, None])).T)
+    order = np.argsort(distances, kind="stable")
+    left = order[: np.searchsorted(distances[order], OUTSIDE_RANGE)]
+    chosen: list[int] = []
+    while left.size and len(chosen) < count:
+        chosen.append(int(found[left[0]]))
+        away = places[left] - places[left[0]]
+        left = left[np.einsum("ki,ki->k", away, away) >= apart**2]
+    return chosen
+
+
+NEAR = 0.03
+"""[m]; skin that is further away is left out."""
+MARGIN = 0.0005
+"""[m] of clearance: the surface between two skin points."""
+TOUCHING = 0.001
+"""[m]; nearer skin touches, and is drawn no nearer."""
+SHARPNESS = 0.0015
+"""[m]; skin that much further away has a share of 1/e in the distance of the whole."""
+FURTHEST_PULL = 0.03
+"""[m]; beyond, what is drawn to the surface costs in proportion to its distance."""
+
+
+@dataclass(frozen=True, eq=False)
+class SkinContact:
+    """Hinge of skin points under the margin, and of their smooth least distance over `TOUCHING` where they touch [m^2].
+
+    The points of each frame are chosen once, nearest ones and spread, so that the cost is smooth.
+    """
+
+    name: str
+    skin: LinkSkin
+    moving_object: MovingObject
+    frames: Int[np.ndarray, "F"]
+    points: Float[np.ndarray, "3 K F"]
+    """In the link's frame [m]."""
+    weights: Float[np.ndarray, "F"]
+    """Of the clearance [1/m^2]."""
+    touch_weights: Float[np.ndarray, "F"] | None
+    """[1/m^2]; None where the link never touches the object."""
+
+    def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
+        """Return one row a point for clearance, and one for touch."""
+        lever, distances, normals = self._at(kinematics)
+        normals = np.einsum("ijf,jkf->ikf", self.moving_object.rotation[:, :, self.frames], normals)
+        clearance = hinge_rows(self.skin.frame, lever, distances, normals, MARGIN, self.weights, self.frames)
+        if self.touch_weights is None:
+            return (clearance,)
+        return clearance, self._touch(lever, distances, normals, self.touch_weights)
+
+    def depths(self, kinematics: Kinematics) -> Float[np.ndarray, "F"]:
+        """Return the depth of the deepest point in each frame [m]; negative outside."""
+        return -self._at(kinematics)[1].min(axis=0)
+
+    def _at(self, kinematics: Kinematics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return levers and distances of the points, and normals in the object's frame."""
+        lever = levers(kinematics, self.skin.frame, self.points, self.frames)
+        points = kinematics.point(self.skin.frame)[:, None, self.frames] + lever
+        return lever, *self.moving_object.distances_and_slopes(self.moving_object.inside(points, self.frames))
+
+    def _touch(self, lever: np.ndarray, distances: np.ndarray, normals: np.ndarray, weights: np.ndarray) -> FrameRows:
+        shares = np.exp((distances.min(axis=0) - distances) / SHARPNESS)
+        shares /= shares.sum(axis=0)
+        distance = (shares * distances).sum(axis=0)
+        residual, slope = softened(np.maximum(distance - TOUCHING, 0.0), FURTHEST_PULL)
+        # The derivative of the shares counts too: they move towards the points that come nearer.
+        shares *= 1.0 - (distances - distance) / SHARPNESS
+        along = np.where(residual > 0.0, slope, 0.0) * shares * normals
+        by_linear, by_angular = along.sum(axis=1), moments(lever, along).sum(axis=1)
+        return FrameRows(self.skin.frame, residual[None], by_linear[None], by_angular[None], weights, self.frames)
+
+
+def skin_contact(  # noqa: PLR0913, PLR0917  # the parts of a term
+    name: str,
+    skin: LinkSkin,
+    moving_object: MovingObject,
+    start: Kinematics,
+    weight: float,
+    touch_weights: Float[np.ndarray, "T"] | None,
+    count: int,
+    apart: float,
+) -> SkinContact | None:
+    """Return the term with the skin points that are near at a start; None where no skin ever is, nor is to touch.
+
+    Args:
+        name: Of the term.
+        skin: Of the link.
+        moving_object: The object.
+        start: Trajectory that a solve starts from.
+        weight: Of the clearance [1/m^2].
+        touch_weights: In every frame [1/m^2]; None where the link never touches the object.
+        count: Points in each frame.
+        apart: Least distance between two of them [m].
+    """
+    wanted = np.zeros(len(start.qpos), dtype=bool) if touch_weights is None else touch_weights > 0
+    frames = np.flatnonzero(wanted | _ball_is_near(skin, moving_object, start))
+    patches = patches_of(skin, apart)
+    distances = near_distances(skin, patches, moving_object, start, frames, NEAR)
+    near = wanted[frames] | (distances.min(axis=0, initial=np.inf) < NEAR)
+    frames, distances = frames[near], distances[:, near]
+    if not frames.size:
+        return None
+    points = skin.points[nearest_spread(distances, patches, count)].transpose(2, 0, 1)
+    touching = None if touch_weights is None else touch_weights[frames]
+    return SkinContact(name, skin, moving_object, frames, points, np.full(len(frames), weight), touching)
+
+
+def _ball_is_near(skin: LinkSkin, moving_object: MovingObject, start: Kinematics) -> np.ndarray:
+    every = np.arange(len(start.qpos))
+    centre = start.point(skin.frame.of(skin.centre, np.eye(3)))[:, None]
+    return moving_object.distances(moving_object.inside(centre, every))[0] < skin.radius + NEAR

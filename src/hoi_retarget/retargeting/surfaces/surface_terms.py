@@ -1,0 +1,137 @@
+"""The terms of contact between surfaces, on top of the cost table: touch, and nothing inside anything."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.numerics.filters import seconds_to_frames, smoothstep_around
+from hoi_retarget.retargeting.config import Weights
+from hoi_retarget.retargeting.surfaces.depenetration import EscapePath
+from hoi_retarget.retargeting.surfaces.skin_points import MovingObject
+from hoi_retarget.retargeting.surfaces.skin_terms import (
+    ObjectOutsideLink,
+    SkinContact,
+    object_outside_link,
+    skin_contact,
+)
+from hoi_retarget.retargeting.targets import Targets
+from hoi_retarget.retargeting.trajopt.problem import Term
+from hoi_retarget.retargeting.trajopt.terms.object_contact import ObjectContact
+from hoi_retarget.retargeting.trajopt.terms.self_clearance import self_clearance_terms
+from hoi_retarget.retargeting.trajopt.trajectory_terms import trajectory_terms
+from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.robots.skin import Skin
+
+TOUCH_SECONDS = 2 / 30
+"""Ramp of touch before and after a contact."""
+TRAPPED_DEPTH_M = 0.012
+"""[m]; a link that is still so deep after a solve finds no way out."""
+RELAXED_SHARE, RELAXED_SECONDS = 0.3, 0.5
+"""Share of the clearances' weight around trapped links, and its ramp: more weight would tear at the motion."""
+CLEARANCE_SHARE_ON_ESCAPE = 0.1
+"""Share of a link's clearance on an escape path."""
+ALONG_NORMAL = 0.05
+"""Share of the contact's cost along its side: there the surfaces decide."""
+HAND_POINTS, LINK_POINTS, SAMPLES = 24, 6, 14
+HAND_SPREAD, LINK_SPREAD = 0.008, 0.03
+"""[m] between points of one link."""
+
+
+Clearance = SkinContact | ObjectOutsideLink
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """Objects, the robot's skin, and the side of each contact."""
+
+    objects: tuple[MovingObject, ...]
+    skin: Skin
+    sides: Float[np.ndarray, "T C 3"]
+
+    def window(self, start: int, stop: int) -> "Surfaces":
+        """Return the surfaces in some consecutive frames."""
+        objects = tuple(
+            replace(item, position=item.position[:, start:stop], rotation=item.rotation[:, :, start:stop])
+            for item in self.objects
+        )
+        return Surfaces(objects, self.skin, self.sides[start:stop])
+
+
+def surface_terms(  # noqa: PLR0913, PLR0917  # the parts of the terms
+    weights: Weights,
+    targets: Targets,
+    reference: Kinematics,
+    start: Kinematics,
+    surfaces: Surfaces,
+    paths: tuple[EscapePath, ...] = (),
+    *,
+    relaxed: bool = False,
+) -> tuple[Term, ...]:
+    """Return the cost table with the contact's points free along their sides, and the terms between surfaces.
+
+    Args:
+        weights: Of the table.
+        targets: With contact points at which the robot's skin touches.
+        reference: The IK trajectory.
+        start: The trajectory that the solve starts from, by which points are chosen.
+        surfaces: Of the same frames.
+        paths: Of links out of objects; the clearance of these links hardly weighs, as its nearest way may differ.
+        relaxed: Whether links trapped in an object at the start may stay there.
+    """
+    table = (
+        _along_surface(term, targets, surfaces) if isinstance(term, ObjectContact) else term
+        for term in trajectory_terms(weights, targets, reference)
+    )
+    clearances = tuple(_relaxed_on_escapes(term, paths) for term in _clearances(weights, targets, start, surfaces))
+    if relaxed:
+        clearances = _relaxed_around_trapped_links(clearances, start, seconds_to_frames(RELAXED_SECONDS, targets.fps))
+    return (*table, *clearances, *paths, *self_clearance_terms(weights, targets, start))
+
+
+def _relaxed_on_escapes(term: Clearance, paths: tuple[EscapePath, ...]) -> Clearance:
+    """Return a term that hardly weighs in the frames of its link's escape paths."""
+    of_link = [path.frames for path in paths if path.link == term.skin.link]
+    if not of_link:
+        return term
+    on = np.isin(term.frames, np.concatenate(of_link))
+    return replace(term, weights=np.where(on, CLEARANCE_SHARE_ON_ESCAPE, 1.0) * term.weights)
+
+
+def _relaxed_around_trapped_links(
+    clearances: tuple[Clearance, ...], start: Kinematics, ramp: int
+) -> tuple[Clearance, ...]:
+    """Return the terms with less weight around the frames in which any link is trapped at the start."""
+    trapped = np.zeros(len(start.qpos), dtype=bool)
+    for term in clearances:
+        trapped[term.frames[term.depths(start) > TRAPPED_DEPTH_M]] = True
+    share = 1.0 - (1.0 - RELAXED_SHARE) * smoothstep_around(trapped, ramp)
+    return tuple(replace(term, weights=share[term.frames] * term.weights) for term in clearances)
+
+
+def _along_surface(term: ObjectContact, targets: Targets, surfaces: Surfaces) -> ObjectContact:
+    sides = surfaces.sides[:, targets.contact_links.index(term.site)].T
+    across = (1.0 - np.sqrt(ALONG_NORMAL)) * np.einsum("it,jt->ijt", sides, sides)
+    return replace(term, projection=np.eye(3)[:, :, None] - across)
+
+
+def _clearances(weights: Weights, targets: Targets, start: Kinematics, surfaces: Surfaces) -> Iterator[Clearance]:
+    links = {start.model.body_of(site): column for column, site in enumerate(targets.contact_links)}
+    for index, moving_object in enumerate(surfaces.objects):
+        for skin in surfaces.skin.links:
+            column = links.get(skin.link)
+            touch = None if column is None else _touch_weights(targets, column, index, weights.surface_touch)
+            count, apart = (LINK_POINTS, LINK_SPREAD) if column is None else (HAND_POINTS, HAND_SPREAD)
+            name = f"{skin.link}_{moving_object.name}"
+            terms = (
+                skin_contact(f"{name}_contact", skin, moving_object, start, weights.clearance, touch, count, apart),
+                object_outside_link(f"{name}_inside", skin, moving_object, start, weights.clearance, SAMPLES, apart),
+            )
+            yield from (term for term in terms if term is not None)
+
+
+def _touch_weights(targets: Targets, column: int, index: int, weight: float) -> Float[np.ndarray, "T"] | None:
+    touching = targets.contact_flags[:, column] & (targets.contact_object[:, column] == index)
+    ramp = seconds_to_frames(TOUCH_SECONDS, targets.fps)
+    return weight * smoothstep_around(touching, ramp) if touching.any() else None

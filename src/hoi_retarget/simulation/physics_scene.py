@@ -1,0 +1,348 @@
+"""A robot and the objects of its motion as a MuJoCo scene, compiled or as files for MuJoCo's own viewer.
+
+Colliding are the sole corners as small spheres, the robot's other geometries, the objects, and the floor. Palms drawn
+as ellipsoids collide as boxes, and the hands' contacts resist torsion, as a patch of skin of a palm's size does. The
+robot's friction counts in its contacts, the objects' on the floor and on each other. The robot does not collide with
+itself, and its feet touch the floor by their soles' corners only, as in the manufacturer's own model.
+
+In files, MuJoCo writes six digits. Places of bodies, joints' axes and keyframes are put in again with all digits, so
+that kinematics of the file are those of the motion.
+"""
+
+import re
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import ConvexHull
+
+from hoi_retarget.dynamics.actuators import Actuators, actuators_of
+from hoi_retarget.dynamics.object_bodies import CollisionShape, ObjectBody, collision_shape, object_body
+from hoi_retarget.dynamics.physics_settings import Physics
+from hoi_retarget.errors import RobotError
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.numerics import se3
+from hoi_retarget.objects.track import ObjectGeometry
+from hoi_retarget.robots.mjcf import read_mjcf
+from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
+
+_ROBOT, _FEET, _OBJECT, _FLOOR = 1, 2, 4, 8  # Bits of what collides with what.
+_SOLE_RADIUS = 0.005  # [m]
+_PALM_TORSION = 0.03  # Of a patch of 4.5 cm radius, evenly pressed: two thirds of it [m].
+_TORSION = 4  # MuJoCo's `condim` of contacts that resist sliding and torsion.
+_ABOVE = 1  # MuJoCo's `priority` of geometries whose friction counts, instead of the larger one.
+_PALMS = {f"{side}_palm" for side in SIDES}
+SOLES = frozenset(f"{side}_sole_{corner}" for side in SIDES for corner in SOLE_CORNERS)
+_ITERATIONS = 20  # Of the constraint solver: more change nothing that is seen, and cost time.
+FILE, MESHES = "scene.xml", "meshes"
+KEYFRAMES = 11
+"""Number of keyframes over a motion, the first and the last frame included."""
+
+
+@dataclass(frozen=True, eq=False)
+class SceneObject:
+    """One object of a scene."""
+
+    body_name: str
+    """In the scene; `NAME_joint` is its free joint."""
+    body: ObjectBody
+    shape: CollisionShape
+    scale: float
+    """Of the shape."""
+
+    @property
+    def corners(self) -> Float[np.ndarray, "V 3"]:
+        """Corners of the colliding shape, in the object's frame [m]."""
+        return self.scale * np.concatenate([self.shape.box.corners] if self.shape.box else self.shape.parts)
+
+
+@dataclass(frozen=True, eq=False)
+class PhysicsScene:
+    """A robot with objects on a floor."""
+
+    model: RobotModel
+    actuators: Actuators
+    objects: tuple[SceneObject, ...]
+    physics: Physics
+
+    def qpos(self, motion: Motion) -> Float[np.ndarray, "T nq"]:
+        """Return the scene's configurations along a motion: the robot's, then each object's pose."""
+        poses = np.concatenate([motion.object_pos, motion.object_quat], axis=2)
+        return np.concatenate([motion.qpos, poses.reshape(motion.frames, -1)], axis=1)
+
+
+def scene_of(
+    motion: Motion, model: RobotModel, geometries: Sequence[ObjectGeometry], physics: Physics = Physics()
+) -> PhysicsScene:
+    """Return the scene of a motion.
+
+    Args:
+        motion: The motion; its objects are in the scene.
+        model: Its robot.
+        geometries: Shapes of its objects, in their order.
+        physics: Masses and frictions.
+
+    Raises:
+        RobotError: A base carries the robot, or a joint's torque has no limit.
+        GeometryError: An object's mesh cannot be read.
+    """
+    objects = []
+    taken = set(model.body_frames.names)
+    for name, geometry, scale in zip(motion.object_names, geometries, motion.object_scale.tolist(), strict=True):
+        body_name = _unused(re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_") or "object", taken)
+        body = object_body(name, geometry, scale, physics)
+        objects.append(SceneObject(body_name, body, collision_shape(geometry), scale))
+    return PhysicsScene(model, actuators_of(model), tuple(objects), physics)
+
+
+def scene_description(scene: PhysicsScene, meshes: Mapping[str, bytes] | None = None) -> mujoco.MjSpec:
+    """Return a scene as MuJoCo's editable description.
+
+    Args:
+        scene: The scene.
+        meshes: Files by name that the description's meshes name; by default meshes carry their corners.
+
+    Raises:
+        RobotError: MuJoCo cannot read the robot's MJCF.
+    """
+    description, physics = robot_description(scene), scene.physics
+    description.modelname = f"{scene.model.spec.name}_scene"
+    description.option.timestep = physics.timestep
+    description.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    description.option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
+    description.option.iterations = _ITERATIONS
+    world = description.worldbody
+    world.add_light(pos=[0.0, 0.0, 4.0], dir=[0.0, 0.0, -1.0], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
+    world.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[0.0, 0.0, 1.0],
+        rgba=[0.55, 0.57, 0.6, 1.0],
+        **floor_contacts(physics),
+    )
+    for item in scene.objects:
+        _add_object(description, item, physics, meshes)
+    return description
+
+
+def robot_description(scene: PhysicsScene) -> mujoco.MjSpec:
+    """Return a scene's robot alone with its drives, and with contacts as in the scene; raises `RobotError`."""
+    description = read_mjcf(scene.model.spec.mjcf, scene.model.spec.sites)
+    _set_robot(description, scene)
+    return description
+
+
+def object_description(item: SceneObject, physics: Physics) -> mujoco.MjSpec:
+    """Return one of a scene's objects alone, with contacts as in the scene."""
+    description = mujoco.MjSpec()
+    description.modelname = item.body_name
+    _add_object(description, item, physics, None)
+    return description
+
+
+def floor_contacts(physics: Physics) -> dict[str, Any]:
+    """Return the contacts of the floor, and its friction with objects, as attributes of its geometry."""
+    return {
+        "contype": _FLOOR,
+        "conaffinity": _ROBOT | _FEET | _OBJECT,
+        "friction": _friction(physics.object_friction),
+    }
+
+
+def compiled(scene: PhysicsScene) -> mujoco.MjModel:
+    """Return a scene that MuJoCo can simulate; raises `RobotError` where MuJoCo cannot compile the robot."""
+    try:
+        return scene_description(scene).compile()
+    except ValueError as error:
+        raise RobotError(f"{scene.model.spec.mjcf}: MuJoCo cannot compile it with objects: {error}") from error
+
+
+def mesh_name(item: SceneObject, part: int) -> str:
+    """Return the name of a mesh of one of an object's parts."""
+    return f"{item.body_name}_part{part}"
+
+
+def _set_robot(description: mujoco.MjSpec, scene: PhysicsScene) -> None:
+    friction = _friction(scene.physics.hand_friction)
+    sites = {site.name: site for site in description.sites}
+    palms = {sites[name].parent.name for name in _PALMS}
+    feet = {sites[name].parent.name for name in SOLES}
+    for body in description.bodies[1:]:
+        for number, geom in enumerate(list(body.geoms)):
+            geom.name = geom.name or f"{body.name}_geom{number}"
+            geom.contype, geom.conaffinity = (_FEET << 4) if body.name in feet else _ROBOT, 0
+            geom.friction, geom.priority = friction, _ABOVE
+            if body.name in palms:
+                geom.condim, geom.friction = _TORSION, [friction[0], _PALM_TORSION, friction[2]]
+                if geom.type == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+                    geom.type = mujoco.mjtGeom.mjGEOM_BOX
+    for name in sorted(SOLES):
+        site = sites[name]
+        up = se3.rotate(np.array(site.quat), np.array([0.0, 0.0, _SOLE_RADIUS]))
+        site.parent.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[_SOLE_RADIUS, 0.0, 0.0],
+            pos=site.pos + up,
+            density=0.0,
+            rgba=[0.2, 0.2, 0.2, 1.0],
+            contype=_FEET,
+            conaffinity=0,
+            priority=_ABOVE,
+            friction=_friction(scene.physics.floor_friction),
+        )
+    drives = scene.actuators
+    for index, name in enumerate(scene.model.joint_names):
+        joint, limit = description.joint(name), float(drives.torque[index])
+        joint.armature = float(drives.armature[index])
+        joint.frictionloss, joint.damping = 0.0, _damping(joint, 0.0)
+        joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-limit, limit]
+        actuator = description.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        actuator.set_to_position(kp=float(drives.stiffness[index]), kv=float(drives.damping[index]))
+        actuator.forcelimited, actuator.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, [-limit, limit]
+
+
+def _damping(joint: Any, value: float) -> Any:
+    """Return a joint's damping: one number before MuJoCo 4, a polynomial's since."""
+    return value if np.ndim(joint.damping) == 0 else [value] * len(joint.damping)
+
+
+def _add_object(
+    description: mujoco.MjSpec, item: SceneObject, physics: Physics, meshes: Mapping[str, bytes] | None
+) -> None:
+    node = description.worldbody.add_body(name=item.body_name)
+    node.add_freejoint(name=f"{item.body_name}_joint")
+    node.explicitinertial = True
+    node.mass, node.ipos = item.body.mass, item.body.centre
+    inertia = item.body.inertia
+    node.fullinertia = [*np.diag(inertia), inertia[0, 1], inertia[0, 2], inertia[1, 2]]
+    common: dict[str, Any] = {
+        "contype": _OBJECT,
+        "conaffinity": _ROBOT | _FEET | (_FEET << 4) | _OBJECT,
+        "friction": _friction(physics.object_friction),
+        "rgba": [0.75, 0.56, 0.36, 1.0],
+    }
+    box = item.shape.box
+    if box is not None:
+        node.add_geom(
+            name=f"{item.body_name}_box",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=item.scale * box.half,
+            pos=item.scale * box.centre,
+            quat=se3.matrix_to_quat(box.rotation),
+            **common,
+        )
+    for number, corners in enumerate(item.shape.parts):
+        name = mesh_name(item, number)
+        mesh = description.add_mesh(name=name)
+        if meshes is None:
+            mesh.uservert = (item.scale * corners).reshape(-1)
+        else:
+            mesh.file = f"{name}.obj"
+        node.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, **common)
+
+
+def _friction(sliding: float) -> list[float]:
+    return [sliding, 0.005, 0.0001]  # Torsion and rolling as MuJoCo has them.
+
+
+def _unused(name: str, taken: set[str]) -> str:
+    """Return a name that nothing else has, and take it."""
+    number, candidate = 1, name
+    while candidate in taken:
+        number += 1
+        candidate = f"{name}_{number}"
+    taken.add(candidate)
+    return candidate
+
+
+def scene_files(scene: PhysicsScene, motion: Motion) -> Mapping[Path, bytes]:
+    """Return the files of a scene, by their places in its folder.
+
+    Args:
+        scene: The scene.
+        motion: The motion of which it has keyframes, named `frame_0` and so on.
+
+    Raises:
+        RobotError: The robot's MJCF has meshes, or MuJoCo cannot compile it with objects.
+    """
+    meshes = {
+        f"{mesh_name(item, number)}.obj": _obj(item.scale * corners)
+        for item in scene.objects
+        for number, corners in enumerate(item.shape.parts)
+    }
+    description = scene_description(scene, meshes)
+    check_no_meshes(scene, description, meshes)
+    description.assets = meshes
+    root = exact_xml(scene, description)
+    for compiler in root.iter("compiler"):
+        compiler.set("meshdir", MESHES)
+    _add_keyframes(root, scene.qpos(motion), scene.model.n)
+    return {
+        Path(FILE): to_bytes(root),
+        **{Path(MESHES) / name: content for name, content in meshes.items()},
+    }
+
+
+def check_no_meshes(scene: PhysicsScene, description: mujoco.MjSpec, known: Collection[str] = ()) -> None:
+    """Raise `RobotError` where a description has other files of meshes than those of objects."""
+    files = [mesh for mesh in description.meshes if mesh.file]  # An added robot's MJCF holds its meshes' corners.
+    if own := [mesh.name for mesh in files if f"{mesh.name}.obj" not in known]:
+        raise RobotError(f"{scene.model.spec.mjcf}: a scene of a robot with meshes ({own[0]}, ...) is not written yet.")
+
+
+def exact_xml(scene: PhysicsScene, description: mujoco.MjSpec) -> ElementTree.Element:
+    """Return a description of a scene, or of a part of it, as MJCF; raises `RobotError` when it cannot be compiled."""
+    try:
+        compiled = description.compile()
+    except ValueError as error:
+        raise RobotError(f"{scene.model.spec.mjcf}: MuJoCo cannot compile it with objects: {error}") from error
+    root = ElementTree.fromstring(description.to_xml())
+    _set_exactly(root, compiled)
+    return root
+
+
+def to_bytes(root: ElementTree.Element) -> bytes:
+    """Return MJCF as the content of a file."""
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="utf-8") + b"\n"
+
+
+def _set_exactly(root: ElementTree.Element, compiled: mujoco.MjModel) -> None:
+    for tag, item_of in (("body", compiled.body), ("site", compiled.site)):
+        for element in root.iter(tag):
+            if (name := element.get("name")) is not None:
+                element.set("pos", _numbers(item_of(name).pos))
+                element.set("quat", _numbers(item_of(name).quat))
+    for element in root.iter("joint"):
+        name = element.get("name")
+        if name is not None and compiled.joint(name).type == mujoco.mjtJoint.mjJNT_HINGE:
+            element.set("axis", _numbers(compiled.joint(name).axis))
+
+
+def _add_keyframes(root: ElementTree.Element, qpos: Float[np.ndarray, "T nq"], joints: int) -> None:
+    keyframe = ElementTree.SubElement(root, "keyframe")
+    for frame in np.unique(np.linspace(0, len(qpos) - 1, KEYFRAMES).round().astype(int)):
+        angles = qpos[frame, 7 : 7 + joints]
+        ElementTree.SubElement(
+            keyframe, "key", name=f"frame_{frame}", qpos=_numbers(qpos[frame]), ctrl=_numbers(angles)
+        )
+
+
+def _numbers(values: np.ndarray) -> str:
+    return " ".join(map(repr, np.asarray(values, dtype=float).tolist()))
+
+
+def _obj(corners: Float[np.ndarray, "V 3"]) -> bytes:
+    """Return a convex part as a mesh file."""
+    faces = ConvexHull(corners, qhull_options="QJ").simplices
+    lines = [f"v {_numbers(corner)}" for corner in corners] + [
+        "f " + " ".join(str(corner + 1) for corner in face) for face in faces.tolist()
+    ]
+    return ("\n".join(lines) + "\n").encode()

@@ -1,0 +1,271 @@
+"""The editor's panel: a row for each contact, actions on the chosen one and on all, and the figures."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import viser
+from jaxtyping import Float
+
+from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.edits import Delete, Edit, Fix, Merge, Move, Retime, Segment, Snap, Split, describe, part_text
+from hoi_retarget.evaluation import COLUMNS
+from hoi_retarget.evaluation.surface_distances import distances_of_motion
+from hoi_retarget.studio.browser.edit_session import EditState
+from hoi_retarget.studio.browser.player import MESSAGE
+from hoi_retarget.studio.browser.strip import SurfaceGap
+from hoi_retarget.studio.html import render, with_exponents
+
+if TYPE_CHECKING:
+    from hoi_retarget.studio.browser.editor import Editor
+
+PANEL_WIDTH_PX = 340
+_FIGURES = (
+    "contact_gap_m",
+    "contact_gap_max_m",
+    "relative_hand_rotation_deg",
+    "body_jerk_mps3",
+    "body_jerk_max_mps3",
+    "stance_slide_mps",
+)
+_HOTKEYS: Mapping[str, Literal["Z", "Y", "S"]] = {"Undo": "Z", "Redo": "Y", "Save edits": "S"}
+_RECORDED: str = "0: as recorded"
+_NO_VERSION: str = "-"
+_DIGITS = 4  # Of a point's coordinates [m], as they are shown.
+
+
+class EditorPanel:
+    """The widgets of one browser."""
+
+    def __init__(self, gui: viser.GuiApi, editor: "Editor") -> None:
+        self._gui, self._editor, self._model = gui, editor, editor.model
+        self._rows: list[viser.GuiButtonHandle] = []
+        clip = editor.edited.clip
+        panel = gui.add_panel()
+        with panel.add_tab("Contacts", viser.Icon.HAND_GRAB):
+            self._message = gui.add_html("")
+            self._rows_folder = gui.add_folder("Contacts")
+            with gui.add_folder("Chosen contact"):
+                self._add_chosen(clip.frames)
+            if clip.objects:
+                with gui.add_folder("New contact", expand_by_default=False):
+                    self._add_new(clip)
+            self.pose = gui.add_folder("Pose")
+            """Folder of the pins' widgets."""
+            with gui.add_folder("All"):
+                self._add_commands(editor.commands)
+                self._edits = gui.add_dropdown(
+                    "Edits", (_RECORDED,), hint="All that was done; choose one to go back to it"
+                )
+                self._edits.on_update(self._on_edits)
+            with gui.add_folder("Figures"):
+                self._figures = gui.add_html("")
+            with gui.add_folder("Versions"):
+                self._add_versions()
+        panel.expand()  # In a narrow window it would begin closed.
+        panel.dock_left()
+        panel.set_width(PANEL_WIDTH_PX)
+
+    @property
+    def holds_on_surface(self) -> bool:
+        """Whether a dragged point is put onto the object's surface."""
+        return self._surface.value
+
+    def hide_autosave(self) -> None:
+        """Hide the button that takes up unsaved edits."""
+        if self._restore is not None:
+            self._restore.visible = False
+
+    def show_versions(self, names: Sequence[str]) -> None:
+        """Show the names of the versions."""
+        options = (_NO_VERSION, *names)
+        if self._versions.options != options:
+            self._versions.options = options
+        self._versions.value = _NO_VERSION
+
+    def say(self, text: str, *, wrong: bool = False) -> None:
+        """Show a message on the last action, or on its failure."""
+        self._message.content = render(MESSAGE, kind="wrong" if wrong else "done", text=text)
+
+    def show(
+        self,
+        edited: EditState,
+        chosen: Segment | None,
+        off: Sequence[SurfaceGap],
+        *,
+        recorded: EditState,
+        previous: EditState | None,
+    ) -> None:
+        """Show the contacts, their distances from surfaces, and the current figures.
+
+        Args:
+            edited: The current state.
+            chosen: The chosen contact, if any.
+            off: Distance of each contact's point from its surface.
+            recorded: The state at the beginning.
+            previous: The state before the last change, if any.
+        """
+        self._show_rows(edited, chosen, off)
+        if chosen is not None:
+            point = chosen.points.mean(axis=0)
+            self._frames.value = (chosen.start, chosen.stop - 1)
+            self._point.value = tuple(np.round(point, _DIGITS).tolist())
+        self._figures.content = _figures_html(recorded, previous or recorded, edited)
+        options = _edits_of(edited)
+        if self._edits.options != options:
+            self._edits.options = options
+        self._edits.value = options[-1]
+
+    def _show_rows(self, edited: EditState, chosen: Segment | None, off: Sequence[SurfaceGap]) -> None:
+        geometries = tuple(track.geometry for track in edited.clip.objects)
+        gaps = [distances_of_motion(motion, self._model, geometries)[1] for motion in edited.motions]
+        several = len(edited.clip.people) > 1
+        labels = []
+        for segment, place in zip(edited.segments, off, strict=True):
+            links = edited.motions[segment.person].contact_links
+            site = self._model.spec.part_sites.get(segment.part)
+            own = (
+                gaps[segment.person][segment.start : segment.stop, links.index(site)] if site in links else np.zeros(0)
+            )
+            gap = _gap_text(float(np.nanmean(own))) if np.isfinite(own).any() else "not followed"
+            name = part_text(segment.person, segment.part) if several else segment.part
+            if place.in_thin_air:
+                gap = f"point {1e3 * place.distance:.0f} mm off"
+            labels.append(f"{name.replace('_', ' ')}  {segment.start} - {segment.stop - 1}  ({gap})")
+        while len(self._rows) > len(labels):
+            self._rows.pop().remove()
+        with self._rows_folder:
+            for index in range(len(self._rows), len(labels)):
+                self._rows.append(self._add_row(index))
+        for row, label, segment, place in zip(self._rows, labels, edited.segments, off, strict=True):
+            row.label = label
+            row.color = "yellow" if place.in_thin_air else "orange" if segment is chosen else "gray"
+
+    def _add_row(self, index: int) -> viser.GuiButtonHandle:
+        row = self._gui.add_button("", color="gray")
+        row.on_click(lambda _: self._editor.choose(index))
+        return row
+
+    def _add_chosen(self, frames: int) -> None:
+        gui = self._gui
+        self._frames = gui.add_multi_slider("Frames", 0, frames - 1, 1, (0, frames - 1), hint="First and last frame")
+        self._frames.on_update(self._on_frames)
+        self._point = gui.add_vector3("Point [m]", (0.0, 0.0, 0.0), step=0.001, hint="In the object's frame")
+        self._point.on_update(self._on_point)
+        self._surface = gui.add_checkbox("On surface", False, hint="A dragged point stays on the object's surface")
+        for edits in (
+            {
+                "Start here": lambda s: Retime(s.part, s.start, self._editor.frame, s.stop, person=s.person),
+                "End here": lambda s: Retime(s.part, s.start, s.start, self._editor.frame + 1, person=s.person),
+            },
+            {
+                "Split here": lambda s: Split(s.part, s.start, self._editor.frame, person=s.person),
+                "Merge with next": lambda s: Merge(s.part, s.start, person=s.person),
+            },
+            {
+                "One point": lambda s: Fix(s.part, s.start, person=s.person),
+                "To surface": lambda s: Snap(s.part, s.start, person=s.person),
+                "Delete": lambda s: Delete(s.part, s.start, person=s.person),
+            },
+        ):
+            self._add_choices(edits, self._editor.change)
+
+    def _add_new(self, clip: Clip) -> None:
+        gui = self._gui
+        several = len(clip.people) > 1
+        parts = {
+            part_text(person, part) if several else part: (person, part)
+            for person in range(len(clip.people))
+            for part in self._model.spec.part_sites
+        }
+        part = gui.add_dropdown("Part", tuple(parts), initial_value=next(iter(parts)))
+        names = tuple(track.name for track in clip.objects)
+        target = gui.add_dropdown("Object", names, initial_value=names[0])
+        button = gui.add_button("Add at this frame", hint="Where the part is nearest to the object's surface")
+        button.on_click(lambda _: self._editor.add(*parts[part.value], names.index(target.value)))
+
+    def _add_versions(self) -> None:
+        gui, editor = self._gui, self._editor
+        self._restore: viser.GuiButtonHandle | None = None
+        if editor.has_autosave:
+            self._restore = gui.add_button("Take up unsaved edits", color="yellow")
+            self._restore.on_click(lambda _: editor.restore_autosave())
+        compared = gui.add_checkbox("Before", False, hint="Scene and curves as they were when last saved, too")
+        compared.on_update(lambda event: editor.compare(event.target.value))
+        self._versions = gui.add_dropdown("Load", (_NO_VERSION,), hint="Versions by name; choose one to go on from it")
+        self._versions.on_update(self._on_versions)
+        name = gui.add_text("Name", "", hint="Of a version")
+        self._add_choices({"Save as": lambda: editor.save_as(name.value.strip())}, lambda command: command())
+
+    def _on_versions(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None and event.target.value != _NO_VERSION:
+            self._editor.load(event.target.value)
+
+    def _add_commands(self, commands: Sequence[Mapping[str, Callable[[], None]]]) -> None:
+        for row in commands:
+            self._add_choices(row, self._editor.run)
+        by_name = {name: command for row in commands for name, command in row.items()}
+        for name, key in _HOTKEYS.items():
+            handle = self._gui.add_command(name, hotkey=key, modifier="cmd/ctrl")
+            handle.on_trigger(lambda _, name=name: self._editor.run(by_name[name]))
+
+    def _add_choices(self, choices: Mapping[str, Any], do: Callable[[Any], None]) -> None:
+        group = self._gui.add_button_group("", tuple(choices))
+        group.on_click(lambda event: do(choices[event.target.value]))
+
+    def _on_edits(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None and event.target.value in event.target.options:
+            self._editor.undo_to(event.target.options.index(event.target.value))
+
+    def _on_frames(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            first, last = event.target.value
+            self._editor.change_when_typed(
+                "frames", lambda s: Retime(s.part, s.start, int(first), int(last) + 1, person=s.person)
+            )
+
+    def _on_point(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            point = np.array(event.target.value)
+            self._editor.change_when_typed("point", lambda s: _moved_to(s, point))
+
+
+def _edits_of(edited: EditState) -> tuple[str, ...]:
+    """Return the edits in words, from none on."""
+    return (_RECORDED, *(f"{number}: {describe(edit)}" for number, edit in enumerate(edited.edits.edits, 1)))
+
+
+def changes_text(before: EditState, now: EditState) -> str:
+    """Return the changed figures, such as `contact gap 1.5 -> 2.9 mm`; the first person's of several."""
+    sides = [edited.motions[0].report.figures for edited in (before, now)]
+    changes = []
+    for column in (column for column in COLUMNS if column.name in _FIGURES):
+        texts = [column.text(side.get(column.name)) for side in sides]
+        if texts[0] != texts[1]:
+            changes.append(f"{column.title} {texts[0]} -> {texts[1]} {with_exponents(column.unit)}")
+    return ", ".join(changes) or "no figure changed"
+
+
+def _gap_text(gap: float) -> str:
+    """Return a mean distance from a surface [m] in words, with its side."""
+    return f"{1e3 * abs(gap):.1f} mm {'off' if gap > 0 else 'inside'}"
+
+
+def _moved_to(segment: Segment, point: Float[np.ndarray, "3"]) -> Edit:
+    middle = segment.points.mean(axis=0)
+    # What was shown rounded, and not typed over, stays.
+    offset = np.where(point == np.round(middle, _DIGITS), 0.0, np.round(point - middle, _DIGITS + 2))
+    return Move(segment.part, segment.start, tuple(offset.tolist()), person=segment.person)
+
+
+def _figures_html(recorded: EditState, before: EditState, now: EditState) -> str:
+    """Return the figures as recorded, before the last change, and now, for each person."""
+    rows: list[tuple[str, list[str]]] = []
+    for person, name in enumerate(track.name for track in now.clip.people):
+        sides = [edited.motions[person].report.figures for edited in (recorded, before, now)]
+        if len(now.clip.people) > 1:
+            rows.append((name, []))
+        for column in (column for column in COLUMNS if column.name in _FIGURES):
+            rows.append((column.header, [column.text(side[column.name]) for side in sides]))
+    heads = ("start", "before", "now")
+    return render("studio/browser/page/figures.html.j2", kind="before-after", heads=heads, rows=rows)

@@ -1,0 +1,156 @@
+"""A person as unit shapes, or as the skin of a body model; and a person in a robot's pose.
+
+Captures hold joints only: widths of limbs are those of an adult of 1.75 m, and grow with the person. A skin is a rigid
+piece for each joint, with small seams at bent ones: a frame is a pose for each joint, not ten thousand vertices.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT, PARENTS, world_positions
+from hoi_retarget.numerics import se3
+from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.studio.scene.drawing import Colour, Kind, Shapes, Solid
+from hoi_retarget.studio.scene.marks import rotations_to
+from hoi_retarget.synthetic.human import rest_offsets
+
+COLOUR: Colour = (221, 155, 118)
+REFERENCE_HEIGHT = 1.75  # [m]
+
+# Radius of the limb that ends at a joint [m], by the joint's name without its side.
+_RADII = {
+    "spine1": 0.105,
+    "spine2": 0.105,
+    "spine3": 0.105,
+    "neck": 0.055,
+    "head": 0.05,
+    "hip": 0.085,
+    "knee": 0.066,
+    "ankle": 0.046,
+    "foot": 0.036,
+    "collar": 0.055,
+    "shoulder": 0.056,
+    "elbow": 0.045,
+    "wrist": 0.035,
+}
+_PALM_RADIUS, _FINGER_RADIUS = 0.014, 0.0095  # [m]
+
+# Ellipsoids that fill the trunk out, in axes of a joint that point left, up and ahead: joint, middle, half extents [m].
+_ROUNDINGS = (
+    ("pelvis", (0.0, -0.01, -0.005), (0.165, 0.125, 0.112)),
+    ("spine1", (0.0, 0.06, 0.0), (0.135, 0.17, 0.105)),
+    ("spine3", (0.0, 0.0, 0.015), (0.16, 0.2, 0.115)),
+    ("spine3", (0.0, 0.1, 0.0), (0.2, 0.085, 0.08)),
+    ("head", (0.0, 0.08, 0.018), (0.074, 0.108, 0.092)),
+)
+
+
+def human_shapes(person: Person) -> tuple[Shapes, Shapes]:
+    """Return a person's cylinders and rounded shapes over time."""
+    growth = person.height / REFERENCE_HEIGHT
+    radii = np.array([growth * _radius(joint) for joint in JOINTS])
+    return _limbs(person, radii), _roundings(person, radii, growth)
+
+
+def _radius(joint: str) -> float:
+    if joint == "pelvis":
+        return _RADII["spine1"]
+    name = joint.removeprefix("left_").removeprefix("right_")
+    if name in _RADII:
+        return _RADII[name]
+    return _PALM_RADIUS if name.endswith("1") else _FINGER_RADIUS
+
+
+def _limbs(person: Person, radii: np.ndarray) -> Shapes:
+    """Return a cylinder from each joint's parent to the joint, of its mean length."""
+    ends = np.array([JOINT_INDEX[joint] for joint, parent in PARENT.items() if parent is not None])
+    starts = np.array([JOINT_INDEX[parent] for parent in PARENT.values() if parent is not None])
+    places = person.joint_positions
+    along = places[:, ends] - places[:, starts]
+    halves = 0.5 * np.linalg.norm(along, axis=-1).mean(axis=0)
+    return Shapes(
+        kind=Kind.CYLINDER,
+        sizes=np.column_stack([radii[ends], radii[ends], halves]).astype(np.float32),
+        colours=_coloured(len(ends)),
+        positions=(0.5 * (places[:, starts] + places[:, ends])).astype(np.float32),
+        quats=_pointing(along).astype(np.float32),
+    )
+
+
+def _roundings(person: Person, radii: np.ndarray, growth: float) -> Shapes:
+    """Return a ball at every joint, as wide as the widest limb there, and the ellipsoids of trunk and head."""
+    widest = radii.copy()
+    for joint, parent in PARENT.items():
+        if parent is not None:
+            index = JOINT_INDEX[parent]
+            widest[index] = max(widest[index], radii[JOINT_INDEX[joint]])
+    joints = [JOINT_INDEX[joint] for joint, _, _ in _ROUNDINGS]
+    middles = growth * np.array([middle for _, middle, _ in _ROUNDINGS])
+    halves = growth * np.array([half for _, _, half in _ROUNDINGS])
+    turns = person.joint_quats[:, joints]
+    middle = person.joint_positions[:, joints] + se3.rotate(turns, middles)
+    return Shapes(
+        kind=Kind.SPHERE,
+        sizes=np.concatenate([np.repeat(widest[:, None], 3, axis=1), halves]).astype(np.float32),
+        colours=_coloured(len(JOINTS) + len(joints)),
+        positions=np.concatenate([person.joint_positions, middle], axis=1).astype(np.float32),
+        quats=np.concatenate([person.joint_quats, turns], axis=1).astype(np.float32),
+    )
+
+
+def _coloured(count: int) -> np.ndarray:
+    return np.tile(np.array(COLOUR, dtype=np.uint8), (count, 1))
+
+
+def _pointing(along: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 4"]:
+    """Return rotations that take the z axis along vectors, which may be of any length."""
+    lengths = np.linalg.norm(along, axis=-1, keepdims=True)
+    return rotations_to(along / np.where(lengths > 0, lengths, 1.0))
+
+
+def human_skin(person: Person) -> tuple[Solid, ...]:
+    """Return the skin of a person of known shape, in pieces."""
+    shape = person.shape
+    assert shape is not None, "there is a skin"
+    # A triangle belongs to the joint of most of its corners: the middle one of the three in order.
+    owners = np.sort(shape.owners[shape.model.faces], axis=1)[:, 1]
+    pieces = []
+    for index in range(len(JOINTS)):
+        faces = shape.model.faces[owners == index]
+        if len(faces):
+            used, corners = np.unique(faces, return_inverse=True)
+            vertices = shape.rest_vertices[used] - shape.rest_joints[index]
+            positions, quats = person.joint_positions[:, index], person.joint_quats[:, index]
+            pieces.append(Solid(vertices, corners.reshape(faces.shape), COLOUR, positions, quats))
+    return tuple(pieces)
+
+
+_TOE_HEIGHT = 0.0145
+"""Of a standing person's toe joint, as a share of the stature."""
+
+
+def person_in_pose(kinematics: Kinematics, aside: Float[np.ndarray, "3"]) -> Person:
+    """Return a person of the robot's stature on the floor, with limbs turned as the robot's.
+
+    Args:
+        kinematics: The robot's pose, or several.
+        aside: From the robot's pelvis to the person's, of which the height does not count [m].
+    """
+    spec = kinematics.model.spec
+    bones = rest_offsets(spec.stature)
+    followed = {
+        row.human_joint: se3.quat_multiply(
+            se3.matrix_to_quat(kinematics.site_rotation(row.site)), se3.quat_conjugate(np.array(row.rotation_offset))
+        )
+        for row in spec.ik
+    }
+    quats = np.empty((len(kinematics.qpos), len(JOINTS), 4))
+    for joint, index in JOINT_INDEX.items():
+        # The pelvis comes first and is in every table; joints that are not go with their parents, the trunk as one.
+        known = "spine3" if joint in {"spine1", "spine2"} else joint
+        quats[:, index] = followed[known] if known in followed else quats[:, JOINT_INDEX[str(PARENT[joint])]]
+    positions = world_positions(kinematics.site_position("pelvis") + aside, bones, quats, PARENTS)
+    toes = positions[:, [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]], 2].min(axis=1)
+    positions[..., 2] += (_TOE_HEIGHT * spec.stature - toes)[:, None]
+    return Person("person", positions, quats)

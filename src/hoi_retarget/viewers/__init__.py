@@ -1,1 +1,0 @@
-"""Pictures, films, the viewer and the contact editor in a browser, and pages to share."""
