@@ -188,7 +188,7 @@ def test_pins_of_several_parts_are_those_of_each_alone(recorded, name):
             recorded_quat = recorded_rotation(both, kinematics, pin.part)[pin.frame]
             asked = se3.quat_multiply(se3.exp(np.radians(pin.turn)), recorded_quat)
             own = se3.matrix_to_quat(kinematics.site_rotation(site_of(model, pin.part))[pin.frame])
-            assert told.off_deg == pytest.approx(np.degrees(se3.angle_between(own, asked)), abs=1e-6)
+            assert told.off_deg == pytest.approx(np.degrees(se3.angle_between(own[None], asked[None])[0]), abs=1e-6)
     assert with_pins(targets, replace(recorded, pins=tuple(pins)), model, standing, person=1) is targets
 
 

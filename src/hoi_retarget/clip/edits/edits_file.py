@@ -108,13 +108,13 @@ def _edits(owner: str, entries: list[Any]) -> Iterator[Edit]:
         if kind is None:
             problem = "says no operation" if "operation" not in entry else f"there is no operation {name!r}"
             raise ReadError(f"{here}: {problem}. Operations: {', '.join(OPERATIONS)}.")
-        values = {key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()}
-        del values["operation"]
+        values = {key: value for key, value in entry.items() if key != "operation"}
         known = fields_of(kind)
         required = [item.name for item in known if item.default is MISSING]
         _check_keys(f"{here} ({name})", values, [item.name for item in known], required)
         try:
-            yield kind(**values)
+            plain: dict[str, Any] = {key: kind.plain(key, value) for key, value in values.items()}
+            yield kind(**plain)
         except ArgumentError as error:
             raise ReadError(f"{here} ({name}): {error}") from error
 

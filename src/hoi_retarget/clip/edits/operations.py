@@ -45,10 +45,17 @@ class Operation:
     def __post_init__(self) -> None:
         for item in fields_of(type(self)):
             value = getattr(self, item.name)
-            if item.name == "part" and (not isinstance(value, str) or value not in self.parts):
-                raise ArgumentError(f"part is {value!r}; parts that can {self.verb}: {', '.join(self.parts)}.")
-            if item.name != "part" and (value is not None or item.default is not None):
-                object.__setattr__(self, item.name, _plain(item.name, value))
+            if value is not None or item.default is not None:
+                object.__setattr__(self, item.name, self.plain(item.name, value))
+
+    @classmethod
+    def plain(cls, name: str, value: Any) -> str | int | tuple[float, ...]:
+        """Return the value of a field, of any type, as a plain one; raises `ArgumentError` where it means nothing."""
+        if name != "part":
+            return _plain(name, value)
+        if not isinstance(value, str) or value not in cls.parts:
+            raise ArgumentError(f"part is {value!r}; parts that can {cls.verb}: {', '.join(cls.parts)}.")
+        return value
 
 
 def fields_of(kind: type[Operation]) -> list["Field[Any]"]:
