@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from hoi_retarget.errors import RobotError
 from hoi_retarget.retargeting.config import Config
-from hoi_retarget.retargeting.orientation_flips import trunk_turns
+from hoi_retarget.retargeting.orientation_flips import orientation_flips, rotation_errors_deg, trunk_turns
 from hoi_retarget.retargeting.surfaces.contact_targets import contact_sides, touching_targets
 from hoi_retarget.retargeting.surfaces.depenetration import EscapePath, escape_paths, paths_within
 from hoi_retarget.retargeting.surfaces.skin_points import moving_objects
@@ -84,12 +84,24 @@ class SurfaceProblems:
                 break
             paths = (*paths, *further)
             first = qpos if len(paths) == len(further) else first
-        if paths and trunk_turns(self.model.forward(qpos), self.targets):
+        solved = self._between_surfaces(solve_pass, qpos, paths)
+        if paths and self._flips(solved) > self._flips(first):
             # Links must not leave an object by turning the robot over.
-            qpos, paths = first, ()
+            solved = self._between_surfaces(solve_pass, first, ())
+        return solved
+
+    def _between_surfaces(
+        self, solve_pass: SolvePass, qpos: np.ndarray, paths: tuple[EscapePath, ...]
+    ) -> Float[np.ndarray, "T nq"]:
         touching = self._touching(qpos)
         qpos = solve_pass(self._with_surfaces(touching, qpos, paths, relaxed=False), qpos, FINE, False)
         return solve_pass(self._with_surfaces(touching, qpos, paths, relaxed=True), qpos, FINAL, True)
+
+    def _flips(self, qpos: np.ndarray) -> int:
+        """Return the number of frames in which a link points away from the human's, or the trunk is turned over."""
+        kinematics = self.model.forward(qpos)
+        flips = orientation_flips(rotation_errors_deg(kinematics, self.targets))
+        return sum(event.frames for event in (*flips, *trunk_turns(kinematics, self.targets)))
 
     def last(self, qpos: Float[np.ndarray, "T nq"]) -> ProblemOf:
         """Return the problem of the last pass, for a trajectory that has been through all of them."""
