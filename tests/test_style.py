@@ -19,6 +19,12 @@ PRONOUNS = re.compile(
     flags=re.IGNORECASE,
 )
 """Words that let a relative clause stand for a noun."""
+UNITS = re.compile(
+    r"\[(?:1|unitless|frames?|px|deg|Hz|(?:N )?m|rad|s|N|kg|J|W)\b[^\]]*\]|"
+    r"\b(shares?|ratios?|factors?|(unit )?quaternions?|wxyz|unit (vectors?|ax[ei]s|length)|rotations?|units?)\b",
+    flags=re.IGNORECASE,
+)
+"""Units of numbers, or words for numbers without one; `in their unit` and the like count."""
 
 
 @cache
@@ -77,6 +83,18 @@ def test_public_functions_explain_four_arguments_and_more():
             explained += has
             left += [] if has else [f"{place}: {node.name}"]
     assert explained >= 9 * len(left), left
+
+
+def test_public_functions_that_return_floats_say_their_units():
+    said, left = 0, []
+    for place, node in documented():
+        if not isinstance(node, ast.FunctionDef) or node.name.startswith("_") or node.returns is None:
+            continue
+        if re.search(r"\b(float\b|Float\[)", ast.unparse(node.returns)):
+            has = UNITS.search(ast.get_docstring(node) or "") is not None
+            said += has
+            left += [] if has else [f"{place}: {node.name}"]
+    assert said >= 9 * len(left), left
 
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)

@@ -40,7 +40,7 @@ class ReadOptions:
             )
 
     def as_json(self) -> dict[str, str | float | None]:
-        """Return the options as a result's report has them."""
+        """Return the options, in their units, as a result's report has them."""
         values = {name: getattr(self, name) for name in READ_OPTIONS}
         return {name: str(value) if isinstance(value, Path) else value for name, value in values.items()}
 

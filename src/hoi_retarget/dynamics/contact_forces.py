@@ -73,12 +73,12 @@ class Forces:
 
     @property
     def missing_share(self) -> Float[np.ndarray, "T"]:
-        """The robot's missing wrench over its weight, about the lean of its centre of mass in radians."""
+        """Ratio of the robot's missing wrench to its weight, about the lean of its centre of mass in radians."""
         return _share(self.missing, self.mass, self.height)
 
     @property
     def missing_share_at_objects(self) -> Float[np.ndarray, "T O"]:
-        """Each object's missing wrench over its weight; NaN where it is not judged."""
+        """Ratio of each object's missing wrench to its weight; NaN where it is not judged."""
         shares = [
             _share(self.missing_at_objects[:, index], body.mass, length)
             for index, (body, length) in enumerate(zip(self.bodies, self.lengths.tolist(), strict=True))

@@ -231,7 +231,7 @@ class Figure:
 
     @property
     def scale(self) -> float:
-        """Shown number over stored number."""
+        """Ratio of the shown to the stored number."""
         return _SCALES.get(self.unit, 1.0)
 
     @property

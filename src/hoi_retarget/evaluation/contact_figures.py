@@ -117,7 +117,7 @@ class TouchCurve:
     recorded_place: Float[np.ndarray, "F"]
     """The same to where the human's palm was before the contact was edited; NaN where it was not."""
     palmar_area: Float[np.ndarray, "F"]
-    """Area of a hand's palmar skin within 2 mm of the surface [m2]; 0 where inactive or off it."""
+    """Area of a hand's palmar skin within 2 mm of the surface [m^2]; 0 where inactive or off it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +191,7 @@ def recorded_place_m(view: Comparison) -> float | None:
     "foot touch", "%", "Share of the frames in which a foot that is to touch an object does", better="higher", slow=True
 )
 def foot_touch_share(view: Comparison) -> float | None:
-    """Return `touch_share` of feet that are labelled to touch an object."""
+    """Return the share of `touch_share`, for feet that are labelled to touch an object."""
     return _touch_share(_gaps(view, FOOT_SITES))
 
 

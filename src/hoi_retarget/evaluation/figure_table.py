@@ -85,18 +85,18 @@ class Score:
         }
 
     def values(self) -> dict[str, float | None]:
-        """Return all numbers by column name."""
+        """Return all numbers by column name, whose end is the unit."""
         return {**self.figures, "compute_s": self.compute_s}
 
 
 def mean_values(scores: Sequence[Score]) -> dict[str, float | None]:
-    """Return the mean of every column over the results that define it."""
+    """Return the mean of every column, in its unit, over the results that define it."""
     present = _present(scores)
     return {name: sum(values) / len(values) if values else None for name, values in present.items()}
 
 
 def worst_values(scores: Sequence[Score]) -> dict[str, float | None]:
-    """Return the worst of every column: the largest, or the smallest where higher is better."""
+    """Return the worst of every column, in its unit: the largest, or the smallest where higher is better."""
     present = _present(scores)
     worst = {column.name: max if column.better == "lower" else min for column in COLUMNS}
     return {name: worst[name](values) if values else None for name, values in present.items()}

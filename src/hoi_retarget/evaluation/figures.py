@@ -62,7 +62,7 @@ FIGURES: tuple[Figure, ...] = (
 def evaluate(
     motion: Motion, clip: Clip, model: RobotModel, *, person: int = 0, figures: FigureSet = "all"
 ) -> Mapping[str, float | None]:
-    """Return the figures of a motion against the clip it was made from, by name.
+    """Return the figures of a motion against the clip it was made from, by names that end in their units.
 
     Args:
         motion: The robot's motion; its frames are exactly the clip's.
@@ -81,7 +81,7 @@ def evaluate(
 
 
 def figures_of(view: Comparison, chosen: FigureSet = "all") -> Mapping[str, float | None]:
-    """Return the figures of a comparison by name, those of simulated motions too."""
+    """Return the figures of a comparison by names that end in their units, those of simulated motions too."""
     if chosen == "none":
         return {}
     measured = {

@@ -13,7 +13,7 @@ _PERCENTILE = 95
 
 
 def forces_figures(forces: Forces, motion: Motion) -> dict[str, float | None]:
-    """Return the figures of the forces that a motion needs, by name; None where undefined."""
+    """Return the figures of the forces that a motion needs, by names that end in their units; None where undefined."""
     largest = forces.torque_shares.max(axis=1)
     at_objects = forces.missing_share_at_objects
     judged = at_objects[np.isfinite(at_objects)]
@@ -60,7 +60,7 @@ FEASIBILITY = (
 
 
 def performed_figures(motion: Motion) -> dict[str, float | None]:
-    """Return a simulated motion's deviations from the stage before, over all frames up to a fall, by name.
+    """Return a simulated motion's deviations [m, deg] from the stage before, over all frames up to a fall, by name.
 
     There are none of other motions, and none of objects where there are no objects.
     """

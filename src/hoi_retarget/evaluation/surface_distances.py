@@ -305,13 +305,13 @@ def area_near(
     areas: Float[np.ndarray, "K"],
     limit: float,
 ) -> Float[np.ndarray, "F"]:
-    """Return the area of the skin within a distance of an object's surface in every frame, on either side [m2].
+    """Return the area of the skin within a distance of an object's surface in every frame, on either side [m^2].
 
     Args:
         placed: The object.
         poses: World poses of the points' link.
         points: Of the link's skin [m].
-        areas: Each point's share of the skin [m2].
+        areas: Each point's share of the skin [m^2].
         limit: The distance [m].
     """
     shape, scale, found = placed.shape, placed.scale, np.zeros(len(poses.positions))

@@ -333,7 +333,7 @@ def fatal_fault(motion: Motion) -> str:
 
 
 def judged_figures(motion: Motion, model: RobotModel | None = None) -> dict[str, float | None]:
-    """Return the figures of a result's report and the further ones of its verdict, by name; None where absent."""
+    """Return the figures of a result's report and verdict, by names that end in their units; None where absent."""
     return {
         **{threshold.name: None for threshold in THRESHOLDS},
         **motion.report.figures,

@@ -45,7 +45,7 @@ class Bvh:
 
     @property
     def rate(self) -> float:
-        """Frames a second: a whole number where the file's time is that of one, rounded."""
+        """Frames a second [Hz]: a whole number where the file's time is that of one, rounded."""
         seconds = float(self.frame_time)
         last_digit = 10.0 ** -len(self.frame_time.partition(".")[2])
         whole = round(1.0 / seconds)

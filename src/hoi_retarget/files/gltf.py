@@ -70,7 +70,7 @@ class Channel:
         return bool((self.values == self.values[0]).all())
 
     def at(self, frames: Float[np.ndarray, "T"], rate: float) -> Float[np.ndarray, "T w"]:
-        """Return the values at frames of `rate` frames a second, held before the first key and after the last."""
+        """Return the values, in their unit, at frames of `rate` [Hz], held before the first key and after the last."""
         keys = self.times * rate
         whole = np.rint(keys)
         keys = np.where(np.abs(keys - whole) < _ON_FRAME, whole, keys)
@@ -225,7 +225,7 @@ class Gltf:
     # Meshes and skins
 
     def mesh(self, index: int) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "F 3"]]:
-        """Return the vertices and triangles of a mesh, all its parts in one."""
+        """Return the vertices [m] and triangles of a mesh, all its parts in one."""
         mesh = self._checked(index, self._meshes, "mesh")
         name = f"mesh {mesh.get('name')!s:.40}"
         vertices, faces, count = [], [], 0
@@ -247,7 +247,7 @@ class Gltf:
         return np.concatenate(vertices), np.concatenate(faces)
 
     def skins(self) -> Iterator[tuple[tuple[int, ...], Float[np.ndarray, "J 4 4"]]]:
-        """Yield the joints of each skin and the matrices that bring the bound mesh into their frames."""
+        """Yield the joints of each skin and the matrices that bring the bound mesh [m] into their frames."""
         for skin in self._skins:
             joints = self._indices(skin, "joints")
             matrices = skin.get("inverseBindMatrices")

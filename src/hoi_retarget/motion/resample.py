@@ -61,7 +61,7 @@ class ResampledMotion:
 
     @property
     def rate(self) -> int | float:
-        """Frames a second, as the whole number that they are in most files."""
+        """Frames a second [Hz], as the whole number that they are in most files."""
         return int(self.fps) if float(self.fps).is_integer() else float(self.fps)
 
     @property

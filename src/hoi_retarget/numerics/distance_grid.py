@@ -24,7 +24,7 @@ def interpolate(corners: Float[np.ndarray, "8 K"], place: Float[np.ndarray, "3 K
 def with_slopes(
     corners: Float[np.ndarray, "8 K"], place: Float[np.ndarray, "3 K"]
 ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "3 K"]]:
-    """Return the values at places within cells, and their derivatives by the place."""
+    """Return the values, in the corners' unit, at places within cells, and their derivatives by the place."""
     x, y, z = place
     by_z = corners[1::2] - corners[0::2]
     along_z = corners[0::2] + z * by_z
@@ -64,7 +64,7 @@ class DistanceGrid:
     def distances_and_slopes(
         self, points: Float[np.ndarray, "K 3"]
     ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
-        """Return `distances`, and their derivatives by the points."""
+        """Return `distances` [m], and their derivatives by the points [unitless]."""
         corners, place, beyond = self._cells(points)
         distances, slopes = with_slopes(corners, place)
         away = _norms(beyond)

@@ -68,7 +68,7 @@ def nearest_active(active: Bool[np.ndarray, "T"]) -> Int[np.ndarray, "T"]:
 
 
 def smoothstep_around(active: Bool[np.ndarray, "T"], ramp: int) -> Float[np.ndarray, "T"]:
-    """Return weights: 1 in active frames, with a cosine ramp to 0 over `ramp` frames on either side of them."""
+    """Return shares: 1 in active frames, with a cosine ramp to 0 over `ramp` frames on either side of them."""
     if not active.any():
         return np.zeros(len(active))
     away = np.abs(np.arange(len(active)) - nearest_active(active))

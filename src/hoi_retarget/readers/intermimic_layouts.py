@@ -161,7 +161,7 @@ class Rows:
             )
 
     def labels(self, name: str) -> Float[np.ndarray, "T 52"]:
-        """Return a field of the bodies' label numbers in the order of `skeleton.JOINTS`, from `first` on."""
+        """Return a field of the bodies' labels [unitless] in the order of `skeleton.JOINTS`, from `first` on."""
         return self.used(name)[:, JOINT_ORDER]
 
     def check(self, labels: tuple[int, int], meaning: str) -> None:

@@ -153,7 +153,7 @@ def anchor(
 
 
 def anchor_weights(stands: Bool[np.ndarray, "T"], fps: float) -> Float[np.ndarray, "T"]:
-    """Return the weight of a foot's place: 1 in stance runs, less towards their first and last frame.
+    """Return the weight of a foot's place, as a share: 1 in stance runs, less towards their first and last frame.
 
     At full weight to the end a foot would stop and start with a jerk.
     """

@@ -171,6 +171,7 @@ class _Candidate:
 
     @property
     def cost(self) -> float:
+        """Weighted sum of squares [unitless]."""
         return sum(window.cost for window in self.windows)
 
     @property
@@ -179,7 +180,7 @@ class _Candidate:
 
     @property
     def rank(self) -> tuple[bool, int, float]:
-        """A key to sort by: whether it is unfit for use, frames of flips, cost."""
+        """A key to sort by: whether it is unfit for use, number of frames of flips, cost [unitless]."""
         return self.turned or not self.converged, sum(flip.frames for flip in self.flips), self.cost
 
     @property
@@ -255,7 +256,7 @@ def _solve(
 def raised_above_floor(
     model: RobotModel, targets: Targets, qpos: Float[np.ndarray, "T nq"]
 ) -> Float[np.ndarray, "T nq"]:
-    """Return a trajectory in which no link but hands and feet is deeper than `MIN_LIFT_M` under the floor.
+    """Return a trajectory [m, rad] with no link but hands and feet deeper than `MIN_LIFT_M` under the floor.
 
     It rises and falls slowly. Where nothing is deeper, or a base carries it, it is the same array.
     """

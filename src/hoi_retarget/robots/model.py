@@ -146,7 +146,7 @@ class RobotModel:
     def integrate(
         self, qpos: Float[np.ndarray, "T nq"], tangent: Float[np.ndarray, "T nv"]
     ) -> Float[np.ndarray, "T nq"]:
-        """Return the configuration after a step along a tangent vector."""
+        """Return the configuration after a step along a tangent vector [m, rad]."""
         return np.concatenate(
             [
                 qpos[:, :3] + tangent[:, :3],

@@ -134,7 +134,7 @@ class LinkSkin:
 
     @cached_property
     def areas(self) -> Float[np.ndarray, "P"]:
-        """Area of the skin that is nearer to each point than to any other [m2].
+        """Area of the skin that is nearer to each point than to any other [m^2].
 
         In the tangent plane, a cell is the part of a disc that no neighbour is nearer to, a neighbour being as far as
         it is in space. The disc's radius is the smallest distance of two points, from which no place of the skin is

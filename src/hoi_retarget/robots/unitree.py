@@ -24,7 +24,7 @@ def joint_values(limbs: Mapping[str, Value], trunk: Mapping[str, Value]) -> dict
 
 
 def mirrored(values: Mapping[str, float]) -> dict[str, float]:
-    """Return values by joint, from those of the left joints, which have the other sign on the right."""
+    """Return values by joint, in their unit, from those of the left joints, which have the other sign on the right."""
     return {f"{side}_{joint}_joint": sign * value for joint, value in values.items() for side, sign in _SIGNS}
 
 

@@ -127,7 +127,7 @@ def simulated_costs(
 def feedback_gains(
     scene: PhysicsScene, simulated: mujoco.MjModel, reference: Reference, *, objects: bool = True
 ) -> Float[np.ndarray, "K n x"]:
-    """Return the gains along a reference, from deviations (`rollout.deviations`) to changes of the drives' targets.
+    """Return the gains along a reference, from deviations (`rollout.deviations`) to drives' targets [rad].
 
     The simulator is linearized by finite differences every tenth of a second. Feet and objects on the floor are sunk
     into it a little first: contacts that only just touch have no useful derivative.

@@ -72,7 +72,7 @@ class PhysicsScene:
     physics: Physics
 
     def qpos(self, motion: Motion) -> Float[np.ndarray, "T nq"]:
-        """Return the scene's configurations along a motion: the robot's, then each object's pose."""
+        """Return configurations [m, rad, quaternion] along a motion: the robot's, then each object's pose."""
         poses = np.concatenate([motion.object_pos, motion.object_quat], axis=2)
         return np.concatenate([motion.qpos, poses.reshape(motion.frames, -1)], axis=1)
 

@@ -183,7 +183,7 @@ def tilt_deg(quat: Float[np.ndarray, "4"], expected: Float[np.ndarray, "4"]) -> 
 def deviations(
     reference: Reference, joints: int, tick: int, qpos: Float[np.ndarray, "N nq"], qvel: Float[np.ndarray, "N nv"]
 ) -> Float[np.ndarray, "N x"]:
-    """Return the deviations of states from the reference: 2 nv numbers each, configuration and velocity.
+    """Return the deviations of states from the reference: 2 nv numbers [m, rad, per s], configuration and velocity.
 
     Args:
         reference: The reference.

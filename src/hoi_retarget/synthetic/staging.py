@@ -145,5 +145,5 @@ def holds(spans: tuple[Span, ...], depth: float, *, down: float = 1.0, up: float
 
 
 def rounded(seconds: float) -> float:
-    """Return a duration rounded up to a tenth of a second, so that common rates divide it."""
+    """Return a duration [s] rounded up to a tenth of a second, so that common rates divide it."""
     return float(np.ceil(seconds * 10.0 - 1e-9) / 10.0)

@@ -78,7 +78,7 @@ class Place:
         )
 
     def line_to(self, other: "Place") -> Callable[[float], "Place"]:
-        """Return the straight path to another place."""
+        """Return the straight path to another place, by the share of it that is gone."""
         return lambda fraction: self.toward(other, fraction)
 
     def toward(self, other: "Place", fraction: float) -> "Place":

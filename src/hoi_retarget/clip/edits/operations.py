@@ -50,7 +50,7 @@ class Operation:
 
     @classmethod
     def plain(cls, name: str, value: Any) -> str | int | tuple[float, ...]:
-        """Return the value of a field, of any type, as a plain one; raises `ArgumentError` where it means nothing."""
+        """Return the value of a field as a plain one, in its unit; raises `ArgumentError` where it means nothing."""
         if name != "part":
             return _plain(name, value)
         if not isinstance(value, str) or value not in cls.parts:

@@ -51,7 +51,7 @@ class TreeFit:
 
     @property
     def penalty(self) -> float:
-        """One number to compare readings by: 1 is 10 degrees or 10 cm off."""
+        """One number [unitless] to compare readings by: 1 is 10 degrees or 10 cm off."""
         return self.turned / 10.0 + self.moved / 0.1
 
     def __str__(self) -> str:

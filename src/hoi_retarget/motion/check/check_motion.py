@@ -56,7 +56,7 @@ class CheckedMotion:
 
     @property
     def fps(self) -> float:
-        """Frames a second, as stated or as usual in the format; raises `ClipError` where there is neither."""
+        """Frames a second [Hz], as stated or as usual in the format; raises `ClipError` where there is neither."""
         rate = self.stated_fps or self.usual_fps
         if rate is None:
             raise ClipError(f"{self.path}: it states no rate, and its format has no usual one. Give the rate.")

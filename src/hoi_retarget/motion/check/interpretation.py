@@ -82,7 +82,7 @@ class Interpretation:
     def qpos(
         self, pos: Float[np.ndarray, "T 3"], quat: Float[np.ndarray, "T 4"], joint_pos: Float[np.ndarray, "T c"]
     ) -> Float[np.ndarray, "T nq"]:
-        """Return configurations as this package has them."""
+        """Return configurations [m, rad, quaternions] as this package has them."""
         return np.concatenate([self.position(pos), self.rotation(quat), self.angles(joint_pos)], axis=1)
 
 

@@ -46,7 +46,7 @@ class Plausibility:
 
     @property
     def penalty(self) -> float:
-        """The sum of all figures, from 0 to 8.
+        """The sum of all figures, from 0 to 8 [unitless].
 
         Each figure counts from 0 to 1, and the slide once more where the slower foot outruns the pelvis: that of a
         correct motion does not, and a robot that was turned about a wrong axis may be level otherwise.

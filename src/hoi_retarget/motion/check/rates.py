@@ -52,7 +52,7 @@ def implied_rate(of: str, change: np.ndarray, stored: np.ndarray) -> ImpliedRate
 
 
 def check_rate(stated: float | None, usual: float | None, implied: Iterable[ImpliedRate]) -> Check[float | None]:
-    """Return the rate that the numbers imply, None where they do not."""
+    """Return the rate [Hz] that the numbers imply, None where they do not."""
     found = list(implied)
     claim = f"{stated:g} frames/s" if stated else f"no rate (usual: {usual:g})" if usual else "no rate"
     if not found:
@@ -193,7 +193,7 @@ def _at_centre(change: np.ndarray, turn: np.ndarray, quat: np.ndarray, stored: n
 def check_velocities(
     file: MotionFile, reading: Interpretation, stored: Sequence[tuple[str, Bodies]]
 ) -> Check[float | None]:
-    """Return the rate that velocities imply, None without any.
+    """Return the rate [Hz] that velocities imply, None without any.
 
     Args:
         file: The file.

@@ -207,7 +207,7 @@ class ArraysByName:
         return np.concatenate([first, second], axis=1)
 
     def rate(self) -> float | None:
-        """Return the frames a second that are stated, None where they are not."""
+        """Return the stated frames a second [Hz], None where there are none."""
         value = self.values.get("fps")
         if value is None:
             return None

@@ -112,7 +112,7 @@ class Arrays:
         return tuple(self.array(name, TEXT, ("N",), "sentences").tolist()) if name in self else ()
 
     def number(self, name: str, meaning: str) -> float:
-        """Return a number; raises `ClipError`."""
+        """Return a number, in the file's unit; raises `ClipError`."""
         return float(self.array(name, NUMBERS, (), meaning))
 
     def count(self, name: str) -> int:

@@ -29,7 +29,7 @@ EDITED = 0.03
 
 
 def contact_sides(targets: Targets, objects: tuple[MovingObject, ...]) -> Float[np.ndarray, "T C 3"]:
-    """Return the outward direction of every contact, in the object's frame; zero in frames without.
+    """Return the outward unit vector of every contact, in the object's frame; zero in frames without.
 
     In each run of contact it is the mean of the surface's normals nearest to the human's part, in frames of the run and
     of its approach, weighted by how far outside the part is and by nearness in time. So a part inside a thin wall

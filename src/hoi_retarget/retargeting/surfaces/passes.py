@@ -69,7 +69,7 @@ class SurfaceProblems:
         return cls(model, targets, ik_qpos, config, surfaces)
 
     def passes(self, solve_pass: SolvePass) -> Float[np.ndarray, "T nq"]:
-        """Return the trajectory at the end of all passes.
+        """Return the trajectory [m, rad, quaternions] at the end of all passes.
 
         Args:
             solve_pass: Solves one of them.

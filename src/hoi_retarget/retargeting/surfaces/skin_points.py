@@ -75,7 +75,7 @@ def hinge_rows(  # noqa: PLR0913, PLR0917  # the parts of rows
 def softened(
     residual: Float[np.ndarray, "*many"], knee: float
 ) -> tuple[Float[np.ndarray, "*many"], Float[np.ndarray, "*many"]]:
-    """Return the residuals of Huber's cost, quadratic up to the knee and linear beyond, and their slopes."""
+    """Return residuals of Huber's cost, in their unit, quadratic up to the knee and linear beyond, and their slopes."""
     size = np.abs(residual)
     beyond = size > knee
     root = np.sqrt(np.where(beyond, knee * (2.0 * size - knee), 1.0))
@@ -110,14 +110,14 @@ class MovingObject:
     def distances_and_normals(
         self, points: Float[np.ndarray, "3 *many"]
     ) -> tuple[Float[np.ndarray, "*many"], Float[np.ndarray, "3 *many"]]:
-        """Return these distances and the directions, in the object's frame, in which they grow."""
+        """Return these distances [m] and the unit vectors, in the object's frame, along which they grow."""
         distances, normals = self.field.distances_and_normals(points.reshape(3, -1).T)
         return distances.reshape(points.shape[1:]), normals.T.reshape(points.shape)
 
     def distances_and_slopes(
         self, points: Float[np.ndarray, "3 *many"]
     ) -> tuple[Float[np.ndarray, "*many"], Float[np.ndarray, "3 *many"]]:
-        """Return these distances and their derivatives by the points."""
+        """Return these distances [m] and their derivatives by the points [unitless]."""
         distances, slopes = self.field.distances_and_slopes(points.reshape(3, -1).T)
         return distances.reshape(points.shape[1:]), slopes.T.reshape(points.shape)
 

@@ -35,7 +35,7 @@ class Bounds:
         return 6 + len(self.lower) + 1
 
     def values(self, theta: Float[np.ndarray, "T n"]) -> Float[np.ndarray, "rows n"]:
-        """Return the slack of every inequality."""
+        """Return the slack [rad] of every inequality."""
         stop = len(theta) - self.pinned_after
         unknown = theta[self.pinned : stop]
         change = np.diff(theta[max(self.pinned - 1, 0) : stop + self._closed], axis=0)
@@ -48,7 +48,7 @@ class Bounds:
         return np.concatenate([change, -change, -steps, steps])
 
     def apply_transposed(self, rows: Float[np.ndarray, "rows n"]) -> Float[np.ndarray, "U n"]:
-        """Return the transpose of `apply` on one number per inequality."""
+        """Return the transpose of `apply` on one number, of any unit, per inequality."""
         low, high, down, up = self._split(rows)
         total = low - high
         into, out_of = self._steps_at_each_frame(up - down)
@@ -67,7 +67,7 @@ class Bounds:
         band[:-1, 6:, nv] -= out_of[: len(band) - 1]
 
     def widths(self, rows: int) -> Float[np.ndarray, "rows n"]:
-        """Return the size of the interval that each inequality is one end of."""
+        """Return the size [rad] of the interval that each inequality is one end of."""
         frames = self._frames(rows)
         ranges = np.tile(self.upper - self.lower, (2 * frames, 1))
         return np.concatenate([ranges, np.tile(2.0 * self.step, (rows - 2 * frames, 1))])

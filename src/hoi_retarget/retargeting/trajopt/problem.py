@@ -42,12 +42,12 @@ class PairRows:
 
     @property
     def residual(self) -> Float[np.ndarray, "m rows"]:
-        """Residuals of the rows."""
+        """Residuals of the rows, in their unit."""
         return self.of.residual
 
     @property
     def weight(self) -> float | Float[np.ndarray, "rows"]:
-        """Weight of the rows."""
+        """Weight of the rows: one over the square of their unit."""
         return self.of.weight
 
 
@@ -82,7 +82,7 @@ Rows = FrameRows | PairRows | StencilRows | TangentRows
 
 
 def cost(rows: Rows) -> float:
-    """Return the weighted sum of squares."""
+    """Return the weighted sum of squares [unitless]."""
     return float(np.sum(rows.weight * np.einsum("mt,mt->t", rows.residual, rows.residual)))
 
 
@@ -130,5 +130,5 @@ class Problem:
 
 
 def cost_by_term(linearization: dict[str, tuple[Rows, ...]]) -> dict[str, float]:
-    """Return the cost of every term."""
+    """Return the cost [unitless] of every term."""
     return {name: sum(cost(rows) for rows in parts) for name, parts in linearization.items()}

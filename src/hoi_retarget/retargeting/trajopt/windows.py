@@ -70,7 +70,7 @@ def solve_windows(  # noqa: PLR0913  # the parts of a solve
     first_frame: int = 0,
     reported: bool = True,
 ) -> tuple[Float[np.ndarray, "T nq"], tuple[Window, ...]]:
-    """Return the trajectory found by solving one window after the other, and their reports.
+    """Return the trajectory [m, rad, quaternion] of windows solved one after the other, and their reports.
 
     Args:
         problem_of: Makes the problem of a window.

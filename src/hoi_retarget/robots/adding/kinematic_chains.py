@@ -357,5 +357,5 @@ def straight_angle(pose: ZeroPose, bend: BendJoint, end: Float[np.ndarray, "3"])
 
 
 def perpendicular(vector: Float[np.ndarray, "3"], axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    """Return the part of a vector perpendicular to a unit axis."""
+    """Return the part, in its unit, of a vector perpendicular to a unit axis."""
     return vector - axis * (axis @ vector)

@@ -56,7 +56,7 @@ def offscreen_renderer(
 def filled_renderer(
     scene: DrawnScene, width: int, height: int, quality: Quality = stage.FINE
 ) -> Iterator[tuple[mujoco.Renderer, Callable[[int, Camera], Float[np.ndarray, "3"]]]]:
-    """Open a renderer, and a function that fills it with a lit frame and returns the direction of the sun's light.
+    """Open a renderer, and a function that fills it with a lit frame and returns the unit vector of the sun's light.
 
     Arguments are those of `offscreen_renderer`.
 

@@ -108,7 +108,7 @@ class Row:
 
     @property
     def badness(self) -> tuple[float, ...]:
-        """A key to sort by, the worst motion last: level, fatal reasons, reasons, largest figure over its threshold."""
+        """A key to sort by, the worst motion last: level, fatal reasons, reasons, largest ratio to a threshold."""
         if self.verdict is None:
             return ()
         reasons = sum(reason.level for reason in self.verdict.motion.reasons) + Level.FAIL * len(self.contradictions)
@@ -118,12 +118,12 @@ class Row:
 
     @property
     def judged(self) -> dict[str, float]:
-        """The figures that its verdict looked at."""
+        """The figures that its verdict looked at, by names that end in their units."""
         passed_over = self.verdict.not_judged if self.verdict is not None else ()
         return {name: value for name, value in self.figures.items() if value is not None and name not in passed_over}
 
     def _shares(self) -> list[float]:
-        """Return figures over their thresholds, where lower is better and the threshold is not zero."""
+        """Return ratios of figures to their thresholds, where lower is better and the threshold is not zero."""
         return [
             value / threshold.warn
             for threshold in THRESHOLDS

@@ -118,7 +118,7 @@ class SceneItem:
 
     @property
     def ahead(self) -> Float[np.ndarray, "2"]:
-        """Mean horizontal direction that the robot faces, or the person without one; of any length."""
+        """Mean horizontal direction [unitless] that the robot faces, or the person without one; of any length."""
         if self.motion is not None and self.model is not None:
             return self.model.forward(self.motion.qpos).orientation("pelvis")[:2, 0].mean(axis=1)
         assert self.clip is not None, "one of the two is there"

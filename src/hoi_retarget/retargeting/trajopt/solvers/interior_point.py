@@ -190,6 +190,7 @@ class _Step:
 
     @property
     def predicted_decrease(self) -> float:
+        """Of the half cost and its barrier along the step [unitless]."""
         return abs(self.slope)
 
 

@@ -39,7 +39,7 @@ def add_known_kinks(
     known: Float[np.ndarray, "U nv nv"] | None,
     refused: Refused | None,
 ) -> Float[np.ndarray, "U nv nv"] | None:
-    """Return the curvature of all kinks that are known, and add it to a band in place.
+    """Return the curvature [1/m^2, 1/rad^2] of all kinks that are known, and add it to a band in place.
 
     Args:
         band: Of the normal equations.
