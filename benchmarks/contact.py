@@ -24,6 +24,7 @@ from hoi_retarget.evaluation.comparison import Comparison, Figure
 from hoi_retarget.evaluation.contact_figures import SurfaceCurves, surface_curves
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.motion_report import Report, Status
+from hoi_retarget.motion.result_file import load
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.config import Config, Scaling
 from hoi_retarget.retargeting.retarget import retarget
@@ -42,7 +43,8 @@ SURFACE = (
 )
 KEPT = ("stance_float_m", "stance_slide_mps", "body_jerk_mps3", "body_jerk_max_mps3", "body_pose_deviation_deg")
 KEPT += ("link_velocity_direction_deg", "relative_hand_rotation_deg", "joint_range_margin_rad")
-KEPT += ("joint_speed_margin_radps",)
+KEPT += ("joint_speed_margin_radps", "trunk_deviation_deg", "trunk_deviation_p95_deg", "trunk_lean_p95_deg")
+KEPT += ("palm_touch_share", "fingertip_touch_share", "hand_slip_mps", "hand_slip_fast_share", "hand_wander_excess_m")
 COLUMNS: tuple[Figure, ...] = (
     *SURFACE,
     *(figure for name in KEPT for figure in figures.FIGURES if figure.name == name),
@@ -68,6 +70,8 @@ class Arguments:
     """Look at surfaces in every so many frames only: quicker, and maxima are too low."""
     jobs: int = 1
     json: Path | None = None
+    results: Path | None = None
+    """Judge the results of `run` in this folder in place of solving; they may be of another version."""
 
 
 def measured(file: Path, arguments: Arguments, contact: str) -> dict[str, Any]:
@@ -75,7 +79,12 @@ def measured(file: Path, arguments: Arguments, contact: str) -> dict[str, Any]:
     clip = open_clip(file, ReadOptions(objects=arguments.objects))
     model = load_robot(arguments.robot)
     scaling = Scaling() if arguments.object_scale is None else Scaling(object_scale=arguments.object_scale)
-    motion = retarget(clip, model, Config(scaling=scaling, contact=contact))  # pyright: ignore[reportArgumentType]
+    if arguments.results is None:
+        motion = retarget(clip, model, Config(scaling=scaling, contact=contact))  # pyright: ignore[reportArgumentType]
+        reported = motion.report.figures
+    else:
+        motion = load(arguments.results / f"{file.stem}.npz")
+        reported = figures.evaluate(motion, clip, model)
     seconds = {stage: spent for stage, spent in motion.report.cpu_seconds.items() if stage != "metrics"}
     view = compared(motion, clip, arguments.every, arguments.robot)
     curves = view.cached(surface_curves)
@@ -89,7 +98,7 @@ def measured(file: Path, arguments: Arguments, contact: str) -> dict[str, Any]:
         "solved": all(window.status is Status.SOLVED for window in windows),
         "iterations": sum(window.iterations for window in windows),
         "ms_a_frame": 1e3 * sum(seconds.values()) / clip.frames,
-        **{name: motion.report.figures[name] for name in KEPT},
+        **{name: reported[name] for name in KEPT},
         **{figure.name: figure.measure(view) for figure in SURFACE if figure.measure is not None},
     }
 
@@ -154,6 +163,15 @@ def report(name: str, results: list[dict[str, Any]]) -> dict[str, Any]:
         "pose [deg]": column("body_pose_deviation_deg").mean(),
         "velocity direction [deg]": column("link_velocity_direction_deg").mean(),
         "hand rotation [deg]": column("relative_hand_rotation_deg").mean(),
+        "trunk off the person's [deg]": column("trunk_deviation_deg").mean(),
+        "trunk off the person's, worst clip [deg]": column("trunk_deviation_deg").max(),
+        "trunk off the person's, p95 [deg]": column("trunk_deviation_p95_deg").mean(),
+        "lean off the person's, p95 [deg]": column("trunk_lean_p95_deg").mean(),
+        "touch by 2 cm2 of palmar side [%]": 1e2 * column("palm_touch_share").mean(),
+        "touch by a fingertip alone [%]": 1e2 * column("fingertip_touch_share").mean(),
+        "hand slip where the person's holds still [mm/s]": 1e3 * column("hand_slip_mps").mean(),
+        "frames of these above 10 cm/s [%]": 1e2 * column("hand_slip_fast_share").mean(),
+        "hand wander beyond the person's [mm]": 1e3 * column("hand_wander_excess_m").mean(),
         "clips with joint range or speed violated": int(
             ((column("joint_range_margin_rad") < 0.0) | (column("joint_speed_margin_radps") < 0.0)).sum()
         ),

@@ -35,6 +35,9 @@ FINAL = Effort(7.0, max_iterations=150, kinks=True)
 ROUNDS = 3
 """In which links leave objects."""
 
+LOST_DISTANCE = 0.12
+"""[m]; a hand farther from its contact point has let go of the object."""
+
 SolvePass = Callable[[ProblemOf, Float[np.ndarray, "T nq"], Effort, bool], Float[np.ndarray, "T nq"]]
 """Solves one pass from a start with an effort; the last argument says whether it is the last pass."""
 
@@ -85,8 +88,8 @@ class SurfaceProblems:
             paths = (*paths, *further)
             first = qpos if len(paths) == len(further) else first
         solved = self._between_surfaces(solve_pass, qpos, paths)
-        if paths and self._flips(solved) > self._flips(first):
-            # Links must not leave an object by turning the robot over.
+        if paths and self._wrong_frames(solved) > self._wrong_frames(first):
+            # Links must not leave an object by turning the robot over, or by letting go of it.
             solved = self._between_surfaces(solve_pass, first, ())
         return solved
 
@@ -97,11 +100,19 @@ class SurfaceProblems:
         qpos = solve_pass(self._with_surfaces(touching, qpos, paths, relaxed=False), qpos, FINE, False)
         return solve_pass(self._with_surfaces(touching, qpos, paths, relaxed=True), qpos, FINAL, True)
 
-    def _flips(self, qpos: np.ndarray) -> int:
-        """Return the number of frames in which a link points away from the human's, or the trunk is turned over."""
-        kinematics = self.model.forward(qpos)
-        flips = orientation_flips(rotation_errors_deg(kinematics, self.targets))
-        return sum(event.frames for event in (*flips, *trunk_turns(kinematics, self.targets)))
+    def _wrong_frames(self, qpos: np.ndarray) -> int:
+        """Return the number of frames with a link that points away from the human's, a turned trunk or a lost hand."""
+        kinematics, targets = self.model.forward(qpos), self.targets
+        flips = orientation_flips(rotation_errors_deg(kinematics, targets))
+        frames = sum(event.frames for event in (*flips, *trunk_turns(kinematics, targets)))
+        for column, site in enumerate(targets.contact_links):
+            for index, moving_object in enumerate(self.surfaces.objects):
+                touching = targets.contact_flags[:, column] & (targets.contact_object[:, column] == index)
+                at = np.flatnonzero(touching)
+                place = moving_object.inside(kinematics.site_position(site)[at].T[:, None], at)[:, 0].T
+                off = np.linalg.norm(place - targets.contact_points[at, column], axis=1)
+                frames += int(np.count_nonzero(off > LOST_DISTANCE))
+        return frames
 
     def last(self, qpos: Float[np.ndarray, "T nq"]) -> ProblemOf:
         """Return the problem of the last pass, for a trajectory that has been through all of them."""
