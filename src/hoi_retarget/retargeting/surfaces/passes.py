@@ -29,7 +29,7 @@ from hoi_retarget.robots.skin import Skin, skin_of, skins_from
 COARSE = Effort(300.0, max_iterations=15, restarts=False)
 """Of the passes that choose contact points: contacts weigh so much that a smaller tolerance shows nowhere."""
 FINE = Effort(20.0, max_iterations=15, restarts=False)
-"""Of the first pass between surfaces."""
+"""Of the first two passes between surfaces."""
 FINAL = Effort(7.0, max_iterations=150, kinks=True)
 """Of the last pass, which does not try for ever to free a trapped link."""
 ROUNDS = 3
@@ -97,8 +97,10 @@ class SurfaceProblems:
         self, solve_pass: SolvePass, qpos: np.ndarray, paths: tuple[EscapePath, ...]
     ) -> Float[np.ndarray, "T nq"]:
         touching = self._touching(qpos)
-        qpos = solve_pass(self._with_surfaces(touching, qpos, paths, relaxed=False), qpos, FINE, False)
-        return solve_pass(self._with_surfaces(touching, qpos, paths, relaxed=True), qpos, FINAL, True)
+        # Skin that was far from the surface before a pass may have sunk in: each pass chooses its points anew.
+        for effort, last in ((FINE, False), (FINE, False), (FINAL, True)):
+            qpos = solve_pass(self._with_surfaces(touching, qpos, paths, relaxed=last), qpos, effort, last)
+        return qpos
 
     def _wrong_frames(self, qpos: np.ndarray) -> int:
         """Return the number of frames with a link that points away from the human's, a turned trunk or a lost hand."""
