@@ -37,13 +37,12 @@ def main(folder: Path | None, work: Path) -> None:
             for reason in result.verdict["reasons"]:
                 print(f"  {result.path}: {reason}")
 
-    # Only what passes is trained on.
-    good = [
-        str(work / "results" / result.path) for entry in entries if entry.verdict == "pass" for result in entry.results
-    ]
+    # What fails is not trained on.
+    good = [entry for entry in entries if entry.verdict in {"pass", "warn"}]
+    results = [str(work / "results" / result.path) for entry in good for result in entry.results]
     print()
-    hr.main(["export", *good, "--to", "mjlab", "--out", str(work / "mjlab")])
-    print("\nlicences in the set:", {entry.source.licence for entry in entries if entry.verdict == "pass"})
+    hr.main(["export", *results, "--to", "mjlab", "--out", str(work / "mjlab")])
+    print("\nlicences in the set:", {entry.source.licence for entry in good})
     print("files:", *sorted(path.name for path in (work / "mjlab").iterdir()), sep="\n  ")
 
 
