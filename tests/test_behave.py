@@ -9,7 +9,7 @@ from behave_writer import CATEGORY, FIRST_FRAME, GENDER, SEQUENCE, files_of, ren
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, ReadError
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.readers import READERS, can_be_clip, clips_in, read_clip
+from hoi_retarget.readers import behave, can_be_clip, clips_in, read_clip
 from hoi_retarget.readers.behave import GENDERS, MESHES
 from hoi_retarget.readers.body_parameters import load_body_model
 from hoi_retarget.synthetic import make
@@ -99,7 +99,7 @@ def test_each_stretch_between_gaps_is_a_clip(root, models):
         read_clip(folder, ReadOptions(body_models=models))
     with pytest.raises(ArgumentError, match="no clip '0090-0111'"):
         read_clip(folder.parent / f"{SEQUENCE}#0090-0111", ReadOptions(body_models=models))
-    outline = READERS["behave"].outline
+    outline = behave.READER.outline
     assert outline is not None
     assert outline(SourceFile(folder.parent / names[0])).frames == 20
     assert outline(SourceFile(folder)).frames == 20 + FRAMES - 30
@@ -132,7 +132,7 @@ def test_what_it_holds_is_told_without_models(root):
     folder = write_files(root, files_of(CLIP))
     assert can_be_clip(folder)
     assert not can_be_clip(folder.parent)
-    outline = READERS["behave"].outline
+    outline = behave.READER.outline
     assert outline is not None
     facts = outline(SourceFile(folder))
     assert (facts.frames, facts.fps, facts.fps_stated, facts.objects) == (FRAMES, 30.0, True, (CATEGORY,))

@@ -100,9 +100,8 @@ def test_a_cost_term(monkeypatch):
 
 def test_a_reader(monkeypatch, tmp_path):
     module, clip = example("readers/laboratory"), hr.open_clip("builtin:carry_box")
-    known = MappingProxyType({**readers.READERS, "laboratory": module.READER})
-    monkeypatch.setattr(readers, "READERS", known)
-    monkeypatch.setattr("hoi_retarget.readers.open.READERS", known)
+    monkeypatch.setitem(sys.modules, "hoi_retarget.readers.laboratory", module)
+    monkeypatch.setattr(readers, "MODULES", {**readers.MODULES, "laboratory": (".npz",)})
     person, box = clip.people[0], clip.objects[0]
     arrays = {"lab_joints": person.joint_positions, "lab_quats": person.joint_quats}
     np.savez(tmp_path / "a.npz", **arrays, box_pos=box.positions, box_quat=box.quats)

@@ -24,7 +24,7 @@ from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, Geomet
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.skeleton import PARTS
 from hoi_retarget.numerics import se3
-from hoi_retarget.readers import READERS, can_be_clip, grab, read_clip
+from hoi_retarget.readers import can_be_clip, grab, read_clip
 from source_people import assert_same_objects, assert_same_people, in_world
 
 CLIP = clip_on_table()
@@ -174,7 +174,7 @@ def test_the_subjects_body_counts_into_the_digest(root, models, tmp_path):
 def test_what_it_holds_is_told_without_models(root):
     path = write_members(root, MEMBERS)
     assert can_be_clip(path)
-    outline = READERS["grab"].outline
+    outline = grab.READER.outline
     assert outline is not None
     facts = outline(SourceFile(path))
     assert (facts.frames, facts.fps, facts.fps_stated, facts.objects) == (FRAMES, 120.0, True, (OBJECT, "table"))

@@ -11,7 +11,7 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, ReadError
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.readers import READERS, can_be_clip, read_clip
+from hoi_retarget.readers import can_be_clip, intercap, read_clip
 from hoi_retarget.readers.intercap import MALE, OBJECTS
 from hoi_retarget.synthetic import make
 from intercap_writer import (
@@ -122,7 +122,7 @@ def test_paths_are_followed_from_wherever_one_stands(tmp_path, models, monkeypat
 def test_what_it_holds_is_told_without_models(tmp_path):
     path = write_results(tmp_path, RESULTS)
     assert can_be_clip(path)
-    outline = READERS["intercap"].outline
+    outline = intercap.READER.outline
     assert outline is not None
     facts = outline(SourceFile(path))
     assert (facts.frames, facts.fps, facts.fps_stated, facts.objects) == (FRAMES, 30.0, False, (NAME,))

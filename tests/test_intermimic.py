@@ -11,7 +11,7 @@ from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, GeometryError, ReadError
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT, PARTS
 from hoi_retarget.numerics import se3
-from hoi_retarget.readers import READERS, read_clip
+from hoi_retarget.readers import intermimic, read_clip
 from hoi_retarget.readers.intermimic import FIELDS
 from intermimic_writer import columns_of, random_clip, write_box, write_clip
 from torch_writer import torch_bytes
@@ -62,7 +62,7 @@ def test_what_is_written_is_read(folder, seed):
 def test_the_source_is_recorded(folder):
     write_clip(random_clip(), folder / "sub1_box_000.pt")
     source = read_clip(folder / "sub1_box_000.pt", ReadOptions(objects=folder / "objects")).source
-    assert source.format in READERS
+    assert source.format == intermimic.FORMAT
     assert len(source.sha256) == 64
     assert "MIT" in source.licence
     assert "CC BY-NC-SA" in source.licence
@@ -159,7 +159,7 @@ def test_the_multi_object_layout_of_one_object_has_591_columns_too(folder):
 @pytest.mark.parametrize("frames", [0, 1, 2, 3])
 def test_too_few_frames(folder, frames):
     matrix = columns_of(random_clip())
-    refused(folder, matrix[:frames], ClipError, f"{frames} frame(s)", "at least 4")
+    refused(folder, matrix[:frames], ClipError, f"recording: {frames}", "at least 4")
     refused(
         folder, np.concatenate([np.zeros_like(matrix), matrix[:frames]]), ClipError, "12 of them zero", "at least 4"
     )

@@ -10,13 +10,13 @@ from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.skeleton import PARTS
-from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
+from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 from hoi_retarget.readers.worlds import TURN, Turn, World
 from hoi_retarget.synthetic import make
 from source_people import in_world
 
 CLIP = make("carry_box", seconds=1.0)
-TOUCHING = {"left_hand": np.arange(CLIP.frames) > 9}
+TOUCHING = {(0, "left_hand"): np.arange(CLIP.frames) > 9}
 
 
 def reader_of(up: str, /, **changes):
@@ -38,7 +38,7 @@ def reader_of(up: str, /, **changes):
         )
         return replace(recording, **changes)
 
-    return data_set("made-up", (".made",), record, holds=lambda file: True)
+    return Reader("made-up", record, holds=lambda file: True)
 
 
 def read(reader, **options):
@@ -63,7 +63,7 @@ def test_labels_become_contacts_of_all_parts_at_the_parts_own_points():
     clip = read(reader_of("y"))
     assert [track.part for track in clip.contacts] == list(PARTS)
     for track in clip.contacts:
-        np.testing.assert_array_equal(track.active, TOUCHING.get(track.part, np.zeros(CLIP.frames, dtype=bool)))
+        np.testing.assert_array_equal(track.active, TOUCHING.get((0, track.part), np.zeros(CLIP.frames, dtype=bool)))
         points = clip.objects[0].to_object(clip.people[0].part_position(track.part))
         np.testing.assert_array_equal(track.contact_points[track.active], points[track.active])
 

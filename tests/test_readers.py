@@ -16,7 +16,7 @@ from hoi_retarget.files import reading
 from hoi_retarget.files.array_pickle import read_joblib
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.files.torch_file import parse_torch
-from hoi_retarget.readers import READERS, can_be_clip, reader_of, recordings_below
+from hoi_retarget.readers import can_be_clip, reader_of, readers, recordings_below
 from joblib_writer import write_joblib
 from recordings import WRITERS, Recording, format_of
 
@@ -50,11 +50,11 @@ def copy(written, tmp_path):
 def holding(path: Path) -> list[str]:
     """All formats that take a recording; raises `ReadError` as they do."""
     file = SourceFile(path)
-    return [reader.format for reader in READERS.values() if file.suffix in reader.suffixes and reader.holds(file)]
+    return [reader.format for reader in readers(file.suffix) if reader.holds(file)]
 
 
 def test_there_is_a_recording_of_every_format():
-    assert {format_of(kind) for kind in WRITERS} == set(READERS)
+    assert {format_of(kind) for kind in WRITERS} == {reader.format for reader in readers()}
 
 
 @pytest.mark.parametrize("kind", WRITERS)

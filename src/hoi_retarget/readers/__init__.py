@@ -1,8 +1,9 @@
 """Readers of recorded interactions: one module for each source, chosen by the content of a file."""
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 from hoi_retarget.clip import grasp_check
@@ -10,81 +11,63 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.files.source_file import FOLDER, SELECTION, SourceFile
-from hoi_retarget.readers import (
-    amass,
-    behave,
-    bvh,
-    cari4d,
-    core4d,
-    grab,
-    gvhmr,
-    hodome,
-    humoto,
-    imhd,
-    interact,
-    intercap,
-    intermimic,
-    intermimic_objects,
-    omomo,
-    own_layout,
-    parahome,
-    physhoi,
-    theia,
-)
 from hoi_retarget.readers.reader import Reader
 
-READERS: Mapping[str, Reader] = {
-    module.READER.format: module.READER
-    for module in (
-        intermimic,
-        intermimic_objects,
-        theia,
-        physhoi,
-        own_layout,
-        core4d,
-        cari4d,
-        behave,
-        intercap,
-        grab,
-        interact,
-        hodome,
-        imhd,
-        omomo,
-        humoto,
-        parahome,
-        amass,
-        gvhmr,
-        bvh,
-    )
+MODULES: Mapping[str, tuple[str, ...]] = {
+    "intermimic": (".pt", ".pth"),
+    "intermimic_objects": (".pt", ".pth"),
+    "theia": (".pt", ".pth"),
+    "physhoi": (".pt", ".pth"),
+    "own_layout": (".npz", FOLDER),
+    "core4d": (FOLDER,),
+    "cari4d": (".pth",),
+    "behave": (FOLDER,),
+    "intercap": (".pkl",),
+    "grab": (".npz",),
+    "interact": (FOLDER,),
+    "hodome": (".npz",),
+    "imhd": (".pkl",),
+    "omomo": (".p",),
+    "humoto": (".glb",),
+    "parahome": (FOLDER,),
+    "amass": (".npz",),
+    "gvhmr": (".pt", ".npz"),
+    "bvh": (".bvh",),
 }
-"""Format name -> its reader."""
-SUFFIXES: tuple[str, ...] = tuple(dict.fromkeys(suffix for reader in READERS.values() for suffix in reader.suffixes))
+"""A reader's module, imported when it may fit -> endings of its files in small letters, or `FOLDER`."""
+SUFFIXES: tuple[str, ...] = tuple(dict.fromkeys(suffix for suffixes in MODULES.values() for suffix in suffixes))
 """Endings that the file of a clip can have; `FOLDER` for clips that are folders."""
 
-_EXPLAINING: Mapping[str, Reader] = {
-    ".pt": intermimic.READER,
-    ".pth": intermimic.READER,
-    ".npz": own_layout.READER,
-    ".fbx": humoto.READER,
-}
-"""Readers with the best explanation of a file that nobody reads."""
+_EXPLAINING = {".pt": "intermimic", ".pth": "intermimic", ".npz": "own_layout", ".fbx": "humoto"}
+"""Modules of the readers with the best explanation of a file that nobody reads."""
 _UNDOCUMENTED = {
     "corolehoi": "CoRoleHOI's own files are documented nowhere, so they are not read. Two ways are open: InterAct's "
     "canonical layout, each of the two people in a folder omomo_corole/sequences_canonical/ID, and clips of two people "
     "in the layout of your own clips (docs/sources.md).",
 }
 """Name of a data set in a path, in small letters -> the reason why its files are not read, and a way out."""
-_MAX_LISTED = 12  # Names of clips in an error.
+_MAX_LISTED = 12  # Names of clips.
+
+
+def readers(suffix: str | None = None) -> tuple[Reader, ...]:
+    """Return the readers of files with an ending, or all of them, in the order in which they are asked."""
+    return tuple(_reader(module) for module, suffixes in MODULES.items() if suffix is None or suffix in suffixes)
+
+
+def _reader(module: str) -> Reader:
+    return import_module(f"{__name__}.{module}").READER
 
 
 def read_clip(path: Path, options: ReadOptions = ReadOptions()) -> Clip:
-    """Return the clip in `path`, of any supported format, as its source has it.
+    """Return the clip in `path` as `read_recording` does."""
+    return read_recording(path, options)[0]
+
+
+def read_recording(path: Path, options: ReadOptions) -> tuple[Clip, Reader]:
+    """Return the clip in `path`, of any supported format, as its source has it, and its reader.
 
     Contacts are the source's labels, none where it labels none; `open.open_clip` finds them then, and the floor.
-
-    Args:
-        path: The recording; `FILE#NAME` is one clip of a file that holds several.
-        options: Those of reading; floor and labels are for `open.open_clip`.
+    `FILE#NAME` is one clip of a file that holds several.
 
     Raises:
         ReadError: The file is missing, damaged, or of no supported format.
@@ -100,21 +83,21 @@ def read_clip(path: Path, options: ReadOptions = ReadOptions()) -> Clip:
     meshes = (track.geometry.file for track in clip.objects)
     others = sorted({str(path) for path in (*file.files, *meshes) if path is not None and path != file.path})
     clip = replace(clip, source=replace(clip.source, files=tuple(others)))
-    return grasp_check.with_grasp_warnings(clip, reader.rotation_readings, grasps=options.grasps)
+    return grasp_check.with_grasp_warnings(clip, reader.rotation_readings, grasps=options.grasps), reader
 
 
 def reader_of(file: SourceFile) -> Reader:
     """Return the reader of a file; raises `ReadError` where nobody reads it."""
     if not file.exists:
         raise ReadError(f"{file.name}: there is no such file. Check the path.")
-    fitting = [reader for reader in READERS.values() if file.suffix in reader.suffixes]
+    fitting = readers(file.suffix)
     for reader in fitting:
         if reader.holds(file):
             return reader
     if text := undocumented(file.path):
         raise ReadError(f"{file.name}: {text}")
     if file.suffix in _EXPLAINING:
-        return _EXPLAINING[file.suffix]
+        return _reader(_EXPLAINING[file.suffix])
     if file.suffix == FOLDER:
         raise ReadError(f"{file.name}: {why_no_clip(file.path)}")
     if fitting:
@@ -123,8 +106,7 @@ def reader_of(file: SourceFile) -> Reader:
             f"{file.name}: it holds something else than clips of {names}. docs/sources.md tells the layouts."
         )
     supported = ", ".join(
-        f"*{suffix} ({', '.join(reader.format for reader in READERS.values() if suffix in reader.suffixes)})"
-        for suffix in SUFFIXES
+        f"*{suffix} ({', '.join(reader.format for reader in readers(suffix))})" for suffix in SUFFIXES
     )
     kind = file.suffix or "without suffix"
     raise ReadError(f"{file.name}: files of type {kind!r} are not supported: {supported}.")
@@ -157,7 +139,7 @@ def why_no_clip(folder: Path) -> str:
     """Return the reason why a folder is not one clip: missing files, where others of a format are there."""
     if text := undocumented(folder):
         return text
-    fitting = [reader for reader in READERS.values() if FOLDER in reader.suffixes]
+    fitting = readers(FOLDER)
     for reader in fitting:
         missing = [name for name in reader.parts if not (folder / name).is_file()]
         if 0 < len(missing) < len(reader.parts):
@@ -184,7 +166,7 @@ def select(file: SourceFile, reader: Reader) -> None:
         return
     if not names:
         raise ArgumentError(f"{file.name}: the file is one clip. Leave {SELECTION}{file.selection} away.")
-    listing = f"{', '.join(names[:_MAX_LISTED])}{', ...' if len(names) > _MAX_LISTED else ''}"
+    listing = listed(names)
     if file.selection is None:
         raise ArgumentError(
             f"{file.name}: there are {len(names)} clips in it ({listing}). Choose one: {file.path}{SELECTION}{names[0]}"
@@ -194,12 +176,17 @@ def select(file: SourceFile, reader: Reader) -> None:
     raise ArgumentError(f"{file.name}: no clip {file.selection!r} is in it. {hint}There are {len(names)}: {listing}.")
 
 
+def listed(names: Sequence[str]) -> str:
+    """Return the first names of a list in words."""
+    return f"{', '.join(names[:_MAX_LISTED])}{', ...' if len(names) > _MAX_LISTED else ''}"
+
+
 def can_be_clip(path: Path) -> bool:
     """Return whether a file or a folder may be a clip by its name, or by its content where the name says little."""
     file = SourceFile(path)
     if file.suffix in (".pt", ".pth"):
         return True
     try:
-        return any(reader.holds(file) for reader in READERS.values() if file.suffix in reader.suffixes)
+        return any(reader.holds(file) for reader in readers(file.suffix))
     except (ReadError, OSError):
         return False

@@ -23,7 +23,7 @@ from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.body_model import Family
 from hoi_retarget.readers.body_parameters import FLAT_HANDS, TITLES, BodyParameters
 from hoi_retarget.readers.fields import Fields, npz_fields
-from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
+from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 
 FORMAT = "amass"
 LICENCE = "AMASS: non-commercial scientific research; and the terms of the subset"
@@ -120,4 +120,4 @@ def _hands(fields: Fields, frames: int) -> Float[np.ndarray, "T 90"] | None:
     return None
 
 
-READER = data_set(FORMAT, (".npz",), record, holds=holds)
+READER = Reader(FORMAT, record, holds=holds)

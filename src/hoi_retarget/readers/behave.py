@@ -22,13 +22,13 @@ from jaxtyping import Int
 from hoi_retarget.clip.clip import MINIMUM_FRAMES
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError
-from hoi_retarget.files.source_file import FOLDER, SourceFile
+from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.fields import Fields, folder_of_tree, json_values, npz_fields
 from hoi_retarget.readers.object_files import first_mesh
-from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
+from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 
 FORMAT = "behave"
 LICENCE = "BEHAVE's licence: non-commercial research, education and art only; faces in published images are blurred"
@@ -200,4 +200,4 @@ def _geometry(file: SourceFile, options: ReadOptions, category: str) -> ObjectGe
     return first_mesh(category, [place / MESHES[category] for place in (folder, folder.parent)], centred=True)
 
 
-READER = data_set(FORMAT, (FOLDER,), record, holds=holds, parts=(_PERSON, _OBJECT), clips_in=clips_in)
+READER = Reader(FORMAT, record, holds=holds, parts=(_PERSON, _OBJECT), clips_in=clips_in)

@@ -38,7 +38,7 @@ from hoi_retarget.human.skeleton import (
 )
 from hoi_retarget.human.t_pose import LIMBS, body_axes, turns_from_t_pose
 from hoi_retarget.numerics import se3
-from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
+from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 from hoi_retarget.readers.worlds import World, standing_axis
 
 FORMAT = "bvh"
@@ -346,4 +346,4 @@ def _fingers(rig: _Rig, places: Mapping[str, int]) -> dict[str, int]:
     return found
 
 
-READER = data_set(FORMAT, (".bvh",), record, holds=holds)
+READER = Reader(FORMAT, record, holds=holds)

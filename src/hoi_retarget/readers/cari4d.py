@@ -35,7 +35,7 @@ from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.fields import Fields
 from hoi_retarget.readers.object_files import first_mesh, poses_of
-from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
+from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 
 FORMAT = "cari4d"
 LICENCE = "NVIDIA licence of CARI4D: non-commercial research; the video's own terms hold as well"
@@ -275,8 +275,8 @@ def _meshes(folder: Path, sequence: str) -> list[Path]:
         raise GeometryError(f"{folder}: cannot be read ({error}). Check --objects and its permissions.") from error
 
 
-def _touching(fields: Fields, frames: int) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Return the contact of each hand over time, empty where no scores are stored, and notes of it."""
+def _touching(fields: Fields, frames: int) -> tuple[dict[tuple[int, str], np.ndarray], tuple[str, ...]]:
+    """Return the contact of each hand with the object over time, empty where no scores are stored, and notes of it."""
     stored = "contact_logits" in fields
     scores = fields.array("contact_logits", (frames, 2), "scores of the hands' contacts") if stored else np.zeros(0)
     if not scores.any():
@@ -285,7 +285,7 @@ def _touching(fields: Fields, frames: int) -> tuple[dict[str, np.ndarray], tuple
     notes = ("Hands touch where CARI4D's score is above 0; feet are not scored.",)
     if touching.all():
         notes += ("Both hands are said to touch in all frames: another kind of score, distances, would look the same.",)
-    return dict(zip(HANDS, touching.T, strict=True)), notes
+    return {(0, hand): touching[:, index] for index, hand in enumerate(HANDS)}, notes
 
 
-READER = data_set(FORMAT, (".pth",), record, holds=holds)
+READER = Reader(FORMAT, record, holds=holds)

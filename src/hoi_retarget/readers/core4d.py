@@ -22,7 +22,7 @@ from jaxtyping import Float
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, ReadError
 from hoi_retarget.files import npz
-from hoi_retarget.files.source_file import FOLDER, SourceFile
+from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human import skeleton
 from hoi_retarget.human.body_model import JOINT_COUNT
 from hoi_retarget.human.person import Person
@@ -32,7 +32,7 @@ from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters, constant_betas, person_of
 from hoi_retarget.readers.fields import Fields, check_frames, folder_of_tree, json_values, npz_fields
 from hoi_retarget.readers.object_files import first_mesh, poses_of
-from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
+from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 
 FORMAT = "core4d"
 LICENCE = "CC BY 4.0, as the data set's README says"
@@ -185,4 +185,4 @@ def _check_gap(path: Path, gaps: Float[np.ndarray, "T J"], elsewhere: str) -> No
         )
 
 
-READER = data_set(FORMAT, (FOLDER,), record, holds=holds)
+READER = Reader(FORMAT, record, holds=holds)

@@ -2,7 +2,7 @@
 
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,16 +20,17 @@ from hoi_retarget.motion.result_file import load
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.readers import (
-    READERS,
     SUFFIXES,
     can_be_clip,
-    intermimic,
+    listed,
     reader_of,
+    readers,
     recordings_below,
     select,
     undocumented,
     why_no_clip,
 )
+from hoi_retarget.readers.intermimic import describe
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.readers.reader import Reader
 from hoi_retarget.readers.worlds import standing_axis
@@ -39,7 +40,6 @@ UNKNOWN = "unknown"
 FLOOR_TOLERANCE = 0.3
 """[m]; the lowest joint is that near the floor in most frames of any recording."""
 
-_MAX_LISTED = 12  # Names of clips.
 _SHARED = (".npz", ".pt", ".pth")
 """Endings of files that others write, too."""
 
@@ -125,8 +125,8 @@ def inspect(path: Path, options: ReadOptions = ReadOptions()) -> Inspection:
     if file.suffix == ".npz" and "schema" in file.array_names:
         return _describe_result(path, load(path))
     problem = undocumented(path) or (
-        f"No reader fits. Supported: {', '.join(READERS)}. docs/sources.md tells what each reads, and how to "
-        "write a clip of your own."
+        f"No reader fits. Supported: {', '.join(reader.format for reader in readers())}. docs/sources.md tells what "
+        "each reads, and how to write a clip of your own."
     )
     return Inspection(str(path), UNKNOWN, _content(file), problems=(problem,))
 
@@ -134,7 +134,7 @@ def inspect(path: Path, options: ReadOptions = ReadOptions()) -> Inspection:
 def _content(file: SourceFile) -> str:
     """Return the content of a file that is neither a recording nor a result; raises `ReadError` for a damaged one."""
     if file.suffix in (".pt", ".pth"):
-        return f"a torch file that holds {intermimic.describe(file.torch)}"
+        return f"a torch file that holds {describe(file.torch)}"
     if file.suffix != ".npz":
         return f"a file of {len(file.content)} bytes that is neither a torch file nor a result"
     try:
@@ -148,7 +148,7 @@ def _describe_recording(file: SourceFile, reader: Reader, options: ReadOptions) 
     names = reader.clips_in(file)
     if len(names) > 1 and file.selection is None:
         first = shlex.join(["hoi-retarget", "inspect", f"{file.name}{SELECTION}{names[0]}"])
-        notes = (f"Clips in it: {_listed(names)}", f"One of them: {first}")
+        notes = (f"Clips in it: {listed(names)}", f"One of them: {first}")
         return Inspection(str(file.name), reader.format, f"{len(names)} clips in one recording", notes=notes)
     select(file, reader)
     try:
@@ -166,7 +166,7 @@ def _describe_recording(file: SourceFile, reader: Reader, options: ReadOptions) 
         up_axis=outline.up_axis,
         objects=tuple(ObjectFacts(name, None, None, "not read", False) for name in outline.objects),
         contacts_from=outline.contacts,
-        notes=(f"Licence of the data: {outline.licence}.", *outline.notes),
+        notes=(f"Licence of the data: {outline.licence or 'not stated'}.", *outline.notes),
     )
     try:
         clip = open_clip(file.name, options)
@@ -245,7 +245,7 @@ def _describe_folder(path: Path, options: ReadOptions) -> Inspection:
         str(path),
         "folder",
         f"{len(found)} recording{'s' if len(found) > 1 else ''}: {counted}",
-        notes=(f"Recordings in it: {_listed(names)}",),
+        notes=(f"Recordings in it: {listed(names)}",),
         command=_command("batch", path, shared),
     )
 
@@ -288,10 +288,6 @@ def _command(verb: str, path: Path, options: ReadOptions) -> str:
         if value != getattr(ReadOptions, name):
             words += ["--object" if name == "object_name" else f"--{name.replace('_', '-')}", str(value)]
     return shlex.join([*words, "--out", "out"])
-
-
-def _listed(names: Sequence[str]) -> str:
-    return f"{', '.join(names[:_MAX_LISTED])}{', ...' if len(names) > _MAX_LISTED else ''}"
 
 
 def _describe_contact(part: str, name: str, active: Bool[np.ndarray, "T"]) -> ContactFacts:

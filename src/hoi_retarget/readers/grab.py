@@ -29,7 +29,7 @@ from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.fields import Fields, folder_of_tree, npz_fields
 from hoi_retarget.readers.object_files import first_mesh
-from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
+from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 
 FORMAT = "grab"
 LICENCE = "GRAB's licence: non-commercial scientific research only"
@@ -65,7 +65,7 @@ def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
         return Tracks(
             people=(body,),
             objects=(item, table),
-            touching={part: np.any(touching[:, _labels_of(part)], axis=1) for part in PARTS},
+            touching={(0, part): np.any(touching[:, _labels_of(part)], axis=1) for part in PARTS},
             notes=_other_touches(touching, name),
         )
 
@@ -168,4 +168,4 @@ def _other_touches(touching: Bool[np.ndarray, "T 56"], name: str) -> tuple[str, 
     return (f"{name} is also touched by {', '.join(others)}, which no part of the robot follows.",) if others else ()
 
 
-READER = data_set(FORMAT, (".npz",), record, holds=holds)
+READER = Reader(FORMAT, record, holds=holds)

@@ -15,7 +15,7 @@ from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.readers.body_parameters import FLAT_HANDS, BodyParameters
 from hoi_retarget.readers.fields import Fields, npz_fields
-from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
+from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 
 FORMAT = "gvhmr"
 LICENCE = "GVHMR's licence: non-commercial; and the terms of the video"
@@ -93,4 +93,4 @@ def _betas(fields: Fields, frames: int) -> tuple[Float[np.ndarray, "10"], tuple[
     return rows.mean(axis=0), (note,)
 
 
-READER = data_set(FORMAT, (".pt", ".npz"), record, holds=holds)
+READER = Reader(FORMAT, record, holds=holds)

@@ -24,7 +24,7 @@ from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.fields import Fields, folder_above, folder_of_tree, npz_fields
 from hoi_retarget.readers.object_files import first_mesh, quats_of
-from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
+from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 
 FORMAT = "hodome"
 LICENCE = "NeuralDome HODome: non-commercial; LICENSE.md beside the data tells the terms"
@@ -138,4 +138,4 @@ def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeomet
         raise GeometryError(f"{error} Where the sequence's last word is not the object, pass --object NAME.") from error
 
 
-READER = data_set(FORMAT, (".npz",), record, holds=holds)
+READER = Reader(FORMAT, record, holds=holds)

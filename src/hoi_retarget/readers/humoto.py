@@ -37,7 +37,7 @@ from hoi_retarget.human.t_pose import LIMBS, body_axes, turns_from_t_pose
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.object_files import MAX_OBJECT_SIZE, quats_of
-from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
+from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 
 FORMAT = "humoto"
 LICENCE = "Adobe Research License v1.1: research use; the full set on request"
@@ -290,4 +290,4 @@ def _object(capture: _Capture, poses: NodePoses, node: int) -> ObjectTrack:
     return ObjectTrack(name, poses.positions[:, node], poses.quats[:, node], geometry)
 
 
-READER = data_set(FORMAT, (".glb",), record, holds=holds, floor_at_zero=True, rotation_readings=())
+READER = Reader(FORMAT, record, holds=holds, floor_at_zero=True, rotation_readings=())

@@ -30,7 +30,7 @@ from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.fields import Fields, check_frames, folder_above
 from hoi_retarget.readers.object_files import first_mesh, mesh_vertices
-from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
+from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 from hoi_retarget.readers.worlds import TURN, Turn, World
 
 FORMAT = "imhd"
@@ -173,4 +173,4 @@ def _body(fields: Fields, positions: np.ndarray) -> BodyParameters:
     )
 
 
-READER = data_set(FORMAT, (".pkl",), record, holds=holds)
+READER = Reader(FORMAT, record, holds=holds)

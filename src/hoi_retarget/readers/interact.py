@@ -26,14 +26,14 @@ from jaxtyping import Float
 
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, ReadError
-from hoi_retarget.files.source_file import FOLDER, SourceFile
+from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.body_model import Family
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.readers.body_parameters import TITLES, BodyParameters
 from hoi_retarget.readers.fields import Fields, check_frames, npz_fields
 from hoi_retarget.readers.object_files import first_mesh
-from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
+from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 
 FORMAT = "interact-canonical"
 LICENCE = "InterAct: CC BY-NC-SA 4.0, on request"
@@ -302,4 +302,4 @@ def _mesh_notes(tracks: Sequence[ObjectTrack]) -> tuple[str, ...]:
     )
 
 
-READER = data_set(FORMAT, (FOLDER,), record, holds=holds, parts=(_HUMAN, _OBJECT), floor_at_zero=True)
+READER = Reader(FORMAT, record, holds=holds, parts=(_HUMAN, _OBJECT), floor_at_zero=True)

@@ -30,7 +30,7 @@ from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters
 from hoi_retarget.readers.fields import Fields
 from hoi_retarget.readers.object_files import first_mesh
-from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
+from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 from hoi_retarget.readers.worlds import TURN, Turn, World
 
 FORMAT = "intercap"
@@ -229,4 +229,4 @@ def _world(person: Person) -> World:
     return World(UP, (Turn(TURN[UP]), Turn(tilt, floor=height)), note)
 
 
-READER = data_set(FORMAT, (".pkl",), record, holds=holds)
+READER = Reader(FORMAT, record, holds=holds)

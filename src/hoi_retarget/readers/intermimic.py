@@ -19,6 +19,7 @@ from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
 from hoi_retarget.numerics import se3
 from hoi_retarget.readers import intermimic_layouts as layouts
+from hoi_retarget.readers.reader import SourceRecording, Tracks
 
 FORMAT = "intermimic-591"
 LICENCE = "OMOMO: MIT; repackaged via InterAct: CC BY-NC-SA 4.0"
@@ -57,7 +58,7 @@ def holds(file: SourceFile) -> bool:
     return layouts.is_table(file.torch, FIELDS)
 
 
-def record(file: SourceFile, options: ReadOptions) -> layouts.RowsRecording:
+def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
     """Return the clip; its object is named by `options.object_name`, or by the file, `sub<N>_<object>_<n>.pt`.
 
     Raises `ReadError` where the file is of another layout.
@@ -66,7 +67,13 @@ def record(file: SourceFile, options: ReadOptions) -> layouts.RowsRecording:
     match = _FILE_NAME.fullmatch(file.path.stem)
     name = options.object_name or (match["object"] if match else "")
 
-    def read() -> tuple[Person, list[Float[np.ndarray, "T 52"]], tuple[str, ...]]:
+    def read_tracks() -> Tracks:
+        rows.check()
+        if not name:
+            raise GeometryError(
+                f"{file.path}: the object's name is not in the file's name, expected sub<N>_<object>_<n>.pt. "
+                "Pass --object NAME."
+            )
         person, late = _person(rows)
         labels = rows.labels("body contact labels")
         notes = (
@@ -74,15 +81,9 @@ def record(file: SourceFile, options: ReadOptions) -> layouts.RowsRecording:
             *_notes(labels, rows.used("object contact label")[:, 0], late),
             *_stature_notes(int(match["subject"]) if match and name in _OMOMO_OBJECTS else 0, person),
         )
-        return person, [labels], notes
+        return layouts.tracks_of(rows, person, {name: labels}, options.objects, notes)
 
-    misnamed = GeometryError(
-        f"{file.path}: the object's name is not in the file's name, expected sub<N>_<object>_<n>.pt. "
-        "Pass --object NAME."
-    )
-    return layouts.RowsRecording(
-        rows=rows, names=(name,) if name else (), misnamed=misnamed, licence=LICENCE, read=read
-    )
+    return layouts.recording_of(rows, (name,) if name else (), licence=LICENCE, read_tracks=read_tracks)
 
 
 def _rows(file: SourceFile) -> layouts.Rows:
@@ -207,4 +208,4 @@ def _stature_notes(subject: int, person: Person) -> tuple[str, ...]:
     )
 
 
-READER = layouts.rows_reader(FORMAT, holds, record)
+READER = layouts.reader_of(FORMAT, record, holds)

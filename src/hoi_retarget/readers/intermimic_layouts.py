@@ -6,7 +6,7 @@ another order in each layout. z-up, in metres, with scalar-last quaternions. The
 that of its `smpl_2_mujoco`.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,10 +14,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, ContactTrack, Source
+from hoi_retarget.clip.clip import MINIMUM_FRAMES
 from hoi_retarget.clip.grasp_check import READINGS
-from hoi_retarget.clip.read_options import ReadOptions
-from hoi_retarget.errors import ClipError, GeometryError, HoiRetargetError
+from hoi_retarget.errors import ClipError, GeometryError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human import t_pose
 from hoi_retarget.human.person import Person
@@ -26,9 +25,8 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import describe_frames
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.object_files import SAMPLE_POINTS, load_geometry
-from hoi_retarget.readers.reader import Outline, Reader
+from hoi_retarget.readers.reader import Reader, Record, SourceRecording, Tracks
 
-SUFFIXES = (".pt", ".pth")
 FPS = 30.0
 """[Hz]; the file does not state it, all tools that write or read the layouts use it."""
 
@@ -164,12 +162,10 @@ class Rows:
         """Return a field of the bodies' labels [unitless] in the order of `skeleton.JOINTS`, from `first` on."""
         return self.used(name)[:, JOINT_ORDER]
 
-    def check(self, labels: tuple[int, int], meaning: str) -> None:
-        """Raise `ClipError` unless all frames from `first` on can be used.
+    def check(self, labels: tuple[int, int] = (-1, 1), meaning: str = "-1 (far), 0 (near) or 1 (contact)") -> None:
+        """Raise `ClipError` unless all frames from `first` on can be used, with labels from the least to the greatest.
 
-        Args:
-            labels: The least and the greatest label.
-            meaning: What labels are, for errors.
+        `meaning` says in errors what labels are.
         """
         self._check_frames()
         self._check_numbers()
@@ -288,80 +284,94 @@ def palm_lengths(positions: Float[np.ndarray, "T 52 3"]) -> Float[np.ndarray, "T
     return np.linalg.norm(positions[:, KNUCKLES] - positions[:, WRISTS], axis=-1)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class RowsRecording:
-    """A clip as its layout has it, nothing checked."""
-
-    rows: Rows
-    names: tuple[str, ...]
-    """Of its objects; empty where neither the file nor the user tells them."""
-    misnamed: HoiRetargetError
-    """Raised unless each object has a name of its own."""
-    labels: tuple[int, int] = (-1, 1)
-    """The least and the greatest one."""
-    label_meaning: str = "-1 (far), 0 (near) or 1 (contact)"
-    """For errors."""
-    licence: str
-    notes: tuple[str, ...] = ()
-    """Known without its arrays."""
-    read: Callable[[], tuple[Person, Sequence[Float[np.ndarray, "T 52"]], tuple[str, ...]]]
-    """Returns the person, the bodies' labels for each object, and notes, of rows that are checked."""
-
-
-def rows_reader(
-    name: str, holds: Callable[[SourceFile], bool], record: Callable[[SourceFile, ReadOptions], RowsRecording]
-) -> Reader:
-    """Return the reader of a layout from a function that describes its clips; `record` raises `ReadError`."""
+def reader_of(name: str, record: Record, holds: Callable[[SourceFile], bool]) -> Reader:
+    """Return the reader of a layout with a label for each body."""
     return Reader(
-        format=name,
-        suffixes=SUFFIXES,
+        name,
+        record,
+        holds=holds,
         floor_at_zero=True,
         rotation_readings=tuple(READINGS),
-        holds=holds,
-        read=lambda file, options: _clip(name, record(file, options), file, options),
-        outline=lambda file: _outline(record(file, ReadOptions())),
         has_companions=lambda _file: False,
     )
 
 
-def _clip(format_name: str, recording: RowsRecording, file: SourceFile, options: ReadOptions) -> Clip:
-    """Return the clip, its contacts from the bodies' labels for each object.
+def recording_of(  # noqa: PLR0913  # layouts differ in all of them
+    rows: Rows,
+    names: tuple[str, ...],
+    *,
+    licence: str,
+    read_tracks: Callable[[], Tracks],
+    notes: tuple[str, ...] = (),
+    names_objects: bool = False,
+) -> SourceRecording:
+    """Return the recording in rows that are not checked yet.
 
-    Raises:
-        ClipError: Numbers are not finite, rotations zero, labels unknown, or parts contradict each other.
-        GeometryError: The objects have no names, or the geometry of one cannot be had.
+    Args:
+        rows: Of the file.
+        names: Of the objects; empty where neither the file nor the user tells them.
+        licence: The terms of the data.
+        read_tracks: Checks the rows and returns `tracks_of` them.
+        notes: Known without the arrays.
+        names_objects: Whether the layout has the objects' names.
     """
-    rows, names = recording.rows, recording.names
-    rows.check(recording.labels, recording.label_meaning)
-    if not len(set(names)) == len(names) == len(rows.objects):
-        raise recording.misnamed
-    person, labels, notes = recording.read()
-    tracks = _tracks(rows, names, options.objects)
-    contacts = tuple(
-        ContactTrack(0, index, part, part_active(labels[index], part), track.to_object(person.part_position(part)))
-        for index, track in enumerate(tracks)
-        for part in PARTS
+    count = len(rows.objects)
+    columns = [rows.used(name).ravel() for name in rows.fields if name.endswith("body contact labels")]
+    values = ", ".join(f"{value:g}" for value in np.unique(np.concatenate(columns))[:20])
+    return SourceRecording(
+        name=rows.path.stem,
+        description=f"InterMimic clip of one person and {'one object' if count == 1 else f'{count} objects'}",
+        frames=len(rows.values),
+        fps=FPS,
+        skeleton=f"{len(JOINTS)} joints of SMPL-X without jaw and eyes, positions and rotations",
+        up="z",
+        up_axis="z, by the format",
+        objects=names or ("",) * count,
+        contacts=f"labels of the bodies: {values}",
+        licence=licence,
+        notes=notes,
+        read_tracks=read_tracks,
+        names_objects=names_objects,
+        first_frame=rows.first,
+        checks_upright=False,
     )
-    source = Source(str(file.path), file.sha256, format_name, recording.licence, (*notes, *_row_notes(rows)))
-    return Clip(rows.path.stem, FPS, (person,), tracks, contacts, source, first_source_frame=rows.first)
 
 
-def _tracks(rows: Rows, names: Sequence[str], folder: Path | None) -> tuple[ObjectTrack, ...]:
+def tracks_of(
+    rows: Rows,
+    person: Person,
+    labels: Mapping[str, Float[np.ndarray, "T 52"]],
+    folder: Path | None,
+    notes: tuple[str, ...],
+) -> Tracks:
+    """Return the person and the objects, whose contacts are from the bodies' labels; raises `GeometryError`.
+
+    Args:
+        rows: Checked ones.
+        person: The one in them.
+        labels: Of the bodies, by the objects' names.
+        folder: Of the objects' geometry.
+        notes: What was found before.
+    """
     if folder is None:
-        files = ", ".join(f"{mesh}/{mesh}.obj or {mesh}/{SAMPLE_POINTS}" for mesh in map(_mesh_name, names))
+        files = ", ".join(f"{mesh}/{mesh}.obj or {mesh}/{SAMPLE_POINTS}" for mesh in map(_mesh_name, labels))
         raise GeometryError(
-            f"{rows.path}: the clip needs the geometry of its {'object' if len(names) == 1 else 'objects'} "
-            f"{', '.join(map(repr, names))}. Pass --objects DIR with {files} in it."
+            f"{rows.path}: the clip needs the geometry of its {'object' if len(labels) == 1 else 'objects'} "
+            f"{', '.join(map(repr, labels))}. Pass --objects DIR with {files} in it."
         )
-    return tuple(
+    objects = tuple(
         ObjectTrack(
             name,
             rows.used(f"{field} position"),
             se3.quat_from_xyzw(rows.used(f"{field} rotation")),
             _geometry(folder, name),
         )
-        for name, field in zip(names, rows.objects, strict=True)
+        for name, field in zip(labels, rows.objects, strict=True)
     )
+    touching = {
+        (index, part): part_active(values, part) for index, values in enumerate(labels.values()) for part in PARTS
+    }
+    return Tracks(people=(person,), objects=objects, touching=touching, notes=(*notes, *_row_notes(rows)))
 
 
 def _geometry(objects: Path, name: str) -> ObjectGeometry:
@@ -395,25 +405,6 @@ def part_active(joint_labels: Float[np.ndarray, "T 52"], part: str) -> Bool[np.n
     """Return the frames in which any joint that stands for the part is labelled a contact."""
     indices = [JOINT_INDEX[joint] for joint in PARTS[part].label_joints]
     return _any_in_frame(joint_labels[:, indices] == CONTACT_LABEL)
-
-
-def _outline(recording: RowsRecording) -> Outline:
-    rows, count = recording.rows, len(recording.rows.objects)
-    columns = [rows.used(name).ravel() for name in rows.fields if name.endswith("body contact labels")]
-    values = ", ".join(f"{value:g}" for value in np.unique(np.concatenate(columns))[:20])
-    return Outline(
-        description=f"InterMimic clip of one person and {'one object' if count == 1 else f'{count} objects'}",
-        frames=len(rows.values),
-        fps=FPS,
-        fps_stated=False,
-        skeleton=f"{len(JOINTS)} joints of SMPL-X without jaw and eyes, positions and rotations",
-        up_axis="z, by the format",
-        people=1,
-        objects=recording.names or ("",) * count,
-        contacts=f"labels of the bodies: {values}",
-        licence=recording.licence,
-        notes=recording.notes,
-    )
 
 
 def object_count(columns: int) -> int:

@@ -23,10 +23,9 @@ from jaxtyping import Float
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINTS, PARTS
 from hoi_retarget.readers import intermimic_layouts as layouts
-from hoi_retarget.readers.fields import refuse_object_name
+from hoi_retarget.readers.reader import SourceRecording, Tracks
 
 FORMAT = "intermimic-multi-object"
 PARAHOME_LICENCE = "ParaHome: CC BY-NC-SA 4.0; repackaged by a fork of InterMimic, whose terms are not stated"
@@ -58,32 +57,32 @@ def holds(file: SourceFile) -> bool:
     )
 
 
-def record(file: SourceFile, options: ReadOptions) -> layouts.RowsRecording:
-    """Return the clip; raises `ArgumentError` where an object's name is given, although the file names its objects."""
+def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
+    """Return the clip."""
     value, names = file.torch, tuple(file.torch["objects"])
-    refuse_object_name(file, options, ", ".join(names))
     widths = {f"{name}: {field}": width for name in names for field, width in _OBJECT.items()}
     rows = layouts.Rows(file.path, value["data"].astype(float), layouts.column_table({**_BODY, **widths}))
-    content_notes = _content_notes(value, names)
 
-    def read() -> tuple[Person, list[Float[np.ndarray, "T 52"]], tuple[str, ...]]:
+    def read_tracks() -> Tracks:
+        rows.check((-1, 6), "whole numbers from -1 (far) over 0 (near) and 1 (contact) to 6")
+        if len(set(names)) < len(names):
+            raise ClipError(
+                f"{file.path}: two of its objects have one name ({', '.join(names)}). Convert the clip again."
+            )
         person, turned = rows.person()
         labels, copied = _labels(rows, names)
         rotations = "turned by a fixed rotation" if turned else "those of SMPL-X"
         note = f"Body rotations are {rotations}, as the limbs tell."
-        return person, labels, (note, *copied, *_label_notes(names, labels), *content_notes)
+        notes = (note, *copied, *_label_notes(labels))
+        return layouts.tracks_of(rows, person, labels, options.objects, notes)
 
-    return layouts.RowsRecording(
-        rows=rows,
-        names=names,
-        misnamed=ClipError(
-            f"{file.path}: two of its objects have one name ({', '.join(names)}). Convert the clip again."
-        ),
-        labels=(-1, 6),
-        label_meaning="whole numbers from -1 (far) over 0 (near) and 1 (contact) to 6",
+    return layouts.recording_of(
+        rows,
+        names,
         licence=licence_of(value),
-        notes=content_notes,
-        read=read,
+        read_tracks=read_tracks,
+        notes=_content_notes(value, names),
+        names_objects=True,
     )
 
 
@@ -94,12 +93,12 @@ def licence_of(value: Mapping[str, Any]) -> str:
     return PARAHOME_LICENCE if is_parahome else UNKNOWN_LICENCE
 
 
-def _labels(rows: layouts.Rows, names: Sequence[str]) -> tuple[list[Float[np.ndarray, "T 52"]], tuple[str, ...]]:
-    """Return the bodies' labels for each object in the frames in which its own label is contact, 0 elsewhere.
+def _labels(rows: layouts.Rows, names: Sequence[str]) -> tuple[dict[str, Float[np.ndarray, "T 52"]], tuple[str, ...]]:
+    """Return the bodies' labels by the objects' names in the frames in which its own label is contact, 0 elsewhere.
 
     Beside them, notes of objects with labels of others: GRAB's files repeat those of the held object for the table.
     """
-    labels: list[np.ndarray] = []
+    labels: dict[str, np.ndarray] = {}
     notes: tuple[str, ...] = ()
     for name in names:
         stored = rows.labels(f"{name}: body contact labels")
@@ -107,24 +106,24 @@ def _labels(rows: layouts.Rows, names: Sequence[str]) -> tuple[list[Float[np.nda
         others = int(((stored == layouts.CONTACT_LABEL).any(axis=1) & ~touched[:, 0]).sum())
         if others:
             notes += (f"{name} is not touched in {others} frame(s) by its own label: labels there are not used.",)
-        labels.append(np.where(touched | (stored != layouts.CONTACT_LABEL), stored, 0.0))
+        labels[name] = np.where(touched | (stored != layouts.CONTACT_LABEL), stored, 0.0)
     return labels, notes
 
 
-def _label_notes(names: Sequence[str], labels: Sequence[Float[np.ndarray, "T 52"]]) -> tuple[str, ...]:
+def _label_notes(labels: Mapping[str, Float[np.ndarray, "T 52"]]) -> tuple[str, ...]:
     """Return notes of labels that do not become contacts."""
     notes: tuple[str, ...] = ()
     used = {joint for part in PARTS.values() for joint in part.label_joints}
-    for name, values in zip(names, labels, strict=True):
+    for name, values in labels.items():
         touching = (values == layouts.CONTACT_LABEL).any(axis=0)
         others = [joint for joint, touches in zip(JOINTS, touching, strict=True) if touches and joint not in used]
         if others:
             notes += (f"{name} is also touched by {', '.join(others)}, which no part of the robot follows.",)
-    graded = sum(int((values > layouts.CONTACT_LABEL).any(axis=1).sum()) for values in labels)
+    graded = sum(int((values > layouts.CONTACT_LABEL).any(axis=1).sum()) for values in labels.values())
     if graded:
         notes += (f"Labels 2 to 6, in {graded} frame(s) of the objects, are graded nearness, not taken as contact.",)
     for part in PARTS:
-        active = np.sum([layouts.part_active(values, part) for values in labels], axis=0)
+        active = np.sum([layouts.part_active(values, part) for values in labels.values()], axis=0)
         if (active > 1).any():
             notes += (f"{part} touches two objects at once in {(active > 1).sum()} frame(s); the first one counts.",)
     return notes
@@ -147,4 +146,4 @@ def _content_notes(value: Mapping[str, Any], names: tuple[str, ...]) -> tuple[st
     return notes
 
 
-READER = layouts.rows_reader(FORMAT, holds, record)
+READER = layouts.reader_of(FORMAT, record, holds)

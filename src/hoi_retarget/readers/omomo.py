@@ -33,7 +33,7 @@ from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of
 from hoi_retarget.readers.fields import Fields, chosen_clip, folder_of_tree
 from hoi_retarget.readers.object_files import first_mesh, quats_of
-from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
+from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 
 FORMAT = "omomo"
 LICENCE = "MIT, as others state it; the makers' repository has no licence"
@@ -216,4 +216,4 @@ def _geometry(file: SourceFile, options: ReadOptions, object_name: str, scan: st
     return first_mesh(f"{object_name}{scan}", [path], centred=False, scale=size)
 
 
-READER = data_set(FORMAT, (".p",), record, holds=holds, clips_in=clips_in)
+READER = Reader(FORMAT, record, holds=holds, clips_in=clips_in)

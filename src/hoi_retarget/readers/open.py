@@ -15,10 +15,12 @@ from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, did_you_mean
 from hoi_retarget.files.source_file import FOLDER, SourceFile
 from hoi_retarget.motion.motion import SIMULATED, Motion
-from hoi_retarget.readers import READERS, gvhmr, read_clip
+from hoi_retarget.readers import read_recording
+from hoi_retarget.readers.reader import Reader
 from hoi_retarget.synthetic import BUILTIN, SCENES, make
 
 _ADVICE = "Pass --clip to name it."
+_GVHMR_RESULTS = "hmr4d_results"
 
 
 def open_clip(name: Path | str, options: ReadOptions = ReadOptions()) -> Clip:
@@ -37,8 +39,7 @@ def open_clip(name: Path | str, options: ReadOptions = ReadOptions()) -> Clip:
         GeometryError: The object's geometry cannot be had.
         BodyModelError: The body model that it needs cannot be had.
     """
-    clip = _as_recorded(name, options)
-    reader = READERS.get(clip.source.format)
+    clip, reader = _as_recorded(name, options)
     recorded = on_floor(clip, at_zero=reader is None or reader.floor_at_zero, floor=options.floor)
     readings = grasp_check.ONLY_INVERSE if reader is None else reader.rotation_readings
     clip = with_contacts(recorded, options.labels, readings=readings, grasps=options.grasps)
@@ -47,15 +48,16 @@ def open_clip(name: Path | str, options: ReadOptions = ReadOptions()) -> Clip:
     return grasp_check.with_grasp_warnings(clip, readings, shifts=(), grasps=options.grasps)
 
 
-def _as_recorded(name: Path | str, options: ReadOptions) -> Clip:
+def _as_recorded(name: Path | str, options: ReadOptions) -> tuple[Clip, Reader | None]:
+    """Return the clip and the reader of its file, if it is one."""
     scene = builtin_scene(name)
     if scene is None:
-        return read_clip(Path(name), options)
+        return read_recording(Path(name), options)
     if scene not in SCENES:
         known = [f"{BUILTIN}{known}" for known in SCENES]
         near = did_you_mean(str(name), known)
         raise ArgumentError(f"{name}: there is no such built-in clip.{near} Built-in clips: {', '.join(known)}.")
-    return make(scene)
+    return make(scene), None
 
 
 def builtin_scene(name: Path | str) -> str | None:
@@ -73,7 +75,7 @@ def result_stem(name: Path | str) -> str:
     parents = Path(name).absolute().parts[:-1]
     if stem == "res":
         return "_".join(parents[-3:])
-    if stem == gvhmr.RESULTS:
+    if stem == _GVHMR_RESULTS:
         return parents[-1]
     return f"{parents[-1]}_{stem}" if stem.isdecimal() or stem.startswith("gt_") else stem
 

@@ -30,7 +30,7 @@ from jaxtyping import Float
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import BodyModelError, ClipError, GeometryError, ReadError
 from hoi_retarget.files.array_pickle import parse_pickle
-from hoi_retarget.files.source_file import FOLDER, SourceFile
+from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human import skeleton, t_pose
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS
@@ -39,7 +39,7 @@ from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of
 from hoi_retarget.readers.fields import Fields, chosen_clip, folder_above, folder_of_tree, json_values
 from hoi_retarget.readers.object_files import load_mesh, poses_of
-from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
+from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 
 FORMAT = "parahome"
 LICENCE = "CC BY-NC-SA 4.0, academic use"
@@ -374,4 +374,4 @@ def _palm_quats(path: Path, hand: Float[np.ndarray, "T 25 3"], sign: float) -> F
     return se3.matrix_to_quat(np.stack([x, y, np.cross(x, y)], axis=-1))
 
 
-READER = data_set(FORMAT, (FOLDER,), record, holds=holds, parts=(_POSES, _JOINTS), clips_in=clips_in)
+READER = Reader(FORMAT, record, holds=holds, parts=(_POSES, _JOINTS), clips_in=clips_in)

@@ -23,7 +23,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers import intermimic_layouts as layouts
 from hoi_retarget.readers.object_files import geometry_files, load_geometry
-from hoi_retarget.readers.reader import SourceRecording, Tracks, data_set
+from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 
 FORMAT = "physhoi-331"
 LICENCE = "not stated by the file; BallPlay, of PhysHOI's repository"
@@ -84,7 +84,7 @@ def _tracks(rows: layouts.Rows, options: ReadOptions) -> Tracks:
     track = ObjectTrack(BALL, rows.used("ball position"), se3.exp(-rows.used("ball angles")), geometry)
     labelled = rows.used("contact label")[:, 0] == layouts.CONTACT_LABEL
     radius = float(np.linalg.norm(geometry.points, axis=1).max())
-    touching = {hand: labelled & (_distance(person, hand, track) < radius + TOUCH) for hand in HANDS}
+    touching = {(0, hand): labelled & (_distance(person, hand, track) < radius + TOUCH) for hand in HANDS}
     alone = int((labelled & ~np.any(list(touching.values()), axis=0)).sum())
     notes = (
         note,
@@ -132,4 +132,4 @@ def _sphere() -> ObjectGeometry:
     return ObjectGeometry(points, faces=np.where(inward[:, None], faces[:, ::-1], faces))
 
 
-READER = data_set(FORMAT, layouts.SUFFIXES, record, holds=holds, floor_at_zero=True)
+READER = Reader(FORMAT, record, holds=holds, floor_at_zero=True)

@@ -1,7 +1,8 @@
 """The interface of readers: recordings as data sets have them, and checked clips with z up made of them."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool
@@ -9,6 +10,7 @@ from jaxtyping import Bool
 from hoi_retarget.clip.clip import Clip, ContactTrack, Source
 from hoi_retarget.clip.grasp_check import ONLY_INVERSE
 from hoi_retarget.clip.read_options import ReadOptions
+from hoi_retarget.errors import ClipError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import PARTS
@@ -43,43 +45,16 @@ class Outline:
     """What was found before the arrays were read, one sentence each."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Reader:
-    """One format: its recognition and its reading.
-
-    Clips come out with z up, in metres; contacts are empty where the source has none.
-    """
-
-    format: str
-    """Its name, in small letters with dashes."""
-    suffixes: tuple[str, ...]
-    """Endings of file names in small letters, or `FOLDER`."""
-    holds: Callable[[SourceFile], bool]
-    """Tells whether a file with one of the suffixes is of this format, by names and shapes alone."""
-    read: Callable[[SourceFile, ReadOptions], Clip]
-    """Returns the clip; raises `ReadError`, `ClipError`, `GeometryError`, `BodyModelError` or `ArgumentError`."""
-    floor_at_zero: bool = False
-    """Whether the format has the floor at z = 0; otherwise its height is estimated from the clip."""
-    rotation_readings: tuple[str, ...] = ONLY_INVERSE
-    """Other ways in which copies could mean objects' rotations: those of `grasp_check.READINGS` that are left open."""
-    clips_in: Callable[[SourceFile], tuple[str, ...]] = lambda _file: ()
-    """Returns the names of the clips to select from; none where the recording is one clip."""
-    parts: tuple[str, ...] = ()
-    """Files that a folder of this format has, where some alone tell that the others are missing."""
-    outline: Callable[[SourceFile], Outline]
-    """Returns what the recording is and holds, cheaply; raises `ReadError` or `ClipError`."""
-    has_companions: Callable[[SourceFile], bool] = lambda _file: True
-    """Tells whether a recording may need files that are not known until it is read, such as body models."""
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Tracks:
     """People and objects of a recording over time, in its source's own world."""
 
     people: tuple[Person | BodyParameters, ...]
     objects: tuple[ObjectTrack, ...]
-    touching: Mapping[str, Bool[np.ndarray, "T"]] = field(default_factory=dict)
-    """Part of the first person -> when it touches the first object; nothing where contacts are not labelled."""
+    touching: Mapping[tuple[int, str], Bool[np.ndarray, "T"]] = field(default_factory=dict)
+    """Index of an object and part of the first person -> when they touch; nothing where contacts are not labelled."""
+    contacts: tuple[ContactTrack, ...] = ()
+    """Where the source has their points, too."""
     notes: tuple[str, ...] = ()
     """What was found in the arrays, one sentence each."""
 
@@ -98,8 +73,12 @@ class SourceRecording(Outline):
     """Whether it tells the names of its objects, so that the user cannot."""
     first_frame: int = 0
     """Number of the source's frames before its first one."""
+    checks_upright: bool = True
+    """Whether people must have a person's size and stand upright."""
     may_lie: bool = False
     """Whether it may be of people who never stand upright, lying on a floor near 0."""
+    path: Path | None = None
+    """Of the clip's file, where it stands for the folder that it is in."""
     sha256: str = ""
     """Where its bytes were not read by way of `SourceFile`."""
 
@@ -112,68 +91,63 @@ Record = Callable[[SourceFile, ReadOptions], SourceRecording]
 """Returns the recording in a file; raises `ReadError` or `ClipError`."""
 
 
-def data_set(  # noqa: PLR0913  # data sets differ in all of them
-    name: str,
-    suffixes: tuple[str, ...],
-    record: Record,
-    *,
-    holds: Callable[[SourceFile], bool],
-    clips_in: Callable[[SourceFile], tuple[str, ...]] = Reader.clips_in,
-    parts: tuple[str, ...] = (),
-    floor_at_zero: bool = False,
-    rotation_readings: tuple[str, ...] = ONLY_INVERSE,
-) -> Reader:
-    """Return the reader of a data set.
+@dataclass(frozen=True)
+class Reader:
+    """One format: its recognition and its reading.
 
-    Args:
-        name: Of the format.
-        suffixes: Endings of file names.
-        record: Finds the recording in a file.
-        holds: As in `Reader`, and so are the others.
-        clips_in: Names of the clips in a file.
-        parts: Files of a folder.
-        floor_at_zero: Whether the format has the floor at z = 0.
-        rotation_readings: Other readings of objects' rotations.
+    Clips come out with z up, in metres; contacts are empty where the source has none.
     """
-    return Reader(
-        format=name,
-        suffixes=suffixes,
-        floor_at_zero=floor_at_zero,
-        rotation_readings=rotation_readings,
-        holds=holds,
-        read=lambda file, options: _clip(name, record(file, options), file, options),
-        clips_in=clips_in,
-        parts=parts,
-        outline=lambda file: _outline(record(file, ReadOptions())),
-    )
 
+    format: str
+    """Its name, in small letters with dashes."""
+    record: Record
+    _: KW_ONLY
+    holds: Callable[[SourceFile], bool]
+    """Tells whether a file with one of the reader's endings is of this format, by names and shapes alone."""
+    floor_at_zero: bool = False
+    """Whether the format has the floor at z = 0; otherwise its height is estimated from the clip."""
+    rotation_readings: tuple[str, ...] = ONLY_INVERSE
+    """Other ways in which copies could mean objects' rotations: those of `grasp_check.READINGS` that are left open."""
+    clips_in: Callable[[SourceFile], tuple[str, ...]] = lambda _file: ()
+    """Returns the names of the clips to select from; none where the recording is one clip."""
+    parts: tuple[str, ...] = ()
+    """Files that a folder of this format has, where some alone tell that the others are missing."""
+    has_companions: Callable[[SourceFile], bool] = lambda _file: True
+    """Tells whether a recording may need files that are not known until it is read, such as body models."""
 
-def _outline(recording: SourceRecording) -> Outline:
-    return replace(recording, up_axis=recording.up_axis or f"{recording.up}, as the format has it")
+    def outline(self, file: SourceFile) -> Outline:
+        """Return the facts of a recording, cheaply; raises `ReadError` or `ClipError`."""
+        recording = self.record(file, ReadOptions())
+        return replace(recording, up_axis=recording.up_axis or f"{recording.up}, as the format has it")
 
-
-def _clip(format_name: str, recording: SourceRecording, file: SourceFile, options: ReadOptions) -> Clip:
-    """Return the clip of a recording; raises as `Reader.read`."""
-    if recording.names_objects:
-        refuse_object_name(file, options, ", ".join(recording.objects) or "none")
-    check_frames(file.path, {"recording": recording.frames})
-    tracks = recording.read_tracks()
-    people, shape_notes = _people(file, tracks, options)
-    world = recording.world(people[0])
-    people = tuple(world.turned_person(person) for person in people)
-    for person in people:
-        check_upright(file.path, person, world.up, may_lie=recording.may_lie)
-    objects = tuple(world.turned_object(track) for track in tracks.objects)
-    notes = (*recording.notes, *filter(None, [world.note]), *shape_notes, *tracks.notes)
-    return Clip(
-        name=recording.name,
-        fps=recording.fps,
-        people=people,
-        objects=objects,
-        contacts=_contacts(tracks, people[0], objects[0]) if tracks.touching else (),
-        source=Source(str(file.name), recording.sha256 or file.sha256, format_name, recording.licence, notes),
-        first_source_frame=recording.first_frame,
-    )
+    def read(self, file: SourceFile, options: ReadOptions) -> Clip:
+        """Return the clip; raises `ReadError`, `ClipError`, `GeometryError`, `BodyModelError` or `ArgumentError`."""
+        recording = self.record(file, options)
+        if recording.names_objects:
+            refuse_object_name(file, options, ", ".join(recording.objects) or "none")
+        check_frames(file.path, {"recording": recording.frames})
+        tracks = recording.read_tracks()
+        people, shape_notes = _people(file, tracks, options)
+        world = recording.world(people[0])
+        people = tuple(world.turned_person(person) for person in people)
+        if recording.checks_upright:
+            for person in people:
+                check_upright(file.path, person, world.up, may_lie=recording.may_lie)
+        objects = tuple(world.turned_object(track) for track in tracks.objects)
+        notes = (*recording.notes, *filter(None, [world.note]), *shape_notes, *tracks.notes)
+        path, sha256 = str(recording.path or file.name), recording.sha256 or file.sha256
+        try:
+            return Clip(
+                name=recording.name,
+                fps=recording.fps,
+                people=people,
+                objects=objects,
+                contacts=tracks.contacts or _contacts(tracks.touching, people[0], objects),
+                source=Source(path, sha256, self.format, recording.licence, notes),
+                first_source_frame=recording.first_frame,
+            )
+        except ClipError as error:
+            raise ClipError(f"{path}: {error}") from error
 
 
 def _people(file: SourceFile, tracks: Tracks, options: ReadOptions) -> tuple[tuple[Person, ...], tuple[str, ...]]:
@@ -187,9 +161,14 @@ def _people(file: SourceFile, tracks: Tracks, options: ReadOptions) -> tuple[tup
     return tuple(person for person, _ in made), tuple(note for _, notes in made for note in notes)
 
 
-def _contacts(tracks: Tracks, person: Person, track: ObjectTrack) -> tuple[ContactTrack, ...]:
-    nobody = np.zeros(len(track.positions), dtype=bool)
+def _contacts(
+    touching: Mapping[tuple[int, str], Bool[np.ndarray, "T"]], person: Person, objects: tuple[ObjectTrack, ...]
+) -> tuple[ContactTrack, ...]:
+    """Return the contacts of all parts with each labelled object, at the parts' own points."""
+    nobody = np.zeros(len(person.joint_positions), dtype=bool)
     return tuple(
-        ContactTrack(0, 0, part, tracks.touching.get(part, nobody), track.to_object(person.part_position(part)))
+        ContactTrack(0, index, part, touching.get((index, part), nobody), track.to_object(person.part_position(part)))
+        for index, track in enumerate(objects)
+        if any(index == labelled for labelled, _ in touching)
         for part in PARTS
     )

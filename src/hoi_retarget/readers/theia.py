@@ -12,9 +12,9 @@ from jaxtyping import Bool, Float
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import GeometryError
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINTS
 from hoi_retarget.readers import intermimic_layouts as layouts
+from hoi_retarget.readers.reader import SourceRecording, Tracks
 
 FORMAT = "theia-594"
 LICENCE = "not stated; used in a fork of InterMimic"
@@ -41,21 +41,25 @@ def holds(file: SourceFile) -> bool:
     return layouts.is_table(file.torch, FIELDS)
 
 
-def record(file: SourceFile, options: ReadOptions) -> layouts.RowsRecording:
+def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
     """Return the clip; its objects are named by `options.object_name`, two with a plus between them, or by the file."""
     rows, names = layouts.Rows(file.path, file.torch.astype(float), FIELDS), _names(file, options)
 
-    def read() -> tuple[Person, list[Float[np.ndarray, "T 52"]], tuple[str, ...]]:
+    def read_tracks() -> Tracks:
+        rows.check()
+        if not len(set(names)) == len(names) == len(SIDES):
+            raise GeometryError(
+                f"{file.path}: the names of its two objects are not in the file's name, expected "
+                f"sub<N>_<object 1>{_AND}<object 2>_<sequence>.pt. Pass --object NAME{_AND}NAME, the left hand's first."
+            )
         bodies = rows.labels("body contact labels")
         labels = [np.where(_hand(side), bodies, 0.0) for side in SIDES]
         sides = f"{names[0]} belongs to the left hand and {names[1]} to the right one, as the layout has it."
-        return rows.person()[0], labels, (sides, *_label_notes(rows, names, bodies, labels))
+        notes = (sides, *_label_notes(rows, names, bodies, labels))
+        by_name = dict(zip(names, labels, strict=True))
+        return layouts.tracks_of(rows, rows.person()[0], by_name, options.objects, notes)
 
-    misnamed = GeometryError(
-        f"{file.path}: the names of its two objects are not in the file's name, expected "
-        f"sub<N>_<object 1>{_AND}<object 2>_<sequence>.pt. Pass --object NAME{_AND}NAME, the left hand's first."
-    )
-    return layouts.RowsRecording(rows=rows, names=names, misnamed=misnamed, licence=LICENCE, read=read)
+    return layouts.recording_of(rows, names, licence=LICENCE, read_tracks=read_tracks)
 
 
 def _names(file: SourceFile, options: ReadOptions) -> tuple[str, ...]:
@@ -87,4 +91,4 @@ def _label_notes(
     return notes
 
 
-READER = layouts.rows_reader(FORMAT, holds, record)
+READER = layouts.reader_of(FORMAT, record, holds)

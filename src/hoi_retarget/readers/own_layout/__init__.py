@@ -8,24 +8,21 @@ are given. Nothing else is made up.
 A folder is a clip, too, where it holds `clip.npz` in this layout, its meshes, and no other recording.
 """
 
-import hashlib
 from pathlib import Path
 
-from hoi_retarget.clip.clip import Clip, Source
 from hoi_retarget.clip.grasp_check import READINGS
 from hoi_retarget.clip.read_options import ReadOptions
-from hoi_retarget.errors import ArgumentError, ClipError, ReadError
+from hoi_retarget.errors import ClipError, ReadError
 from hoi_retarget.files import npz
 from hoi_retarget.files.reading import limit_of_motion, read_bytes
 from hoi_retarget.files.source_file import FOLDER, SourceFile
 from hoi_retarget.readers.own_layout.own_arrays import CLIP_FILE, FORMAT, SCHEMA_KEY, Arrays, encode, write
-from hoi_retarget.readers.own_layout.own_objects import contacts_of, mesh_paths, object_names, objects_of
+from hoi_retarget.readers.own_layout.own_objects import contacts_of, has_contacts, mesh_paths, object_names, objects_of
 from hoi_retarget.readers.own_layout.own_people import BODY_JOINTS, PARAMETER_ARRAYS, people_of, summary_of
-from hoi_retarget.readers.reader import Outline, Reader
+from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 
-__all__ = ["BODY_JOINTS", "CLIP_FILE", "FORMAT", "READER", "encode", "file_of", "mesh_files", "read", "write"]
+__all__ = ["BODY_JOINTS", "CLIP_FILE", "FORMAT", "READER", "encode", "file_of", "mesh_files", "write"]
 
-LICENCE = "the terms of the data, such as 'CC BY 4.0'"
 _OTHERS = (".pt", ".pth")
 """Endings of other recordings that are files; those that end with `.npz` say themselves what they are."""
 
@@ -60,54 +57,8 @@ def has_parameters(file: SourceFile) -> bool:
     return PARAMETER_ARRAYS[0] in SourceFile(file_of(file.path)).array_names
 
 
-def read(path: Path, options: ReadOptions = ReadOptions()) -> Clip:
-    """Return the clip in a `.npz` file, or in a folder that has one called `clip.npz`; otherwise as `read_file`."""
-    return read_file(SourceFile(path), options)
-
-
-def read_file(file: SourceFile, options: ReadOptions) -> Clip:
-    """Return the clip in a file or folder.
-
-    Args:
-        file: The recording.
-        options: Those of reading: the objects' folder for shapes that are neither in the clip nor beside it, no
-            object's name, as the clip names its objects, and the folder of the body models that parameters are of.
-
-    Raises:
-        ReadError: the file is missing, damaged, or of another layout, or so is the body model.
-        ClipError: arrays are missing, disagree, or contradict the layout.
-        GeometryError: the shape of an object cannot be had.
-        BodyModelError: a body model is needed, and no folder of them is given.
-        ArgumentError: an object's name is given.
-    """
-    path = file_of(file.path)
-    arrays, digest = _arrays(file)
-    if options.object_name is not None:
-        raise ArgumentError(
-            f"{path}: --object {options.object_name} is for clips that do not name their object. Leave it out."
-        )
-    people, notes = people_of(arrays, options.body_models)
-    tracks = objects_of(arrays, len(people[0].joint_positions), options.objects)
-    contacts, contact_notes = contacts_of(arrays, people, tracks)
-    licence = arrays.text("licence", LICENCE)
-    arrays.check_all_used()
-    notes = (*arrays.texts("notes"), *notes, *contact_notes)
-    try:
-        return Clip(
-            name=arrays.text("name", "what the clip is called"),
-            fps=arrays.number("fps", "frames a second"),
-            people=people,
-            objects=tracks,
-            contacts=contacts,
-            source=Source(str(path), digest, FORMAT, licence, notes),
-            first_source_frame=arrays.count("first_source_frame"),
-        )
-    except ClipError as error:
-        raise ClipError(f"{path}: {error}") from error
-
-
-def _arrays(file: SourceFile) -> tuple[Arrays, str]:
-    """Return the arrays of a clip and the SHA-256 of its file; raises `ReadError` or `ClipError`."""
+def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
+    """Return the recording in a file or folder; shapes may be in the clip, beside it, or in the objects' folder."""
     path = file_of(file.path)
     content = file.content if path == file.path else file.read(path)
     try:
@@ -115,25 +66,33 @@ def _arrays(file: SourceFile) -> tuple[Arrays, str]:
     except ValueError as error:
         raise ReadError(f"{path}: not a readable .npz file ({error}). Write it again.") from error
     arrays.check_schema()
-    return arrays, hashlib.sha256(content).hexdigest()
+    frames, count, skeleton = summary_of(arrays)
 
+    def read_tracks() -> Tracks:
+        people, notes = people_of(arrays, options.body_models)
+        tracks = objects_of(arrays, len(people[0].joint_positions), options.objects)
+        contacts, contact_notes = contacts_of(arrays, people, tracks)
+        arrays.check_all_used()
+        return Tracks(people=people, objects=tracks, contacts=contacts, notes=(*notes, *contact_notes))
 
-def outline(file: SourceFile) -> Outline:
-    """Return the facts of the clip; raises `ReadError` or `ClipError`."""
-    arrays, _ = _arrays(file)
-    frames, people, skeleton = summary_of(arrays)
-    has_contacts = "contact_part" in arrays or "segment_part" in arrays
-    return Outline(
+    return SourceRecording(
+        name=arrays.text("name", "what the clip is called"),
         description="a clip in the layout of this project",
         frames=frames,
         fps=arrays.number("fps", "frames a second"),
         fps_stated=True,
         skeleton=skeleton,
+        up="z",
         up_axis="z, as the file says",
-        people=people,
+        people=count,
         objects=tuple(object_names(arrays)),
-        contacts="the file" if has_contacts else "none in the file; found from distances",
-        licence=arrays.text("licence", LICENCE) or "not stated",
+        contacts="the file" if has_contacts(arrays) else "none in the file; found from distances",
+        licence=arrays.text("licence", "the terms of the data, such as 'CC BY 4.0'"),
+        notes=arrays.texts("notes"),
+        read_tracks=read_tracks,
+        first_frame=arrays.count("first_source_frame"),
+        checks_upright=False,  # `people_of` does, in words for those who write clips.
+        path=path,
     )
 
 
@@ -147,12 +106,10 @@ def mesh_files(path: Path) -> tuple[Path, ...]:
 
 
 READER = Reader(
-    format=FORMAT,
-    suffixes=(".npz", FOLDER),
+    FORMAT,
+    record,
+    holds=holds,
     floor_at_zero=True,
     rotation_readings=tuple(READINGS),
-    holds=holds,
-    read=read_file,
-    outline=outline,
     has_companions=has_parameters,
 )

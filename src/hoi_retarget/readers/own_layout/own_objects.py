@@ -1,9 +1,9 @@
 """Objects of a clip, with shapes from the clip, beside it, or from the user's folder; contacts by frame or segment."""
 
 import difflib
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,26 +18,32 @@ from hoi_retarget.readers.own_layout.own_arrays import FLAGS, INTEGERS, NUMBERS,
 _POINTS_NOTE = "Contact points are where the parts are, as the clip names none."
 
 
-@dataclass(frozen=True)
-class _Touch:
-    """A part of a person and the object that it touches."""
+class _Touch(NamedTuple):
+    """A part of a person and the object that it touches, as `ContactTrack` begins."""
 
     person: int
     object: int
     part: str
 
 
+def has_contacts(arrays: Arrays) -> bool:
+    """Return whether the clip has contacts, by frame or by segment."""
+    return "contact_part" in arrays or "segment_part" in arrays
+
+
 def contacts_of(
     arrays: Arrays, people: tuple[Person, ...], tracks: tuple[ObjectTrack, ...]
 ) -> tuple[tuple[ContactTrack, ...], tuple[str, ...]]:
     """Return the contacts, none where the clip has none, and notes of derived ones; raises `ClipError`."""
+    if not has_contacts(arrays):
+        return (), ()
     if "contact_part" in arrays and "segment_part" in arrays:
         raise ClipError(f"{arrays.path}: there are contact_part and segment_part. Give contacts in one way.")
-    if "contact_part" in arrays:
-        return _frame_contacts(arrays, people, tracks)
-    if "segment_part" in arrays:
-        return _segment_contacts(arrays, people, tracks)
-    return (), ()
+    prefix, contacts = ("contact", _frame_contacts) if "contact_part" in arrays else ("segment", _segment_contacts)
+    touches = tuple(_touches(arrays, prefix, len(people), len(tracks)))
+    points = [tracks[touch.object].to_object(people[touch.person].part_position(touch.part)) for touch in touches]
+    notes = () if f"{prefix}_points" in arrays else (_POINTS_NOTE,)
+    return contacts(arrays, len(people[0].joint_positions), touches, points), notes
 
 
 def _touches(arrays: Arrays, prefix: str, people: int, objects: int) -> Iterator[_Touch]:
@@ -62,44 +68,32 @@ def _touches(arrays: Arrays, prefix: str, people: int, objects: int) -> Iterator
         yield _Touch(int(person), int(object_), part)
 
 
-def _part_points(touch: _Touch, people: tuple[Person, ...], tracks: tuple[ObjectTrack, ...]) -> np.ndarray:
-    return tracks[touch.object].to_object(people[touch.person].part_position(touch.part))
-
-
 def _frame_contacts(
-    arrays: Arrays, people: tuple[Person, ...], tracks: tuple[ObjectTrack, ...]
-) -> tuple[tuple[ContactTrack, ...], tuple[str, ...]]:
-    touches = tuple(_touches(arrays, "contact", len(people), len(tracks)))
-    shape = (len(people[0].joint_positions), len(touches))
-    flags = arrays.array("contact_flags", FLAGS, shape, "when the parts touch")
-    if "contact_points" not in arrays:
-        made = (_part_points(touch, people, tracks) for touch in touches)
-        points, notes = np.stack(list(made), axis=1) if touches else np.zeros((*shape, 3)), (_POINTS_NOTE,)
-    else:
-        points, notes = arrays.array("contact_points", NUMBERS, (*shape, 3), "where, in the object's frame [m]"), ()
-        bad = np.argwhere(flags & ~np.isfinite(points).all(axis=2))
+    arrays: Arrays, frames: int, touches: Sequence[_Touch], points: Sequence[np.ndarray]
+) -> tuple[ContactTrack, ...]:
+    flags = arrays.array("contact_flags", FLAGS, (frames, len(touches)), "when the parts touch")
+    if "contact_points" in arrays:
+        shape = (frames, len(touches), 3)
+        given = arrays.array("contact_points", NUMBERS, shape, "where, in the object's frame [m]")
+        bad = np.argwhere(flags & ~np.isfinite(given).all(axis=2))
         if len(bad):
             raise ClipError(
                 f"{arrays.path}: contact_points{bad[0].tolist()} is not finite, although contact_flags says that "
                 f"{touches[bad[0][1]].part} touches there. Name the point, or leave contact_points out."
             )
-    return tuple(
-        ContactTrack(touch.person, touch.object, touch.part, flags[:, index], points[:, index])
-        for index, touch in enumerate(touches)
-    ), notes
+        points = [given[:, index] for index in range(len(touches))]
+    return tuple(ContactTrack(*touch, flags[:, index], points[index]) for index, touch in enumerate(touches))
 
 
 def _segment_contacts(
-    arrays: Arrays, people: tuple[Person, ...], tracks: tuple[ObjectTrack, ...]
-) -> tuple[tuple[ContactTrack, ...], tuple[str, ...]]:
-    touches = tuple(_touches(arrays, "segment", len(people), len(tracks)))
-    frames = len(people[0].joint_positions)
+    arrays: Arrays, frames: int, touches: Sequence[_Touch], points: Sequence[np.ndarray]
+) -> tuple[ContactTrack, ...]:
     bounds = arrays.array("segment_frames", INTEGERS, (len(touches), 2), "first frame and one past the last")
     fixed = None
     if "segment_points" in arrays:
         fixed = arrays.array("segment_points", NUMBERS, (len(touches), 3), "where, in the object's frame [m]")
     active = {touch: np.zeros(frames, dtype=bool) for touch in touches}
-    points = {touch: _part_points(touch, people, tracks).copy() for touch in touches}
+    places = {touch: own.copy() for touch, own in zip(touches, points, strict=True)}
     for index, (touch, (start, stop)) in enumerate(zip(touches, bounds.tolist(), strict=True)):
         if not 0 <= start < stop <= frames:
             raise ClipError(
@@ -109,13 +103,12 @@ def _segment_contacts(
         if active[touch][start:stop].any():
             raise ClipError(
                 f"{arrays.path}: segment_frames[{index}] overlaps another segment of {touch.part} on "
-                f"{tracks[touch.object].name!r}. Join them or cut one."
+                f"{object_names(arrays)[touch.object]!r}. Join them or cut one."
             )
         active[touch][start:stop] = True
         if fixed is not None:
-            points[touch][start:stop] = fixed[index]
-    made = tuple(ContactTrack(it.person, it.object, it.part, active[it], points[it]) for it in active)
-    return made, (_POINTS_NOTE,) if fixed is None else ()
+            places[touch][start:stop] = fixed[index]
+    return tuple(ContactTrack(*touch, active[touch], places[touch]) for touch in active)
 
 
 def objects_of(arrays: Arrays, frames: int, folder: Path | None) -> tuple[ObjectTrack, ...]:
