@@ -28,14 +28,14 @@ PAGE = (ROOT / "docs" / "extending.md").read_text()
 FILES = re.findall(r"^\*\*(\S+)\*\*[^\n]*\n\n```(python|diff)\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 """Path, language and text of each block that the page shows, in its order."""
 LAWS = (
-    *("test_terms", "test_kinematics"),
+    *("test_terms", "test_model"),
     *("test_readers", "test_describe", "test_open"),
-    *("test_formats", "test_write_export", "test_cli_export", "test_check_motion"),
+    *("test_formats", "test_write_export", "test_export", "test_check_motion"),
     *("test_figures", "test_legend_texts"),
     *("test_robots", "test_robot_check", "test_fetched_meshes", "test_program", "test_readme"),
 )
 """Tests that run over all terms, readers, formats, figures or robots."""
-SLOW_LAWS = {"test_readers_fuzz": "laboratory", "test_benchmarks": "every_format"}
+SLOW_LAWS = {"test_readers": "laboratory", "test_benchmarks": "every_format"}
 """Slow ones, and those of them that see an example."""
 ELSEWHERE = ("ci_runs", "on_stdout")
 """Tests among them that need other folders, or take long and have nothing to do with the tables."""

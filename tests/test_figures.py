@@ -110,7 +110,7 @@ OF_SURFACES = {
     *(figure.name for figure in vars(penetration).values() if isinstance(figure, Figure)),
     *(figure.name for figure in FIGURES if figure.slow),
 }
-# Nobody's hand here holds still on an object: tests/test_hand_touch.py has hands that do.
+# Nobody's hand here holds still on an object: tests/test_contact_figures.py has hands that do.
 OF_HOLDS = {figure.name for figure in vars(hand_slip).values() if isinstance(figure, Figure)}
 
 

@@ -8,7 +8,10 @@ from pathlib import Path
 
 import pytest
 
-PACKAGE = Path(__file__).parents[1] / "src" / "hoi_retarget"
+from hoi_retarget.cli.commands import COMMANDS
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "src" / "hoi_retarget"
 FILES = sorted(PACKAGE.rglob("*.py"))
 MODULES = [path for path in FILES if path.name not in {"__init__.py", "__main__.py"}]
 # A cost term, a format, a reader, a robot's data and the options that help shows are files of their own, however short.
@@ -25,6 +28,12 @@ UNITS = re.compile(
     flags=re.IGNORECASE,
 )
 """Units of numbers, or words for numbers without one; `in their unit` and the like count."""
+
+OTHER_TESTS = {
+    "style": "of all sources of the package, here",
+    "damage": "of every command on damaged files",
+}
+"""Names of tests that are of no one module, folder, command or document, with their subject."""
 
 
 @cache
@@ -51,6 +60,17 @@ def test_every_file_and_class_name_stands_once():
     files = Counter(path.name for path in MODULES)
     classes = Counter(node.name for path in FILES for node in ast.walk(tree(path)) if isinstance(node, ast.ClassDef))
     assert [name for name, count in (files | classes).items() if count > 1] == []
+
+
+def test_tests_are_named_after_their_subject():
+    code = [path for folder in (PACKAGE, ROOT / "benchmarks", ROOT / "tools") for path in folder.rglob("*.py")]
+    folders = [path.parent for path in code] + [ROOT / "examples", ROOT / "docs"]
+    documents = [*(ROOT / "docs").glob("*.md"), ROOT / "README.md"]
+    subjects = {path.stem.lower() for path in (*code, *folders, *documents)}
+    subjects |= {command.replace("-", "_") for command in COMMANDS} | set(OTHER_TESTS)
+    tests = [path.stem.removeprefix("test_") for path in (ROOT / "tests").glob("test_*.py")]
+    assert sorted(set(tests) - subjects) == []
+    assert set(OTHER_TESTS) <= set(tests)
 
 
 def test_modules_are_more_than_a_page():

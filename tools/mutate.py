@@ -23,10 +23,11 @@ from cosmic_ray.plugins import get_operator
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src/hoi_retarget"
 CORE = [
-    *("numerics/*.py", "retargeting/trajopt/*.py", "retargeting/trajopt/*/*.py", "motion/resample.py", "objects/*.py"),
+    *("numerics/*.py", "retargeting/trajopt/*.py", "retargeting/trajopt/*/*.py", "objects/*.py"),
     *(f"retargeting/{name}.py" for name in ("targets", "feet", "site_pins", "mobile_base_path", "local_resolve")),
     *("retargeting/orientation_flips.py", "human/skeleton.py", "human/person.py", "human/rotation_jumps.py"),
     *(f"clip/{name}.py" for name in ("floor", "infer_contacts", "augment")),
+    *("evaluation/*.py", "motion/*.py", "motion/check/*.py", "motion/formats/*.py"),
 ]
 NEAREST = {
     "numerics/distance_grid.py": "skin",
@@ -36,9 +37,20 @@ NEAREST = {
     "retargeting/trajopt/solvers/*.py": "solver",
     "retargeting/trajopt/terms/*.py": "terms solver",
     "retargeting/trajopt/terms/pinned.py": "site_pins",
-    "retargeting/targets.py": "site_pins retarget_people",
-    "retargeting/feet.py": "feet_anchors",
+    "retargeting/targets.py": "site_pins multi_robot",
     "retargeting/mobile_base_path.py": "upper_body",
+    "evaluation/*.py": "figures",
+    "evaluation/contact_figures.py": "figures",
+    "evaluation/hand_slip.py": "contact_figures figures",
+    "evaluation/penetration.py": "figures surface_distances",
+    "evaluation/physics_figures.py": "figures motion contact_forces",
+    "evaluation/soundness.py": "thresholds",
+    "motion/*.py": "motion",
+    "motion/contact_arrays.py": "write_export",
+    "motion/performance.py": "motion certificate",
+    "motion/result.py": "result_file motion",
+    "motion/check/*.py": "finding check_motion",
+    "motion/formats/*.py": "formats csv write_export",
     "human/skeleton.py": "person body_model",
     "clip/floor.py": "infer_contacts",
     "objects/track.py": "clip own_layout",
