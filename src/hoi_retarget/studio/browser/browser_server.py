@@ -66,15 +66,10 @@ class PageServer(viser.ViserServer):
 
 
 def open_server(title: str, *, host: str = "127.0.0.1", port: int | None = None) -> PageServer:
-    """Start a server in threads of its own; `get_port()` tells where, `stop()` ends it.
+    """Start a server of a page with a title, in threads of its own; `get_port()` tells where, `stop()` ends it.
 
-    Args:
-        title: Shown at the top of its page.
-        host: Address to listen at.
-        port: Exactly this one, or the first free one from 8080 on.
-
-    Raises:
-        ArgumentError: The port is taken, or the machine does not have this address.
+    Without a port it takes the first free one from 8080 on. Raises `ArgumentError` when the port is taken, or the
+    machine does not have this address.
     """
     check_address(host, port)
     # A browser that goes while a frame is drawn for it is no mistake.
@@ -203,9 +198,7 @@ class PageContent:
 def page_content(shown: Sequence[SceneItem], *, compared: bool = False) -> PageContent:
     """Return the content for results and clips; raises as `make_scene`.
 
-    Args:
-        shown: The results and clips.
-        compared: Whether there are curves of the motions before, too.
+    If `compared`, there are curves of the motions before, too.
     """
     scene = make_scene(shown)
     motions = [(item, item.title, item.motion) for item in shown]

@@ -57,10 +57,7 @@ class EditSession:
         """Return the state after an edit, solved around the changed frames alone; quickly during a drag.
 
         A contact that is retimed again right away was retimed once, and a part that is pinned again was pinned once.
-
-        Raises:
-            ClipError: The edit cannot be done.
-            SolveError: The frames around it end without a usable trajectory.
+        Raises `ClipError` when the edit cannot be done, `SolveError` when its frames end without a usable trajectory.
         """
         edits, last = self.now.edits, self.now.edits.edits[-1:]
         again = _again(edit, last[0]) if last else None

@@ -33,12 +33,7 @@ class SegmentEnds:
         self._sliders: list[viser.GuiSliderHandle[int]] = []
 
     def show(self, segments: Sequence[Segment], drag: Callable[[int, int, int], None]) -> None:
-        """Lay the sliders over these contacts' ends.
-
-        Args:
-            segments: The contacts.
-            drag: Receives the number of a contact, which end of it (0, 1) is dragged, and to which frame.
-        """
+        """Lay the sliders over the contacts' ends; `drag` receives a contact's number, the end (0, 1) and its frame."""
         while len(self._sliders) > 2 * len(segments):
             self._sliders.pop().remove()
         with self._timeline:

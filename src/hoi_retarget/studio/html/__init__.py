@@ -18,12 +18,7 @@ if TYPE_CHECKING:
 
 
 def render(template: str, **values: Any) -> str:
-    """Return a template filled with values.
-
-    Args:
-        template: Its path inside the package, with forward slashes.
-        values: All that it names.
-    """
+    """Return a template, named by its path inside the package with forward slashes, filled with values."""
     return _environment().get_template(template).render(values)
 
 

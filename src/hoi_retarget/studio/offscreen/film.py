@@ -40,14 +40,8 @@ _GIF_TICK_MS = 10  # A GIF counts time in hundredths of a second.
 def panels(shown: Sequence[SceneItem], side: Side = "both", also: Sequence[str] = ()) -> tuple[DrawnScene, ...]:
     """Return the scene of each panel: the human of each clip, then each robot, or robots that share objects.
 
-    Args:
-        shown: Results and clips.
-        side: Whose panels.
-        also: More layers of robots, such as `reference` and `forces`.
-
-    Raises:
-        ArgumentError: There is nothing to see on that side.
-        GeometryError: An object's mesh file cannot be read.
+    `also` are more layers of robots, such as `reference` and `forces`. Raises `ArgumentError` when there is nothing to
+    see on that side, `GeometryError` when an object's mesh file cannot be read.
     """
     hosts = group_by_shared_objects(shown)
     groups = [[item for item, host in zip(shown, hosts, strict=True) if host == index] for index in sorted(set(hosts))]
@@ -94,14 +88,13 @@ def panel_renderer(
 ) -> Iterator[Callable[[float], Picture]]:
     """Open a function that draws all panels at a time [s] in one picture; panels of several results have captions.
 
+    Raises `DrawingError` where this machine has no way to draw without a screen.
+
     Args:
         filmed: The scene of each panel.
         view: Direction, distance and motion of the cameras.
         width: Of the picture [px].
         height: Of the picture [px].
-
-    Raises:
-        DrawingError: This machine has no way to draw without a screen.
     """
     columns = _columns(len(filmed), width / height)
     rows = -(-len(filmed) // columns)
@@ -196,8 +189,7 @@ def _animated(frames: Sequence[Image.Image], kind: str, fps: float, tick_ms: int
 def mp4(pictures: Iterable[Picture], fps: float) -> bytes:
     """Return pictures, of even width and height, as an MP4 file with H.264 video that every player knows.
 
-    Raises:
-        HoiRetargetError: What encodes it is not installed, or fails.
+    Raises `HoiRetargetError` when the encoder is not installed, or fails.
     """
     try:
         from imageio_ffmpeg import get_ffmpeg_exe  # noqa: PLC0415 # pyright: ignore[reportMissingImports] - optional

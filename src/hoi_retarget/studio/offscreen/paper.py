@@ -35,11 +35,7 @@ _DARKEST, _DIRECTIONS = 0.55, 12
 
 @contextmanager
 def cutout_renderer(scene: DrawnScene, width: int, height: int) -> Iterator[Callable[[int, Camera], Cutout]]:
-    """Open a function that draws a frame of a scene's shown layers without floor and sky, in a size [px].
-
-    Raises:
-        DrawingError: This machine has no way to draw without a screen.
-    """
+    """Open a function that draws a frame of shown layers without floor and sky, in pixels; raises `DrawingError`."""
     with filled_renderer(scene, _FINE * width, _FINE * height, stage.UNSMOOTHED) as (renderer, fill):
 
         def draw(frame: int, camera: Camera) -> Cutout:
@@ -164,7 +160,7 @@ def paper_picture(  # noqa: PLR0913 - options with defaults, and what is drawn
     transparent: bool = False,
     drawn: Callable[[], None] = lambda: None,
 ) -> bytes:
-    """Return a PNG file: a row for each scene, a column for each time.
+    """Return a PNG file: a row for each scene, a column for each time; raises `DrawingError`.
 
     Args:
         filmed: What the rows show.
@@ -176,9 +172,6 @@ def paper_picture(  # noqa: PLR0913 - options with defaults, and what is drawn
         overlaid: Lay all frames of a row over each other instead, the earlier ones fainter.
         transparent: Leave the background out instead of painting it white.
         drawn: Called after each frame.
-
-    Raises:
-        DrawingError: This machine has no way to draw without a screen.
     """
     placed = cameras(filmed, view, cell[0] / cell[1])
     lines: list[list[Cutout]] = []

@@ -34,14 +34,13 @@ def offscreen_renderer(
 ) -> Iterator[Callable[[int, Camera], Picture]]:
     """Open a function that draws a frame of a scene's shown layers.
 
+    Raises `DrawingError` where this machine has no way to draw without a screen.
+
     Args:
         scene: The scene.
         width: Of a picture [px].
         height: Of a picture [px].
         quality: Smoothness of edges and round shapes.
-
-    Raises:
-        DrawingError: This machine has no way to draw without a screen.
     """
     with filled_renderer(scene, width, height, quality) as (renderer, fill):
 
@@ -58,10 +57,7 @@ def filled_renderer(
 ) -> Iterator[tuple[mujoco.Renderer, Callable[[int, Camera], Float[np.ndarray, "3"]]]]:
     """Open a renderer, and a function that fills it with a lit frame and returns the unit vector of the sun's light.
 
-    Arguments are those of `offscreen_renderer`.
-
-    Raises:
-        DrawingError: This machine has no way to draw without a screen.
+    Arguments and errors are those of `offscreen_renderer`.
     """
     stage.check_can_draw()
     layers = [

@@ -37,7 +37,10 @@ def picture(
     views: tuple[CameraSettings, ...] = FRONT_AND_SIDE,
     height: int = 800,
 ) -> Picture:
-    """Draw a robot on a floor, one panel per view, side by side.
+    """Draw a robot on a floor, one panel per view, side by side, in red, green, blue.
+
+    Raises `ArgumentError` for a configuration of another robot, `ReadError` for mesh files that are missing or damaged,
+    and `DrawingError` where this machine has no way to draw without a screen.
 
     Args:
         spec: The robot.
@@ -46,13 +49,6 @@ def picture(
             without it those that were fetched, or the primitives of the MJCF.
         views: One panel each, from left to right.
         height: Of the picture [px]; a panel is 0.62 times as wide.
-
-    Returns:
-        The picture as red, green, blue.
-
-    Raises:
-        ReadError: A mesh file is missing, or MuJoCo cannot read it.
-        DrawingError: This machine has no way to draw without a screen.
     """
     model = load_model(spec)
     pose = model.home_qpos if qpos is None else qpos
@@ -109,11 +105,7 @@ class Portrait:
 
 
 def portraits(model: RobotModel) -> Iterator[Portrait]:
-    """Yield the pictures of a robot, one after the other.
-
-    Raises:
-        DrawingError: This machine has no way to draw without a screen.
-    """
+    """Yield the pictures of a robot, one after the other; raises `DrawingError`."""
     home, zero = (_on_the_floor(model, joints) for joints in (model.home_qpos[7:], np.zeros(model.n)))
     with_sites = _with_sites(model.forward(np.stack([home, zero])))
     yield Portrait("Home pose", "Each site's axes: x red, y green, z blue. Front and right side.", next(with_sites))
@@ -245,11 +237,7 @@ def thumbnails(scene: DrawnScene, frame: int, fitted: FittedCamera) -> dict[str,
 
 
 def picture_of(scene: DrawnScene, frame: int, fitted: FittedCamera) -> Picture:
-    """Return a frame, small.
-
-    Raises:
-        DrawingError: This machine has no way to draw without a screen.
-    """
+    """Return a frame, small; raises `DrawingError`."""
     with offscreen_renderer(scene, WIDTH, HEIGHT) as draw:
         return draw(frame, fitted.camera(scene, frame, WIDTH / HEIGHT))
 

@@ -16,11 +16,7 @@ from hoi_retarget.studio.report.rows import Row
 
 
 def read_manifests(manifests: Sequence[Path]) -> tuple[dict[Path, Mapping[str, Any]], list[Row]]:
-    """Return the lineages of batches' results by their resolved paths, and a row for each job without one.
-
-    Raises:
-        ReadError: A manifest cannot be read.
-    """
+    """Return lineages of batches' results by resolved path, and a row for each job without one; raises `ReadError`."""
     lineages: dict[Path, Mapping[str, Any]] = {}
     missing: list[Row] = []
     for manifest in manifests:
@@ -55,9 +51,7 @@ def find(named: Sequence[Path]) -> tuple[dict[str, Path], tuple[Path, ...]]:
 
     In folders, hidden files, what an earlier report wrote and contacts beside exports are left out, and tables (.csv)
     that are no motion: words without columns of a root. A folder of tables that are one motion is named as a whole.
-
-    Raises:
-        ArgumentError: A path does not exist, or there is no such file in any of the folders.
+    Raises `ArgumentError` for a path that does not exist, or when there is no such file in any of the folders.
     """
     paths: dict[Path, Path] = {}
     manifests: dict[Path, Path] = {}

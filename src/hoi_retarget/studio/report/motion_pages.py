@@ -71,15 +71,10 @@ class MotionPages:
         """Why there are no pictures; empty where there are."""
 
     def add(self, paths: Mapping[str, Path], make: Callable[[], tuple[ClipPage, int, Sequence[float]] | None]) -> None:
-        """Write the page of motions that are shown together, unless an earlier one shows the same.
+        """Write the page of motions that are shown together, unless an earlier one shows the same; raises `WriteError`.
 
-        Args:
-            paths: The motions' files, by their names in the report.
-            make: Returns the page, the frame of the picture and the worst moment of each motion [s]; None where there
-                is nothing to show.
-
-        Raises:
-            WriteError: There is no room, or no permission.
+        The files are by their names in the report. `make` returns the page, the frame of the picture and the worst
+        moment of each motion [s]; None where there is nothing to show.
         """
         digest = self._digest(paths.values())
         earlier = {file: self._earlier[file] for file in paths if file in self._earlier}

@@ -37,16 +37,14 @@ def motion_from_qpos(
 ) -> Motion:
     """Return a robot's path as a result, with the figures in its report that need no human and no object's shape.
 
-    Its stance is estimated. Who touches what is not known, and inverse kinematics is the motion itself.
+    Its stance is estimated. Who touches what is not known, and inverse kinematics is the motion itself. Raises
+    `ClipError` when numbers are not finite, or rotations are no unit quaternions.
 
     Args:
         qpos: Root position [m], root rotation wxyz, joints [rad] in the model's order.
         fps: Frames a second.
         model: The robot.
         objects: What it moves.
-
-    Raises:
-        ClipError: Numbers are not finite, or rotations are no unit quaternions.
     """
     frames, kinematics = len(qpos), model.forward(qpos)
     motion = Motion(
@@ -128,15 +126,10 @@ class OpenedMotion:
 
 
 def open_motion(path: Path, robot: RobotModel) -> OpenedMotion:
-    """Return the motion in a file.
+    """Return a result, or the motion of a robot in another program's format, which does not name the robot.
 
-    Args:
-        path: A result, or a motion in another program's format.
-        robot: The robot of the latter, which do not say.
-
-    Raises:
-        ReadError: The file is missing, damaged, or of no known format.
-        ClipError: Its numbers do not tell what the poses are.
+    Raises `ReadError` when the file is missing, damaged, or of no known format; `ClipError` when its numbers do not
+    tell the poses.
     """
     if _is_result(path):
         return OpenedMotion(load(path), OWN_FORMAT)

@@ -22,12 +22,7 @@ _ROOM = 1.04  # Between the last value and the edge.
 
 
 def histogram(threshold: Threshold, values: Sequence[float]) -> str:
-    """Return an SVG element: a bar is as long as the number of motions, coloured by how good they are.
-
-    Args:
-        threshold: The figure.
-        values: Of each motion, in stored units; at least one.
-    """
+    """Return an SVG histogram of at least one value, in stored units; colours of bars tell how good the values are."""
     sign = 1.0 if threshold.column.better == "lower" else -1.0
     low, high, labels = _axis(threshold, sign, values)
 
@@ -147,13 +142,7 @@ class Table:
 
 
 def report_page(title: str, rows: Sequence[Row], pages: Mapping[str, MotionPage]) -> str:
-    """Return the page.
-
-    Args:
-        title: Of the report.
-        rows: Its files.
-        pages: Those that play motions, by the motions' files.
-    """
+    """Return the page of a report's rows; `pages` are those that play motions, by the motions' files."""
     judged = worst_first(rows)
     unread = [row for row in rows if row.verdict is None]
     thresholds = [threshold for threshold in _chosen(_IN_TABLE) if _values(judged, threshold.name)]

@@ -26,11 +26,7 @@ class Trial:
 
 
 def robot_page(model: RobotModel, findings: Sequence[RobotFinding], trials: Sequence[Trial]) -> str:
-    """Return the page.
-
-    Raises:
-        DrawingError: This machine has no way to draw without a screen.
-    """
+    """Return the page; raises `DrawingError` where this machine has no way to draw without a screen."""
     pictures = [*portraits(model), *(_portrait(trial) for trial in trials if trial.picture is not None)]
     return render(
         "studio/report/page/robot.html.j2",

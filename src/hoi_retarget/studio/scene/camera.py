@@ -27,13 +27,7 @@ class Extent:
 
 
 def extents(scene: DrawnScene, frames: Sequence[int], followed: Float[np.ndarray, "T 3"]) -> list[Extent]:
-    """Return the extents of all shown shapes and solids.
-
-    Args:
-        scene: What is looked at.
-        frames: T frames of the scene.
-        followed: The point that the camera follows in each of them [m].
-    """
+    """Return the extents of all shown shapes and solids in T frames, about the followed point of each [m]."""
     found = []
     for subject in scene.subjects:
         own = [scene.frame_of(subject, frame) for frame in frames]
@@ -66,10 +60,8 @@ def camera_axes(azimuth: float, elevation: float) -> Float[np.ndarray, "3 3"]:
 def distance_to_see(reaches: Float[np.ndarray, "K 3"], aspect: float, slope: float) -> float:
     """Return the distance from which a camera has everything in its picture [m].
 
-    Args:
-        reaches: Of each part to a side, up or down, and backwards from the camera's target [m].
-        aspect: Width of the picture over its height.
-        slope: Tangent of half the field of view, from bottom to top.
+    Parts reach to a side, up or down, and backwards from the camera's target [m]. The aspect is the picture's width
+    over its height, the slope the tangent of half the field of view, from bottom to top.
     """
     sideways, upright, near = reaches.T
     return float(np.max(np.maximum(upright, sideways / aspect) / slope + near))
@@ -115,12 +107,9 @@ class CameraSettings:
 
 
 def cameras(scenes: Sequence[DrawnScene], view: CameraSettings, aspect: float) -> list[Callable[[int], Camera]]:
-    """Return, for each scene, the camera of every frame: at one distance, and with the floors at one height.
+    """Return cameras of every frame for scenes beside each other, at one distance and with the floors at one height.
 
-    Args:
-        scenes: What pictures beside each other show.
-        view: How to look at them.
-        aspect: Width of a picture over its height.
+    The aspect is a picture's width over its height.
     """
     if view.look is not None:
         return [_close_camera(scene, view, view.look) for scene in scenes]
@@ -215,9 +204,7 @@ class FittedCamera:
 def fit_camera(scene: DrawnScene, ahead: Float[np.ndarray, "2"]) -> FittedCamera:
     """Return a camera that stands across the direction of the scene's largest spread, on the side that robots face.
 
-    Args:
-        scene: What is looked at; only layers that are shown count.
-        ahead: Horizontal direction that the robots face, of any length.
+    Only shown layers count; `ahead` is the horizontal direction that the robots face, of any length.
     """
     frames = range(scene.frames)
     seen = extents(scene, frames, np.stack([scene.centre(frame) for frame in frames]))
@@ -250,10 +237,7 @@ def fit_window(
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "K 3"]]:
     """Return the middle of all extents, from the followed point, and the reaches of each from there [m].
 
-    Args:
-        seen: The extents.
-        axes: Of `camera_axes`.
-        left_out: Share of the frames that may leave the picture, to each side [%].
+    The axes are those of `camera_axes`. A share of the frames, `left_out`, may leave the picture to each side [%].
     """
 
     def reach(extent: Extent, axis: np.ndarray, origin: np.ndarray) -> float:

@@ -53,12 +53,7 @@ class BarRow:
 
 
 def bar_rows(results: Sequence[tuple[str, Motion]], *, contacts: bool = True) -> tuple[BarRow, ...]:
-    """Return the rows of one or several results; rows that say the same of several are there once.
-
-    Args:
-        results: Each result's title and motion.
-        contacts: Whether rows of contacts are among them.
-    """
+    """Return the rows of one or several results by their titles; rows that say the same of several are there once."""
     rows: list[BarRow] = []
     for title, motion in results:
         for row in _rows(motion, contacts):
@@ -132,7 +127,7 @@ class Curve:
 def curves_of(
     motion: Motion, model: RobotModel, geometries: tuple[ObjectGeometry, ...] | None = None
 ) -> tuple[Curve, ...]:
-    """Return the curves of a result.
+    """Return the curves of a result; raises `RobotError` when its joints are not the model's.
 
     - `surface gap` [mm]: of the skin of each link that is to touch, negative inside the object.
     - `inside object` [mm]: of the deepest point of the robot.
@@ -141,9 +136,6 @@ def curves_of(
     - `slide` [cm/s]: horizontal speed of each ankle over pairs of stance frames.
     - `jerk` [m/s^3]: mean and largest over the links.
     - `joint margin` [deg] and `speed margin` [rad/s]: smallest over the joints.
-
-    Raises:
-        RobotError: The motion's joints are not the model's.
     """
     check_robot(motion, model)
     kinematics = model.forward(motion.qpos)

@@ -131,11 +131,9 @@ _TOE_HEIGHT = 0.0145
 
 
 def person_in_pose(kinematics: Kinematics, aside: Float[np.ndarray, "3"]) -> Person:
-    """Return a person of the robot's stature on the floor, with limbs turned as the robot's.
+    """Return a person of the robot's stature on the floor, with limbs turned as the robot's in one pose or several.
 
-    Args:
-        kinematics: The robot's pose, or several.
-        aside: From the robot's pelvis to the person's, of which the height does not count [m].
+    `aside` leads from the robot's pelvis to the person's [m]; its height does not count.
     """
     spec = kinematics.model.spec
     bones = rest_offsets(spec.stature)

@@ -41,7 +41,7 @@ def object_solid(
     quats: Float[np.ndarray, "T 4"],
     colour: Colour,
 ) -> Solid:
-    """Return an object's mesh, scaled about its origin, at its poses.
+    """Return an object's mesh, scaled about its origin, at its poses; raises `GeometryError` for an unreadable file.
 
     Args:
         geometry: The object's shape at captured size.
@@ -49,9 +49,6 @@ def object_solid(
         positions: [m]
         quats: wxyz
         colour: Of the mesh.
-
-    Raises:
-        GeometryError: its mesh file cannot be read.
     """
     surface = surface_of(geometry)
     vertices, faces = decimated(surface.vertices, surface.faces)
@@ -109,12 +106,9 @@ _LIGHT, _DARK = (0.78, 0.79, 0.8, 1.0), (0.16, 0.16, 0.18, 1.0)
 def attach_visual_meshes(description: mujoco.MjSpec, spec: RobotSpec, folder: Path) -> None:
     """Add the vendor meshes to the bodies.
 
-    A mesh lies in its body's frame, or where the MJCF has a site `mesh_FILE`. It looks like the first
-    primitive of its body; what is put on (head, logo, hands: what has such a site) is drawn dark.
-
-    Raises:
-        RobotError: The robot's specification names no meshes.
-        ReadError: A mesh file is missing.
+    A mesh lies in its body's frame, or where the MJCF has a site `mesh_FILE`. It looks like the first primitive of its
+    body; what is put on (head, logo, hands: what has such a site) is drawn dark. Raises `RobotError` when the
+    specification names no meshes, `ReadError` when a mesh file is missing.
     """
     if not spec.meshes:
         raise RobotError(f"{spec.name}: its specification names no mesh files, so only its primitives can be drawn.")
@@ -146,11 +140,9 @@ def attach_visual_meshes(description: mujoco.MjSpec, spec: RobotSpec, folder: Pa
 def menagerie_meshes(spec: RobotSpec) -> Path:
     """Return the folder of a robot's meshes from MuJoCo Menagerie, where that package is installed.
 
-    The optional package `mujoco-menagerie` downloads them on first use and keeps them in its cache.
-
-    Raises:
-        ArgumentError: Menagerie does not have this robot.
-        HoiRetargetError: The package is not installed, or the download failed.
+    The optional package `mujoco-menagerie` downloads them on first use and keeps them in its cache. Raises
+    `ArgumentError` when Menagerie lacks this robot, `HoiRetargetError` when the package is not installed or the
+    download failed.
     """
     try:
         import mujoco_menagerie  # noqa: PLC0415 # pyright: ignore[reportMissingImports] - optional
@@ -188,15 +180,13 @@ def robot_parts(
 ) -> tuple[Part, ...]:
     """Return a robot over time: its vendor meshes, or the shapes of its MJCF where there are none.
 
+    Raises `RobotError` when the specification names no meshes, `ReadError` when a mesh file is missing or damaged.
+
     Args:
         model: The robot.
         kinematics: Its poses.
         meshes: A folder with the files; None for those that were fetched, if any.
         beyond: A site; only the link that carries it and links that hang from that one are returned.
-
-    Raises:
-        RobotError: The robot's specification names no meshes.
-        ReadError: A mesh file is missing, or MuJoCo cannot read it.
     """
     nodes = _nodes(model, beyond)
     folder = meshes or fetched_meshes(model.spec)

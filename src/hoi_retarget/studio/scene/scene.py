@@ -46,9 +46,7 @@ def shared_objects(motion: Motion) -> str:
 def group_people(objects: Sequence[Hashable], people: Sequence[int]) -> tuple[int, ...]:
     """Return, for each motion, the index of the first one that it is shown with: its own where it is alone.
 
-    Args:
-        objects: Identity of the objects of each; without objects where that is empty.
-        people: Whose motion each is: a second one of the same person stands apart.
+    `objects` are identities, empty for a motion without objects; of one person's motions, a second one stands apart.
     """
     hosts: list[int] = []
     groups: dict[Hashable, dict[int, set[int]]] = {}
@@ -128,11 +126,8 @@ class SceneItem:
 def make_scene(shown: Sequence[SceneItem]) -> DrawnScene:
     """Return the scene of results and clips, one subject for each, in the order of the places.
 
-    Raises:
-        ArgumentError: There is nothing to show.
-        GeometryError: An object's mesh file cannot be read.
-        RobotError: A robot's specification names no vendor meshes.
-        ReadError: A mesh file of a robot is missing, or cannot be read.
+    Raises `ArgumentError` when there is nothing to show, `GeometryError` when an object's mesh file cannot be read, and
+    for a robot's vendor meshes `RobotError` when it names none, `ReadError` when one is missing or damaged.
     """
     if not shown:
         raise ArgumentError("there is nothing to show. Name a result or a clip.")

@@ -33,14 +33,9 @@ def make_subplots(shown: Sequence[SceneItem]) -> DrawnScene:
     """Return results and clips with a subject for each robot, and one for each human, where they were computed.
 
     Robots that move the same objects of one clip are one subject, and so are their humans. Who is there several times
-    with the same motion, such as the human whom several results follow, is there once, and first.
-
-    Args:
-        shown: What to draw; titles name the robots.
-
-    Raises:
-        ArgumentError: There is nothing to show.
-        GeometryError: An object's mesh file cannot be read.
+    with the same motion, such as the human whom several results follow, is there once, and first. Titles name the
+    robots. Raises `ArgumentError` when there is nothing to show, `GeometryError` when an object's mesh file cannot be
+    read.
     """
     if not shown:
         raise ArgumentError("there is nothing to show. Name a result or a clip.")

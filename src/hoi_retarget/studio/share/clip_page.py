@@ -64,7 +64,7 @@ def make_clip_page(
     notices: Sequence[str] = (),
     detail: Detail = SMALL,
 ) -> ClipPage:
-    """Return the page of some results.
+    """Return the page of some results; raises `GeometryError` when an object's mesh file cannot be read.
 
     Args:
         title: Of the page.
@@ -72,9 +72,6 @@ def make_clip_page(
         back: Target of a link above the title.
         notices: Problems with files, a sentence each.
         detail: How much of long motions the page holds.
-
-    Raises:
-        GeometryError: An object's mesh file cannot be read.
     """
     entries, shown = [entry for entry, _ in results], [item for _, item in results]
     subplots = make_subplots(shown)

@@ -58,8 +58,7 @@ class OnePageServer:
     def __init__(self, page: Callable[[], str], *, host: str = "127.0.0.1", port: int | None = None) -> None:
         """Start to listen, in threads of its own, at exactly this port or at the first free one from 8080 on.
 
-        Raises:
-            ArgumentError: The port is taken, or the machine does not have this address.
+        Raises `ArgumentError` when the port is taken, or the machine does not have this address.
         """
         check_address(host, port)
         self._token = secrets.token_urlsafe(16)

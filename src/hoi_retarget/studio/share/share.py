@@ -32,9 +32,7 @@ class Gallery:
     def add(self, title: str, results: Sequence[tuple[GalleryEntry, SceneItem]]) -> None:
         """Write the page of results that are shown together, and its pictures where this machine can draw.
 
-        Raises:
-            GeometryError: An object's mesh file cannot be read.
-            WriteError: There is no room, or no permission.
+        Raises `GeometryError` when an object's mesh file cannot be read, and `WriteError`.
         """
         name = file_name(title, ("index", *(Path(card.page).stem for card in self._cards)))
         page = make_clip_page(title, results, back=BackLink(self._title, "index.html"))
@@ -71,11 +69,8 @@ class Gallery:
 def gallery_in(out: Path, title: str) -> Iterator[Gallery]:
     """Open a gallery that is in a folder when the block ends without an error; until then nothing changes there.
 
-    An earlier gallery in that folder is replaced.
-
-    Raises:
-        ArgumentError: The folder holds other files than an earlier gallery's.
-        WriteError: It cannot be written; what was there before still is.
+    An earlier gallery in that folder is replaced. Raises `ArgumentError` when the folder holds other files than an
+    earlier gallery's, and `WriteError`, with all as it was before, when it cannot be written.
     """
     check_replaceable(out)
     out = out.resolve()  # A name is needed, which `.` has not; and a link stays one.
