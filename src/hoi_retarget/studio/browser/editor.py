@@ -7,9 +7,7 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import wraps
 from pathlib import Path
-from typing import Concatenate, ParamSpec
 
 import numpy as np
 import viser
@@ -39,7 +37,7 @@ from hoi_retarget.retargeting.config import Config
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.studio.browser.browser_server import PageContent, PageServer, page_content, serve_sessions
 from hoi_retarget.studio.browser.edit_session import EditSession, EditState
-from hoi_retarget.studio.browser.editor_panel import PANEL_WIDTH_PX, EditorPanel, changes_text
+from hoi_retarget.studio.browser.editor_panel import PANEL_WIDTH_PX, TYPING_DELAY_S, EditorPanel, changes_text
 from hoi_retarget.studio.browser.handles import EditorPins, EditorPoints, pin_text
 from hoi_retarget.studio.browser.player import Player
 from hoi_retarget.studio.browser.strip import (
@@ -54,11 +52,8 @@ from hoi_retarget.studio.browser.strip import (
 from hoi_retarget.studio.browser.worker import Worker
 from hoi_retarget.studio.scene.scene import SceneItem
 
-_TYPING_DELAY_S = 0.6  # Without a change, after which a number counts as typed.
 _DRAG_DECIMALS = 4  # Of a dragged point [m]: tenths of a millimetre.
 _NEW_CONTACT_S = 0.5
-
-P = ParamSpec("P")
 
 
 @dataclass(frozen=True)
@@ -96,18 +91,11 @@ def serve_editor(  # noqa: PLR0913, PLR0917 - one session's inputs and the serve
     serve_sessions(server, create_session)
 
 
-def _queued(action: Callable[Concatenate["Editor", P], None]) -> Callable[Concatenate["Editor", P], None]:
-    """Return a method that runs in the editor's thread, after all earlier requests."""
-
-    @wraps(action)
-    def queue(editor: "Editor", /, *args: P.args, **options: P.kwargs) -> None:
-        editor.run(lambda: action(editor, *args, **options))
-
-    return queue
-
-
 class Editor:
-    """Shows a clip's contacts to one browser and changes them at its requests, until `stop`."""
+    """Shows a clip's contacts to one browser and changes them at its requests, until `stop`.
+
+    Its actions are tasks of its worker: widgets queue them, and errors of theirs are shown.
+    """
 
     def __init__(
         self,
@@ -126,20 +114,21 @@ class Editor:
         self._chosen: tuple[int, str, int] | None = None
         self._compared = False
         self._version: str | None = None
-        self._worker = Worker("editor")
+        self.worker = Worker("editor", self._show_error)
         self.player = Player(client, self._content(session.now), left_px=PANEL_WIDTH_PX)
         self._ends = SegmentEnds(self.player.timeline, client.gui, session.recorded.frames)
-        self._points = EditorPoints(client.scene, session.now.motions[0], choose=self.choose, drag=self.drag)
+        self._points = EditorPoints(client.scene, self)
         self.panel = EditorPanel(client.gui, self)
         self._pins = EditorPins(client, self)
         self.player.attach(self._points.show_frame)
-        self._worker.do(lambda: self.show(f"{len(session.now.segments)} contacts. Choose a row or a point."))
+        self.worker.do(lambda: self.show(f"{len(session.now.segments)} contacts. Choose a row or a point."))
         if self.has_autosave:
-            self._offer_autosave()
+            unsaved = "{} of last time not saved. Take them up, under Versions, or go on without."
+            self.worker.do(lambda: self.panel.say(unsaved.format(_count(load(targets.files.unsaved)))))
 
     def stop(self) -> None:
         """End the editor's work."""
-        self._worker.stop()
+        self.worker.stop()
         self.player.stop()
 
     @property
@@ -155,7 +144,7 @@ class Editor:
     @property
     def chosen(self) -> Segment | None:
         """The chosen segment; None where there is none."""
-        return self._chosen_of(self.session.now.segments)
+        return self._chosen_in(self.edited)
 
     @property
     def commands(self) -> Sequence[Mapping[str, Callable[[], None]]]:
@@ -168,20 +157,9 @@ class Editor:
             {"Save edits": self._save_edits, "Save result": self._save_result},
         )
 
-    # Requests of the browser, each done by the worker's thread.
-
-    def run(self, task: Callable[[], None]) -> None:
-        """Run a task after all earlier requests; its errors are shown."""
-        self._worker.do(lambda: self._guarded(task))
-
-    def run_latest(self, task: Callable[[], None]) -> None:
-        """Run a task unless there is another request until then; its errors are shown."""
-        self._worker.do_latest(lambda: self._guarded(task))
-
-    @_queued
     def choose(self, index: int) -> None:
         """Choose a segment, and show a frame in which it is touched."""
-        segments = self.session.now.segments
+        segments = self.edited.segments
         if index < len(segments):
             segment = segments[index]
             self._chosen = (segment.person, segment.part, segment.start)
@@ -189,18 +167,20 @@ class Editor:
                 self.player.seek((segment.start + segment.stop) // 2)
             self.show()
 
-    @_queued
     def change(self, edit_of: Callable[[Segment], Edit]) -> None:
         """Change the chosen segment."""
-        self._change(edit_of)
-
-    def change_when_typed(self, kind: str, edit_of: Callable[[Segment], Edit]) -> None:
-        """Change the chosen segment once nothing of a kind has been typed for a moment."""
-        self._worker.do_later(lambda: self._guarded(lambda: self._change(edit_of)), _TYPING_DELAY_S, kind)
+        segment = self.chosen
+        if segment is None:
+            self.panel.say("No contact is chosen. Choose a row or a point first.", wrong=True)
+        else:
+            self.commit(edit_of(segment))
 
     def drag_end(self, number: int, end: int, frame: int) -> None:
-        """Show the frame to which an end of a contact's bar is dragged; retime the contact once it lies still."""
-        segments = self.session.now.segments
+        """Show the frame to which an end of a contact's bar is dragged, and retime the contact once it lies still.
+
+        Unlike the other actions it is done at once, in the caller's thread.
+        """
+        segments = self.edited.segments
         if number >= len(segments):
             return
         span = dragged(segments, number, end, frame)
@@ -209,19 +189,18 @@ class Editor:
         self.panel.say(dragged_text(segments[number], span))
 
         def task() -> None:
-            segments = self.session.now.segments
+            segments = self.edited.segments
             if number < len(segments):
                 segment, (start, stop) = segments[number], dragged(segments, number, end, frame)
                 self._chosen = (segment.person, segment.part, segment.start)
                 self.commit(Retime(segment.part, segment.start, start, stop, person=segment.person))
 
-        self._worker.do_later(lambda: self._guarded(task), _TYPING_DELAY_S, f"end {end} of {number}")
+        self.worker.do_later(task, TYPING_DELAY_S, f"end {end} of {number}")
 
-    @_queued
     def add(self, person: int, part: str, item: int) -> None:
         """Add a contact with an object from this frame on, where the robot's part is nearest to its surface."""
-        clip, frame = self.session.now.clip, self.frame
-        own = [seg for seg in self.session.now.segments if (seg.person, seg.part) == (person, part)]
+        clip, frame = self.edited.clip, self.frame
+        own = [seg for seg in self.edited.segments if (seg.person, seg.part) == (person, part)]
         later = [segment.start for segment in own if segment.start > frame]
         stop = min([frame + seconds_to_frames(_NEW_CONTACT_S, clip.fps), clip.frames, *later])
         point = tuple(self._nearest_point(person, part, item, frame).tolist())
@@ -231,34 +210,46 @@ class Editor:
 
     def drag(self, point: Float[np.ndarray, "3"], *, released: bool) -> None:
         """Move the chosen segment's point, in its object's frame at captured size [m]."""
-        (self.run if released else self.run_latest)(lambda: self._drag(point, released=released))
+        segment = self.chosen
+        if segment is None:
+            return
+        if self.panel.holds_on_surface:
+            geometry = self.edited.clip.objects[segment.object].geometry
+            point = surface_of(geometry).closest_points(point[None])[0]
+        offset = point - segment.points.mean(axis=0)
+        offset = np.round(offset, _DRAG_DECIMALS) + 0.0  # No minus before a zero.
+        edit = Move(segment.part, segment.start, tuple(offset.tolist()), person=segment.person)
+        if released:
+            self.commit(edit)
+        else:
+            solution = self.preview(edit)
+            gaps = self._gaps.of(solution.segments)
+            self.player.do(lambda: self._points.warn(gaps))
+            self.panel.say(self._gap_text(solution))
 
     def undo_to(self, count: int) -> None:
         """Take edits back until so many are left."""
-        if count < len(self.session.now.edits.edits):
-            self.run(lambda: self._step(lambda: self.session.undo_to(count), f"Back to {count} edits."))
+        if count < len(self.edited.edits.edits):
+            self._step(lambda: self.session.undo_to(count), f"Back to {count} edits.")
 
-    @_queued
     def compare(self, compared: bool) -> None:
         """Show or hide the last saved motion, in scene and curves."""
         self._compared = compared
         self.player.show_baseline(compared)
-        self._draw(self.session.now)
+        self._draw(self.edited)
 
-    @_queued
     def save_as(self, name: str) -> None:
         """Save the edits as a version."""
         path = self._targets.files.version(name)
         if os.path.lexists(path) and name != self._version:
             raise ArgumentError(f"there is a version {name} already. Choose another name, or load it first.")
-        save(self.session.now.edits, path)
+        save(self.edited.edits, path)
         self._begin_from(name)
         self.show(f"Saved as {path}.")
 
-    @_queued
     def load(self, name: str) -> None:
         """Go on from a version."""
-        files, earlier = self._targets.files, self.session.now
+        files, earlier = self._targets.files, self.edited
         self._load(files.version(name))
         message = f"Loaded {name}."
         if earlier.edits.edits != self._saved.edits.edits and os.path.lexists(files.unsaved):
@@ -267,26 +258,23 @@ class Editor:
         self._begin_from(name)
         self.show(message)
 
-    @_queued
     def restore_autosave(self) -> None:
         """Go on from the unsaved edits of an earlier session."""
         self._load(self._targets.files.unsaved)
         self._end_offer()
         self.show("Taken up again. They are not saved yet.")
 
-    # Work in the worker's thread.
-
     def _save_edits(self) -> None:
-        save(self.session.now.edits, self._targets.files.saved)
-        self._on_save(self.session.now)
+        save(self.edited.edits, self._targets.files.saved)
+        self._on_save(self.edited)
         self._begin_from(None)
-        self.show(f"Saved {_count(self.session.now.edits)} to {self._targets.files.saved}.")
+        self.show(f"Saved {_count(self.edited.edits)} to {self._targets.files.saved}.")
 
     def _save_result(self) -> None:
         """Solve the whole clip and write its motions."""
-        if not self.session.now.complete:
+        if not self.edited.complete:
             self.session.solve_all()
-        paths = self._targets.save_result(self.session.now)
+        paths = self._targets.save_result(self.edited)
         self.show(f"Saved {', '.join(map(str, paths))}.")
 
     def _load(self, path: Path) -> None:
@@ -296,14 +284,9 @@ class Editor:
 
     def _begin_from(self, version: str | None) -> None:
         """Make the current state the saved one: nothing is unsaved, and later states are compared with it."""
-        self._saved, self._version = self.session.now, version
+        self._saved, self._version = self.edited, version
         if not self.has_autosave:
             self._targets.files.forget()
-
-    @_queued
-    def _offer_autosave(self) -> None:
-        count = _count(load(self._targets.files.unsaved))
-        self.panel.say(f"{count} of last time not saved. Take them up, under Versions, or go on without.")
 
     def _end_offer(self) -> None:
         self.has_autosave = False
@@ -315,21 +298,14 @@ class Editor:
         if self.has_autosave:
             self._end_offer()
             message = f" What was not saved last time is version {files.set_aside()} now."
-        if self.session.now.edits.edits == self._saved.edits.edits:
+        if self.edited.edits.edits == self._saved.edits.edits:
             files.forget()
         else:
-            files.keep(self.session.now.edits)
+            files.keep(self.edited.edits)
         return message
 
-    def _change(self, edit_of: Callable[[Segment], Edit]) -> None:
-        segment = self.chosen
-        if segment is None:
-            self.panel.say("No contact is chosen. Choose a row or a point first.", wrong=True)
-        else:
-            self.commit(edit_of(segment))
-
     def commit(self, edit: Edit) -> None:
-        """Solve an edit, go on from it, and show it; in the worker's thread."""
+        """Solve an edit, go on from it, and show it."""
         start = time.perf_counter()
         solution = self.session.preview(edit)
         solved = time.perf_counter()
@@ -346,38 +322,20 @@ class Editor:
         message = f"{describe(solution.edits.edits[-1])}: {changes}. {where}"
         self.panel.say(f"{message} (solved in {1e3 * (solved - start):.0f} ms, drawn in {1e3 * drawn:.0f} ms){aside}")
 
-    def _chosen_of(self, segments: Sequence[Segment]) -> Segment | None:
+    def _chosen_in(self, edited: EditState) -> Segment | None:
         if self._chosen is None:
             return None
         person, part, frame = self._chosen
-        own = (item for item in segments if (item.person, item.part) == (person, part))
+        own = (item for item in edited.segments if (item.person, item.part) == (person, part))
         return next((item for item in own if item.holds(frame)), None)
 
     def _nearest_point(self, person: int, part: str, item: int, frame: int) -> np.ndarray:
         """Return the point of an object's surface next to a robot's part, at captured size [m]."""
-        motion = self.session.now.motions[person]
+        motion = self.edited.motions[person]
         kinematics = self.model.forward(motion.qpos[frame : frame + 1])
         place = kinematics.site_position(self.model.spec.part_sites[part])[0] - motion.object_pos[frame, item]
         inside = se3.rotate_inverse(motion.object_quat[frame, item], place) / motion.object_scale[item]
-        return surface_of(self.session.now.clip.objects[item].geometry).closest_points(inside[None])[0]
-
-    def _drag(self, point: np.ndarray, *, released: bool) -> None:
-        segment = self.chosen
-        if segment is None:
-            return
-        if self.panel.holds_on_surface:
-            geometry = self.session.now.clip.objects[segment.object].geometry
-            point = surface_of(geometry).closest_points(point[None])[0]
-        offset = point - segment.points.mean(axis=0)
-        offset = np.round(offset, _DRAG_DECIMALS) + 0.0  # No minus before a zero.
-        edit = Move(segment.part, segment.start, tuple(offset.tolist()), person=segment.person)
-        if released:
-            self.commit(edit)
-        else:
-            solution = self.preview(edit)
-            gaps = self._gaps.of(solution.segments)
-            self.player.do(lambda: self._points.warn(gaps))
-            self.panel.say(self._gap_text(solution))
+        return surface_of(self.edited.clip.objects[item].geometry).closest_points(inside[None])[0]
 
     def _step(self, step: Callable[[], None], message: str) -> None:
         start = time.perf_counter()
@@ -385,18 +343,13 @@ class Editor:
         aside = self._autosave()
         self.show(f"{message} ({1e3 * (time.perf_counter() - start):.0f} ms){aside}")
 
-    def _guarded(self, task: Callable[[], None]) -> None:
-        try:
-            task()
-        except HoiRetargetError as error:
-            self.show()
-            self.panel.say(str(error), wrong=True)
-
-    # Display of the work.
+    def _show_error(self, error: HoiRetargetError) -> None:
+        self.show()
+        self.panel.say(str(error), wrong=True)
 
     def show(self, message: str | None = None) -> None:
         """Show the current state, and a message where one is given."""
-        now, chosen = self.session.now, self.chosen
+        now, chosen = self.edited, self.chosen
         self._draw(now)
         gaps = self._gaps.of(now.segments)
         self.player.do(lambda: self._points.show(now.segments, chosen, gaps))
@@ -410,11 +363,11 @@ class Editor:
 
     def _gap_text(self, edited: EditState) -> str:
         """Return the chosen contact's distance from its surface in words; empty where none is chosen."""
-        chosen = self._chosen_of(edited.segments)
+        chosen = self._chosen_in(edited)
         return "" if chosen is None else self._gaps.of([chosen])[0].text
 
     def preview(self, edit: Edit) -> EditState:
-        """Draw a quick solution of an edit, and return it; in the worker's thread."""
+        """Draw a quick solution of an edit, and return it."""
         solution = self.session.preview(edit, quickly=True)
         self._draw(solution)
         return solution
@@ -437,7 +390,7 @@ class Editor:
         return replace(plain, strip_height_px=strip_height_px(edited.segments, edited.clip.pins))
 
     def _show_strip(self, chosen: int | None, moved: tuple[int, Span] | None = None) -> None:
-        now = self.session.now
+        now = self.edited
         self.player.show_strip(
             strip_html(now.segments, now.clip.frames, chosen, pins=now.clip.pins, moved=moved, ends=self._ends.ids)
         )

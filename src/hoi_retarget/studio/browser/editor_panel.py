@@ -1,18 +1,18 @@
 """The editor's panel: a row for each contact, actions on the chosen one and on all, and the figures."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import viser
-from jaxtyping import Float
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import Delete, Edit, Fix, Merge, Move, Retime, Segment, Snap, Split, describe, part_text
 from hoi_retarget.evaluation import COLUMNS
 from hoi_retarget.evaluation.surface_distances import distances_of_motion
 from hoi_retarget.studio.browser.edit_session import EditState
-from hoi_retarget.studio.browser.player import MESSAGE
+from hoi_retarget.studio.browser.player import MESSAGE, on_change_by_user
 from hoi_retarget.studio.browser.strip import SurfaceGap
 from hoi_retarget.studio.html import render, with_exponents
 
@@ -31,6 +31,8 @@ _FIGURES = (
 _HOTKEYS: Mapping[str, Literal["Z", "Y", "S"]] = {"Undo": "Z", "Redo": "Y", "Save edits": "S"}
 _RECORDED: str = "0: as recorded"
 _NO_VERSION: str = "-"
+TYPING_DELAY_S = 0.6
+"""Without a change, after which a number counts as typed [s]."""
 _DIGITS = 4  # Of a point's coordinates [m], as they are shown.
 
 
@@ -38,7 +40,7 @@ class EditorPanel:
     """The widgets of one browser."""
 
     def __init__(self, gui: viser.GuiApi, editor: "Editor") -> None:
-        self._gui, self._editor, self._model = gui, editor, editor.model
+        self._gui, self._editor, self._model, self._do = gui, editor, editor.model, editor.worker.do
         self._rows: list[viser.GuiButtonHandle] = []
         clip = editor.edited.clip
         panel = gui.add_panel()
@@ -54,10 +56,9 @@ class EditorPanel:
             """Folder of the pins' widgets."""
             with gui.add_folder("All"):
                 self._add_commands(editor.commands)
-                self._edits = gui.add_dropdown(
-                    "Edits", (_RECORDED,), hint="All that was done; choose one to go back to it"
-                )
-                self._edits.on_update(self._on_edits)
+                hint = "All that was done; choose one to go back to it"
+                self._edits = gui.add_dropdown("Edits", (_RECORDED,), hint=hint)
+                on_change_by_user(self._edits, self._undo_to)
             with gui.add_folder("Figures"):
                 self._figures = gui.add_html("")
             with gui.add_folder("Versions"):
@@ -111,7 +112,7 @@ class EditorPanel:
             self._frames.value = (chosen.start, chosen.stop - 1)
             self._point.value = tuple(np.round(point, _DIGITS).tolist())
         self._figures.content = _figures_html(recorded, previous or recorded, edited)
-        options = _edits_of(edited)
+        options = (_RECORDED, *(f"{number}: {describe(edit)}" for number, edit in enumerate(edited.edits.edits, 1)))
         if self._edits.options != options:
             self._edits.options = options
         self._edits.value = options[-1]
@@ -127,7 +128,8 @@ class EditorPanel:
             own = (
                 gaps[segment.person][segment.start : segment.stop, links.index(site)] if site in links else np.zeros(0)
             )
-            gap = _gap_text(float(np.nanmean(own))) if np.isfinite(own).any() else "not followed"
+            mean = 1e3 * np.nanmean(own) if np.isfinite(own).any() else None
+            gap = "not followed" if mean is None else f"{abs(mean):.1f} mm {'off' if mean > 0 else 'inside'}"
             name = part_text(segment.person, segment.part) if several else segment.part
             if place.in_thin_air:
                 gap = f"point {1e3 * place.distance:.0f} mm off"
@@ -143,15 +145,15 @@ class EditorPanel:
 
     def _add_row(self, index: int) -> viser.GuiButtonHandle:
         row = self._gui.add_button("", color="gray")
-        row.on_click(lambda _: self._editor.choose(index))
+        row.on_click(lambda _: self._do(partial(self._editor.choose, index)))
         return row
 
     def _add_chosen(self, frames: int) -> None:
         gui = self._gui
         self._frames = gui.add_multi_slider("Frames", 0, frames - 1, 1, (0, frames - 1), hint="First and last frame")
-        self._frames.on_update(self._on_frames)
+        on_change_by_user(self._frames, self._retime)
         self._point = gui.add_vector3("Point [m]", (0.0, 0.0, 0.0), step=0.001, hint="In the object's frame")
-        self._point.on_update(self._on_point)
+        on_change_by_user(self._point, self._move)
         self._surface = gui.add_checkbox("On surface", False, hint="A dragged point stays on the object's surface")
         for edits in (
             {
@@ -168,7 +170,7 @@ class EditorPanel:
                 "Delete": lambda s: Delete(s.part, s.start, person=s.person),
             },
         ):
-            self._add_choices(edits, self._editor.change)
+            self._add_choices(edits, lambda edit_of: self._do(partial(self._editor.change, edit_of)))
 
     def _add_new(self, clip: Clip) -> None:
         gui = self._gui
@@ -182,57 +184,59 @@ class EditorPanel:
         names = tuple(track.name for track in clip.objects)
         target = gui.add_dropdown("Object", names, initial_value=names[0])
         button = gui.add_button("Add at this frame", hint="Where the part is nearest to the object's surface")
-        button.on_click(lambda _: self._editor.add(*parts[part.value], names.index(target.value)))
+        button.on_click(lambda _: self._do(partial(self._editor.add, *parts[part.value], names.index(target.value))))
 
     def _add_versions(self) -> None:
         gui, editor = self._gui, self._editor
         self._restore: viser.GuiButtonHandle | None = None
         if editor.has_autosave:
             self._restore = gui.add_button("Take up unsaved edits", color="yellow")
-            self._restore.on_click(lambda _: editor.restore_autosave())
+            self._restore.on_click(lambda _: self._do(editor.restore_autosave))
         compared = gui.add_checkbox("Before", False, hint="Scene and curves as they were when last saved, too")
-        compared.on_update(lambda event: editor.compare(event.target.value))
+        compared.on_update(lambda event: self._do(partial(editor.compare, event.target.value)))
         self._versions = gui.add_dropdown("Load", (_NO_VERSION,), hint="Versions by name; choose one to go on from it")
-        self._versions.on_update(self._on_versions)
+        on_change_by_user(self._versions, self._load)
         name = gui.add_text("Name", "", hint="Of a version")
-        self._add_choices({"Save as": lambda: editor.save_as(name.value.strip())}, lambda command: command())
+        self._add_choices({"Save as": editor.save_as}, lambda save: self._do(partial(save, name.value.strip())))
 
-    def _on_versions(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None and event.target.value != _NO_VERSION:
-            self._editor.load(event.target.value)
+    def _load(self, name: str) -> None:
+        if name != _NO_VERSION:
+            self._do(partial(self._editor.load, name))
 
     def _add_commands(self, commands: Sequence[Mapping[str, Callable[[], None]]]) -> None:
         for row in commands:
-            self._add_choices(row, self._editor.run)
+            self._add_choices(row, self._do)
         by_name = {name: command for row in commands for name, command in row.items()}
         for name, key in _HOTKEYS.items():
             handle = self._gui.add_command(name, hotkey=key, modifier="cmd/ctrl")
-            handle.on_trigger(lambda _, name=name: self._editor.run(by_name[name]))
+            handle.on_trigger(lambda _, name=name: self._do(by_name[name]))
 
     def _add_choices(self, choices: Mapping[str, Any], do: Callable[[Any], None]) -> None:
         group = self._gui.add_button_group("", tuple(choices))
         group.on_click(lambda event: do(choices[event.target.value]))
 
-    def _on_edits(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None and event.target.value in event.target.options:
-            self._editor.undo_to(event.target.options.index(event.target.value))
+    def _undo_to(self, text: str) -> None:
+        if text in self._edits.options:
+            self._do(partial(self._editor.undo_to, self._edits.options.index(text)))
 
-    def _on_frames(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            first, last = event.target.value
-            self._editor.change_when_typed(
-                "frames", lambda s: Retime(s.part, s.start, int(first), int(last) + 1, person=s.person)
-            )
+    def _retime(self, span: tuple[int, int]) -> None:
+        first, last = map(int, span)
+        self._change_when_typed("frames", lambda s: Retime(s.part, s.start, first, last + 1, person=s.person))
 
-    def _on_point(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:
-            point = np.array(event.target.value)
-            self._editor.change_when_typed("point", lambda s: _moved_to(s, point))
+    def _move(self, place: tuple[float, float, float]) -> None:
+        point = np.array(place)
 
+        def moved(segment: Segment) -> Edit:
+            middle = segment.points.mean(axis=0)
+            # Coordinates that were shown rounded, and not typed over, stay.
+            offset = np.where(point == np.round(middle, _DIGITS), 0.0, np.round(point - middle, _DIGITS + 2))
+            return Move(segment.part, segment.start, tuple(offset.tolist()), person=segment.person)
 
-def _edits_of(edited: EditState) -> tuple[str, ...]:
-    """Return the edits in words, from none on."""
-    return (_RECORDED, *(f"{number}: {describe(edit)}" for number, edit in enumerate(edited.edits.edits, 1)))
+        self._change_when_typed("point", moved)
+
+    def _change_when_typed(self, kind: str, edit_of: Callable[[Segment], Edit]) -> None:
+        """Change the chosen contact once nothing of a kind has been typed for a moment."""
+        self._editor.worker.do_later(partial(self._editor.change, edit_of), TYPING_DELAY_S, kind)
 
 
 def changes_text(before: EditState, now: EditState) -> str:
@@ -244,18 +248,6 @@ def changes_text(before: EditState, now: EditState) -> str:
         if texts[0] != texts[1]:
             changes.append(f"{column.title} {texts[0]} -> {texts[1]} {with_exponents(column.unit)}")
     return ", ".join(changes) or "no figure changed"
-
-
-def _gap_text(gap: float) -> str:
-    """Return a mean distance from a surface [m] in words, with its side."""
-    return f"{1e3 * abs(gap):.1f} mm {'off' if gap > 0 else 'inside'}"
-
-
-def _moved_to(segment: Segment, point: Float[np.ndarray, "3"]) -> Edit:
-    middle = segment.points.mean(axis=0)
-    # What was shown rounded, and not typed over, stays.
-    offset = np.where(point == np.round(middle, _DIGITS), 0.0, np.round(point - middle, _DIGITS + 2))
-    return Move(segment.part, segment.start, tuple(offset.tolist()), person=segment.person)
 
 
 def _figures_html(recorded: EditState, before: EditState, now: EditState) -> str:

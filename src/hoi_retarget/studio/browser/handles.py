@@ -1,18 +1,17 @@
 """Handles of the editor in the scene: a part of the robot is pinned by one, the chosen contact's point moved by one."""
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
 from jaxtyping import Float
 
 from hoi_retarget.clip.edits import Pin, Segment, Unpin, part_text
-from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.targets import pinned_sites, recorded_rotation
 from hoi_retarget.studio.browser.edit_session import EditState
-from hoi_retarget.studio.browser.player import WORLD
+from hoi_retarget.studio.browser.player import WORLD, on_change_by_user
 from hoi_retarget.studio.browser.strip import SurfaceGap
 
 if TYPE_CHECKING:
@@ -20,42 +19,87 @@ if TYPE_CHECKING:
 
 _SIZE = 0.25  # [m]
 
-Dragged = Callable[[int, Float[np.ndarray, "3"], Float[np.ndarray, "4"], bool], None]
-"""Receives the frame, the place [m], the rotation, and whether the handle was let go."""
+_NOTHING: str = "nothing"
+_NO_PINS: str = "none"
+_DIGITS, _TURN_DIGITS = 4, 1  # Of what is dragged [m], [degrees]: tenths of a millimetre and of a degree.
 
 
-class PinHandle:
-    """Follows a part of the robot from frame to frame; where the part is pinned, it is at the pin."""
+class EditorPins:
+    """Pins the part that has the handle to the place to which the handle is dragged.
 
-    def __init__(self, api: viser.SceneApi, drag: Dragged) -> None:
-        self._api, self._drag = api, drag
+    The handle follows its part from frame to frame; where the part is pinned, it is at the pin.
+    """
+
+    def __init__(self, client: viser.ClientHandle, editor: "Editor") -> None:
+        self._api, self._editor, self._session, self._model = client.scene, editor, editor.session, editor.model
+        self._part: tuple[int, str] | None = None
         self._handle: viser.TransformControlsHandle | None = None
         self._positions, self._quats = np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])
         self._frame = 0
-        self._held: int | None = None
+        self._held: int | None = None  # The frame at which the handle was taken.
+        editor.player.attach(self._show_frame)
+        with editor.panel.pose:
+            self._add_widgets(client.gui)
 
-    def show(self, positions: Float[np.ndarray, "T 3"], quats: Float[np.ndarray, "T 4"], *, turns: bool) -> None:
-        """Show the handle on a path, by which it can be turned, too."""
-        self._positions, self._quats = positions, quats
+    def _add_widgets(self, gui: viser.GuiApi) -> None:
+        editor = self._editor
+        people = len(self._session.now.clip.people)
+        self._parts: dict[str, tuple[int, str] | None] = {_NOTHING: None} | {
+            (part_text(person, part) if people > 1 else part).replace("_", " "): (person, part)
+            for person in range(people)
+            for part in pinned_sites(self._model)
+        }
+        hint = "Gets a handle; drag it to pin the part at this frame"
+        self._chosen = gui.add_dropdown("Pin", tuple(self._parts), initial_value=_NOTHING, hint=hint)
+        self._turns = gui.add_checkbox("Turn too", False, hint="Pin the rotation as well")
+        for widget in (self._chosen, self._turns):
+            on_change_by_user(widget, lambda _: editor.worker.do(self._choose))
+        self._pins = gui.add_dropdown("Pins", (_NO_PINS,), hint="All pins; choose one to go there")
+        on_change_by_user(self._pins, self._go_to)
+        unpin = gui.add_button_group("", ("Unpin here",))
+        unpin.on_click(lambda _: editor.worker.do(self._unpin))
+
+    def show(self) -> None:
+        """Show the pins and the handle as they are now."""
+        options = _pins_of(self._session.now)
+        if self._pins.options != options:
+            self._pins.options = options
+        self._pins.value = options[0]
+        if self._part is None:
+            self._editor.player.do(self._hide_handle)
+            return
+        (person, part), now = self._part, self._session.now
+        draft, own = now.drafts[person], [pin for pin in now.clip.pins if (pin.person, pin.part) == self._part]
+        kinematics, site = self._model.forward(draft.motion.qpos), pinned_sites(self._model)[part]
+        path = kinematics.site_position(site).copy()
+        for pin in own:
+            path[pin.frame] = draft.targets.root_scale * np.array(pin.position)
+        quats, turns = se3.matrix_to_quat(kinematics.site_rotation(site)), self._turns.value
+        self._editor.player.do(lambda: self._show_handle(path, quats, turns=turns))
+
+    # The handle, between two frames in the thread that draws them.
+
+    def _show_handle(self, path: Float[np.ndarray, "T 3"], quats: Float[np.ndarray, "T 4"], *, turns: bool) -> None:
+        """Show the handle on a path, by which the part can be turned, too."""
+        self._positions, self._quats = path, quats
         if self._handle is None:
-            self._handle = self._add()
+            self._handle = self._add_handle()
         self._handle.disable_rotations = not turns
-        self.show_frame(self._frame)
+        self._show_frame(self._frame)
 
-    def hide(self) -> None:
-        """Show no handle."""
+    def _hide_handle(self) -> None:
         if self._handle is not None:
             self._handle.remove()
             self._handle = None
 
-    def show_frame(self, frame: int) -> None:
+    def _show_frame(self, frame: int) -> None:
         """Move the handle with its part, unless it is held."""
         self._frame = frame
         if self._handle is not None and self._held is None:
             at = min(frame, len(self._positions) - 1)
             self._handle.position, self._handle.wxyz = self._positions[at], self._quats[at]
 
-    def _add(self) -> viser.TransformControlsHandle:
+    def _add_handle(self) -> viser.TransformControlsHandle:
         handle = self._api.add_transform_controls(f"{WORLD}/pin", _SIZE, disable_rotations=True, depth_test=False)
 
         # Asynchronous, so that Viser calls it in the order of what happened.
@@ -67,100 +111,38 @@ class PinHandle:
             if released:
                 self._held = None
             if event.phase != "start":
-                self._drag(frame, np.array(event.target.position), np.array(event.target.wxyz), released)
+                place, turn = np.array(event.target.position), np.array(event.target.wxyz)
+                self._editor.worker.do_drag(lambda: self._pin(frame, place, turn, released), released=released)
 
         return handle
 
-
-_NOTHING: str = "nothing"
-_NO_PINS: str = "none"
-_DIGITS, _TURN_DIGITS = 4, 1  # Of what is dragged [m], [degrees]: tenths of a millimetre and of a degree.
-
-
-class EditorPins:
-    """Pins the part that has the handle to the place to which the handle is dragged."""
-
-    def __init__(self, client: viser.ClientHandle, editor: "Editor") -> None:
-        self._editor, self._session, self._model = editor, editor.session, editor.model
-        self._part: tuple[int, str] | None = None
-        self._handle = PinHandle(client.scene, self.drag)
-        editor.player.attach(self._handle.show_frame)
-        with editor.panel.pose:
-            self._add_widgets(client.gui)
-
-    def _add_widgets(self, gui: viser.GuiApi) -> None:
-        people = len(self._session.now.clip.people)
-        self._parts: dict[str, tuple[int, str] | None] = {_NOTHING: None} | {
-            (part_text(person, part) if people > 1 else part).replace("_", " "): (person, part)
-            for person in range(people)
-            for part in pinned_sites(self._model)
-        }
-        hint = "Gets a handle; drag it to pin the part at this frame"
-        self._chosen = gui.add_dropdown("Pin", tuple(self._parts), initial_value=_NOTHING, hint=hint)
-        self._turns = gui.add_checkbox("Turn too", False, hint="Pin the rotation as well")
-        for widget in (self._chosen, self._turns):
-            widget.on_update(lambda event: self._editor.run(self._choose) if event.client else None)
-        self._pins = gui.add_dropdown("Pins", (_NO_PINS,), hint="All pins; choose one to go there")
-        self._pins.on_update(self._on_pins)
-        unpin = gui.add_button_group("", ("Unpin here",))
-        unpin.on_click(lambda _: self._editor.run(self._unpin))
-
-    def show(self) -> None:
-        """Show the pins and the handle as they are now."""
-        options = _pins_of(self._session.now)
-        if self._pins.options != options:
-            self._pins.options = options
-        self._pins.value = options[0]
+    def _pin(self, frame: int, position: Float[np.ndarray, "3"], quat: Float[np.ndarray, "4"], released: bool) -> None:
+        """Pin the part to a place of the robot's world [m] and a rotation wxyz; until released, preview it."""
         if self._part is None:
-            self._editor.player.do(self._handle.hide)
             return
-        (person, part), now = self._part, self._session.now
-        draft, own = now.drafts[person], [pin for pin in now.clip.pins if (pin.person, pin.part) == self._part]
-        kinematics, site = self._model.forward(draft.motion.qpos), pinned_sites(self._model)[part]
-        path = kinematics.site_position(site).copy()
-        for pin in own:
-            path[pin.frame] = draft.targets.root_scale * np.array(pin.position)
-        quats, turns = se3.matrix_to_quat(kinematics.site_rotation(site)), self._turns.value
-        self._editor.player.do(lambda: self._handle.show(path, quats, turns=turns))
-
-    def drag(self, frame: int, position: Float[np.ndarray, "3"], quat: Float[np.ndarray, "4"], released: bool) -> None:
-        """Pin the part with the handle.
-
-        Args:
-            frame: Of the pin.
-            position: In the robot's world [m].
-            quat: The part's rotation wxyz.
-            released: Whether the drag has ended; until then the pin is only previewed.
-        """
-
-        def task() -> None:
-            if self._part is None:
-                return
-            pin = self._pin_at(*self._part, frame, position, quat)
-            if released:
-                self._editor.commit(pin)
-            else:
-                self._editor.panel.say(pin_text(self._editor.preview(pin), pin))
-
-        (self._editor.run if released else self._editor.run_latest)(task)
+        pin = self._pin_at(*self._part, frame, position, quat)
+        if released:
+            self._editor.commit(pin)
+        else:
+            self._editor.panel.say(pin_text(self._editor.preview(pin), pin))
 
     def _choose(self) -> None:
         self._part = self._parts[self._chosen.value]
         self._editor.show()
 
-    def _on_pins(self, event: viser.GuiEvent[Any]) -> None:
-        number = event.target.options.index(event.target.value) - 1
-        if event.client is not None and number >= 0:
-            self._editor.run(lambda: self._go_to(number))
+    def _go_to(self, text: str) -> None:
+        """Show the pin of a line of the list, and give its part the handle."""
+        number = self._pins.options.index(text) - 1
 
-    def _go_to(self, number: int) -> None:
-        """Show a pin, and give its part the handle."""
-        if number < len(self._session.now.clip.pins):
-            pin = self._session.now.clip.pins[number]
-            self._part = (pin.person, pin.part)
-            self._chosen.value = next(name for name, each in self._parts.items() if each == self._part)
-            self._editor.player.seek(pin.frame)
-            self._editor.show()
+        def go() -> None:
+            if 0 <= number < len(self._session.now.clip.pins):
+                pin = self._session.now.clip.pins[number]
+                self._part = (pin.person, pin.part)
+                self._chosen.value = next(name for name, each in self._parts.items() if each == self._part)
+                self._editor.player.seek(pin.frame)
+                self._editor.show()
+
+        self._editor.worker.do(go)
 
     def _unpin(self) -> None:
         if self._part is None:
@@ -213,13 +195,10 @@ _IN_AIR = (255, 225, 0)
 class EditorPoints:
     """A ball for each contact, at the mean of its points; a click chooses it."""
 
-    def __init__(
-        self, api: viser.SceneApi, motion: Motion, *, choose: Callable[[int], None], drag: Callable[..., None]
-    ) -> None:
-        self._api, self._motion, self._choose, self._drag = api, motion, choose, drag
-        self._holders = [
-            api.add_frame(f"{WORLD}/held/{index}", show_axes=False) for index in range(len(motion.object_names))
-        ]
+    def __init__(self, api: viser.SceneApi, editor: "Editor") -> None:
+        self._api, self._editor, self._motion = api, editor, editor.edited.motions[0]
+        objects = range(len(self._motion.object_names))
+        self._holders = [api.add_frame(f"{WORLD}/held/{index}", show_axes=False) for index in objects]
         self._segments: Sequence[Segment] = ()
         self._chosen: Segment | None = None
         self._gaps: Sequence[SurfaceGap] = ()
@@ -262,7 +241,7 @@ class EditorPoints:
 
     def _add_ball(self, index: int, segment: Segment) -> viser.IcosphereHandle:
         ball = self._api.add_icosphere(f"{WORLD}/held/{segment.object}/point{index}", _RADIUS, _IDLE, opacity=0.9)
-        ball.on_click(lambda _: self._choose(index))
+        ball.on_click(lambda _: self._editor.worker.do(lambda: self._editor.choose(index)))
         return ball
 
     def _show_handle(self, chosen: Segment | None) -> None:
@@ -287,6 +266,7 @@ class EditorPoints:
         @handle.on_update
         async def _(event: viser.TransformControlsEvent) -> None:
             if event.phase != "start":
-                self._drag(np.array(event.target.position) / scale, released=event.phase == "end")
+                point, released = np.array(event.target.position) / scale, event.phase == "end"
+                self._editor.worker.do_drag(lambda: self._editor.drag(point, released=released), released=released)
 
         return handle

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from threading import Condition, Thread
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import viser
@@ -299,7 +299,7 @@ class Player:
         self._chart: viser.GuiHtmlHandle | None = None
         self._button.on_click(lambda _: self._toggle())
         speed.on_update(lambda event: self._set(lambda clock, now: clock.at_speed(SPEEDS[event.target.value], now)))
-        self._slider.on_update(self._on_slider)
+        on_change_by_user(self._slider, self.seek)
         self._follow.on_update(lambda _: self.do(lambda: self._follow_centre(self.frame)))
         self._look.on_update(lambda _: self.do(self._look_at))
         self._see_through.on_update(lambda _: self.do(self._show_through))
@@ -344,10 +344,6 @@ class Player:
     def _show_through(self) -> None:
         self._drawn.see_through(OBJECT_LAYERS, SEE_THROUGH if self._see_through.value else None)
 
-    def _on_slider(self, event: viser.GuiEvent[viser.GuiSliderHandle[int]]) -> None:
-        if event.client is not None:  # Else it is the player itself that moved it.
-            self.seek(event.target.value)
-
     def _add_curves(self, content: PageContent, left_px: int) -> tuple[viser.GuiHtmlHandle, viser.GuiSliderHandle[int]]:
         """Add the curves below the scene, and over them a slider that looks like a cursor."""
         gui = self._client.gui
@@ -358,10 +354,15 @@ class Player:
             self._strip = gui.add_html("", order=0)
             html = gui.add_html(_chart_html(content))
             cursor = gui.add_slider("Cursor", 0, max(1, self._scene.frames - 1), 1, 0)
-        cursor.on_update(self._on_slider)
+        on_change_by_user(cursor, self.seek)
         width = max(300, self._client.camera.image_width - left_px - _CONTROLS_WIDTH_PX - 2 * _PANEL_MARGIN_PX)
         panel.float(x=_PANEL_MARGIN_PX, y=-_PANEL_MARGIN_PX, width=width)
         return html, cursor
+
+
+def on_change_by_user(widget: Any, act: Callable[[Any], None]) -> None:
+    """Call `act` with a widget's value whenever the user changes it, but not when the program itself does."""
+    widget.on_update(lambda event: None if event.client is None else act(event.target.value))
 
 
 def _toggle(box: viser.GuiCheckboxHandle) -> None:

@@ -15,28 +15,20 @@ from jaxtyping import Bool, Float, Int
 from viser import FrameHandle, LineSegmentsHandle, MeshHandle, SceneApi
 
 from hoi_retarget.numerics import se3
-from hoi_retarget.studio.scene.drawing import Colour, DrawnScene, Kind, Layer, Lines, Shapes, Solid
+from hoi_retarget.studio.scene.drawing import DrawnScene, Kind, Layer, Lines, Shapes, Solid
 
 _SAMPLES = 16  # Frames that tell at first what moves alike.
 _ALIKE = 1e-5  # Most that poses of one body differ by, in [m] and in parts of quaternions.
 
 
 @dataclass(frozen=True, eq=False)
-class RigidBody:
-    """A mesh that moves over T frames as one."""
+class RigidBody(Solid):
+    """A mesh that moves over T frames as one, as a browser draws it."""
 
-    vertices: Float[np.ndarray, "V 3"]
-    """[m]"""
-    faces: Int[np.ndarray, "F 3"]
-    colour: Colour
-    faceted: bool
+    faceted: bool = True
     """Whether edges are seen."""
-    closed: bool
+    closed: bool = False
     """Whether its inside is never seen."""
-    positions: Float[np.ndarray, "T 3"]
-    """[m]"""
-    quats: Float[np.ndarray, "T 4"]
-    """wxyz"""
     visible: Bool[np.ndarray, "T"] | None = None
     """None for always."""
 
@@ -99,10 +91,10 @@ def _merged(shapes: Shapes, members: Int[np.ndarray, "N"]) -> RigidBody:
         vertices.reshape(-1, 3),
         np.concatenate([faces + number * len(unit) for number in range(len(members))]),
         (red, green, blue),
-        shapes.kind is Kind.BOX,
-        True,
         shapes.positions[:, first],
         shapes.quats[:, first],
+        shapes.kind is Kind.BOX,
+        True,
         None if shapes.visible is None else shapes.visible[:, first],
     )
 
@@ -222,7 +214,7 @@ def _drawn(layer: Layer) -> list[_Drawn]:
             case Shapes():
                 found.extend(bodies_of(part))
             case Solid():
-                found.append(RigidBody(part.vertices, part.faces, part.colour, True, False, part.positions, part.quats))
+                found.append(RigidBody(part.vertices, part.faces, part.colour, part.positions, part.quats))
             case Lines():
                 found.append(part)
     return found

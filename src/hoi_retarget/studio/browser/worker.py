@@ -4,14 +4,16 @@ import time
 from collections.abc import Callable
 from threading import Condition, Thread
 
+from hoi_retarget.errors import HoiRetargetError
+
 Task = Callable[[], None]
 
 
 class Worker:
-    """Does tasks in order; of tasks that replace each other, the latest."""
+    """Does tasks in order; of tasks that replace each other, the latest. `on_error` receives a task's error."""
 
-    def __init__(self, name: str) -> None:
-        self._changed = Condition()
+    def __init__(self, name: str, on_error: Callable[[HoiRetargetError], None]) -> None:
+        self._changed, self._on_error = Condition(), on_error
         self._tasks: list[Task] = []
         self._latest: Task | None = None
         self._later: tuple[float, str, Task] | None = None
@@ -34,6 +36,10 @@ class Worker:
             self._latest = task
             self._changed.notify()
 
+    def do_drag(self, task: Task, *, released: bool) -> None:
+        """Do this for a handle that is dragged: of its places only the latest counts, and the one of its release."""
+        (self.do if released else self.do_latest)(task)
+
     def do_later(self, task: Task, delay: float, kind: str = "") -> None:
         """Do this after a delay [s], or before the next other task.
 
@@ -54,7 +60,10 @@ class Worker:
 
     def _run(self) -> None:
         while (task := self._next()) is not None:
-            task()
+            try:
+                task()
+            except HoiRetargetError as error:
+                self._on_error(error)
 
     def _hurry(self) -> None:
         """Move the task of `do_later` to the end of the queue."""

@@ -10,6 +10,9 @@ from enum import Enum
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
+from numpy.typing import ArrayLike
+
+from hoi_retarget.numerics import se3
 
 Colour = tuple[int, int, int]
 
@@ -39,6 +42,36 @@ class Shapes:
     """wxyz"""
     visible: Bool[np.ndarray, "T N"] | None = None
     """Presence of each copy in each frame; None for all of them always."""
+
+    @classmethod
+    def of(  # noqa: PLR0913, PLR0917 - the fields
+        cls,
+        kind: Kind,
+        sizes: ArrayLike,
+        colours: ArrayLike,
+        positions: Float[np.ndarray, "T N 3"],
+        quats: ArrayLike = se3.IDENTITY_QUAT,
+        visible: Bool[np.ndarray, "T N"] | None = None,
+    ) -> "Shapes":
+        """Return shapes in single precision; one size, colour or rotation counts for all copies and frames.
+
+        Args:
+            kind: The unit shape.
+            sizes: Half extents [m].
+            colours: Red, green, blue.
+            positions: [m]
+            quats: wxyz
+            visible: Presence of each copy in each frame.
+        """
+        frames, count = positions.shape[:2]
+        return cls(
+            kind,
+            np.broadcast_to(sizes, (count, 3)).astype(np.float32),
+            np.broadcast_to(colours, (count, 3)).astype(np.uint8),
+            positions.astype(np.float32),
+            np.broadcast_to(quats, (frames, count, 4)).astype(np.float32),
+            visible,
+        )
 
     @property
     def count(self) -> int:

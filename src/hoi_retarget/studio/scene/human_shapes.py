@@ -68,13 +68,14 @@ def _limbs(person: Person, radii: np.ndarray) -> Shapes:
     starts = np.array([JOINT_INDEX[parent] for parent in PARENT.values() if parent is not None])
     places = person.joint_positions
     along = places[:, ends] - places[:, starts]
-    halves = 0.5 * np.linalg.norm(along, axis=-1).mean(axis=0)
-    return Shapes(
-        kind=Kind.CYLINDER,
-        sizes=np.column_stack([radii[ends], radii[ends], halves]).astype(np.float32),
-        colours=_coloured(len(ends)),
-        positions=(0.5 * (places[:, starts] + places[:, ends])).astype(np.float32),
-        quats=_pointing(along).astype(np.float32),
+    lengths = np.linalg.norm(along, axis=-1, keepdims=True)
+    halves = 0.5 * lengths[..., 0].mean(axis=0)
+    return Shapes.of(
+        Kind.CYLINDER,
+        np.column_stack([radii[ends], radii[ends], halves]),
+        COLOUR,
+        0.5 * (places[:, starts] + places[:, ends]),
+        rotations_to(along / np.where(lengths > 0, lengths, 1.0)),
     )
 
 
@@ -90,23 +91,13 @@ def _roundings(person: Person, radii: np.ndarray, growth: float) -> Shapes:
     halves = growth * np.array([half for _, _, half in _ROUNDINGS])
     turns = person.joint_quats[:, joints]
     middle = person.joint_positions[:, joints] + se3.rotate(turns, middles)
-    return Shapes(
-        kind=Kind.SPHERE,
-        sizes=np.concatenate([np.repeat(widest[:, None], 3, axis=1), halves]).astype(np.float32),
-        colours=_coloured(len(JOINTS) + len(joints)),
-        positions=np.concatenate([person.joint_positions, middle], axis=1).astype(np.float32),
-        quats=np.concatenate([person.joint_quats, turns], axis=1).astype(np.float32),
+    return Shapes.of(
+        Kind.SPHERE,
+        np.concatenate([np.repeat(widest[:, None], 3, axis=1), halves]),
+        COLOUR,
+        np.concatenate([person.joint_positions, middle], axis=1),
+        np.concatenate([person.joint_quats, turns], axis=1),
     )
-
-
-def _coloured(count: int) -> np.ndarray:
-    return np.tile(np.array(COLOUR, dtype=np.uint8), (count, 1))
-
-
-def _pointing(along: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 4"]:
-    """Return rotations that take the z axis along vectors, which may be of any length."""
-    lengths = np.linalg.norm(along, axis=-1, keepdims=True)
-    return rotations_to(along / np.where(lengths > 0, lengths, 1.0))
 
 
 def human_skin(person: Person) -> tuple[Solid, ...]:

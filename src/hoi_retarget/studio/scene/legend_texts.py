@@ -11,10 +11,6 @@ Badness = Callable[[np.ndarray], np.ndarray]
 """Makes of a curve's values numbers that are the larger the worse."""
 
 
-def _negated(values: np.ndarray) -> np.ndarray:
-    return -values
-
-
 CURVES: Mapping[str, tuple[str, Badness]] = {
     "surface gap": (
         "How far the skin of a hand or foot that is to touch is off the object's surface; negative inside it. "
@@ -52,9 +48,9 @@ CURVES: Mapping[str, tuple[str, Badness]] = {
     ),
     "joint margin": (
         "Way left to the nearest end of a joint's range. Zero is at the stop, which is allowed; negative is beyond it.",
-        _negated,
+        np.negative,
     ),
-    "speed margin": ("Speed left to the limit of the fastest joint. Negative is faster than it can.", _negated),
+    "speed margin": ("Speed left to the limit of the fastest joint. Negative is faster than it can.", np.negative),
     "missing wrench": (
         "Force and moment that nothing present can give, over the weight of robot or object. Good: below 15 % for the "
         "robot, 50 % for an object.",

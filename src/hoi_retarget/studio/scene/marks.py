@@ -48,12 +48,12 @@ def axes(
     half = 0.5 * length
     turns = se3.exp(0.5 * np.pi * np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
     places = positions[:, :, None] + se3.rotate(quats[:, :, None], half * np.eye(3))
-    return Shapes(
-        kind=Kind.CYLINDER,
-        sizes=np.tile(np.array([radius, radius, half], dtype=np.float32), (3 * count, 1)),
-        colours=np.tile(np.array(COLOURS, dtype=np.uint8), (count, 1)),
-        positions=places.reshape(frames, 3 * count, 3).astype(np.float32),
-        quats=se3.quat_multiply(quats[:, :, None], turns).reshape(frames, 3 * count, 4).astype(np.float32),
+    return Shapes.of(
+        Kind.CYLINDER,
+        (radius, radius, half),
+        np.tile(COLOURS, (count, 1)),
+        places.reshape(frames, 3 * count, 3),
+        se3.quat_multiply(quats[:, :, None], turns).reshape(frames, 3 * count, 4),
     )
 
 
@@ -80,17 +80,7 @@ def inside_marks(
             continue
         places = np.concatenate([item[0][:, columns] for item, columns in zip(found, ever, strict=True)], axis=1)
         visible = np.concatenate([mask[:, columns] for mask, columns in zip(there, ever, strict=True)], axis=1)
-        count = places.shape[1]
-        shapes.append(
-            Shapes(
-                Kind.SPHERE,
-                np.full((count, 3), _RADIUS, dtype=np.float32),
-                np.tile(np.array(colour, dtype=np.uint8), (count, 1)),
-                places.astype(np.float32),
-                np.broadcast_to(se3.IDENTITY_QUAT.astype(np.float32), (*places.shape[:2], 4)),
-                visible,
-            )
-        )
+        shapes.append(Shapes.of(Kind.SPHERE, _RADIUS, colour, places, visible=visible))
     return tuple(shapes)
 
 
@@ -203,31 +193,20 @@ def contact_marks(
     targets = np.where(active[..., None], place + se3.rotate(turn, points), sites)
     gaps = np.linalg.norm(targets - sites, axis=-1)
     if motion.report.touches_with_surfaces and geometries is not None:
-        gaps = _skin_gaps(motion, kinematics, geometries, gaps, links)
+        # Sites lie under the skin, which touches; contacts elsewhere keep the sites' distances.
+        skin = np.abs(distances_of_motion(motion, kinematics.model, tuple(geometries))[1][:, links])
+        gaps = np.where(np.isfinite(skin) & (gaps <= ELSEWHERE_M), skin, gaps)
     still = np.broadcast_to(se3.IDENTITY_QUAT, turn.shape)
     if geometries is None:
-        aims = _coloured(Kind.SPHERE, np.full(3, _TARGET_RADIUS), targets, still, gaps, active)
+        aims = _coloured(Kind.SPHERE, _TARGET_RADIUS, targets, still, gaps, active)
     else:
         scales = motion.object_scale[touched][..., None]
         on_surface, tilts = _patches(points / scales, touched, active, geometries)
         patches = place + se3.rotate(turn, scales * on_surface)
         aims = _coloured(Kind.CYLINDER, _PATCH, patches, se3.quat_multiply(turn, tilts), gaps, active)
     radius = _TARGET_RADIUS if geometries is None else _SITE_RADIUS
-    balls = _coloured(Kind.SPHERE, np.full(3, radius), sites, still, gaps, active)
+    balls = _coloured(Kind.SPHERE, radius, sites, still, gaps, active)
     return aims, balls, Lines(targets.astype(np.float32), sites.astype(np.float32), gap_colour(gaps), active)
-
-
-def _skin_gaps(
-    motion: Motion,
-    kinematics: Kinematics,
-    geometries: Sequence[ObjectGeometry],
-    gaps: Float[np.ndarray, "T C"],
-    links: Int[np.ndarray, "C"],
-) -> Float[np.ndarray, "T C"]:
-    """Return distances of skins from surfaces [m], for sites lie under the skin; of contacts elsewhere, the gaps."""
-    _, signed = distances_of_motion(motion, kinematics.model, tuple(geometries))
-    skin = np.abs(signed[:, links])
-    return np.where(np.isfinite(skin) & (gaps <= ELSEWHERE_M), skin, gaps)
 
 
 def stance_marks(motion: Motion, kinematics: Kinematics) -> Shapes:
@@ -244,14 +223,8 @@ def stance_marks(motion: Motion, kinematics: Kinematics) -> Shapes:
         quats.append(se3.matrix_to_quat(turn))
         half = 0.5 * (high - low)[0] + _STANCE_MARGIN
         sizes.append([half[0], half[1], _STANCE_HALF_HEIGHT])
-    return Shapes(
-        kind=Kind.BOX,
-        sizes=np.array(sizes, dtype=np.float32),
-        colours=np.array([_STANCE, _STANCE], dtype=np.uint8),
-        positions=np.stack(middles, axis=1).astype(np.float32),
-        quats=np.stack(quats, axis=1).astype(np.float32),
-        visible=motion.stance_flags,
-    )
+    places, turns = np.stack(middles, axis=1), np.stack(quats, axis=1)
+    return Shapes.of(Kind.BOX, sizes, _STANCE, places, turns, motion.stance_flags)
 
 
 def human_contact_marks(contacts: tuple[ContactTrack, ...], objects: tuple[ObjectTrack, ...]) -> tuple[Shapes, ...]:
@@ -299,7 +272,7 @@ def rotations_to(normals: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*
 
 def _coloured(  # noqa: PLR0913, PLR0917 - what a mark is made of
     kind: Kind,
-    size: Float[np.ndarray, "3"],
+    size: float | Float[np.ndarray, "3"],
     places: Float[np.ndarray, "T C 3"],
     quats: Float[np.ndarray, "T C 4"],
     gaps: Float[np.ndarray, "T C"],
@@ -311,13 +284,13 @@ def _coloured(  # noqa: PLR0913, PLR0917 - what a mark is made of
     there = active[..., None] & (level[..., None] == np.arange(_LEVELS))
     used = np.flatnonzero(there.any(axis=(0, 1)))
     count, contacts = len(used), active.shape[1]
-    return Shapes(
-        kind=kind,
-        sizes=np.tile(size.astype(np.float32), (contacts * count, 1)),
-        colours=np.tile(gap_colour(levels[used]), (contacts, 1)),
-        positions=np.repeat(places, count, axis=1).astype(np.float32),
-        quats=np.repeat(quats, count, axis=1).astype(np.float32),
-        visible=there[..., used].reshape(len(active), contacts * count),
+    return Shapes.of(
+        kind,
+        size,
+        np.tile(gap_colour(levels[used]), (contacts, 1)),
+        np.repeat(places, count, axis=1),
+        np.repeat(quats, count, axis=1),
+        there[..., used].reshape(len(active), contacts * count),
     )
 
 
@@ -330,13 +303,7 @@ def site_marks(kinematics: Kinematics, sites: Sequence[str], length: float) -> t
     """Return marks of sites over time, with axes of a length [m]."""
     places = np.stack([kinematics.site_position(site) for site in sites], axis=1)
     quats = np.stack([se3.matrix_to_quat(kinematics.site_rotation(site)) for site in sites], axis=1)
-    balls = Shapes(
-        kind=Kind.SPHERE,
-        sizes=np.full((len(sites), 3), _BALL_RADIUS * length, dtype=np.float32),
-        colours=np.tile(np.array(_BALL, dtype=np.uint8), (len(sites), 1)),
-        positions=places.astype(np.float32),
-        quats=quats.astype(np.float32),
-    )
+    balls = Shapes.of(Kind.SPHERE, _BALL_RADIUS * length, _BALL, places, quats)
     return balls, axes(places, quats, length, _AXIS_RADIUS * length)
 
 

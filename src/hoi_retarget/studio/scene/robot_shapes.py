@@ -75,17 +75,14 @@ def decimated(vertices: Vertices, faces: Faces, most: int = MAX_FACES) -> tuple[
     while True:
         fewer = _clustered(vertices, faces, cell)
         if len(fewer[1]) == 0:
-            return _box_of(vertices)  # So thin that all corners of every triangle are in one cell.
+            # So thin that all corners of every triangle are in one cell.
+            import trimesh  # noqa: PLC0415  # takes a third of a second, and hardly anything is so thin
+
+            box = trimesh.creation.box(bounds=[vertices.min(axis=0), vertices.max(axis=0)])
+            return np.asarray(box.vertices), np.asarray(box.faces)
         if len(fewer[1]) <= most:
             return fewer
         cell *= 1.1
-
-
-def _box_of(vertices: Vertices) -> tuple[Vertices, Faces]:
-    import trimesh  # noqa: PLC0415  # takes a third of a second, and hardly anything is so thin
-
-    box = trimesh.creation.box(bounds=[vertices.min(axis=0), vertices.max(axis=0)])
-    return np.asarray(box.vertices), np.asarray(box.faces)
 
 
 def _clustered(vertices: Vertices, faces: Faces, cell: float) -> tuple[Vertices, Faces]:
@@ -188,7 +185,9 @@ def robot_parts(
         meshes: A folder with the files; None for those that were fetched, if any.
         beyond: A site; only the link that carries it and links that hang from that one are returned.
     """
-    nodes = _nodes(model, beyond)
+    nodes = None
+    if beyond is not None:
+        nodes = np.flatnonzero(model.supports[model.sites.frames[beyond].node]).tolist()
     folder = meshes or fetched_meshes(model.spec)
     if folder is not None:
         return _solids(_vendor_meshes(model, folder), kinematics, nodes)
@@ -202,13 +201,7 @@ def _joints(kinematics: Kinematics, nodes: Collection[int] | None) -> tuple[Part
     model = kinematics.model
     own = [node for node in range(model.n + 1) if nodes is None or node in nodes]
     places = kinematics.node_position.transpose(2, 1, 0).astype(np.float32)
-    balls = Shapes(
-        kind=Kind.SPHERE,
-        sizes=np.full((len(own), 3), _JOINT * model.spec.stature, dtype=np.float32),
-        colours=np.tile(np.array(_GREY, dtype=np.uint8), (len(own), 1)),
-        positions=places[:, own],
-        quats=np.tile(se3.IDENTITY_QUAT.astype(np.float32), (len(places), len(own), 1)),
-    )
+    balls = Shapes.of(Kind.SPHERE, _JOINT * model.spec.stature, _GREY, places[:, own])
     hinges = [node for node in own if node > 0]
     shape = (len(places), len(hinges))
     return balls, Lines(
@@ -219,13 +212,6 @@ def _joints(kinematics: Kinematics, nodes: Collection[int] | None) -> tuple[Part
     )
 
 
-def _nodes(model: RobotModel, beyond: str | None) -> Collection[int] | None:
-    """Return the nodes that a site's link carries, its own among them; None, which are all, without one."""
-    if beyond is None:
-        return None
-    return np.flatnonzero(model.supports[model.sites.frames[beyond].node]).tolist()
-
-
 def robot_shapes(model: RobotModel, kinematics: Kinematics, nodes: Collection[int] | None = None) -> tuple[Shapes, ...]:
     """Return a robot's primitives over time, one `Shapes` for each kind of them; those of some nodes, or of all."""
     shapes = []
@@ -233,9 +219,8 @@ def robot_shapes(model: RobotModel, kinematics: Kinematics, nodes: Collection[in
         own = [(size, item) for size, item in pieces if nodes is None or item.node in nodes]
         if own:
             sizes, attached = zip(*own, strict=True)
-            colours = np.array([item.colour for item in attached], dtype=np.uint8)
-            poses = _world_poses(kinematics, attached)
-            shapes.append(Shapes(kind, np.stack(sizes).astype(np.float32), colours, *poses))
+            colours = [item.colour for item in attached]
+            shapes.append(Shapes.of(kind, np.stack(sizes), colours, *_world_poses(kinematics, attached)))
     return tuple(shapes)
 
 

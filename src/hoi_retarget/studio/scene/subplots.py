@@ -4,7 +4,7 @@ A page puts the subjects beside each other on one floor, in views of their own w
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -43,12 +43,13 @@ def make_subplots(shown: Sequence[SceneItem]) -> DrawnScene:
     for item, host in zip(shown, group_by_shared_objects(shown), strict=True):
         for side in robot_and_human(item):
             places.setdefault((host, side.name), []).append((item, side))
-    humans: list[list[tuple[SceneItem, RobotOrHuman]]] = []
+    humans: dict[Hashable, list[tuple[SceneItem, RobotOrHuman]]] = {}
     for (_, name), members in places.items():
-        if name == "human" and not any(_same_people(members, others) for others in humans):
-            humans.append(members)
+        if name == "human":
+            paths = tuple((side.fps, side.pelvis.tobytes(), side.objects.tobytes()) for _, side in members)
+            humans.setdefault(paths, members)
     robots = [members for (_, name), members in places.items() if name == "robot"]
-    ordered = [*humans, *robots]
+    ordered = [*humans.values(), *robots]
     shifts = shifts_of([reach_of([side for _, side in members]) for members in ordered])
     clips = len(humans) > 1
     return DrawnScene(tuple(_subplot(members, shift, clips) for members, shift in zip(ordered, shifts, strict=True)))
@@ -68,13 +69,6 @@ def on_one_floor(subplots: DrawnScene) -> DrawnScene:
             for subject in subplots.subjects
         )
     )
-
-
-def _same_people(
-    some: Sequence[tuple[SceneItem, RobotOrHuman]], others: Sequence[tuple[SceneItem, RobotOrHuman]]
-) -> bool:
-    paths = [[(side.fps, side.pelvis.tobytes(), side.objects.tobytes()) for _, side in each] for each in (some, others)]
-    return paths[0] == paths[1]
 
 
 def _subplot(members: Sequence[tuple[SceneItem, RobotOrHuman]], shift: Float[np.ndarray, "3"], clips: bool) -> Subject:
