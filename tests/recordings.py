@@ -138,8 +138,8 @@ def joints(folder: Path, frames: int) -> Recording:
 @writes("hoi-retarget-clip, a folder")
 def folder_of_joints(folder: Path, frames: int) -> Recording:
     (folder / "clip").mkdir()
-    own_layout.write(scene("carry_box", frames), folder / "clip" / own_layout.CLIP_FILE)
-    return Recording(folder / "clip", main=own_layout.CLIP_FILE)
+    own_layout.write(scene("carry_box", frames), folder / "clip" / "clip.npz")
+    return Recording(folder / "clip", main="clip.npz")
 
 
 @writes("hoi-retarget-clip, parameters")

@@ -22,7 +22,7 @@ from hoi_retarget.files.source_file import FOLDER, SourceFile
 from hoi_retarget.readers import SUFFIXES, can_be_clip, clips_in, recordings_below
 from hoi_retarget.readers.object_files import geometry_files, known_objects
 from hoi_retarget.readers.open import builtin_scene, clip_stem, result_stem
-from hoi_retarget.readers.own_layout import file_of, mesh_files
+from hoi_retarget.readers.own_layout import mesh_files
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.robots import robot, team
 
@@ -213,7 +213,7 @@ class JobDigests:
             return ()
 
     def _digests_of_recording(self, path: Path) -> list[str]:
-        main = file_of(path)
+        main = SourceFile(path).clip_file
         meshes = mesh_files(path) if main.suffix.lower() == ".npz" else ()
         return [self.of_file(file) for file in (main, *meshes)]
 

@@ -20,9 +20,10 @@ from hoi_retarget.errors import ArgumentError, SolveError
 from hoi_retarget.evaluation import Score, to_json
 from hoi_retarget.evaluation.figure_table import scales_text
 from hoi_retarget.files.atomic import remove
+from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import set_aside
-from hoi_retarget.readers import can_be_clip, own_layout, recordings_below, why_no_clip
+from hoi_retarget.readers import can_be_clip, recordings_below, why_no_clip
 from hoi_retarget.readers.object_files import known_objects
 from hoi_retarget.readers.open import open_clip, result_stem
 from hoi_retarget.retargeting.config import Config
@@ -133,7 +134,7 @@ def check_clip_kept(clip: Path, out: Path) -> None:
     """Raise `ArgumentError` when a clip's result would be written over the clip."""
     result = out / f"{result_stem(clip)}.npz"
     try:
-        same = result.samefile(own_layout.file_of(clip))
+        same = result.samefile(SourceFile(clip).clip_file)
     except (OSError, ValueError):
         return
     if same:

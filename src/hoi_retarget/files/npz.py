@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files.array_pickle import unpickle
 from hoi_retarget.files.reading import unpacked
-from hoi_retarget.files.safe_pickle import RefusedError, plain
 
 # The start of an .npy file as numpy writes it: matched, never evaluated.
 _NPY = re.compile(
@@ -59,16 +57,12 @@ def object_or_array(path: Path, name: str, content: bytes) -> Any:
     """Return the content of an `.npy` file: an array of numbers or text, its only object, or a list of several objects.
 
     Several sources keep a dictionary in an array of their `.npz` files, as `numpy.save(..., allow_pickle=True)` writes
-    them: one object, or a list of some. Nothing of it is executed.
-
-    Args:
-        path: the file that it is in, for errors.
-        name: of the array.
-        content: the bytes of the `.npy` file.
-
-    Raises:
-        ReadError: it is damaged, or holds anything else than plain values and arrays.
+    them: one object, or a list of some. Nothing of it is executed; `ReadError` is raised where it is damaged, or holds
+    anything else than plain values and arrays.
     """
+    from hoi_retarget.files.array_pickle import unpickle  # noqa: PLC0415  # plain arrays need no pickles
+    from hoi_retarget.files.safe_pickle import RefusedError, plain  # noqa: PLC0415  # as above
+
     header = _NPY.match(content)
     try:
         if header is None or (header["kind"], header["fortran"]) != (b"O", b"False"):

@@ -8,14 +8,14 @@ from typing import Any
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.files import npz
-from hoi_retarget.files.array_pickle import parse_pickle
 from hoi_retarget.files.reading import entry_names, read_bytes
-from hoi_retarget.files.torch_file import parse_torch
 
 SELECTION = "#"
 """Stands between the path and the name of one clip in it."""
 FOLDER = "/"
 """Stands for a file name's ending where a recording is a folder."""
+CLIP_FILE = "clip.npz"
+"""Name of a clip in this project's layout in a folder of its own."""
 
 
 class SourceFile:
@@ -39,6 +39,11 @@ class SourceFile:
     def suffix(self) -> str:
         """The ending of the file's name in small letters, or `FOLDER`."""
         return FOLDER if _is_folder(self.path) else self.path.suffix.lower()
+
+    @property
+    def clip_file(self) -> Path:
+        """The file, or `CLIP_FILE` in it where it is a folder."""
+        return self.path / CLIP_FILE if _is_folder(self.path) else self.path
 
     @property
     def exists(self) -> bool:
@@ -66,11 +71,15 @@ class SourceFile:
     @cached_property
     def torch(self) -> Any:
         """Value of a torch file; raises `ReadError`."""
+        from hoi_retarget.files.torch_file import parse_torch  # noqa: PLC0415  # built-in clips need no pickles
+
         return parse_torch(self.content, self.path)
 
     @cached_property
     def pickle(self) -> Any:
         """Value of a pickle of plain values and arrays; raises `ReadError`."""
+        from hoi_retarget.files.array_pickle import parse_pickle  # noqa: PLC0415  # as above
+
         return parse_pickle(self.content, self.path)
 
     def beside(self, *steps: str) -> Path:

@@ -16,7 +16,6 @@ from jaxtyping import Float, Int
 
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, ReadError
 from hoi_retarget.files import npz
-from hoi_retarget.files.body_pickle import read_body_pickle
 from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.human.body_model import JOINT_COUNT, BodyModel, BodyShape, Family, Gender
 from hoi_retarget.human.person import Person
@@ -85,6 +84,8 @@ def _file_in(folder: Path, gender: Gender, family: Family) -> Path:
 def _values(path: Path) -> Mapping[str, np.ndarray | None]:
     content, names = read_bytes(path), (*_NAMES, *_HANDS)
     if content[:1] == b"\x80":
+        from hoi_retarget.files.body_pickle import read_body_pickle  # noqa: PLC0415  # few models are pickles
+
         return read_body_pickle(path, content, names)
     try:
         members = npz.members(content)

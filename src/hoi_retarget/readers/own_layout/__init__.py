@@ -16,12 +16,12 @@ from hoi_retarget.errors import ClipError, ReadError
 from hoi_retarget.files import npz
 from hoi_retarget.files.reading import limit_of_motion, read_bytes
 from hoi_retarget.files.source_file import FOLDER, SourceFile
-from hoi_retarget.readers.own_layout.own_arrays import CLIP_FILE, FORMAT, SCHEMA_KEY, Arrays, encode, write
+from hoi_retarget.readers.own_layout.own_arrays import FORMAT, SCHEMA_KEY, Arrays, encode, write
 from hoi_retarget.readers.own_layout.own_objects import contacts_of, has_contacts, mesh_paths, object_names, objects_of
 from hoi_retarget.readers.own_layout.own_people import BODY_JOINTS, PARAMETER_ARRAYS, people_of, summary_of
 from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 
-__all__ = ["BODY_JOINTS", "CLIP_FILE", "FORMAT", "READER", "encode", "file_of", "mesh_files", "write"]
+__all__ = ["BODY_JOINTS", "FORMAT", "READER", "encode", "mesh_files", "write"]
 
 _OTHERS = (".pt", ".pth")
 """Endings of other recordings that are files; those that end with `.npz` say themselves what they are."""
@@ -31,7 +31,7 @@ def holds(file: SourceFile) -> bool:
     """Return whether an `.npz` file says that it is of this layout, or a folder holds such a clip and no other."""
     if file.suffix != FOLDER:
         return SCHEMA_KEY in file.array_names
-    clip = file_of(file.path)
+    clip = file.clip_file
     try:
         return _has_schema(clip) and not any(_is_recording(path) for path in file.path.rglob("*") if path != clip)
     except OSError:
@@ -46,20 +46,14 @@ def _is_recording(path: Path) -> bool:
     return path.suffix.lower() in _OTHERS or (path.suffix.lower() == ".npz" and _has_schema(path))
 
 
-def file_of(path: Path) -> Path:
-    """Return the file of a clip that is named by it or by its folder."""
-    recording = SourceFile(path)
-    return recording.path / CLIP_FILE if recording.suffix == FOLDER else recording.path
-
-
 def has_parameters(file: SourceFile) -> bool:
     """Return whether the people of a clip are parameters, which body models are needed for."""
-    return PARAMETER_ARRAYS[0] in SourceFile(file_of(file.path)).array_names
+    return PARAMETER_ARRAYS[0] in SourceFile(file.clip_file).array_names
 
 
 def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
     """Return the recording in a file or folder; shapes may be in the clip, beside it, or in the objects' folder."""
-    path = file_of(file.path)
+    path = file.clip_file
     content = file.content if path == file.path else file.read(path)
     try:
         arrays = Arrays(path, npz.members(content, limit_of_motion(len(content))))
@@ -98,7 +92,7 @@ def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
 
 def mesh_files(path: Path) -> tuple[Path, ...]:
     """Return the mesh files beside a clip that it may need, whether there or not; none where it cannot be read."""
-    file = file_of(path)
+    file = SourceFile(path).clip_file
     try:
         return mesh_paths(Arrays(file, npz.members(read_bytes(file))))
     except (ReadError, ValueError, ClipError):

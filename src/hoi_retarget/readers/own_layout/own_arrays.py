@@ -22,8 +22,6 @@ UP, UNIT = "z", "m"
 HEIGHTS = "person_heights"
 DOCUMENT = "docs/sources.md describes the layout."
 
-CLIP_FILE = "clip.npz"
-"""Name of the clip in a folder."""
 MAX_VALUE = 1e4
 """Of any number; metres, radians, frames a second and quaternions stay below."""
 
