@@ -29,7 +29,7 @@ from hoi_retarget.retargeting.solve import solve
 from hoi_retarget.retargeting.targets import make_targets
 from hoi_retarget.retargeting.trajopt.solvers.solver import KeepStart
 from hoi_retarget.retargeting.trajopt.terms.object_contact import ObjectContact
-from hoi_retarget.retargeting.trajopt.terms.site_rotation import SiteRotation
+from hoi_retarget.retargeting.trajopt.terms.site_pose import SiteRotation
 from hoi_retarget.retargeting.trajopt.trajectory_terms import ik_terms, trajectory_terms
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS

@@ -9,7 +9,7 @@ from hoi_retarget.retargeting.trajopt.solvers.solver import BandedInteriorPoint
 from hoi_retarget.retargeting.trajopt.terms.differences import Differences
 from hoi_retarget.retargeting.trajopt.terms.posture import Posture
 from hoi_retarget.retargeting.trajopt.terms.robot_clearance import RobotClearance, robot_clearance_terms
-from hoi_retarget.retargeting.trajopt.terms.site_position import SitePosition
+from hoi_retarget.retargeting.trajopt.terms.site_pose import SitePosition
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.skin import skin_of
 from trajectories import MODELS

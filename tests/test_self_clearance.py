@@ -14,7 +14,7 @@ from hoi_retarget.retargeting.trajopt.solvers.solver import BandedInteriorPoint
 from hoi_retarget.retargeting.trajopt.terms.differences import Differences
 from hoi_retarget.retargeting.trajopt.terms.posture import Posture
 from hoi_retarget.retargeting.trajopt.terms.self_clearance import SelfClearance, self_clearance_terms
-from hoi_retarget.retargeting.trajopt.terms.site_position import SitePosition
+from hoi_retarget.retargeting.trajopt.terms.site_pose import SitePosition
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.skin import separable_pairs, skin_of
 from hoi_retarget.synthetic import make

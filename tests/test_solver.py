@@ -18,8 +18,7 @@ from hoi_retarget.retargeting.trajopt.solvers.solver import SOLVERS, BandedInter
 from hoi_retarget.retargeting.trajopt.solvers.solver_result import optimality
 from hoi_retarget.retargeting.trajopt.terms.differences import Differences
 from hoi_retarget.retargeting.trajopt.terms.posture import Posture
-from hoi_retarget.retargeting.trajopt.terms.site_position import SitePosition
-from hoi_retarget.retargeting.trajopt.terms.site_rotation import SiteRotation
+from hoi_retarget.retargeting.trajopt.terms.site_pose import SitePosition, SiteRotation
 from hoi_retarget.retargeting.trajopt.windows import (
     CATCH_UP_FRAMES,
     MIN_TAIL_FRAMES,

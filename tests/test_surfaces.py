@@ -18,7 +18,13 @@ from hoi_retarget.retargeting.local_resolve import resolve_locally
 from hoi_retarget.retargeting.retarget import judge, retarget
 from hoi_retarget.retargeting.solve import solve
 from hoi_retarget.retargeting.surfaces.contact_targets import contact_sides, touching_targets
-from hoi_retarget.retargeting.surfaces.skin_points import LINEAR_BEYOND, MovingObject, moving_objects, softened
+from hoi_retarget.retargeting.surfaces.skin_points import (
+    LINEAR_BEYOND,
+    LinkAtObject,
+    MovingObject,
+    moving_objects,
+    softened,
+)
 from hoi_retarget.retargeting.surfaces.skin_terms import (
     MARGIN,
     TOUCHING,
@@ -90,7 +96,7 @@ def test_skin_rows_agree_with_finite_differences(model, depth):
     kinematics = model.forward(wandering(model, rng))
     thing = slab_at_hand(kinematics, depth, rng)
     skin = skin_of(model).by_link["left_wrist_yaw_link"]
-    term = skin_contact("hand", skin, thing, kinematics, 2e4, None, 8, 0.012)
+    term = skin_contact("hand", LinkAtObject(skin, thing, kinematics), 2e4, None, 8, 0.012)
     assert_derivative(term, model, kinematics, rng)
 
 
@@ -100,7 +106,7 @@ def test_touch_rows_agree_with_finite_differences(model):
     thing = slab_at_hand(kinematics, -0.01, rng)
     skin = skin_of(model).by_link["left_wrist_yaw_link"]
     weights = np.linspace(0.0, 5e3, FRAMES)
-    term = skin_contact("hand", skin, thing, kinematics, 2e4, weights, 8, 0.012)
+    term = skin_contact("hand", LinkAtObject(skin, thing, kinematics), 2e4, weights, 8, 0.012)
     assert_derivative(term, model, kinematics, rng)
 
 
@@ -109,7 +115,7 @@ def test_rows_of_an_object_in_a_link_agree_with_finite_differences(model):
     kinematics = model.forward(wandering(model, rng))
     thing = slab_at_hand(kinematics, 0.006, rng)
     skin = skin_of(model).by_link["left_wrist_yaw_link"]
-    term = object_outside_link("hand", skin, thing, kinematics, 2e4, 6, 0.012)
+    term = object_outside_link("hand", LinkAtObject(skin, thing, kinematics), 2e4, 6, 0.012)
     assert_derivative(term, model, kinematics, rng)
 
 
@@ -121,7 +127,9 @@ def test_rows_deep_in_a_thin_board_agree_with_finite_differences(model, wanted):
     skin = skin_of(model).by_link["left_wrist_yaw_link"]
     quat = se3.exp(rng.normal(size=3))
     thing = solid_box((0.8, 0.8, 0.02), kinematics.point(skin.frame.of(skin.centre, np.eye(3)))[:, 0], FRAMES, quat)
-    term = skin_contact("hand", skin, thing, kinematics, 2e4, np.ones(FRAMES) if wanted else None, 24, 0.008)
+    term = skin_contact(
+        "hand", LinkAtObject(skin, thing, kinematics), 2e4, np.ones(FRAMES) if wanted else None, 24, 0.008
+    )
     assert_derivative(term, model, kinematics, rng)
 
 
@@ -142,7 +150,7 @@ def test_a_hand_at_a_known_distance_costs_what_that_distance_costs(model):
     skin = skin_of(model).by_link["left_wrist_yaw_link"]
     for depth in (-0.01, -0.0008, 0.002, 0.008):
         thing = slab_at_hand(kinematics, depth, rng)
-        term = skin_contact("hand", skin, thing, kinematics, 1.0, np.ones(FRAMES), 12, 0.012)
+        term = skin_contact("hand", LinkAtObject(skin, thing, kinematics), 1.0, np.ones(FRAMES), 12, 0.012)
         clearance, touch = term.rows(kinematics)
         assert -clearance.residual.min() == pytest.approx(max(0.0, depth + MARGIN), abs=1e-4)
         assert touch.residual.min() >= max(0.0, -depth - TOUCHING) - 1e-4
@@ -153,8 +161,8 @@ def test_far_links_have_no_terms(model):
     kinematics = model.forward(np.repeat(model.home_qpos[None], FRAMES, axis=0))
     thing = solid_box((0.2, 0.2, 0.2), (5.0, 0.0, 0.0))
     for skin in skin_of(model).links:
-        assert skin_contact("link", skin, thing, kinematics, 1.0, None, 6, 0.03) is None
-        assert object_outside_link("link", skin, thing, kinematics, 1.0, 6, 0.03) is None
+        assert skin_contact("link", LinkAtObject(skin, thing, kinematics), 1.0, None, 6, 0.03) is None
+        assert object_outside_link("link", LinkAtObject(skin, thing, kinematics), 1.0, 6, 0.03) is None
 
 
 def test_chosen_points_hold_the_deepest_one(model):
@@ -162,7 +170,7 @@ def test_chosen_points_hold_the_deepest_one(model):
     kinematics = model.forward(wandering(model, rng, 5e-4))
     thing = slab_at_hand(kinematics, 0.003, rng)
     skin = skin_of(model).by_link["left_wrist_yaw_link"]
-    term = skin_contact("hand", skin, thing, kinematics, 1.0, None, 4, 0.012)
+    term = skin_contact("hand", LinkAtObject(skin, thing, kinematics), 1.0, None, 4, 0.012)
     assert isinstance(term, SkinContact)
     points = kinematics.point(skin.frame)[:, None] + np.einsum(
         "ijt,kj->ikt", kinematics.orientation(skin.frame), skin.points

@@ -62,15 +62,9 @@ class ContactPoint:
 def contact_points(
     motion: Motion, kinematics: Kinematics, geometries: Sequence[ObjectGeometry]
 ) -> tuple[ContactPoint, ...]:
-    """Return all points that are in contact in some frame.
+    """Return all points that are in contact in some frame of a motion; `geometries` are the shapes of its objects.
 
-    Args:
-        motion: The motion: labels, stance and the objects' paths.
-        kinematics: Poses of the robot in its frames.
-        geometries: Shapes of its objects, in their order.
-
-    Raises:
-        GeometryError: An object's mesh cannot be read.
+    Raises `GeometryError` when an object's mesh cannot be read.
     """
     found = (
         *_soles(motion, kinematics),

@@ -97,10 +97,7 @@ def judge_team(solutions: Sequence[Solution], figures: FigureSet = "all") -> tup
 def solve_people(clip: Clip, models: Sequence[RobotModel], config: Config = Config()) -> tuple[Solution, ...]:
     """Return one solution per person of a clip, in one world with the same objects, robots outside each other.
 
-    Args:
-        clip: The recording.
-        models: One robot for all people, or one for each.
-        config: Scales, weights, solvers.
+    `models` are one robot for all people, or one for each.
 
     Raises:
         ArgumentError: There are other numbers of robots and people.

@@ -13,10 +13,7 @@ from hoi_retarget.robots.spec import SitePose
 
 
 def read_mjcf(path: Path, sites: Mapping[str, SitePose]) -> mujoco.MjSpec:
-    """Return the description in a file, with more sites.
-
-    Raises `RobotError` when MuJoCo cannot read the file, or a site is on a body that is not there.
-    """
+    """Return the description in a file, with more sites; raises `RobotError` for bad files and unknown bodies."""
     try:
         description = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
@@ -34,10 +31,7 @@ def read_mjcf(path: Path, sites: Mapping[str, SitePose]) -> mujoco.MjSpec:
 
 
 def compile_mjcf(path: Path, sites: Mapping[str, SitePose]) -> mujoco.MjModel:
-    """Return the compiled description in a file, with more sites.
-
-    Raises `RobotError` when MuJoCo cannot read or compile it.
-    """
+    """Return the compiled description in a file, with more sites; raises `RobotError` when MuJoCo refuses it."""
     description = read_mjcf(path, sites)
     try:
         return description.compile()

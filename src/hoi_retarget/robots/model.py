@@ -168,10 +168,7 @@ class Kinematics:
     _points: dict[Frame, np.ndarray] = field(default_factory=dict, init=False, repr=False)
 
     def frame(self, site: str | Frame) -> Frame:
-        """Return a site's frame by its name; a frame is returned as it is.
-
-        Raises `RobotError` when there is no such site.
-        """
+        """Return a site's frame by its name, or the given frame; raises `RobotError` when there is no such site."""
         if isinstance(site, Frame):
             return site
         try:
@@ -235,10 +232,9 @@ class Kinematics:
 
 
 def load_model(spec: RobotSpec) -> RobotModel:
-    """Compile a robot's MJCF and return its model.
+    """Return a robot's model.
 
-    Raises `RobotError` when the file cannot be compiled or lacks a free root, a limited hinge,
-    a speed limit or a site.
+    Raises `RobotError` when its MJCF cannot be compiled or lacks a free root, a limited hinge, a speed limit or a site.
     """
     compiled = compile_mjcf(spec.mjcf, spec.sites)
     _check_joints(spec, compiled)

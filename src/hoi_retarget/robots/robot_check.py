@@ -30,14 +30,9 @@ _OFFSET_TOLERANCE = 60.0
 
 
 def check(subject: RobotSpec | Path) -> list[RobotFinding]:
-    """Check all requirements of retargeting to a robot.
+    """Return a finding for each requirement of retargeting to a robot; poses are checked where nothing is an error yet.
 
-    Args:
-        subject: A specification, or an MJCF file on its own: then the facts of a specification (speed limits, home
-            pose, rotation offsets) are named as still missing.
-
-    Returns:
-        The findings, good ones included; poses are checked only where nothing else is an error.
+    Of an MJCF file on its own, the facts of a specification are named as missing: speed limits, home pose, offsets.
     """
     spec = subject if isinstance(subject, RobotSpec) else _file_on_its_own(subject)
     if not spec.mjcf.is_file():

@@ -196,8 +196,7 @@ def skins_from(model: RobotModel, site: str) -> tuple[LinkSkin, ...]:
 def skin_of(model: RobotModel) -> Skin:
     """Return a robot's skin, computed once per model.
 
-    Raises:
-        RobotError: The specification's skin file is missing or damaged, or names links that the robot has not.
+    Raises `RobotError` when the specification's skin file is missing or damaged, or names links that the robot has not.
     """
     file = model.spec.skin
     skins = read_skins(file) if file is not None else _computed(model)

@@ -61,10 +61,7 @@ def check_name(name: str) -> None:
 
 
 def load(name: str) -> RobotSpec:
-    """Return an added robot.
-
-    Raises `RobotError` when its files are damaged.
-    """
+    """Return an added robot; raises `RobotError` when its files are damaged."""
     own = folder() / name
     try:
         content = (own / _SPEC).read_bytes()
@@ -97,10 +94,7 @@ def record_of(name: str) -> Record:
 
 
 def save(spec: RobotSpec, mjcf: str, record: Record = _NO_RECORD) -> Path:
-    """Write a robot into the user's folder, all of it or nothing, and return its folder; one of its name is replaced.
-
-    Raises `WriteError`.
-    """
+    """Write all of a robot or nothing of it, in place of one of its name; return its folder. Raises `WriteError`."""
     own = folder() / spec.name
     with writing(own):
         own.parent.mkdir(parents=True, exist_ok=True)
@@ -125,11 +119,7 @@ def save(spec: RobotSpec, mjcf: str, record: Record = _NO_RECORD) -> Path:
 def of_file(path: Path, taken: Container[str] = ()) -> RobotSpec:
     """Return the robot made of a manufacturer's file; made now, under the file's name, where there is none.
 
-    Args:
-        path: The file.
-        taken: Names that no added robot can have.
-
-    Raises `RobotError`, as `build_robot` does, and `WriteError`.
+    No added robot gets a name in `taken`. Raises `RobotError`, as `build_robot` does, and `WriteError`.
     """
     try:
         digest = hashlib.sha256(path.read_bytes()).hexdigest()

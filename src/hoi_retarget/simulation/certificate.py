@@ -28,13 +28,8 @@ _Change = Callable[[PhysicsScene, mujoco.MjModel], None]
 def certificate_of(scene: PhysicsScene, rollout: Rollout, gains: Float[np.ndarray, "K n x"]) -> Certificate:
     """Return the certificate of a motion that was performed whole; it takes about a second.
 
-    Args:
-        scene: Robot and objects.
-        rollout: The simulated motion.
-        gains: From deviations from it to changes of the drives' targets; they are rounded as in files.
-
-    Raises:
-        RobotError: MuJoCo cannot compile the robot with the objects.
+    Gains, from deviations from it to changes of the drives' targets, are rounded as in files. Raises `RobotError` where
+    MuJoCo cannot compile the robot with the objects.
     """
     path = _path(rollout)
     again = track(compiled(scene), path, rollout.targets)

@@ -147,10 +147,7 @@ def feedback_gains(
 def gains_of(scene: PhysicsScene, linear: Sequence[Linear], *, objects: float) -> Float[np.ndarray, "K n x"]:
     """Return the gains at every tick [rad per unit of the state] by Riccati's recursion.
 
-    Args:
-        scene: Robot and objects.
-        linear: Derivatives of the state after each tick by the state and the targets before it.
-        objects: Weight of deviations of objects, 0 to 1.
+    `linear` are the linearizations of all ticks; `objects` is the weight of objects' deviations, 0 to 1.
     """
     cost = np.diag(_costs(scene.model.n, len(scene.objects), objects))
     effort = _EFFORT * np.eye(scene.model.n)
@@ -219,11 +216,6 @@ def rollout_gains(scene: PhysicsScene, simulated: mujoco.MjModel, rollout: Rollo
 
     A simulated motion has its contacts, with feet and objects as deep in each other as their forces need, so the
     derivatives in every tick are of use as they are; those of a reference, which only just touches, are not.
-
-    Args:
-        scene: Robot and objects.
-        simulated: The same, compiled.
-        rollout: The motion; its targets alone repeat it.
     """
     return gains_of(scene, replace_outliers(list(_linearized_rollout(simulated, rollout))), objects=_OBJECTS)
 

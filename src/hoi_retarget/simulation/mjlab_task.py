@@ -80,11 +80,7 @@ def check_usable(motion: Motion) -> None:
 
 
 def task_of(result: Result, scene: PhysicsScene) -> TrainingTask:
-    """Return a result as a task.
-
-    Args:
-        result: The result; its last stage is the reference.
-        scene: Its robot and objects, with masses, frictions and drives.
+    """Return a result as a task, with the masses, frictions and drives of its scene; its last stage is the reference.
 
     Raises:
         ClipError: It is no reference to train on, or has a single frame.

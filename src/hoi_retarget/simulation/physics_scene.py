@@ -102,14 +102,9 @@ def scene_of(
 
 
 def scene_description(scene: PhysicsScene, meshes: Mapping[str, bytes] | None = None) -> mujoco.MjSpec:
-    """Return a scene as MuJoCo's editable description.
+    """Return a scene as MuJoCo's editable description; raises `RobotError` when MuJoCo cannot read the robot's MJCF.
 
-    Args:
-        scene: The scene.
-        meshes: Files by name that the description's meshes name; by default meshes carry their corners.
-
-    Raises:
-        RobotError: MuJoCo cannot read the robot's MJCF.
+    Its meshes are files by name, or carry their corners where `meshes` is None.
     """
     description, physics = robot_description(scene), scene.physics
     description.modelname = f"{scene.model.spec.name}_scene"
@@ -263,14 +258,9 @@ def _unused(name: str, taken: set[str]) -> str:
 
 
 def scene_files(scene: PhysicsScene, motion: Motion) -> Mapping[Path, bytes]:
-    """Return the files of a scene, by their places in its folder.
+    """Return the files of a scene, by their places in its folder, with a motion's keyframes, `frame_0` and so on.
 
-    Args:
-        scene: The scene.
-        motion: The motion of which it has keyframes, named `frame_0` and so on.
-
-    Raises:
-        RobotError: The robot's MJCF has meshes, or MuJoCo cannot compile it with objects.
+    Raises `RobotError` when the robot's MJCF has meshes, or MuJoCo cannot compile it with objects.
     """
     meshes = {
         f"{mesh_name(item, number)}.obj": _obj(item.scale * corners)

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from hoi_retarget.numerics.arrays import frozen, runs
 from hoi_retarget.numerics.filters import seconds_to_frames
-from hoi_retarget.retargeting.surfaces.skin_points import MovingObject
+from hoi_retarget.retargeting.surfaces.skin_points import MovingObject, at_points
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.skin import LinkSkin, Skin
@@ -48,7 +48,7 @@ def contact_sides(targets: Targets, objects: tuple[MovingObject, ...]) -> Float[
 
 def _sides(targets: Targets, moving_object: MovingObject, link: int, window: slice) -> Float[np.ndarray, "F 3"]:
     points = _points(targets, link)[window]
-    distances, normals = moving_object.distances_and_normals(points.T)
+    distances, normals = at_points(moving_object.field.distances_and_normals, points.T)
     shown = np.clip(distances, 1e-5, CLEARLY_OUTSIDE) * normals
     time = np.arange(len(points)) / seconds_to_frames(STEADY_SECONDS, targets.fps)
     # Falls slowly: in the midst of a long contact inside a wall, only the approach shows the side.
@@ -134,7 +134,7 @@ def _moves(  # noqa: PLR0913, PLR0917  # the parts of a move
     lever = np.einsum("ijf,kj->ikf", turned, skin.points[:SKIN_POINTS])
     lever += np.einsum("jif,jf->if", to_object, to_link)[:, None]
     moves, touched = _settled(np.zeros_like(goals), goals, lever, outward, moving_object)
-    distances, normals = moving_object.distances_and_normals(goals)
+    distances, normals = at_points(moving_object.field.distances_and_normals, goals)
     apart = (goals - distances * normals - touched).mean(axis=1, keepdims=True)
     moves, _ = _settled(moves + TOWARDS_PLACE * apart, goals, lever, outward, moving_object)
     origins = np.einsum("jif,jf->if", to_object, to_link) + goals
@@ -155,7 +155,7 @@ def _settled(
         points = (goals + moves)[:, None] + lever
         nearest = moving_object.distances(points).argmin(axis=0)
         touched = points[:, nearest, every]
-        distances, normals = moving_object.distances_and_normals(touched)
+        distances, normals = at_points(moving_object.field.distances_and_normals, touched)
         moves = moves + np.where(distances < 0.0, -OVERSHOOT * distances * outward, -distances * normals)
     return moves, touched
 

@@ -6,7 +6,7 @@ the sides. The human's limb stayed on one side: a robot's link goes there.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 import scipy  # its modules are loaded where they are first used
@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 from hoi_retarget.human.skeleton import LIMBS
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.numerics.filters import seconds_to_frames
-from hoi_retarget.retargeting.surfaces.skin_points import MovingObject, hinge_rows, levers
+from hoi_retarget.retargeting.surfaces.skin_points import LinkAtObject, MovingObject, hinge_rows, levers
 from hoi_retarget.retargeting.trajopt.problem import FrameRows
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.skin import LinkSkin, Skin, skin_of
@@ -104,7 +104,7 @@ def escape_paths(  # noqa: PLR0913, PLR0917  # the parts of a path
         path
         for index, moving_object in enumerate(objects)
         for link in skin.links
-        for path in _PenetratedLink(index, moving_object, link, start, limbs[:, index, of_link[link.link]], fps).paths(
+        for path in _PenetratedLink(link, moving_object, start, index, limbs[:, index, of_link[link.link]], fps).paths(
             earlier, weight
         )
     )
@@ -138,13 +138,10 @@ def _beside(
 
 
 @dataclass(frozen=True, eq=False)
-class _PenetratedLink:
+class _PenetratedLink(LinkAtObject):
     """One link near one object."""
 
     index: int
-    moving_object: MovingObject
-    skin: LinkSkin
-    start: Kinematics
     limb: Float[np.ndarray, "T 2 3"]
     fps: float
 
@@ -188,7 +185,7 @@ class _PenetratedLink:
     def _depths_and_sides(self, keys: Int[np.ndarray, "K"]) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
         """Return the object's depth in the link [m], and the vector from its points inside to the human's limb."""
         depths, sides = np.zeros(len(keys)), np.zeros((len(keys), 3))
-        near = np.abs(self.moving_object.distances(self._centres)[keys]) < self.skin.radius
+        near = np.abs(self.moving_object.distances(self.centres)[keys]) < self.skin.radius
         for key in np.flatnonzero(near).tolist():
             frame = int(keys[key])
             samples, seen = self._samples(frame, 0.0)
@@ -196,15 +193,11 @@ class _PenetratedLink:
             inside = distances < 0
             if inside.any():
                 depths[key] = -distances.min()
-                beside = _beside(self._beginning(frame), samples[inside])
+                start, end = self.limb[frame]
+                beside = _beside(np.stack([start, start + NEXT_TO_BODY * (end - start)]), samples[inside])
                 beside /= np.maximum(np.linalg.norm(beside, axis=1, keepdims=True), 1e-9)
                 sides[key] = -distances[inside] @ beside
         return depths, sides
-
-    def _beginning(self, frame: int) -> Float[np.ndarray, "2 3"]:
-        """Return the part of the human's limb that decides the side [m]."""
-        start, end = self.limb[frame]
-        return np.stack([start, start + NEXT_TO_BODY * (end - start)])
 
     def _escape_length(self, frame: int, side: Float[np.ndarray, "3"]) -> tuple[float, Float[np.ndarray, "3"]]:
         """Return the length of the link's path out of the object [m], and its deepest point at the start."""
@@ -217,18 +210,12 @@ class _PenetratedLink:
             way += max(depth, MIN_STEP_M)
         return min(way, MAX_ESCAPE_M), deepest
 
-    @cached_property
-    def _centres(self) -> Float[np.ndarray, "3 T"]:
-        """The middle of the link in the object's frame [m]."""
-        centre = self.start.point(self.skin.frame.of(self.skin.centre, np.eye(3)))
-        return self.moving_object.inside(centre[:, None], np.arange(centre.shape[1]))[:, 0]
-
     def _turn(self, frame: int) -> Float[np.ndarray, "3 3"]:
         return self.moving_object.rotation[:, :, frame].T @ self.start.orientation(self.skin.frame)[:, :, frame]
 
     def _samples(self, frame: int, beyond: float) -> tuple[Float[np.ndarray, "N 3"], Float[np.ndarray, "N 3"]]:
         """Return the object's samples around the link, in the object's frame and in the link's [m]."""
-        centre = self._centres[:, frame]
+        centre = self.centres[:, frame]
         samples = np.asarray(self.moving_object.samples.data)[
             self.moving_object.samples.query_ball_point(centre, self.skin.radius + beyond)
         ]

@@ -3,8 +3,9 @@
 The nearest points are found from a coarser skin first: most of a skin is far from every object.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy  # its modules are loaded where they are first used
@@ -68,8 +69,8 @@ def hinge_rows(  # noqa: PLR0913, PLR0917  # the parts of rows
     """
     residual, slope = softened(np.minimum(distances - margin, 0.0), LINEAR_BEYOND)
     along = np.where(residual < 0.0, slope, 0.0) * normals
-    by_linear, by_angular = along, moments(lever, along)
-    return FrameRows(frame, residual, by_linear.transpose(1, 0, 2), by_angular.transpose(1, 0, 2), weight, frames)
+    by_linear, by_angular = along.transpose(1, 0, 2), moments(lever, along).transpose(1, 0, 2)
+    return FrameRows(frame, residual, by_linear, by_angular, weight, frames)
 
 
 def softened(
@@ -107,19 +108,13 @@ class MovingObject:
         """Return the distances from the surface [m] of points in the object's frame."""
         return self.field.distances(points.reshape(3, -1).T).reshape(points.shape[1:])
 
-    def distances_and_normals(
-        self, points: Float[np.ndarray, "3 *many"]
-    ) -> tuple[Float[np.ndarray, "*many"], Float[np.ndarray, "3 *many"]]:
-        """Return these distances [m] and the unit vectors, in the object's frame, along which they grow."""
-        distances, normals = self.field.distances_and_normals(points.reshape(3, -1).T)
-        return distances.reshape(points.shape[1:]), normals.T.reshape(points.shape)
 
-    def distances_and_slopes(
-        self, points: Float[np.ndarray, "3 *many"]
-    ) -> tuple[Float[np.ndarray, "*many"], Float[np.ndarray, "3 *many"]]:
-        """Return these distances [m] and their derivatives by the points [unitless]."""
-        distances, slopes = self.field.distances_and_slopes(points.reshape(3, -1).T)
-        return distances.reshape(points.shape[1:]), slopes.T.reshape(points.shape)
+def at_points(
+    distances_and_vectors: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], points: Float[np.ndarray, "3 *many"]
+) -> tuple[Float[np.ndarray, "*many"], Float[np.ndarray, "3 *many"]]:
+    """Return the distances [m] and the slopes or normals [unitless] of a field or a grid at points in its frame."""
+    distances, vectors = distances_and_vectors(points.reshape(3, -1).T)
+    return distances.reshape(points.shape[1:]), vectors.T.reshape(points.shape)
 
 
 def moving_objects(targets: Targets) -> tuple[MovingObject, ...]:
@@ -141,6 +136,32 @@ def _shape_of(geometry: ObjectGeometry, scale: float) -> tuple[DistanceField, "s
     """Return the distances and samples of an object's surface at another size; geometries are known by identity."""
     samples = surface_samples(surface_of(geometry), SPACING / scale)
     return distance_field(geometry).scaled(scale), scipy.spatial.KDTree(scale * samples)
+
+
+@dataclass(frozen=True, eq=False)
+class LinkAtObject:
+    """One link of a robot with one object, along the trajectory that a solve starts from."""
+
+    skin: LinkSkin
+    moving_object: MovingObject
+    start: Kinematics
+
+    @cached_property
+    def centres(self) -> Float[np.ndarray, "3 T"]:
+        """The middle of the link in the object's frame [m]."""
+        centre = self.start.point(self.skin.frame.of(self.skin.centre, np.eye(3)))
+        return self.moving_object.inside(centre[:, None], np.arange(centre.shape[1]))[:, 0]
+
+    def distances(
+        self, point: Int[np.ndarray, "N"], column: Int[np.ndarray, "N"], frames: Int[np.ndarray, "F"]
+    ) -> Float[np.ndarray, "N"]:
+        """Return the distances of single skin points from the object [m], each in the frame of its column."""
+        # The link's pose in the object's frame, frame by frame, then once for each point.
+        turn = self.moving_object.rotation[:, :, frames]
+        rotation = np.einsum("jit,jkt->tik", turn, self.start.orientation(self.skin.frame)[:, :, frames])
+        origin = self.moving_object.inside(self.start.point(self.skin.frame)[:, None, frames], frames)[:, 0].T
+        places = np.einsum("nij,nj->ni", rotation[column], self.skin.points[point]) + origin[column]
+        return self.moving_object.field.distances(places)
 
 
 COARSE = 100
@@ -178,48 +199,30 @@ def patches_of(skin: LinkSkin, apart: float) -> Patches:
     return Patches(order, np.cumsum(count) - count, count, radius, close)
 
 
-def near_distances(  # noqa: PLR0913, PLR0917  # the parts of a distance
-    skin: LinkSkin,
-    patches: Patches,
-    moving_object: MovingObject,
-    start: Kinematics,
-    frames: Int[np.ndarray, "F"],
-    near: float,
+def near_distances(
+    link: LinkAtObject, patches: Patches, frames: Int[np.ndarray, "F"], near: float
 ) -> Float[np.ndarray, "P F"]:
-    """Return the distances of the nearest skin points from an object [m]; `FAR` for points that are not looked at."""
-    distances = np.full((len(skin.points), len(frames)), FAR)
+    """Return the distances of the nearest skin points from an object [m]; `FAR` for points that are not looked at.
+
+    Args:
+        link: The link and the object.
+        patches: Of the link's skin.
+        frames: Frames of the trajectory.
+        near: Skin that is further away is not looked at [m].
+    """
+    distances = np.full((len(link.skin.points), len(frames)), FAR)
     if not frames.size:
         return distances
-    rough = _distances(
-        skin, moving_object, start, frames, *np.indices((len(patches.count), len(frames))).reshape(2, -1)
-    )
-    rough = rough.reshape(len(patches.count), len(frames))
+    patch, column = np.indices((len(patches.count), len(frames))).reshape(2, -1)
+    rough = link.distances(patch, column, frames).reshape(len(patches.count), len(frames))
     closely = rough - patches.radius[:, None] < np.minimum(rough.min(axis=0) + SPREAD, near)
     patch, column = np.nonzero(closely)
     count = patches.count[patch]
     within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     point = patches.order[np.repeat(patches.first[patch], count) + within]
     column = np.repeat(column, count)
-    distances[point, column] = _distances(skin, moving_object, start, frames, point, column)
+    distances[point, column] = link.distances(point, column, frames)
     return distances
-
-
-def _distances(  # noqa: PLR0913, PLR0917  # as above
-    skin: LinkSkin,
-    moving_object: MovingObject,
-    start: Kinematics,
-    frames: np.ndarray,
-    point: np.ndarray,
-    column: np.ndarray,
-) -> Float[np.ndarray, "N"]:
-    """Return the distance of single points in single frames [m]."""
-    # The link's pose in the object's frame, frame by frame, then once for each point.
-    rotation = np.einsum(
-        "jit,jkt->tik", moving_object.rotation[:, :, frames], start.orientation(skin.frame)[:, :, frames]
-    )
-    origin = moving_object.inside(start.point(skin.frame)[:, None, frames], frames)[:, 0].T
-    places = np.einsum("nij,nj->ni", rotation[column], skin.points[point]) + origin[column]
-    return moving_object.field.distances(places)
 
 
 def nearest_spread(distances: Float[np.ndarray, "P F"], patches: Patches, count: int) -> Int[np.ndarray, "K F"]:

@@ -9,7 +9,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hoi_retarget.retargeting.surfaces.skin_points import (
+    LinkAtObject,
     MovingObject,
+    at_points,
     hinge_rows,
     levers,
     moments,
@@ -56,46 +58,35 @@ class ObjectOutsideLink:
 
     def _at(self, kinematics: Kinematics) -> tuple[Float[np.ndarray, "K F"], Float[np.ndarray, "3 K F"]]:
         """Return the samples' distances from the solid [m], and in which direction it must move for them to grow."""
-        frame, shape = self.skin.frame, self.points.shape
+        frame = self.skin.frame
         rotation = kinematics.orientation(frame)[:, :, self.frames]
         lever = self.points - kinematics.point(frame)[:, None, self.frames]
         inside = np.einsum("jif,jkf->ikf", rotation, lever)
-        distances, slopes = self.skin.solid.distances_and_slopes(inside.reshape(3, -1).T)
-        away = -np.einsum("ijf,jkf->ikf", rotation, slopes.T.reshape(shape))
-        return distances.reshape(shape[1:]), away
+        distances, slopes = at_points(self.skin.solid.distances_and_slopes, inside)
+        return distances, -np.einsum("ijf,jkf->ikf", rotation, slopes)
 
 
-def object_outside_link(  # noqa: PLR0913, PLR0917  # the parts of a term
-    name: str,
-    skin: LinkSkin,
-    moving_object: MovingObject,
-    start: Kinematics,
-    weight: float,
-    count: int,
-    apart: float,
+def object_outside_link(
+    name: str, link: LinkAtObject, weight: float, count: int, apart: float
 ) -> ObjectOutsideLink | None:
     """Return the term with the samples that are near the link at a start; None where none ever is.
 
     Args:
         name: Of the term.
-        skin: Of the link, with its solid.
-        moving_object: The object.
-        start: Trajectory that a solve starts from.
+        link: The link and the object.
         weight: [1/m^2]
         count: Most samples in a frame.
         apart: Least distance between two of them [m].
     """
-    every = np.arange(len(start.qpos))
-    centres = moving_object.inside(start.point(skin.frame.of(skin.centre, np.eye(3)))[:, None], every)
-    near = np.flatnonzero(np.abs(moving_object.distances(centres)[0]) < skin.radius + OUTSIDE_RANGE)
+    skin, moving_object = link.skin, link.moving_object
+    near = np.flatnonzero(np.abs(moving_object.distances(link.centres)) < skin.radius + OUTSIDE_RANGE)
     if not near.size:
         return None
     # One frame in the middle of each group speaks for all of the group.
     middles = near[np.minimum(np.arange(0, len(near), STRIDE) + STRIDE // 2, len(near) - 1)]
-    around = moving_object.samples.query_ball_point(centres[:, 0, middles].T, skin.radius + OUTSIDE_RANGE)
+    around = moving_object.samples.query_ball_point(link.centres[:, middles].T, skin.radius + OUTSIDE_RANGE)
     chosen = [
-        _nearest(samples, skin, moving_object, start, frame, count, apart)
-        for frame, samples in zip(middles.tolist(), around, strict=True)
+        _nearest(link, samples, frame, count, apart) for frame, samples in zip(middles.tolist(), around, strict=True)
     ]
     group = np.arange(len(near)) // STRIDE
     kept = np.array([bool(len(samples)) for samples in chosen])[group]
@@ -114,18 +105,11 @@ def object_outside_link(  # noqa: PLR0913, PLR0917  # the parts of a term
     return ObjectOutsideLink(name, skin, frames, world, margins[:, group[kept]], np.full(len(frames), weight))
 
 
-def _nearest(  # noqa: PLR0913, PLR0917  # the parts of a choice
-    samples: list[int],
-    skin: LinkSkin,
-    moving_object: MovingObject,
-    start: Kinematics,
-    frame: int,
-    count: int,
-    apart: float,
-) -> list[int]:
+def _nearest(link: LinkAtObject, samples: list[int], frame: int, count: int, apart: float) -> list[int]:
     """Return the samples nearest to a link's solid in one frame, spread."""
     if not samples:
         return []
+    skin, moving_object, start = link.skin, link.moving_object, link.start
     found = np.array(samples)
     places = np.asarray(moving_object.samples.data)[found]
     world = moving_object.rotation[:, :, frame] @ places.T + moving_object.position[:, frame, None]
@@ -188,7 +172,8 @@ class SkinContact:
         """Return levers and distances of the points, and normals in the object's frame."""
         lever = levers(kinematics, self.skin.frame, self.points, self.frames)
         points = kinematics.point(self.skin.frame)[:, None, self.frames] + lever
-        return lever, *self.moving_object.distances_and_slopes(self.moving_object.inside(points, self.frames))
+        inside = self.moving_object.inside(points, self.frames)
+        return lever, *at_points(self.moving_object.field.distances_and_slopes, inside)
 
     def _touch(self, lever: np.ndarray, distances: np.ndarray, normals: np.ndarray, weights: np.ndarray) -> FrameRows:
         shares = np.exp((distances.min(axis=0) - distances) / SHARPNESS)
@@ -204,9 +189,7 @@ class SkinContact:
 
 def skin_contact(  # noqa: PLR0913, PLR0917  # the parts of a term
     name: str,
-    skin: LinkSkin,
-    moving_object: MovingObject,
-    start: Kinematics,
+    link: LinkAtObject,
     weight: float,
     touch_weights: Float[np.ndarray, "T"] | None,
     count: int,
@@ -216,28 +199,21 @@ def skin_contact(  # noqa: PLR0913, PLR0917  # the parts of a term
 
     Args:
         name: Of the term.
-        skin: Of the link.
-        moving_object: The object.
-        start: Trajectory that a solve starts from.
+        link: The link and the object.
         weight: Of the clearance [1/m^2].
         touch_weights: In every frame [1/m^2]; None where the link never touches the object.
         count: Points in each frame.
         apart: Least distance between two of them [m].
     """
-    wanted = np.zeros(len(start.qpos), dtype=bool) if touch_weights is None else touch_weights > 0
-    frames = np.flatnonzero(wanted | _ball_is_near(skin, moving_object, start))
+    skin, around = link.skin, link.moving_object.distances(link.centres)
+    wanted = np.zeros(len(around), dtype=bool) if touch_weights is None else touch_weights > 0
+    frames = np.flatnonzero(wanted | (around < skin.radius + NEAR))
     patches = patches_of(skin, apart)
-    distances = near_distances(skin, patches, moving_object, start, frames, NEAR)
+    distances = near_distances(link, patches, frames, NEAR)
     near = wanted[frames] | (distances.min(axis=0, initial=np.inf) < NEAR)
     frames, distances = frames[near], distances[:, near]
     if not frames.size:
         return None
     points = skin.points[nearest_spread(distances, patches, count)].transpose(2, 0, 1)
     touching = None if touch_weights is None else touch_weights[frames]
-    return SkinContact(name, skin, moving_object, frames, points, np.full(len(frames), weight), touching)
-
-
-def _ball_is_near(skin: LinkSkin, moving_object: MovingObject, start: Kinematics) -> np.ndarray:
-    every = np.arange(len(start.qpos))
-    centre = start.point(skin.frame.of(skin.centre, np.eye(3)))[:, None]
-    return moving_object.distances(moving_object.inside(centre, every))[0] < skin.radius + NEAR
+    return SkinContact(name, skin, link.moving_object, frames, points, np.full(len(frames), weight), touching)

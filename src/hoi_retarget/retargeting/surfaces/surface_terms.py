@@ -9,7 +9,7 @@ from jaxtyping import Float
 from hoi_retarget.numerics.filters import seconds_to_frames, smoothstep_around
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.surfaces.depenetration import EscapePath
-from hoi_retarget.retargeting.surfaces.skin_points import MovingObject
+from hoi_retarget.retargeting.surfaces.skin_points import LinkAtObject, MovingObject
 from hoi_retarget.retargeting.surfaces.skin_terms import (
     ObjectOutsideLink,
     SkinContact,
@@ -123,10 +123,10 @@ def _clearances(weights: Weights, targets: Targets, start: Kinematics, surfaces:
             column = links.get(skin.link)
             touch = None if column is None else _touch_weights(targets, column, index, weights.surface_touch)
             count, apart = (LINK_POINTS, LINK_SPREAD) if column is None else (HAND_POINTS, HAND_SPREAD)
-            name = f"{skin.link}_{moving_object.name}"
+            name, link = f"{skin.link}_{moving_object.name}", LinkAtObject(skin, moving_object, start)
             terms = (
-                skin_contact(f"{name}_contact", skin, moving_object, start, weights.clearance, touch, count, apart),
-                object_outside_link(f"{name}_inside", skin, moving_object, start, weights.clearance, SAMPLES, apart),
+                skin_contact(f"{name}_contact", link, weights.clearance, touch, count, apart),
+                object_outside_link(f"{name}_inside", link, weights.clearance, SAMPLES, apart),
             )
             yield from (term for term in terms if term is not None)
 

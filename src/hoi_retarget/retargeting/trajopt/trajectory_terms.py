@@ -23,9 +23,7 @@ from hoi_retarget.retargeting.trajopt.terms.object_contact import contact_terms
 from hoi_retarget.retargeting.trajopt.terms.pinned import pin_terms
 from hoi_retarget.retargeting.trajopt.terms.posture import Posture, posture_terms
 from hoi_retarget.retargeting.trajopt.terms.relative_rotation import torso_terms, trunk_terms
-from hoi_retarget.retargeting.trajopt.terms.site_height import stance_terms
-from hoi_retarget.retargeting.trajopt.terms.site_position import SitePosition, position_terms
-from hoi_retarget.retargeting.trajopt.terms.site_rotation import SiteRotation
+from hoi_retarget.retargeting.trajopt.terms.site_pose import SitePosition, SiteRotation, position_terms, stance_terms
 from hoi_retarget.robots.model import Kinematics, RobotModel
 
 COSTS: tuple[Callable[[Weights, Targets, Kinematics], Iterable[Term]], ...] = (

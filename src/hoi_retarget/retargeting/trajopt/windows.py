@@ -98,10 +98,7 @@ def solve_windows(  # noqa: PLR0913  # the parts of a solve
 
 
 def report_window(first: int, stop: int, problem: Problem, result: SolverResult) -> Window:
-    """Return the report of a solved window.
-
-    Raises `SolveError` when it failed or its trajectory breaks a joint range or a joint speed.
-    """
+    """Return a window's report; raises `SolveError` when it failed or its trajectory breaks joint ranges or speeds."""
     quality = optimality(problem, result)
     _check(first, stop, result.status, quality)
     return Window(first, stop, result.status, result.iterations, result.cost, result.cost_by_term, quality)

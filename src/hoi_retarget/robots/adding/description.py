@@ -75,14 +75,9 @@ class Description:
 
 
 def read_description(path: Path, meshes: Path | None = None) -> Description:
-    """Read a URDF or an MJCF.
+    """Read a URDF or an MJCF, with its meshes in the same folder or in `meshes`.
 
-    Args:
-        path: The file.
-        meshes: A folder with its meshes, where they are not beside it.
-
-    Raises:
-        RobotError: The file cannot be read, is no description, or cannot be compiled.
+    Raises `RobotError` where the file cannot be read, is no description, or cannot be compiled.
     """
     root, content = _parsed(path)
     folder = mesh_folder(path, meshes)

@@ -79,10 +79,7 @@ class Hints:
 
 
 def read_hints(path: Path | None) -> Hints:
-    """Return the hints in a file, or none.
-
-    Raises `ArgumentError` where it cannot be read, or has an unknown key or a wrong value.
-    """
+    """Return a file's hints, or none; raises `ArgumentError` for an unreadable file, unknown keys and wrong values."""
     if path is None:
         return Hints()
     try:

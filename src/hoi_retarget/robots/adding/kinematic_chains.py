@@ -76,8 +76,7 @@ class _Pair:
 def find_arms(pose: ZeroPose) -> Limbs:
     """Return the arms of a description without legs: the highest mirrored pair of limbs, z being up.
 
-    Raises:
-        UnsuitableRobotError: It has no two arms; the message says what is there.
+    Raises `UnsuitableRobotError` without two arms.
     """
     up = np.array(_UPS[0], dtype=float)
     level = [pair for pair in _pairs(pose) if abs(pair.lateral @ up) < 0.1]
@@ -95,11 +94,7 @@ def find_arms(pose: ZeroPose) -> Limbs:
 
 
 def find_limbs(pose: ZeroPose) -> Limbs:
-    """Return the limbs of a description in its zero pose.
-
-    Raises:
-        UnsuitableRobotError: It has no two legs or no two arms; the message says what is there.
-    """
+    """Return the limbs of a description in its zero pose; raises `UnsuitableRobotError` without two legs and arms."""
     pairs = _pairs(pose)
     reasons: list[str] = []
     for axis in _UPS:

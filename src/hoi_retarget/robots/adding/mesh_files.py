@@ -64,14 +64,9 @@ class Collada:
 
 
 def read_collada(content: bytes, *, upright: bool = False) -> Collada:
-    """Return a file's scene.
+    """Return a file's scene, turned such that z is up with `upright`.
 
-    Args:
-        content: Of the file.
-        upright: Whether to turn it such that z is up.
-
-    Raises:
-        ValueError: It is no COLLADA file, is damaged, or refers to other files.
+    Raises `ValueError` where it is no COLLADA file, is damaged, or refers to other files.
     """
     if len(content) > _MAX_BYTES:
         raise ValueError(f"it is larger than {_MAX_BYTES >> 20} MiB.")
@@ -306,8 +301,7 @@ class Mesh:
 def read_mesh(file: Path, *, upright: bool = False) -> Mesh:
     """Return a mesh file, turned such that z is up with `upright`.
 
-    Raises:
-        ValueError: It is too large, damaged, or has no surface.
+    Raises `ValueError` where it is too large, damaged, or has no surface.
     """
     if file.stat().st_size > _MAX_FILE_BYTES:
         raise ValueError(f"it is larger than {_MAX_FILE_BYTES >> 20} MiB.")

@@ -61,11 +61,7 @@ class Morphology:
 
 
 def find_morphology(description: Description, hints: Hints) -> Morphology:
-    """Return the morphology of a humanoid with legs.
-
-    Raises:
-        UnsuitableRobotError: It is no humanoid that can be retargeted to; the message says why.
-    """
+    """Return the morphology of a humanoid with legs; raises `UnsuitableRobotError` where it cannot be retargeted to."""
     pose, limbs = pose_and_limbs(description, hints, find_limbs)
     first = find_knees(pose, limbs, ("", ""))
     ankles = [find_ankle(pose, chain, knee) for chain, knee in zip(limbs.legs, first, strict=True)]

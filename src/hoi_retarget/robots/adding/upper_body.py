@@ -48,8 +48,7 @@ _LEG = {
 def find_upper_body(description: Description, hints: Hints) -> Morphology:
     """Return the morphology above a robot's base.
 
-    Raises:
-        UnsuitableRobotError: It has no two arms that can follow a person's, or its forward axis cannot be decided.
+    Raises `UnsuitableRobotError` without two arms that can follow a person's, or where its forward axis is undecided.
     """
     pose, limbs = pose_and_limbs(description, hints, find_arms)
     trunk = find_forward_axis(pose, limbs, (), (), hints.ahead)

@@ -14,7 +14,6 @@ adds curvature (`kink_curvature`), where it would add damping.
 """
 
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -24,6 +23,7 @@ from hoi_retarget.retargeting.trajopt.bounds import Bounds
 from hoi_retarget.retargeting.trajopt.normal import assemble
 from hoi_retarget.retargeting.trajopt.problem import Problem, Rows, cost_by_term
 from hoi_retarget.retargeting.trajopt.solvers.kink_curvature import Refused, add_known_kinks
+from hoi_retarget.retargeting.trajopt.solvers.solver import BandedInteriorPoint
 from hoi_retarget.retargeting.trajopt.solvers.solver_result import FACTOR, SOLVE, SolverResult, optimality
 from hoi_retarget.robots.model import Kinematics
 
@@ -39,22 +39,13 @@ _CURVATURE_LEFT = 0.1  # Of that of kinks, after a step that the line search tak
 _SMALLEST_COST = 1e-9  # What accuracies relative to the cost are measured against when it vanishes.
 
 
-@runtime_checkable
-class Options(Protocol):
-    """The options that the method reads; `BandedInteriorPoint` has them."""
-
-    @property
-    def max_iterations(self) -> int: ...  # noqa: D102  # `BandedInteriorPoint` documents its fields
-    @property
-    def tolerance(self) -> float: ...  # noqa: D102  # as above
-    @property
-    def step_tolerance(self) -> float: ...  # noqa: D102  # as above
-    @property
-    def fraction_to_boundary(self) -> float: ...  # noqa: D102  # as above
-
-
 def solve(
-    options: Options, problem: Problem, qpos: Float[np.ndarray, "T nq"], *, restarts: bool, kinks: bool = False
+    options: BandedInteriorPoint,
+    problem: Problem,
+    qpos: Float[np.ndarray, "T nq"],
+    *,
+    restarts: bool,
+    kinks: bool = False,
 ) -> SolverResult:
     """Return the result from a starting trajectory; joints outside their range are moved in.
 
@@ -73,7 +64,7 @@ def solve(
 
 
 def _solve_once(
-    options: Options, problem: Problem, qpos: Float[np.ndarray, "T nq"], *, bounds_damp: bool, kinks: bool
+    options: BandedInteriorPoint, problem: Problem, qpos: Float[np.ndarray, "T nq"], *, bounds_damp: bool, kinks: bool
 ) -> SolverResult:
     """Return the result at the end of the iteration.
 
@@ -110,7 +101,7 @@ def _past_kinks(moved: "_Iterate", before: "_Iterate", refused: Refused | None) 
     return replace(moved, damping=_next_damping(before.damping, 1.0), curvature=curvature, refused=refused)
 
 
-def _ended(options: Options, problem: Problem, solution: SolverResult) -> SolverResult:
+def _ended(options: BandedInteriorPoint, problem: Problem, solution: SolverResult) -> SolverResult:
     """Return a solution that cannot be improved further: solved, where it is optimal to the tolerance all the same.
 
     Along directions that hardly cost anything, such as those of a stretched knee, steps stay long and damped.
@@ -120,7 +111,7 @@ def _ended(options: Options, problem: Problem, solution: SolverResult) -> Solver
     return replace(solution, status=Status.SOLVED) if reached and quality.violation < _FEASIBLE else solution
 
 
-def _solved(options: Options, state: "_Iterate", step: "_Step") -> bool:
+def _solved(options: BandedInteriorPoint, state: "_Iterate", step: "_Step") -> bool:
     accuracy = options.tolerance * max(state.point.half_cost, _SMALLEST_COST)
     return (
         step.predicted_decrease < accuracy
@@ -207,7 +198,9 @@ def _start(problem: Problem, bounds: Bounds, qpos: np.ndarray) -> _Iterate:
     return _Iterate(point, slack, multiplier, _LEAST_DAMPING)
 
 
-def _newton_step(options: Options, problem: Problem, bounds: Bounds, state: _Iterate, *, kinks: bool) -> _Step | None:
+def _newton_step(
+    options: BandedInteriorPoint, problem: Problem, bounds: Bounds, state: _Iterate, *, kinks: bool
+) -> _Step | None:
     """Return the predictor-corrector step, or None where the matrix is not positive definite."""
     point, slack, multiplier = state.point, state.slack, state.multiplier
     normal = assemble(point.kinematics, point.rows, least_width=bounds.width)

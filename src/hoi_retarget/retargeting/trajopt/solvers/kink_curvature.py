@@ -65,10 +65,7 @@ def kink_curvature(
 ) -> Float[np.ndarray, "U nv nv"]:
     """Return the curvature of each frame that explains a gradient's change along a step; zero where it is not positive.
 
-    Args:
-        band: The curvature that is known already.
-        step: In tangent coordinates [m, rad].
-        change: Of the gradient.
+    The band has the known curvature; the step is in tangent coordinates [m, rad].
     """
     flat = band.reshape(step.size, -1).T
     excess = change - _MULTIPLY(len(flat) - 1, 1.0, flat, step.reshape(-1), lower=1).reshape(step.shape)

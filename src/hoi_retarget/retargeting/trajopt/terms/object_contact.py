@@ -10,7 +10,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.targets import PALMS, Targets
 from hoi_retarget.retargeting.trajopt.problem import FrameRows
-from hoi_retarget.retargeting.trajopt.terms.site_rotation import SiteRotation
+from hoi_retarget.retargeting.trajopt.terms.site_pose import SiteRotation
 from hoi_retarget.robots.model import Kinematics
 
 

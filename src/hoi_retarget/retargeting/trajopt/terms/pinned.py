@@ -5,8 +5,7 @@ from collections.abc import Iterator
 from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.targets import Targets
-from hoi_retarget.retargeting.trajopt.terms.site_position import SitePosition
-from hoi_retarget.retargeting.trajopt.terms.site_rotation import SiteRotation
+from hoi_retarget.retargeting.trajopt.terms.site_pose import SitePosition, SiteRotation
 from hoi_retarget.robots.model import Kinematics
 
 # A part that turns weighs as much as one that moves by the angle times this [m].

@@ -11,7 +11,7 @@ from hoi_retarget.numerics.filters import rate_limited_upper_envelope
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import TangentRows
-from hoi_retarget.retargeting.trajopt.terms.site_rotation import SiteRotation
+from hoi_retarget.retargeting.trajopt.terms.site_pose import SiteRotation
 from hoi_retarget.robots.model import Kinematics
 
 UPRIGHT, LYING = 0.5, 0.26

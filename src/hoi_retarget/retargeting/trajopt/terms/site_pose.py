@@ -1,0 +1,87 @@
+"""Sites near world positions, heights and rotations: the paper's E^b, E^h, E^f, E^fz, E^fo and E^ho, and IK rows."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from hoi_retarget.numerics import se3
+from hoi_retarget.retargeting.config import Weights
+from hoi_retarget.retargeting.targets import Targets
+from hoi_retarget.retargeting.trajopt.problem import FrameRows
+from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.robots.spec import SIDES
+
+# An anchored foot that turns weighs as much as one that moves by the angle times this [m]. With more, where a wide
+# squat leaves no flat sole (H2), the hands pay for it.
+SOLE_REACH = 0.05
+IDENTITY = np.eye(3)[:, :, None]
+
+
+@dataclass(frozen=True, eq=False)
+class _SiteTerm:
+    name: str
+    site: str
+    target: Float[np.ndarray, "*place T"]
+    weight: float | Float[np.ndarray, "T"]
+
+
+class SitePosition(_SiteTerm):
+    """`|p - p*|^2` [m^2] of one site; targets are 3 x T."""
+
+    def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
+        """Return the rows at a trajectory."""
+        residual = kinematics.point(self.site) - self.target
+        by_linear = np.broadcast_to(IDENTITY, (3, 3, residual.shape[1]))
+        return (FrameRows(kinematics.frame(self.site), residual, by_linear, None, self.weight),)
+
+
+class SiteHeight(_SiteTerm):
+    """`gamma (z - z*)^2` [m^2] of one site; there is one target a frame."""
+
+    def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
+        """Return the row at a trajectory."""
+        residual = kinematics.point(self.site)[2:3] - self.target
+        by_linear = np.broadcast_to(IDENTITY[2:], (1, 3, residual.shape[1]))
+        return (FrameRows(kinematics.frame(self.site), residual, by_linear, None, self.weight),)
+
+
+class SiteRotation(_SiteTerm):
+    """`|R - R*|_F^2` of one site, `8 sin^2(angle / 2)`, twice the squared angle when small; targets are 3 x 3 x T."""
+
+    def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
+        """Return the rows at a trajectory: nine, one column of the matrix after the other."""
+        rotation = kinematics.orientation(self.site)
+        frames = rotation.shape[-1]
+        residual = (rotation - self.target).transpose(1, 0, 2).reshape(9, frames)
+        # A column c of the matrix moves with omega x c.
+        columns = rotation.transpose(1, 2, 0)
+        by_angular = -se3.skew(columns).transpose(0, 2, 3, 1).reshape(9, 3, frames)
+        return (FrameRows(kinematics.frame(self.site), residual, None, by_angular, self.weight),)
+
+
+def position_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[SitePosition]:
+    """Yield base and head near those of inverse kinematics, and the feet near their targets."""
+    yield SitePosition("base_position", "pelvis", reference.point("pelvis"), weights.base_position)
+    yield SitePosition("head_position", "head", reference.point("head"), weights.head_position)
+    for k, side in enumerate(SIDES):
+        target = targets.foot_positions[:, k].T
+        weight = weights.feet_position + weights.stance_anchor * targets.anchor_weights[:, k]
+        yield SitePosition(f"{side}_foot_position", f"{side}_foot", target, weight)
+
+
+def stance_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[SiteHeight | SiteRotation]:
+    """Yield height and rotation of every foot that stands."""
+    for k, side in enumerate(SIDES):
+        flags, site = targets.stance_flags[:, k], f"{side}_foot"
+        if not flags.any():
+            continue
+        height = targets.foot_positions[:, k, 2]
+        yield SiteHeight(f"{side}_stance_height", site, height, weights.stance_height * flags)
+        if site not in reference.model.spec.dropped_rotations:
+            rotation = se3.quat_to_matrix(targets.foot_quats[:, k]).transpose(1, 2, 0)
+            # The residual's square is twice the squared angle.
+            anchored = 0.5 * SOLE_REACH**2 * weights.stance_anchor * targets.anchor_weights[:, k]
+            weight = weights.stance_orientation * flags + anchored
+            yield SiteRotation(f"{side}_stance_orientation", site, rotation, weight)
