@@ -3,7 +3,7 @@
 import hashlib
 import subprocess
 import zipfile
-from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,14 @@ import trimesh
 from hoi_retarget.cli import main
 from hoi_retarget.errors import ReadError
 from hoi_retarget.robots import ROBOTS, fetched_meshes, load_robot, robot
-from hoi_retarget.robots.fetched_meshes import SOURCES, MeshSource, Repository, Wheel, fetch_meshes, mesh_names
+from hoi_retarget.robots.fetched_meshes import (
+    SOURCES,
+    MeshSource,
+    fetch_meshes,
+    mesh_names,
+    read_repository,
+    read_wheel,
+)
 from hoi_retarget.studio.scene.drawing import Solid
 from hoi_retarget.studio.scene.robot_shapes import robot_parts
 
@@ -49,10 +56,9 @@ def in_wheel(monkeypatch, tmp_path, names=NAMES, **changes):
         return subprocess.CompletedProcess(command, 0, "", "")
 
     monkeypatch.setattr(subprocess, "run", run)
-    wheel = Wheel("it", "1.0", hashlib.sha256(path.read_bytes()).hexdigest(), INSIDE)
-    monkeypatch.setattr(
-        fetched_meshes, "SOURCES", dict(SOURCES) | {G1.name: MeshSource(replace(wheel, **changes), "some terms")}
-    )
+    wheel = {"sha256": hashlib.sha256(path.read_bytes()).hexdigest(), "folder": INSIDE} | changes
+    source = MeshSource("it 1.0 of a test", "some terms", lambda names: read_wheel("it==1.0", **wheel, names=names))
+    monkeypatch.setattr(fetched_meshes, "SOURCES", dict(SOURCES) | {G1.name: source})
     monkeypatch.setattr("hoi_retarget.cli.robots.SOURCES", fetched_meshes.SOURCES)
     return commands
 
@@ -121,13 +127,13 @@ def test_files_of_a_repository_are_what_their_digests_say(robots, tmp_path):
         (own / name).write_bytes(CONTENT)
     digests = tmp_path / "digests"
     digests.write_text("".join(f"{hashlib.sha256(CONTENT).hexdigest()}  {name}\n" for name in NAMES))
-    place = Repository(own.as_uri() + "/", digests)
-    fetch_meshes(G1, place.read, "terms")
+    read = partial(read_repository, own.as_uri() + "/", digests)
+    fetch_meshes(G1, read, "terms")
     assert fetched_meshes.fetched_meshes(G1) == robots / "unitree_g1" / "meshes"
     (own / NAMES[-1]).write_bytes(CONTENT[:-1] + b"x")
     fetched_meshes.remove_meshes(G1)
     with pytest.raises(ReadError, match=rf"{NAMES[-1]}: its SHA-256"):
-        fetch_meshes(G1, place.read, "terms")
+        fetch_meshes(G1, read, "terms")
     assert fetched_meshes.fetched_meshes(G1) is None
     assert files_in(robots) == []
 
@@ -149,11 +155,13 @@ def test_folder_of_the_user_is_taken_whole_or_not_at_all(robots, tmp_path, capsy
 
 @pytest.mark.parametrize("name", SOURCES)
 def test_each_mesh_has_its_digest(name):
-    place = SOURCES[name].place
-    if isinstance(place, Repository):
-        lines = [line.split() for line in place.digests.read_text().splitlines()]
+    read = SOURCES[name].read
+    assert isinstance(read, partial)
+    if read.func is read_repository:
+        address, digests = read.args
+        lines = [line.split() for line in digests.read_text().splitlines()]
         assert {file for _, file in lines} >= set(mesh_names(robot(name)))
         assert all(len(bytes.fromhex(digest)) == 32 for digest, _ in lines)
-        assert place.address.startswith("https://")
+        assert address.startswith("https://")
     else:
-        assert len(bytes.fromhex(place.sha256)) == 32
+        assert len(bytes.fromhex(read.args[1])) == 32

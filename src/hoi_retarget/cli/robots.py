@@ -4,6 +4,7 @@ import os
 import tempfile
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from importlib.util import find_spec
 from math import degrees
 from pathlib import Path
@@ -87,7 +88,7 @@ def _meshes(action: FetchMeshes) -> int:
         say(f"removed: {removed}" if removed else f"No meshes of {spec.name} were fetched.")
         return 0
     source = SOURCES[spec.name]
-    read = source.place.read if action.folder is None else read_folder(action.folder)
+    read = source.read if action.folder is None else partial(read_folder, action.folder)
     say(f"Fetching {len(mesh_names(spec))} meshes of {spec.title}: {action.folder or source.place}.")
     say(f"Terms: {source.licence}.")
     with Working("fetching", None):

