@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from hoi_retarget.errors import ArgumentError, RobotError
+from hoi_retarget.numerics import se3
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.robots.spec import SITES, SitePose
@@ -128,10 +129,10 @@ def test_inertias_and_torque_limits_are_those_of_mujoco(model):
     mujoco.mj_mulM(compiled, data, momentum, data.qvel)
     armature = float(data.qvel**2 @ compiled.dof_armature)
     energy = 0.0
-    for name, mass, centre, tensor in zip(
-        model.body_names, model.inertias.masses, model.inertias.centres, model.inertias.tensors, strict=True
-    ):
+    for name, mass, centre in zip(model.body_names, model.inertias.masses, model.inertias.centres, strict=True):
         body = compiled.body(name).id
+        own_axes = se3.quat_to_matrix(compiled.body_iquat[body])
+        tensor = own_axes * compiled.body_inertia[body] @ own_axes.T
         linear, angular = np.zeros((3, compiled.nv)), np.zeros((3, compiled.nv))
         turn = data.xmat[body].reshape(3, 3)
         mujoco.mj_jac(compiled, data, linear, angular, data.xpos[body] + turn @ centre, body)

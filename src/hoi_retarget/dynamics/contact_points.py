@@ -13,7 +13,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # its modules are loaded where they are first used
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.errors import RobotError
@@ -23,7 +22,7 @@ from hoi_retarget.objects.distance_field import distance_field
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots.frames import Frame
 from hoi_retarget.robots.model import Kinematics
-from hoi_retarget.robots.skin import skin_of, skins_from
+from hoi_retarget.robots.skin import extreme_points, skin_of, skins_from
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 
 REACH = 0.02
@@ -100,7 +99,7 @@ def _links_on_floor(kinematics: Kinematics) -> Iterator[ContactPoint]:
 
 def _objects_on_floor(motion: Motion, geometries: Sequence[ObjectGeometry]) -> Iterator[ContactPoint]:
     for index, name in enumerate(motion.object_names):
-        corners = motion.object_scale[index] * _extreme(geometries[index].points)
+        corners = motion.object_scale[index] * extreme_points(geometries[index].points)
         rotations = se3.quat_to_matrix(motion.object_quat[:, index])
         placed = motion.object_pos[:, index, None] + np.einsum("tij,kj->tki", rotations, corners)
         height = placed[:, :, 2]
@@ -152,7 +151,8 @@ def _patch(
         surface = inside[rows, chosen] - scale * away[:, None] * outward
         for number, skin in enumerate(skins):
             held = (chosen >= 0) & (links[chosen] == number)
-            active, position, normal = _empty(motion.frames)
+            active, position = np.zeros(motion.frames, dtype=bool), np.zeros((motion.frames, 3))
+            normal = _upward(active)
             active[frames] = held
             position[frames] = origin[:, 0] + np.einsum("tij,tj->ti", rotations, surface)
             normal[frames] = np.einsum("tij,tj->ti", rotations, outward)
@@ -178,17 +178,5 @@ def _spread(
     return found
 
 
-def _extreme(points: Float[np.ndarray, "P 3"]) -> Float[np.ndarray, "H 3"]:
-    """Return the points among which the lowest ones are."""
-    try:
-        return points[scipy.spatial.ConvexHull(points).vertices]
-    except (scipy.spatial.QhullError, ValueError):
-        return points
-
-
 def _upward(active: Bool[np.ndarray, "T"]) -> Float[np.ndarray, "T 3"]:
     return np.tile(_UP, (len(active), 1))
-
-
-def _empty(frames: int) -> tuple[Bool[np.ndarray, "T"], Float[np.ndarray, "T 3"], Float[np.ndarray, "T 3"]]:
-    return np.zeros(frames, dtype=bool), np.zeros((frames, 3)), np.tile(_UP, (frames, 1))

@@ -73,8 +73,6 @@ class Inertias:
     """[kg]"""
     centres: Float[np.ndarray, "B 3"]
     """Centres of mass [m]."""
-    tensors: Float[np.ndarray, "B 3 3"]
-    """Rotational inertias about the centres of mass [kg m^2]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,11 +144,9 @@ def bodies_of(compiled: mujoco.MjModel, tree: Tree) -> list[tuple[str, Frame]]:
 
 
 def inertias_of(compiled: mujoco.MjModel) -> Inertias:
-    """Return masses and inertias of the bodies with mass."""
+    """Return masses and centres of the bodies with mass."""
     massive = 1 + np.flatnonzero(compiled.body_mass[1:] > 0)
-    turns = se3.quat_to_matrix(compiled.body_iquat[massive])
-    tensors = (turns * compiled.body_inertia[massive, None]) @ turns.transpose(0, 2, 1)
-    return Inertias(frozen(compiled.body_mass[massive]), frozen(compiled.body_ipos[massive]), frozen(tensors))
+    return Inertias(frozen(compiled.body_mass[massive]), frozen(compiled.body_ipos[massive]))
 
 
 def geometries_of(compiled: mujoco.MjModel, tree: Tree) -> Geometries:

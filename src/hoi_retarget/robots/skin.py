@@ -107,6 +107,14 @@ def _whole(values: np.ndarray, unit: float, dtype: type[np.integer]) -> np.ndarr
     return numbers.astype(dtype)
 
 
+def extreme_points(points: Float[np.ndarray, "P 3"]) -> Float[np.ndarray, "H 3"]:
+    """Return the corners of the hull of points; all of them where they are few, or in one plane."""
+    try:
+        return points[scipy.spatial.ConvexHull(points).vertices]
+    except (scipy.spatial.QhullError, ValueError):
+        return points
+
+
 @dataclass(frozen=True, eq=False)
 class LinkSkin:
     """Skin of one link, in the frame of its body."""
@@ -126,6 +134,11 @@ class LinkSkin:
     def centre(self) -> Float[np.ndarray, "3"]:
         """Centre of a ball around the whole link [m]."""
         return 0.5 * (self.points.min(axis=0) + self.points.max(axis=0))
+
+    @cached_property
+    def middle(self) -> Frame:
+        """A frame at that centre."""
+        return self.frame.of(self.centre, np.eye(3))
 
     @cached_property
     def radius(self) -> float:
@@ -160,11 +173,8 @@ class LinkSkin:
 
     @cached_property
     def extreme_points(self) -> Float[np.ndarray, "H 3"]:
-        """Corners of the hull: the farthest point in any direction is one of them [m]."""
-        try:
-            return self.points[scipy.spatial.ConvexHull(self.points).vertices]
-        except (scipy.spatial.QhullError, ValueError):  # Few points, or all in one plane.
-            return self.points
+        """Points of which one is the farthest in any direction [m]."""
+        return extreme_points(self.points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,12 +187,6 @@ class Skin:
     def by_link(self) -> dict[str, LinkSkin]:
         """Skins by body."""
         return {skin.link: skin for skin in self.links}
-
-    def solid(self, link: str) -> DistanceGrid:
-        """Return the distances from a link's outer solid, in the body's frame; raises `RobotError` without one."""
-        if link not in self.by_link:
-            raise RobotError(f"no skin of the link {link!r}. Links with a skin: {', '.join(self.by_link)}.")
-        return self.by_link[link].solid
 
 
 @lru_cache(maxsize=32)

@@ -4,8 +4,7 @@ A controller is given targets and gains. They must hold where the simulator's ti
 quite those of the motion, and where somebody pushes.
 """
 
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator
 
 import mujoco
 import numpy as np
@@ -20,9 +19,8 @@ PUSH = 0.15
 """Change of the base's velocity by a push [m/s]."""
 _PUSHES = {"forward": (0.25, (1.0, 0.0)), "left": (0.5, (0.0, 1.0)), "back": (0.75, (-1.0, 0.0))}
 """When, as a share of the motion, and which way, as the robot faces."""
+_CHANGES = ("half the time step", "mass +20 %", "mass -20 %", "friction -20 %", "elliptic cones")
 _SHARE = 0.2  # Of masses and frictions.
-
-_Change = Callable[[PhysicsScene, mujoco.MjModel], None]
 
 
 def certificate_of(scene: PhysicsScene, rollout: Rollout, gains: Float[np.ndarray, "K n x"]) -> Certificate:
@@ -39,12 +37,9 @@ def certificate_of(scene: PhysicsScene, rollout: Rollout, gains: Float[np.ndarra
 
 
 def _replays(scene: PhysicsScene, path: Reference, targets: np.ndarray, gains: np.ndarray) -> Iterator[Replay]:
-    for name, change in _CHANGES.items():
+    for name in _CHANGES:
         if scene.objects or not name.startswith("mass"):
-            simulated = compiled(scene)
-            change(scene, simulated)
-            mujoco.mj_setConst(simulated, mujoco.MjData(simulated))
-            yield _replay(name, scene, path, track(simulated, path, targets, gains))
+            yield _replay(name, scene, path, track(_changed(scene, name), path, targets, gains))
     simulated = compiled(scene)
     for way, (share, direction) in _PUSHES.items():
         tick = int(share * (len(targets) - 1))
@@ -73,28 +68,20 @@ def _horizontal(quat: Float[np.ndarray, "4"], direction: tuple[float, float]) ->
     return np.array([x * direction[0] - y * direction[1], y * direction[0] + x * direction[1], 0.0])
 
 
-def _scale_masses(factor: float, scene: PhysicsScene, simulated: mujoco.MjModel) -> None:
-    bodies = [simulated.body(item.body_name).id for item in scene.objects]
-    simulated.body_mass[bodies] *= factor
-    simulated.body_inertia[bodies] *= factor
-
-
-def _halve_step(_: PhysicsScene, simulated: mujoco.MjModel) -> None:
-    simulated.opt.timestep *= 0.5
-
-
-def _lower_friction(_: PhysicsScene, simulated: mujoco.MjModel) -> None:
-    simulated.geom_friction[:, 0] *= 1.0 - _SHARE
-
-
-def _use_elliptic_cones(_: PhysicsScene, simulated: mujoco.MjModel) -> None:
-    simulated.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-
-
-_CHANGES: dict[str, _Change] = {
-    "half the time step": _halve_step,
-    "mass +20 %": partial(_scale_masses, 1.0 + _SHARE),
-    "mass -20 %": partial(_scale_masses, 1.0 - _SHARE),
-    "friction -20 %": _lower_friction,
-    "elliptic cones": _use_elliptic_cones,
-}
+def _changed(scene: PhysicsScene, change: str) -> mujoco.MjModel:
+    """Return a scene in other physics, one of `_CHANGES`."""
+    simulated = compiled(scene)
+    match change:
+        case "half the time step":
+            simulated.opt.timestep *= 0.5
+        case "mass +20 %" | "mass -20 %":
+            bodies = [simulated.body(item.body_name).id for item in scene.objects]
+            factor = 1.0 + _SHARE if "+" in change else 1.0 - _SHARE
+            simulated.body_mass[bodies] *= factor
+            simulated.body_inertia[bodies] *= factor
+        case "friction -20 %":
+            simulated.geom_friction[:, 0] *= 1.0 - _SHARE
+        case "elliptic cones":
+            simulated.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    mujoco.mj_setConst(simulated, mujoco.MjData(simulated))
+    return simulated

@@ -152,8 +152,12 @@ def floor_contacts(physics: Physics) -> dict[str, Any]:
 
 def compiled(scene: PhysicsScene) -> mujoco.MjModel:
     """Return a scene that MuJoCo can simulate; raises `RobotError` where MuJoCo cannot compile the robot."""
+    return _compiled(scene, scene_description(scene))
+
+
+def _compiled(scene: PhysicsScene, description: mujoco.MjSpec) -> mujoco.MjModel:
     try:
-        return scene_description(scene).compile()
+        return description.compile()
     except ValueError as error:
         raise RobotError(f"{scene.model.spec.mjcf}: MuJoCo cannot compile it with objects: {error}") from error
 
@@ -289,22 +293,7 @@ def check_no_meshes(scene: PhysicsScene, description: mujoco.MjSpec, known: Coll
 
 def exact_xml(scene: PhysicsScene, description: mujoco.MjSpec) -> ElementTree.Element:
     """Return a description of a scene, or of a part of it, as MJCF; raises `RobotError` when it cannot be compiled."""
-    try:
-        compiled = description.compile()
-    except ValueError as error:
-        raise RobotError(f"{scene.model.spec.mjcf}: MuJoCo cannot compile it with objects: {error}") from error
-    root = ElementTree.fromstring(description.to_xml())
-    _set_exactly(root, compiled)
-    return root
-
-
-def to_bytes(root: ElementTree.Element) -> bytes:
-    """Return MJCF as the content of a file."""
-    ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="utf-8") + b"\n"
-
-
-def _set_exactly(root: ElementTree.Element, compiled: mujoco.MjModel) -> None:
+    compiled, root = _compiled(scene, description), ElementTree.fromstring(description.to_xml())
     for tag, item_of in (("body", compiled.body), ("site", compiled.site)):
         for element in root.iter(tag):
             if (name := element.get("name")) is not None:
@@ -314,6 +303,13 @@ def _set_exactly(root: ElementTree.Element, compiled: mujoco.MjModel) -> None:
         name = element.get("name")
         if name is not None and compiled.joint(name).type == mujoco.mjtJoint.mjJNT_HINGE:
             element.set("axis", _numbers(compiled.joint(name).axis))
+    return root
+
+
+def to_bytes(root: ElementTree.Element) -> bytes:
+    """Return MJCF as the content of a file."""
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="utf-8") + b"\n"
 
 
 def _add_keyframes(root: ElementTree.Element, qpos: Float[np.ndarray, "T nq"], joints: int) -> None:

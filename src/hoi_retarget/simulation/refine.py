@@ -36,6 +36,7 @@ from hoi_retarget.simulation.rollout import (
     drive_targets,
     has_fallen,
     object_errors,
+    object_poses,
     step_tick,
     track,
 )
@@ -338,10 +339,7 @@ def jerk(scene: PhysicsScene, rollout: Rollout) -> float:
 
 def _paths(scene: PhysicsScene, reference: Reference, rollout: Rollout) -> Iterator[tuple[Reference, np.ndarray]]:
     n = scene.model.n
-    bodies = [
-        rollout.qpos[:, : 7 + n],
-        *(rollout.qpos[:, at : at + 7] for at in range(7 + n, rollout.qpos.shape[1], 7)),
-    ]
+    bodies = [rollout.qpos[:, : 7 + n], *np.moveaxis(object_poses(rollout.qpos, n), 1, 0)]
     for of_path, of_targets in _SMOOTHING_WINDOWS:
         moved = [movement_of(body, 1.0 / TICK, of_path) for body in bodies]
         qpos = np.concatenate([body.qpos for body in moved], axis=1)

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from hoi_retarget.dynamics.contact_forces import Forces
-from hoi_retarget.dynamics.inverse_dynamics import GRAVITY, Movement, mass_centres, movement_of
+from hoi_retarget.dynamics.inverse_dynamics import GRAVITY, mass_centres, movement_of
 from hoi_retarget.dynamics.physics_settings import Physics
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
@@ -68,7 +68,8 @@ def reference_of(scene: PhysicsScene, motion: Motion, forces: Forces) -> Referen
     ticks = TICK * np.arange(int(times[-1] / TICK + 1e-9) + 1)
     poses = np.concatenate([motion.object_pos, motion.object_quat], axis=2)
     paths = [motion.qpos, *np.moveaxis(poses, 1, 0)]
-    bodies = [_at(movement_of(path, motion.fps, scene.physics.smoothing), times, ticks) for path in paths]
+    moved = [movement_of(path, motion.fps, scene.physics.smoothing) for path in paths]
+    bodies = [interpolated(body.qpos, body.qvel, times, ticks) for body in moved]
     # The scene has the robot's coordinates first, then each object's.
     qpos = np.concatenate([body[0] for body in bodies], axis=1)
     qvel = np.concatenate([body[1] for body in bodies], axis=1)
@@ -77,13 +78,21 @@ def reference_of(scene: PhysicsScene, motion: Motion, forces: Forces) -> Referen
     return Reference(frozen(qpos), frozen(qvel), frozen(torques), motion.contact_links, frozen(touched, int))
 
 
-def _at(movement: Movement, times: np.ndarray, ticks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    straight = np.delete(movement.qpos, np.s_[3:7], axis=1)
-    speeds = np.delete(movement.qvel, np.s_[3:6], axis=1)
-    curve = CubicHermiteSpline(times, straight, speeds)
-    value, speed = curve(ticks), curve.derivative()(ticks)
-    quats = CubicSpline(times, se3.quat_continuous(movement.qpos[:, 3:7]))(ticks)
-    turning = CubicSpline(times, movement.qvel[:, 3:6])(ticks)
+def interpolated(
+    qpos: Float[np.ndarray, "T nq"], qvel: Float[np.ndarray, "T nv"], times: np.ndarray, wanted: np.ndarray
+) -> tuple[Float[np.ndarray, "K nq"], Float[np.ndarray, "K nv"]]:
+    """Return configurations and velocities of a body with a free base at other times.
+
+    Args:
+        qpos: At `times`, of which there are two or more.
+        qvel: Likewise.
+        times: [s]
+        wanted: The other times [s].
+    """
+    curve = CubicHermiteSpline(times, np.delete(qpos, np.s_[3:7], axis=1), np.delete(qvel, np.s_[3:6], axis=1))
+    value, speed = curve(wanted), curve.derivative()(wanted)
+    quats = CubicSpline(times, se3.quat_continuous(qpos[:, 3:7]))(wanted)
+    turning = CubicSpline(times, qvel[:, 3:6])(wanted)
     return (
         np.concatenate([value[:, :3], se3.quat_normalize(quats), value[:, 3:]], axis=1),
         np.concatenate([speed[:, :3], turning, speed[:, 3:]], axis=1),
@@ -204,12 +213,13 @@ def deviations(
 
 def object_errors(rollout: Rollout, reference: Reference, joints: int) -> Float[np.ndarray, "K O"]:
     """Return the distances of objects from their places in the reference [m]."""
-    first = 7 + joints
-    count = (reference.qpos.shape[1] - first) // 7
-    frames = len(rollout.qpos)
-    places = [slice(first + 7 * index, first + 7 * index + 3) for index in range(count)]
-    found = [np.linalg.norm(rollout.qpos[:, at] - reference.qpos[:frames, at], axis=1) for at in places]
-    return np.stack(found, axis=1) if found else np.zeros((frames, 0))
+    apart = object_poses(rollout.qpos, joints) - object_poses(reference.qpos[: len(rollout.qpos)], joints)
+    return np.linalg.norm(apart[:, :, :3], axis=2)
+
+
+def object_poses(qpos: Float[np.ndarray, "K nq"], joints: int) -> Float[np.ndarray, "K O 7"]:
+    """Return the poses of a scene's objects: position [m] and rotation, after those of the robot."""
+    return qpos[:, 7 + joints :].reshape(len(qpos), (qpos.shape[1] - 7 - joints) // 7, 7)
 
 
 def base_errors_deg(rollout: Rollout, reference: Reference) -> Float[np.ndarray, "K"]:
@@ -244,7 +254,7 @@ class TrackingCost:
         self._pendulum = np.sqrt(GRAVITY / np.median(heights))
         self._goals = self._postures(reference.qpos, reference.qvel)
         self._weights = np.array(list(_PLACES.values()))
-        self._touched = [self._object(reference.qpos, index) for index in range(len(scene.objects))]
+        self._paths = object_poses(reference.qpos, self._n)
 
     def __call__(
         self, tick: int, qpos: Float[np.ndarray, "N nq"], qvel: Float[np.ndarray, "N nv"]
@@ -257,13 +267,8 @@ class TrackingCost:
         return cost
 
     def _finite(self, tick: int, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
-        n, goals, expected, expected_speed = (
-            self._n,
-            self._goals,
-            self._reference.qpos[tick],
-            self._reference.qvel[tick],
-        )
-        found = self._postures(qpos, qvel)
+        n, goals, found = self._n, self._goals, self._postures(qpos, qvel)
+        expected, expected_speed = self._reference.qpos[tick], self._reference.qvel[tick]
         joints, speeds = slice(7, 7 + n), slice(6, 6 + n)
         cost = _JOINT * _squares(qpos[:, joints] - expected[joints])
         cost += _JOINT_SPEED * _squares(qvel[:, speeds] - expected_speed[speeds])
@@ -273,9 +278,9 @@ class TrackingCost:
         cost += ((found.places - goals.places[tick]) ** 2).sum(axis=2) @ self._weights
         cost += _TILT * _squares((found.tilts - goals.tilts[tick]).reshape(len(qpos), -1))
         cost += _CAPTURE * _squares(found.capture - goals.capture[tick])
-        for index, path in enumerate(self._touched):
-            at, moving = slice(7 + n + 7 * index, 14 + n + 7 * index), slice(6 + n + 6 * index, 9 + n + 6 * index)
-            pose, goal = qpos[:, at], path[tick]
+        poses = object_poses(qpos, n)
+        for index, goal in enumerate(self._paths[tick]):
+            pose, moving = poses[:, index], slice(6 + n + 6 * index, 9 + n + 6 * index)
             lost = _OBJECT * _squares(pose[:, :3] - goal[:3])
             lost += _OBJECT_TURN * se3.angle_between(goal[None, 3:], pose[:, 3:]) ** 2
             lost += _OBJECT_SPEED * _squares(qvel[:, moving] - expected_speed[moving])
@@ -301,9 +306,6 @@ class TrackingCost:
         return _Postures(
             np.stack(places).transpose(2, 0, 1), np.stack(tilts).transpose(2, 0, 1), capture[:, :2], touching
         )
-
-    def _object(self, qpos: np.ndarray, index: int) -> np.ndarray:
-        return qpos[:, 7 + self._n + 7 * index :][:, :7]
 
 
 def _squares(apart: np.ndarray) -> np.ndarray:

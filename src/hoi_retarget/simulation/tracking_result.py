@@ -4,22 +4,21 @@ import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import asdict, replace
+from functools import lru_cache
 from typing import Any
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from hoi_retarget.dynamics.feasibility import Infeasibility
 from hoi_retarget.dynamics.physics_settings import Refinement
 from hoi_retarget.files import npz
 from hoi_retarget.motion.motion import ARRAYS, SIMULATED, ContactForces, Motion, Stage
 from hoi_retarget.motion.performance import Performance
-from hoi_retarget.numerics import se3
 from hoi_retarget.simulation.physics_scene import PhysicsScene, compiled
 from hoi_retarget.simulation.refine import Refined
-from hoi_retarget.simulation.rollout import TICK, Reference, Rollout, object_errors
+from hoi_retarget.simulation.rollout import TICK, Reference, Rollout, interpolated, object_errors, object_poses
 
 FORMAT = "hoi-retarget performed motion 1"
 _MAX_OBJECT_ERROR = 0.1  # Of a firmly held object [m].
@@ -39,9 +38,8 @@ def simulated_motion(motion: Motion, scene: PhysicsScene, rollout: Rollout) -> M
     times = np.arange(frames) / motion.fps
     robot = _at(rollout.qpos[:, : 7 + n], rollout.qvel[:, : 6 + n], times)
     objects = np.zeros((frames, len(scene.objects), 7))
-    for index in range(len(scene.objects)):
-        poses, speeds = rollout.qpos[:, 7 + n + 7 * index :][:, :7], rollout.qvel[:, 6 + n + 6 * index :][:, :6]
-        objects[:, index] = _at(poses, speeds, times)
+    for index, poses in enumerate(np.moveaxis(object_poses(rollout.qpos, n), 1, 0)):
+        objects[:, index] = _at(poses, rollout.qvel[:, 6 + n + 6 * index :][:, :6], times)
     kept = {name: getattr(motion, name)[:frames] for name in ARRAYS if name != "object_scale"}
     before = np.concatenate([motion.object_pos, motion.object_quat], axis=2)[:frames]
     earlier = [replace(stage, qpos=stage.qpos[:frames], objects=before) for stage in motion.stages]
@@ -117,7 +115,7 @@ def controller_file(  # noqa: PLR0913  # each is a part of the file
         "qvel": rollout.qvel,
         "targets": rollout.targets,
         "gains": refined.gains.astype(np.float32),
-        "contact_forces": contact_forces(simulated, rollout).astype(np.float32),
+        "contact_forces": contact_forces(scene, rollout).astype(np.float32),
         "bodies": np.array([simulated.body(index).name for index in range(1, simulated.nbody)]),
         "joint_names": np.array(motion.joint_names),
         "stiffness": drives.stiffness,
@@ -135,19 +133,20 @@ def controller_file(  # noqa: PLR0913  # each is a part of the file
     return npz.encode(values)
 
 
-def contact_forces(simulated: mujoco.MjModel, rollout: Rollout) -> Float[np.ndarray, "K B 3"]:
+def contact_forces(scene: PhysicsScene, rollout: Rollout) -> Float[np.ndarray, "K B 3"]:
     """Return the sum of contact forces on every body but the world at every tick [N], in the world."""
+    simulated = compiled(scene)
     forces = np.zeros((len(rollout.qpos), simulated.nbody, 3))
-    for tick, bodies, force, _ in _contacts(simulated, rollout):
+    for tick, bodies, force, _ in _contacts(scene, rollout):
         forces[tick, bodies[1]] += force
         forces[tick, bodies[0]] -= force
     return forces[:, 1:]
 
 
-def _contacts(
-    simulated: mujoco.MjModel, rollout: Rollout
-) -> Iterator[tuple[int, tuple[int, int], Float[np.ndarray, "3"], Float[np.ndarray, "3"]]]:
-    """Yield every contact: its tick, its two bodies, the force on the second [N], and its place [m]."""
+@lru_cache(maxsize=1)
+def _contacts(scene: PhysicsScene, rollout: Rollout) -> list[tuple[int, tuple[int, int], np.ndarray, np.ndarray]]:
+    """Return every contact: its tick, its two bodies, the force on the second [N], and its place [m]."""
+    simulated, found = compiled(scene), []
     data, wrench = mujoco.MjData(simulated), np.empty(6)
     for tick, (qpos, qvel, target) in enumerate(zip(rollout.qpos, rollout.qvel, rollout.targets, strict=True)):
         data.qpos[:], data.qvel[:], data.ctrl[:] = qpos, qvel, target
@@ -155,7 +154,8 @@ def _contacts(
         for number, contact in enumerate(data.contact):
             mujoco.mj_contactForce(simulated, data, number, wrench)
             bodies = (int(simulated.geom_bodyid[contact.geom1]), int(simulated.geom_bodyid[contact.geom2]))
-            yield tick, bodies, contact.frame.reshape(3, 3).T @ wrench[:3], contact.pos.copy()
+            found.append((tick, bodies, contact.frame.reshape(3, 3).T @ wrench[:3], contact.pos.copy()))
+    return found
 
 
 def _drawn_forces(scene: PhysicsScene, rollout: Rollout, times: np.ndarray) -> ContactForces:
@@ -164,7 +164,7 @@ def _drawn_forces(scene: PhysicsScene, rollout: Rollout, times: np.ndarray) -> C
     objects = {simulated.body(item.body_name).id for item in scene.objects}
     forces = np.zeros((len(rollout.qpos), simulated.nbody, 3))
     points, sizes = np.zeros_like(forces), np.zeros(forces.shape[:2])
-    for tick, bodies, force, place in _contacts(simulated, rollout):
+    for tick, bodies, force, place in _contacts(scene, rollout):
         for body, other, sign in ((bodies[1], bodies[0], 1.0), (bodies[0], bodies[1], -1.0)):
             if body != 0 and (body not in objects or other == 0):
                 size = float(np.linalg.norm(force))
@@ -180,13 +180,9 @@ def _drawn_forces(scene: PhysicsScene, rollout: Rollout, times: np.ndarray) -> C
 
 def _at(poses: np.ndarray, speeds: np.ndarray, times: np.ndarray) -> Float[np.ndarray, "T nq"]:
     """Return the configurations of a body with a free base at times, from those at ticks."""
-    ticks = TICK * np.arange(len(poses))
-    straight, rates = np.delete(poses, np.s_[3:7], axis=1), np.delete(speeds, np.s_[3:6], axis=1)
     if len(poses) == 1:
         return np.repeat(poses, len(times), axis=0)
-    value = CubicHermiteSpline(ticks, straight, rates)(times)
-    quats = se3.quat_normalize(CubicSpline(ticks, se3.quat_continuous(poses[:, 3:7]))(times))
-    return np.concatenate([value[:, :3], quats, value[:, 3:]], axis=1)
+    return interpolated(poses, speeds, TICK * np.arange(len(poses)), times)[0]
 
 
 def _lost(scene: PhysicsScene, reference: Reference, rollout: Rollout, fps: float) -> Iterator[str]:

@@ -120,7 +120,7 @@ def limb_of_link(model: RobotModel) -> dict[str, int]:
     """Return which of the human's limbs each link of a robot stands for: the nearest one in the home pose."""
     standing = model.forward(model.home_qpos[None])
     ends = np.array([[standing.point(_site_of(joint))[:, 0] for joint in limb] for limb in LIMBS])
-    middles = {skin.link: standing.point(skin.frame.of(skin.centre, np.eye(3)))[:, 0] for skin in skin_of(model).links}
+    middles = {skin.link: standing.point(skin.middle)[:, 0] for skin in skin_of(model).links}
     return {link: int(np.linalg.norm(_beside(ends, middle), axis=1).argmin()) for link, middle in middles.items()}
 
 

@@ -149,7 +149,7 @@ class LinkAtObject:
     @cached_property
     def centres(self) -> Float[np.ndarray, "3 T"]:
         """The middle of the link in the object's frame [m]."""
-        centre = self.start.point(self.skin.frame.of(self.skin.centre, np.eye(3)))
+        centre = self.start.point(self.skin.middle)
         return self.moving_object.inside(centre[:, None], np.arange(centre.shape[1]))[:, 0]
 
     def distances(

@@ -169,8 +169,7 @@ def _beside(first: LinkSkin, second: LinkSkin, here: Kinematics, there: Kinemati
     """Return the frames in which the ball around the smaller link is not further than `REACH` from the other."""
     if first.radius > second.radius:
         return _beside(second, first, there, here)
-    centre = here.point(first.frame.of(first.centre, np.eye(3)))
-    around = there.point(second.frame.of(second.centre, np.eye(3)))
+    centre, around = here.point(first.middle), there.point(second.middle)
     frames = np.flatnonzero(((centre - around) ** 2).sum(axis=0) < (first.radius + second.radius + REACH) ** 2)
     position, turn = _pose(there, second.frame, frames)
     seen = np.einsum("jit,jt->ti", turn, centre[:, frames] - position)

@@ -61,7 +61,7 @@ def _lowest(
 ) -> tuple[Float[np.ndarray, "3 K F"], Int[np.ndarray, "F"]]:
     """Return a link's lowest points, as it is and if it were tilted a little, in the frames in which it is near."""
     corners = skin.extreme_points
-    frames = np.flatnonzero(reference.point(skin.frame.of(skin.centre, np.eye(3)))[2] - skin.radius < near)
+    frames = np.flatnonzero(reference.point(skin.middle)[2] - skin.radius < near)
     ahead = reference.node_rotation[:2, 0, 0, frames]
     upwards = np.einsum("kjf,jif->kfi", _directions(ahead), reference.orientation(skin.frame)[:, :, frames])
     heights = upwards @ corners.T

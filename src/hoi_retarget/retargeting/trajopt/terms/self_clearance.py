@@ -3,8 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.link_pairs import REACH, LinkPair, near_pairs
@@ -54,7 +52,7 @@ def self_clearance_terms(weights: Weights, targets: Targets, reference: Kinemati
 def _within_reach(reference: Kinematics) -> Iterator[tuple[LinkSkin, LinkSkin]]:
     """Yield pairs of links that must stay apart and come near to each other in any frame."""
     skins = skin_of(reference.model).by_link
-    centres = {link: reference.point(skin.frame.of(skin.centre, np.eye(3))) for link, skin in skins.items()}
+    centres = {link: reference.point(skin.middle) for link, skin in skins.items()}
     for first, second in separable_pairs(reference.model, tuple(skins)):
         apart = ((centres[first] - centres[second]) ** 2).sum(axis=0).min()
         if apart < (skins[first].radius + skins[second].radius + REACH) ** 2:
