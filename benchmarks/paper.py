@@ -2,7 +2,7 @@ r"""The paper, table by table: runs what is missing, and writes docs/paper.md fr
 
     python benchmarks/paper.py                                     # the page again, from the figures that are kept
     python benchmarks/paper.py --data ../shared/data/omomo --objects ../shared/data/objects \
-        --gmr gmr/bin/python --omniretarget omni/bin/python --limit 20 --again peers
+        --gmr gmr/bin/python --omniretarget omni/bin/python --drawn 6 --again peers
 
 Figures are kept in benchmarks/measured, a file for each step. A step runs where its file is missing, or where it is
 named by `--again`, if what it needs is given; else the page says what was left out and why.
@@ -31,8 +31,8 @@ class Arguments:
     """Folder with OMOMO's clips in InterMimic's layout."""
     objects: Path | None = None
     """Folder with the geometry of their objects."""
-    limit: int | None = None
-    """Only so many clips of the step `peers`, one of each kind of object first: OmniRetarget takes minutes for each."""
+    drawn: int | None = None
+    """OmniRetarget runs on so many clips alone, drawn by lot: it takes minutes for each."""
     gmr: Path | None = None
     """Python of GMR's environment, see peers.py."""
     gmr_script: Path = Path("../shared/peers/run_gmr.py")
@@ -66,7 +66,7 @@ def recorded(arguments: Arguments) -> list[str | Path]:
 
 def peers(arguments: Arguments) -> list[str | Path]:
     words = ["peers.py", *recorded(arguments), "--out", arguments.motions, "--gmr-script", arguments.gmr_script]
-    words += [] if arguments.limit is None else ["--limit", str(arguments.limit)]
+    words += [] if arguments.drawn is None else ["--drawn", str(arguments.drawn)]
     return [*words, "--gmr", arguments.gmr or "", "--omniretarget", arguments.omniretarget or ""]
 
 

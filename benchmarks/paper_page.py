@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import paper_figures
-from scores import HIGHER_IS_BETTER, SCORES, p_value
+from scores import HIGHER_IS_BETTER, SCORES, mean, p_value
 
 Measured = Mapping[str, Any]
 PERFORMED = (
@@ -79,7 +79,7 @@ def no_lines(_: Measured) -> list[str]:
 
 
 def peers(found: Measured) -> str:
-    means, names = found["mean"], list(next(iter(found["mean"].values())))
+    names = list(next(iter(found["mean"].values())))
     base = names[0]
     ours = ["", *(NAMES.get(name, name) for name in names)]
     in_paper = [
@@ -87,13 +87,13 @@ def peers(found: Measured) -> str:
     ]
     of_the_paper, beyond = [], []
     for key, title, scale, digits in SCORES:
-        row = [title, *(number(means[key][name], scale, digits) + star(found, key, name) for name in names)]
+        row = [title, *(cell(found, key, name, scale, digits) + star(found, key, name) for name in names)]
         if key in paper_figures.SCORES:
             theirs = [number(value, scale, digits) for value in paper_figures.SCORES[key]]
             known = dict(zip(paper_figures.PROGRAMS, theirs, strict=True))
             cells = [
-                f"{cell} ({known[name]})" if name in known else cell
-                for name, cell in zip(["", *names], row, strict=True)
+                f"{text} ({known[name]})" if name in known else text
+                for name, text in zip(["", *names], row, strict=True)
             ]
             of_the_paper.append([*cells, theirs[-1]])
         else:
@@ -104,13 +104,43 @@ def peers(found: Measured) -> str:
         f"Table III of the paper. {len(found['clips'])} OMOMO clips, {kinds} kinds of object, {found['frames']} frames, G1, objects at captured "
         "size; all programs in one run, one thread, same definitions. The paper's figures are means of 3,997 other clips on its own machine. "
         "A dot: a paired Wilcoxon test finds no difference from the first column (p > 0.05). "
-        f"Failures: {'; '.join(failures) or 'none'}.\n\n"
+        f"{drawn_words(found)}Failures: {'; '.join(failures) or 'none'}.\n\n"
         + table(in_paper, of_the_paper)
         + "\nFigures that the paper does not have:\n\n"
         + table(ours, beyond)
         + f"\nFirst column: {NAMES[base]}, [surfaces that touch](contact.md). GMR knows no object; objects move as in the clip, scaled with its robot's path. "
         "OmniRetarget takes each object for its convex hull. "
-        f"`python benchmarks/peers.py --limit {len(found['tried'])}`; every clip: `benchmarks/measured/peers.json`.\n"
+        f"`python benchmarks/peers.py`; every clip: `benchmarks/measured/peers.json`.\n"
+    )
+
+
+def drawn(found: Measured, name: str) -> list[int] | None:
+    """Return the indices of a program's clips where it did not run on all."""
+    columns = [figures[name] for figures in found["figures"].values()]
+    done = [any(value is not None for value in values) for values in zip(*columns, strict=True)]
+    return None if all(done) else [index for index, there in enumerate(done) if there]
+
+
+def beside(found: Measured, key: str, name: str) -> float | None:
+    """Return the first column's mean on the clips of another."""
+    some, base = drawn(found, name), next(iter(found["mean"][key]))
+    if some is None:
+        return found["mean"][key][base]
+    return mean([found["figures"][key][base][index] for index in some])
+
+
+def cell(found: Measured, key: str, name: str, scale: float, digits: int) -> str:
+    """Return the mean of a figure; of a program that ran on some clips alone, with the first column's on these."""
+    text = number(found["mean"][key][name], scale, digits)
+    return text if drawn(found, name) is None else f"{text} / {number(beside(found, key, name), scale, digits)}"
+
+
+def drawn_words(found: Measured) -> str:
+    """Return a sentence for each program that did not run on all clips."""
+    programs = {name: some for name in next(iter(found["mean"].values())) if (some := drawn(found, name)) is not None}
+    return "".join(
+        f"{name}: {len(some)} clips drawn by lot, after the slash the first column's mean on these. "
+        for name, some in programs.items()
     )
 
 
@@ -121,11 +151,9 @@ def readme_table(found: Measured) -> str:
     title = f"{len(found['clips'])} OMOMO clips, {kinds} kinds of object, G1, objects at captured size"
     known = {score[0]: score for score in SCORES}
     scores = [known[name] for name in IN_README]
-    rows = [
-        [head, *(number(found["mean"][key][name], scale, digits) for name in names)]
-        for key, head, scale, digits in scores
-    ]
-    return table([title, *(NAMES.get(name, name) for name in names)], rows)
+    rows = [[head, *(cell(found, key, name, scale, digits) for name in names)] for key, head, scale, digits in scores]
+    words = drawn_words(found)
+    return table([title, *(NAMES.get(name, name) for name in names)], rows) + (f"\n{words.strip()}\n" if words else "")
 
 
 def star(found: Measured, key: str, name: str) -> str:
@@ -142,7 +170,10 @@ def behind_peers(found: Measured) -> list[str]:
         worse = {
             name: value
             for name, value in means.items()
-            if name not in OURS and value is not None and own is not None and worse_than(key, own, value)
+            if name not in OURS
+            and value is not None
+            and (ours := beside(found, key, name)) is not None
+            and worse_than(key, ours, value)
         }
         paper = paper_figures.SCORES.get(key, (None,) * 3)[-1]
         if paper is not None and key != "cpu_seconds" and worse_than(key, own, paper):
