@@ -265,6 +265,16 @@ def test_hands_touch_and_nothing_is_inside(name, scene):
         assert gaps.min() > -4e-3
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", ["carry_box", "move_chair"])
+def test_nothing_leaves_a_small_object_by_turning_the_robot_over(scene):
+    motion = solve(make(scene), MODELS["unitree_g1"], Config(scaling=Scaling(size_multiplier=0.8))).motion
+    assert motion.report.trunk_turns == () and motion.report.orientation_flips == ()
+    (window,) = motion.stages[-1].windows
+    efforts = [solved.iterations for solved in window.earlier_passes]
+    assert len(efforts) > 4 + 2, "escape paths are given up: four rounds, and passes between surfaces twice"
+
+
 def touch_share(motion) -> float:
     return motion.report.figures["touch_share"]
 
