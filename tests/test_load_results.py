@@ -25,7 +25,7 @@ def results(tmp_path_factory):
 
 
 def layers(content) -> list[bool]:
-    return [shown.clip is not None for _, _, shown in content.results]
+    return [shown.clip is not None for _, _, shown in content]
 
 
 def test_a_damaged_mesh_costs_its_own_result_the_human_and_the_other_nothing(results, tmp_path):
@@ -34,15 +34,17 @@ def test_a_damaged_mesh_costs_its_own_result_the_human_and_the_other_nothing(res
     box = CLIP.objects[0]
     damaged = replace(box, geometry=ObjectGeometry(points=box.geometry.points, mesh_path=mesh))
     clips = iter([replace(CLIP, objects=(damaged,)), CLIP])
-    content = load_results(results, lambda _: next(clips))
+    notices = []
+    content = load_results(results, notices.append, find_clip=lambda _: next(clips))
     assert layers(content) == [False, True]
-    (notice,) = content.notices
+    (notice,) = notices
     assert "one.npz" in notice and "box.obj" in notice
 
 
 def test_what_is_no_result_is_told_and_hides_no_other(results, tmp_path):
     (tmp_path / "bad.npz").write_bytes(b"PK")
-    content = load_results([tmp_path / "bad.npz", tmp_path / "absent.npz", results[0]], lambda _: CLIP)
-    assert layers(content) == [True]
-    assert len(content.notices) == 2
-    assert load_results([tmp_path / "absent.npz"]).results == ()
+    notices = []
+    paths = [tmp_path / "bad.npz", tmp_path / "absent.npz", results[0]]
+    assert layers(load_results(paths, notices.append, find_clip=lambda _: CLIP)) == [True]
+    assert len(notices) == 2
+    assert load_results([tmp_path / "absent.npz"], notices.append) == []

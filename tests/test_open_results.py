@@ -79,9 +79,12 @@ def test_a_motion_that_cannot_be_read_is_an_error_of_every_verb(tmp_path, capsys
 
 def test_the_viewer_shows_it(tmp_path):
     path = writers.write("sonic", tmp_path)
-    loaded = load_results([path], load_motion=lambda file: load_motion(file, "unitree_g1", lambda _: None))
-    ((_, motion, shown),) = loaded.results
-    assert shown.title == "G1" and "without the human" in loaded.notices[0]
+    notices = []
+    loaded = load_results(
+        [path], notices.append, load_motion=lambda file: load_motion(file, "unitree_g1", lambda _: None)
+    )
+    ((_, motion, shown),) = loaded
+    assert shown.title == "G1" and "without the human" in notices[0]
     entry = gallery_entry_of(motion, shown.model, known_figures(motion, path))
     assert "jerk over time" in make_clip_page("walk", [(entry, shown)]).text
 

@@ -5,7 +5,7 @@ import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from math import isfinite
-from pathlib import Path, PureWindowsPath
+from pathlib import Path
 
 from hoi_retarget.cli.commands import PhysicsOptions, ReferenceClipOptions, SourceClipOptions
 from hoi_retarget.cli.run_options import to_argv
@@ -22,6 +22,7 @@ from hoi_retarget.readers.open import builtin_scene, clip_of
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.studio.report.open_motion import ReferenceClip, open_motion, with_recording
+from hoi_retarget.studio.share.clip_page import last_name
 from hoi_retarget.studio.share.gallery import GalleryEntry
 
 PHYSICS_FIELDS = ("object_mass", "hand_friction", "floor_friction", "object_friction")
@@ -117,10 +118,6 @@ def gallery_entry_of(motion: Motion, model: RobotModel, score: Score) -> Gallery
     """Return a result for pages, with the command that makes it again, in which paths are cut to their last name."""
     report, command = motion.report, ""
     if "clips" in report.command:
-        words = to_argv({**report.command, "out": "results"}, report.config, shown=_last_name)
+        words = to_argv({**report.command, "out": "results"}, report.config, shown=last_name)
         command = shlex.join(["hoi-retarget", *words])
     return GalleryEntry(motion, model.spec, score, tuple(map(str, motion.warnings)), command=command)
-
-
-def _last_name(path: str) -> str:
-    return PureWindowsPath(path).name or path

@@ -33,7 +33,7 @@ from hoi_retarget.studio.scene.scene import SceneItem, group_people, shared_obje
 from hoi_retarget.studio.scene.subplots import names_together, title_together, titles_of
 from hoi_retarget.studio.share.clip_page import Detail, make_clip_page, notices_page
 from hoi_retarget.studio.share.gallery import GalleryEntry
-from hoi_retarget.studio.share.load_results import LoadedResults, load_results
+from hoi_retarget.studio.share.load_results import load_results
 from hoi_retarget.studio.share.page_server import OnePageServer
 from hoi_retarget.studio.share.share import check_replaceable, gallery_in
 
@@ -56,7 +56,7 @@ def execute_view(command: View) -> int:
 def serve(command: View) -> Iterator[OnePageServer | None]:
     """Serve the page of results while the block runs; None where no result can be read."""
     page = _ResultsPage(command)
-    if not page.loaded.results:
+    if not page.results:
         yield None
         return
     server = OnePageServer(page.current, host=command.host, port=command.port)
@@ -81,16 +81,25 @@ class _ResultsPage:
         return self._text
 
     def _make(self) -> None:
-        command = self._command
+        command, notices = self._command, list[str]()
         self._states = self._file_states()
-        self.loaded = load_results(
+        self.results = load_results(
             command.results,
-            partial(clip_of, name=command.clip, objects=command.objects),
-            partial(load_motion, robot=command.robot, warn=self._notify),
+            notices.append,
+            find_clip=partial(clip_of, name=command.clip, objects=command.objects),
+            load_motion=partial(load_motion, robot=command.robot, warn=self._notify),
         )
-        for notice in self.loaded.notices:
-            self._notify(notice, warn if self.loaded.results else fail)
-        self._text = _page(self.loaded)
+        for notice in notices:
+            self._notify(notice, warn if self.results else fail)
+        if not self.results:
+            self._text = notices_page(notices)
+            return
+        results = []
+        for path, motion, shown in self.results:
+            assert shown.model is not None, "results have their robots"
+            results.append((gallery_entry_of(motion, shown.model, known_figures(motion, path)), shown))
+        title = ", ".join(dict.fromkeys(path.stem for path, _, _ in self.results))
+        self._text = make_clip_page(title, results, notices=notices, detail=_DETAIL).text
 
     def _notify(self, notice: str, say: Callable[[str], None] = warn) -> None:
         if notice not in self._printed:
@@ -108,17 +117,6 @@ class _ResultsPage:
             else:
                 states.append((status.st_mtime_ns, status.st_size))
         return states
-
-
-def _page(loaded: LoadedResults) -> str:
-    if not loaded.results:
-        return notices_page(loaded.notices)
-    results = []
-    for path, motion, shown in loaded.results:
-        assert shown.model is not None, "results have their robots"
-        results.append((gallery_entry_of(motion, shown.model, known_figures(motion, path)), shown))
-    stems = list(dict.fromkeys(path.stem for path, _, _ in loaded.results))
-    return make_clip_page(", ".join(stems), results, notices=loaded.notices, detail=_DETAIL).text
 
 
 def execute_edit(command: Edit) -> int:

@@ -57,15 +57,13 @@ def execute_render(command: Render) -> int:
     view = CameraSettings(azimuth, command.elevation, distance, follow=command.camera == "follow", look=look)
     if command.style == "paper":
         content = _for_paper(command, shown, filmed, view)
+    elif kind == ".png":
+        content = _picture(command, filmed, view)
     else:
-        content = _drawn_content(command, kind, filmed, view)
+        content = _film(command, kind, filmed, view)
     write_file("--out", command.out, content)
     say(f"written: {command.out}  ({len(content) / 1e6:.2f} MB)")
     return 0
-
-
-def _drawn_content(command: Render, kind: str, filmed: Sequence[DrawnScene], view: CameraSettings) -> bytes:
-    return _picture(command, filmed, view) if kind == ".png" else _film(command, kind, filmed, view)
 
 
 def _for_paper(

@@ -19,7 +19,6 @@ from hoi_retarget.evaluation import to_json as scores_to_json
 from hoi_retarget.evaluation.thresholds import Level, by_kind
 from hoi_retarget.files.atomic import write_together
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers.open import clip_of
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
@@ -41,6 +40,7 @@ from hoi_retarget.studio.report.rows import (
 from hoi_retarget.studio.scene.scene import SceneItem, group_people
 from hoi_retarget.studio.scene.subplots import names_together, title_together
 from hoi_retarget.studio.share.clip_page import BackLink, ClipPage, make_clip_page
+from hoi_retarget.studio.share.load_results import drawable_clip
 
 _MAX_NAMED = 10  # Files that are named in the terminal.
 _PAGE, _TABLE, _PARQUET = "report.html", "index.csv", "index.parquet"
@@ -176,13 +176,7 @@ def _lights(row: Row, name: str) -> str:
 def _opened(path: Path, foreign_robot: RobotModel, objects: Path | None) -> tuple[Motion, RobotModel, Clip | None]:
     """Return a motion with its robot, and its clip where that is to be had; raises `HoiRetargetError`."""
     motion = open_motion(path, foreign_robot).motion
-    try:
-        clip = clip_of(motion, objects=objects)
-        for track in clip.objects:
-            surface_of(track.geometry)
-    except HoiRetargetError:
-        clip = None
-    return motion, load_robot(motion.robot), clip
+    return motion, load_robot(motion.robot), drawable_clip(motion, partial(clip_of, objects=objects))
 
 
 def _write(out: Path, title: str, rows: Sequence[Row], pages: dict[str, MotionPage]) -> None:

@@ -45,7 +45,11 @@ def panels(shown: Sequence[SceneItem], side: Side = "both", also: Sequence[str] 
     """
     hosts = group_by_shared_objects(shown)
     groups = [[item for item, host in zip(shown, hosts, strict=True) if host == index] for index in sorted(set(hosts))]
-    humans = {_recorded(group): _people(group) for group in groups if group[0].clip is not None}
+    humans = {
+        _recorded(group): [SceneItem(item.title, clip=group[0].clip, person=item.person) for item in group]
+        for group in groups
+        if group[0].clip is not None
+    }
     robots = [group for group in groups if group[0].motion is not None]
     filmed = [_only(make_scene(people), _HUMAN_LAYERS) for people in humans.values() if side != "robot"]
     filmed += [_only(make_scene(group), (*_ROBOT_LAYERS, *also)) for group in robots if side != "human"]
@@ -60,10 +64,6 @@ def _recorded(group: Sequence[SceneItem]) -> tuple[object, ...]:
     source = clips[0].source
     people = tuple(sorted(item.person for item in group))
     return clips[0].name, source.sha256, source.augmentation, clips[0].frames, people
-
-
-def _people(group: Sequence[SceneItem]) -> list[SceneItem]:
-    return [SceneItem(item.title, clip=group[0].clip, person=item.person) for item in group]
 
 
 def _only(scene: DrawnScene, names: Sequence[str]) -> DrawnScene:
@@ -107,7 +107,8 @@ def panel_renderer(
             for scene, ((top, bottom), (left, right)) in zip(filmed, cells, strict=True)
         ]
         placed = cameras(filmed, view, aspect)
-        captions = _captions(filmed)
+        names = row_names(filmed)
+        captions = names if len(filmed) - names.count("human") > 1 else [""] * len(filmed)
 
         def draw(time: float) -> Picture:
             picture = np.full((height, width, 3), _EMPTY, dtype=np.uint8)
@@ -125,11 +126,6 @@ def row_names(filmed: Sequence[DrawnScene]) -> list[str]:
     humans = [any(layer.name == "human" and layer.shown for layer in scene.subjects[0].layers) for scene in filmed]
     titles = [" + ".join(subject.title for subject in scene.subjects) for scene in filmed]
     return ["human" if human else title for human, title in zip(humans, titles, strict=True)]
-
-
-def _captions(filmed: Sequence[DrawnScene]) -> list[str]:
-    names = row_names(filmed)
-    return names if len(filmed) - names.count("human") > 1 else [""] * len(filmed)
 
 
 def _titled(picture: Picture, caption: str) -> Picture:

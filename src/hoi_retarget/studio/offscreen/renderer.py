@@ -76,6 +76,7 @@ def filled_renderer(
     compiled = spec.compile()
     data, options = mujoco.MjData(compiled), mujoco.MjvOption()
     options.geomgroup[:] = 1
+    seen_from = mujoco.MjvCamera()
     room = 100 + 2 * sum(part.count for _, part, _ in items)
     with mujoco.Renderer(compiled, height, width, max_geom=room) as renderer:
 
@@ -86,7 +87,9 @@ def filled_renderer(
                 data.mocap_quat[index] = solid.quats[frames[number]]
             mujoco.mj_kinematics(compiled, data)
             mujoco.mj_camlight(compiled, data)
-            renderer.update_scene(data, _mujoco_camera(camera), options)
+            seen_from.lookat[:], seen_from.distance = camera.point, camera.distance
+            seen_from.azimuth, seen_from.elevation = camera.azimuth, camera.elevation
+            renderer.update_scene(data, seen_from, options)
             for number, part, opacity in items:
                 match part:
                     case Shapes():
@@ -96,13 +99,6 @@ def filled_renderer(
             return stage.illuminate(renderer.scene, camera.azimuth)
 
         yield renderer, fill
-
-
-def _mujoco_camera(camera: Camera) -> mujoco.MjvCamera:
-    placed = mujoco.MjvCamera()
-    placed.lookat[:] = camera.point
-    placed.distance, placed.azimuth, placed.elevation = camera.distance, camera.azimuth, camera.elevation
-    return placed
 
 
 def _add_mesh(spec: mujoco.MjSpec, name: str, solid: Solid, opacity: float) -> None:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from hoi_retarget.evaluation import Figure
 from hoi_retarget.evaluation.thresholds import THRESHOLDS, Level, Threshold
 from hoi_retarget.studio.html import render, with_exponents
 from hoi_retarget.studio.report.motion_pages import MotionPage
@@ -245,9 +244,9 @@ def _group(head: str, rows: Sequence[Row], of: Callable[[Row], str]) -> Table:
     lines = []
     for name, members in groups.items():
         levels = [sum(row.level is level for row in members) for level in Level]
-        lines.append(
-            (name, len(members), *levels, *(_mean(column, _values(members, column.name)) for column in columns))
-        )
+        values = [_values(members, column.name) for column in columns]
+        means = [column.text(float(np.mean(own)) if own else None) for column, own in zip(columns, values, strict=True)]
+        lines.append((name, len(members), *levels, *means))
     heads = {head: "", **dict.fromkeys(numbers, "number")}
     return Table(f"By {head}, with mean figures", heads, lines, filters="" if head == "format" else head)
 
@@ -292,10 +291,6 @@ def _limit(threshold: Threshold, limit: float | None) -> str:
     if limit is None:
         return ""
     return f"{'>' if threshold.column.better == 'lower' else '<'} {threshold.column.scale * limit:g}"
-
-
-def _mean(column: Figure, values: Sequence[float]) -> str:
-    return column.text(float(np.mean(values)) if values else None)
 
 
 def _values(rows: Sequence[Row], name: str, *, judged: bool = False) -> list[float]:

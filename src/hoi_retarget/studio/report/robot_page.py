@@ -27,11 +27,15 @@ class Trial:
 
 def robot_page(model: RobotModel, findings: Sequence[RobotFinding], trials: Sequence[Trial]) -> str:
     """Return the page; raises `DrawingError` where this machine has no way to draw without a screen."""
-    pictures = [*portraits(model), *(_portrait(trial) for trial in trials if trial.picture is not None)]
+    caption = "The person and the robot, at the middle of the longest contact."
+    on_clips = (Portrait(trial.clip, caption, trial.picture) for trial in trials if trial.picture is not None)
     return render(
         "studio/report/page/robot.html.j2",
         spec=model.spec,
-        pictures=[(one.title, one.caption, base64.b64encode(one.jpeg).decode("ascii")) for one in pictures],
+        pictures=[
+            (one.title, one.caption, base64.b64encode(one.jpeg).decode("ascii"))
+            for one in (*portraits(model), *on_clips)
+        ],
         findings=[(_LEVELS[one.level], one) for one in findings],
         trials=trials,
         joints=_joints(model),
@@ -39,22 +43,13 @@ def robot_page(model: RobotModel, findings: Sequence[RobotFinding], trials: Sequ
     )
 
 
-def _portrait(trial: Trial) -> Portrait:
-    assert trial.picture is not None, "there is one"
-    return Portrait(trial.clip, "The person and the robot, at the middle of the longest contact.", trial.picture)
-
-
 def _joints(model: RobotModel) -> Table:
     heads = {"joint": "", **dict.fromkeys(("lower [rad]", "upper [rad]", "speed [rad/s]", "home [rad]"), "number")}
-    rows = [
-        (row.joint, *(f"{value:.2f}" for value in (row.lower, row.upper, row.speed_limit)), _home(model, row.joint))
-        for row in joint_table(model)
-    ]
+    rows = []
+    for row in joint_table(model):
+        numbers = (row.lower, row.upper, row.speed_limit, model.spec.home.get(row.joint, 0.0))
+        rows.append((row.joint, *(f"{value:.2f}" for value in numbers)))
     return Table("Joints", heads, rows)
-
-
-def _home(model: RobotModel, joint: str) -> str:
-    return f"{model.spec.home.get(joint, 0.0):.2f}"
 
 
 def _sites(model: RobotModel) -> Table:

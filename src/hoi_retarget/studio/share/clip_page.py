@@ -137,7 +137,7 @@ def _facts(entry: GalleryEntry, detail: Detail) -> dict[str, str]:
     return {
         "robot": entry.spec.title,
         "verdict": "" if score.verdict is None else str(score.verdict),
-        "recording": _last_name(motion.report.source.path),
+        "recording": last_name(motion.report.source.path),
         "format": motion.report.source.format,
         "licence": motion.report.source.licence,
         "contacts": "edited" if motion.report.source.contact_edits else "",
@@ -150,6 +150,6 @@ def _facts(entry: GalleryEntry, detail: Detail) -> dict[str, str]:
     }
 
 
-def _last_name(path: str) -> str:
-    # Knows both kinds of slashes, whichever machine the result comes from.
+def last_name(path: str) -> str:
+    """Return a path's last name, of both kinds of slashes, whichever machine it comes from."""
     return PureWindowsPath(path).name or path

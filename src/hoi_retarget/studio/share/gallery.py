@@ -62,7 +62,7 @@ def index_page(title: str, cards: Sequence[Card]) -> str:
             {
                 "of": card,
                 "summary": summary_of(card.entries),
-                "figures": [*_lights(card.entries), *_on_card(_scores(card.entries))],
+                "figures": [*_lights(card.entries), *_on_card([entry.score for entry in card.entries])],
                 "licence": ", ".join(dict.fromkeys(entry.motion.report.source.licence for entry in card.entries)),
             }
             for card in cards
@@ -82,10 +82,6 @@ def _overview(scores: Sequence[Score]) -> str:
     message = [f"{name} {value}" for name, value in _on_card(scores, mean=True)]
     count = f"{len(scores)} motion{'s' if len(scores) != 1 else ''}"
     return f"{count}. Mean {', '.join(message)}." if len(scores) > 1 and message else f"{count}."
-
-
-def _scores(entries: Sequence[GalleryEntry]) -> list[Score]:
-    return [entry.score for entry in entries]
 
 
 def _lights(entries: Sequence[GalleryEntry]) -> list[tuple[str, str]]:

@@ -1,7 +1,7 @@
 """Loads results to be shown together, one by one: a damaged one hides no other."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from hoi_retarget.clip.clip import Clip
@@ -15,56 +15,51 @@ from hoi_retarget.studio.scene.scene import SceneItem
 from hoi_retarget.studio.scene.subplots import short_name, titles_of
 
 
-@dataclass(frozen=True, eq=False)
-class LoadedResults:
-    """The results that can be read."""
-
-    results: tuple[tuple[Path, Motion, SceneItem], ...]
-    """Each with its file; titles distinguish it from the others, or name the robot of a single one."""
-    notices: tuple[str, ...] = ()
-    """Problems with the files, a sentence each."""
-
-
 def load_results(
     paths: Sequence[Path],
-    find_clip: Callable[..., Clip] = clip_of,
+    tell: Callable[[str], None],
+    *,
+    find_clip: Callable[[Motion], Clip] = clip_of,
     load_motion: Callable[[Path], Motion] = load,
-) -> LoadedResults:
-    """Return the results in files; an unreadable file becomes a notice.
+) -> list[tuple[Path, Motion, SceneItem]]:
+    """Return the results that can be read, each with its file.
+
+    Titles distinguish a result from the others, or name the robot of a single one.
 
     Args:
         paths: Result files.
+        tell: Receives the problems with the files, a sentence each.
         find_clip: Returns the clip that a motion was made from; raises `HoiRetargetError` where it is not to be had,
             and the robot is then shown alone.
         load_motion: Returns the motion in a file; raises `HoiRetargetError`.
     """
-    found: dict[Path, tuple[Motion, SceneItem]] = {}
-    notices: list[str] = []
-    for path in paths:
+    found: list[tuple[Path, Motion, SceneItem]] = []
+    for path in dict.fromkeys(paths):
+        without = f"{path.name}: shown without the human."
         try:
             motion = load_motion(path)
-            found[path] = motion, _shown(path, motion, find_clip, notices)
+            model = load_robot(motion.robot)
+            clip = drawable_clip(motion, find_clip, lambda why, without=without: tell(f"{without} {why}"))
+            found.append((path, motion, SceneItem(path.stem, motion, model, clip, motion.person)))
         except HoiRetargetError as error:
-            notices.append(str(error))
-    titles = titles_of([(path, motion) for path, (motion, _) in found.items()])
+            tell(str(error))
+    titles = titles_of([(path, motion) for path, motion, _ in found])
     if len(found) == 1:
-        titles = tuple(short_name(item.model.spec) for _, item in found.values() if item.model is not None)
-    return LoadedResults(
-        tuple(
-            (path, motion, replace(item, title=title))
-            for (path, (motion, item)), title in zip(found.items(), titles, strict=True)
-        ),
-        tuple(notices),
-    )
+        titles = (short_name(load_robot(found[0][1].robot).spec),)
+    return [
+        (path, motion, replace(item, title=title)) for (path, motion, item), title in zip(found, titles, strict=True)
+    ]
 
 
-def _shown(path: Path, motion: Motion, find_clip: Callable[..., Clip], notices: list[str]) -> SceneItem:
-    model = load_robot(motion.robot)
+def drawable_clip(
+    motion: Motion, find_clip: Callable[[Motion], Clip], tell: Callable[[HoiRetargetError], None] = lambda _: None
+) -> Clip | None:
+    """Return the clip that a motion was made from; None, and the reason told, where it or a mesh is not to be had."""
     try:
         clip = find_clip(motion)
         for track in clip.objects:
             surface_of(track.geometry)  # Drawn later, with the other results.
     except HoiRetargetError as error:
-        clip = None
-        notices.append(f"{path.name}: shown without the human. {error}")
-    return SceneItem(path.stem, motion, model, clip, motion.person)
+        tell(error)
+        return None
+    return clip
