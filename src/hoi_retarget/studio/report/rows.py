@@ -11,7 +11,6 @@ from typing import Any
 
 from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.evaluation.thresholds import THRESHOLDS, Level, Verdict, by_kind, judged_figures, verdict_of_figures
-from hoi_retarget.motion.check import FormatFinding
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.studio.offscreen.robot_portraits import representative_frame
@@ -164,7 +163,10 @@ def read_row(
     measured = {**motion.report.figures, **dict.fromkeys(opened.not_judged)}
     figures = {**judged, **{name: value for name, value in measured.items() if judged.get(name) is None}}
     verdict = verdict_of_figures(judged)
-    source, spoilt = motion.report.source, (*map(_level, opened.contradictions), Level.PASS)
+    source = motion.report.source
+    # Velocities can be computed anew; all else that contradicts the file makes the motion unfit.
+    spoilt = [Level.WARN if item.spoils == "velocities" else Level.FAIL for item in opened.contradictions]
+    changes = asdict(source.augmentation) if lineage is None else lineage
     return Row(
         file=name,
         path=path,
@@ -180,21 +182,12 @@ def read_row(
         root_scale=motion.report.root_scale,
         object_scale=tuple(motion.object_scale.tolist()) if opened.format == OWN_FORMAT else (),
         licence=source.licence,
-        lineage=_json(lineage if lineage is not None else asdict(source.augmentation)),
+        lineage=json.dumps(changes, sort_keys=True) if changes else "",
         notes=opened.notes,
         contradictions=tuple(map(str, opened.contradictions)),
         figures=figures,
-        verdict=replace(verdict, motion=replace(verdict.motion, level=max(verdict.level, *spoilt))),
+        verdict=replace(verdict, motion=replace(verdict.motion, level=max((verdict.level, *spoilt)))),
     )
-
-
-def _level(contradiction: FormatFinding) -> Level:
-    """Return the level of a contradiction: velocities can be computed anew, all else makes the motion unfit."""
-    return Level.WARN if contradiction.spoils == "velocities" else Level.FAIL
-
-
-def _json(value: Mapping[str, Any] | None) -> str:
-    return json.dumps(value, sort_keys=True) if value else ""
 
 
 _COLUMNS: Mapping[str, tuple[type, Callable[[Row], Any]]] = {
