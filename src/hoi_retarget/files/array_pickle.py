@@ -58,21 +58,15 @@ _VIEWS = [], [None]  # A storage that is part of another one, in older files: no
 def parse_pickle(content: bytes, path: Path, limit: int = MAXIMUM_SIZE) -> Any:
     """Return the value of a pickle: read-only arrays, numbers, text, None, in plain containers.
 
-    `path` is only named in errors; compressed content unpacks to at most `limit` bytes.
-
-    Raises:
-        ReadError: The file is damaged, or holds anything else, such as code to be executed.
+    `path` is only named in errors; compressed content unpacks to at most `limit` bytes. Raises `ReadError` where the
+    file is damaged, or holds anything else, such as code to be executed.
     """
     with refusals(path, _ADVICE):
         return plain(unpickle(content, limit=limit))
 
 
 def read_joblib(path: Path) -> tuple[Any, str]:
-    """Return the value of a pickle, as `parse_pickle` does, and the file's SHA-256; large arrays stay in the file.
-
-    Raises:
-        ReadError: The file is missing, damaged, or holds anything else, such as code to be executed.
-    """
+    """Return the value of a pickle, as `parse_pickle` does, and the file's SHA-256; large arrays stay in the file."""
     content = map_bytes(path)
     with refusals(path, "Download it again."):
         return plain(unpickle(content)), hashlib.sha256(content).hexdigest()

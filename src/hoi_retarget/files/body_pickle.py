@@ -22,8 +22,7 @@ _MAX_WRAPPINGS = 4  # Of a chumpy array in others.
 def read_body_pickle(path: Path, content: bytes, names: Iterable[str]) -> dict[str, np.ndarray | None]:
     """Return the arrays of the given names, and None for all else that the pickle's dictionary holds.
 
-    Raises:
-        ReadError: the content is damaged, names anything that could run, or is no dictionary.
+    Raises `ReadError` where the content is damaged, names anything that could run, or is no dictionary.
     """
     with refusals(path, "Download the model again from its makers."):
         values = unpickle(content, _BODIES, encoding="latin-1")

@@ -46,11 +46,7 @@ def download_wheel(what: str, package: str, version: str, folder: Path, advice: 
 
 
 def read_members(wheel: Path, wheel_sha256: str, members: Iterable[str]) -> dict[str, bytes]:
-    """Return some files of a wheel by their names in it.
-
-    Raises:
-        ReadError: The wheel is not what its SHA-256 says, or lacks one of them.
-    """
+    """Return some files of a wheel by their names; raises `ReadError` where one or the wheel's SHA-256 is not there."""
     check_digest(wheel.name, sha256_of_file(wheel), wheel_sha256)
     try:
         with zipfile.ZipFile(wheel) as archive:

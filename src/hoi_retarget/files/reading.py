@@ -67,13 +67,8 @@ def _unreadable(path: Path, error: Exception) -> ReadError:
 def unpacked(content: bytes, *, stored: bool = False, limit: int | None = None) -> dict[str, bytes]:
     """Return an archive's entries by name, with their checksums compared.
 
-    Args:
-        content: The archive's bytes.
-        stored: Whether all entries must be uncompressed; otherwise they may unpack to `limit` bytes.
-        limit: The most bytes that compressed entries may unpack to, if other than `MAXIMUM_SIZE`.
-
-    Raises:
-        ValueError: The archive is damaged, or beyond a limit.
+    All must be uncompressed where `stored`; otherwise they may unpack to `limit` bytes, or `MAXIMUM_SIZE`. Raises
+    `ValueError` for an archive that is damaged, or beyond a limit.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
@@ -125,8 +120,7 @@ def _fault(archive: zipfile.ZipFile, available: int, limit: int | None) -> str |
 def parse_xml(content: bytes) -> ET.Element:
     """Return the outermost element of a file.
 
-    Raises:
-        ValueError: It is no XML, or declares entities, which can stand for any file and any amount of text.
+    Raises `ValueError` where it is no XML, or declares entities, which can stand for any file and any amount of text.
     """
     if b"<!ENTITY" in content or b"<!DOCTYPE" in content or b"\0" in content:
         raise ValueError("it declares entities, which are not needed, or is no text. Take the declaration out.")

@@ -293,13 +293,8 @@ class Unpickler(pickle._Unpickler):
 def plain(value: Any, *, objects: bool = False) -> Any:
     """Return an unpickled value with arrays in the place of their stubs; shared containers stay shared.
 
-    Args:
-        value: Of `Unpickler.next`.
-        objects: Whether there may be arrays of objects, which become lists.
-
-    Raises:
-        RefusedError: It holds something else than arrays, numbers, text, bytes, None and containers of these, it is
-            nested too deep, or in itself.
+    Arrays of objects become lists where `objects` allows them. Raises `RefusedError` for anything but arrays, numbers,
+    text, bytes, None and containers of these, and for containers that are nested too deep, or in themselves.
     """
     return _plain(value, 0, {}, objects)[0]
 

@@ -19,11 +19,8 @@ _RESAVE = "Save plain tensors again with torch.save(tensor, path) where it was m
 def parse_torch(content: bytes, path: Path) -> Any:
     """Return the value of a torch file: tensors as read-only arrays, in plain containers.
 
-    bfloat16 becomes float32; every other type keeps its own. `path` is only named in errors.
-
-    Raises:
-        ReadError: The file is damaged, or holds anything but tensors, arrays, numbers, text, dictionaries, lists,
-            tuples and None.
+    bfloat16 becomes float32; every other type keeps its own. `path` is only named in errors. Raises `ReadError` where
+    the file is damaged, or holds anything but tensors, arrays, numbers, text, dictionaries, lists, tuples and None.
     """
     if not content:
         raise ReadError(f"{path}: the file is empty, expected a torch file. Download it again.")

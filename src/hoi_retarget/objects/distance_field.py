@@ -273,11 +273,7 @@ class DistanceField:
 
 
 def distance_field(geometry: ObjectGeometry) -> DistanceField:
-    """Return the field of an object's surface; fields stay in the user's cache folder.
-
-    Raises:
-        GeometryError: The mesh file is missing, damaged, or has no triangles.
-    """
+    """Return the field of an object's surface, which stays in the user's cache folder; raises as `surface_of`."""
     surface = surface_of(geometry)
     return _cached(_Named(f"field-{surface.digest(f'{_VERSION} {surface.exact}')}.npz", surface))
 

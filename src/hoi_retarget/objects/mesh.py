@@ -191,8 +191,7 @@ class Surface:
 def surface_of(geometry: ObjectGeometry) -> Surface:
     """Return an object's surface: its own triangles, else those of its mesh file, else the hull of its points.
 
-    Raises:
-        GeometryError: the mesh file is missing, damaged, or has no triangles.
+    Raises `GeometryError` where the mesh file is missing, damaged, or has no triangles.
     """
     if geometry.faces is not None:
         return _own(geometry)

@@ -40,11 +40,8 @@ def load_body_model(path: Path, gender: str, family: str) -> BodyModel:
     """Return the body model in a file, or in a folder by the names its makers give.
 
     In a folder `SMPLX_MALE.npz`, `SMPLX_male.npz` and `male/model.npz` are tried, there and in `smplx` and `SMPLX`,
-    with either ending.
-
-    Raises:
-        ArgumentError: an unknown gender or family.
-        ReadError: there is no such file, it is damaged, or it holds another family.
+    with either ending. Raises `ArgumentError` for an unknown gender or family, `ReadError` where there is no such file,
+    or it is damaged, or of another family.
     """
     for value, known, kind in ((gender, get_args(Gender), "gender"), (family, get_args(Family), "family")):
         if value not in known:
@@ -189,11 +186,7 @@ class BodyParameters:
     def of_fields(cls, fields: Fields, frames: int, *, hand: int, **others: Any) -> "BodyParameters":
         """Return parameters of SMPL-X from poses under SMPL-X's own names; raises `ClipError`.
 
-        Args:
-            fields: What is stored.
-            frames: How many frames there must be.
-            hand: Numbers of the pose of each hand.
-            others: Gender, betas, how hands are counted, and the template.
+        Each hand's pose has `hand` numbers; `others` are the fields that are not of the pose.
         """
         root = fields.rows("global_orient", frames, 3, "the pelvis's rotation")
         body = fields.rows("body_pose", frames, _BODY - 3, "the body's pose")
@@ -222,8 +215,8 @@ def person_of(path: Path, name: str, parameters: BodyParameters, body_models: Pa
         body_models: the user's folder of models.
 
     Raises:
-        BodyModelError: there is no folder, or it lacks the model.
-        ReadError: the model is damaged or of another family.
+        BodyModelError: there is no folder.
+        ReadError: the model is not there, damaged, or of another family.
         ClipError: the parameters are not those of this model.
     """
     model = _model(path, parameters, body_models)

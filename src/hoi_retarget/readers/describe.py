@@ -108,13 +108,8 @@ class Inspection:
 def inspect(path: Path, options: ReadOptions = ReadOptions()) -> Inspection:
     """Return the facts of a file or a folder; neither it nor its objects need to be complete.
 
-    Args:
-        path: Any file, or a folder that is a recording.
-        options: Those of reading it; files of options that are not given count as missing.
-
-    Raises:
-        ReadError: The file is missing or damaged.
-        ArgumentError: There is no clip of the name that follows the file's.
+    Files of options that are not given count as missing. Raises `ReadError` where the file is missing or damaged,
+    `ArgumentError` where there is no clip of the name that follows the file's.
     """
     file = SourceFile(path)
     if file.suffix == FOLDER and not can_be_clip(path):

@@ -34,15 +34,10 @@ class Fields:
         return self._values.get(name)
 
     def array(self, name: str, shape: tuple[int | str, ...], meaning: str) -> np.ndarray:
-        """Return an array of finite numbers in double precision.
+        """Return an array of finite numbers in double precision; `meaning` is for errors.
 
-        Args:
-            name: in the file.
-            shape: numbers must agree; letters stand for any length, the same letter for the same one.
-            meaning: for errors.
-
-        Raises:
-            ClipError: it is missing, of another kind or shape, or holds numbers that are not finite or absurdly large.
+        Numbers in `shape` must agree; letters stand for any length, the same letter for the same one. Raises
+        `ClipError` where it is missing, of another kind or shape, or has numbers that are not finite or absurdly large.
         """
         try:
             values = np.asarray(self._value(name, meaning))
@@ -184,9 +179,7 @@ def chosen_clip(file: SourceFile, names: Collection[str], kind: str) -> str:
 def check_frames(path: Path, frames: Mapping[str, int]) -> None:
     """Raise `ClipError` unless all tracks of a recording have equally many frames, and enough.
 
-    Args:
-        path: the recording, for errors.
-        frames: whose track -> its number of frames.
+    `frames` has each track's number by its owner; `path` is the recording, for errors.
     """
     listing = ", ".join(f"{owner}: {count}" for owner, count in frames.items())
     if len(set(frames.values())) > 1:

@@ -91,14 +91,9 @@ def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
 
 
 def _world(path: Path, person: Person) -> World:
-    """Return the world with the axis up along which a person stands.
+    """Return the world with the axis up along which a person, in the world as recorded, stands.
 
-    Args:
-        path: the recording, for errors.
-        person: in the world as recorded.
-
-    Raises:
-        ClipError: along none in most frames, or along one that no recording of the data set is turned from.
+    Raises `ClipError` where it is none in most frames, or one that no recording of the data set is turned from.
     """
     feet = [JOINT_INDEX[f"{side}_ankle"] for side in ("left", "right")]
     upward = person.position("head") - person.joint_positions[:, feet].mean(axis=1)

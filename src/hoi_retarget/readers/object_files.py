@@ -41,10 +41,8 @@ def load_geometry(folder: Path, name: str) -> ObjectGeometry:
 
     The first that exists of `<name>/<name>.obj`, `<name>/<name>_hull.obj` and
     `<name>/sample_points.npy` is taken: a mesh is exact, the others are up to some centimetres small.
-    The file's origin is trusted to be that of the poses.
-
-    Raises:
-        GeometryError: there is no such object, or its files hold no usable geometry.
+    The file's origin is trusted to be that of the poses. Raises `GeometryError` where there is no such object, or its
+    files hold no usable geometry.
     """
     _check_name(folder, name)
     try:
@@ -70,11 +68,7 @@ def load_mesh(path: Path) -> ObjectGeometry:
 
 
 def known_objects(folder: Path) -> tuple[str, ...]:
-    """Return the names of the objects in `folder` that have a file to load, sorted.
-
-    Raises:
-        OSError: the folder cannot be read; one in it that cannot be read is left out.
-    """
+    """Return the names of the objects in `folder` that have a file to load, sorted; raises `OSError`."""
     if not folder.is_dir():
         return ()
     names = sorted(entry.name for entry in folder.iterdir() if entry.is_dir())
@@ -233,15 +227,9 @@ _LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 def quats_of(path: Path, name: str, matrices: Float[np.ndarray, "T 3 3"]) -> Float[np.ndarray, "T 4"]:
-    """Return unit quaternions, wxyz, from rotation matrices that turn columns.
+    """Return unit quaternions, wxyz, from rotation matrices that turn columns; `path` and `name` are for errors.
 
-    Args:
-        path: the recording, for errors.
-        name: the matrices', for errors.
-        matrices: the rotations.
-
-    Raises:
-        ClipError: they are no rotations, but mirror, scale or shear.
+    Raises `ClipError` where they are no rotations, but mirror, scale or shear.
     """
     deviation = np.abs(np.einsum("tji,tjk->tik", matrices, matrices) - np.eye(3)).max(axis=(1, 2))
     bad = deviation > MAX_DEVIATION

@@ -26,11 +26,8 @@ _GVHMR_RESULTS = "hmr4d_results"
 def open_clip(name: Path | str, options: ReadOptions = ReadOptions()) -> Clip:
     """Return a clip by its name, `builtin:<scene>` or the path of a recording, with floor and contacts.
 
-    Facts that the source leaves open are found from the motion, and are in the clip's notes.
-
-    Args:
-        name: The clip's; `FILE#NAME` is one clip of a file that holds several.
-        options: Those of reading.
+    Facts that the source leaves open are found from the motion, and are in the clip's notes. `FILE#NAME` is one clip of
+    a file that holds several.
 
     Raises:
         ArgumentError: There is no such built-in clip.
@@ -98,16 +95,9 @@ def clip_stem(name: Path | str) -> str:
 def clip_of(motion: Motion, *, name: Path | None = None, objects: Path | None = None) -> Clip:
     """Return the clip that a result was made from, edited and augmented as the result's report states.
 
-    Of a motion that fell in simulation, it is the clip up to the fall.
-
-    Args:
-        motion: The result.
-        name: The clip's, where it is not the one in the report; its content is then not compared.
-        objects: The objects' folder, where it is not the one in the report.
-
-    Raises:
-        ReadError: The report does not say it, the recording is gone or has changed since, or it cannot
-            be read any more.
+    Of a motion that fell in simulation, it is the clip up to the fall. `name` and `objects`, the objects' folder, stand
+    for those in the report; the content of another clip is not compared. Raises `ReadError` where the report does not
+    say which clip it is, or the recording is gone, has changed since, or cannot be read any more.
     """
     clip, edits = recording_of(motion, name=name, objects=objects)
     try:
@@ -126,10 +116,8 @@ def clip_of(motion: Motion, *, name: Path | None = None, objects: Path | None = 
 def recording_of(motion: Motion, *, name: Path | None = None, objects: Path | None = None) -> tuple[Clip, ContactEdits]:
     """Return the clip that a result was made from, as recorded, and the contact edits it was made with.
 
-    Arguments are those of `clip_of`. Paths in the report are taken as they are, relative ones from the current folder.
-
-    Raises:
-        ReadError: As `clip_of`.
+    Arguments and errors are those of `clip_of`. Paths in the report are taken as they are, relative ones from the
+    current folder.
     """
     source = motion.report.source
     path = source.path if name is None else str(name)

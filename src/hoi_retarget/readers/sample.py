@@ -41,9 +41,8 @@ OBJECTS = "objects"
 def fetch_sample(folder: Path) -> tuple[Path, ...]:
     """Download the sample into a folder and return the files; existing ones stay.
 
-    Raises:
-        ReadError: pip or the network is missing, or the download is not the expected one.
-        WriteError: the folder cannot be written.
+    Raises `ReadError` where pip or the network is missing, or the download is not the expected one; `WriteError` where
+    the folder cannot be written.
     """
     targets = tuple(folder / name for name in MEMBERS)
     if is_complete(folder):

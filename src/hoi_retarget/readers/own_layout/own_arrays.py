@@ -164,8 +164,7 @@ def check_unit(path: Path, name: str, quats: np.ndarray) -> None:
 def write(clip: Clip, path: Path) -> None:
     """Write a clip so that reading it gives the same people, objects, contacts, notes and licence.
 
-    Raises:
-        WriteError: the file cannot be written, the mesh of an object is not in the file's folder, or parts are pinned.
+    Raises `WriteError` where it cannot, the mesh of an object is not in the file's folder, or parts are pinned.
     """
     write_atomically(path, encode(clip, path.parent))
 

@@ -112,16 +112,9 @@ def _segment_contacts(
 
 
 def objects_of(arrays: Arrays, frames: int, folder: Path | None) -> tuple[ObjectTrack, ...]:
-    """Return the objects.
+    """Return the objects; `folder` is the user's, with `<name>/<name>.obj`.
 
-    Args:
-        arrays: the clip's.
-        frames: their number.
-        folder: the user's, with `<name>/<name>.obj`.
-
-    Raises:
-        ClipError: arrays are missing or disagree.
-        GeometryError: the shape of an object cannot be had.
+    Raises `ClipError` where arrays are missing or disagree, `GeometryError` where a shape cannot be had.
     """
     names = object_names(arrays)
     if not names:

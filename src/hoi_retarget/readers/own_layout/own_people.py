@@ -98,13 +98,7 @@ _FLAT = "The clip has no hand poses; the hands are flat."
 
 
 def people_of_parameters(arrays: Arrays, body_models: Path | None) -> tuple[tuple[Person, ...], tuple[str, ...]]:
-    """Return the people, and notes of decisions.
-
-    Raises:
-        ClipError: arrays are missing, disagree, or are not of the model.
-        BodyModelError: there is no folder of models.
-        ReadError: the model is not there, damaged, or of another family.
-    """
+    """Return the people, and notes of decisions; raises as `people_of`."""
     family, genders, betas, pose = bodies_and_poses(arrays)
     frames, people = pose.shape[:2]
     called = arrays.person_names(people)
@@ -197,7 +191,7 @@ def people_of(arrays: Arrays, body_models: Path | None) -> tuple[tuple[Person, .
     """Return the people, and notes of derived parts.
 
     Raises:
-        ClipError: arrays are missing, disagree, or contradict what the layout says.
+        ClipError: arrays are missing, disagree, contradict the layout, or are not of the body model.
         BodyModelError: they are parameters, and there is no folder of models.
         ReadError: the model is not there, damaged, or of another family.
     """
