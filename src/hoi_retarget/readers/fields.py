@@ -19,6 +19,20 @@ MAX_VALUE = 1e4
 """Of any number; metres, radians and parameters of bodies stay below."""
 
 
+def other_shape(values: np.ndarray, shape: tuple[int | str, ...]) -> str:
+    """Return that an array has another shape than the expected one, in words; empty where it fits.
+
+    Numbers in `shape` must agree; letters stand for any length, the same letter for the same one.
+    """
+    lengths: dict[str, int] = {}
+    fits = len(shape) == values.ndim and all(
+        have == (size if isinstance(size, int) else lengths.setdefault(size, have))
+        for size, have in zip(shape, values.shape, strict=True)
+    )
+    expected = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
+    return "" if fits else f"has shape {values.shape}, expected {expected}"
+
+
 class Fields:
     """A table of a file's values; each is checked for its kind, shape and size as it is taken."""
 
@@ -34,10 +48,10 @@ class Fields:
         return self._values.get(name)
 
     def array(self, name: str, shape: tuple[int | str, ...], meaning: str) -> np.ndarray:
-        """Return an array of finite numbers in double precision; `meaning` is for errors.
+        """Return an array of finite numbers in double precision, of a shape as for `other_shape`.
 
-        Numbers in `shape` must agree; letters stand for any length, the same letter for the same one. Raises
-        `ClipError` where it is missing, of another kind or shape, or has numbers that are not finite or absurdly large.
+        Raises `ClipError`, which says `meaning`, where it is missing, of another kind or shape, or has numbers that are
+        not finite or absurdly large.
         """
         try:
             values = np.asarray(self._value(name, meaning))
@@ -45,14 +59,8 @@ class Fields:
             raise ClipError(f"{self._where(name, meaning)} is no array ({error}). Download it again.") from error
         if values.dtype.kind not in "fiub":
             raise ClipError(f"{self._where(name, meaning)} holds {values.dtype}, expected numbers. Download it again.")
-        lengths: dict[str, int] = {}
-        fits = len(shape) == values.ndim and all(
-            have == (size if isinstance(size, int) else lengths.setdefault(size, have))
-            for size, have in zip(shape, values.shape, strict=True)
-        )
-        if not fits:
-            expected = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
-            raise ClipError(f"{self._where(name, meaning)} has shape {values.shape}, expected {expected}.")
+        if other := other_shape(values, shape):
+            raise ClipError(f"{self._where(name, meaning)} {other}.")
         values = values.astype(float)
         bad = ~(np.abs(values) <= MAX_VALUE)
         if bad.any():

@@ -50,15 +50,13 @@ def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
 
     def read_tracks() -> Tracks:
         root = fields.rows("global_orient", frames, 3, "the pelvis's rotation")
-        flat = np.zeros((frames, 45))
-        person = BodyParameters(
+        body = fields.rows("body_pose", frames, 63, "the body's pose")
+        person = BodyParameters.of_rows(
+            np.concatenate([root, body, np.zeros((frames, 90))], axis=1),
             family="smplx",
             gender="neutral",
             betas=betas,
             translation=fields.array("transl", (frames, 3), "the body's position"),
-            body=np.concatenate([root, fields.rows("body_pose", frames, 63, "the body's pose")], axis=1),
-            left_hand=flat,
-            right_hand=flat,
             flat_hands=True,
         )
         return Tracks(people=(person,), objects=())

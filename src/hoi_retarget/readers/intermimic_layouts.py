@@ -24,6 +24,7 @@ from hoi_retarget.human.skeleton import HANDS, JOINT_INDEX, JOINTS, LEFT_FINGERS
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import describe_frames
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
+from hoi_retarget.readers.fields import MAX_VALUE
 from hoi_retarget.readers.object_files import SAMPLE_POINTS, load_geometry
 from hoi_retarget.readers.reader import Reader, Record, SourceRecording, Tracks
 
@@ -60,8 +61,6 @@ JOINT_ORDER = [BODIES.index(joint) for joint in JOINTS]
 UPRIGHT_QUAT: Float[np.ndarray, "4"] = np.array([0.5, 0.5, 0.5, 0.5])
 UPRIGHT_QUAT.setflags(write=False)
 
-MAX_VALUE = 1e4
-"""[m] or [rad]; numbers beyond it are damage."""
 MAX_PALM_LENGTH = 0.25
 """[m]; no first finger bone begins farther from its wrist."""
 ROOT_TOLERANCE = 1e-3

@@ -1,7 +1,6 @@
 """The arrays of a clip's file by name: each checked as it is taken, and written with the joints of any clip."""
 
 import difflib
-import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from hoi_retarget.files import npz
 from hoi_retarget.files.atomic import write_atomically
 from hoi_retarget.human.skeleton import JOINTS
 from hoi_retarget.objects.track import ObjectTrack
+from hoi_retarget.readers.fields import MAX_VALUE, other_shape
 
 FORMAT = "hoi-retarget-clip"
 SCHEMA = 1
@@ -22,8 +22,6 @@ UP, UNIT = "z", "m"
 HEIGHTS = "person_heights"
 DOCUMENT = "docs/sources.md describes the layout."
 
-MAX_VALUE = 1e4
-"""Of any number; metres, radians, frames a second and quaternions stay below."""
 
 # Kinds of numpy arrays by what they mean.
 NUMBERS, INTEGERS, TEXT, FLAGS = "fiu", "iu", "U", "b"
@@ -51,7 +49,7 @@ class Arrays:
         Args:
             name: in the file.
             kinds: of numpy arrays.
-            shape: letters stand for any length.
+            shape: as for `fields.other_shape`.
             meaning: for errors.
         """
         self._used.add(name)
@@ -63,14 +61,8 @@ class Arrays:
             values = npz.array(name, self._members[name], kinds)
         except (ValueError, UnicodeDecodeError) as error:
             raise ClipError(f"{self.path}: {name}, {meaning}, cannot be used: {error}. {DOCUMENT}") from error
-        fits = len(shape) == values.ndim and all(
-            isinstance(size, str) or size == have for size, have in zip(shape, values.shape, strict=True)
-        )
-        if not fits:
-            expected = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
-            raise ClipError(
-                f"{self.path}: {name}, {meaning}, has shape {values.shape}, expected {expected}. {DOCUMENT}"
-            )
+        if other := other_shape(values, shape):
+            raise ClipError(f"{self.path}: {name}, {meaning}, {other}. {DOCUMENT}")
         if values.dtype.kind == "f" and name != "contact_points" and not np.isfinite(values).all():
             frames = np.unique(np.argwhere(~np.isfinite(values))[:, 0]) if values.ndim else np.zeros(1, dtype=int)
             raise ClipError(
@@ -205,9 +197,7 @@ def encode(clip: Clip, folder: Path) -> bytes:
             "contact_flags": np.stack([track.active for track in clip.contacts], axis=1),
             "contact_points": np.stack([track.contact_points for track in clip.contacts], axis=1),
         }
-    buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **values)
-    return buffer.getvalue()
+    return npz.encode(values)
 
 
 def _shape_values(index: int, track: ObjectTrack, folder: Path) -> dict[str, Any]:
