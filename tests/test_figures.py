@@ -814,6 +814,25 @@ def test_every_figure_has_one_column():
     assert [column.name for column in COLUMNS] == [*(figure.name for figure in (*FIGURES, *PERFORMED)), "compute_s"]
 
 
+SHOWN = {
+    ("m", "mm"): 1e3,
+    ("m", "cm"): 1e2,
+    ("mps", "mm/s"): 1e3,
+    ("mps", "cm/s"): 1e2,
+    ("share", "%"): 1e2,
+    **dict.fromkeys((("deg", "deg"), ("rad", "rad"), ("radps", "rad/s"), ("mps3", "m/s^3"), ("s", "s")), 1.0),
+}
+"""Shown number over stored number, by the unit at the end of a figure's name and the one that tables show."""
+
+
+@pytest.mark.parametrize("figure", COLUMNS, ids=lambda figure: figure.name)
+def test_numbers_are_shown_in_the_unit_beside_them(figure):
+    stored = 25.0
+    shown = float(figure.text(stored))
+    assert shown == pytest.approx(stored * SHOWN[figure.name.rpartition("_")[2], figure.unit], abs=10.0**-figure.digits)
+    assert figure.text(None) == "-" and figure.header.endswith(f"[{figure.unit}]")
+
+
 def test_mean_ignores_what_is_undefined_and_worst_knows_the_direction():
     one, two = scores()
     mean, worst = mean_values((one, two)), worst_values((one, two))

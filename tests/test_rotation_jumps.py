@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.human.person import Person
-from hoi_retarget.human.rotation_jumps import FASTEST, without_rotation_jumps
+from hoi_retarget.human.rotation_jumps import FASTEST, MOMENT_SECONDS, without_rotation_jumps
 from hoi_retarget.human.skeleton import BODY_PARENTS, JOINT_INDEX
 from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.filters import seconds_to_frames
 from hoi_retarget.synthetic import SCENES, make
 
 FPS = 30.0
@@ -49,6 +50,14 @@ def test_a_hand_that_flips_for_a_moment_goes_on_as_before(first, length, degrees
     np.testing.assert_allclose(se3.angle_between(found.joint_quats, PERSON.joint_quats)[:, :22], 0.0, atol=0.25)
     outside = np.r_[:first, first + length : FRAMES]
     np.testing.assert_allclose(found.joint_quats[outside], PERSON.joint_quats[outside], atol=1e-12)
+
+
+@pytest.mark.parametrize("longer", [-1, 0, 1])
+def test_what_stays_for_a_moment_or_longer_are_two_jumps(longer):
+    length = seconds_to_frames(MOMENT_SECONDS, FPS) + longer
+    _, jumps = without_rotation_jumps(rolled(30, 30 + length, 150.0), FPS)
+    ends = [(30, 29 + length)] if longer < 0 else [(30, None), (30 + length, None)]
+    assert [(jump.first_frame, jump.last_frame) for jump in jumps] == ends
 
 
 @given(st.integers(20, FRAMES - 40), st.floats(100, 175))

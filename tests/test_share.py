@@ -33,7 +33,7 @@ from hoi_retarget.studio.scene.camera import fit_camera
 from hoi_retarget.studio.scene.drawing import DrawnScene, Kind, Layer, Lines, Shapes, Solid, Subject
 from hoi_retarget.studio.scene.scene import SceneItem, group_people, make_scene
 from hoi_retarget.studio.share import share
-from hoi_retarget.studio.share.clip_page import BackLink, make_clip_page
+from hoi_retarget.studio.share.clip_page import SMALL, BackLink, Detail, make_clip_page
 from hoi_retarget.studio.share.gallery import Card, GalleryEntry, file_name, index_page
 from hoi_retarget.studio.share.packed_scene import MAX_FRAMES, POSITION_STEP, pack
 from hoi_retarget.studio.share.share import LISTING, gallery_in
@@ -126,7 +126,13 @@ def test_of_a_long_motion_every_so_many_frames_are_kept() -> None:
     assert track["frames"] <= MAX_FRAMES
     assert np.abs(unpacked(numbers, track) - positions[::3, 0]).max() <= 0.51 * POSITION_STEP
     assert packed["seconds"] == pytest.approx((frames - 1) / 30.0) and subject["fps"] == 10.0
-    assert "one frame in 3;" in page_of(random_motion(frames, 0))
+
+
+def test_a_page_of_a_long_motion_says_that_every_so_many_frames_are_kept() -> None:
+    motion, detail = random_motion(90, 0), Detail(40, SMALL.points)
+    results = [(entry(motion), SceneItem("carry", motion, G1))]
+    assert "one frame in 3;" in make_clip_page("carry", results, detail=detail).text
+    assert "one frame in" not in make_clip_page("carry", results).text
 
 
 def random_turns_of(frames: int) -> np.ndarray:

@@ -1,29 +1,27 @@
 """Results that are shown together have different names, and short ones where they can."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hoi_retarget.clip.edits import ContactEdits, FixAll, apply
+from export_motions import SOURCE, smooth_motion
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.retargeting.config import Config
-from hoi_retarget.retargeting.retarget import retarget
+from hoi_retarget.motion.motion_report import Report
 from hoi_retarget.studio.scene.subplots import titles_of
-from hoi_retarget.synthetic import make
 from trajectories import MODELS
 
 
 @pytest.fixture(scope="module")
 def motions() -> dict[str, Motion]:
-    """One clip for two robots, and edited for one of them."""
-    clip = make("carry_box", seconds=0.5)
-    edited = apply(clip, ContactEdits.of(clip).adding(FixAll()))
+    """Motions of two robots, and an edited one of one of them."""
+    edited = Report(source=replace(SOURCE, contact_edits="all contacts are fixed"))
     return {
-        "G1": retarget(clip, MODELS["unitree_g1"], Config()),
-        "H2": retarget(clip, MODELS["unitree_h2"], Config()),
-        "edited": retarget(edited, MODELS["unitree_g1"], Config()),
+        "G1": smooth_motion(MODELS["unitree_g1"]),
+        "H2": smooth_motion(MODELS["unitree_h2"]),
+        "edited": smooth_motion(MODELS["unitree_g1"], report=edited),
     }
 
 

@@ -10,8 +10,10 @@ from hoi_retarget.evaluation.comparison import RigidPoses
 from hoi_retarget.evaluation.penetration import self_collision_pairs, self_depths
 from hoi_retarget.evaluation.surface_distances import (
     ObjectShape,
+    PosedLink,
     PosedObject,
     link_distances,
+    pair_depths,
     shape_of,
     surface_kind,
 )
@@ -185,6 +187,29 @@ def test_hands_in_each_other_and_in_the_thigh_are_seen_but_not_neighbours():
     assert depths[0] == 0.0
     assert depths[1] > 0.005
     assert any("left" in name for name in names[worst[1]])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_links_are_as_deep_in_each_other_as_the_deepest_of_all_their_points(hand, seed):
+    random = np.random.default_rng(seed)
+    thigh, frames = skin_of(load_robot("unitree_g1")).by_link["left_hip_yaw_link"], 40
+    turns = se3.quat_to_matrix(se3.quat_normalize(random.normal(size=(2, frames, 4))))
+    # Centres are apart by all that lies between the same place and two balls that touch.
+    away = se3.rotate(se3.quat_normalize(random.normal(size=(frames, 4))), np.array([1.0, 0.0, 0.0]))
+    away *= random.uniform(0.0, hand.radius + thigh.radius, size=(frames, 1))
+    one, other = (
+        PosedLink(skin, RigidPoses(centre - turned @ skin.centre, turned), centre)
+        for skin, turned, centre in zip((hand, thigh), turns, (away, np.zeros((frames, 3))), strict=True)
+    )
+    expected = np.zeros(frames)
+    for skin, solid in ((one, other), (other, one)):
+        inside = skin.pose.relative_to(solid.pose)
+        points = np.einsum("fij,kj->fki", inside.rotations, skin.skin.points) + inside.positions[:, None]
+        deep = -solid.skin.solid.distances(points.reshape(-1, 3)).reshape(frames, -1)
+        expected = np.maximum(expected, deep.max(axis=1))
+    (depths,), _ = pair_depths([one], [other], [(0, 0)], keep_all=True)
+    np.testing.assert_allclose(depths, expected, atol=1e-9)
+    assert (depths > 0.0).any() and (depths == 0.0).any()
 
 
 @pytest.mark.slow

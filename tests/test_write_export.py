@@ -532,8 +532,8 @@ def test_normals_of_no_points_are_none():
 @pytest.fixture(scope="module")
 def carried() -> Result:
     """A built-in clip's result, with its clip."""
-    clip = make("carry_box")
-    return Result("carry_box", "ef" * 32, retarget(clip, G1, Config()), G1, clip)
+    clip = make("carry_box", seconds=2.5)
+    return Result("carry_box", "ef" * 32, retarget(clip, G1, Config(contact="landmark")), G1, clip)
 
 
 def test_contacts_with_an_object_of_known_shape_have_normals(carried):
