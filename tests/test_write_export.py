@@ -532,7 +532,7 @@ def test_normals_of_no_points_are_none():
 @pytest.fixture(scope="module")
 def carried() -> Result:
     """A built-in clip's result, with its clip."""
-    clip = make("carry_box", seconds=2.5)
+    clip = make("carry_box")
     return Result("carry_box", "ef" * 32, retarget(clip, G1, Config(contact="landmark")), G1, clip)
 
 
