@@ -339,5 +339,5 @@ def test_areas_of_skin_points_add_up_to_the_skin(radius):
     normals = ways / np.linalg.norm(ways, axis=1, keepdims=True)
     normals = normals[farthest_points(radius * normals, 0.0035)]
     (hand,) = skins_from(G1, "left_palm")
-    ball = LinkSkin("ball", hand.frame, radius * normals, normals, np.zeros(len(normals)), hand.solid)
+    ball = LinkSkin("ball", hand.frame, radius * normals, normals, hand.solid)
     assert ball.areas.sum() == pytest.approx(4 * np.pi * radius**2, rel=0.02)

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import scipy  # its modules are loaded where they are first used
+from jaxtyping import Bool
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.numerics.arrays import runs
@@ -44,7 +45,7 @@ def resolve_locally(before: Solution, clip: Clip, config: Config, *, quickly: bo
         targets = with_contacts_of(unpinned, clip, model, person=before.person)
         targets = with_pins(targets, clip, model, ik_qpos, person=before.person)
         qpos = before.motion.qpos.copy()
-        pieces = _pieces(before.targets, targets)
+        pieces = pieces_around(changed_frames(before.targets, targets), targets.fps)
         around = sum(stop - first for first, stop in pieces)
         whole = (
             not quickly and len(qpos) <= _WHOLE_CLIP_FACTOR * around and _pins_changed(before.targets, targets).any()
@@ -67,10 +68,9 @@ def resolve_locally(before: Solution, clip: Clip, config: Config, *, quickly: bo
         return Solution.of(clip, before.person, targets, motion, model)
 
 
-def _pieces(before: Targets, after: Targets) -> tuple[tuple[int, int], ...]:
-    """Return the runs of changed frames, each with a margin, as (first, one past the last)."""
-    margin = seconds_to_frames(MARGIN_SECONDS, after.fps) + PINNED
-    changed = changed_frames(before, after)
+def pieces_around(changed: Bool[np.ndarray, "T"], fps: float) -> tuple[tuple[int, int], ...]:
+    """Return the runs of changed frames, each with a margin on either side, as (first, one past the last)."""
+    margin = seconds_to_frames(MARGIN_SECONDS, fps) + PINNED
     return runs(scipy.ndimage.binary_dilation(changed, np.ones(2 * margin + 1)))
 
 

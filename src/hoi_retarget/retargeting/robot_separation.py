@@ -13,16 +13,13 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
-import scipy  # its modules are loaded where they are first used
 from jaxtyping import Bool, Float
 
 from hoi_retarget.evaluation import robot_depths
 from hoi_retarget.motion.motion_report import Window
 from hoi_retarget.numerics import se3
-from hoi_retarget.numerics.arrays import runs
-from hoi_retarget.numerics.filters import seconds_to_frames
-from hoi_retarget.retargeting.config import PINNED, Config, Horizon
-from hoi_retarget.retargeting.local_resolve import MARGIN_SECONDS
+from hoi_retarget.retargeting.config import Config, Horizon
+from hoi_retarget.retargeting.local_resolve import pieces_around
 from hoi_retarget.retargeting.solve import Solution, on_surfaces, one_thread
 from hoi_retarget.retargeting.surfaces.passes import FINAL, SurfaceProblems
 from hoi_retarget.retargeting.trajopt.problem import Problem
@@ -46,9 +43,8 @@ def separate_robots(solutions: Sequence[Solution], config: Config) -> tuple[Solu
     if config.contact != "surface":
         return tuple(solutions)
     clock, moved = time.process_time(), tuple(solutions)
-    margin = seconds_to_frames(MARGIN_SECONDS, solutions[0].targets.fps) + PINNED
     with one_thread():
-        for first, stop in runs(scipy.ndimage.binary_dilation(_penetrating_frames(solutions), np.ones(2 * margin + 1))):
+        for first, stop in pieces_around(_penetrating_frames(solutions), solutions[0].targets.fps):
             for window in windows_of(Horizon(), stop - first):
                 moved = _make_room(moved, config, first + window.first, first + window.stop)
         share = (time.process_time() - clock) / len(solutions)

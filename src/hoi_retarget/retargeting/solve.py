@@ -146,6 +146,12 @@ def solve_trajectory(  # noqa: PLR0913  # the parts of a solve
         SolveError: A window fails, or its trajectory breaks a joint range or a joint speed.
     """
     frames = windows_of(config.horizon, targets.frames) if windows is None else windows
+
+    def at_landmarks(window: FrameRange) -> Problem:
+        reference = model.forward(ik_qpos[window.first : window.stop])
+        terms = trajectory_terms(config.weights, targets.window(window.first, window.stop), reference)
+        return Problem(model, terms, targets.fps, window.pinned, window.pinned_after)
+
     reports: tuple[Window, ...] = ()
     passes: list[_Recorder] = []
 
@@ -161,7 +167,7 @@ def solve_trajectory(  # noqa: PLR0913  # the parts of a solve
     if on_surfaces(targets, config):
         qpos = SurfaceProblems.of(model, targets, ik_qpos, config).passes(solve_pass)
     else:
-        qpos = solve_pass(_landmark_problems(model, targets, ik_qpos, config), ik_qpos, Effort(), True)
+        qpos = solve_pass(at_landmarks, ik_qpos, Effort(), True)
     earlier = zip(*(item.ends for item in passes[:-1]), strict=True) if len(passes) > 1 else ((),) * len(reports)
     return qpos, tuple(
         replace(window, earlier_passes=tuple(ends)) for window, ends in zip(reports, earlier, strict=True)
@@ -184,15 +190,6 @@ class _Recorder:
 def on_surfaces(targets: Targets, config: Config) -> bool:
     """Return whether the trajectory is that of surfaces in contact: there is an object, and the config says so."""
     return config.contact == "surface" and bool(targets.object_names)
-
-
-def _landmark_problems(model: RobotModel, targets: Targets, ik_qpos: np.ndarray, config: Config) -> ProblemOf:
-    def problem_of(window: FrameRange) -> Problem:
-        reference = model.forward(ik_qpos[window.first : window.stop])
-        terms = trajectory_terms(config.weights, targets.window(window.first, window.stop), reference)
-        return Problem(model, terms, targets.fps, window.pinned, window.pinned_after)
-
-    return problem_of
 
 
 def _motion(clip: Clip, model: RobotModel, targets: Targets, stages: tuple[Stage, ...], report: Report) -> Motion:

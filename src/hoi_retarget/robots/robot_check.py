@@ -34,7 +34,9 @@ def check(subject: RobotSpec | Path) -> list[RobotFinding]:
 
     Of an MJCF file on its own, the facts of a specification are named as missing: speed limits, home pose, offsets.
     """
-    spec = subject if isinstance(subject, RobotSpec) else _file_on_its_own(subject)
+    spec = subject
+    if isinstance(spec, Path):
+        spec = RobotSpec(spec.stem, spec.stem, spec, "", 1.0, "captured", speed_limits={}, home={}, ik=())
     if not spec.mjcf.is_file():
         return [RobotFinding("error", str(spec.mjcf), "there is no such file", "Give the path of an MJCF file.")]
     try:
@@ -72,10 +74,6 @@ def has_errors(findings: Iterable[RobotFinding]) -> bool:
     return any(finding.level == "error" for finding in findings)
 
 
-def _file_on_its_own(path: Path) -> RobotSpec:
-    return RobotSpec(path.stem, path.stem, path, "", 1.0, "captured", speed_limits={}, home={}, ik=())
-
-
 def _root(compiled: mujoco.MjModel) -> Iterator[RobotFinding]:
     free = np.flatnonzero(compiled.jnt_type == mujoco.mjtJoint.mjJNT_FREE).tolist()
     if free == [0] and compiled.body_parentid[compiled.jnt_bodyid[0]] == 0:
@@ -106,22 +104,17 @@ def _ranges(compiled: mujoco.MjModel, hinges: list[str]) -> Iterator[RobotFindin
 
 def _masses(compiled: mujoco.MjModel) -> Iterator[RobotFinding]:
     light = 1 + np.flatnonzero((compiled.body_dofnum[1:] > 0) & (compiled.body_mass[1:] <= 0))
-    if light.size:
-        names = ", ".join(compiled.body(index).name for index in light)
-        yield RobotFinding("error", names, "has no mass", "Add an <inertial> with the manufacturer's numbers.")
-    else:
-        yield RobotFinding("ok", "bodies", f"every link has mass, {compiled.body_mass.sum():.1f} kg together")
+    names = [compiled.body(index).name for index in light]
+    well = RobotFinding("ok", "bodies", f"every link has mass, {compiled.body_mass.sum():.1f} kg together")
+    yield from _lists([("has no mass", names, "Add an <inertial> with the manufacturer's numbers.")], well)
 
 
 def _sites(compiled: mujoco.MjModel) -> Iterator[RobotFinding]:
     there = {compiled.site(index).name for index in range(compiled.nsite)}
     missing = [name for name in SITES if name not in there]
-    if missing:
-        what = f"{len(missing)} of {len(SITES)} sites are missing"
-        advice = "Add them to the MJCF, or to sites of the specification."
-        yield RobotFinding("error", ", ".join(missing), what, advice)
-    else:
-        yield RobotFinding("ok", "sites", f"all {len(SITES)} sites are there")
+    what = f"{len(missing)} of {len(SITES)} sites are missing"
+    advice = "Add them to the MJCF, or to sites of the specification."
+    yield from _lists([(what, missing, advice)], RobotFinding("ok", "sites", f"all {len(SITES)} sites are there"))
 
 
 def _soles(model: RobotModel) -> Iterator[RobotFinding]:

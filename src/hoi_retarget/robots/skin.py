@@ -126,8 +126,6 @@ class LinkSkin:
     """In farthest-point order: the first n are a coarser skin [m]."""
     normals: Float[np.ndarray, "P 3"]
     """Outward, of unit length."""
-    radii: Float[np.ndarray, "P"]
-    """Each point stands for a ball of this radius [m]; 0 for a point of the skin itself."""
     solid: DistanceGrid
 
     @cached_property
@@ -143,7 +141,7 @@ class LinkSkin:
     @cached_property
     def radius(self) -> float:
         """Radius of that ball [m]."""
-        return float((np.linalg.norm(self.points - self.centre, axis=1) + self.radii).max())
+        return float(np.linalg.norm(self.points - self.centre, axis=1).max())
 
     @cached_property
     def areas(self) -> Float[np.ndarray, "P"]:
@@ -209,14 +207,7 @@ def skin_of(model: RobotModel) -> Skin:
         raise RobotError(f"{file}: skins of links that {model.spec.name} has not: {', '.join(unknown)}.")
     return Skin(
         tuple(
-            LinkSkin(
-                link,
-                frames[link],
-                frozen(skin.points),
-                frozen(skin.normals),
-                frozen(np.zeros(len(skin.points))),
-                skin.solid,
-            )
+            LinkSkin(link, frames[link], frozen(skin.points), frozen(skin.normals), skin.solid)
             for link, skin in skins.items()
         )
     )

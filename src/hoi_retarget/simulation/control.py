@@ -201,14 +201,11 @@ def _linearized(
 
 
 def _costs(joints: int, objects: int, share: float) -> Float[np.ndarray, "x"]:
-    places = (
-        [_BASE] * 3
-        + [_BASE_TURN] * 3
-        + [_JOINT] * joints
-        + ([share * _OBJECT] * 3 + [share * _OBJECT_TURN] * 3) * objects
-    )
+    places = [_BASE] * 3 + [_BASE_TURN] * 3 + [_JOINT] * joints
+    of_objects = ([share * _OBJECT] * 3 + [share * _OBJECT_TURN] * 3) * objects
     speeds = [_BASE_SPEED, _BASE_SPEED, _SINKING] + [_TURNING] * 3 + [_JOINT_SPEED] * joints
-    return np.array([*places, *speeds, *([share * _OBJECT_SPEED] * 3 + [share * _OBJECT_TURNING] * 3) * objects])
+    speeds += ([share * _OBJECT_SPEED] * 3 + [share * _OBJECT_TURNING] * 3) * objects
+    return np.array([*places, *of_objects, *speeds])
 
 
 def rollout_gains(scene: PhysicsScene, simulated: mujoco.MjModel, rollout: Rollout) -> Float[np.ndarray, "K n x"]:

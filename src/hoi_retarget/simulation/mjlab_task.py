@@ -94,14 +94,18 @@ def task_of(result: Result, scene: PhysicsScene) -> TrainingTask:
     robot = robot_description(scene)
     check_no_meshes(scene, robot)
     _place(robot, resampled.qpos[0])
-    files = {folder / "robot.xml": to_bytes(_without_drives(exact_xml(scene, robot)))}
+    root = exact_xml(scene, robot)
+    for actuators in root.findall("actuator"):  # mjlab makes the drives of the task's numbers.
+        root.remove(actuators)
+    files = {folder / "robot.xml": to_bytes(root)}
     for number, item in enumerate(scene.objects):
         description = object_description(item, scene.physics)
         _place(description, _first_pose(resampled, number))
         files[folder / f"object_{number}.xml"] = to_bytes(exact_xml(scene, description))
     files[folder / "motion.npz"] = npz.encode(_arrays(resampled, states))
     facts = _description(result, scene, resampled, states, f"Hoi-{name}")
-    facts["touching"] = _geometries(robot, facts["contact_bodies"])
+    geoms = [geom.name for body in facts["contact_bodies"] for geom in robot.body(body).geoms]
+    facts["touching"] = [name for name in geoms if name not in SOLES]
     files[folder / "task.json"] = to_json(facts)
     return TrainingTask(f"Hoi-{name}", files, resampled.frames)
 
@@ -201,7 +205,6 @@ def _description(
 ) -> dict[str, Any]:
     model, motion, physics = scene.model, result.motion, scene.physics
     most = max(_MIN_CONTACTS, 2 * states.contacts)  # A fall makes more of them than the motion has.
-    links = tuple(dict.fromkeys(model.body_of(link) for link in motion.contact_links))
     return {
         "format": FORMAT,
         "id": task_id,
@@ -214,7 +217,7 @@ def _description(
         "anchor_body": model.body_of("torso"),
         "tracked_bodies": list(tracked_bodies(model)),
         "end_bodies": list(_bodies(model, [f"{side}_{part}" for side in SIDES for part in _ENDS])),
-        "contact_bodies": list(links),
+        "contact_bodies": list(_bodies(model, motion.contact_links)),
         "objects": [
             {
                 "name": item.body.name,
@@ -236,11 +239,6 @@ def _description(
         "most_constraints": 6 * most + 2 * model.n,  # Friction pyramids with torsion have six edges.
         **result.origin(),
     }
-
-
-def _geometries(robot: mujoco.MjSpec, bodies: Sequence[str]) -> list[str]:
-    """Return the names of the colliding geometries on bodies, but for the soles."""
-    return [geom.name for body in bodies for geom in robot.body(body).geoms if geom.name not in SOLES]
 
 
 def _joint(scene: PhysicsScene, index: int) -> dict[str, Any]:
@@ -273,10 +271,3 @@ def _place(description: mujoco.MjSpec, pose: np.ndarray) -> None:
     """Put a free body where it is at first: where mjlab makes its environments, nothing is inside anything else."""
     body = description.worldbody.first_body()
     body.pos, body.quat = pose[:3], pose[3:7]
-
-
-def _without_drives(root: Any) -> Any:
-    """Return a robot's MJCF without its drives: mjlab makes them of the task's numbers, in its own MuJoCo's words."""
-    for actuators in root.findall("actuator"):
-        root.remove(actuators)
-    return root

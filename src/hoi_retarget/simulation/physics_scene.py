@@ -200,16 +200,13 @@ def _set_robot(description: mujoco.MjSpec, scene: PhysicsScene) -> None:
     for index, name in enumerate(scene.model.joint_names):
         joint, limit = description.joint(name), float(drives.torque[index])
         joint.armature = float(drives.armature[index])
-        joint.frictionloss, joint.damping = 0.0, _damping(joint, 0.0)
+        joint.frictionloss = 0.0
+        # One number before MuJoCo 4, a polynomial's since.
+        joint.damping = 0.0 if np.ndim(joint.damping) == 0 else [0.0] * len(joint.damping)
         joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-limit, limit]
         actuator = description.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         actuator.set_to_position(kp=float(drives.stiffness[index]), kv=float(drives.damping[index]))
         actuator.forcelimited, actuator.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, [-limit, limit]
-
-
-def _damping(joint: Any, value: float) -> Any:
-    """Return a joint's damping: one number before MuJoCo 4, a polynomial's since."""
-    return value if np.ndim(joint.damping) == 0 else [value] * len(joint.damping)
 
 
 def _add_object(

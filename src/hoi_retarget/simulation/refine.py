@@ -299,10 +299,7 @@ def _mean_and_spread(knots: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray, n
 
 
 def smooth(
-    scene: PhysicsScene,
-    simulated: mujoco.MjModel,
-    reference: Reference,
-    motion: ControlledRollout,
+    scene: PhysicsScene, simulated: mujoco.MjModel, reference: Reference, motion: ControlledRollout
 ) -> ControlledRollout:
     """Return a smoother simulated motion than one that did not fall, or the same.
 

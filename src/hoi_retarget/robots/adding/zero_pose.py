@@ -59,30 +59,21 @@ class ZeroPose:
     body_rotation: Float[np.ndarray, "bodies 3 3"]
 
     @cached_property
-    def _points(self) -> dict[int, Float[np.ndarray, "_ 3"]]:
-        points: dict[int, list[np.ndarray]] = {}
-        for geom in range(self.compiled.ngeom):
-            body = int(self.compiled.geom_bodyid[geom])
-            own = geom_points(self.compiled, geom) @ self.body_rotation[body].T + self.body_position[body]
-            points.setdefault(body, []).append(own)
-        return {body: np.concatenate(own) for body, own in points.items()}
+    def _points(self) -> list[Float[np.ndarray, "_ 3"]]:
+        """Points on each geometry."""
+        return [
+            geom_points(self.compiled, geom) @ self.body_rotation[body].T + self.body_position[body]
+            for geom, body in enumerate(self.compiled.geom_bodyid)
+        ]
 
     def points(self, *parts: LimbPart, meshes_only: bool = False) -> Float[np.ndarray, "_ 3"]:
         """Return points on the surfaces of parts [m]; with `meshes_only`, of their meshes where they have some."""
         bodies = [body for part in parts for body in part.bodies]
+        geoms = [geom for body in bodies for geom in np.flatnonzero(self.compiled.geom_bodyid == body).tolist()]
         if meshes_only:
             is_mesh = self.compiled.geom_type == mujoco.mjtGeom.mjGEOM_MESH
-            geoms = np.flatnonzero(is_mesh & np.isin(self.compiled.geom_bodyid, bodies)).tolist()
-            if geoms:
-                owners = [int(self.compiled.geom_bodyid[geom]) for geom in geoms]
-                return np.concatenate(
-                    [
-                        geom_points(self.compiled, geom) @ self.body_rotation[body].T + self.body_position[body]
-                        for geom, body in zip(geoms, owners, strict=True)
-                    ]
-                )
-        own = [self._points[body] for body in bodies if body in self._points]
-        return np.concatenate(own) if own else np.zeros((0, 3))
+            geoms = [geom for geom in geoms if is_mesh[geom]] or geoms
+        return np.concatenate([np.zeros((0, 3)), *(self._points[geom] for geom in geoms)])
 
     def mass(self, part: LimbPart) -> float:
         """Return the mass of a part and all that hangs from it [kg]."""

@@ -49,8 +49,7 @@ class RobotClearance:
             if found is None:
                 continue
             origins = self.other.point(pair.link) - kinematics.point(pair.other)
-            levers = found.levers + origins[:, found.frames]
-            moments = np.cross(levers, found.inwards, axis=1)
+            moments = np.cross(found.levers + origins[:, found.frames], found.inwards, axis=1)
             yield FrameRows(pair.other, found.depths, -found.inwards, -moments, self.weight, found.frames)
 
 
