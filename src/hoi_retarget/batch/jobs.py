@@ -47,11 +47,7 @@ class Job:
 
 
 def jobs_of(specification: Specification) -> tuple[Job, ...]:
-    """Return all jobs, clip by clip.
-
-    Raises:
-        ArgumentError: a folder or a pattern has no clips, or two clips would have the same results.
-    """
+    """Return all jobs, clip by clip; raises `ArgumentError` for names without clips, and clips with equal results."""
     jobs: dict[str, Job] = {}
     for clip in _clips(specification):
         for job in _variants(clip, specification):
@@ -184,10 +180,8 @@ class JobDigests:
     def key(self, job: Job, objects: Sequence[str] | None, files: Sequence[str]) -> str:
         """Return the digest of a job's inputs, settings and program.
 
-        Args:
-            job: The job.
-            objects: Names of the objects in its clip; None where the clip could not be read, and any object may matter.
-            files: Other files that its clip was read from.
+        `objects` are those in its clip, None where it could not be read, and any object may matter; `files` are other
+        files that it was read from.
         """
         folder = job.reading.objects
         names = self._objects(folder) if objects is None else objects

@@ -30,9 +30,7 @@ _TEMPORARY = re.compile(rf"\.(.+\.npz|{re.escape(MANIFEST)})\.[a-z0-9_]{{8}}({re
 def locked(folder: Path) -> Iterator[None]:
     """Make a folder and hold it for one batch alone; the system lets go of it however the program ends.
 
-    Raises:
-        HoiRetargetError: another batch works in it.
-        WriteError: it cannot be written.
+    Raises `HoiRetargetError` where another batch works in it, and `WriteError`.
     """
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)

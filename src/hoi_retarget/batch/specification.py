@@ -94,11 +94,8 @@ def of_folder(
 def read_specification(path: Path) -> Specification:
     """Return the specification in a TOML file; its keys are the fields of `Specification`, without `folder`.
 
-    Relative paths in it are relative to its own folder. `config` is a table, or the name of a file with one.
-
-    Raises:
-        ReadError: the file is missing, no TOML, or has an unknown key or a value of the wrong type.
-        ArgumentError: as `Specification`.
+    Relative paths in it are relative to its own folder. `config` is a table, or the name of a file with one. Raises
+    `ReadError` for no TOML, an unknown key or a value of another type, and the `ArgumentError` of `Specification`.
     """
     table, folder = read_toml(path), path.parent
     if "clips" not in table:

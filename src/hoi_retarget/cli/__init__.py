@@ -13,13 +13,9 @@ INTERRUPTED, PIPE_CLOSED = 130, 141  # What a shell reports for a command that s
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code: 0, 1 for a failure, 2 for a wrong argument.
+    """Run one command, by default this program's own, and return its exit code: 0, 1 for a failure, 2 for an argument.
 
-    Args:
-        arguments: What follows the program's name; by default what the program was started with.
-
-    Raises:
-        SystemExit: Help was asked for, or the arguments do not parse.
+    Raises `SystemExit` where help is asked for, or the arguments do not parse.
     """
     try:
         _prepare_streams()

@@ -33,13 +33,7 @@ def check_inputs_kept(option: str, written: Iterable[Path], inputs: Iterable[Pat
 
 
 def check_stems(paths: Iterable[Path], stem_of: Callable[[Path], str], target: str) -> None:
-    """Raise `ArgumentError` where two files would be written to one.
-
-    Args:
-        paths: The files.
-        stem_of: Returns the stem of the file to write for each.
-        target: Place to write, with `{}` for the stem, and advice.
-    """
+    """Raise `ArgumentError` where two files would be written to one `target`, a text with `{}` for the stem."""
     seen: dict[str, Path] = {}
     for path in paths:
         stem = stem_of(path)

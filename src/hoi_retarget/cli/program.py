@@ -46,11 +46,7 @@ _THREAD_VARIABLES = (
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run one command and return its exit code.
-
-    Raises:
-        SystemExit: Help was asked for, or the arguments do not parse.
-    """
+    """Run one command and return its exit code; raises `SystemExit` for help and arguments that do not parse."""
     words = list(arguments)
     if words == ["--version"]:
         say(f"hoi-retarget {__version__}")

@@ -303,11 +303,7 @@ def without_shapes(spec: RobotSpec, mjcf: str, folder: Path) -> RobotModel:
 
 
 def page(model: RobotModel, findings: Iterable[RobotFinding], trials: Iterable[RobotTrial]) -> bytes:
-    """Return the page of a robot, with pictures.
-
-    Raises:
-        DrawingError: This machine has no way to draw without a screen.
-    """
+    """Return the page of a robot with pictures; raises `DrawingError` where nothing draws without a screen."""
     shown = [Trial(trial.name, trial.gates, _picture(model, trial)) for trial in trials]
     return robot_page(model, tuple(findings), shown).encode("utf-8")
 

@@ -71,9 +71,7 @@ def titled(scores: Sequence[Score], motions: Sequence[Motion]) -> list[Score]:
 def show_figures(scores: Sequence[Score], *, every: bool = True) -> None:
     """Print verdicts, then figures: side by side of a few results, else a line for each, and the mean and worst of all.
 
-    Args:
-        scores: The results.
-        every: Whether all figures are wanted, or those in `HEADLINE`.
+    Without `every`, these are the figures in `HEADLINE`.
     """
     groups = grouped_columns(scores, every=every)
     if len(scores) <= _MAX_COLUMNS:

@@ -26,12 +26,7 @@ _SIDES = {"left": "right", "right": "left"}
 
 
 def augment(clip: Clip, augmentation: Augmentation) -> Clip:
-    """Return the clip at another speed, mirrored, or both.
-
-    Raises:
-        ClipError: so fast that fewer than four frames are left.
-        GeometryError: an object's mesh is needed for its mirror image and cannot be had.
-    """
+    """Return the clip at another speed, mirrored, or both; raises the errors of `at_speed` and `mirrored`."""
     clip = at_speed(clip, augmentation.speed)
     return mirrored(clip) if augmentation.mirrored else clip
 
@@ -41,9 +36,7 @@ def mirrored(clip: Clip) -> Clip:
 
     Objects are mirrored at the plane y = 0 of their own frames, too, so that their poses are rotations. Where an
     object's mesh is known, its mirror image is in `points` and `faces`, with no file; else its points are mirrored.
-
-    Raises:
-        GeometryError: an object's mesh file is missing or damaged.
+    Raises `GeometryError` where a mesh file is missing or damaged.
     """
     augmentation = replace(clip.source.augmentation, mirrored=not clip.source.augmentation.mirrored)
     seen = replace(
@@ -62,11 +55,8 @@ def at_speed(clip: Clip, speed: float) -> Clip:
     """Return the clip at a multiple of its speed and the same rate; a speed of 1 is the clip itself.
 
     The first and the last frame stay, so the speed is met up to half a frame in the whole clip. Positions and
-    rotations follow splines of third degree; a contact holds in the frames nearest to those in which it did.
-
-    Raises:
-        ArgumentError: the speed is not a positive number.
-        ClipError: so fast that fewer than four frames are left.
+    rotations follow splines of third degree; a contact holds in the frames nearest to those in which it did. Raises
+    `ArgumentError` unless the speed is positive, and `ClipError` where fewer than four frames are left.
     """
     done = Augmentation(clip.source.augmentation.mirrored, clip.source.augmentation.speed * speed)
     if speed == 1.0:

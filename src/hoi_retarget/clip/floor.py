@@ -39,12 +39,9 @@ MIN_DEPTH_BELOW, MAX_GAP_BELOW = 0.005, 0.02
 
 
 def on_floor(clip: Clip, *, at_zero: bool, floor: float | None = None) -> Clip:
-    """Return a clip shifted so that the floor is at z = 0.
+    """Return a clip with z up, shifted so that the floor is at z = 0.
 
-    Args:
-        clip: z is up.
-        at_zero: whether its format promises that the floor is there already.
-        floor: height of the floor in the clip [m], where somebody knows it; otherwise it is estimated.
+    The floor is at the height `floor` [m] where that is known, at zero where the format promises it, else estimated.
     """
     if floor is not None:
         lowered = _lowered(clip, floor, f"The floor is at z = {floor:.3f} m in the recording, as was asked for.")

@@ -136,14 +136,13 @@ def with_grasp_warnings(
 ) -> Clip:
     """Return a clip with warnings of grasps that contradict its object's path.
 
+    Raises `ClipError` where rotations or units are wrong, and `grasps` is `refuse`.
+
     Args:
         clip: its contacts are checked.
         readings: those of `READINGS` that its format leaves open.
         shifts: by which labels may be late [s]; none where contacts were found in these very frames.
         grasps: `warn` keeps a clip that is wrong.
-
-    Raises:
-        ClipError: rotations or units are wrong, and `grasps` is `refuse`.
     """
     figures = grasp_figures(clip, readings, shifts)
     fatal = fatal_fault(figures)

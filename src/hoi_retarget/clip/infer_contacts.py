@@ -151,8 +151,7 @@ def is_moving(track: ObjectTrack, fps: float) -> Bool[np.ndarray, "T"]:
 def may_move_object(clip: Clip) -> Bool[np.ndarray, "O T"]:
     """Return when any part of anybody's body is within `FAR` of each object, or of another that it rides on.
 
-    Raises:
-        GeometryError: an object's mesh cannot be read.
+    Raises `GeometryError` where an object's mesh cannot be read.
     """
     found = np.stack([body_distances(clip, index) <= FAR for index in range(len(clip.objects))])
     pairs = [(i, j) for i, j in product(range(len(found)), repeat=2) if i != j]

@@ -108,15 +108,14 @@ def label_contacts(
 ) -> tuple[ContactTrack, ...]:
     """Return the contacts of a clip: a track for each person, object and part, in this order.
 
+    Raises `GeometryError` where an object's mesh cannot be read.
+
     Args:
         clip: its own contacts are not looked at.
         rule: when a part touches.
         points: `part` gives the part's own point (`Person.part_position`) in the object's frame, as the readers do;
             `surface` gives the object's point nearest to the part.
         near: the clip's `part_object_distances`, where it is known already.
-
-    Raises:
-        GeometryError: an object's mesh cannot be read.
     """
     near = part_object_distances(clip) if near is None else near
     active = touching(clip, near, rule) if isinstance(rule, Proximity) else _by_interact(clip, rule)
@@ -130,8 +129,7 @@ def label_contacts(
 def body_distances(clip: Clip, index: int) -> Float[np.ndarray, "T"]:
     """Return the distance of an object from the nearest body, by capsules [m]; infinite beyond `FAR`.
 
-    Raises:
-        GeometryError: its mesh cannot be read.
+    Raises `GeometryError` where its mesh cannot be read.
     """
     track = clip.objects[index]
     surface = surface_of(track.geometry)
@@ -141,8 +139,7 @@ def body_distances(clip: Clip, index: int) -> Float[np.ndarray, "T"]:
 def part_object_distances(clip: Clip) -> tuple[PartObjectDistance, ...]:
     """Return the distance of each part of each person from each object, in the order of `label_contacts`.
 
-    Raises:
-        GeometryError: an object's mesh cannot be read.
+    Raises `GeometryError` where an object's mesh cannot be read.
     """
     surfaces = [surface_of(track.geometry) for track in clip.objects]
     found = []

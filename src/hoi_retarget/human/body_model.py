@@ -112,14 +112,13 @@ class BodyModel:
     ) -> Float[np.ndarray, "T J 3"]:
         """Return rotation vectors of all joints [rad]; jaw and eyes rest.
 
+        Raises `ArgumentError` for hands of more numbers than there are components, or none of either kind.
+
         Args:
             body: Rotation vectors of the body's joints [rad], root first.
             left_hand: 45 numbers are rotation vectors [rad]; fewer, weights of as many principal components.
             right_hand: Likewise.
             flat_hands: Whether hands are counted from flat ones; otherwise from the model's mean hand.
-
-        Raises:
-            ArgumentError: hands of more numbers than there are components, or none of either kind.
         """
         frames = len(body)
         rows = [body.reshape(frames, _BODY_JOINTS, 3)]
@@ -158,10 +157,8 @@ class BodyModel:
     ) -> tuple[Float[np.ndarray, "T J 3"], Float[np.ndarray, "T J 4"]]:
         """Return positions [m] and rotations, wxyz, of all joints.
 
-        The root is the rest pose's pelvis plus the translation: it turns about itself, not about the origin.
-
-        Raises:
-            ArgumentError: more betas than the model has, or a pose of another number of joints.
+        The root is the rest pose's pelvis plus the translation: it turns about itself, not about the origin. Raises
+        `ArgumentError` for more betas than the model has, and a pose of another number of joints.
         """
         self._check_pose(pose)
         rest, parents = self.rest_joints(betas), self.parents.tolist()

@@ -187,10 +187,8 @@ def add_straight_fingers(positions: Float[np.ndarray, "T P 52 3"], quats: Float[
 def trunk_rotations(position: Callable[[str], Float[np.ndarray, "T 3"]]) -> Float[np.ndarray, "T 3 3"]:
     """Return the frames with the z axis from the hips' middle to the shoulders', and the y axis to the left.
 
-    Unlike the rotations of pelvis and chest they do not tell how a trunk bends: robots have stiff ones.
-
-    Args:
-        position: Returns the places of `left_hip`, `right_shoulder` and so on in the world [m].
+    `position` returns the place of `left_hip`, `right_shoulder` and so on in the world [m]. Unlike the rotations of
+    pelvis and chest the frames do not tell how a trunk bends: robots have stiff ones.
     """
     left = position("left_hip") + position("left_shoulder")
     right = position("right_hip") + position("right_shoulder")

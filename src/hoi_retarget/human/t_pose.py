@@ -33,13 +33,8 @@ LIMBS: Mapping[str, tuple[str, tuple[float, float, float]]] = MappingProxyType(
 def body_axes(positions: Float[np.ndarray, "J 3"]) -> Float[np.ndarray, "4"]:
     """Return the rotation (quaternion, wxyz) from a body that stands along +y and looks along +z to a rest pose.
 
-    Frames of exporters differ by quarter turns, so it is the nearest of these.
-
-    Args:
-        positions: of the joints in the order of `skeleton.JOINTS`, perhaps without fingers.
-
-    Raises:
-        ClipError: nobody stands there upright with the left side beside the right.
+    Frames of exporters differ by quarter turns, so it is the nearest of these. `positions` are those of
+    `skeleton.JOINTS`, perhaps without fingers; raises `ClipError` unless someone stands there upright.
     """
     place = {joint: positions[JOINT_INDEX[joint]] for joint in JOINTS[: len(positions)]}
     up = place["head"] - 0.5 * (place["left_hip"] + place["right_hip"])
@@ -59,16 +54,14 @@ def turns_from_t_pose(
 ) -> tuple[Float[np.ndarray, "J 4"], float]:
     """Return the turn of each bone, in its own frame, that gives its joint's rotation from the T-pose, wxyz.
 
-    Beside it, the largest angle between the rest pose's limbs and those of the T-pose [deg].
+    Beside it, the largest angle between the rest pose's limbs and those of the T-pose [deg]; raises `ClipError` where
+    that is larger than `farthest`.
 
     Args:
         positions: of the joints in the rest pose, in the order of `skeleton.JOINTS`, perhaps without fingers.
         quats: of the same, wxyz.
         body: their `body_axes`.
         farthest: the largest angle allowed between the limbs and those of a T-pose [deg].
-
-    Raises:
-        ClipError: the rest pose is farther from a T-pose.
     """
     standing = se3.rotate_inverse(body, positions)
     swings = np.tile(se3.IDENTITY_QUAT, (len(positions), 1))

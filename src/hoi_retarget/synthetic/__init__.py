@@ -42,7 +42,8 @@ def make(  # noqa: PLR0913  # all but the name are options with defaults
 
     Without `seconds` and `repetitions` the clip goes one way and ends at rest. Repeated, it goes
     there and back as often as asked and ends where it begins, one frame before the first one.
-    Made with the defaults, it is the built-in clip of that name, and its source's path says so.
+    Made with the defaults, it is the built-in clip of that name, and its source's path says so. Raises `ArgumentError`
+    for a scene that does not exist, and a number out of its range.
 
     Args:
         name: one of `SCENES`.
@@ -51,9 +52,6 @@ def make(  # noqa: PLR0913  # all but the name are options with defaults
         fps: frames a second; the motion itself does not depend on it.
         seconds: duration [s]; the way there and back repeats as long as it lasts.
         repetitions: how many times to go there and back; not together with `seconds`.
-
-    Raises:
-        ArgumentError: a scene that does not exist, or a number out of its range.
     """
     _check_scene(name, height, seed)
     _check_duration(fps, seconds, repetitions)

@@ -134,13 +134,10 @@ OBJECTS: tuple[str, ...] = tuple(_SHAPES)
 
 
 def shape(name: str, *, height: float = REFERENCE_HEIGHT, seed: int = 0) -> Shape:
-    """Return one of our objects.
+    """Return one of our objects; raises `ArgumentError` where there is none of that name.
 
     Sizes are proportional to the height [m] of the person who uses the object, so that everybody
     can do the same things with them; the seed varies them by a few percent.
-
-    Raises:
-        ArgumentError: there is no such object.
     """
     if name not in _SHAPES:
         raise ArgumentError(f"There is no object {name!r}. Objects: {', '.join(OBJECTS)}.")

@@ -46,12 +46,8 @@ from hoi_retarget.errors import ClipError
 def apply(clip: Clip, edits: ContactEdits) -> Clip:
     """Return the clip with edited contacts, one track per segment, and pins; without edits, the clip itself.
 
-    Its source's `contact_edits` holds the edits' text.
-
-    Raises:
-        ClipError: the edits were made for another clip, the clip's contacts are edited already, or an
-            edit cannot be done; the message has the edit's number.
-        GeometryError: an object's surface is needed and cannot be had.
+    Its source's `contact_edits` holds the edits' text. Raises `ClipError` for edits of another clip, contacts that are
+    edited already, and an edit that cannot be done, with its number; `GeometryError` where a surface cannot be had.
     """
     edits.made_for.check(clip)
     if not edits.edits:

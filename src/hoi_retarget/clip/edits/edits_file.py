@@ -37,12 +37,7 @@ def save(edits: ContactEdits, path: Path) -> None:
 
 
 def load(path: Path) -> ContactEdits:
-    """Return the edits in a file.
-
-    Raises:
-        ReadError: the file is missing, no TOML, of another schema, or holds a key, an operation or a
-            value that means nothing.
-    """
+    """Return the edits in a file; raises `ReadError` where it is missing, or as `from_text`."""
     try:
         text = read_bytes(path).decode()
     except UnicodeDecodeError as error:
@@ -62,14 +57,9 @@ def to_text(edits: ContactEdits) -> str:
 
 
 def from_text(text: str, owner: str) -> ContactEdits:
-    """Return the edits that a text describes.
+    """Return the edits of a text such as `to_text` returns, from `owner`, which begins messages.
 
-    Args:
-        text: What `to_text` returns, or the like written by hand.
-        owner: Where the text is from, for messages.
-
-    Raises:
-        ReadError: as `load`.
+    Raises `ReadError` for no TOML, another schema, and a key, an operation or a value that means nothing.
     """
     try:
         table = tomllib.loads(text)

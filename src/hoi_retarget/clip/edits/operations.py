@@ -105,11 +105,7 @@ class PinOperation(Operation):
     verb: ClassVar[str] = "be pinned"
 
     def on_pins(self, clip: Clip, pins: Pins) -> Pins:
-        """Return the pins after the operation.
-
-        Raises:
-            ClipError: there is no such person, frame or pin, or the place is out of reach.
-        """
+        """Return the pins after the operation; raises `ClipError` for an absent person, frame or pin, or no reach."""
         raise NotImplementedError
 
 
@@ -171,9 +167,8 @@ class ContactOperation(Operation):
     def on(self, clip: Clip, segments: Segments) -> Segments:
         """Return the segments after the operation.
 
-        Raises:
-            ClipError: the segment is not there, or a new one overlaps another or leaves the clip.
-            GeometryError: the object's surface is needed and cannot be had.
+        Raises `ClipError` for an absent segment, or a new one that overlaps another or leaves the clip, and
+        `GeometryError` where the object's surface is needed and cannot be had.
         """
         raise NotImplementedError
 

@@ -87,7 +87,7 @@ def in_order(segments: Iterable[Segment]) -> Segments:
 
 
 def segment_at(clip: Clip, segments: Segments, person: int, part: str, frame: int) -> Segment:
-    """Return the segment of a person's part that holds a frame.
+    """Return the segment of a person's part that holds a frame; raises `ClipError`, which names the nearest ones.
 
     Args:
         clip: Of the segments, for messages.
@@ -95,9 +95,6 @@ def segment_at(clip: Clip, segments: Segments, person: int, part: str, frame: in
         person: Index of the person.
         part: One of `PARTS`.
         frame: Any frame of the segment.
-
-    Raises:
-        ClipError: There is none; the message names the nearest ones.
     """
     own = of_part(clip, segments, person, part)
     for segment in own:
@@ -107,16 +104,13 @@ def segment_at(clip: Clip, segments: Segments, person: int, part: str, frame: in
 
 
 def of_part(clip: Clip, segments: Segments, person: int, part: str) -> Segments:
-    """Return the segments of a person's part.
+    """Return the segments of a person's part; raises `ClipError` where there is no such person.
 
     Args:
         clip: Of the segments.
         segments: All of the clip.
         person: Index of the person.
         part: One of `PARTS`.
-
-    Raises:
-        ClipError: There is no such person.
     """
     check_person(clip, person)
     return tuple(segment for segment in segments if (segment.person, segment.part) == (person, part))
@@ -136,16 +130,13 @@ def check_frames(clip: Clip, start: int, stop: int) -> None:
 
 
 def exchanged(clip: Clip, segments: Segments, old: Sequence[Segment], new: Sequence[Segment]) -> Segments:
-    """Return the segments with `new` in the place of `old`.
+    """Return the segments with `new` in the place of `old`; raises `ClipError` where two of one part overlap.
 
     Args:
         clip: Of the segments, for messages.
         segments: All of the clip.
         old: Some of them.
         new: Any number of others.
-
-    Raises:
-        ClipError: A new one overlaps another of the same part.
     """
     result = [segment for segment in segments if not any(segment is item for item in old)]
     for segment in new:
