@@ -4,11 +4,11 @@ While the digest of a job stays the same, its result does too, and need not be m
 """
 
 import errno
-import hashlib
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
+from hashlib import sha256
 from itertools import product
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from hoi_retarget.clip.augment import describe
 from hoi_retarget.clip.clip import Augmentation
 from hoi_retarget.clip.read_options import READ_OPTIONS, ReadOptions
 from hoi_retarget.errors import ArgumentError, ReadError
+from hoi_retarget.files.python_wheel import sha256_of_file
 from hoi_retarget.files.source_file import FOLDER, SourceFile
 from hoi_retarget.readers import SUFFIXES, can_be_clip, clips_in, recordings_below
 from hoi_retarget.readers.object_files import geometry_files, known_objects
@@ -174,7 +175,7 @@ class JobDigests:
         self.of_file = cache(digest_of_file)
         self._of_recording = cache(self._digests_of_recording)
         self._of_robot = cache(_digest_of_robot)
-        self._of_object = cache(self._digest_of_object)
+        self._of_object = cache(lambda folder, name: list(map(self.of_file, geometry_files(folder, name))))
         self._known_objects = cache(known_objects)
 
     def key(self, job: Job, objects: Sequence[str] | None, files: Sequence[str]) -> str:
@@ -198,7 +199,7 @@ class JobDigests:
             "config": job.config.as_json(),
             "augmentation": asdict(job.augmentation),
         }
-        return _sha256(json.dumps(parts, sort_keys=True).encode())
+        return sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
     def _objects(self, folder: Path | None) -> Sequence[str]:
         try:
@@ -211,15 +212,11 @@ class JobDigests:
         meshes = mesh_files(path) if main.suffix.lower() == ".npz" else ()
         return [self.of_file(file) for file in (main, *meshes)]
 
-    def _digest_of_object(self, folder: Path, name: str) -> list[str]:
-        return [self.of_file(path) for path in geometry_files(folder, name)]
-
 
 def digest_of_file(path: Path) -> str:
     """Return the SHA-256 of a file, or the kind of error where it cannot be read."""
     try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return sha256_of_file(path)
     except (OSError, ValueError) as error:  # A name may hold what no path can.
         return type(error).__name__
 
@@ -229,8 +226,4 @@ def _digest_of_robot(name: str) -> str:
     files = [path for path in (spec.mjcf, spec.skin) if path is not None]
     # The content of the package matters, not the folder that it is installed in.
     named = replace(spec, mjcf=Path(spec.mjcf.name), skin=spec.skin and Path(spec.skin.name))
-    return _sha256(b"".join(path.read_bytes() for path in files) + repr(named).encode())
-
-
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
+    return sha256(b"".join(path.read_bytes() for path in files) + repr(named).encode()).hexdigest()

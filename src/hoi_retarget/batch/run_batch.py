@@ -95,8 +95,7 @@ def run_batch(  # noqa: PLR0913 - all but three are callbacks
     out: Path,
     pool: Pool,
     *,
-    planned: Callable[[int, int], None] = lambda _all, _todo: None,
-    refining: Callable[[int, int], None] = lambda _all, _todo: None,
+    begun: Callable[[type[Task], int, int], None] = lambda _kind, _all, _todo: None,
     ended: Callable[[ManifestEntry], None] = lambda _entry: None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Summary:
@@ -106,15 +105,14 @@ def run_batch(  # noqa: PLR0913 - all but three are callbacks
         specification: Clips, robots and variants.
         out: Folder for results, `<robot>/<clip>...npz`, and the manifest; made when it does not exist.
         pool: The workers; its function is `work.run_job`.
-        planned: Called with the number of jobs, and the number of those to run.
-        refining: The same of results to be refined, once all are solved that can be.
+        begun: Called with the kind of the tasks of a stage, their number, and the number of those to run: first jobs,
+            then results to be refined, once all are solved that can be.
         ended: Called with the entry of each job that ends.
         stopped: Returns whether to end early; finished jobs stay complete.
 
     Raises:
         ArgumentError: the specification asks for clips that are not there, or whose results would be written over one.
-        HoiRetargetError: another batch works in the folder, or no worker can be started.
-        WriteError: the folder or the manifest cannot be written.
+        HoiRetargetError: another batch works in the folder, no worker can be started, or nothing can be written.
     """
     start, out = time.monotonic(), out.absolute()
     jobs = jobs_of(specification)
@@ -140,13 +138,13 @@ def run_batch(  # noqa: PLR0913 - all but three are callbacks
             todo = [task for task in (BatchTask(job, out) for job in jobs) if not is_done(task)]
             for task in todo:
                 digests.key(task.job, None, ())  # Digests of the files now: they may change while the batch runs.
-            planned(len(jobs), len(todo))
+            begun(BatchTask, len(jobs), len(todo))
             work(todo)
             solved = [manifest.entries[job.name] for job in jobs if job.name in manifest.entries]
             refinings = list(refinement_tasks(specification, solved, out))
             left = [task for task in refinings if not is_done(task)]
             if refinings and not stopped():
-                refining(len(refinings), len(left))
+                begun(RefineTask, len(refinings), len(left))
                 work(left)
             remove_temporaries(out)
         names = [*(job.name for job in jobs), *(task.name for task in refinings)]

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from hoi_retarget.clip.clip import Augmentation
-from hoi_retarget.clip.read_options import ReadOptions
+from hoi_retarget.clip.read_options import READ_OPTIONS, ReadOptions
 from hoi_retarget.dynamics.physics_settings import Refinement
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.files.tables import check_keys, decode, read_toml
@@ -18,8 +18,11 @@ _OBJECTS = "objects"  # A folder's own objects, where none are named.
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Table(ReadOptions):
-    """The keys of a specification's file but for its configuration."""
+class Specification(ReadOptions):
+    """Clips and a grid of robots and variants; every combination is one job.
+
+    Raises `ArgumentError` when a name does not exist or a number is out of its range.
+    """
 
     clips: tuple[str, ...]
     """Files, patterns such as `*.pt`, folders, or built-in clips such as `builtin:carry_box`."""
@@ -38,21 +41,13 @@ class _Table(ReadOptions):
     """How much that stage tries."""
     seed: int = 0
     """Of its random numbers."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Specification(_Table):
-    """Clips and a grid of robots and variants; every combination is one job.
-
-    Raises `ArgumentError` when a name does not exist or a number is out of its range.
-    """
-
     folder: Path = Path()
     """Folder that relative paths start from."""
     config: Config = Config()
     """Every other setting; scaling and horizon are those above."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name in ("clips", "robots", "object_scales", "size_multipliers", "mirrored", "speeds"):
             values = getattr(self, name)
             if not values:
@@ -87,8 +82,8 @@ def of_folder(
     """
     own = folder / _OBJECTS
     objects = options.objects or (own if own.is_dir() else None)
-    table = {**vars(options), "objects": objects, **_settings_of(config)}
-    return Specification(clips=("",), folder=folder, config=config, refine=refine, **table)
+    reading = {**{name: getattr(options, name) for name in READ_OPTIONS}, "objects": objects}
+    return Specification(clips=("",), folder=folder, config=config, refine=refine, **reading, **_settings_of(config))
 
 
 def read_specification(path: Path) -> Specification:
@@ -105,8 +100,8 @@ def read_specification(path: Path) -> Specification:
     is_file = isinstance(named, str)
     config = read_config(folder / named) if is_file else Config.from_table(named, f"{path}: config")
     settings = {**_settings_of(config), **table}
-    read = decode(_Table, settings, str(path), folder=folder)
-    return Specification(**vars(read), folder=folder, config=config)
+    read = decode(Specification, settings, str(path), folder=folder, hidden=("folder", "config"))
+    return replace(read, folder=folder, config=config)
 
 
 def _settings_of(config: Config) -> dict[str, Any]:

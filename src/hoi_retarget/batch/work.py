@@ -3,12 +3,12 @@
 In the second stage of a batch, a simulated robot performs the solved results.
 """
 
-import hashlib
 import json
 import re
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from hoi_retarget.dynamics.feasibility import physics_of_motion
 from hoi_retarget.dynamics.physics_settings import Refinement
 from hoi_retarget.errors import GeometryError, HoiRetargetError, ReadError
 from hoi_retarget.evaluation.thresholds import verdict_of
+from hoi_retarget.files.python_wheel import sha256_of_file
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.readers.open import clip_of, open_clip
@@ -82,7 +83,7 @@ class RefineTask:
     def key(self) -> str:
         """Digest of all inputs of the performed motion."""
         parts = {"solved": self.solved.key, "refinement": asdict(self.refinement), "seed": self.seed}
-        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+        return sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
     def entry(self, status: Status, reason: str) -> ManifestEntry:
         """Return the manifest entry of the result without its performance."""
@@ -117,10 +118,10 @@ def refine_result(task: RefineTask) -> ManifestEntry:
     verdict = verdict_of(performed.motion, performed.scene.model)
     result = ManifestResult(
         path=motion_path.relative_to(task.out).as_posix(),
-        sha256=_sha256(motion_path),
+        sha256=sha256_of_file(motion_path),
         figures=performed.motion.report.figures,
         verdict=verdict.as_json(),
-        companions={for_controllers.relative_to(task.out).as_posix(): _sha256(for_controllers)},
+        companions={for_controllers.relative_to(task.out).as_posix(): sha256_of_file(for_controllers)},
     )
     certificate = performed.performance.robustness
     return replace(entry, verdict=str(verdict.level), results=(result,), certificate=certificate)
@@ -134,48 +135,34 @@ def _fallen(entry: ManifestEntry, performed: SimulatedMotion) -> ManifestEntry:
     )
 
 
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
 _INPUT_ERRORS = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)
 _FRAME = re.compile(r"\bframes? \(?(\d+)\b(?! %)")  # In messages, where "unsolved frames 60 %" names none.
 
 
 def run_job(task: Task) -> ManifestEntry:
     """Run one job and return its manifest entry; all of its result files are written, or none."""
-    start = time.monotonic()
-    if isinstance(task, BatchTask):
-        entry = _run(task)
-    else:
-        try:
-            entry = refine_result(task)
-        except Exception as error:  # noqa: BLE001 - any fault of a result costs that result alone
-            entry = failed(task.entry("failed", ""), error)
-    return replace(entry, seconds=round(time.monotonic() - start, 3))
-
-
-def _run(task: BatchTask) -> ManifestEntry:
-    job = task.job
-    entry = task.entry("failed", "")
+    start, entry = time.monotonic(), task.entry("failed", "")
     try:
-        start = time.process_time()
-        clip = open_clip(job.clip, job.reading)
-        entry = replace(entry, source=_source(job, clip), frames=clip.frames, fps=clip.fps)
-        if job.edits is not None:
-            clip = apply(clip, load_edits(job.edits))
-        clip = augment(clip, job.augmentation)
-        edits = clip.source.contact_edits
-        lineage = {**entry.lineage, "contact_edits": edits and hashlib.sha256(edits.encode()).hexdigest()}
-        entry = replace(entry, lineage=lineage, frames=clip.frames)
-        models = load_team(job.robot)
-        seconds = time.process_time() - start
-        motions = retarget_people(clip, models, job.config, command=_command(job))
-        paths = result_paths(clip, Path(job.name).name, (task.out / job.name).parent)
-        motions = write(motions, paths, read_seconds=seconds)
-        return _finished(entry, task, motions, paths)
-    except Exception as error:  # noqa: BLE001 - any fault of a clip costs that clip alone
-        return failed(entry, error)
+        if isinstance(task, RefineTask):
+            entry = refine_result(task)
+        else:
+            job, read_start = task.job, time.process_time()
+            clip = open_clip(job.clip, job.reading)
+            entry = replace(entry, source=_source(job, clip), frames=clip.frames, fps=clip.fps)
+            if job.edits is not None:
+                clip = apply(clip, load_edits(job.edits))
+            clip = augment(clip, job.augmentation)
+            edits = clip.source.contact_edits
+            lineage = {**entry.lineage, "contact_edits": edits and sha256(edits.encode()).hexdigest()}
+            entry = replace(entry, lineage=lineage, frames=clip.frames)
+            models = load_team(job.robot)
+            read_seconds = time.process_time() - read_start
+            motions = retarget_people(clip, models, job.config, command=_command(job))
+            paths = result_paths(clip, Path(job.name).name, (task.out / job.name).parent)
+            entry = _finished(entry, task, write(motions, paths, read_seconds=read_seconds), paths)
+    except Exception as error:  # noqa: BLE001 - any fault of a clip or a result costs that alone
+        entry = failed(entry, error)
+    return replace(entry, seconds=round(time.monotonic() - start, 3))
 
 
 def _finished(
@@ -185,7 +172,7 @@ def _finished(
     results = tuple(
         ManifestResult(
             path=path.relative_to(task.out).as_posix(),
-            sha256=_sha256(path),
+            sha256=sha256_of_file(path),
             figures=motion.report.figures,
             verdict=verdict.as_json(),
         )

@@ -16,13 +16,13 @@ from hoi_retarget.batch.pool import LocalPool, Pool
 from hoi_retarget.batch.ray_pool import RayPool
 from hoi_retarget.batch.run_batch import Summary, run_batch
 from hoi_retarget.batch.specification import Specification, of_folder, read_specification
-from hoi_retarget.batch.work import run_job
+from hoi_retarget.batch.work import BatchTask, Task, run_job
 from hoi_retarget.cli.commands import Batch
 from hoi_retarget.cli.output_checks import check_writable
 from hoi_retarget.cli.run import prepare_skin
 from hoi_retarget.cli.run_options import config_in
 from hoi_retarget.cli.terminal import Working, fail, say, show_table
-from hoi_retarget.clip.read_options import ReadOptions
+from hoi_retarget.clip.read_options import READ_OPTIONS
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.robots import load_team
@@ -41,11 +41,8 @@ def execute_batch(command: Batch) -> int:
     with _stopped_by_signals() as received, ExitStack() as shown:
         progress = _Progress(shown)
         summary = run_batch(
-            specification,
-            command.out,
-            pool,
-            planned=progress.planned,
-            refining=progress.refining,
+            *(specification, command.out, pool),
+            begun=progress.begun,
             ended=progress.ended,
             stopped=lambda: bool(received),
         )
@@ -59,16 +56,13 @@ def execute_batch(command: Batch) -> int:
 
 def _specification(command: Batch) -> Specification:
     if command.source.is_dir():
-        reading = ReadOptions(
-            objects=command.objects, body_models=command.body_models, labels=command.labels, grasps=command.grasps
-        )
         config = Config() if command.config is None else config_in(command.config)
         if command.figures is not None:
             config = replace(config, figures=command.figures)
-        return of_folder(command.source, reading, config, refine=command.refine)
+        return of_folder(command.source, command, config, refine=command.refine)
     if command.refine:
         raise ArgumentError(f"--refine is for a folder of clips. In {command.source} write refine = true.")
-    for name in ("objects", "body_models", "labels", "grasps", "config", "figures"):
+    for name in (*READ_OPTIONS, "config", "figures"):
         value = getattr(command, name)
         if value != getattr(Batch, name):
             option = f"--{name.replace('_', '-')}"
@@ -86,22 +80,14 @@ def _pool(command: Batch) -> Pool:
         if value is not None and not 0 < value < math.inf:
             raise ArgumentError(f"{option} is {value:g}; it must be a positive number, which may be large.")
     if command.engine == "ray":
-        _set_up_ray()
+        # Ray reads them when it is imported: it reports to its makers otherwise, and warns of what will be the default.
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+        os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
         return RayPool(run_job, command.workers, command.address, command.time_limit, command.memory_limit)
     if command.address is not None:
         raise ArgumentError(f"--address {command.address} is that of a Ray cluster. Add --engine ray.")
-    return LocalPool(run_job, command.workers or _cores(), command.time_limit, command.memory_limit)
-
-
-def _set_up_ray() -> None:
-    """Set Ray's environment variables, unless the user has: Ray reads them when it is imported."""
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # Ray reports to its makers otherwise.
-    os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")  # What it warns will be the default.
-
-
-def _cores() -> int:
-    """Return the number of cores for this process."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return LocalPool(run_job, command.workers or cores, command.time_limit, command.memory_limit)
 
 
 @contextmanager
@@ -132,19 +118,13 @@ class _Progress:
         self.todo = self.finished = self.failed = 0
         self.start = time.monotonic()
 
-    def planned(self, jobs: int, todo: int) -> None:
-        """Print the number of jobs, and begin to count."""
-        self._begun(f"{jobs} job{'' if jobs == 1 else 's'}", jobs, todo)
-
-    def refining(self, results: int, todo: int) -> None:
-        """Do the same for results that a simulated robot is to perform."""
-        self._begun(f"{results} result{'' if results == 1 else 's'} to refine", results, todo)
-
-    def _begun(self, what: str, jobs: int, todo: int) -> None:
+    def begun(self, kind: type[Task], tasks: int, todo: int) -> None:
+        """Print the number of jobs, or of results that a simulated robot is to perform, and begin to count."""
         self.shown.close()
         self.todo, self.finished, self.failed, self.start = todo, 0, 0, time.monotonic()
-        done = f", {jobs - todo} of them done before" if jobs > todo else ""
-        say(f"{what}{done}.")
+        noun, purpose = ("job", "") if kind is BatchTask else ("result", " to refine")
+        done = f", {tasks - todo} of them done before" if tasks > todo else ""
+        say(f"{tasks} {noun}{'' if tasks == 1 else 's'}{purpose}{done}.")
         if todo:
             self.working = self.shown.enter_context(Working("starting workers", todo))
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Union
 
 from tyro.conf import Positional, Suppress, arg, subcommand
 
-from hoi_retarget.clip.read_options import Grasps, Labels, ReadOptions
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.dynamics.physics_settings import FigureSet, Physics, Refinement
 from hoi_retarget.retargeting.config import ContactKind, IkConfig, Scaling, Weights
 from hoi_retarget.retargeting.trajopt.solvers.solver import BandedInteriorPoint
@@ -142,8 +142,8 @@ class Run(JsonOption, RecordingOptions, SolveOptions):
     """Print all figures, not only the first ones."""
 
 
-@dataclass(frozen=True)
-class Batch:
+@dataclass(frozen=True, kw_only=True)
+class Batch(RecordingOptions):
     """Retarget every clip of a folder, or as a file declares; run again, the same command resumes."""
 
     source: Annotated[Positional[Path], arg(metavar="SPEC.toml|DIR")]
@@ -152,12 +152,6 @@ class Batch:
     """Folder for the results and their manifest; made when it does not exist."""
     objects: OptionalFolder = None
     """Folder with the objects' geometry of a folder of clips, by default DIR/objects."""
-    body_models: OptionalFolder = None
-    """Folder with SMPL-X or SMPL-H models, for a folder of clips."""
-    labels: Labels = "auto"
-    """Where contacts of a folder of clips come from, as for run."""
-    grasps: Grasps = "refuse"
-    """What is done with clips of a folder whose grasps contradict how they are read, as for run."""
     config: ConfigFile = None
     """Settings for a folder of clips, as for run."""
     figures: FigureSet | None = None

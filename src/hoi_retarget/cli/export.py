@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from hoi_retarget.motion.write_export import DATASET, export, format_named
 from hoi_retarget.robots import load_robot
 from hoi_retarget.simulation.mjlab_task import NAME as TASK
 from hoi_retarget.simulation.mjlab_task import RATE, check_usable, package_files, plain_name, task_of
-from hoi_retarget.simulation.physics_scene import PhysicsScene, scene_of
+from hoi_retarget.simulation.physics_scene import scene_of
 
 
 def execute_export(command: Export) -> int:
@@ -155,30 +155,18 @@ def _at_stage(motion: Motion, path: Path, stage: str | None) -> Motion:
         raise ArgumentError(f"--stage {stage}: {error}{advice}") from error
 
 
-@dataclass(frozen=True, eq=False)
-class _ExportedTask:
-    """A task that was written."""
-
-    id: str
-    frames: int
-    result: Result
-    scene: PhysicsScene
-
-
 def _export_tasks(command: Export) -> int:
     """Write a task for every result into one folder; return 0 when all succeeded."""
     _check_tasks(command)
-    written: list[_ExportedTask] = []
+    written: list[str] = []
 
     def export_one(path: Path) -> None:
         written.append(_export_task(path, command))
 
     failures = do_for_each("exporting", command.results, export_one)
-    for item in written:
-        _describe_task(item)
     if written:
         say()
-        say(f"Train with mjlab, in an environment of its own: PYTHONPATH={command.out} train {written[0].id}")
+        say(f"Train with mjlab, in an environment of its own: PYTHONPATH={command.out} train {written[0]}")
     say(f"{len(written)} exported, {len(failures)} failed.")
     return exit_code(failures, len(command.results))
 
@@ -194,7 +182,8 @@ def _check_tasks(command: Export) -> None:
     check_stems(command.results, lambda path: plain_name(path.stem), "as task {}. Export them into two folders.")
 
 
-def _export_task(path: Path, command: Export) -> _ExportedTask:
+def _export_task(path: Path, command: Export) -> str:
+    """Write a task, print its facts, and return its name."""
     if path == set_aside(path.with_suffix("")):
         raise ClipError(f"{path}: it is kept to be looked at, and no result. Export the one it was to become.")
     motion = _at_stage(load_motion(path, command.robot), path, command.stage)
@@ -210,13 +199,9 @@ def _export_task(path: Path, command: Export) -> _ExportedTask:
     contents = {command.out / place: content for place, content in {**package_files(), **task.files}.items()}
     check_inputs_kept("--out", contents, command.results)
     write_together(contents)
-    return _ExportedTask(task.id, task.frames, result, scene)
-
-
-def _describe_task(item: _ExportedTask) -> None:
-    stage = item.result.motion.stages[-1].name
-    say(f"{item.id}  ({item.frames} frames at {RATE:g} frames/s: {STAGE_TITLES.get(stage, stage)})")
-    for placed in item.scene.objects:
-        mass = f"{placed.body.mass:.2f} kg ({placed.body.reason})"
-        say(f"  object  {placed.body.name}: {mass}, collides as {placed.shape.text}")
-    say(f"  licence of the source: {item.result.licence}")
+    stage = motion.stages[-1].name
+    say(f"{task.id}  ({task.frames} frames at {RATE:g} frames/s: {STAGE_TITLES.get(stage, stage)})")
+    for item in scene.objects:
+        say(f"  object  {item.body.name}: {item.body.mass:.2f} kg ({item.body.reason}), collides as {item.shape.text}")
+    say(f"  licence of the source: {result.licence}")
+    return task.id

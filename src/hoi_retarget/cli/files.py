@@ -2,7 +2,7 @@
 
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -36,7 +36,9 @@ def execute_check_motion(command: CheckMotion) -> int:
     _describe(file, checked)
     for finding in checked.findings:
         if not finding.follows:
-            _show_finding(finding)
+            say(f"{_MARKS[finding.level]:9}{_text(finding)}")
+            if finding.advice:
+                say(f"{'':9}-> {finding.advice}")
             for other in checked.findings:
                 if other.follows == finding.subject and finding.level == "contradiction":
                     say(f"{'':9}follows: {_text(other)}")
@@ -59,12 +61,6 @@ def _describe(file: MotionFile, checked: CheckedMotion) -> None:
         )
         say(f"  contacts  {share}")
     say()
-
-
-def _show_finding(finding: FormatFinding) -> None:
-    say(f"{_MARKS[finding.level]:9}{_text(finding)}")
-    if finding.advice:
-        say(f"{'':9}-> {finding.advice}")
 
 
 def _text(finding: FormatFinding) -> str:
@@ -93,12 +89,11 @@ def facts(checked: CheckedMotion) -> dict[str, object]:
         "objects": [item.name for item in checked.objects],
         "missing_joints": list(checked.missing_joints),
         "contradictions": len(checked.contradictions),
-        "findings": [_finding_facts(finding) for finding in checked.findings],
+        "findings": [
+            {"mend" if key == "fix" else key: value for key, value in asdict(finding).items()}
+            for finding in checked.findings
+        ],
     }
-
-
-def _finding_facts(finding: FormatFinding) -> dict[str, object]:
-    return {"mend" if key == "fix" else key: value for key, value in asdict(finding).items()}
 
 
 def execute_convert(command: Convert) -> int:
@@ -118,19 +113,17 @@ def execute_convert(command: Convert) -> int:
 
 
 def _whole(clip: Clip) -> Clip:
-    """Return a clip that needs no other file, with a note of its origin."""
-    tracks = tuple(replace(track, geometry=_with_triangles(track.geometry)) for track in clip.objects)
+    """Return a clip that needs no other file, as its objects hold their meshes, with a note of its origin."""
+    tracks = []
+    for track in clip.objects:
+        if track.geometry.mesh_path is None:  # Points alone stay as they are.
+            tracks.append(track)
+        else:
+            surface = surface_of(track.geometry)
+            tracks.append(replace(track, geometry=ObjectGeometry(surface.vertices, faces=surface.faces)))
     source = clip.source
     note = f"Converted from {Path(source.path).name or clip.name} ({source.format}, SHA-256 {source.sha256})."
-    return replace(clip, objects=tracks, source=replace(source, notes=(*source.notes, note)))
-
-
-def _with_triangles(geometry: ObjectGeometry) -> ObjectGeometry:
-    """Return a geometry that holds its mesh itself; points alone stay as they are."""
-    if geometry.mesh_path is None:
-        return geometry
-    surface = surface_of(geometry)
-    return ObjectGeometry(surface.vertices, faces=surface.faces)
+    return replace(clip, objects=tuple(tracks)).with_note(note)
 
 
 def execute_inspect(command: Inspect) -> int:
@@ -142,12 +135,14 @@ def execute_inspect(command: Inspect) -> int:
     if facts.objects:
         say()
         show_table([("object", "moved [m]", "lowest point [m]", "geometry"), *_objects(facts)], words=(0, 3))
-    if any(contact.frames for contact in facts.contacts):
+    if touching := [contact for contact in facts.contacts if contact.frames]:
+        rows = [(item.part, str(item.frames), str(item.segments), item.object or "?") for item in touching]
         say()
-        show_table([("contact of", "frames", "segments", "with"), *_contacts(facts)], words=(0, 3))
+        show_table([("contact of", "frames", "segments", "with"), *rows], words=(0, 3))
     say()
-    _list("note", facts.notes)
-    _list("missing", facts.missing)
+    for title, sentences in (("note", facts.notes), ("missing", facts.missing)):
+        for sentence in sentences:
+            say(f"{title}: {sentence}")
     evaluate = shlex.join([NAME, "evaluate", facts.path])
     next_command = evaluate if facts.format == MOTION else facts.command
     if next_command:
@@ -209,16 +204,6 @@ def _objects(facts: Inspection) -> list[tuple[str, ...]]:
         )
         for item in facts.objects
     ]
-
-
-def _contacts(facts: Inspection) -> list[tuple[str, ...]]:
-    touching = [contact for contact in facts.contacts if contact.frames]
-    return [(item.part, str(item.frames), str(item.segments), item.object or "?") for item in touching]
-
-
-def _list(title: str, sentences: Iterable[str]) -> None:
-    for sentence in sentences:
-        say(f"{title}: {sentence}")
 
 
 def execute_sample(command: Sample) -> int:

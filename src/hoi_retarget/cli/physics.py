@@ -1,7 +1,6 @@
 """Physics of results: `feasible` computes forces, `refine` simulates a robot, `scene` writes files for MuJoCo."""
 
 import sys
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -10,16 +9,14 @@ import numpy as np
 from hoi_retarget.cli.commands import Feasible, Refine, Scene
 from hoi_retarget.cli.open_results import clip_with_objects, load_motion, physics_of
 from hoi_retarget.cli.output_checks import check_inputs_kept, check_json, check_stems, check_writable, write_json
-from hoi_retarget.cli.terminal import Working, do_for_each, exit_code, fail, say, show_table, warn, with_file
-from hoi_retarget.dynamics.contact_forces import Forces
-from hoi_retarget.dynamics.feasibility import Infeasibility, forces_on_clip, infeasibilities
-from hoi_retarget.errors import HoiRetargetError
+from hoi_retarget.cli.terminal import Working, do_for_each, exit_code, say, show_table, warn
+from hoi_retarget.dynamics.feasibility import forces_on_clip, infeasibilities
 from hoi_retarget.evaluation.physics_figures import FEASIBILITY, forces_figures
 from hoi_retarget.files.atomic import write_together
-from hoi_retarget.motion.motion import SIMULATED, Motion
+from hoi_retarget.motion.motion import SIMULATED
 from hoi_retarget.robots import load_robot
 from hoi_retarget.simulation.physics_scene import FILE, scene_files, scene_of
-from hoi_retarget.simulation.physics_stage import FOR_CONTROLLERS, SimulatedMotion, add_physics_stage, write_simulated
+from hoi_retarget.simulation.physics_stage import FOR_CONTROLLERS, add_physics_stage, write_simulated
 from hoi_retarget.simulation.refine import Progress
 from hoi_retarget.simulation.rollout import Reference, base_errors_deg, object_errors
 
@@ -39,7 +36,13 @@ def execute_feasible(command: Feasible) -> int:
         values, found = forces_figures(forces, motion), infeasibilities(forces, motion)
         masses = " ".join(f"{body.mass:.2f}" for body in forces.bodies) or "-"
         rows.append((path.stem, motion.robot, masses, *(figure.text(values[figure.name]) for figure in FEASIBILITY)))
-        facts.append({"file": str(path), **_facts_of(motion, forces, values, found)})
+        bodies = [{"name": body.name, "mass": body.mass, "mass_is": body.reason} for body in forces.bodies]
+        facts.append(
+            {
+                **{"file": str(path), "robot": motion.robot, "frames": motion.frames, **values, "objects": bodies},
+                "shortcomings": [asdict(item) for item in found],
+            }
+        )
         say(f"{path}: {'nothing speaks against it' if not found else ''}")
         for item in found[:_MAX_SHOWN]:
             say(f"  {item}")
@@ -57,17 +60,6 @@ def execute_feasible(command: Feasible) -> int:
     return exit_code(failures, len(command.results))
 
 
-def _facts_of(
-    motion: Motion, forces: Forces, values: Mapping[str, float | None], found: Sequence[Infeasibility]
-) -> dict[str, object]:
-    """Return a motion's figures, objects and violations of limits as plain JSON values."""
-    return {
-        **{"robot": motion.robot, "frames": motion.frames, **values},
-        "objects": [{"name": body.name, "mass": body.mass, "mass_is": body.reason} for body in forces.bodies],
-        "shortcomings": [asdict(item) for item in found],
-    }
-
-
 _HEADER = ("result", "whole", "performed [s]", "of [s]", "object [cm]", "base [cm]", "base [deg]", "CPU [s]")
 
 
@@ -80,18 +72,8 @@ def execute_refine(command: Refine) -> int:
     ]
     check_inputs_kept("--out", written, command.results)
     rows: list[tuple[str, ...]] = []
-    failures: list[HoiRetargetError] = []
-    fallen = 0
-    with Working("refining", len(command.results)) as working:
-        for path in working.through(command.results):
-            try:
-                row = _refined(path, command, working)
-            except HoiRetargetError as error:
-                failures.append(error)
-                fail(with_file(path, error))
-                continue
-            rows.append(row)
-            fallen += row[1] == "no"
+    failures = do_for_each("refining", command.results, lambda path: rows.append(_refined(path, command)))
+    fallen = sum(row[1] == "no" for row in rows)
     if rows:
         say()
         show_table([_HEADER, *rows], words=(0, 1))
@@ -100,16 +82,14 @@ def execute_refine(command: Refine) -> int:
     return exit_code(failures, len(command.results)) or int(fallen > 0)
 
 
-def _refined(path: Path, command: Refine, working: Working) -> tuple[str, ...]:
+def _refined(path: Path, command: Refine) -> tuple[str, ...]:
     """Refine one result, write the refined one, and return its row of the table."""
     motion = load_motion(path, command.robot)
     physics, clip = physics_of(motion, command), clip_with_objects(motion, command)
 
     def describe(progress: Progress, reference: Reference) -> None:
-        working.describe(
-            f"{path.name}: {progress.seconds:.1f} of {reference.seconds:.1f} s, cost {progress.cost:.2f}, "
-            f"{progress.samples} samples"
-        )
+        done = f"{progress.seconds:.1f} of {reference.seconds:.1f} s"
+        describe_work(f"{path.name}: {done}, cost {progress.cost:.2f}, {progress.samples} samples")
 
     performed = add_physics_stage(motion, clip, physics, command.refinement, seed=command.seed, on_progress=describe)
     frames, performance = performed.motion.frames, performed.performance
@@ -122,17 +102,13 @@ def _refined(path: Path, command: Refine, working: Working) -> tuple[str, ...]:
         warn(f"{path.name}: the robot fell over its object, which counts little {when}.")
     say(f"  {written}  ({frames} frames, {cpu:.0f} s of CPU; for controllers: {for_controllers})")
     say(f"  certificate: {performance.robustness}")
-    return path.stem, *_row(performed), f"{cpu:.0f}"
-
-
-def _row(performed: SimulatedMotion) -> tuple[str, ...]:
     reference, rollout = performed.reference, performed.rollout
     errors = object_errors(rollout, reference, performed.scene.model.n)
     base = np.linalg.norm(rollout.qpos[:, :3] - reference.qpos[: len(rollout.qpos), :3], axis=1)
     return (
-        *("no" if performed.performance.fell else "yes", f"{rollout.seconds:.1f}", f"{reference.seconds:.1f}"),
+        *(path.stem, "no" if performance.fell else "yes", f"{rollout.seconds:.1f}", f"{reference.seconds:.1f}"),
         f"{100 * errors.mean():.1f}" if errors.size else "-",
-        *(f"{100 * base.mean():.1f}", f"{base_errors_deg(rollout, reference).mean():.1f}"),
+        *(f"{100 * base.mean():.1f}", f"{base_errors_deg(rollout, reference).mean():.1f}", f"{cpu:.0f}"),
     )
 
 

@@ -1,13 +1,13 @@
 """Options of `run` as a `Config`, as plain values for a result's report, and as words of the command line."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 from hoi_retarget.cli.commands import Run, SolveOptions
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
-from hoi_retarget.retargeting.config import Config, parse_horizon, read_config
+from hoi_retarget.retargeting.config import Config, Horizon, Scaling, parse_horizon, read_config
 from hoi_retarget.retargeting.trajopt.solvers.solver import BandedInteriorPoint
 
 _CONFIG_FIELDS = tuple(field.name for field in fields(Config))
@@ -73,29 +73,17 @@ def to_argv(
         option = _OPTION_NAMES.get(field.name, f"--{field.name.replace('_', '-')}")
         words += [option, shown(str(value)) if field.name in _PATHS else str(value)]
     try:
-        return words + _config_argv(Config.from_table(config or {}, "config"))
+        return [*words, *_changed("--", Config.from_table(config or {}, "config"), Config())]
     except HoiRetargetError:
         return words  # A solver that only its author has.
 
 
-def _config_argv(config: Config) -> list[str]:
-    """Return the words for all settings that differ from their defaults."""
-    default = dict(_settings(Config()))
-    return [word for option, text in _settings(config) if text != default.get(option) for word in (option, text)]
-
-
-def _settings(config: Config) -> Iterator[tuple[str, str]]:
-    table = config.as_json()
-    named = {**table.pop("scaling"), **table, "horizon": config.horizon.text}
-    del named["solver"]["name"]
-    yield from _leaves("--", named)
-
-
-def _leaves(prefix: str, table: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield option and text of each value in a table and the tables in it."""
-    for name, value in table.items():
-        option = f"{prefix}{name.replace('_', '-')}"
-        if isinstance(value, Mapping):
-            yield from _leaves(f"{option}.", value)
-        else:
-            yield option, str(value)
+def _changed(prefix: str, settings: Any, default: Any) -> Iterator[str]:
+    """Yield option and text of each setting that differs from its default, of settings in settings too."""
+    for field in fields(settings):
+        value, usual = getattr(settings, field.name), getattr(default, field.name, None)
+        option = f"{prefix}{field.name.replace('_', '-')}"
+        if is_dataclass(value) and not isinstance(value, Horizon):
+            yield from _changed("--" if isinstance(value, Scaling) else f"{option}.", value, usual)
+        elif value != usual:
+            yield from (option, value.text if isinstance(value, Horizon) else str(value))

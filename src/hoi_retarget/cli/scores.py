@@ -4,7 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from hoi_retarget.cli.terminal import Coloured, say, show_table
+from rich.text import Text
+
+from hoi_retarget.cli.terminal import say, show_table
 from hoi_retarget.errors import ReadError
 from hoi_retarget.evaluation import FIGURES, Figure, Score, mean_values, table_rows, worst_values
 from hoi_retarget.evaluation.figure_table import grouped_columns
@@ -120,21 +122,21 @@ def _show_side_by_side(scores: Sequence[Score], groups: Mapping[str, Sequence[Fi
     means = [mean_values(scores), worst_values(scores)] if len(table) > len(scores) + 1 else []
     rows = [("", *names[1:]), *(facts if complete else ())]
     for heading, figures in groups.items():
-        rows.append((Coloured(heading, "bold"), *("" for _ in names[1:])))
+        rows.append((Text(heading, "bold"), *("" for _ in names[1:])))
         for figure in figures:
             cells = (_cell(score, figure) for score in scores)
             rows.append((figure.header, *cells, *(figure.text(values[figure.name]) for values in means)))
     show_table(rows)
 
 
-def _light(level: str) -> str:
-    return Coloured(level, _STYLES.get(level, ""))
+def _light(level: str) -> Text:
+    return Text(level, _STYLES.get(level, ""))
 
 
-def _cell(score: Score, figure: Figure) -> str:
+def _cell(score: Score, figure: Figure) -> str | Text:
     """Return the text of a figure in the colour of its level, where it is judged."""
     value, verdict = score.values().get(figure.name), score.verdict
     threshold = next((item for item in THRESHOLDS if item.name == figure.name), None)
     if value is None or verdict is None or threshold is None or figure.name in verdict.not_judged:
         return figure.text(value)
-    return Coloured(figure.text(value), _STYLES[str(threshold.level(value))])
+    return Text(figure.text(value), _STYLES[str(threshold.level(value))])

@@ -73,19 +73,7 @@ def fail(text: str) -> None:
         print(f"error: {' '.join(text.split())}", file=sys.stderr, flush=True)
 
 
-class Coloured(str):
-    """A cell of a table with a style of Rich's for terminals."""
-
-    __slots__ = ("style",)
-
-    def __new__(cls, text: str, style: str) -> "Coloured":
-        """Return the cell."""
-        cell = super().__new__(cls, text)
-        cell.style = style
-        return cell
-
-
-def show_table(rows: Sequence[Sequence[str]], *, words: Collection[int] = (0,)) -> None:
+def show_table(rows: Sequence[Sequence[str | Text]], *, words: Collection[int] = (0,)) -> None:
     """Print rows as a table; the first one is the header, columns other than `words` are numbers."""
     console = Console(highlight=False, markup=False)
     if not console.is_terminal:
@@ -99,19 +87,19 @@ def show_table(rows: Sequence[Sequence[str]], *, words: Collection[int] = (0,)) 
                 rows[0][index], justify="left" if index in words else "right", overflow="fold", width=width
             )
         for row in rows[1:]:
-            table.add_row(*(Text(row[index], getattr(row[index], "style", "")) for index in columns))
+            table.add_row(*(cell if isinstance(cell := row[index], Text) else Text(cell) for index in columns))
         # Printed by `say`: rich itself ends the program with another code when nobody reads it any more.
         with console.capture() as capture:
             console.print(table)
         say(capture.get().removesuffix("\n"))
 
 
-def _parts(rows: Sequence[Sequence[str]], width: int) -> list[dict[int, int]]:
+def _parts(rows: Sequence[Sequence[str | Text]], width: int) -> list[dict[int, int]]:
     """Return widths of columns that stand side by side; others come below them, after the first one again.
 
     Cells are broken between words; within one only where it is longer than all that is there.
     """
-    texts = list(zip(*rows, strict=True))
+    texts = [tuple(map(str, column)) for column in zip(*rows, strict=True)]
     full = [max(map(cell_len, column)) for column in texts]
     least = [max((cell_len(word) for text in column for word in text.split()), default=1) for column in texts]
     first = min(full[0], max(1, width // 2))
@@ -141,25 +129,23 @@ class Working:
     The bar goes away while a line is printed.
     """
 
-    shown: "Progress | None" = None
-    """The bar of the work that is going on."""
+    shown: "Working | None" = None
+    """The work that is going on."""
 
     def __init__(self, what: str, total: int | None) -> None:
         console = Console(stderr=True, highlight=False)
         columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
         if total is not None and total > 1:
             columns = (*columns[:2], BarColumn(), MofNCompleteColumn(), columns[2])
-        self._progress = Progress(
-            *columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False
-        )
-        self._task = self._progress.add_task(what, total=total)
+        self.bar = Progress(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False)
+        self._task = self.bar.add_task(what, total=total)
         self._visible = console.is_terminal
-        self._timer = Timer(PATIENCE_S, self._progress.start)
+        self._timer = Timer(PATIENCE_S, self.bar.start)
         self._timer.daemon = True
         self._start, self._ended = monotonic(), Event()
 
     def __enter__(self) -> "Working":
-        Working.shown = self._progress
+        Working.shown = self
         if self._visible:
             self._timer.start()
         else:
@@ -170,12 +156,12 @@ class Working:
         self._timer.cancel()
         self._ended.set()
         Working.shown = None
-        if self._progress.live.is_started:
-            self._progress.stop()
+        if self.bar.live.is_started:
+            self.bar.stop()
 
     def _print_progress(self) -> None:
         """Print progress after every pause."""
-        task = self._progress.tasks[0]
+        task = self.bar.tasks[0]
         while not self._ended.wait(PAUSE_S):
             counted = f"{task.completed:.0f} of {task.total:.0f}, " if task.total is not None and task.total > 1 else ""
             with suppress(OSError, ValueError):  # Nobody reads stderr any more; the work goes on.
@@ -183,11 +169,11 @@ class Working:
 
     def describe(self, what: str) -> None:
         """Name the current piece of work."""
-        self._progress.update(self._task, description=what)
+        self.bar.update(self._task, description=what)
 
     def advance(self, pieces: int = 1) -> None:
         """Count some pieces of work as done."""
-        self._progress.advance(self._task, pieces)
+        self.bar.advance(self._task, pieces)
 
     def through(self, paths: Iterable[Path]) -> Iterator[Path]:
         """Yield paths, each of which is named while it is worked on and then counted as done."""
@@ -195,6 +181,12 @@ class Working:
             self.describe(path.name)
             yield path
             self.advance()
+
+
+def describe_work(what: str) -> None:
+    """Name the current piece of the work that is going on."""
+    if Working.shown is not None:
+        Working.shown.describe(what)
 
 
 def do_for_each(what: str, paths: Collection[Path], do: Callable[[Path], None]) -> list[HoiRetargetError]:
@@ -226,10 +218,10 @@ def exit_code(failures: Collection[HoiRetargetError], total: int) -> int:
 @contextmanager
 def _without_bar() -> Iterator[None]:
     """Take the bar away while a line is printed."""
-    bar = Working.shown
-    drawn = bar is not None and bar.live.is_started
-    if bar is not None and drawn:
-        bar.stop()
+    bar = Working.shown.bar if Working.shown is not None else None
+    if bar is None or not bar.live.is_started:
+        yield
+        return
+    bar.stop()
     yield
-    if bar is not None and drawn:
-        bar.start()
+    bar.start()
