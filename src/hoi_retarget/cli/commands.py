@@ -171,16 +171,12 @@ class Batch(RecordingOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReferenceClipOptions:
+class ReferenceClipOptions(SourceClipOptions):
     """The robot, the clip and the scales of other programs' motions."""
 
-    robot: RobotName = "unitree_g1"
-    """The robot of other programs' motions, which do not say."""
     clip: Annotated[Path | None, arg(metavar="CLIP|DIR", help_behavior_hint="")] = None
     """The clip of other programs' motions, or a folder with clips of their names: it tells their contacts, what goes
     into objects, and how like the human's they are."""
-    objects: OptionalFolder = None
-    """Folder with the objects' geometry, as for run."""
     object_scale: Annotated[float, arg(metavar="NUMBER")] = 1.0
     """Size of the objects in other programs' motions; 1.0 is as captured."""
     root_scale: Annotated[float, arg(metavar="NUMBER")] = 1.0

@@ -11,30 +11,8 @@ from hoi_retarget.cli.commands import Contacts
 from hoi_retarget.cli.output_checks import check_json, check_writable, write_file, write_json
 from hoi_retarget.cli.run_options import to_argv
 from hoi_retarget.cli.terminal import program, say, show_table, warn
-from hoi_retarget.clip.clip import Clip, pinned_path
-from hoi_retarget.clip.edits import (
-    Add,
-    ContactEdits,
-    Delete,
-    Edit,
-    Fix,
-    FixAll,
-    Merge,
-    Move,
-    Pin,
-    Point,
-    Retime,
-    Segments,
-    Snap,
-    SnapAll,
-    Split,
-    Unpin,
-    apply,
-    load,
-    part_text,
-    segments_of,
-    to_text,
-)
+from hoi_retarget.clip.clip import Clip, Vector, pinned_path
+from hoi_retarget.clip.edits import OPERATIONS, ContactEdits, Edit, apply, load, part_text, segments_of, to_text
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers.open import open_clip
@@ -107,7 +85,9 @@ def _show(clip: Clip) -> None:
         header = ("person", *header)
         rows = [(f"p{segment.person}", *row) for segment, row in zip(segments, rows, strict=True)]
     show_table([header, *rows], words=range(several + 2))
-    _summarize(segments, clip)
+    seconds = sum(segment.frames for segment in segments) / clip.fps
+    spread = 1e3 * max(segment.spread for segment in segments)
+    say(f"{len(segments)} contacts, {seconds:.2f} s in all; the farthest point is {spread:.1f} mm from its mean.")
     for index, surface in sorted(surfaces.items()):
         if not surface.exact:
             warn(f"object {clip.objects[index].name!r}: no mesh is known; its surface is the hull of its points.")
@@ -128,60 +108,48 @@ def _show_pins(clip: Clip) -> None:
     show_table(rows, words=(0,))
 
 
-def _summarize(segments: Segments, clip: Clip) -> None:
-    frames = sum(segment.frames for segment in segments)
-    spread = max(segment.spread for segment in segments)
-    seconds = frames / clip.fps
-    say(f"{len(segments)} contacts, {seconds:.2f} s in all; the farthest point is {1e3 * spread:.1f} mm from its mean.")
-
-
 def _edits_in(command: Contacts) -> Iterator[Edit]:
     """Yield the edits in the order of the options in `Contacts`: when something touches before where it does."""
-    for option, form, kind, fields in _OPTIONS:
+    for option, form, operation, fields in _OPTIONS:
         for word in getattr(command, option.removeprefix("--").replace("-", "_")):
+            all_of_them = _KINDS.get(f"{operation}_all") if word == ALL else None
             try:
-                yield _FOR_ALL[kind]() if kind in _FOR_ALL and word == ALL else _edit(kind, fields, word)
+                yield all_of_them() if all_of_them else _edit(operation, form, fields, word)
             except ArgumentError as error:
                 raise ArgumentError(f"{option} {word}: {error}") from error
             except ValueError as error:
                 raise ArgumentError(f"{option} {word}: expected {form}.") from error
 
 
-def _edit(kind: Callable[..., Edit], fields: Sequence[Callable[[str], Any]], word: str) -> Edit:
+def _edit(operation: str, form: str, fields: Sequence[Callable[[str], Any]], word: str) -> Edit:
     """Return the edit that a word describes, or raise `ValueError`: too few fields, too many, or no numbers."""
     # An object's name may have colons in it.
-    part, *texts = word.split(":", len(fields) if fields[-1] is str else -1)
-    if not len(fields) - (kind in _LAST_MAY_BE_LEFT_OUT) <= len(texts) <= len(fields):
+    named, *texts = word.split(":", len(fields) if fields[-1] is str else -1)
+    if not len(fields) - ("[" in form) <= len(texts) <= len(fields):
         raise ValueError
-    name, person = _part(part)
+    person, dot, part = named.partition(".")
+    if not (dot and person.startswith("p")):
+        person, part = "p0", named
     values = [field(text) for field, text in zip(fields, texts, strict=False)]
-    return kind(name, *values, person=person)
+    return _KINDS[operation](part, *values, person=int(person[1:]))
 
 
-def _part(word: str) -> tuple[str, int]:
-    """Return the part and the person that `left_hand` or `p1.left_hand` names."""
-    person, dot, part = word.partition(".")
-    if dot and person.startswith("p"):
-        return part, int(person[1:])
-    return word, 0
-
-
-def _point(word: str) -> Point:
+def _point(word: str) -> Vector:
     x, y, z = (float(number) for number in word.split(","))
     return (x, y, z)
 
 
-_OPTIONS: tuple[tuple[str, str, Callable[..., Edit], Sequence[Callable[[str], Any]]], ...] = (
-    ("--delete", "PART:FRAME", Delete, (int,)),
-    ("--merge", "PART:FRAME", Merge, (int,)),
-    ("--split", "PART:FRAME:AT", Split, (int, int)),
-    ("--retime", "PART:FRAME:START:STOP", Retime, (int, int, int)),
-    ("--add", "PART:START:STOP:X,Y,Z[:OBJECT]", Add, (int, int, _point, str)),
-    ("--fix-segments", "all or PART:FRAME", Fix, (int,)),
-    ("--snap", "all or PART:FRAME", Snap, (int,)),
-    ("--move", "PART:FRAME:DX,DY,DZ", Move, (int, _point)),
-    ("--unpin", "PART:FRAME", Unpin, (int,)),
-    ("--pin", "PART:FRAME:X,Y,Z[:RX,RY,RZ]", Pin, (int, _point, _point)),
+_KINDS: Mapping[str, Callable[..., Edit]] = OPERATIONS
+_OPTIONS: tuple[tuple[str, str, str, Sequence[Callable[[str], Any]]], ...] = (
+    ("--delete", "PART:FRAME", "delete", (int,)),
+    ("--merge", "PART:FRAME", "merge", (int,)),
+    ("--split", "PART:FRAME:AT", "split", (int, int)),
+    ("--retime", "PART:FRAME:START:STOP", "retime", (int, int, int)),
+    ("--add", "PART:START:STOP:X,Y,Z[:OBJECT]", "add", (int, int, _point, str)),
+    ("--fix-segments", "all or PART:FRAME", "fix", (int,)),
+    ("--snap", "all or PART:FRAME", "snap", (int,)),
+    ("--move", "PART:FRAME:DX,DY,DZ", "move", (int, _point)),
+    ("--unpin", "PART:FRAME", "unpin", (int,)),
+    ("--pin", "PART:FRAME:X,Y,Z[:RX,RY,RZ]", "pin", (int, _point, _point)),
 )
-_LAST_MAY_BE_LEFT_OUT = (Add, Pin)
-_FOR_ALL: Mapping[Callable[..., Edit], Callable[[], Edit]] = {Fix: FixAll, Snap: SnapAll}
+"""Option, form of its words (the last field in brackets may be left out), operation, and readers of its fields."""

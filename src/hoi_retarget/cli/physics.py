@@ -9,7 +9,7 @@ import numpy as np
 from hoi_retarget.cli.commands import Feasible, Refine, Scene
 from hoi_retarget.cli.open_results import clip_with_objects, load_motion, physics_of
 from hoi_retarget.cli.output_checks import check_inputs_kept, check_json, check_stems, check_writable, write_json
-from hoi_retarget.cli.terminal import Working, do_for_each, exit_code, say, show_table, warn
+from hoi_retarget.cli.terminal import Working, describe_work, do_for_each, exit_code, say, show_table, warn
 from hoi_retarget.dynamics.feasibility import forces_on_clip, infeasibilities
 from hoi_retarget.evaluation.physics_figures import FEASIBILITY, forces_figures
 from hoi_retarget.files.atomic import write_together

@@ -160,17 +160,14 @@ def page_of(
         reasons = [(name, reason) for row, name in zip(rows, names, strict=True) for reason in row.reasons]
         notices = [f"{name}: {reason}" if len(rows) > 1 else reason for name, reason in reasons]
         if len(notices) > 1:
-            notices.insert(0, f"{'; '.join(map(_lights, rows, names))}: {len(reasons)} reasons")
+            lights = (f"{name} {row.level}, physics {row.physics}" for row, name in zip(rows, names, strict=True))
+            notices.insert(0, f"{'; '.join(lights)}: {len(reasons)} reasons")
         page = make_clip_page(title_together([row.name for row in rows]), results, back=back, notices=notices)
     except HoiRetargetError:
         return None
     frames = [worst_frame(motion) for motion, _, _ in opened]
     seconds = [frame / motion.fps for frame, (motion, _, _) in zip(frames, opened, strict=True)]
     return page, frames[list(rows).index(worst)], seconds
-
-
-def _lights(row: Row, name: str) -> str:
-    return f"{name} {row.level}, physics {row.physics}"
 
 
 def _opened(path: Path, foreign_robot: RobotModel, objects: Path | None) -> tuple[Motion, RobotModel, Clip | None]:

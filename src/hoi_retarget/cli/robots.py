@@ -119,7 +119,9 @@ def _show(action: ShowRobot) -> int:
     if action.picture is not None:
         _check_picture(action.picture, action.meshes)
     if action.page is not None:
-        _check_page(action.page)
+        if action.page.suffix.lower() not in {".html", ".htm"}:
+            raise ArgumentError(f"--page {action.page}: pages are HTML. Name a file that ends in .html.")
+        check_writable("--page", action.page.parent)
     check_json(action.json)
     model = load_robot(action.name)
     say(f"{spec.name}: {spec.title}")
@@ -151,25 +153,14 @@ def _show(action: ShowRobot) -> int:
         },
     )
     if action.picture is not None:
-        _draw(spec, action.picture, action.meshes)
+        write_file("--picture", action.picture, png(picture(spec, meshes=vendor_meshes(spec, action.meshes))))
+        say(f"\nwritten: {action.picture}")
     if action.page is not None:
-        _write_page(model, action.page)
+        record, mjcf = user_robots.record_of(spec.name), spec.mjcf.read_text(encoding="utf-8")
+        trials = [run_trial(spec, mjcf, clip) for clip in record.tried or TRIAL_CLIPS]
+        write_file("--page", action.page, page(model, record.findings, trials))
+        say(f"\nwritten: {action.page}")
     return 0
-
-
-def _check_page(path: Path) -> None:
-    if path.suffix.lower() not in {".html", ".htm"}:
-        raise ArgumentError(f"--page {path}: pages are HTML. Name a file that ends in .html.")
-    check_writable("--page", path.parent)
-
-
-def _write_page(model: RobotModel, path: Path) -> None:
-    record = user_robots.record_of(model.spec.name)
-    mjcf = model.spec.mjcf.read_text(encoding="utf-8")
-    trials = [run_trial(model.spec, mjcf, clip) for clip in record.tried or TRIAL_CLIPS]
-    write_file("--page", path, page(model, record.findings, trials))
-    say()
-    say(f"written: {path}")
 
 
 def _check_picture(path: Path, meshes: Path | None) -> None:
@@ -181,12 +172,6 @@ def _check_picture(path: Path, meshes: Path | None) -> None:
             "Install it with: pip install '.[menagerie]' in a clone of this project."
         )
     check_writable("--picture", path.parent)
-
-
-def _draw(spec: RobotSpec, path: Path, meshes: Path | None) -> None:
-    write_file("--picture", path, png(picture(spec, meshes=vendor_meshes(spec, meshes))))
-    say()
-    say(f"written: {path}")
 
 
 def vendor_meshes(spec: RobotSpec, folder: Path | None) -> Path | None:

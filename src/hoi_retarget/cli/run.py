@@ -1,6 +1,7 @@
 """Clips to results: `run` for recordings, `demo` and `bench` for a built-in clip."""
 
 import json
+import os
 import shlex
 import tempfile
 import time
@@ -14,7 +15,6 @@ from hoi_retarget.cli.output_checks import check_json, check_stems, check_writab
 from hoi_retarget.cli.run_options import arguments_of, config_of
 from hoi_retarget.cli.scores import score, show_figures, titled
 from hoi_retarget.cli.terminal import Working, do_for_each, exit_code, program, say, show_table, warn
-from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import apply, load
 from hoi_retarget.errors import ArgumentError, SolveError
 from hoi_retarget.evaluation import Score, to_json
@@ -93,7 +93,11 @@ def _run_clip(
     if command.edits is not None:
         clip = apply(clip, load(command.edits))
     read_seconds = time.process_time() - start
-    _describe_clip(path, clip)
+    objects = ", ".join(track.name for track in clip.objects) or "none"
+    people = f", {len(clip.people)} people" if len(clip.people) > 1 else ""
+    begins = f", from frame {clip.first_source_frame} of the recording" if clip.first_source_frame else ""
+    noun = "objects" if len(clip.objects) > 1 else "object"
+    say(f"{path.name}: {clip.frames} frames at {clip.fps:g} frames/s{people}, {noun}: {objects}{begins}")
     for warning in clip.source.warnings:
         warn(f"{path.name}: {warning}")
     for model in models:
@@ -175,18 +179,11 @@ def _describe_inter_robot_hand_errors(motion: Motion) -> None:
 
 def _check_clips(clips: Sequence[Path]) -> None:
     for path in clips:
-        if _is_folder(path) and not can_be_clip(path):
+        if os.path.isdir(path) and not can_be_clip(path):  # noqa: PTH112  # raises nothing: reading shows the fault
             below = recordings_below(path)
             hint = f"Name clips in it, such as {below[0]}, or use batch." if below else why_no_clip(path)
             raise ArgumentError(f"{path} is a folder. {hint}")
     check_stems(clips, result_stem, "to {}.npz. Run them into different folders.")
-
-
-def _is_folder(path: Path) -> bool:
-    try:
-        return path.is_dir()
-    except OSError:
-        return False  # Reading it shows the fault.
 
 
 def _check_objects(folder: Path | None, name: str | None) -> None:
@@ -203,14 +200,6 @@ def _check_objects(folder: Path | None, name: str | None) -> None:
     if name is not None and name not in known:
         listing = f"Objects there: {', '.join(known)}." if known else "There are no objects in it."
         raise ArgumentError(f"--object {name}: {folder} has no geometry of that name. {listing}")
-
-
-def _describe_clip(path: Path, clip: Clip) -> None:
-    objects = ", ".join(track.name for track in clip.objects) or "none"
-    people = f", {len(clip.people)} people" if len(clip.people) > 1 else ""
-    begins = f", from frame {clip.first_source_frame} of the recording" if clip.first_source_frame else ""
-    noun = "objects" if len(clip.objects) > 1 else "object"
-    say(f"{path.name}: {clip.frames} frames at {clip.fps:g} frames/s{people}, {noun}: {objects}{begins}")
 
 
 def execute_demo(command: Demo) -> int:

@@ -17,7 +17,7 @@ from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
-from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
+from hoi_retarget.objects.track import ObjectGeometry
 
 _MIRROR = np.array([1.0, -1.0, 1.0])  # The plane y = 0, of the world and of an object's frame.
 # A joint's left is its x axis: its frame is mirrored at x = 0 where the world is at y = 0, which leaves half a turn.
@@ -42,7 +42,15 @@ def mirrored(clip: Clip) -> Clip:
     seen = replace(
         clip,
         people=tuple(map(_mirrored_person, clip.people)),
-        objects=tuple(map(_mirrored_object, clip.objects)),
+        objects=tuple(
+            replace(
+                track,
+                positions=track.positions * _MIRROR,
+                quats=se3.quat_mirrored(track.quats),
+                geometry=_mirrored_geometry(track.geometry),
+            )
+            for track in clip.objects
+        ),
         contacts=tuple(map(_mirrored_contact, clip.contacts)),
         recorded_contacts=tuple(map(_mirrored_contact, clip.recorded_contacts)),
         pins=tuple(map(_mirrored_pin, clip.pins)),
@@ -73,15 +81,23 @@ def at_speed(clip: Clip, speed: float) -> Clip:
 
 
 def resampled(clip: Clip, times: Float[np.ndarray, "T"], fps: float) -> Clip:
-    """Return the clip at other times, counted in its frames, as frames of this rate."""
+    """Return the clip at other times, counted in its frames, as frames of this rate; pins go to the nearest frames."""
+    people, objects = [], []
+    for person in clip.people:
+        positions, quats = _resampled(person.joint_positions, times), _resampled_quats(person.joint_quats, times)
+        people.append(replace(person, joint_positions=positions, joint_quats=quats))
+    for track in clip.objects:
+        positions, quats = _resampled(track.positions, times), _resampled_quats(track.quats, times)
+        objects.append(replace(track, positions=positions, quats=quats))
+    pins = [replace(pin, frame=int(np.abs(times - pin.frame).argmin())) for pin in clip.pins]
     return replace(
         clip,
         fps=fps,
-        people=tuple(_resampled_person(person, times) for person in clip.people),
-        objects=tuple(_resampled_object(track, times) for track in clip.objects),
+        people=tuple(people),
+        objects=tuple(objects),
         contacts=tuple(_resampled_contact(track, times) for track in clip.contacts),
         recorded_contacts=tuple(_resampled_contact(track, times) for track in clip.recorded_contacts),
-        pins=_resampled_pins(clip.pins, times),
+        pins=tuple({pin.key: pin for pin in pins}.values()),  # Of several in one frame, the last.
     )
 
 
@@ -109,15 +125,6 @@ def _mirrored_person(person: Person) -> Person:
     )
 
 
-def _mirrored_object(track: ObjectTrack) -> ObjectTrack:
-    return replace(
-        track,
-        positions=track.positions * _MIRROR,
-        quats=se3.quat_mirrored(track.quats),
-        geometry=_mirrored_geometry(track.geometry),
-    )
-
-
 def _mirrored_geometry(geometry: ObjectGeometry) -> ObjectGeometry:
     if not geometry.has_surface:
         return ObjectGeometry(geometry.points * _MIRROR)
@@ -134,24 +141,6 @@ def _mirrored_pin(pin: PosePin) -> PosePin:
     x, y, z = pin.position
     turn = None if pin.turn is None else (-pin.turn[0], pin.turn[1], -pin.turn[2])
     return replace(pin, part=_other_side(pin.part), position=(x, -y, z), turn=turn)
-
-
-def _resampled_pins(pins: tuple[PosePin, ...], times: Float[np.ndarray, "T"]) -> tuple[PosePin, ...]:
-    """Return pins in the frames nearest to their own; of several in one frame, the last."""
-    nearest = [replace(pin, frame=int(np.abs(times - pin.frame).argmin())) for pin in pins]
-    return tuple({pin.key: pin for pin in nearest}.values())
-
-
-def _resampled_person(person: Person, times: Float[np.ndarray, "T"]) -> Person:
-    return replace(
-        person,
-        joint_positions=_resampled(person.joint_positions, times),
-        joint_quats=_resampled_quats(person.joint_quats, times),
-    )
-
-
-def _resampled_object(track: ObjectTrack, times: Float[np.ndarray, "T"]) -> ObjectTrack:
-    return replace(track, positions=_resampled(track.positions, times), quats=_resampled_quats(track.quats, times))
 
 
 def _resampled_contact(track: ContactTrack, times: Float[np.ndarray, "T"]) -> ContactTrack:

@@ -167,7 +167,8 @@ class EditsFiles:
 
     def set_aside(self) -> str:
         """Make a version of the unsaved edits, and return its name; raises `WriteError`."""
-        name = next(name for name in map(_numbered, count(1)) if not os.path.lexists(self.version(name)))
+        names = (UNSAVED if number == 1 else f"{UNSAVED}-{number}" for number in count(1))
+        name = next(name for name in names if not os.path.lexists(self.version(name)))
         try:
             self.unsaved.rename(self.version(name))
         except OSError as error:
@@ -181,10 +182,6 @@ class EditsFiles:
     @property
     def _stem(self) -> str:
         return self.saved.name.removesuffix(self._ending)
-
-
-def _numbered(number: int) -> str:
-    return UNSAVED if number == 1 else f"{UNSAVED}-{number}"
 
 
 def _is_name(text: str) -> bool:
