@@ -50,8 +50,13 @@ class Job:
 def jobs_of(specification: Specification) -> tuple[Job, ...]:
     """Return all jobs, clip by clip; raises `ArgumentError` for names without clips, and clips with equal results."""
     jobs: dict[str, Job] = {}
-    for clip in _clips(specification):
-        for job in _variants(clip, specification):
+    for named in specification.clips:
+        try:
+            clips = list(_matching(specification, named))
+        except OSError as error:
+            where = specification.folder / named
+            raise ArgumentError(f"clips: {where}: cannot be looked for ({error}). Check the path.") from error
+        for job in (job for clip in clips for job in _variants(clip, specification)):
             other = jobs.setdefault(job.name, job)
             if other is not job:
                 raise ArgumentError(
@@ -110,15 +115,6 @@ def _edits_of(clip: _NamedClip, folder: Path) -> Path | None:
         if error.errno == errno.ENAMETOOLONG:
             return None
         raise ArgumentError(f"edits: {path}: cannot be read ({error.strerror}). Check its permissions.") from error
-
-
-def _clips(specification: Specification) -> Iterator[_NamedClip]:
-    for pattern in specification.clips:
-        try:
-            yield from _matching(specification, pattern)
-        except OSError as error:
-            where = specification.folder / pattern
-            raise ArgumentError(f"clips: {where}: cannot be looked for ({error}). Check the path.") from error
 
 
 def _matching(specification: Specification, named: str) -> Iterator[_NamedClip]:

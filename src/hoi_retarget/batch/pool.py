@@ -29,22 +29,14 @@ def serve(connection: Connection, function: Callable[[Any], Any], memory_limit: 
     Thread(target=_end_with_parent, daemon=True).start()
     limit_memory(memory_limit)
     value: Any = READY
-    while _sent(connection, value):
+    while True:
         try:
+            connection.send(value)
             task = connection.recv()
-        except (EOFError, OSError):
+        except (EOFError, OSError):  # The parent process has gone.
             break
         value = function(task)
     _end()
-
-
-def _sent(connection: Connection, value: Any) -> bool:
-    """Send a value; return False where the parent process has gone."""
-    try:
-        connection.send(value)
-    except OSError:
-        return False
-    return True
 
 
 def limit_memory(megabytes: float | None) -> None:

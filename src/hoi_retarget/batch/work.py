@@ -29,7 +29,7 @@ from hoi_retarget.motion.result_file import load
 from hoi_retarget.readers.open import clip_of, open_clip
 from hoi_retarget.retargeting.retarget import result_paths, retarget_people, write
 from hoi_retarget.robots import load_robot, load_team
-from hoi_retarget.simulation.physics_stage import SimulatedMotion, add_physics_stage, write_simulated
+from hoi_retarget.simulation.physics_stage import add_physics_stage, write_simulated
 
 FOLDER = "refined"
 """Folder for performed motions below that of the results."""
@@ -112,9 +112,12 @@ def refine_result(task: RefineTask) -> ManifestEntry:
     place = task.out / f"{task.name}.npz"
     place.parent.mkdir(parents=True, exist_ok=True)
     motion_path, for_controllers = write_simulated(performed, place)
-    entry = replace(task.entry("solved", ""), frames=performed.motion.frames)
-    if performed.performance.fell:
-        return _fallen(entry, performed)
+    performance, frames = performed.performance, performed.motion.frames
+    entry = replace(task.entry("solved", ""), frames=frames)
+    if performance.fell:
+        reason = f"the robot falls after {performance.seconds:.1f} s, in frame {frames}: {performance.cause}"
+        fallen = replace(entry, status="failed", reason=reason, error="Fall", frame=frames)
+        return replace(fallen, fell_after=performed.rollout.fell_after)
     verdict = verdict_of(performed.motion, performed.scene.model)
     result = ManifestResult(
         path=motion_path.relative_to(task.out).as_posix(),
@@ -123,16 +126,7 @@ def refine_result(task: RefineTask) -> ManifestEntry:
         verdict=verdict.as_json(),
         companions={for_controllers.relative_to(task.out).as_posix(): sha256_of_file(for_controllers)},
     )
-    certificate = performed.performance.robustness
-    return replace(entry, verdict=str(verdict.level), results=(result,), certificate=certificate)
-
-
-def _fallen(entry: ManifestEntry, performed: SimulatedMotion) -> ManifestEntry:
-    performance, frame = performed.performance, performed.motion.frames
-    reason = f"the robot falls after {performance.seconds:.1f} s, in frame {frame}: {performance.cause}"
-    return replace(
-        entry, status="failed", reason=reason, error="Fall", frame=frame, fell_after=performed.rollout.fell_after
-    )
+    return replace(entry, verdict=str(verdict.level), results=(result,), certificate=performance.robustness)
 
 
 _INPUT_ERRORS = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)
@@ -197,16 +191,11 @@ def failed(entry: ManifestEntry, error: Exception) -> ManifestEntry:
         text = "the memory that a worker may use did not suffice"
     reason = " ".join(text.split())
     found = _FRAME.search(reason)
-    by_machine = isinstance(error, OSError) or (isinstance(error, ReadError | GeometryError) and _is_disk_error(error))
-    kind = "OSError" if by_machine else type(error).__name__
+    cause = error.__cause__ if isinstance(error, ReadError | GeometryError) else None
+    # The machine failed to read a file that may be read; errors without a number are numpy's, of damaged files.
+    by_disk = isinstance(cause, OSError) and cause.errno is not None and not isinstance(cause, _INPUT_ERRORS)
+    kind = "OSError" if by_disk or isinstance(error, OSError) else type(error).__name__
     return replace(entry, reason=reason, error=kind, frame=int(found[1]) if found else None)
-
-
-def _is_disk_error(error: Exception) -> bool:
-    """Return whether the machine failed to read a file, not the file itself: it exists and may be read."""
-    cause = error.__cause__
-    # An error without a number is numpy's of damaged files.
-    return isinstance(cause, OSError) and cause.errno is not None and not isinstance(cause, _INPUT_ERRORS)
 
 
 def _source(job: Job, clip: Clip) -> ManifestSource:
