@@ -11,16 +11,16 @@ import numpy as np
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.synthetic.acting import Actor, Grip
+from hoi_retarget.synthetic.human import Scalars
 from hoi_retarget.synthetic.object_shapes import Shape, shape
 from hoi_retarget.synthetic.staging import (
     Span,
     StagedScene,
     arc,
     before,
-    carries_of,
+    carried,
     dips,
     holds,
-    moved,
     rounded,
     upright,
 )
@@ -53,11 +53,11 @@ def carry_box(height: float, seed: int) -> StagedScene:
     spans = ((touch, release), (touch_again, release_again))
     spots = (pick.ahead(at_rest), put.ahead(at_rest), pick.ahead(at_rest, turn=2 * np.pi))
     raised = 0.53 * height - box.half[2]
-    carries = carries_of(spans, spots, take=(0.1, 1.25), put=(1.25, 0.1), raised=raised)
+    anchor = before(walk, height, at_body)
+    objects = carried(box, spans, spots, anchor, take=(0.1, 1.25), put=(1.25, 0.1), raised=raised)
     grips = tuple(_box_grip(box, side, span) for span in spans for side in range(2))
     actor = Actor("person", height, walk, grips, crouch=dips(spans, 1.0, down=1.25), gaze=dips(spans, 0.2))
-    anchor = before(walk, height, at_body)
-    return StagedScene(there, cycle, (actor,), lambda times: (moved(box, carries, anchor, times),))
+    return StagedScene(there, cycle, (actor,), objects)
 
 
 def _box_grip(box: Shape, side: int, span: Span) -> Grip:
@@ -92,12 +92,11 @@ def push_table(height: float, seed: int) -> StagedScene:
 
     spans = ((touch, release), (touch_again, release_again))
     spots = (begin.ahead(distance), far.ahead(distance), begin.ahead(distance))
-    carries = carries_of(spans, spots, take=(0.05, 0.25), put=(0.1, 0.0))
+    objects = carried(table, spans, spots, before(walk, height, distance), take=(0.05, 0.25), put=(0.1, 0.0))
     grips = tuple(_edge_grip(table, side, span, height) for span in spans for side in range(2))
     lean = (*holds(spans[:1], 0.55, down=1.1, up=1.0), *holds(spans[1:], 0.45, down=1.1, up=1.0)[1:])
     actor = Actor("person", height, walk, grips, crouch=holds(spans, 0.30), lean=lean, gaze=holds(spans, 0.18))
-    anchor = before(walk, height, distance)
-    return StagedScene(there, cycle, (actor,), lambda times: (moved(table, carries, anchor, times),))
+    return StagedScene(there, cycle, (actor,), objects)
 
 
 def _edge_grip(table: Shape, side: int, span: Span, height: float) -> Grip:
@@ -191,7 +190,8 @@ def move_chair(height: float, seed: int) -> StagedScene:
     spans = ((touch, release), (touch_again, release_again))
     turn, raised = -np.pi / 2, height * vary(0.055, 0.01)
     spots = tuple(place.ahead(distance, turn=turn) for place in (begin, far, begin))
-    carries = carries_of(spans, spots, take=(0.1, 0.9), put=(0.8, 0.1), raised=raised)
+    anchor = before(walk, height, distance, turn=turn)
+    objects = carried(chair, spans, spots, anchor, take=(0.1, 0.9), put=(0.8, 0.1), raised=raised)
     grips = tuple(_chair_grip(chair, side, span, height) for span in spans for side in range(2))
     actor = Actor(
         "person",
@@ -203,8 +203,7 @@ def move_chair(height: float, seed: int) -> StagedScene:
         roll=holds(spans, 0.16, down=1.2, up=1.2),
         twist=holds(spans, -0.15, down=1.2, up=1.2),
     )
-    anchor = before(walk, height, distance, turn=turn)
-    return StagedScene(there, cycle, (actor,), lambda times: (moved(chair, carries, anchor, times),))
+    return StagedScene(there, cycle, (actor,), objects)
 
 
 def _chair_grip(chair: Shape, side: int, span: Span, height: float) -> Grip:
@@ -243,12 +242,13 @@ def carry_table(height: float, seed: int) -> StagedScene:
 
     raised = 0.125 * height
     spots = (Place(0.0, 0.0), Place(0.0, aside), Place(0.0, 0.0))
-    carries = carries_of(spans, spots, take=(0.1, 1.1), put=(1.0, 0.1), raised=raised)
 
-    def objects(times: Times) -> tuple[ObjectTrack, ...]:
+    def anchor(times: Times) -> tuple[Scalars, Scalars, Scalars]:
         paths = [before(walk, tall, 0.0)(times) for walk, tall in zip(walks, heights, strict=True)]
         middle = 0.5 * (paths[0][1] + paths[1][1])
-        return (moved(table, carries, lambda _: (0.0 * middle, middle, 0.0 * middle), times),)
+        return 0.0 * middle, middle, 0.0 * middle
+
+    objects = carried(table, spans, spots, anchor, take=(0.1, 1.1), put=(1.0, 0.1), raised=raised)
 
     actors = tuple(
         Actor(

@@ -15,6 +15,7 @@ from hoi_retarget.synthetic.walking import Place, Times, Walk, ground_of, minimu
 
 Anchor = Callable[[Times], tuple[Scalars, Scalars, Scalars]]
 """A place over time: x [m], y [m], yaw [rad]."""
+Objects = Callable[[Times], tuple[ObjectTrack, ...]]
 
 
 @dataclass(frozen=True)
@@ -26,61 +27,45 @@ class StagedScene:
     cycle: float
     """Duration of the way there and back, to the pose of the beginning [s]."""
     actors: tuple[Actor, ...]
-    objects: Callable[[Times], tuple[ObjectTrack, ...]]
+    objects: Objects
 
 
-@dataclass(frozen=True)
-class Carry:
-    """An object goes from a resting place to one that moves with the walkers, and to rest again."""
-
-    take: Span
-    """From leaving its resting place to moving with the walkers [s]."""
-    put: Span
-    """From moving with the walkers to resting again [s]."""
-    origin: Place
-    goal: Place
-    raised: float = 0.0
-    """Height above the resting height while carried [m]."""
-
-
-def carries_of(
-    spans: Sequence[Span], spots: Sequence[Place], *, take: Span, put: Span, raised: float = 0.0
-) -> tuple[Carry, ...]:
-    """Return a carry for every span, from one spot to the next.
-
-    Args:
-        spans: When the object is held.
-        spots: Where it rests before, between and after.
-        take: Begin and end of taking it, after the touch [s].
-        put: Begin and end of putting it down, before the release [s].
-        raised: Height above the resting height while carried [m].
-    """
-    return tuple(
-        Carry((touch + take[0], touch + take[1]), (release - put[0], release - put[1]), origin, goal, raised)
-        for (touch, release), (origin, goal) in zip(spans, pairwise(spots), strict=True)
-    )
-
-
-def moved(shape: Shape, carries: tuple[Carry, ...], anchor: Anchor, times: Times) -> ObjectTrack:
-    """Return the motion of an upright object.
+def carried(  # noqa: PLR0913  # the last three are durations and a height
+    shape: Shape,
+    spans: Sequence[Span],
+    spots: Sequence[Place],
+    anchor: Anchor,
+    *,
+    take: Span,
+    put: Span,
+    raised: float = 0.0,
+) -> Objects:
+    """Return the motion of an upright object that is carried from one spot to the next.
 
     Args:
         shape: Of the object.
-        carries: In order of time.
-        anchor: The object's place while it is carried.
-        times: Of the frames [s].
+        spans: When it is held.
+        spots: Where it rests before, between and after.
+        anchor: Its place while it is carried.
+        take: Begin and end of taking it, from rest to moving with the walkers, after the touch [s].
+        put: Begin and end of putting it down, before the release [s].
+        raised: Height above the resting height while carried [m].
     """
-    first = carries[0].origin
-    x, y, yaw = (np.full(times.shape, value) for value in (first.x, first.y, first.yaw))
-    z = np.full(times.shape, shape.half[2])
-    held_x, held_y, held_yaw = anchor(times)
-    for carry in carries:
-        up, down = minimum_jerk(times, *carry.take), minimum_jerk(times, *carry.put)
-        x += up * (held_x - carry.origin.x) + down * (carry.goal.x - held_x)
-        y += up * (held_y - carry.origin.y) + down * (carry.goal.y - held_y)
-        yaw += up * (held_yaw - carry.origin.yaw) + down * (carry.goal.yaw - held_yaw)
-        z += carry.raised * (up - down)
-    return ObjectTrack(shape.name, np.stack([x, y, z], axis=1), upright(yaw), shape.geometry)
+
+    def objects(times: Times) -> tuple[ObjectTrack, ...]:
+        x, y, yaw = (np.full(times.shape, value) for value in (spots[0].x, spots[0].y, spots[0].yaw))
+        z = np.full(times.shape, shape.half[2])
+        held_x, held_y, held_yaw = anchor(times)
+        for (touch, release), (origin, goal) in zip(spans, pairwise(spots), strict=True):
+            up = minimum_jerk(times, touch + take[0], touch + take[1])
+            down = minimum_jerk(times, release - put[0], release - put[1])
+            x += up * (held_x - origin.x) + down * (goal.x - held_x)
+            y += up * (held_y - origin.y) + down * (goal.y - held_y)
+            yaw += up * (held_yaw - origin.yaw) + down * (goal.yaw - held_yaw)
+            z += raised * (up - down)
+        return (ObjectTrack(shape.name, np.stack([x, y, z], axis=1), upright(yaw), shape.geometry),)
+
+    return objects
 
 
 def before(walk: Walk, height: float, forward: float, left: float = 0.0, turn: float = 0.0) -> Anchor:

@@ -50,7 +50,7 @@ def to_text(edits: ContactEdits) -> str:
     lines = [HEADER + f"schema = {SCHEMA}", "", "[clip]"]
     lines += [f"{field.name} = {_written(getattr(edits.made_for, field.name))}" for field in fields(MadeFor)]
     for edit in edits.edits:
-        lines += ["", "[[edit]]", f'operation = "{operation_name(edit)}"']
+        lines += ["", "[[edit]]", f'operation = "{operation_name(type(edit))}"']
         values = ((field, getattr(edit, field.name)) for field in fields_of(type(edit)))
         lines += [f"{field.name} = {_written(value)}" for field, value in values if value != field.default]
     return "\n".join(lines) + "\n"

@@ -13,17 +13,7 @@ from typing import Any, ClassVar, get_args
 import numpy as np
 
 from hoi_retarget.clip.clip import PINNED_PARTS, Clip, PosePin, pinned_path
-from hoi_retarget.clip.edits.segments import (
-    Segment,
-    Segments,
-    check_frames,
-    check_person,
-    exchanged,
-    of_part,
-    part_text,
-    segment_at,
-    span_text,
-)
+from hoi_retarget.clip.edits.segments import Segment, Segments, in_order, part_text, span_text
 from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.human.skeleton import PARTS
 from hoi_retarget.objects.mesh import surface_of
@@ -32,6 +22,7 @@ Point = tuple[float | int, float | int, float | int]
 
 _LARGEST_COORDINATE = 100.0  # [m]; points farther from an object's origin are another unit or a slip.
 _LARGEST_TURN = 180.0  # [degrees]
+_SHOWN = 6  # Segments that a message names.
 
 
 class Operation:
@@ -51,11 +42,25 @@ class Operation:
     @classmethod
     def plain(cls, name: str, value: Any) -> str | int | tuple[float, ...]:
         """Return the value of a field as a plain one, in its unit; raises `ArgumentError` where it means nothing."""
-        if name != "part":
-            return _plain(name, value)
-        if not isinstance(value, str) or value not in cls.parts:
+        if name == "part":
+            if isinstance(value, str) and value in cls.parts:
+                return value
             raise ArgumentError(f"part is {value!r}; parts that can {cls.verb}: {', '.join(cls.parts)}.")
-        return value
+        if name in _VECTORS:
+            largest, unit = _VECTORS[name]
+            numbers = list(value) if isinstance(value, Iterable) and not isinstance(value, str | bytes) else []
+            if len(numbers) == 3 and all(_is_real(number) and abs(number) <= largest for number in numbers):
+                return tuple(float(number) for number in numbers)
+            expected = f"three numbers in {unit}, none beyond {largest:g}"
+        elif name == "object":
+            if isinstance(value, str):
+                return value
+            expected = "a name"
+        else:
+            if _is_real(value) and isinstance(value, int | np.integer) and value >= 0:
+                return int(value)
+            expected = "a whole number from 0 on"
+        raise ArgumentError(f"{name} is {value!r}; expected {expected}.")
 
 
 def fields_of(kind: type[Operation]) -> list["Field[Any]"]:
@@ -67,25 +72,6 @@ _VECTORS = {
     **dict.fromkeys(("offset", "point", "position"), (_LARGEST_COORDINATE, "metres")),
     "turn": (_LARGEST_TURN, "degrees"),
 }
-
-
-def _plain(name: str, value: Any) -> str | int | tuple[float, ...]:
-    """Return the value of a field other than the part as a plain one; raises `ArgumentError`."""
-    if name in _VECTORS:
-        largest, unit = _VECTORS[name]
-        numbers = list(value) if isinstance(value, Iterable) and not isinstance(value, str | bytes) else []
-        if len(numbers) == 3 and all(_is_real(number) and abs(number) <= largest for number in numbers):
-            return tuple(float(number) for number in numbers)
-        expected = f"three numbers in {unit}, none beyond {largest:g}"
-    elif name == "object":
-        if isinstance(value, str):
-            return value
-        expected = "a name"
-    else:
-        if _is_real(value) and isinstance(value, int | np.integer) and value >= 0:
-            return int(value)
-        expected = "a whole number from 0 on"
-    raise ArgumentError(f"{name} is {value!r}; expected {expected}.")
 
 
 def _is_real(number: Any) -> bool:
@@ -123,8 +109,7 @@ class Pin(PinOperation):
 
     def on_pins(self, clip: Clip, pins: Pins) -> Pins:
         """Return the pins after the operation, by person, part and time."""
-        check_person(clip, self.person)
-        check_frames(clip, self.frame, self.frame + 1)
+        _check_clip_has(clip, self.person, self.frame, self.frame + 1)
         recorded = pinned_path(clip.people[self.person], self.part)[self.frame]
         away = float(np.linalg.norm(recorded - self.position))
         if away > LARGEST_DISTANCE:
@@ -184,8 +169,24 @@ class SegmentOperation(ContactOperation):
 
     def on(self, clip: Clip, segments: Segments) -> Segments:
         """Return the segments after the operation."""
-        segment = segment_at(clip, segments, self.person, self.part, self.frame)
-        return exchanged(clip, segments, [segment], self._replacements(clip, segment))
+        segment = self._segment(clip, self._own(clip, segments))
+        return _exchanged(clip, segments, [segment], self._replacements(clip, segment))
+
+    def _own(self, clip: Clip, segments: Segments) -> Segments:
+        """Return the segments of the person's part."""
+        _check_clip_has(clip, self.person)
+        return tuple(item for item in segments if (item.person, item.part) == (self.person, self.part))
+
+    def _segment(self, clip: Clip, own: Segments) -> Segment:
+        """Return the segment that holds the frame; raises `ClipError`, which names the nearest ones."""
+        near = sorted(own, key=lambda item: max(item.start - self.frame, self.frame - item.stop + 1))[:_SHOWN]
+        if near and near[0].holds(self.frame):
+            return near[0]
+        texts = ", ".join(f"{clip.objects[item.object].name!r} in {item}" for item in in_order(near))
+        more = f" and {len(own) - len(near)} more" if len(own) > len(near) else ""
+        touched = f"{texts}{more}" if own else "nothing in the whole clip"
+        named = part_text(self.person, self.part)
+        raise ClipError(f"{named} touches nothing in frame {self.frame}. It touches {touched}.")
 
     def _replacements(self, clip: Clip, segment: Segment) -> Sequence[Segment]:
         raise NotImplementedError
@@ -216,7 +217,7 @@ class Retime(SegmentOperation):
         _check_span(self.start, self.stop)
 
     def _replacements(self, clip: Clip, segment: Segment) -> Sequence[Segment]:
-        check_frames(clip, self.start, self.stop)
+        _check_clip_has(clip, self.person, self.start, self.stop)
         nearest = np.clip(np.arange(self.start, self.stop), segment.start, segment.stop - 1)
         return [replace(segment, start=self.start, stop=self.stop, points=segment.points[nearest - segment.start])]
 
@@ -247,8 +248,8 @@ class Merge(SegmentOperation):
 
     def on(self, clip: Clip, segments: Segments) -> Segments:
         """Return the segments after the operation: one in the place of two."""
-        segment = segment_at(clip, segments, self.person, self.part, self.frame)
-        own = of_part(clip, segments, self.person, self.part)
+        own = self._own(clip, segments)
+        segment = self._segment(clip, own)
         later = [item for item in own if item.start >= segment.stop and item.object == segment.object]
         if not later:
             name = clip.objects[segment.object].name
@@ -259,7 +260,7 @@ class Merge(SegmentOperation):
         between = segment.points[-1] + fraction * (following.points[0] - segment.points[-1])
         points = np.concatenate([segment.points, between, following.points])
         merged = replace(segment, stop=following.stop, points=points)
-        return exchanged(clip, segments, [segment, following], [merged])
+        return _exchanged(clip, segments, [segment, following], [merged])
 
 
 @dataclass(frozen=True)
@@ -291,11 +292,10 @@ class Add(ContactOperation):
 
     def on(self, clip: Clip, segments: Segments) -> Segments:
         """Return the segments after the operation."""
-        check_person(clip, self.person)
-        check_frames(clip, self.start, self.stop)
+        _check_clip_has(clip, self.person, self.start, self.stop)
         points = np.tile(self.point, (self.stop - self.start, 1))
         added = Segment(self.person, self.part, self._object_index(clip), self.start, self.stop, points)
-        return exchanged(clip, segments, [], [added])
+        return _exchanged(clip, segments, [], [added])
 
     def _object_index(self, clip: Clip) -> int:
         names = [track.name for track in clip.objects]
@@ -347,23 +347,22 @@ class SnapAll(ContactOperation):
 
 Edit = Move | Retime | Split | Merge | Delete | Add | Fix | FixAll | Snap | SnapAll | Pin | Unpin
 
-OPERATIONS: Mapping[str, type[Edit]] = MappingProxyType(
-    {re.sub("(?<=[a-z])(?=[A-Z])", "_", kind.__name__).lower(): kind for kind in get_args(Edit)}
-)
+
+def operation_name(kind: type[Operation]) -> str:
+    """Return the name of a kind of edits in `OPERATIONS`."""
+    return re.sub("(?<=[a-z])(?=[A-Z])", "_", kind.__name__).lower()
+
+
+OPERATIONS: Mapping[str, type[Edit]] = MappingProxyType({operation_name(kind): kind for kind in get_args(Edit)})
 """The operations by their names in files: `move`, ..., `snap_all`."""
-_NAMES: Mapping[type, str] = {kind: name for name, kind in OPERATIONS.items()}
-
-
-def operation_name(edit: Edit) -> str:
-    """Return an edit's name in `OPERATIONS`."""
-    return _NAMES[type(edit)]
 
 
 def describe(edit: Edit) -> str:
     """Return an edit in a few words, such as `split, left_hand, frame 50, at 60`."""
+    name = operation_name(type(edit))
     if isinstance(edit, FixAll | SnapAll):
-        return operation_name(edit)
-    words = [operation_name(edit), part_text(edit.person, edit.part)]
+        return name
+    words = [name, part_text(edit.person, edit.part)]
     if not isinstance(edit, Add):
         words.append(f"frame {edit.frame}")
     if isinstance(edit, Add | Retime):
@@ -373,6 +372,32 @@ def describe(edit: Edit) -> str:
     if isinstance(edit, Pin):
         words.append("to " + " ".join(f"{number:.3f}" for number in edit.position))
     return ", ".join(words)
+
+
+def _check_clip_has(clip: Clip, person: int, start: int = 0, stop: int = 0) -> None:
+    """Raise `ClipError` unless the clip has this person, and frames `start` to the one before `stop`."""
+    if person >= len(clip.people):
+        last = len(clip.people) - 1
+        raise ClipError(f"there is no person {person}; the clip has {f'persons 0 to {last}' if last else 'person 0'}.")
+    if stop > clip.frames:
+        raise ClipError(f"the clip has frames 0 to {clip.frames - 1}; asked for: {span_text(start, stop)}.")
+
+
+def _exchanged(clip: Clip, segments: Segments, old: Sequence[Segment], new: Sequence[Segment]) -> Segments:
+    """Return the segments with `new` in the place of `old`; raises `ClipError` where two of one part overlap."""
+    result = [segment for segment in segments if not any(segment is item for item in old)]
+    for segment in new:
+        for other in result:
+            same = (other.person, other.part) == (segment.person, segment.part)
+            start, stop = max(segment.start, other.start), min(segment.stop, other.stop)
+            if same and start < stop:
+                raise ClipError(
+                    f"{part_text(segment.person, segment.part)} touches {clip.objects[other.object].name!r} in {other} "
+                    f"already, and one part touches one thing at a time: {span_text(start, stop)} would be in both. "
+                    "Cut or delete one of them first."
+                )
+        result.append(segment)
+    return in_order(result)
 
 
 def _check_span(start: int, stop: int) -> None:
