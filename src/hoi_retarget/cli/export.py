@@ -1,7 +1,6 @@
 """Results as files of other programs: formats of motions, data sets, and training tasks of mjlab."""
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -76,7 +75,12 @@ def _export_dataset(command: Export) -> int:
                 results.append(_read(path, command))
             except HoiRetargetError as error:
                 raise type(error)(with_file(path, error)) from error
-        _check_rows(results)
+        counts = Counter((result.stem, result.motion.robot) for result in results)
+        (stem, name), count = counts.most_common(1)[0]
+        if count > 1:
+            raise ArgumentError(
+                f"{count} results of {name} are called {stem}; rows of a data set need names of their own."
+            )
         files = write_dataset(results, command.fps)
         write_together({command.out / name: content for name, content in files.items()})
     for licence in sorted({result.licence for result in results}):
@@ -95,14 +99,6 @@ def _check_folder(folder: Path) -> None:
         raise ArgumentError(f"--out {folder}: there are rows in it already ({others[0]}, ...). Name another folder.")
     if (folder / CARD).exists():
         raise ArgumentError(f"--out {folder}: there is a {CARD} in it, which would be lost. Name another folder.")
-
-
-def _check_rows(results: Sequence[Result]) -> None:
-    """Raise `ArgumentError` where two motions of one robot have one name."""
-    counts = Counter((result.stem, result.motion.robot) for result in results)
-    (stem, name), count = counts.most_common(1)[0]
-    if count > 1:
-        raise ArgumentError(f"{count} results of {name} are called {stem}; rows of a data set need names of their own.")
 
 
 def _targets(command: Export, format: Format) -> dict[Path, Path]:

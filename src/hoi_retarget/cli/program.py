@@ -43,7 +43,6 @@ _THREAD_VARIABLES = (
     "VECLIB_MAXIMUM_THREADS",
     "IGL_NUM_THREADS",
 )
-"""Linear algebra uses one thread: its matrices here are small."""
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -52,8 +51,7 @@ def run(arguments: Sequence[str]) -> int:
     if words == ["--version"]:
         say(f"hoi-retarget {__version__}")
         return 0
-    for variable in _THREAD_VARIABLES:  # Read once, when numpy is imported; the user's own values stay.
-        os.environ.setdefault(variable, "1")
+    _use_one_thread()
     try:
         command = _parsed(words)
         _check_named(words[0], command)
@@ -125,6 +123,15 @@ def _executor(word: str) -> Callable[[Any], int]:
             "MUJOCO_GL, or install what it needs (Debian: libegl1 and libgl1-mesa-dri for egl, libosmesa6 for osmesa)."
         ) from error
     return getattr(module, f"execute_{word.replace('-', '_')}")
+
+
+def _use_one_thread() -> None:
+    """Let linear algebra use one thread, unless the user says otherwise: its matrices here are small.
+
+    The libraries read this once, when numpy is imported.
+    """
+    for variable in _THREAD_VARIABLES:
+        os.environ.setdefault(variable, "1")
 
 
 def _draw_without_a_screen() -> None:

@@ -8,6 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Event, Thread, Timer
 from time import monotonic
+from typing import TextIO
 
 from rich.cells import cell_len
 from rich.console import Console
@@ -51,26 +52,33 @@ def stdout_for_json(reserved: bool) -> Iterator[None]:
 
 def say(text: str = "") -> None:
     """Print a line."""
-    with _without_bar():
-        print(text, file=sys.stderr if _said_on_stderr else sys.stdout, flush=True)
+    _print(text, sys.stderr if _said_on_stderr else sys.stdout)
 
 
 def put(text: str) -> None:
     """Print text for another program on stdout."""
-    with _without_bar():
-        print(text, end="", flush=True)
+    _print(text, sys.stdout, end="")
 
 
 def warn(text: str) -> None:
     """Print a warning on stderr."""
-    with _without_bar():
-        print(f"warning: {text}", file=sys.stderr, flush=True)
+    _print(f"warning: {text}", sys.stderr)
 
 
 def fail(text: str) -> None:
     """Print an error on stderr, in one line."""
-    with _without_bar():
-        print(f"error: {' '.join(text.split())}", file=sys.stderr, flush=True)
+    _print(f"error: {' '.join(text.split())}", sys.stderr)
+
+
+def _print(text: str, stream: TextIO, end: str = "\n") -> None:
+    """Print text; the bar goes away for it."""
+    bar = Working.shown.bar if Working.shown is not None else None
+    drawn = bar is not None and bar.live.is_started
+    if bar is not None and drawn:
+        bar.stop()
+    print(text, file=stream, end=end, flush=True)
+    if bar is not None and drawn:
+        bar.start()
 
 
 def show_table(rows: Sequence[Sequence[str | Text]], *, words: Collection[int] = (0,)) -> None:
@@ -213,15 +221,3 @@ def exit_code(failures: Collection[HoiRetargetError], total: int) -> int:
     if not failures:
         return 0
     return 2 if len(failures) == total and all(isinstance(error, ArgumentError) for error in failures) else 1
-
-
-@contextmanager
-def _without_bar() -> Iterator[None]:
-    """Take the bar away while a line is printed."""
-    bar = Working.shown.bar if Working.shown is not None else None
-    if bar is None or not bar.live.is_started:
-        yield
-        return
-    bar.stop()
-    yield
-    bar.start()

@@ -46,7 +46,8 @@ def without_rotation_jumps(person: Person, fps: float) -> tuple[Person, tuple[Ro
     Rotations to the parents are looked at: of the two ways around, a forearm takes the one that its bones allow.
     """
     quats, jumps = person.joint_quats, []
-    local = _to_parents(quats)
+    local = quats[:, : len(BODY_PARENTS)].copy()  # The root's stay those in the world.
+    local[:, 1:] = se3.quat_multiply(se3.quat_conjugate(quats[:, BODY_PARENTS[1:]]), local[:, 1:])
     for index in np.flatnonzero(_large_steps(local, fps).any(axis=0)).tolist():
         found = _jumps(JOINTS[index], local[:, index], fps)
         for jump in found:
@@ -60,13 +61,6 @@ def without_rotation_jumps(person: Person, fps: float) -> tuple[Person, tuple[Ro
             quats[:, below] = se3.quat_multiply(turns[:, None], quats[:, below])
             jumps += found
     return (replace(person, joint_quats=quats) if jumps else person), tuple(jumps)
-
-
-def _to_parents(quats: Float[np.ndarray, "T 52 4"]) -> Float[np.ndarray, "T 22 4"]:
-    """Return the rotations of the body's joints to their parents, the root's in the world."""
-    local = quats[:, : len(BODY_PARENTS)].copy()
-    local[:, 1:] = se3.quat_multiply(se3.quat_conjugate(quats[:, BODY_PARENTS[1:]]), local[:, 1:])
-    return local
 
 
 def _large_steps(quats: Float[np.ndarray, "T *joints 4"], fps: float) -> Bool[np.ndarray, "steps *joints"]:

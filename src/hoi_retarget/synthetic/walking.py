@@ -201,19 +201,15 @@ def ground_of(walk: Walk, height: float, times: Times) -> Ground:
 
 def feet_of(walk: Walk, height: float, times: Times) -> tuple[FootGoal, FootGoal]:
     """Return the motion of both feet."""
-    left, right = (_foot(walk, height, side, times) for side in range(2))
-    return left, right
-
-
-def _foot(walk: Walk, height: float, side: int, times: Times) -> FootGoal:
-    toe, yaw, pitch = _foot_path(walk, height, side, times)
-    zero = np.zeros(times.shape)
-    quat = heading_quat(yaw, pitch, zero)
-    ankle = toe - se3.rotate(quat, _toe_offset(height, side)[None])
-    # The toes stay flat while the heel rises, and follow the foot half-way when it swings.
-    toe_quat = heading_quat(yaw, 0.4 * pitch, zero)
-    forward = np.stack([np.cos(yaw), np.sin(yaw), zero], axis=1)
-    return FootGoal(ankle, quat, toe_quat, forward)
+    zero, feet = np.zeros(times.shape), []
+    for side in range(2):
+        toe, yaw, pitch = _foot_path(walk, height, side, times)
+        quat = heading_quat(yaw, pitch, zero)
+        ankle = toe - se3.rotate(quat, _toe_offset(height, side)[None])
+        # The toes stay flat while the heel rises, and follow the foot half-way when it swings.
+        toe_quat = heading_quat(yaw, 0.4 * pitch, zero)
+        feet.append(FootGoal(ankle, quat, toe_quat, np.stack([np.cos(yaw), np.sin(yaw), zero], axis=1)))
+    return feet[0], feet[1]
 
 
 def _foot_path(walk: Walk, height: float, side: int, times: Times) -> tuple[Vectors, Scalars, Scalars]:
