@@ -52,6 +52,7 @@ FIGURES: tuple[Figure, ...] = (
     motion_figures.floor_penetration_max_m,
     motion_figures.object_below_floor_m,
     motion_figures.object_float_m,
+    motion_figures.support_height_error_m,
     motion_figures.object_path_error_m,
     motion_figures.joint_range_margin_rad,
     motion_figures.joint_speed_margin_radps,

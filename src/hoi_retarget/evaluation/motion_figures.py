@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.clip.floor import rests_on_floor
+from hoi_retarget.clip.supports import supports
 from hoi_retarget.evaluation.comparison import (
     HAND_SITES,
     Comparison,
@@ -93,6 +94,20 @@ def object_float_m(view: Comparison) -> float | None:
         return None
     heights = np.maximum(view.cached(_object_heights), 0.0)
     return max(float(own[resting].mean()) for own, resting in zip(heights, rests, strict=True) if resting.any())
+
+
+@figure("object on object", "mm", "Largest change of an object's height over the one that carries it")
+def support_height_error_m(view: Comparison) -> float | None:
+    """Return the largest change [m] of an object's height over its carrier from the human's, scaled; None without."""
+    carriers = supports(view.clip.objects, view.clip.fps).carriers[view.first :]
+    frames, riders = np.nonzero(carriers >= 0)
+    if not len(frames):
+        return None
+    heights = [
+        np.stack([pose.positions[:, 2] for pose in poses], axis=1) for poses in (view.robot_objects, view.human_objects)
+    ]
+    robot, human = (side[frames, riders] - side[frames, carriers[frames, riders]] for side in heights)
+    return float(np.abs(robot - view.motion.object_scale[riders] * human).max())
 
 
 @figure(

@@ -122,6 +122,7 @@ THRESHOLDS: tuple[Threshold, ...] = (
     Threshold("robot_penetration_max_m", 0.010, 0.030, "as for one robot; irrelevant if each robot is trained alone"),
     Threshold("object_below_floor_m", 0.005, 0.020, "as for the soles"),
     Threshold("object_float_m", 0.010, 0.050, "a simulator drops the object; at 5 cm the floor is wrong"),
+    Threshold("support_height_error_m", 0.005, 0.020, "as for soles: a cup in its table, or over it"),
     Threshold("floor_penetration_max_m", 0.005, 0.020, "users accept 5 mm; at 2 cm a simulator lifts the robot"),
     Threshold("link_below_floor_m", 0.005, 0.020, "as for the soles"),
     Threshold("stance_float_m", 0.010, 0.030, "users accept 1 cm; a robot that starts 3 cm up falls"),

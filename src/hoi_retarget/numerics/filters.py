@@ -8,6 +8,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
 
 SMOOTHING_SECONDS, SMOOTHING_ORDER = 11 / 30, 3
+COASTING_SECONDS = 0.2  # Of values that go on at the speed that they had.
 LIFT_SECONDS = 0.2  # In each direction, of each of two means over time.
 
 
@@ -65,6 +66,28 @@ def nearest_active(active: Bool[np.ndarray, "T"]) -> Int[np.ndarray, "T"]:
     before = np.maximum(after - 1, 0)
     closer = np.abs(frames[before] - time) <= np.abs(frames[after] - time)
     return np.where(closer, frames[before], frames[after])
+
+
+def between_known(
+    values: Float[np.ndarray, "T k"], known: Bool[np.ndarray, "T"], fps: float
+) -> Float[np.ndarray, "T k"]:
+    """Return values that are kept in known frames, at least one, and go smoothly from one to the next in all others.
+
+    They leave a known run, and come to one, at its speed, which is lost within `COASTING_SECONDS`.
+    """
+    filled, coasting = values.copy(), seconds_to_frames(COASTING_SECONDS, fps)
+    for first, stop in runs(~known):
+        times = np.arange(1.0, stop - first + 1)
+        ends = []
+        for last, before, away in ((first - 1, first - 2, times), (stop, stop + 1, times[::-1])):
+            if 0 <= last < len(known):
+                moving = 0 <= before < len(known) and known[before]
+                step = values[last] - values[before] if moving else np.zeros_like(values[last])
+                ends.append(values[last] + np.outer(coasting * -np.expm1(-away / coasting), step))
+        share = (times / (len(times) + 1))[:, None]
+        share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+        filled[first:stop] = (1.0 - share) * ends[0] + share * ends[-1]
+    return filled
 
 
 def smoothstep_around(active: Bool[np.ndarray, "T"], ramp: int) -> Float[np.ndarray, "T"]:

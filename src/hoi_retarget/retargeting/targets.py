@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.clip.clip import PELVIS, Clip
+from hoi_retarget.clip.supports import ON_FLOOR, supports
 from hoi_retarget.errors import RobotError
 from hoi_retarget.human.person import LARGEST_DIFFERENCE, Person, stance
 from hoi_retarget.human.rotation_jumps import RotationJump, without_rotation_jumps
@@ -21,6 +22,7 @@ from hoi_retarget.motion.motion_report import PinnedPart
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.numerics.filters import (
+    between_known,
     nearest_active,
     rate_limited_upper_envelope,
     seconds_to_frames,
@@ -39,6 +41,8 @@ from hoi_retarget.robots.spec import SIDES
 # Contact labels switch from frame to frame; hands come and go, and turn, over these times.
 CONTACT_RAMP_SECONDS, ROTATION_RAMP_SECONDS = 1 / 30, 2 / 30
 MAXIMUM_SINK = 0.005  # [m] of a smoothed object under its own unsmoothed height
+MAXIMUM_OFF_CARRIER = 0.001  # [m] of a carried object from its recorded height over the carrier, scaled.
+SHARPER_SECONDS = 0.2  # Over which a height that smoothing blurred is left again.
 UP = np.array([0.0, 0.0, 1.0])
 PALMS, FEET = (tuple(f"{side}_{part}" for side in SIDES) for part in ("palm", "foot"))
 
@@ -150,13 +154,7 @@ def make_targets(
     anchored = contact == "surface"
     goals, foot_positions, foot_quats = _with_planted_feet(goals, feet, stands, clip.fps, anchored=anchored)
     anchors = np.stack([anchored * anchor_weights(flags, clip.fps) for flags in stands.T], axis=1)
-    tracks = [_scale_track(track, root_scale, geometry_scale, clip.fps) for track in clip.objects]
-    turns = [smooth_quats(track.quats, clip.fps) for track in clip.objects]
-    if contact == "surface":
-        tracks = [
-            path + _lift_out(track, path, turn, geometry_scale, clip.fps)[:, None] * UP
-            for track, path, turn in zip(clip.objects, tracks, turns, strict=True)
-        ]
+    tracks, turns = object_paths(clip, root_scale, geometry_scale, contact)
     contacts = _contact_fields(clip, model, person, geometry_scale)
     base = None
     if model.spec.base != "legs":
@@ -375,6 +373,73 @@ def _palm_quats(model: RobotModel, goals: _SiteTargets) -> np.ndarray:
         wrist, palm = (sites.rotations[:, :, sites.index[f"{side}_{name}"]] for name in ("wrist", "palm"))
         palms.append(se3.quat_multiply(goals.quats[:, goals.row(f"{side}_wrist")], se3.matrix_to_quat(wrist.T @ palm)))
     return np.stack(palms, axis=1)
+
+
+def object_paths(
+    clip: Clip, root_scale: float, geometry_scale: float, contact: ContactKind
+) -> tuple[list[Float[np.ndarray, "T 3"]], list[Float[np.ndarray, "T 4"]]]:
+    """Return positions [m] and rotations (wxyz) of all objects on the robot's side.
+
+    Each is scaled alone, but while another one carries it, its place over the carrier is the recording's, scaled as its
+    geometry is.
+
+    Args:
+        clip: The recording.
+        root_scale: Human size to robot size.
+        geometry_scale: Size of the objects.
+        contact: With surfaces, nothing is to be under the floor.
+    """
+    turns = [smooth_quats(track.quats, clip.fps) for track in clip.objects]
+    paths = [_scale_track(track, root_scale, geometry_scale, clip.fps) for track in clip.objects]
+    found, frames = supports(clip.objects, clip.fps), np.arange(clip.frames)
+    # Of each object: its place less the recorded one, scaled; the second is after smoothing.
+    shifts = np.zeros((2, clip.frames, len(clip.objects), 3))
+    for index in found.order:
+        track, path, carriers = clip.objects[index], paths[index], found.carriers[:, index]
+        recorded = geometry_scale * track.positions, geometry_scale * smooth(track.positions, clip.fps)
+        of_carrier, carried = shifts[:, frames, carriers], carriers >= 0
+        if carried.any():
+            path = recorded[1] + _with_carriers(track, path - recorded[1], carried, of_carrier[1], clip.fps)
+        if contact == "surface":
+            path = path + _lift_out(track, path, turns[index], geometry_scale, clip.fps)[:, None] * UP
+        if carried.any():
+            off = (path - recorded[0] - of_carrier[0])[:, 2]
+            path = path + _sharper(off, carried, clip.fps)[:, None] * UP
+        paths[index] = path
+        shifts[:, :, index] = path - recorded
+    return paths, turns
+
+
+def _with_carriers(
+    track: ObjectTrack,
+    alone: Float[np.ndarray, "T 3"],
+    carried: Bool[np.ndarray, "T"],
+    of_carrier: Float[np.ndarray, "T 3"],
+    fps: float,
+) -> Float[np.ndarray, "T 3"]:
+    """Return how far an object is from its recorded, scaled place [m].
+
+    As far as its carrier is. In between it moves as an object that is alone, over a ground that goes from one carrier,
+    or from the floor, to the next.
+
+    Args:
+        track: The object.
+        alone: The way if nothing carried it [m].
+        carried: When another object carries it.
+        of_carrier: The carrier's way [m].
+        fps: Frames a second.
+    """
+    known = carried | (track.lowest < ON_FLOOR)
+    return alone + between_known(np.where(carried[:, None], of_carrier - alone, 0.0), known, fps)
+
+
+def _sharper(off: Float[np.ndarray, "T"], carried: Bool[np.ndarray, "T"], fps: float) -> Float[np.ndarray, "T"]:
+    """Return the change of height that leaves a carried object at most `MAXIMUM_OFF_CARRIER` off its place [m].
+
+    Smoothing lifts an object before it is picked up, and sets it down late; the change fades where nothing carries it.
+    """
+    excess = (np.clip(off, -MAXIMUM_OFF_CARRIER, MAXIMUM_OFF_CARRIER) - off)[nearest_active(carried)]
+    return excess * smoothstep_around(carried, seconds_to_frames(SHARPER_SECONDS, fps))
 
 
 def _scale_track(track: ObjectTrack, root_scale: float, geometry_scale: float, fps: float) -> Float[np.ndarray, "T 3"]:

@@ -162,7 +162,7 @@ def _is_result(path: Path) -> bool:
 
 AWAY = 0.5
 """A robot that is further from the person in the median [m] moves in another world than the clip's object."""
-_OF_OBJECT_PATHS = ("object_path_error_m", "object_below_floor_m", "object_float_m")
+_OF_OBJECT_PATHS = ("object_path_error_m", "object_below_floor_m", "object_float_m", "support_height_error_m")
 _UNKNOWN = "contacts, penetration of objects and likeness to the human are not measured"
 
 

@@ -106,6 +106,7 @@ _IN_TABLE = (
     "link_below_floor_m",
     "object_below_floor_m",
     "object_float_m",
+    "support_height_error_m",
     "stance_float_m",
     "stance_slide_mps",
     "sole_tilt_deg",
