@@ -150,7 +150,7 @@ def _person(rows: layouts.Rows) -> tuple[Person, bool]:
     if late:
         positions = _without_delay(positions, quats)
     rows.check_hands(positions)
-    return Person("person", positions, quats), late
+    return Person("person", positions, quats, fingers_recorded=layouts.fingers_move(quats)), late
 
 
 def _has_late_fingers(positions: Float[np.ndarray, "T 52 3"]) -> bool:

@@ -70,6 +70,7 @@ MAX_REST_PELVIS_DISTANCE = 0.5
 ROOT_ANGLE_TOLERANCE = np.deg2rad(1.0)
 CONTACT_LABEL = 1.0
 
+FINGER_ANGLE = np.radians(0.5)  # Fingers that never turn farther from their first pose are not recorded.
 KNUCKLES = np.array([JOINT_INDEX[joint] for joint in (*LEFT_FINGERS, *RIGHT_FINGERS) if joint.endswith("1")])
 """Joints that fingers begin with."""
 HAND_JOINTS = {
@@ -144,7 +145,8 @@ class Rows:
         turned = fits[1] > fits[0]
         self.check_limbs(max(fits), "body rotations")
         self.check_hands(positions)
-        return Person("person", positions, readings[turned]), turned
+        quats = readings[turned]
+        return Person("person", positions, quats, fingers_recorded=fingers_move(quats)), turned
 
     def check_limbs(self, agreement: float, rotations: str) -> None:
         """Raise `ClipError` where rotations, a field, leave limbs elsewhere than the T-pose has them."""
@@ -276,6 +278,15 @@ class Rows:
     def _naming(self, name: str, of: str = "") -> str:
         field = self.fields[name]
         return f"{self.path}: {name}{of} (columns {field.start}:{field.stop})"
+
+
+def fingers_move(quats: Float[np.ndarray, "T 52 4"]) -> bool:
+    """Return whether any finger joint ever turns in its parent: no capture of fingers has one pose throughout."""
+    bones = [JOINT_INDEX[joint] for joint in (*LEFT_FINGERS, *RIGHT_FINGERS)]
+    bent = se3.quat_multiply(
+        se3.quat_conjugate(quats[:, [JOINT_INDEX[str(PARENT[JOINTS[b]])] for b in bones]]), quats[:, bones]
+    )
+    return bool((se3.angle_between(bent, bent[:1]) > FINGER_ANGLE).any())
 
 
 def palm_lengths(positions: Float[np.ndarray, "T 52 3"]) -> Float[np.ndarray, "T 10"]:
