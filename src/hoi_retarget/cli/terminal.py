@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Event, Thread, Timer
 from time import monotonic
-from typing import TextIO
+from typing import Any
 
 from rich.cells import cell_len
 from rich.console import Console
@@ -70,7 +70,7 @@ def fail(text: str) -> None:
     _print(f"error: {' '.join(text.split())}", sys.stderr)
 
 
-def _print(text: str, stream: TextIO, end: str = "\n") -> None:
+def _print(text: str, stream: Any, end: str = "\n") -> None:
     """Print text; the bar goes away for it."""
     bar = Working.shown.bar if Working.shown is not None else None
     drawn = bar is not None and bar.live.is_started
