@@ -244,18 +244,17 @@ class Figure:
         return "-" if value is None else f"{value * self.scale:.{self.digits}f}"
 
 
-def figure(
-    title: str, unit: str, meaning: str, **options: Any
-) -> Callable[[Callable[[Comparison], float | None]], Figure]:
-    """Return a decorator that makes a figure of the function that measures it, under the function's name.
+def figure(title: str, unit: str, **options: Any) -> Callable[[Callable[[Comparison], float | None]], Figure]:
+    """Return a decorator that makes a figure of the function that measures it.
 
-    Args:
-        title: Short name for tables.
-        unit: Unit in which it is shown.
-        meaning: The figure in a short sentence.
-        options: Other fields of `Figure`.
+    The figure has the function's name, the first line of its docstring as its meaning, and other fields as `options`.
     """
-    return lambda measure: Figure(measure.__name__, title, unit, meaning, measure, **options)
+
+    def decorated(measure: Callable[[Comparison], float | None]) -> Figure:
+        meaning = (measure.__doc__ or "").partition("\n")[0].removesuffix(".")
+        return Figure(measure.__name__, title, unit, meaning, measure, **options)
+
+    return decorated
 
 
 def mean_or_none(values: Float[np.ndarray, "..."]) -> float | None:

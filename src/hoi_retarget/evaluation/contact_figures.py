@@ -38,27 +38,27 @@ _MIN_TOUCH_AREA_M2 = 2e-4
 """Palmar skin within that gap of the surface that makes a touch a hand's: a fingertip has 1 cm2, a flat hand 5."""
 
 
-@figure("contact gap", "mm", "Mean distance of palms from the points where the human's were on the object")
+@figure("contact gap", "mm")
 def contact_gap_m(view: Comparison) -> float | None:
-    """Return the mean distance on the object between palm and human contact point [m]."""
+    """Mean distance of palms from the points where the human's were on the object."""
     return mean_or_none(view.cached(_contact_gaps))
 
 
-@figure("gap p95", "mm", "The same distance, exceeded in 5 % of the frames")
+@figure("gap p95", "mm")
 def contact_gap_p95_m(view: Comparison) -> float | None:
-    """Return the 95th percentile of that distance [m]."""
+    """The same distance, exceeded in 5 % of the frames."""
     return percentile_or_none(view.cached(_contact_gaps))
 
 
-@figure("gap max", "mm", "The same distance at its largest")
+@figure("gap max", "mm")
 def contact_gap_max_m(view: Comparison) -> float | None:
-    """Return the largest such distance [m]."""
+    """The same distance at its largest."""
     return max_or_none(view.cached(_contact_gaps))
 
 
-@figure("hand rotation", "deg", "How differently a touching hand turns on the object")
+@figure("hand rotation", "deg")
 def relative_hand_rotation_deg(view: Comparison) -> float | None:
-    """Return the mean angle [deg] between the two sides' change of hand rotation since the segment's first frame.
+    """Mean angle between the turns of a touching hand of robot and human on the object.
 
     With `A_t` the hand's rotation relative to the object, the change is `A_t A_0^T`: it is written in the
     object's axes, which both sides share, and a constant offset between the human's and the robot's hand
@@ -135,71 +135,53 @@ class SurfaceCurves:
         return self.depth.max(axis=(0, 1), initial=0.0)
 
 
-@figure(
-    "touch",
-    "%",
-    "Share of the frames in which a hand that is to touch is within 2 mm of the surface",
-    better="higher",
-    slow=True,
-)
+@figure("touch", "%", better="higher", slow=True)
 def touch_share(view: Comparison) -> float | None:
-    """Return the share of the labelled frames of hands with a gap of 2 mm at most, sunk and off alike."""
+    """Share of the frames in which a hand that is to touch is within 2 mm of the surface."""
     return _touch_share(_gaps(view, HAND_SITES))
 
 
-@figure(
-    "palm touch",
-    "%",
-    "Share of these frames in which 2 cm2 of the hand's palmar side touch, not the tip of a finger alone",
-    better="higher",
-    slow=True,
-)
+@figure("palm touch", "%", better="higher", slow=True)
 def palm_touch_share(view: Comparison) -> float | None:
-    """Return the share of the labelled frames of hands with 2 cm2 of palmar skin within 2 mm of the surface."""
+    """Share of these frames in which 2 cm2 of the hand's palmar side touch, not the tip of a finger alone."""
     return mean_or_none(_by_palm(view).astype(float))
 
 
-@figure("fingertip touch", "%", "Share of these frames in which the hand touches, but with less than that", slow=True)
+@figure("fingertip touch", "%", slow=True)
 def fingertip_touch_share(view: Comparison) -> float | None:
-    """Return the share of the labelled frames of hands that `touch_share` counts and `palm_touch_share` does not."""
+    """Share of these frames in which the hand touches, but with less than that."""
     touching = np.abs(_gaps(view, HAND_SITES)) <= _MAX_TOUCH_GAP_M
     return mean_or_none((touching & ~_by_palm(view)).astype(float))
 
 
-@figure(
-    "touch gap p95", "mm", "Distance of such a hand's skin from the surface, exceeded in 5 % of the frames", slow=True
-)
+@figure("touch gap p95", "mm", slow=True)
 def touch_gap_p95_m(view: Comparison) -> float | None:
-    """Return the 95th percentile of the gap's size [m] over the labelled frames of hands, sunk and off alike."""
+    """Distance of such a hand's skin from the surface, exceeded in 5 % of the frames."""
     return percentile_or_none(np.abs(_gaps(view, HAND_SITES)))
 
 
-@figure("touch place", "mm", "How far from the human's place on the surface it touches", slow=True)
+@figure("touch place", "mm", slow=True)
 def touch_place_m(view: Comparison) -> float | None:
-    """Return the mean distance on the object [m] from where hands touch to where the human's palms do."""
+    """Distance of the touch from the human's place on the surface."""
     return mean_or_none(_pooled(curve.place[curve.active] for curve in _curves(view, HAND_SITES)))
 
 
-@figure("recorded place", "mm", "How far from where the person touched before contacts were edited", slow=True)
+@figure("recorded place", "mm", slow=True)
 def recorded_place_m(view: Comparison) -> float | None:
-    """Return `touch_place_m` [m] to the recorded contacts of edited ones, over frames with both; None if unedited."""
+    """Distance of the touch from the human's place before contacts were edited."""
     places = _pooled(curve.recorded_place[curve.active] for curve in _curves(view, HAND_SITES))
     return mean_or_none(places[np.isfinite(places)])
 
 
-@figure(
-    "foot touch", "%", "Share of the frames in which a foot that is to touch an object does", better="higher", slow=True
-)
+@figure("foot touch", "%", better="higher", slow=True)
 def foot_touch_share(view: Comparison) -> float | None:
-    """Return the share of `touch_share`, for feet that are labelled to touch an object."""
+    """Share of the frames in which a foot that is to touch an object does."""
     return _touch_share(_gaps(view, FOOT_SITES))
 
 
-@figure(
-    "foot touch gap p95", "mm", "Distance of such a foot from the surface, exceeded in 5 % of the frames", slow=True
-)
+@figure("foot touch gap p95", "mm", slow=True)
 def foot_touch_gap_p95_m(view: Comparison) -> float | None:
-    """Return `touch_gap_p95_m` [m] of feet that are labelled to touch an object."""
+    """Distance of such a foot from the surface, exceeded in 5 % of the frames."""
     return percentile_or_none(np.abs(_gaps(view, FOOT_SITES)))
 
 

@@ -31,21 +31,21 @@ class SlipCurve:
     around its places [m]."""
 
 
-@figure("hand slip", "mm/s", "Mean speed of a hand over the object it touches while the person's own holds still")
+@figure("hand slip", "mm/s")
 def hand_slip_mps(view: Comparison) -> float | None:
-    """Return the mean speed [m/s] of the robot's palms over objects where the person's hand is below 5 cm/s."""
+    """Mean speed of a hand over the object it touches while the person's own holds still."""
     return mean_or_none(_held_speeds(view))
 
 
-@figure("fast slip", "%", "Share of these frames in which the hand moves over the object at more than 10 cm/s")
+@figure("fast slip", "%")
 def hand_slip_fast_share(view: Comparison) -> float | None:
-    """Return the share of the same frames in which the robot's palm is faster than 10 cm/s."""
+    """Share of these frames in which the hand moves over the object at more than 10 cm/s."""
     return mean_or_none((_held_speeds(view) > _FAST_MPS).astype(float))
 
 
-@figure("hand wander", "mm", "How much further a hand wanders over the object within one contact than the person's")
+@figure("hand wander", "mm")
 def hand_wander_excess_m(view: Comparison) -> float | None:
-    """Return the mean over contacts of how far the robot's palm wanders on the object, less the person's [m]."""
+    """Way that a hand wanders over the object within one contact, beyond the person's."""
     return mean_or_none(np.concatenate([np.zeros(0), *(np.subtract(*curve.wanders.T) for curve in _curves(view))]))
 
 

@@ -53,42 +53,42 @@ _ARM = (
 _Chain = tuple[tuple[str, str], ...]
 
 
-@figure("foot slide", "cm/s", "Mean speed of standing feet over the floor", needs_floor=True)
+@figure("foot slide", "cm/s", needs_floor=True)
 def stance_slide_mps(view: Comparison) -> float | None:
-    """Return the mean horizontal ankle speed [m/s] over pairs of neighbouring stance frames of each foot."""
+    """Mean speed of standing feet over the floor."""
     speeds = foot_speeds(view.kinematics, view.clip.fps)[view.first :]
     return mean_or_none(speeds[view.stance[1:] & view.stance[:-1]])
 
 
-@figure("sole height", "mm", "Mean distance of standing soles from the floor", needs_floor=True)
+@figure("sole height", "mm", needs_floor=True)
 def stance_sole_height_abs_m(view: Comparison) -> float | None:
-    """Return the mean distance [m] of the lowest sole corner from the floor, above or below, in stance."""
+    """Mean distance of standing soles from the floor."""
     return mean_or_none(np.abs(view.cached(_counted_heights)[view.stance]))
 
 
-@figure("foot float", "mm", "Mean height of standing soles over the floor", needs_floor=True)
+@figure("foot float", "mm", needs_floor=True)
 def stance_float_m(view: Comparison) -> float | None:
-    """Return the mean height [m] of the lowest sole corner in stance, a sunken sole counting as zero."""
+    """Mean height of standing soles over the floor."""
     return mean_or_none(np.maximum(view.cached(_counted_heights)[view.stance], 0.0))
 
 
-@figure("floor penetration", "mm", "How deep a sole gets below the floor", needs_floor=True)
+@figure("floor penetration", "mm", needs_floor=True)
 def floor_penetration_max_m(view: Comparison) -> float | None:
-    """Return the depth [m] of the deepest sole corner of the clip, in stance or not; zero if none is below."""
+    """Depth of the deepest sole corner below the floor."""
     return deepest(view.cached(_counted_heights))
 
 
-@figure("object below floor", "mm", "How deep an object gets below the floor", needs_floor=True)
+@figure("object below floor", "mm", needs_floor=True)
 def object_below_floor_m(view: Comparison) -> float | None:
-    """Return the depth [m] of the deepest object point of the clip; zero if none is below, None without objects."""
+    """Depth of the deepest object point below the floor."""
     if view.object_count == 0:
         return None
     return max(0.0, -float(view.cached(_object_heights).min()))
 
 
-@figure("object float", "mm", "Mean height of resting objects over the floor", needs_floor=True)
+@figure("object float", "mm", needs_floor=True)
 def object_float_m(view: Comparison) -> float | None:
-    """Return an object's mean height above the floor [m] while the human's rests on it; that of the worst object."""
+    """Mean height of resting objects over the floor."""
     rests = rests_on_floor(view.clip)[:, view.first :]
     if not rests.any():
         return None
@@ -96,9 +96,9 @@ def object_float_m(view: Comparison) -> float | None:
     return max(float(own[resting].mean()) for own, resting in zip(heights, rests, strict=True) if resting.any())
 
 
-@figure("object on object", "mm", "Largest change of an object's height over the one that carries it")
+@figure("object on object", "mm")
 def support_height_error_m(view: Comparison) -> float | None:
-    """Return the largest change [m] of an object's height over its carrier from the human's, scaled; None without."""
+    """Largest change of an object's height over the one that carries it."""
     carriers = supports(view.clip.objects, view.clip.fps).carriers[view.first :]
     frames, riders = np.nonzero(carriers >= 0)
     if not len(frames):
@@ -110,33 +110,21 @@ def support_height_error_m(view: Comparison) -> float | None:
     return float(np.abs(robot - view.motion.object_scale[riders] * human).max())
 
 
-@figure(
-    "range margin",
-    "rad",
-    "Way left to the nearest end of any joint's range; negative is beyond it",
-    digits=3,
-    better="higher",
-)
+@figure("range margin", "rad", digits=3, better="higher")
 def joint_range_margin_rad(view: Comparison) -> float | None:
-    """Return the smallest distance [rad] of any joint to the end of its range; negative where it is violated."""
+    """Way left to the nearest end of any joint's range; negative is beyond it."""
     return finite_min_or_none(joint_range_margins(view.motion, view.kinematics.model))
 
 
-@figure(
-    "speed margin",
-    "rad/s",
-    "Speed left to the limit of the fastest joint; negative is beyond it",
-    digits=2,
-    better="higher",
-)
+@figure("speed margin", "rad/s", digits=2, better="higher")
 def joint_speed_margin_radps(view: Comparison) -> float | None:
-    """Return the smallest limit minus speed [rad/s] of any joint; negative where it is violated."""
+    """Speed left to the limit of the fastest joint; negative is beyond it."""
     return finite_min_or_none(joint_speed_margins(view.motion, view.kinematics.model))
 
 
-@figure("pose", "deg", "Mean angle between the bones of robot and human; proportions alone make some")
+@figure("pose", "deg")
 def body_pose_deviation_deg(view: Comparison) -> float | None:
-    """Return the mean angle [deg] between the two sides' bone directions, over 16 bones and frames.
+    """Mean angle between the bones of robot and human; proportions alone make some.
 
     Over the 8 of the arms alone where a base carries the robot.
     """
@@ -145,41 +133,36 @@ def body_pose_deviation_deg(view: Comparison) -> float | None:
     return mean_or_none(np.stack(angles))
 
 
-@figure("trunk", "deg", "Mean angle between the chests of robot and human, in the world")
+@figure("trunk", "deg")
 def trunk_deviation_deg(view: Comparison) -> float | None:
-    """Return the mean angle [deg] between the rotations of the robot's torso and the human's chest in the world.
+    """Mean angle between the chests of robot and human, in the world.
 
     None where a base carries the robot, whose trunk cannot follow.
     """
     return mean_or_none(view.cached(trunk_deviations)[0])
 
 
-@figure("trunk p95", "deg", "The angle between the chests that 95 % of the frames stay below")
+@figure("trunk p95", "deg")
 def trunk_deviation_p95_deg(view: Comparison) -> float | None:
-    """Return the 95th percentile of that angle [deg]."""
+    """The angle between the chests that 95 % of the frames stay below."""
     return percentile_or_none(view.cached(trunk_deviations)[0])
 
 
-@figure("trunk max", "deg", "The largest angle between the chests")
+@figure("trunk max", "deg")
 def trunk_deviation_max_deg(view: Comparison) -> float | None:
-    """Return the largest such angle [deg]."""
+    """The largest angle between the chests."""
     return max_or_none(view.cached(trunk_deviations)[0])
 
 
-@figure(
-    "lean p95",
-    "deg",
-    "How much more or less than the human's the robot's trunk leans sideways, in 95 % of the frames",
-    needs_floor=True,
-)
+@figure("lean p95", "deg", needs_floor=True)
 def trunk_lean_p95_deg(view: Comparison) -> float | None:
-    """Return the 95th percentile of the difference of the two trunks' sideways lean [deg]."""
+    """Difference of the trunks' sideways lean that 95 % of the frames stay below."""
     return percentile_or_none(view.cached(trunk_deviations)[1])
 
 
-@figure("velocity direction", "deg", "Mean angle between the velocities of hands, feet, head and pelvis of the two")
+@figure("velocity direction", "deg")
 def link_velocity_direction_deg(view: Comparison) -> float | None:
-    """Return the mean angle [deg] between the two sides' link velocities relative to the object.
+    """Mean angle between the velocities of hands, feet, head and pelvis of the two.
 
     Over palms, ankles, head and pelvis, wherever both sides exceed 2 cm/s. With several objects, relative to
     the one that the person touches longest; without objects, in the world.
@@ -194,21 +177,21 @@ def link_velocity_direction_deg(view: Comparison) -> float | None:
     return mean_or_none(direction_angles_deg(robot[moving], human[moving]))
 
 
-@figure("jerk", "m/s^3", "Mean change of acceleration over all links")
+@figure("jerk", "m/s^3")
 def body_jerk_mps3(view: Comparison) -> float | None:
-    """Return the mean third difference of the positions of all links with mass [m/s^3]."""
+    """Mean change of acceleration over all links."""
     return mean_or_none(view.cached(_counted_jerks))
 
 
-@figure("jerk max", "m/s^3", "The largest change of acceleration of any link", digits=0)
+@figure("jerk max", "m/s^3", digits=0)
 def body_jerk_max_mps3(view: Comparison) -> float | None:
-    """Return the largest such third difference [m/s^3]."""
+    """The largest change of acceleration of any link."""
     return max_or_none(view.cached(_counted_jerks))
 
 
-@figure("object path", "cm", "How far the object's path is from the recorded one; it shrinks with the person by design")
+@figure("object path", "cm")
 def object_path_error_m(view: Comparison) -> float | None:
-    """Return the mean distance [m] of the two sides' object translations, each relative to its first counted frame."""
+    """Mean distance of the object's path from the recorded one; it shrinks with the person by design."""
     distances = [
         norms((robot.positions - robot.positions[:1]) - (human.positions - human.positions[:1]))
         for robot, human in zip(view.robot_objects, view.human_objects, strict=True)

@@ -4,7 +4,7 @@ from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from hoi_retarget.evaluation.comparison import Comparison, figure, max_or_none, mean_or_none, percentile_or_none
 from hoi_retarget.evaluation.contact_figures import surface_curves
@@ -27,63 +27,50 @@ _MAX_HUMAN_DEPTH_M = 2e-3
 """A human part that is deeper inside the object [m] asks the robot's to be there."""
 
 
-@figure("penetration", "mm", "Mean depth of the deepest point of the robot in objects, while it touches", slow=True)
+@figure("penetration", "mm", slow=True)
 def penetration_mean_m(view: Comparison) -> float | None:
-    """Return the mean over contact frames of the deepest penetration of any link and any object [m], both ways."""
+    """Mean depth of the deepest point of the robot in objects, while it touches."""
     depths = _penetration(view)
-    return mean_or_none(depths[_contact_frames(view)]) if depths is not None else None
+    never = np.zeros(view.clip.frames - view.first, dtype=bool)
+    touching = np.logical_or.reduce([never, *(track.active for track in view.contacts)])
+    return mean_or_none(depths[touching]) if depths.size else None
 
 
-@figure("penetration p95", "mm", "That depth, exceeded in 5 % of all frames", slow=True)
+@figure("penetration p95", "mm", slow=True)
 def penetration_p95_m(view: Comparison) -> float | None:
-    """Return the 95th percentile of that depth over all frames, in contact or not [m]; None without objects."""
-    depths = _penetration(view)
-    return percentile_or_none(depths) if depths is not None else None
+    """That depth, exceeded in 5 % of all frames."""
+    return percentile_or_none(_penetration(view))
 
 
-@figure("penetration max", "mm", "That depth at its largest", slow=True)
+@figure("penetration max", "mm", slow=True)
 def penetration_max_m(view: Comparison) -> float | None:
-    """Return the largest such depth of the clip [m]; None without objects."""
-    depths = _penetration(view)
-    return max_or_none(depths) if depths is not None else None
+    """That depth at its largest."""
+    return max_or_none(_penetration(view))
 
 
-@figure("self-penetration", "mm", "How deep one part of the robot gets into another")
+@figure("self-penetration", "mm")
 def self_penetration_max_m(view: Comparison) -> float | None:
-    """Return the largest depth of any link in another one over the clip [m]."""
-    depths, _, _ = view.cached(_self_depths)
+    """Largest depth of one part of the robot in another."""
+    depths, _, _ = self_depths(view.kinematics, view.first)
     return max_or_none(depths) if skin_of(view.kinematics.model).links else None
 
 
-@figure("in another robot", "mm", "How deep one robot gets into another")
+@figure("in another robot", "mm")
 def robot_penetration_max_m(view: Comparison) -> float | None:
-    """Return the depth of the robot in another person's robot [m], from its report; the other is not in view."""
+    """Largest depth of the robot in another one."""
     return view.motion.report.figures.get("robot_penetration_max_m")
 
 
-@figure("link below floor", "mm", "How deep any part gets below the floor", needs_floor=True)
+@figure("link below floor", "mm", needs_floor=True)
 def link_below_floor_m(view: Comparison) -> float | None:
-    """Return the depth [m] of the lowest skin point of any link, soles included; zero if none is below the floor."""
-    return max_or_none(np.maximum(-view.cached(_link_heights), 0.0))
+    """Depth of the deepest part below the floor."""
+    return max_or_none(np.maximum(-link_heights(view.kinematics, view.first), 0.0))
 
 
-def _penetration(view: Comparison) -> Float[np.ndarray, "F"] | None:
+def _penetration(view: Comparison) -> Float[np.ndarray, "F"]:
+    """Return the depth of the deepest point in every counted frame, both ways [m]; empty without objects or skins."""
     curves = view.cached(surface_curves)
-    return curves.penetration if curves.depth.size else None
-
-
-def _contact_frames(view: Comparison) -> Bool[np.ndarray, "F"]:
-    """Return whether the person touches an object in each frame, by the recording's labels."""
-    touching = np.zeros(view.clip.frames - view.first, dtype=bool)
-    return np.logical_or.reduce([touching, *(track.active for track in view.contacts)])
-
-
-def _self_depths(view: Comparison) -> tuple[np.ndarray, np.ndarray, tuple[tuple[str, str], ...]]:
-    return self_depths(view.kinematics, view.first)
-
-
-def _link_heights(view: Comparison) -> Float[np.ndarray, "L F"]:
-    return link_heights(view.kinematics, view.first)
+    return curves.penetration if curves.depth.size else np.zeros(0)
 
 
 def self_depths(

@@ -43,18 +43,11 @@ def _figure(name: str, title: str, unit: str, meaning: str, digits: int = 1) -> 
 
 FEASIBILITY = (
     _figure(
-        "missing_wrench_p95_share",
-        "missing wrench p95",
-        "%",
-        "Force and moment that the robot needs and nothing gives, over its weight",
+        "missing_wrench_p95_share", "missing wrench p95", "%", "Force and moment that nothing gives, over its weight"
     ),
-    _figure(
-        "object_missing_wrench_p95_share", "object missing wrench p95", "%", "The same of objects, over their weight"
-    ),
+    _figure("object_missing_wrench_p95_share", "object missing wrench p95", "%", "The same, over the object's weight"),
     _figure("torque_p95_share", "torque p95", "%", "Torque of the joint that needs most, over its limit", 0),
-    _figure(
-        "torque_over_limit_share", "frames over torque", "%", "Share of frames that no torques within the limits can do"
-    ),
+    _figure("torque_over_limit_share", "frames over torque", "%", "Share of the frames beyond the limits of torques"),
     _figure("one_hand_unheld_s", "one hand cannot hold", "s", "Time in which one hand alone holds what it cannot", 2),
 )
 
@@ -85,26 +78,13 @@ def performed_figures(motion: Motion) -> dict[str, float | None]:
 
 PERFORMED = (
     Figure(
-        "reference_object_m", "object off reference", "cm", "Mean distance of the simulated object from its reference"
+        "reference_object_m", "object off reference", "cm", "Mean distance of the simulated object off its reference"
     ),
     Figure("reference_object_max_m", "object off reference max", "cm", "The same at its largest"),
-    Figure(
-        "reference_object_deg",
-        "object turned off reference",
-        "deg",
-        "Mean angle of the simulated object off its reference",
-    ),
-    Figure("reference_root_m", "root off reference", "cm", "Mean distance of the simulated root from its reference"),
-    Figure(
-        "reference_root_deg", "root turned off reference", "deg", "Mean angle of the simulated root off its reference"
-    ),
-    Figure(
-        "reference_joint_rad",
-        "joints off reference",
-        "rad",
-        "Mean angle of simulated joints off their reference",
-        digits=3,
-    ),
+    Figure("reference_object_deg", "object turned off reference", "deg", "Mean angle of the object off its reference"),
+    Figure("reference_root_m", "root off reference", "cm", "Mean distance of the simulated root off its reference"),
+    Figure("reference_root_deg", "root turned off reference", "deg", "Mean angle of the root off its reference"),
+    Figure("reference_joint_rad", "joints off reference", "rad", "Mean angle of joints off their reference", digits=3),
     Figure("stood_s", "time to fall or end", "s", "Time until the simulated robot fell, or the end", better="higher"),
 )
 """Figures that only a performed motion has."""

@@ -78,9 +78,7 @@ class Threshold:
 REPORTED = (
     Figure("unreached_share", "unreached contact", "%", "Share of the contact frames in which a link is out of reach"),
     Figure("thin_air_share", "contact in thin air", "%", "Share of the contact frames with an edited point in the air"),
-    Figure(
-        "orientation_flip_s", "orientation flip", "s", "Time in which a link points away from the human's", digits=2
-    ),
+    Figure("orientation_flip_s", "orientation flip", "s", "Time in which a link is turned from the human's", digits=2),
     Figure("recording_warnings", "warnings of the recording", "", "Number of warnings of the recording", digits=0),
     Figure("recording_errors", "errors of the recording", "", "Number of errors of the recording", digits=0),
     Figure("trunk_turn_s", "trunk turned over", "s", "Time in which the trunk is over 60 degrees off", digits=2),
@@ -93,31 +91,20 @@ THRESHOLDS: tuple[Threshold, ...] = (
     Threshold("contact_gap_m", 0.005, 0.010, "5 mm: mean of the paper's results; users accept 10 mm"),
     Threshold("contact_gap_p95_m", 0.020, 0.050, "beyond 2 cm a contact counts as not reached"),
     Threshold("contact_gap_max_m", 0.050, 0.100, "half of a palm's width, then all of it"),
-    Threshold(
-        "touch_share", 0.75, 0.25, "below 75 % of the contact frames a hand misses more than approach and release"
-    ),
-    Threshold(
-        "fingertip_touch_share",
-        0.90,
-        None,
-        "real clips: 14 are below 89 %; the other 19, above 92, hardly lay a hand on",
-    ),
+    Threshold("touch_share", 0.75, 0.25, "a hand that misses more than approach and release is off too long"),
+    Threshold("fingertip_touch_share", 0.90, None, "real clips: 14 below 89 %; 19, above 92, hardly lay a hand on"),
     Threshold("touch_gap_p95_m", 0.010, 0.050, "a hand 1 cm off the surface holds nothing"),
     Threshold("touch_place_m", 0.100, 0.200, "one palm's width from the person's place on the object, then two"),
     Threshold("hand_slip_mps", 0.040, 0.100, "people in real clips: 35 mm/s at most; at 10 cm/s nothing is held"),
     Threshold("recorded_place_m", 0.100, None, "as for the touch place; whoever edits may mean it"),
     Threshold("thin_air_share", 0.0, 0.001, "nothing can be touched where nothing is"),
     Threshold("unreached_share", 0.02, 0.10, "share of contact frames; 2 % is 0.1 s late in a contact of 5 s"),
-    Threshold(
-        "relative_hand_rotation_deg", 10.0, 30.0, "real clips: 6 at most; a method without hand rotations: 38 (paper)"
-    ),
+    Threshold("relative_hand_rotation_deg", 10.0, 30.0, "real clips: 6 at most; without hand rotations: 38 (paper)"),
     Threshold("trunk_deviation_deg", 20.0, 40.0, "a robot at 45 stands beside a person who is bent double"),
     Threshold("trunk_deviation_p95_deg", 40.0, 70.0, "not followed for a moment, then for good"),
     Threshold("trunk_lean_p95_deg", 15.0, 30.0, "a shoulder hangs, then the robot seems to fall sideways"),
     Threshold("penetration_max_m", 0.010, 0.030, "users accept 1 cm; a simulator pushes deeper contacts apart"),
-    Threshold(
-        "penetration_p95_m", 0.005, 0.020, "5 mm is within a soft skin; palms centred on the surface sink by 23 mm"
-    ),
+    Threshold("penetration_p95_m", 0.005, 0.020, "5 mm is within a soft skin; palms centred on the surface sink 23 mm"),
     Threshold("self_penetration_max_m", 0.010, 0.030, "as for objects; at 3 cm a hand is inside the thigh"),
     Threshold("robot_penetration_max_m", 0.010, 0.030, "as for one robot; irrelevant if each robot is trained alone"),
     Threshold("object_below_floor_m", 0.005, 0.020, "as for the soles"),
@@ -128,24 +115,13 @@ THRESHOLDS: tuple[Threshold, ...] = (
     Threshold("stance_float_m", 0.010, 0.030, "users accept 1 cm; a robot that starts 3 cm up falls"),
     Threshold("stance_slide_mps", 0.10, 0.20, "good motions: up to 9 cm/s at the ankles; twice that is skating"),
     Threshold("sole_tilt_deg", 3.0, 10.0, "users accept 3; at 10 the edge of a foot is 3 cm up"),
-    Threshold(
-        "body_jerk_mps3", 80.0, 200.0, "real clips: 43 at most; in simulation: 55 to 91; the worst method: 194 (paper)"
-    ),
-    Threshold(
-        "body_jerk_max_mps3", 1000.0, 3000.0, "real clips: 650 at most; unsmoothed IK: 1000; a wrist that flips: 4400"
-    ),
+    Threshold("body_jerk_mps3", 80.0, 200.0, "real clips: 43 at most; simulated: 55 to 91; worst method: 194 (paper)"),
+    Threshold("body_jerk_max_mps3", 1000.0, 3000.0, "real clips: 650 at most; unsmoothed IK: 1000; a flip: 4400"),
     Threshold("joint_range_margin_rad", -0.001, -0.035, "rounding in text files; two degrees beyond the stop"),
     Threshold("joint_speed_margin_radps", -0.01, -5.0, "beyond the motor's limit; by 5 rad/s, the joint has flipped"),
     Threshold("missing_wrench_p95_share", 0.15, None, "of body weight; 15 % is standing while leaning 9 degrees"),
-    Threshold(
-        "object_missing_wrench_p95_share", 0.50, None, "of the object's weight; grips that need fingers have 100 %"
-    ),
-    Threshold(
-        "torque_p95_share",
-        1.5,
-        None,
-        "of the joint's limit; a slight excess is a slight lag; half of real clips have none",
-    ),
+    Threshold("object_missing_wrench_p95_share", 0.50, None, "of the object's weight; grips that need fingers: 100 %"),
+    Threshold("torque_p95_share", 1.5, None, "of the limit; a slight excess is a slight lag; half of real clips: none"),
     Threshold("one_hand_unheld_s", 0.5, None, "one rigid palm carries more than it can hold; inertia bridges a moment"),
     Threshold("orientation_flip_s", 0.0, 0.2, "a link against the person's; for a moment, a wrist near its stop"),
     Threshold("trunk_turn_s", 0.0, 0.0, "beyond 60 degrees against the person's; usable motions stay within 44"),
@@ -153,12 +129,7 @@ THRESHOLDS: tuple[Threshold, ...] = (
     Threshold("recording_errors", 0.0, 0.0, "feet over 1 m off the floor, hands over 0.5 m off what they touch"),
     Threshold("base_turn_max_radps", 15.0, 25.0, "a spin kick has 15; a base that flips between frames, 90 or more"),
     Threshold("base_speed_max_mps", 5.0, 10.0, "5 is a fast runner; beyond 10 the base jumps"),
-    Threshold(
-        "base_height_max_share",
-        1.3,
-        2.0,
-        "of standing height; 130 % is a high jump or a wrong floor, 200 % a wrong unit",
-    ),
+    Threshold("base_height_max_share", 1.3, 2.0, "of standing height; 130 % is a high jump, 200 % a wrong unit"),
     Threshold("base_height_min_share", 0.15, 0.05, "of standing height; 15 % is sitting on the floor, 5 % in it"),
     Threshold("frozen_share", 0.02, 0.50, "repeated frames; 50 % is a wrong frame rate or a still"),
     Threshold("unsolved_share", 0.0, 0.5, "frames in windows that did not converge; beyond half it is no solution"),
@@ -176,13 +147,7 @@ PHYSICS_FIGURES = (
     "one_hand_unheld_s",
 )
 """Figures of the light of physics: forces that a motion would need. All others are those of the motion."""
-FATAL_FIGURES = (
-    "orientation_flip_s",
-    "trunk_turn_s",
-    "base_speed_max_mps",
-    "base_height_max_share",
-    "unsolved_share",
-)
+FATAL_FIGURES = ("orientation_flip_s", "trunk_turn_s", "base_speed_max_mps", "base_height_max_share", "unsolved_share")
 """Figures that make a motion no result where they fail: it is no solution, turned over, or elsewhere as a whole.
 
 All are known of every motion, whichever figures were asked for.
