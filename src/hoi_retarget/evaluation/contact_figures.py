@@ -78,15 +78,12 @@ def relative_hand_rotation_deg(view: Comparison) -> float | None:
 
 def _contact_gaps(view: Comparison) -> Float[np.ndarray, "K"]:
     """Return the distance on the object [m] between palm and human contact point, hands and contact frames pooled."""
-    scales = view.motion.object_scale
-    return _pooled(
-        norms((_palm(view, track) - track.contact_points * scales[track.object])[track.active])
-        for track in view.hand_contacts
-    )
-
-
-def _palm(view: Comparison, track: ContactTrack) -> Float[np.ndarray, "F 3"]:
-    return view.robot_objects[track.object].points_inside(view.robot_point(HAND_SITES[track.part]))
+    gaps = []
+    for track in view.hand_contacts:
+        palm = view.robot_objects[track.object].points_inside(view.robot_point(HAND_SITES[track.part]))
+        target = track.contact_points * view.motion.object_scale[track.object]
+        gaps.append(norms((palm - target)[track.active]))
+    return _pooled(gaps)
 
 
 def _segment_starts(active: Bool[np.ndarray, "F"]) -> Int[np.ndarray, "K"]:
@@ -244,10 +241,7 @@ def _place_distances(
 ) -> Float[np.ndarray, "F"]:
     """Return the distance between two points' nearest places on the surface [m]; NaN where one is missing.
 
-    Args:
-        placed: The object.
-        robot: In the frame of the scaled object [m].
-        human: In the object's frame at captured size [m].
+    The robot's are in the frame of the scaled object, the human's in that of the object at captured size [m].
     """
     surface, found = placed.shape.surface, np.full(len(robot), np.nan)
     both = np.flatnonzero(np.isfinite(robot + human).all(axis=1))

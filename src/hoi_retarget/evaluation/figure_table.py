@@ -103,11 +103,9 @@ def worst_values(scores: Sequence[Score]) -> dict[str, float | None]:
 
 
 def grouped_columns(scores: Sequence[Score], *, every: bool = True) -> dict[str, tuple[Figure, ...]]:
-    """Return the columns that results fill, by the headings under which tables show them, in order.
+    """Return the columns that results fill by tables' headings, in order.
 
-    Args:
-        scores: The results.
-        every: Whether those beyond `HEADLINE`, and `PAPER` for contacts at landmarks, are wanted.
+    Without `every`, those are `HEADLINE`, and `PAPER` for contacts at landmarks.
     """
     present, by_name = _present(scores), {column.name: column for column in COLUMNS}
 

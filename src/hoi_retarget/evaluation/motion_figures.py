@@ -25,7 +25,7 @@ from hoi_retarget.evaluation.comparison import (
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import Kinematics, RobotModel
-from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
+from hoi_retarget.robots.spec import SIDES
 
 _MIN_SPEED_MPS = 0.02
 """Below this speed [m/s] a direction means nothing (paper's table of metrics)."""
@@ -219,8 +219,7 @@ def foot_speeds(kinematics: Kinematics, fps: float) -> Float[np.ndarray, "steps 
 
 def sole_heights(kinematics: Kinematics) -> Float[np.ndarray, "T 2"]:
     """Return the height of the lowest sole corner of each foot above the floor [m]."""
-    corners = [[kinematics.site_position(f"{side}_sole_{corner}")[:, 2] for corner in SOLE_CORNERS] for side in SIDES]
-    return np.array(corners).min(axis=1).T
+    return kinematics.soles()[..., 2].min(axis=2)
 
 
 def deepest(heights: Float[np.ndarray, "F 2"]) -> float | None:

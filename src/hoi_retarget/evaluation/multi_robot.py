@@ -22,10 +22,7 @@ def inter_robot_hand_errors(motions: Sequence[Motion], models: Sequence[RobotMod
 
     That is the change of the vector between the two hands' offsets from their targets, from its mean over each run of
     frames in which both touch: hands as thick as they are stay as far off, and hands that move alike do not wander.
-
-    Args:
-        motions: One for each person of a clip, frame by frame in step.
-        models: The robots of the motions.
+    There is one motion for each person of a clip, frame by frame in step.
     """
     paths = zip(motions, models, strict=True)
     hands = [(motion, contact_offsets(motion, model.forward(motion.qpos))) for motion, model in paths]
@@ -55,11 +52,8 @@ def inter_robot_penetrations(
 ) -> tuple[tuple[Event, ...], tuple[float | None, ...]]:
     """Return the stretches of frames in which two robots are sunk in each other, and the depth of each robot.
 
-    The depth [m] is the largest of a robot in any other, over all frames; None where there is no other.
-
-    Args:
-        motions: One for each person of a clip, frame by frame in step.
-        models: The robots of the motions.
+    The depth [m] is the largest of a robot in any other, over all frames; None where there is no other. There is one
+    motion for each person of a clip, frame by frame in step.
     """
     moving = [model.forward(motion.qpos) for motion, model in zip(motions, models, strict=True)]
     found, largest = [], [0.0 if len(moving) > 1 else None] * len(moving)

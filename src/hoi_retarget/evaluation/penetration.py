@@ -76,12 +76,7 @@ def _penetration(view: Comparison) -> Float[np.ndarray, "F"]:
 def self_depths(
     kinematics: Kinematics, first: int = 0
 ) -> tuple[Float[np.ndarray, "F"], Int[np.ndarray, "F"], tuple[tuple[str, str], ...]]:
-    """Return the largest depth [m] of links in each other in every frame, which pair has it, and the pairs.
-
-    Args:
-        kinematics: The robot's.
-        first: The first frame that counts.
-    """
+    """Return the largest depth [m] of links in each other from one frame on, which pair has it, and the pairs."""
     links = posed_links(kinematics, first)
     depths, near = pair_depths(links, links, self_collision_pairs(kinematics.model))
     if not len(depths):
@@ -124,7 +119,10 @@ def sunk_links(view: Comparison) -> tuple[Event, ...]:
     for index, name in enumerate(view.motion.object_names):
         for link, depth in zip(curves.links, curves.depth[index], strict=True):
             for first, stop in sunk_runs(depth):
-                reason, largest = _reason(view, index, link, first, stop), float(depth[first:stop].max())
+                inside, largest = _human_depth(view, index, link, first, stop), float(depth[first:stop].max())
+                reason = "no pose near by keeps the contacts and is free of it"
+                if inside > _MAX_HUMAN_DEPTH_M:
+                    reason = f"the human's own part is up to {1e3 * inside:.0f} mm inside it there"
                 frames = view.first + first, view.first + stop - 1
                 found.append(Event("sunk_link", *frames, largest, subject=link, object=name, reason=reason))
     return tuple(found)
@@ -133,13 +131,6 @@ def sunk_links(view: Comparison) -> tuple[Event, ...]:
 def sunk_runs(depth: Float[np.ndarray, "F"]) -> tuple[tuple[int, int], ...]:
     """Return the runs of frames that are sunk by their depth [m], as (first, one past the last)."""
     return runs(depth > MAX_DEPTH_M, _MIN_FRAMES)
-
-
-def _reason(view: Comparison, index: int, link: str, first: int, stop: int) -> str:
-    inside = _human_depth(view, index, link, first, stop)
-    if inside > _MAX_HUMAN_DEPTH_M:
-        return f"the human's own part is up to {1e3 * inside:.0f} mm inside it there"
-    return "no pose near by keeps the contacts and is free of it"
 
 
 def _human_depth(view: Comparison, index: int, link: str, first: int, stop: int) -> float:

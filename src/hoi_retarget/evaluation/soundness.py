@@ -7,7 +7,6 @@ from hoi_retarget.evaluation.comparison import Figure, max_or_none, mean_or_none
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import repeated
 from hoi_retarget.robots.model import Kinematics
-from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 
 _MIN_STANDING_HEIGHT = 0.05  # [m]
 
@@ -67,12 +66,7 @@ def soundness(
 
 def sole_tilts_deg(kinematics: Kinematics) -> Float[np.ndarray, "T 2"]:
     """Return the angle between the vertical and the normal of each foot's sole [deg]; 180 is upside down."""
-    tilts = []
-    for side in SIDES:
-        heel_inner, heel_outer, toe_inner, toe_outer = (
-            kinematics.site_position(f"{side}_sole_{corner}") for corner in SOLE_CORNERS
-        )
-        normals = np.cross(toe_inner - heel_outer, toe_outer - heel_inner)
-        up = normals[:, 2] if side == "left" else -normals[:, 2]  # Inner and outer corners are mirrored.
-        tilts.append(np.degrees(np.arctan2(norms(normals[:, :2]), up)))
-    return np.stack(tilts, axis=1)
+    heel_inner, heel_outer, toe_inner, toe_outer = np.moveaxis(kinematics.soles(), 2, 0)
+    normals = np.cross(toe_inner - heel_outer, toe_outer - heel_inner)
+    up = normals[..., 2] * [1.0, -1.0]  # Inner and outer corners of the right foot are mirrored.
+    return np.degrees(np.arctan2(norms(normals[..., :2]), up))

@@ -250,12 +250,7 @@ class Verdict:
 
 
 def verdict_of(motion: Motion, model: RobotModel | None = None) -> Verdict:
-    """Return the verdict on a result, by its report and its own numbers.
-
-    Args:
-        motion: The result.
-        model: Its robot; by default the one of its name.
-    """
+    """Return the verdict on a result, by its report and its own numbers; the robot is by default that of its name."""
     return verdict_of_figures(judged_figures(motion, model))
 
 
@@ -300,11 +295,13 @@ def fatal_fault(motion: Motion) -> str:
 
 def judged_figures(motion: Motion, model: RobotModel | None = None) -> dict[str, float | None]:
     """Return the figures of a result's report and verdict, by names that end in their units; None where absent."""
+    model = model or load_robot(motion.robot)
+    check_robot(motion, model)
     return {
         **{threshold.name: None for threshold in THRESHOLDS},
         **motion.report.figures,
         **dict.fromkeys(_not_judged(motion)),
-        **_soundness(motion, model),
+        **soundness(motion.qpos, motion.fps, model.forward(motion.qpos), motion.stance_flags, model.home_qpos[2]),
         **_reported(motion),
     }
 
@@ -320,13 +317,6 @@ def level_of(motion: Motion, name: str) -> Level | None:
 
 def _not_judged(motion: Motion) -> tuple[str, ...]:
     return LANDMARK_FIGURES if motion.report.touches_with_surfaces else SURFACE_FIGURES
-
-
-def _soundness(motion: Motion, model: RobotModel | None) -> dict[str, float | None]:
-    model = model or load_robot(motion.robot)
-    check_robot(motion, model)
-    kinematics, height = model.forward(motion.qpos), float(model.home_qpos[2])
-    return soundness(motion.qpos, motion.fps, kinematics, motion.stance_flags, height)
 
 
 def _reported(motion: Motion) -> dict[str, float | None]:

@@ -31,7 +31,7 @@ from hoi_retarget.robots.frames import (
     tree_of,
 )
 from hoi_retarget.robots.mjcf import compile_mjcf
-from hoi_retarget.robots.spec import SITES, RobotSpec
+from hoi_retarget.robots.spec import SIDES, SITES, SOLE_CORNERS, RobotSpec
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,6 +194,11 @@ class Kinematics:
     def site_position(self, site: str) -> Float[np.ndarray, "T 3"]:
         """Return a site's world position [m]."""
         return np.ascontiguousarray(self.point(site).T)
+
+    def soles(self) -> Float[np.ndarray, "T 2 4 3"]:
+        """Return the world positions of the corners of the left and the right sole [m]."""
+        feet = [[self.site_position(f"{side}_sole_{corner}") for corner in SOLE_CORNERS] for side in SIDES]
+        return np.moveaxis(np.array(feet), 2, 0)
 
     def site_rotation(self, site: str) -> Float[np.ndarray, "T 3 3"]:
         """Return a site's world rotation matrices."""

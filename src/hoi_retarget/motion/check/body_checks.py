@@ -334,7 +334,7 @@ def read_bodies(
 def _unit(metres: float, with_root: bool) -> FormatFinding:
     numbers = f"neighbouring bodies are {1 / metres:g} times as far apart as the robot's"
     fix = tuple(Change("multiply positions", of, (metres,)) for of in (BODIES, *([ROOT] if with_root else [])))
-    return contradiction("length unit", "metres", numbers, f"Multiply positions by {metres:g}.", fix)
+    return contradiction("length unit", "metres", numbers, f"Multiply positions by {metres:g}.", fix=fix)
 
 
 def _fitting(model: RobotModel, bodies: Bodies, readings: list[BodyReading], file: MotionFile) -> Check[BodyReading]:
@@ -376,12 +376,12 @@ def _contradictions(found: BodyReading, claim: BodyReading, numbers: str, count:
         if changed[item.subject]:
             what = f"the bodies' quaternions are {item.is_}: {numbers}"
             fix = changes(claim.reading.of_poses, item.reading.of_poses, BODIES, 0)
-            yield contradiction(item.subject, demand, what, item.advice, fix)
+            yield contradiction(item.subject, demand, what, item.advice, fix=fix)
     if found.order != claim.order and found.order:
         what = f"the bodies are {found.order}: {numbers}"
         order = {claim.places[name]: float(place) for name, place in found.places.items() if name in claim.places}
         fix = (Change("take bodies", "", tuple(order.get(index, index) for index in range(count))),)
-        yield contradiction("body order", demand, what, "Reorder the bodies.", fix)
+        yield contradiction("body order", demand, what, "Reorder the bodies.", fix=fix)
 
 
 def _joints(file: MotionFile, joints: AnglesOfBodies) -> Check[tuple[Interpretation, str]]:
@@ -412,7 +412,7 @@ def _joints(file: MotionFile, joints: AnglesOfBodies) -> Check[tuple[Interpretat
         numbers = f"the bodies are in {order}-first order; {numbers}"
         advice = f"{DEPTH_FIRST} wants both in MuJoCo's depth-first order, {BREADTH_FIRST} both in Isaac Lab's."
     fix = changes(claimed, deviation.reading, ROOT, file.joint_pos.shape[1])
-    yield contradiction(subject, words, numbers, advice, fix)
+    yield contradiction(subject, words, numbers, advice, fix=fix)
     return deviation.reading, name
 
 
@@ -452,12 +452,12 @@ def _single_joints(joints: AnglesOfBodies, claimed: Interpretation) -> Check[Int
     if negated.any():
         which = ", ".join(np.array(names)[negated])
         fix = changes(claimed, reading, ROOT, width)
-        yield contradiction("joint sign", words, f"negated for {which}", f"Negate {which}.", fix)
+        yield contradiction("joint sign", words, f"negated for {which}", f"Negate {which}.", fix=fix)
     if moved.any():
         which = ", ".join(f"{offsets[i]:+.3f} rad to {names[i]}" for i in np.flatnonzero(moved))
         moved_by = replace(reading, offsets=tuple(np.where(moved, offsets, 0.0).tolist()))
         fix, reading = changes(reading, moved_by, ROOT, width), moved_by
-        yield contradiction("joint zero", words, f"off by {which}", f"Add {which}.", fix)
+        yield contradiction("joint zero", words, f"off by {which}", f"Add {which}.", fix=fix)
     rest = np.flatnonzero(off & ~negated & ~moved)
     if len(rest):
         wrong = ", ".join(f"{names[i]} by {np.degrees(straight[i]):.1f} deg" for i in rest)
@@ -480,6 +480,6 @@ def _root(found: FoundBodies, pos: np.ndarray, quat: np.ndarray, claim: Interpre
         if float(np.median(se3.angle_between(deviation.reading.rotation(quat), body_quat))) < 0.2 * turned:
             numbers = f"the root's quaternions are {deviation.is_}: {np.degrees(turned):.2g} deg apart as claimed"
             fix = changes(base.of_poses, deviation.reading.of_poses, ROOT, 0)
-            return contradiction(deviation.subject, same, numbers, deviation.advice, fix)
+            return contradiction(deviation.subject, same, numbers, deviation.advice, fix=fix)
     advice = "Write the root and the bodies from one configuration."
     return contradiction("root", same, numbers, advice)

@@ -124,15 +124,9 @@ def check(file: MotionFile, model: RobotModel) -> CheckedMotion:
 
 
 def as_qpos(file: MotionFile, model: RobotModel, *, fps: float | None = None) -> CheckedMotion:
-    """Return a file's motion, refused where its numbers contradict its claims; wrong velocities do not matter.
+    """Return a file's motion; raises `ClipError` where its numbers contradict its poses, objects or rate.
 
-    Args:
-        file: The file.
-        model: Its robot.
-        fps: The rate, where the file states none [1/s]; by default its format's usual one.
-
-    Raises:
-        ClipError: The numbers contradict the claims about poses, objects or the rate.
+    Wrong velocities do not matter. `fps` is the rate where the file states none [1/s], by default its format's usual.
     """
     checked = check(replace(file, fps=file.fps or fps), model)
     spoilt = [item for item in checked.contradictions if item.spoils in ("poses", "rate", "objects")]

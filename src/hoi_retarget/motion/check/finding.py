@@ -1,43 +1,26 @@
 """Findings about a motion file, and the changes to its arrays that they advise."""
 
 from collections.abc import Callable, Generator, Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal, TypeVar
 
 import numpy as np
 
 from hoi_retarget.motion.formats import Bodies, MotionFile, ObjectPoses
+from hoi_retarget.motion.formats.motion_file import arrays_of
 from hoi_retarget.numerics import se3
 
 Values = tuple[int | float, ...]
 ROOT, JOINTS, BODIES = "root", "joints", "bodies"
-Kind = Literal[
-    "take quaternion components",
-    "multiply quaternion components",
-    "normalize quaternions",
-    "invert poses",
-    "exchange position and rotation",
-    "multiply positions",
-    "move",
-    "turn",
-    "compute velocities",
-    "take bodies",
-    "take columns",
-    "multiply columns",
-    "add to columns",
-    "drop first columns",
-    "set rate",
-    "interpolate frames",
-    "keep frames",
-    "compute joint velocities",
-]
 
 
 @dataclass(frozen=True)
 class Change:
     """One change to a file's arrays."""
 
-    kind: Kind
+    kind: str
+    """A key of `_CHANGES`."""
     of: str = ""
     """`root`, `bodies`, `joints`, or an object's name; empty for all."""
     values: Values = ()
@@ -73,18 +56,8 @@ class FormatFinding:
         return f"{self.subject}: {self.numbers}"
 
 
-def contradiction(  # noqa: PLR0913, PLR0917 - the fields of a finding
-    subject: str,
-    claim: str,
-    numbers: str,
-    advice: str = "",
-    fix: tuple[Change, ...] = (),
-    spoils: Spoils = "poses",
-) -> FormatFinding:
-    """Return a finding that contradicts a claim; its arguments are the fields of `FormatFinding`."""
-    return FormatFinding("contradiction", subject, claim, numbers, advice, spoils, fix)
-
-
+contradiction = partial(FormatFinding, "contradiction", spoils="poses")
+"""Makes the finding that contradicts a claim, of the fields behind `level`."""
 T = TypeVar("T")
 Check = Generator[FormatFinding, None, T]
 """Yields findings, and returns a value for the next checks."""
@@ -127,11 +100,7 @@ def with_causes(findings: Iterable[FormatFinding]) -> tuple[FormatFinding, ...]:
 def changed(file: MotionFile, changes: Iterable[Change]) -> MotionFile:
     """Return a file with changes made to its arrays, one after the other."""
     for change in changes:
-        if change.kind in _OF_POSES:
-            for name in (change.of,) if change.of else _all_with_poses(file):
-                file = _with_poses(file, name, _OF_POSES[change.kind](file, _poses(file, name), change.values))
-        else:
-            file = _OF_FILES[change.kind](file, change)
+        file = _CHANGES[change.kind](file, change)
     return file
 
 
@@ -168,7 +137,11 @@ def _with_poses(file: MotionFile, name: str, poses: Bodies) -> MotionFile:
         velocity = file.root_vel if lin is None or ang is None else np.concatenate([lin, ang], axis=-1)[:, 0]
         return replace(file, root=np.concatenate(pair, axis=-1)[:, 0], root_vel=velocity)
     assert file.bodies is not None
-    return replace(file, bodies=_with_columns_of(file.bodies, poses, _body_columns(file, name)))
+    arrays = {field: np.array(array) for field, array in arrays_of(file.bodies).items()}
+    columns = _body_columns(file, name)
+    for field, array in arrays.items():
+        array[:, columns] = getattr(poses, field)
+    return replace(file, bodies=Bodies(**arrays))
 
 
 def _body_columns(file: MotionFile, name: str) -> list[int]:
@@ -179,19 +152,19 @@ def _body_columns(file: MotionFile, name: str) -> list[int]:
     return [0 if name == ROOT or file.body_names is None else file.body_names.index(name)]
 
 
-def _with_columns_of(bodies: Bodies, some: Bodies, columns: list[int]) -> Bodies:
-    arrays = {field.name: np.array(getattr(bodies, field.name)) for field in fields(bodies) if _is_there(bodies, field)}
-    for name, array in arrays.items():
-        array[:, columns] = getattr(some, name)
-    return replace(bodies, **arrays)
+def _of_poses(make: Callable[[MotionFile, Bodies, Any], Bodies]) -> Callable[[MotionFile, Change], MotionFile]:
+    """Return the change of the poses of one owner, or of all, by the change's values."""
+
+    def with_changed_poses(file: MotionFile, change: Change) -> MotionFile:
+        for name in (change.of,) if change.of else _all_with_poses(file):
+            file = _with_poses(file, name, make(file, _poses(file, name), change.values))
+        return file
+
+    return with_changed_poses
 
 
-def _is_there(owner: Any, field: Any) -> bool:
-    return isinstance(getattr(owner, field.name), np.ndarray)
-
-
-def _quats(make: Callable[[np.ndarray, Any], np.ndarray]) -> Callable[[MotionFile, Bodies, Any], Bodies]:
-    return lambda file, poses, values: replace(poses, quat=make(poses.quat, values))
+def _of_quats(make: Callable[[np.ndarray, Any], np.ndarray]) -> Callable[[MotionFile, Change], MotionFile]:
+    return _of_poses(lambda file, poses, values: replace(poses, quat=make(poses.quat, values)))
 
 
 def _inverted(file: MotionFile, poses: Bodies, values: Values) -> Bodies:
@@ -209,15 +182,14 @@ def _exchanged(file: MotionFile, poses: Bodies, values: Values) -> Bodies:
 
 
 def _scaled(file: MotionFile, poses: Bodies, values: Values) -> Bodies:
-    lin_vel = None if poses.lin_vel is None else poses.lin_vel * values[0]
-    return replace(poses, pos=poses.pos * values[0], lin_vel=lin_vel)
+    arrays = {name: array * values[0] for name, array in arrays_of(poses).items() if name in {"pos", "lin_vel"}}
+    return replace(poses, **arrays)
 
 
 def _turned(file: MotionFile, poses: Bodies, values: Values) -> Bodies:
     turn = np.array(values)
-    velocities = (None if vel is None else se3.rotate(turn, vel) for vel in (poses.lin_vel, poses.ang_vel))
-    quat = _stored(file, se3.quat_multiply(turn, _wxyz(file, poses.quat)))
-    return Bodies(se3.rotate(turn, poses.pos), quat, *velocities)
+    vectors = {name: se3.rotate(turn, array) for name, array in arrays_of(poses).items() if name != "quat"}
+    return replace(poses, quat=_stored(file, se3.quat_multiply(turn, _wxyz(file, poses.quat))), **vectors)
 
 
 def _with_velocities(file: MotionFile, poses: Bodies, values: Values) -> Bodies:
@@ -239,44 +211,20 @@ def _stored(file: MotionFile, quat: np.ndarray) -> np.ndarray:
     return quat if file.convention.quat_order == "wxyz" else se3.quat_to_xyzw(quat)
 
 
-_OF_POSES: Mapping[str, Callable[[MotionFile, Bodies, Values], Bodies]] = {
-    "take quaternion components": _quats(lambda quat, values: quat[..., _whole(values)]),
-    "multiply quaternion components": _quats(lambda quat, values: quat * values),
-    "normalize quaternions": _quats(lambda quat, values: se3.quat_normalize(quat)),
-    "invert poses": _inverted,
-    "exchange position and rotation": _exchanged,
-    "multiply positions": _scaled,
-    "move": lambda file, poses, values: replace(poses, pos=poses.pos + values),
-    "turn": _turned,
-    "compute velocities": _with_velocities,
-}
+def _of_columns(make: Callable[[np.ndarray, Values], np.ndarray]) -> Callable[[MotionFile, Change], MotionFile]:
+    """Return the change of the columns of joint angles and of their velocities, by the change's values."""
 
+    def with_changed_columns(file: MotionFile, change: Change) -> MotionFile:
+        joint_vel = None if file.joint_vel is None else make(file.joint_vel, change.values)
+        return replace(file, joint_pos=make(file.joint_pos, change.values), joint_vel=joint_vel)
 
-# Columns of joints
-
-
-def _with_columns(file: MotionFile, change: Change) -> MotionFile:
-    make = _OF_COLUMNS[change.kind]
-    joint_vel = file.joint_vel
-    if joint_vel is not None and change.kind != "add to columns":  # Another zero of an angle leaves its velocity.
-        joint_vel = make(joint_vel, change.values)
-    return replace(file, joint_pos=make(file.joint_pos, change.values), joint_vel=joint_vel)
-
-
-_OF_COLUMNS: Mapping[str, Callable[[np.ndarray, Values], np.ndarray]] = {
-    "take columns": lambda table, values: table[:, _whole(values)],
-    "multiply columns": lambda table, values: table * values,
-    "add to columns": lambda table, values: table + values,
-}
+    return with_changed_columns
 
 
 def _without_first_columns(file: MotionFile, change: Change) -> MotionFile:
     assert file.root is not None
     table = np.concatenate([file.root, file.joint_pos], axis=1)[:, int(change.values[0]) :]
     return replace(file, root=table[:, :7], joint_pos=table[:, 7:])
-
-
-# Bodies and time
 
 
 def _interpolated(file: MotionFile, change: Change) -> MotionFile:
@@ -307,8 +255,7 @@ def _with_frames(file: MotionFile, change: Change) -> MotionFile:
     first, stop = _whole(change.values)
 
     def part(owner: Any) -> Any:
-        arrays = {field.name: getattr(owner, field.name) for field in fields(owner) if _is_there(owner, field)}
-        return replace(owner, **{name: array[first:stop] for name, array in arrays.items()})
+        return replace(owner, **{name: array[first:stop] for name, array in arrays_of(owner).items()})
 
     return replace(
         part(replace(file, bodies=None, objects=(), contacts=None)),
@@ -318,8 +265,20 @@ def _with_frames(file: MotionFile, change: Change) -> MotionFile:
     )
 
 
-_OF_FILES: Mapping[str, Callable[[MotionFile, Change], MotionFile]] = {
-    **dict.fromkeys(_OF_COLUMNS, _with_columns),
+_CHANGES: Mapping[str, Callable[[MotionFile, Change], MotionFile]] = {
+    "take quaternion components": _of_quats(lambda quat, values: quat[..., _whole(values)]),
+    "multiply quaternion components": _of_quats(lambda quat, values: quat * values),
+    "normalize quaternions": _of_quats(lambda quat, values: se3.quat_normalize(quat)),
+    "invert poses": _of_poses(_inverted),
+    "exchange position and rotation": _of_poses(_exchanged),
+    "multiply positions": _of_poses(_scaled),
+    "move": _of_poses(lambda file, poses, values: replace(poses, pos=poses.pos + values)),
+    "turn": _of_poses(_turned),
+    "compute velocities": _of_poses(_with_velocities),
+    "take columns": _of_columns(lambda table, values: table[:, _whole(values)]),
+    "multiply columns": _of_columns(lambda table, values: table * values),
+    # Another zero of an angle leaves its velocity.
+    "add to columns": lambda file, change: replace(file, joint_pos=file.joint_pos + change.values),
     "drop first columns": _without_first_columns,
     "take bodies": lambda file, change: replace(file, bodies=file.bodies and file.bodies.only(_whole(change.values))),
     "set rate": lambda file, change: replace(file, fps=change.values[0]),

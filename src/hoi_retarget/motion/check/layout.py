@@ -59,7 +59,7 @@ def unnormalized(subject: str, claim: str, numbers: str, of: str) -> FormatFindi
         of: Owner of the quaternions, as a `Change` names it.
     """
     fix = (Change("normalize quaternions", of),)
-    return contradiction(subject, claim, numbers, "Divide the quaternions by their lengths.", fix)
+    return contradiction(subject, claim, numbers, "Divide the quaternions by their lengths.", fix=fix)
 
 
 def _root(file: MotionFile) -> Check[Layout]:
@@ -86,12 +86,12 @@ def _root(file: MotionFile) -> Check[Layout]:
         order = "rotation before position" if found == 0 else "position before rotation"
         advice = f"The root is {order}: exchange the two."
         fix = (Change("exchange position and rotation", ROOT),)
-        yield contradiction("root order", claim, numbers, advice, fix)
+        yield contradiction("root order", claim, numbers, advice, fix=fix)
         return _split(flat, found)
     shift = found - start
     advice = f"All columns are shifted by {shift:+d}: remove or add what stands before them."
     fix = (Change("drop first columns", "", (shift,)),) if shift > 0 else ()
-    yield contradiction("shifted columns", claim, numbers, advice, fix)
+    yield contradiction("shifted columns", claim, numbers, advice, fix=fix)
     return Layout(file.joint_pos, None) if shift < 0 or start == 0 else _split(flat[:, shift:], start)
 
 

@@ -116,10 +116,7 @@ class _Hold:
 def check_object(item: ObjectPoses, claim: Interpretation, context: CheckContext) -> Check[ObjectPath | None]:
     """Return the object's path as the numbers say, None where it has none.
 
-    Args:
-        item: The object in the file.
-        claim: The format's reading of its poses, in the world that the robot was found to stand in.
-        context: The robot's motion.
+    The claim is the format's reading of its poses, in the world that the robot was found to stand in.
     """
     words = f"the pose of {item.name} as the format demands"
     raw_pos, raw_quat = context.convention.split(item.pose)
@@ -142,7 +139,7 @@ def check_object(item: ObjectPoses, claim: Interpretation, context: CheckContext
     loose = first.slide > _MAX_SLIDE_MPS and steadier
     if far or loose:
         numbers = f"its pose is {way.words}: {best}; as claimed {first}"
-        yield contradiction("object", words, numbers, way.advice, way.fix, spoils="objects")
+        yield contradiction("object", words, numbers, way.advice, fix=way.fix, spoils="objects")
         return ObjectPath(item.name, way.pos, way.quat)
     if first.distance > _MAX_PALM_DISTANCE_M:
         numbers = f"moves at {first.speed:.2f} m/s while no palm is near: {first}"
@@ -165,7 +162,7 @@ def _no_rotation(item: ObjectPoses, claim: str, off: float) -> FormatFinding:
         numbers += "; position and rotation are exchanged"
     else:
         advice, fix = "Write a unit quaternion there.", ()
-    return contradiction("object", claim, numbers, advice, fix, spoils="objects")
+    return contradiction("object", claim, numbers, advice, fix=fix, spoils="objects")
 
 
 def _readings(name: str, pos: np.ndarray, quat: np.ndarray, claim: Interpretation) -> Iterator[_ObjectReading]:

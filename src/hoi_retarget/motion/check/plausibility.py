@@ -17,7 +17,6 @@ from hoi_retarget.motion.check.object_checks import CheckContext, ObjectPath
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import describe_frames, evenly_spaced, repeated, runs
 from hoi_retarget.robots.model import Kinematics, RobotModel
-from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 
 _MAX_PAIRS = 80  # Of neighbouring frames, evenly over the clip.
 _RANGE_TOLERANCE_RAD = 0.02
@@ -82,11 +81,13 @@ def sampled(frames: int) -> np.ndarray:
 def plausibility(model: RobotModel, qpos: Float[np.ndarray, "P nq"], fps: float) -> Plausibility:
     """Return the figures against a motion, of frames chosen by `sampled`."""
     kinematics = model.forward(qpos)
-    corners = soles(kinematics)
+    corners = kinematics.soles()
     lowest = corners[..., 2].min(axis=2)
     heights = lowest.min(axis=1)
     half = len(qpos) // 2
-    steps = np.linalg.norm(corners[half:] - corners[:half], axis=-1).mean(axis=-1) * fps
+    slower = (np.linalg.norm(corners[half:] - corners[:half], axis=-1).mean(axis=-1) * fps).min(axis=1)
+    pelvis = np.linalg.norm(qpos[half:, :3] - qpos[:half, :3], axis=1) * fps
+    moves = pelvis > _MIN_PELVIS_SPEED_MPS
     low, middle, high = np.quantile(heights, [0.05, 0.5, 0.95])
     up = kinematics.orientation("pelvis")[2, 2]
     theta = qpos[:, 7:]
@@ -94,7 +95,7 @@ def plausibility(model: RobotModel, qpos: Float[np.ndarray, "P nq"], fps: float)
     return Plausibility(
         upside_down=float(np.mean(up < 0.1)),
         tilt=float(np.median(_tilts(corners)[np.arange(len(qpos)), lowest.argmin(axis=1)])),
-        slide=_slide(steps.min(axis=1), np.linalg.norm(qpos[half:, :3] - qpos[:half, :3], axis=1) * fps),
+        slide=float(np.median(slower[moves] / pelvis[moves])) if moves.sum() >= _MIN_MOVING_PAIRS else 0.0,
         unevenness=float(high - low),
         height=float(middle),
         outside=float(outside.mean()),
@@ -102,20 +103,9 @@ def plausibility(model: RobotModel, qpos: Float[np.ndarray, "P nq"], fps: float)
     )
 
 
-def soles(kinematics: Kinematics) -> Float[np.ndarray, "T 2 4 3"]:
-    """Return the corners of both soles [m]."""
-    feet = [[kinematics.site_position(f"{side}_sole_{corner}") for corner in SOLE_CORNERS] for side in SIDES]
-    return np.moveaxis(np.array(feet), 2, 0)
-
-
-def _slide(slower: Float[np.ndarray, "pairs"], pelvis: Float[np.ndarray, "pairs"]) -> float:
-    moves = pelvis > _MIN_PELVIS_SPEED_MPS
-    return float(np.median(slower[moves] / pelvis[moves])) if moves.sum() >= _MIN_MOVING_PAIRS else 0.0
-
-
-def _tilts(soles: Float[np.ndarray, "P 2 4 3"]) -> Float[np.ndarray, "P 2"]:
+def _tilts(corners: Float[np.ndarray, "P 2 4 3"]) -> Float[np.ndarray, "P 2"]:
     """Return the angle of each sole to the floor [deg]."""
-    heel_inner, heel_outer, toe_inner, _ = np.moveaxis(soles, 2, 0)
+    heel_inner, heel_outer, toe_inner, _ = np.moveaxis(corners, 2, 0)
     normal = np.cross(toe_inner - heel_inner, heel_outer - heel_inner)
     length = np.linalg.norm(normal, axis=-1)
     return np.degrees(np.arccos(np.clip(np.abs(normal[..., 2]) / length, 0.0, 1.0)))
@@ -173,7 +163,7 @@ def _repeated(still: Bool[np.ndarray, "steps"], step: Float[np.ndarray, "steps"]
     numbers = f"{describe_frames(frames)} repeat the one before, in the middle of a movement; {share} in all"
     advice = "Interpolate them; was the motion resampled by repeating frames?"
     fix = (Change("interpolate frames", "", tuple(frames.tolist())),)
-    return contradiction("repeated frames", "one movement", numbers, advice, fix, spoils="rate")
+    return contradiction("repeated frames", "one movement", numbers, advice, fix=fix, spoils="rate")
 
 
 def _is_dropped(first: int, stop: int, step: Float[np.ndarray, "steps"]) -> bool:
@@ -209,7 +199,7 @@ def _jumps(model: RobotModel, steps: Float[np.ndarray, "steps k"]) -> FormatFind
     if not any(name not in model.joint_names or step[frame] > _MIN_WRONG_JOINT_JUMP_RAD for frame, name, step in found):
         return FormatFinding("note", "jump", "one movement", numbers, "A small one: look at it, or smooth it.")
     fix = (Change("keep frames", "", (first, stop)),)
-    return contradiction("jump", "one movement", numbers, advice, fix)
+    return contradiction("jump", "one movement", numbers, advice, fix=fix)
 
 
 def _outliers(step: Float[np.ndarray, "steps"], min_step: float) -> Bool[np.ndarray, "steps"]:
@@ -249,7 +239,7 @@ _MAX_EXCESS_RAD, _MAX_EXCESS_SHARE = 0.1, 0.1
 def check_floor(context: CheckContext, objects: Sequence[ObjectPath]) -> Iterator[FormatFinding]:
     """Yield whether the robot stands on z = 0, or on an object that never moves."""
     frames = evenly_spaced(len(context.qpos), _MAX_FRAMES)
-    heights = soles(context.model.forward(context.qpos[frames]))[..., 2].min(axis=(1, 2))
+    heights = context.model.forward(context.qpos[frames]).soles()[..., 2].min(axis=(1, 2))
     low, middle = (float(value) for value in np.quantile(heights, [0.05, 0.5]))
     numbers = (
         f"the lowest sole corner is at {1000 * low:.0f} mm (5 % of frames are lower), median {1000 * middle:.0f} mm"
@@ -267,7 +257,7 @@ def check_floor(context: CheckContext, objects: Sequence[ObjectPath]) -> Iterato
 
 
 def _moved(numbers: str, advice: str, by: float) -> FormatFinding:
-    return contradiction(FLOOR, _AT_ZERO, numbers, advice, (Change("move", "", (0.0, 0.0, by)),))
+    return contradiction(FLOOR, _AT_ZERO, numbers, advice, fix=(Change("move", "", (0.0, 0.0, by)),))
 
 
 def _may_carry(item: ObjectPath, soles_at: float, qpos: np.ndarray) -> bool:

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from hoi_retarget.motion.check.finding import Change, Check, FormatFinding, contradiction
 from hoi_retarget.motion.check.interpretation import Interpretation
 from hoi_retarget.motion.formats import Bodies, MotionFile
+from hoi_retarget.motion.formats.motion_file import arrays_of
 from hoi_retarget.numerics import se3
 
 _RATE_TOLERANCE = 0.05
@@ -65,13 +66,15 @@ def check_rate(stated: float | None, usual: float | None, implied: Iterable[Impl
     if max(rates) > (1 + 2 * _RATE_TOLERANCE) * min(rates):
         advice = "Compute all velocities from the poses, at the file's rate."
         fix = (Change("compute velocities"), Change("compute joint velocities"))
-        yield contradiction("rate", claim, f"the velocities differ: {numbers}", advice, fix, spoils="velocities")
+        yield contradiction("rate", claim, f"the velocities differ: {numbers}", advice, fix=fix, spoils="velocities")
         return None
     if stated is None or abs(middle / stated - 1) <= _RATE_TOLERANCE:
         yield FormatFinding("ok", "rate", claim, numbers)
         return middle
     advice = f"Either the rate is {middle:.3g}, or the velocities were computed for another one: write both anew."
-    yield contradiction("rate", claim, numbers, advice, (Change("set rate", "", (round(middle, 2),)),), spoils="rate")
+    yield contradiction(
+        "rate", claim, numbers, advice, fix=(Change("set rate", "", (round(middle, 2),)),), spoils="rate"
+    )
     return middle
 
 
@@ -109,7 +112,7 @@ def check_angular(
             numbers += "; as near in the body's own axes, so that the frame cannot be told"
             return FormatFinding("unknown", of, claim, numbers)
         return FormatFinding("ok", of, claim, f"{numbers}; {errors[way]:.2f} if {way}")
-    times = _times(turn[:, :1], stored[:, :1])
+    times = float(np.sum(turn[:, :1] * stored[:, :1]) / max(float(np.sum(turn[:, :1] ** 2)), 1e-12))
     root[f"{times:.3g} times as fast as its poses"] = _size((times * turn - stored)[:, :1])
     for found, whose in ((errors, ""), (root, "of the root ")):
         way = min(found, key=found.__getitem__)
@@ -164,12 +167,7 @@ def check_linear(
 
 def _wrong(of: str, claim: str, numbers: str) -> FormatFinding:
     advice, fix = "Compute them anew from the poses, in world axes.", (Change("compute velocities"),)
-    return contradiction(of, claim, numbers, advice, fix, spoils="velocities")
-
-
-def _times(change: np.ndarray, stored: np.ndarray) -> float:
-    """Return the ratio of stored velocities to those of the poses."""
-    return float(np.sum(change * stored) / max(float(np.sum(change * change)), 1e-12))
+    return contradiction(of, claim, numbers, advice, fix=fix, spoils="velocities")
 
 
 def _size(vectors: np.ndarray) -> float:
@@ -193,15 +191,12 @@ def _at_centre(change: np.ndarray, turn: np.ndarray, quat: np.ndarray, stored: n
 def check_velocities(
     file: MotionFile, reading: Interpretation, stored: Sequence[tuple[str, Bodies]]
 ) -> Check[float | None]:
-    """Return the rate [Hz] that velocities imply, None without any.
-
-    Args:
-        file: The file.
-        reading: Of its numbers.
-        stored: Poses and velocities as in the file, by name.
-    """
+    """Return the rate [Hz] that velocities imply, None without any; poses and velocities are as stored, by name."""
     moving = [(name, _in_world(bodies, reading)) for name, bodies in stored]
-    joint_rate = _joint_rate(file, reading)
+    joint_rate = None
+    if file.joint_vel is not None:
+        angles, stored_rates = (reading.angles(columns) for columns in (file.joint_pos, file.joint_vel))
+        joint_rate = implied_rate("joint velocities", differences(angles), stored_rates)
     rates = [joint_rate] if joint_rate is not None and joint_rate.correlation > _MIN_CORRELATION else []
     for name, item in moving:
         if item.lin_vel is not None:
@@ -212,7 +207,7 @@ def check_velocities(
         numbers = f"correlation with their differences {joint_rate.correlation:.2f}"
         advice, fix = "Compute them anew from the joint angles.", (Change("compute joint velocities"),)
         claim = "in the order of the angles"
-        yield contradiction("joint velocities", claim, numbers, advice, fix, spoils="velocities")
+        yield contradiction("joint velocities", claim, numbers, advice, fix=fix, spoils="velocities")
     fps = implied or file.fps or file.convention.usual_fps
     if fps is None:
         return implied
@@ -226,18 +221,7 @@ def check_velocities(
     return implied
 
 
-def _joint_rate(file: MotionFile, reading: Interpretation) -> ImpliedRate | None:
-    if file.joint_vel is None:
-        return None
-    change = differences(reading.angles(file.joint_pos))
-    return implied_rate("joint velocities", change, reading.angles(file.joint_vel))
-
-
 def _in_world(bodies: Bodies, reading: Interpretation) -> Bodies:
     """Return bodies in the z-up world and metres."""
-    return Bodies(
-        reading.position(bodies.pos),
-        reading.rotation(bodies.quat),
-        None if bodies.lin_vel is None else reading.position(bodies.lin_vel),
-        None if bodies.ang_vel is None else reading.vector(bodies.ang_vel),
-    )
+    read = {"quat": reading.rotation, "ang_vel": reading.vector}
+    return Bodies(**{name: read.get(name, reading.position)(array) for name, array in arrays_of(bodies).items()})

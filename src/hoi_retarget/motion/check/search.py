@@ -62,9 +62,15 @@ def find_reading(poses: CandidatePoses, claim: Interpretation, *, known: bool) -
     findings: list[FormatFinding] = []
     for _ in range(_ROUNDS):
         deviations = list(_up_axes(reading) if known else _all(poses, reading))
-        steps = [(item,) for item in deviations] + ([] if known else list(_of_root_and_world(reading)))
+        steps: list[tuple[Deviation, ...]] = [(item,) for item in deviations]
+        if not known:  # With inverted quaternions and y up, the robot lies in either reading alone: neither gains.
+            steps += [(item, up) for item in rotation_deviations(reading) for up in _up_axes(item.reading)]
         candidates = [(items, poses.judged(items[-1].reading)) for items in steps]
-        better = [(items, other) for items, other in candidates if _is_better(items, judged, other)]
+        better = [
+            (items, other)
+            for items, other in candidates
+            if judged.penalty - other.penalty > _cost(items) and other.penalty < _PART * judged.penalty
+        ]
         if not better:
             break
         items, other = min(better, key=lambda pair: pair[1].penalty + _cost(pair[0]))
@@ -72,11 +78,13 @@ def find_reading(poses: CandidatePoses, claim: Interpretation, *, known: bool) -
         numbers = f"the numbers are {are}: {describe(other)}; as claimed {describe(judged)}"
         for item in items:
             fix = changes(reading, item.reading, poses.of, poses.joint_pos.shape[1])
-            findings.append(contradiction(item.subject, "read as the format demands", numbers, item.advice, fix))
+            findings.append(contradiction(item.subject, "read as the format demands", numbers, item.advice, fix=fix))
             reading = item.reading
         judged = other
     if not known and judged.penalty > _MAX_STANDING_PENALTY and poses.judged(claim).outside > _MAX_SHARE_OUTSIDE:
-        yield _in_no_order(describe(poses.judged(claim)))
+        numbers = f"the columns are in no order that is known, or of another robot: {describe(poses.judged(claim))}"
+        advice = "Write the joints' names beside the columns, in the order of the columns, or name another --robot."
+        yield contradiction("joint order", "read as the format demands", numbers, advice)
         return None
     yield from findings
     if reading is claim:
@@ -127,16 +135,6 @@ def _penalty_in_any_units(poses: CandidatePoses, reading: Interpretation) -> flo
     return min(poses.judged(reading).penalty, *(poses.judged(item.reading).penalty + _GAIN for item in others))
 
 
-def _in_no_order(numbers: str) -> FormatFinding:
-    advice = "Write the names of the joints beside the columns, in the order of the columns, or name another --robot."
-    return contradiction(
-        "joint order",
-        "read as the format demands",
-        f"the columns are in no order that is known, or of another robot: {numbers}",
-        advice,
-    )
-
-
 def undecided(poses: CandidatePoses, reading: Interpretation) -> Iterator[FormatFinding]:
     """Yield the other readings that are as plausible."""
     base = poses.judged(reading).penalty
@@ -162,17 +160,6 @@ def _all(poses: CandidatePoses, reading: Interpretation) -> Iterator[Deviation]:
     # A joint that never moves has no side to turn to: it may have been set so.
     moving = np.ptp(poses.joint_pos, axis=0) > _MIN_MOVEMENT_RAD
     yield from sign_deviations(reading, poses.model, moving)
-
-
-def _of_root_and_world(reading: Interpretation) -> Iterator[tuple[Deviation, Deviation]]:
-    """Yield faults of quaternions in a world with y up: the robot lies in either alone, so neither gains anything."""
-    for rotation in rotation_deviations(reading):
-        for up in _up_axes(rotation.reading):
-            yield rotation, up
-
-
-def _is_better(items: tuple[Deviation, ...], judged: Plausibility, other: Plausibility) -> bool:
-    return judged.penalty - other.penalty > _cost(items) and other.penalty < _PART * judged.penalty
 
 
 def _cost(items: tuple[Deviation, ...]) -> float:

@@ -79,8 +79,7 @@ _KINDS = "*.npz, *.pkl, *.csv, *.motion, or a folder with motion.npz and meta.js
 def read(path: Path) -> MotionFile:
     """Return the content of a robot-motion file of any supported format.
 
-    Raises:
-        ReadError: The file is missing, damaged, of no known format, or holds numbers that are not finite.
+    Raises `ReadError` where the file is missing, damaged, of no known format, or holds numbers that are not finite.
     """
     if path.is_dir():
         return _read_folder(path)
@@ -124,16 +123,12 @@ def _read(path: Path, formats: Sequence[Format]) -> MotionFile:
         raise ReadError(f"{path}: it holds a {type(values).__name__}, expected a dictionary. {_known()}")
     for format in formats:
         if format.holds(values):
-            return _as_file(format, ArraysByName(path, values))
+            arrays = ArraysByName(path, values)
+            fields = {"convention": format.convention, **format.read(arrays)}
+            rate = {} if "fps" in fields else {"fps": arrays.rate()}
+            return MotionFile(**{"path": str(path), "contents": arrays.contents(), **rate, **fields})
     there = ", ".join(sorted(map(str, values))[:20]) or "nothing"
     raise ReadError(f"{path}: no known robot motion: it holds {there}. {_known()}")
-
-
-def _as_file(format: Format, arrays: ArraysByName) -> MotionFile:
-    fields: dict[str, Any] = {"convention": format.convention, **format.read(arrays)}
-    if "fps" not in fields:
-        fields["fps"] = arrays.rate()
-    return MotionFile(**{"path": str(arrays.path), "contents": arrays.contents(), **fields})
 
 
 def _known() -> str:

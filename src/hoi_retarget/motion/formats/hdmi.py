@@ -70,19 +70,14 @@ def write(motion: ResampledMotion) -> Written:
     if object_paths:
         touching = motion.contact_flags & (motion.contact_object == motion.object)
         arrays["object_contact"] = touching.any(axis=1, keepdims=True)
+    note = f"HDMI refuses files with contacts at {motion.fps:g} frames a second: its loader interpolates none of them."
     meta = {"body_names": names, "joint_names": list(joints.names), "fps": float(motion.fps)}
     return Written(
         {**with_object(bodies, object_paths), **arrays, META: meta},
         joints.names,
         tuple(names),
-        notes=_notes(motion.fps) if object_paths else (),
+        notes=() if motion.fps == _LOADED_AT or not object_paths else (note,),
     )
-
-
-def _notes(fps: float) -> tuple[str, ...]:
-    if fps == _LOADED_AT:
-        return ()
-    return (f"HDMI refuses files with contacts at {fps:g} frames a second: its loader interpolates none of them.",)
 
 
 FORMAT = Format(

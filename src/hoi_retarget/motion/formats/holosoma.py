@@ -112,7 +112,7 @@ def _read_qpos(arrays: ArraysByName) -> dict[str, Any]:
     qpos = arrays.table("qpos", MIN_COLUMNS)
     end = qpos.shape[1]
     poses: list[np.ndarray] = []
-    while end - 7 >= MIN_COLUMNS and _is_pose(qpos[:, end - 7 : end]):
+    while end - 7 >= MIN_COLUMNS and (_is_unit(qpos[:, end - 7 : end - 3]) or _is_unit(qpos[:, end - 4 : end])):
         end -= 7
         poses.insert(0, qpos[:, end : end + 7])
     names = ["object"] if len(poses) == 1 else [f"object{index}" for index in range(len(poses))]
@@ -125,10 +125,6 @@ def _is_unit(quat: np.ndarray) -> bool:
     with np.errstate(over="ignore", invalid="ignore"):
         lengths = np.linalg.norm(quat.astype(float), axis=1)
         return bool(np.abs(lengths - 1.0).max(initial=0.0) < _UNIT_TOLERANCE)
-
-
-def _is_pose(table: np.ndarray) -> bool:
-    return _is_unit(table[:, :4]) or _is_unit(table[:, 3:])
 
 
 def _write_qpos(motion: ResampledMotion) -> Written:

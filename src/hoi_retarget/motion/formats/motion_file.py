@@ -46,6 +46,11 @@ class Stored:
     shape: tuple[int | str, ...]
 
 
+def arrays_of(owner: Any) -> dict[str, np.ndarray]:
+    """Return the arrays that a file's motion, or a part of it, has, by the names of its fields."""
+    return {name: value for name, value in vars(owner).items() if isinstance(value, np.ndarray)}
+
+
 @dataclass(frozen=True, eq=False)
 class Bodies:
     """World poses and velocities of bodies; T frames, B bodies."""
@@ -57,8 +62,7 @@ class Bodies:
 
     def only(self, columns: list[int]) -> "Bodies":
         """Return some of them, in this order."""
-        lin_vel, ang_vel = (None if values is None else values[:, columns] for values in (self.lin_vel, self.ang_vel))
-        return Bodies(self.pos[:, columns], self.quat[:, columns], lin_vel, ang_vel)
+        return Bodies(**{name: array[:, columns] for name, array in arrays_of(self).items()})
 
 
 @dataclass(frozen=True, eq=False)

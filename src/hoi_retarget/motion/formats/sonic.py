@@ -18,11 +18,14 @@ def read(arrays: ArraysByName) -> dict[str, Any]:
     joints = named_columns(arrays.names(f"{JOINTS} columns"))
     root = arrays.joined(_first_body(arrays, _POSITIONS, 3), _first_body(arrays, _ROTATIONS, 4))
     velocities = [_first_body(arrays, name, 3) for name in _VELOCITIES if name in arrays]
+    joint_vel = None
+    if joints.joint_names is None and "joint_vel" in arrays:
+        joint_vel = arrays.numbers("joint_vel")[:, named_columns(arrays.names("joint_vel columns")).joints]
     return {
         "root": root,
         "joint_pos": arrays.numbers(JOINTS)[:, joints.joints],
         "joint_names": joints.joint_names,
-        "joint_vel": _joint_vel(arrays) if joints.joint_names is None else None,
+        "joint_vel": joint_vel,
         "root_vel": arrays.joined(*velocities) if len(velocities) == len(_VELOCITIES) else None,
     }
 
@@ -31,12 +34,6 @@ def _first_body(arrays: ArraysByName, name: str, width: int) -> np.ndarray:
     if name not in arrays:
         raise ReadError(f"{arrays.path.with_name(name)}.csv: there is no such file. The root's path is in it.")
     return arrays.table(name, width)[:, :width]
-
-
-def _joint_vel(arrays: ArraysByName) -> np.ndarray | None:
-    if "joint_vel" not in arrays:
-        return None
-    return arrays.numbers("joint_vel")[:, named_columns(arrays.names("joint_vel columns")).joints]
 
 
 FORMAT = Format(
