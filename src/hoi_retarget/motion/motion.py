@@ -1,5 +1,6 @@
 """A robot's motion with the objects that it moves, stage by stage; body poses follow from `qpos`, never stored."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,16 +23,16 @@ _MAX_HUMAN_HEIGHT_M = 10.0
 
 BEYOND_RANGE = np.pi
 """A joint this much beyond its range [rad] is damage."""
-ARRAYS = (
-    "object_pos",
-    "object_quat",
-    "object_scale",
-    "contact_flags",
-    "contact_object",
-    "contact_points",
-    "stance_flags",
-)
-"""Names of the arrays of a motion beside its stages."""
+ARRAYS: Mapping[str, tuple[int | str, ...]] = {
+    "object_pos": ("frames", "objects", 3),
+    "object_quat": ("frames", "objects", 4),
+    "object_scale": ("objects",),
+    "contact_flags": ("frames", "links"),
+    "contact_object": ("frames", "links"),
+    "contact_points": ("frames", "links", 3),
+    "stance_flags": ("frames", 2),
+}
+"""Shapes of the arrays of a motion beside its stages, by name."""
 
 SIMULATED = "physics"
 """Name of the stage in which a simulated robot performed the motion; it ends where the robot fell."""
@@ -139,25 +140,17 @@ class Motion:
     def _check_shapes(self) -> None:
         if not self.stages:
             raise ClipError("motion: there is no stage in it.")
-        frames, n = len(self.qpos), len(self.joint_names)
-        objects, links = len(self.object_names), len(self.contact_links)
-        expected = {
-            "object_pos": (frames, objects, 3),
-            "object_quat": (frames, objects, 4),
-            "object_scale": (objects,),
-            "contact_flags": (frames, links),
-            "contact_object": (frames, links),
-            "contact_points": (frames, links, 3),
-            "stance_flags": (frames, 2),
-        }
+        frames, n, objects = len(self.qpos), len(self.joint_names), len(self.object_names)
+        sizes = {"frames": frames, "objects": objects, "links": len(self.contact_links)}
         for stage in self.stages:
             check_shape("motion", f"{stage.name} qpos", stage.qpos, (frames, 7 + n))
             if stage.forces is not None and len(stage.forces.forces) != frames:
                 raise ClipError(f"motion: {stage.name} has forces of {len(stage.forces.forces)} frames of {frames}.")
             if stage.objects is not None:
                 check_shape("motion", f"{stage.name} objects", stage.objects, (frames, objects, 7))
-        for name, shape in expected.items():
-            check_shape("motion", name, getattr(self, name), shape)
+        for name, shape in ARRAYS.items():
+            expected = tuple(sizes[size] if isinstance(size, str) else size for size in shape)
+            check_shape("motion", name, getattr(self, name), expected)
         if frames == 0:
             raise ClipError("motion: there are no frames in it.")
 

@@ -92,55 +92,44 @@ class Window:
 
 @dataclass(frozen=True)
 class EventKind:
-    """One kind of event: its place in a report, its text, and its keys in the report's JSON."""
+    """One kind of event: its text, and its keys in the report's JSON."""
 
-    field: str
-    """Of `Report`."""
     text: str
     """Of an event, before its frames."""
     keys: Mapping[str, str]
     """Fields of `Event` by their keys in JSON, beside `first_frame` and `last_frame`."""
     severity: Severity = Severity.WARNING
-    prefix: str = ""
-    """Of the text of a warning."""
 
 
 EVENTS: Mapping[str, EventKind] = {
     "trunk_turn": EventKind(
-        "trunk_turns",
         "the robot's trunk is turned by up to {0.value:.0f} degrees against the person's",
         {"largest_deg": "value"},
         Severity.ERROR,
     ),
     "unreached_contact": EventKind(
-        "unreached_contacts",
         "{0.subject} on {0.object!r}",
         {"link": "subject", "object": "object", "mean_residual_m": "mean", "max_residual_m": "value"},
-        prefix="not reached: ",
     ),
     "thin_air_contact": EventKind(
-        "thin_air_contacts",
         "contact asked in thin air: {0.subject} is to touch {0.object!r} up to {mm:.0f} mm off its surface",
         {"part": "subject", "object": "object", "max_distance_m": "value"},
     ),
     "sunk_link": EventKind(
-        "sunk_links",
         "{0.subject} is up to {mm:.0f} mm inside {0.object!r}",
         {"link": "subject", "object": "object", "max_depth_m": "value", "reason": "reason"},
     ),
     "inter_robot_penetration": EventKind(
-        "inter_robot_penetrations",
         "{0.links[0]} of person {0.people[0]} and {0.links[1]} of person {0.people[1]} are up to {mm:.0f} mm inside "
         "each other",
         {"people": "people", "links": "links", "max_depth_m": "value"},
     ),
     "orientation_flip": EventKind(
-        "orientation_flips",
         "{0.subject} is turned by up to {0.value:.0f} degrees against the human's",
         {"site": "subject", "largest_deg": "value", "reason": "reason"},
     ),
 }
-"""Kinds of events by the codes of their warnings, in the order in which they are listed."""
+"""Kinds of events by the codes of their warnings, in the order of lists; `Report` has those of `code` as `<code>s`."""
 
 
 @dataclass(frozen=True)
@@ -179,8 +168,8 @@ class Event:
     @property
     def warning(self) -> QualityWarning:
         """The same for a report's reader."""
-        kind = EVENTS[self.kind]
-        return QualityWarning(self.kind, kind.severity, f"{kind.prefix}{self}.")
+        prefix = "not reached: " if self.kind == "unreached_contact" else ""
+        return QualityWarning(self.kind, EVENTS[self.kind].severity, f"{prefix}{self}.")
 
     def as_json(self) -> dict[str, Any]:
         """Return its keys in a report."""
@@ -287,16 +276,12 @@ class Report:
 
     def as_json(self) -> dict[str, Any]:
         """Return plain JSON values, which `from_json` reads again."""
-        events = {kind.field: getattr(self, kind.field) for kind in EVENTS.values()}
+        events = {f"{kind}s": getattr(self, f"{kind}s") for kind in EVENTS}
         return asdict(self) | {name: items and [item.as_json() for item in items] for name, items in events.items()}
 
     @classmethod
     def from_json(cls, values: Any) -> "Report":
-        """Return the report that plain JSON values hold; keys of later versions are left out.
-
-        Raises:
-            ReadError: A value is not of its field's type.
-        """
+        """Return the report that plain JSON values hold, without keys of later versions; raises `ReadError`."""
         return _typed(cls, _renamed(values))
 
     @property
@@ -312,7 +297,7 @@ class Report:
     @property
     def events(self) -> tuple[Event, ...]:
         """All events, kind by kind in the order of `EVENTS`."""
-        return tuple(event for kind in EVENTS.values() for event in getattr(self, kind.field) or ())
+        return tuple(event for kind in EVENTS for event in getattr(self, f"{kind}s") or ())
 
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:
@@ -352,10 +337,10 @@ def _renamed(values: Any) -> Any:
     config = renamed.get("config")
     if isinstance(config, Mapping) and config:
         renamed["config"] = {**_CONFIG_BEFORE, **config}
-    for name, kind in EVENTS.items():
-        items = renamed.get(kind.field)
+    for kind in EVENTS:
+        items = renamed.get(f"{kind}s")
         if isinstance(items, list):
-            renamed[kind.field] = [_event_fields(name, item) for item in items]
+            renamed[f"{kind}s"] = [_event_fields(kind, item) for item in items]
     return renamed
 
 
@@ -366,7 +351,7 @@ def _event_fields(kind: str, item: Any) -> Any:
     fields = {"first_frame": "first_frame", "last_frame": "last_frame", **EVENTS[kind].keys}
     missing = sorted(fields.keys() - {*item, "reason"})
     if missing:
-        raise ReadError(f"its report is damaged: an entry of {EVENTS[kind].field} lacks {', '.join(missing)}")
+        raise ReadError(f"its report is damaged: an entry of {kind}s lacks {', '.join(missing)}")
     return {"kind": kind, **{name: item[key] for key, name in fields.items() if key in item}}
 
 

@@ -1,6 +1,5 @@
 """A simulated robot's performance of a motion, to the end or to a fall, with its certificate."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 MAX_OBJECT_DISTANCE_M, MAX_BASE_DISTANCE_M = 0.1, 0.15
@@ -49,14 +48,10 @@ class Certificate:
         return self.repeats and all(replay.kept for replay in self.replays)
 
     def __str__(self) -> str:
-        return "; ".join(self._parts())
-
-    def _parts(self) -> Iterator[str]:
-        kept = sum(replay.kept for replay in self.replays)
-        yield f"{kept} of {len(self.replays)} replays keep to the motion"
-        if not self.repeats:
-            yield "its targets alone do not repeat it"
-        yield from (str(replay) for replay in self.replays if not replay.kept)
+        lost = [str(replay) for replay in self.replays if not replay.kept]
+        parts = [f"{len(self.replays) - len(lost)} of {len(self.replays)} replays keep to the motion"]
+        parts += [] if self.repeats else ["its targets alone do not repeat it"]
+        return "; ".join([*parts, *lost])
 
 
 @dataclass(frozen=True)

@@ -169,9 +169,6 @@ def _contact_points(
     fraction = (place - before)[:, None, None]
     targets = motion.contact_points
     between = (1.0 - fraction) * targets[before] + fraction * targets[after]
-    return np.where(_one_contact(motion, before, after)[:, :, None], between, targets[nearest])
-
-
-def _one_contact(motion: Motion, before: Int[np.ndarray, "K"], after: Int[np.ndarray, "K"]) -> Bool[np.ndarray, "K C"]:
     both = motion.contact_flags[before] & motion.contact_flags[after]
-    return both & (motion.contact_object[before] == motion.contact_object[after])
+    one_contact = both & (motion.contact_object[before] == motion.contact_object[after])
+    return np.where(one_contact[:, :, None], between, targets[nearest])

@@ -85,7 +85,11 @@ def load(path: Path | str) -> Motion:
     Raises `ReadError` when the file is missing, damaged, of another schema, of no known robot, or not a motion file.
     """
     path = Path(path)
-    members = _members(path, read_bytes(path))
+    content = read_bytes(path)
+    try:
+        members = npz.members(content, limit_of_motion(len(content)))
+    except ValueError as error:
+        raise ReadError(f"{path}: not a readable .npz motion file ({error}). Run the retarget again.") from error
     _check_entries(path, members)
     try:
         motion = _motion(members)
@@ -110,13 +114,6 @@ def _robot_of(motion: Motion) -> RobotModel:
         f"It was made with {motion.robot!r}, from {file!a} (SHA-256 {digest}), and {here}. "
         f"Add it again: hoi-retarget robots add {PureWindowsPath(file).name or 'FILE'} --name {motion.robot}"
     )
-
-
-def _members(path: Path, content: bytes) -> dict[str, bytes]:
-    try:
-        return npz.members(content, limit_of_motion(len(content)))
-    except ValueError as error:
-        raise ReadError(f"{path}: not a readable .npz motion file ({error}). Run the retarget again.") from error
 
 
 def _check_entries(path: Path, members: Mapping[str, bytes]) -> None:

@@ -27,7 +27,7 @@ from hoi_retarget.motion.check.interpretation import (
     reordered,
     rotation_deviations,
 )
-from hoi_retarget.motion.check.layout import NO_ROTATION, UNIT_TOLERANCE, Layout, off_unit, unnormalized
+from hoi_retarget.motion.check.layout import NO_ROTATION, NORMALIZE, UNIT_TOLERANCE, Layout, off_unit
 from hoi_retarget.motion.formats import Bodies, MotionFile, isaac_lab
 from hoi_retarget.motion.links import breadth_first
 from hoi_retarget.numerics import se3
@@ -75,18 +75,10 @@ def claimed_places(model: RobotModel, names: tuple[str, ...] | None, count: int)
     return {name: index for index, name in enumerate(model.body_names)} if count == len(model.body_names) else {}
 
 
-def body_readings(
-    model: RobotModel, places: Places, claim: Interpretation, pos: Float[np.ndarray, "T B 3"]
-) -> Iterator[BodyReading]:
+def _body_readings(model: RobotModel, places: Places, claim: Interpretation, pos: np.ndarray) -> Iterator[BodyReading]:
     """Yield the claimed reading first, then every other one: orders of bodies times orders of components.
 
     Each has the unit of length that the distances of neighbours have in its order.
-
-    Args:
-        model: The robot.
-        places: Of its bodies as claimed.
-        claim: The reading as claimed.
-        pos: Of the file's bodies.
     """
     orders = [("", places), *_other_orders(model, places)]
     units = [_unit_of_length(model, there, pos) for _, there in orders]
@@ -153,21 +145,13 @@ def _neighbours(model: RobotModel, places: Places) -> Iterator[_Neighbours]:
             yield _Neighbours(hinge, parent_place, child_place, parent_body, child_body)
 
 
-def fit_tree(
-    model: RobotModel, there: BodyReading, pos: Float[np.ndarray, "T B 3"], quat: Float[np.ndarray, "T B 4"]
-) -> TreeFit:
-    """Return the fit of the poses to the tree under one reading.
-
-    Args:
-        model: The robot.
-        there: The reading.
-        pos: Of the file's bodies.
-        quat: Of the file's bodies.
-    """
-    frames = evenly_spaced(len(pos), _MAX_FRAMES)
+def _fit_tree(model: RobotModel, there: BodyReading, bodies: Bodies) -> TreeFit:
+    """Return the fit of the poses to the tree under one reading."""
+    frames = evenly_spaced(len(bodies.pos), _MAX_FRAMES)
+    pos, quat = bodies.pos[frames], bodies.quat[frames]
     turned, moved = [], []
     for pair in _neighbours(model, there.places):
-        rotation, position = _relative(model, there, pair, pos[frames], quat[frames])
+        rotation, position = _relative(model, there, pair, pos, quat)
         nearest = _hinge_rotation(model, pair.hinge, _hinge_angle(model, pair.hinge, rotation))
         turned.append(np.median(se3.matrix_angle_between(rotation, nearest)))
         moved.append(np.median(np.linalg.norm(position - model.offsets[:, pair.hinge], axis=-1)))
@@ -317,12 +301,17 @@ def read_bodies(
     off = off_unit(bodies.quat[:, list(places.values())])
     if off > UNIT_TOLERANCE:
         numbers = f"their lengths differ from 1 by up to {off:.2g}"
-        yield unnormalized("bodies", "unit quaternions", numbers, BODIES)
+        fix = (Change("normalize quaternions", BODIES),)
+        yield contradiction("bodies", "unit quaternions", numbers, NORMALIZE, fix=fix)
         if off > NO_ROTATION:
             return None
-    there = yield from _fitting(model, bodies, list(body_readings(model, places, claim, bodies.pos)), file)
+    there = yield from _fitting(model, bodies, list(_body_readings(model, places, claim, bodies.pos)), file)
     if there.reading.metres != 1.0:
-        yield _unit(there.reading.metres, file.root is not None)
+        metres = there.reading.metres
+        numbers = f"neighbouring bodies are {1 / metres:g} times as far apart as the robot's"
+        owners = (BODIES, *([ROOT] if file.root is not None else []))
+        fix = tuple(Change("multiply positions", of, (metres,)) for of in owners)
+        yield contradiction("length unit", "metres", numbers, f"Multiply positions by {metres:g}.", fix=fix)
     reading, format_name = yield from _joints(file, AnglesOfBodies(model, there, bodies, layout.joint_pos))
     root = there.places[model.body_names[0]]
     found = FoundBodies(there, reading, bodies.pos[:, root], bodies.quat[:, root], format_name)
@@ -331,14 +320,8 @@ def read_bodies(
     return found
 
 
-def _unit(metres: float, with_root: bool) -> FormatFinding:
-    numbers = f"neighbouring bodies are {1 / metres:g} times as far apart as the robot's"
-    fix = tuple(Change("multiply positions", of, (metres,)) for of in (BODIES, *([ROOT] if with_root else [])))
-    return contradiction("length unit", "metres", numbers, f"Multiply positions by {metres:g}.", fix=fix)
-
-
 def _fitting(model: RobotModel, bodies: Bodies, readings: list[BodyReading], file: MotionFile) -> Check[BodyReading]:
-    fits = [fit_tree(model, there, bodies.pos, bodies.quat) for there in readings]
+    fits = [_fit_tree(model, there, bodies) for there in readings]
     # Where both orders are in use, neither contradicts the claim.
     open_order = file.convention.order is None
     legal = [0, *(i for i, there in enumerate(readings) if open_order and _is_legal(there, readings[0]))]

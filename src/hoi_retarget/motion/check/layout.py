@@ -15,6 +15,8 @@ from hoi_retarget.robots.model import RobotModel
 UNIT_TOLERANCE = 0.01
 NO_ROTATION = 0.9
 """Quaternions whose lengths are that far from 1 have no direction to rely on."""
+NORMALIZE = "Divide the quaternions by their lengths."
+"""Advice for quaternions that are not of unit length; later checks normalize them."""
 HELD = "Joints that the file lacks are held still at 0 rad."
 _SMALLER_SETS = {
     WITHOUT_WRISTS: ("wrist",),
@@ -49,19 +51,6 @@ def off_unit(quat: np.ndarray) -> float:
         return float(np.abs(np.linalg.norm(quat, axis=-1) - 1.0).max())
 
 
-def unnormalized(subject: str, claim: str, numbers: str, of: str) -> FormatFinding:
-    """Return the finding of quaternions that are not of unit length; later checks normalize them.
-
-    Args:
-        subject: Of the finding.
-        claim: Of the file.
-        numbers: The finding in words.
-        of: Owner of the quaternions, as a `Change` names it.
-    """
-    fix = (Change("normalize quaternions", of),)
-    return contradiction(subject, claim, numbers, "Divide the quaternions by their lengths.", fix=fix)
-
-
 def _root(file: MotionFile) -> Check[Layout]:
     if file.root is None:
         return Layout(file.joint_pos, None)
@@ -77,7 +66,8 @@ def _root(file: MotionFile) -> Check[Layout]:
     numbers = f"their lengths differ from 1 by up to {off:.2g}"
     if not unit:
         numbers += ", and no other four neighbouring columns are unit quaternions"
-        yield unnormalized("root layout", claim, numbers, ROOT)
+        fix = (Change("normalize quaternions", ROOT),)
+        yield contradiction("root layout", claim, numbers, NORMALIZE, fix=fix)
         # Without a direction, there is nothing to normalize.
         return _split(flat, start) if off < NO_ROTATION else Layout(file.joint_pos, None)
     found = unit[0]

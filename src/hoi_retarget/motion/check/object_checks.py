@@ -91,8 +91,7 @@ class _ObjectReading:
     """That follow 'its pose is', empty for the claim."""
     advice: str
     fix: tuple[Change, ...]
-    pos: Float[np.ndarray, "T 3"]
-    quat: Float[np.ndarray, "T 4"]
+    path: ObjectPath
 
 
 @dataclass(frozen=True)
@@ -125,14 +124,13 @@ def check_object(item: ObjectPoses, claim: Interpretation, context: CheckContext
         yield _no_rotation(item, words, off)
         return None
     readings = list(_readings(item.name, raw_pos, raw_quat, claim))
-    claimed = readings[0]
-    path = ObjectPath(item.name, claimed.pos, claimed.quat)
-    if (_speed(claimed.pos, context.fps) > MOVING_SPEED).sum() < _MIN_MOVING_FRAMES:
+    path = readings[0].path
+    if (_speed(path.pos, context.fps) > MOVING_SPEED).sum() < _MIN_MOVING_FRAMES:
         yield FormatFinding("unknown", "object", words, f"{item.name} hardly moves: cannot be told")
         return path
     kinematics = context.model.forward(context.qpos)
     palms = np.stack([kinematics.site_position(f"{side}_palm") for side in SIDES], axis=1)
-    first, *others = [_hold(palms, way, context.fps) for way in readings]
+    first, *others = [_hold(palms, way.path, context.fps) for way in readings]
     best, way = min(zip(others, readings[1:], strict=True), key=lambda pair: pair[0].slide + pair[0].distance)
     far = first.distance > _MAX_PALM_DISTANCE_M and best.distance < 0.7 * first.distance
     steadier = best.slide < _BETTER_SHARE * first.slide and best.distance < first.distance + 0.1
@@ -140,7 +138,7 @@ def check_object(item: ObjectPoses, claim: Interpretation, context: CheckContext
     if far or loose:
         numbers = f"its pose is {way.words}: {best}; as claimed {first}"
         yield contradiction("object", words, numbers, way.advice, fix=way.fix, spoils="objects")
-        return ObjectPath(item.name, way.pos, way.quat)
+        return way.path
     if first.distance > _MAX_PALM_DISTANCE_M:
         numbers = f"moves at {first.speed:.2f} m/s while no palm is near: {first}"
         yield FormatFinding("note", "object", words, numbers, "Do object and robot share one world and one scale?")
@@ -178,16 +176,17 @@ def _readings(name: str, pos: np.ndarray, quat: np.ndarray, claim: Interpretatio
     )
     for words, advice, reading in candidates:
         fix = changes(claim, reading, name, 0)
-        yield _ObjectReading(words, advice, fix, reading.position(pos), reading.rotation(quat))
+        yield _ObjectReading(words, advice, fix, ObjectPath(name, reading.position(pos), reading.rotation(quat)))
     inverse = se3.quat_conjugate(claim.rotation(quat))
     advice, fix = "Write the inverse: its pose in the world.", (Change("invert poses", name),)
-    yield _ObjectReading("inverted", advice, fix, -se3.rotate(inverse, claim.position(pos)), inverse)
+    path = ObjectPath(name, -se3.rotate(inverse, claim.position(pos)), inverse)
+    yield _ObjectReading("inverted", advice, fix, path)
 
 
-def _hold(palms: Float[np.ndarray, "T 2 3"], way: _ObjectReading, fps: float) -> _Hold:
-    speed = _speed(way.pos, fps)
+def _hold(palms: Float[np.ndarray, "T 2 3"], path: ObjectPath, fps: float) -> _Hold:
+    speed = _speed(path.pos, fps)
     moving = speed > MOVING_SPEED if (speed > MOVING_SPEED).any() else speed >= 0
-    local = se3.rotate_inverse(way.quat[:, None], palms - way.pos[:, None])
+    local = se3.rotate_inverse(path.quat[:, None], palms - path.pos[:, None])
     distance = np.linalg.norm(local, axis=-1).min(axis=1)[1:-1]
     slide = np.linalg.norm(differences(local), axis=-1).min(axis=1) * fps
     return _Hold(float(np.median(distance[moving])), float(np.median(slide[moving])), float(np.median(speed[moving])))

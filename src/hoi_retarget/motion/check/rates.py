@@ -52,7 +52,7 @@ def implied_rate(of: str, change: np.ndarray, stored: np.ndarray) -> ImpliedRate
     return ImpliedRate(of, product / size[0], correlation)
 
 
-def check_rate(stated: float | None, usual: float | None, implied: Iterable[ImpliedRate]) -> Check[float | None]:
+def _check_rate(stated: float | None, usual: float | None, implied: Iterable[ImpliedRate]) -> Check[float | None]:
     """Return the rate [Hz] that the numbers imply, None where they do not."""
     found = list(implied)
     claim = f"{stated:g} frames/s" if stated else f"no rate (usual: {usual:g})" if usual else "no rate"
@@ -78,19 +78,10 @@ def check_rate(stated: float | None, usual: float | None, implied: Iterable[Impl
     return middle
 
 
-def check_angular(
-    of: str,
-    turn: Float[np.ndarray, "steps B 3"],
-    quat: Float[np.ndarray, "steps B 4"],
-    stored: Float[np.ndarray, "steps B 3"],
-) -> FormatFinding:
-    """Compare stored angular velocities with the turns of the poses, both in rad/s; the first body is the root.
+def _check_angular(of: str, turn: np.ndarray, quat: np.ndarray, stored: np.ndarray) -> FormatFinding:
+    """Compare stored angular velocities with the turns of the poses, both (steps, bodies, 3) in rad/s.
 
-    Args:
-        of: Subject of the finding.
-        turn: Velocities of the poses [rad/s].
-        quat: Rotations in the middle of each step.
-        stored: Velocities of the file [rad/s].
+    The first body is the root; `quat` are the rotations in the middle of each step.
     """
     base, speed = _size(turn - stored), _size(turn)
     claim = "world axes"
@@ -123,21 +114,10 @@ def check_angular(
     return _wrong(of, claim, numbers)
 
 
-def check_linear(
-    of: str,
-    change: Float[np.ndarray, "steps B 3"],
-    turn: Float[np.ndarray, "steps B 3"],
-    quat: Float[np.ndarray, "steps B 4"],
-    stored: Float[np.ndarray, "steps B 3"],
-) -> FormatFinding:
-    """Compare stored linear velocities with the paths, in m/s; those of centres of mass count as right.
+def _check_linear(of: str, change: np.ndarray, turn: np.ndarray, quat: np.ndarray, stored: np.ndarray) -> FormatFinding:
+    """Compare stored linear velocities with the change of the poses, both in m/s; those of centres of mass are right.
 
-    Args:
-        of: Subject of the finding.
-        change: Velocities of the paths [m/s].
-        turn: Angular velocities of the poses [rad/s].
-        quat: Rotations in the middle of each step.
-        stored: Velocities of the file [m/s].
+    `turn` are the poses' angular velocities [rad/s], `quat` the rotations in the middle of each step.
     """
     speed = _size(change)
     if speed < _MIN_SPEED and _size(stored) < _MIN_SPEED:
@@ -202,7 +182,7 @@ def check_velocities(
         if item.lin_vel is not None:
             rate = implied_rate(f"linear velocities of {name}", differences(item.pos), item.lin_vel)
             rates += [rate] if rate is not None and rate.correlation > _MIN_RATE_CORRELATION else []
-    implied = yield from check_rate(file.fps, file.convention.usual_fps, rates)
+    implied = yield from _check_rate(file.fps, file.convention.usual_fps, rates)
     if joint_rate is not None and joint_rate.correlation < _MIN_CORRELATION:
         numbers = f"correlation with their differences {joint_rate.correlation:.2f}"
         advice, fix = "Compute them anew from the joint angles.", (Change("compute joint velocities"),)
@@ -214,10 +194,10 @@ def check_velocities(
     for name, item in moving:
         turn, middle = fps * turns(item.quat), item.quat[1:-1]
         if item.ang_vel is not None:
-            yield check_angular(f"angular velocities of {name}", turn, middle, item.ang_vel[1:-1])
+            yield _check_angular(f"angular velocities of {name}", turn, middle, item.ang_vel[1:-1])
         if item.lin_vel is not None:
             subject = f"linear velocities of {name}"
-            yield check_linear(subject, fps * differences(item.pos), turn, middle, item.lin_vel[1:-1])
+            yield _check_linear(subject, fps * differences(item.pos), turn, middle, item.lin_vel[1:-1])
     return implied
 
 

@@ -8,7 +8,6 @@ the format says, is decided by `hoi_retarget.motion.check`, which knows a robot.
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.motion.formats import (
@@ -24,28 +23,13 @@ from hoi_retarget.motion.formats import (
     sonic,
 )
 from hoi_retarget.motion.formats.containers import ArraysByName
-from hoi_retarget.motion.formats.format import Format
-from hoi_retarget.motion.formats.motion_file import (
-    WITHOUT_WRISTS,
-    Bodies,
-    ContactFlags,
-    Convention,
-    MotionFile,
-    ObjectPoses,
-)
-
-__all__ = [
-    "FORMATS",
-    "WITHOUT_WRISTS",
-    "WRITABLE",
-    "Bodies",
-    "ContactFlags",
-    "Convention",
-    "Format",
-    "MotionFile",
-    "ObjectPoses",
-    "read",
-]
+from hoi_retarget.motion.formats.format import Format as Format
+from hoi_retarget.motion.formats.motion_file import WITHOUT_WRISTS as WITHOUT_WRISTS
+from hoi_retarget.motion.formats.motion_file import Bodies as Bodies
+from hoi_retarget.motion.formats.motion_file import ContactFlags as ContactFlags
+from hoi_retarget.motion.formats.motion_file import Convention as Convention
+from hoi_retarget.motion.formats.motion_file import MotionFile as MotionFile
+from hoi_retarget.motion.formats.motion_file import ObjectPoses as ObjectPoses
 
 # A file's format is the first that holds its entries: those that ask for more come first.
 FORMATS: tuple[Format, ...] = (

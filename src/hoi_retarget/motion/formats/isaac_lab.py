@@ -42,13 +42,8 @@ def object_arrays(motion: ResampledMotion) -> dict[str, np.ndarray]:
     """Return the arrays of the object in the format's one place for it, (T, 3 or 4); none where there is none."""
     if motion.object is None:
         return {}
-    paths = {
-        "object_pos_w": motion.object_pos,
-        "object_quat_w": motion.object_quat,
-        "object_lin_vel_w": motion.object_lin_vel,
-        "object_ang_vel_w": motion.object_ang_vel,
-    }
-    return {name: path[:, motion.object] for name, path in paths.items()}
+    names = ("object_pos", "object_quat", "object_lin_vel", "object_ang_vel")
+    return {f"{name}_w": getattr(motion, name)[:, motion.object] for name in names}
 
 
 def with_object(bodies: dict[str, np.ndarray], object_paths: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
