@@ -247,11 +247,12 @@ class Figure:
 def figure(title: str, unit: str, **options: Any) -> Callable[[Callable[[Comparison], float | None]], Figure]:
     """Return a decorator that makes a figure of the function that measures it.
 
-    The figure has the function's name, the first line of its docstring as its meaning, and other fields as `options`.
+    The figure has the function's name and, as its meaning, the first line of its docstring without the stored unit.
+    Other fields of `Figure` are `options`.
     """
 
     def decorated(measure: Callable[[Comparison], float | None]) -> Figure:
-        meaning = (measure.__doc__ or "").partition("\n")[0].removesuffix(".")
+        meaning = (measure.__doc__ or "").partition("\n")[0].partition(" [")[0].removesuffix(".")
         return Figure(measure.__name__, title, unit, meaning, measure, **options)
 
     return decorated

@@ -40,25 +40,25 @@ _MIN_TOUCH_AREA_M2 = 2e-4
 
 @figure("contact gap", "mm")
 def contact_gap_m(view: Comparison) -> float | None:
-    """Mean distance of palms from the points where the human's were on the object."""
+    """Mean distance of palms from the points where the human's were on the object [m]."""
     return mean_or_none(view.cached(_contact_gaps))
 
 
 @figure("gap p95", "mm")
 def contact_gap_p95_m(view: Comparison) -> float | None:
-    """The same distance, exceeded in 5 % of the frames."""
+    """The same distance, exceeded in 5 % of the frames [m]."""
     return percentile_or_none(view.cached(_contact_gaps))
 
 
 @figure("gap max", "mm")
 def contact_gap_max_m(view: Comparison) -> float | None:
-    """The same distance at its largest."""
+    """The same distance at its largest [m]."""
     return max_or_none(view.cached(_contact_gaps))
 
 
 @figure("hand rotation", "deg")
 def relative_hand_rotation_deg(view: Comparison) -> float | None:
-    """Mean angle between the turns of a touching hand of robot and human on the object.
+    """Mean angle between the turns of a touching hand of robot and human on the object [deg].
 
     With `A_t` the hand's rotation relative to the object, the change is `A_t A_0^T`: it is written in the
     object's axes, which both sides share, and a constant offset between the human's and the robot's hand
@@ -153,19 +153,19 @@ def fingertip_touch_share(view: Comparison) -> float | None:
 
 @figure("touch gap p95", "mm", slow=True)
 def touch_gap_p95_m(view: Comparison) -> float | None:
-    """Distance of such a hand's skin from the surface, exceeded in 5 % of the frames."""
+    """Distance of such a hand's skin from the surface, exceeded in 5 % of the frames [m]."""
     return percentile_or_none(np.abs(_gaps(view, HAND_SITES)))
 
 
 @figure("touch place", "mm", slow=True)
 def touch_place_m(view: Comparison) -> float | None:
-    """Distance of the touch from the human's place on the surface."""
+    """Distance of the touch from the human's place on the surface [m]."""
     return mean_or_none(_pooled(curve.place[curve.active] for curve in _curves(view, HAND_SITES)))
 
 
 @figure("recorded place", "mm", slow=True)
 def recorded_place_m(view: Comparison) -> float | None:
-    """Distance of the touch from the human's place before contacts were edited."""
+    """Distance of the touch from the human's place before contacts were edited [m]."""
     places = _pooled(curve.recorded_place[curve.active] for curve in _curves(view, HAND_SITES))
     return mean_or_none(places[np.isfinite(places)])
 
@@ -178,7 +178,7 @@ def foot_touch_share(view: Comparison) -> float | None:
 
 @figure("foot touch gap p95", "mm", slow=True)
 def foot_touch_gap_p95_m(view: Comparison) -> float | None:
-    """Distance of such a foot from the surface, exceeded in 5 % of the frames."""
+    """Distance of such a foot from the surface, exceeded in 5 % of the frames [m]."""
     return percentile_or_none(np.abs(_gaps(view, FOOT_SITES)))
 
 

@@ -33,7 +33,7 @@ class SlipCurve:
 
 @figure("hand slip", "mm/s")
 def hand_slip_mps(view: Comparison) -> float | None:
-    """Mean speed of a hand over the object it touches while the person's own holds still."""
+    """Mean speed of a hand over the object it touches while the person's own holds still [m/s]."""
     return mean_or_none(_held_speeds(view))
 
 
@@ -45,7 +45,7 @@ def hand_slip_fast_share(view: Comparison) -> float | None:
 
 @figure("hand wander", "mm")
 def hand_wander_excess_m(view: Comparison) -> float | None:
-    """Way that a hand wanders over the object within one contact, beyond the person's."""
+    """Way that a hand wanders over the object within one contact, beyond the person's [m]."""
     return mean_or_none(np.concatenate([np.zeros(0), *(np.subtract(*curve.wanders.T) for curve in _curves(view))]))
 
 

@@ -55,32 +55,32 @@ _Chain = tuple[tuple[str, str], ...]
 
 @figure("foot slide", "cm/s", needs_floor=True)
 def stance_slide_mps(view: Comparison) -> float | None:
-    """Mean speed of standing feet over the floor."""
+    """Mean speed of standing feet over the floor [m/s]."""
     speeds = foot_speeds(view.kinematics, view.clip.fps)[view.first :]
     return mean_or_none(speeds[view.stance[1:] & view.stance[:-1]])
 
 
 @figure("sole height", "mm", needs_floor=True)
 def stance_sole_height_abs_m(view: Comparison) -> float | None:
-    """Mean distance of standing soles from the floor."""
+    """Mean distance of standing soles from the floor [m]."""
     return mean_or_none(np.abs(view.cached(_counted_heights)[view.stance]))
 
 
 @figure("foot float", "mm", needs_floor=True)
 def stance_float_m(view: Comparison) -> float | None:
-    """Mean height of standing soles over the floor."""
+    """Mean height of standing soles over the floor [m]."""
     return mean_or_none(np.maximum(view.cached(_counted_heights)[view.stance], 0.0))
 
 
 @figure("floor penetration", "mm", needs_floor=True)
 def floor_penetration_max_m(view: Comparison) -> float | None:
-    """Depth of the deepest sole corner below the floor."""
+    """Depth of the deepest sole corner below the floor [m]."""
     return deepest(view.cached(_counted_heights))
 
 
 @figure("object below floor", "mm", needs_floor=True)
 def object_below_floor_m(view: Comparison) -> float | None:
-    """Depth of the deepest object point below the floor."""
+    """Depth of the deepest object point below the floor [m]."""
     if view.object_count == 0:
         return None
     return max(0.0, -float(view.cached(_object_heights).min()))
@@ -88,7 +88,7 @@ def object_below_floor_m(view: Comparison) -> float | None:
 
 @figure("object float", "mm", needs_floor=True)
 def object_float_m(view: Comparison) -> float | None:
-    """Mean height of resting objects over the floor."""
+    """Mean height of resting objects over the floor [m]."""
     rests = rests_on_floor(view.clip)[:, view.first :]
     if not rests.any():
         return None
@@ -112,19 +112,19 @@ def support_height_error_m(view: Comparison) -> float | None:
 
 @figure("range margin", "rad", digits=3, better="higher")
 def joint_range_margin_rad(view: Comparison) -> float | None:
-    """Way left to the nearest end of any joint's range; negative is beyond it."""
+    """Way left to the nearest end of any joint's range; negative is beyond it [rad]."""
     return finite_min_or_none(joint_range_margins(view.motion, view.kinematics.model))
 
 
 @figure("speed margin", "rad/s", digits=2, better="higher")
 def joint_speed_margin_radps(view: Comparison) -> float | None:
-    """Speed left to the limit of the fastest joint; negative is beyond it."""
+    """Speed left to the limit of the fastest joint; negative is beyond it [rad/s]."""
     return finite_min_or_none(joint_speed_margins(view.motion, view.kinematics.model))
 
 
 @figure("pose", "deg")
 def body_pose_deviation_deg(view: Comparison) -> float | None:
-    """Mean angle between the bones of robot and human; proportions alone make some.
+    """Mean angle between the bones of robot and human; proportions alone make some [deg].
 
     Over the 8 of the arms alone where a base carries the robot.
     """
@@ -135,7 +135,7 @@ def body_pose_deviation_deg(view: Comparison) -> float | None:
 
 @figure("trunk", "deg")
 def trunk_deviation_deg(view: Comparison) -> float | None:
-    """Mean angle between the chests of robot and human, in the world.
+    """Mean angle between the chests of robot and human, in the world [deg].
 
     None where a base carries the robot, whose trunk cannot follow.
     """
@@ -144,25 +144,25 @@ def trunk_deviation_deg(view: Comparison) -> float | None:
 
 @figure("trunk p95", "deg")
 def trunk_deviation_p95_deg(view: Comparison) -> float | None:
-    """The angle between the chests that 95 % of the frames stay below."""
+    """The angle between the chests that 95 % of the frames stay below [deg]."""
     return percentile_or_none(view.cached(trunk_deviations)[0])
 
 
 @figure("trunk max", "deg")
 def trunk_deviation_max_deg(view: Comparison) -> float | None:
-    """The largest angle between the chests."""
+    """The largest angle between the chests [deg]."""
     return max_or_none(view.cached(trunk_deviations)[0])
 
 
 @figure("lean p95", "deg", needs_floor=True)
 def trunk_lean_p95_deg(view: Comparison) -> float | None:
-    """Difference of the trunks' sideways lean that 95 % of the frames stay below."""
+    """Difference of the trunks' sideways lean that 95 % of the frames stay below [deg]."""
     return percentile_or_none(view.cached(trunk_deviations)[1])
 
 
 @figure("velocity direction", "deg")
 def link_velocity_direction_deg(view: Comparison) -> float | None:
-    """Mean angle between the velocities of hands, feet, head and pelvis of the two.
+    """Mean angle between the velocities of hands, feet, head and pelvis of the two [deg].
 
     Over palms, ankles, head and pelvis, wherever both sides exceed 2 cm/s. With several objects, relative to
     the one that the person touches longest; without objects, in the world.
@@ -179,19 +179,19 @@ def link_velocity_direction_deg(view: Comparison) -> float | None:
 
 @figure("jerk", "m/s^3")
 def body_jerk_mps3(view: Comparison) -> float | None:
-    """Mean change of acceleration over all links."""
+    """Mean change of acceleration over all links [m/s^3]."""
     return mean_or_none(view.cached(_counted_jerks))
 
 
 @figure("jerk max", "m/s^3", digits=0)
 def body_jerk_max_mps3(view: Comparison) -> float | None:
-    """The largest change of acceleration of any link."""
+    """The largest change of acceleration of any link [m/s^3]."""
     return max_or_none(view.cached(_counted_jerks))
 
 
 @figure("object path", "cm")
 def object_path_error_m(view: Comparison) -> float | None:
-    """Mean distance of the object's path from the recorded one; it shrinks with the person by design."""
+    """Mean distance of the object's path from the recorded one; it shrinks with the person by design [m]."""
     distances = [
         norms((robot.positions - robot.positions[:1]) - (human.positions - human.positions[:1]))
         for robot, human in zip(view.robot_objects, view.human_objects, strict=True)

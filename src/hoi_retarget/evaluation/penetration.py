@@ -29,7 +29,7 @@ _MAX_HUMAN_DEPTH_M = 2e-3
 
 @figure("penetration", "mm", slow=True)
 def penetration_mean_m(view: Comparison) -> float | None:
-    """Mean depth of the deepest point of the robot in objects, while it touches."""
+    """Mean depth of the deepest point of the robot in objects, while it touches [m]."""
     depths = _penetration(view)
     never = np.zeros(view.clip.frames - view.first, dtype=bool)
     touching = np.logical_or.reduce([never, *(track.active for track in view.contacts)])
@@ -38,32 +38,32 @@ def penetration_mean_m(view: Comparison) -> float | None:
 
 @figure("penetration p95", "mm", slow=True)
 def penetration_p95_m(view: Comparison) -> float | None:
-    """That depth, exceeded in 5 % of all frames."""
+    """That depth, exceeded in 5 % of all frames [m]."""
     return percentile_or_none(_penetration(view))
 
 
 @figure("penetration max", "mm", slow=True)
 def penetration_max_m(view: Comparison) -> float | None:
-    """That depth at its largest."""
+    """That depth at its largest [m]."""
     return max_or_none(_penetration(view))
 
 
 @figure("self-penetration", "mm")
 def self_penetration_max_m(view: Comparison) -> float | None:
-    """Largest depth of one part of the robot in another."""
+    """Largest depth of one part of the robot in another [m]."""
     depths, _, _ = self_depths(view.kinematics, view.first)
     return max_or_none(depths) if skin_of(view.kinematics.model).links else None
 
 
 @figure("in another robot", "mm")
 def robot_penetration_max_m(view: Comparison) -> float | None:
-    """Largest depth of the robot in another one."""
+    """Largest depth of the robot in another one [m]."""
     return view.motion.report.figures.get("robot_penetration_max_m")
 
 
 @figure("link below floor", "mm", needs_floor=True)
 def link_below_floor_m(view: Comparison) -> float | None:
-    """Depth of the deepest part below the floor."""
+    """Depth of the deepest part below the floor [m]."""
     return max_or_none(np.maximum(-link_heights(view.kinematics, view.first), 0.0))
 
 
