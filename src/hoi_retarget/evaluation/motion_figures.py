@@ -98,7 +98,7 @@ def object_float_m(view: Comparison) -> float | None:
 
 @figure("object on object", "mm")
 def support_height_error_m(view: Comparison) -> float | None:
-    """Largest change of an object's height over the one that carries it."""
+    """Largest change of an object's height over the one that carries it [m]."""
     carriers = supports(view.clip.objects, view.clip.fps).carriers[view.first :]
     frames, riders = np.nonzero(carriers >= 0)
     if not len(frames):
