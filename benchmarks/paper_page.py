@@ -30,8 +30,6 @@ REFINED = (
 OURS = ("surface", "landmark")
 IN_README = (
     "touch_share",
-    "contact_gap_m",
-    "penetration_max_m",
     "relative_hand_rotation_deg",
     "stance_slide_mps",
     "body_jerk_mps3",
@@ -132,14 +130,15 @@ def beside(found: Measured, key: str, name: str) -> float | None:
 def cell(found: Measured, key: str, name: str, scale: float, digits: int) -> str:
     """Return the mean of a figure; of a program that ran on some clips alone, with the first column's on these."""
     text = number(found["mean"][key][name], scale, digits)
-    return text if drawn(found, name) is None else f"{text} / {number(beside(found, key, name), scale, digits)}"
+    return text if drawn(found, name) is None else f"{text}/{number(beside(found, key, name), scale, digits)}"
 
 
 def drawn_words(found: Measured) -> str:
     """Return a sentence for each program that did not run on all clips."""
     programs = {name: some for name in next(iter(found["mean"].values())) if (some := drawn(found, name)) is not None}
     return "".join(
-        f"{name}: {len(some)} clips drawn by lot, after the slash the first column's mean on these. "
+        f"{name}: {len(some)} of {len(some) + len(found['failed'][name])} clips drawn by lot, the others failed; after the slash "
+        "the first column's mean on these. "
         for name, some in programs.items()
     )
 

@@ -49,7 +49,7 @@ def test_every_step_calls_its_script_with_words_that_it_knows(paper, tmp_path):
         for name in page.PERFORMED:
             (tmp_path / folder / f"{name}.npz").touch()
     there = dict.fromkeys(("data", "objects", "gmr", "gmr_script", "omniretarget", "motions"), tmp_path)
-    arguments = script.Arguments(limit=5, **there)
+    arguments = script.Arguments(drawn=5, **there)
     for name, step in script.STEPS.items():
         file, *words = map(str, step.words(arguments))
         module = importlib.import_module(file.removesuffix(".py"))
