@@ -17,13 +17,13 @@ from common import pin_threads, show, write_json
 from hoi_retarget import synthetic
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
-from hoi_retarget.evaluation.multi_robot import robot_depths
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.config import Config, Scaling
 from hoi_retarget.retargeting.retarget import retarget, retarget_people
 from hoi_retarget.robots import load_robot, team
+from hoi_retarget.robots.link_depths import robot_depths
 from hoi_retarget.robots.model import RobotModel
 from short_clips import taken
 

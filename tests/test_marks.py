@@ -10,12 +10,12 @@ from scipy.spatial import KDTree
 
 from hoi_retarget.cli import main
 from hoi_retarget.errors import ClipError
-from hoi_retarget.evaluation.comparison import RigidPoses
 from hoi_retarget.evaluation.penetration import self_depths
 from hoi_retarget.motion.motion import ContactForces, Stage
 from hoi_retarget.motion.result_file import load, save
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.robots.link_depths import RigidPoses
 from hoi_retarget.robots.skin import link_heights, skin_of
 from hoi_retarget.simulation.tracking_result import simulated_motion
 from hoi_retarget.studio.scene.curves import curves_of

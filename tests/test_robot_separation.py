@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.evaluation import inter_robot_penetrations, robot_depths
+from hoi_retarget.evaluation import inter_robot_penetrations
 from hoi_retarget.evaluation.thresholds import Level, verdict_of
 from hoi_retarget.motion.motion_report import Event, Report
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget, retarget_people
+from hoi_retarget.robots.link_depths import robot_depths
 from hoi_retarget.studio.browser.edit_session import ContactEdits, solved
 from posed_people import FRAMES, posed
 from trajectories import MODELS

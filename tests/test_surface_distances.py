@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from hoi_retarget.evaluation.comparison import RigidPoses
 from hoi_retarget.evaluation.penetration import self_collision_pairs, self_depths
 from hoi_retarget.evaluation.surface_distances import (
     ObjectShape,
-    PosedLink,
     PosedObject,
     link_distances,
-    pair_depths,
     shape_of,
     surface_kind,
 )
@@ -21,6 +18,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.point_tree import PointTree
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots import load_robot
+from hoi_retarget.robots.link_depths import PosedLink, RigidPoses, pair_depths
 from hoi_retarget.robots.skin import LinkSkin, link_heights, skin_of
 
 HAND = "left_wrist_yaw_link"

@@ -14,7 +14,6 @@ from hoi_retarget.evaluation.figures import evaluate as evaluate
 from hoi_retarget.evaluation.figures import figures_of as figures_of
 from hoi_retarget.evaluation.multi_robot import inter_robot_hand_errors as inter_robot_hand_errors
 from hoi_retarget.evaluation.multi_robot import inter_robot_penetrations as inter_robot_penetrations
-from hoi_retarget.evaluation.multi_robot import robot_depths as robot_depths
 from hoi_retarget.evaluation.penetration import sunk_links as sunk_links
 from hoi_retarget.evaluation.soundness import SOUNDNESS as SOUNDNESS
 from hoi_retarget.evaluation.soundness import soundness as soundness

@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any, Literal, TypeVar
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.errors import ArgumentError, ClipError
@@ -14,8 +14,8 @@ from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import HANDS
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
+from hoi_retarget.robots.link_depths import RigidPoses
 from hoi_retarget.robots.model import Kinematics
-from hoi_retarget.robots.skin import LinkSkin
 
 T = TypeVar("T")
 
@@ -24,47 +24,6 @@ FOOT_SITES = {"left_foot": "left_foot", "right_foot": "right_foot"}
 
 # A recording's first frame is often a rest pose or a copy; all programs are compared from the second on.
 FIRST_COUNTED_SOURCE_FRAME = 1
-
-
-@dataclass(frozen=True, eq=False)
-class RigidPoses:
-    """World poses of a link or an object over F frames."""
-
-    positions: Float[np.ndarray, "F 3"]
-    """[m]"""
-    rotations: Float[np.ndarray, "F 3 3"]
-
-    @classmethod
-    def of_link(cls, kinematics: Kinematics, skin: LinkSkin, first: int = 0) -> "RigidPoses":
-        """Return the poses of a link from one frame on."""
-        rotations = kinematics.orientation(skin.frame).transpose(2, 0, 1)
-        return cls(kinematics.point(skin.frame).T[first:], np.ascontiguousarray(rotations[first:]))
-
-    def at(self, frames: Int[np.ndarray, "K"]) -> "RigidPoses":
-        """Return the poses in some frames."""
-        return RigidPoses(self.positions[frames], self.rotations[frames])
-
-    def relative_to(self, other: "RigidPoses") -> "RigidPoses":
-        """Return these poses in the frame of others."""
-        back = other.rotations.transpose(0, 2, 1)
-        away = np.einsum("fij,fj->fi", back, self.positions - other.positions)
-        return RigidPoses(away, back @ self.rotations)
-
-    def placed(self, points: Float[np.ndarray, "F 3"]) -> Float[np.ndarray, "F 3"]:
-        """Return the world positions of local points, one a frame [m]."""
-        return np.einsum("fij,fj->fi", self.rotations, points) + self.positions
-
-    def points_inside(self, points_world: Float[np.ndarray, "F 3"]) -> Float[np.ndarray, "F 3"]:
-        """Return world points, one a frame, in this frame [m] (paper Eq. 1)."""
-        return self.vectors_inside((points_world - self.positions)[:, None])[:, 0]
-
-    def vectors_inside(self, vectors_world: Float[np.ndarray, "F K 3"]) -> Float[np.ndarray, "F K 3"]:
-        """Return world vectors, K a frame, along these axes, in their unit."""
-        return vectors_world @ self.rotations
-
-    def rotations_inside(self, rotations_world: Float[np.ndarray, "F 3 3"]) -> Float[np.ndarray, "F 3 3"]:
-        """Return world rotations, one a frame, relative to these."""
-        return np.swapaxes(self.rotations, 1, 2) @ rotations_world
 
 
 @dataclass(frozen=True, eq=False)

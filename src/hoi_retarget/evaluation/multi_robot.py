@@ -4,17 +4,15 @@ from collections.abc import Sequence
 from itertools import combinations, product
 
 import numpy as np
-from jaxtyping import Float
 
 from hoi_retarget.evaluation.comparison import HAND_SITES, norms
 from hoi_retarget.evaluation.penetration import sunk_runs
-from hoi_retarget.evaluation.surface_distances import pair_depths, posed_links
 from hoi_retarget.evaluation.unreached_contacts import contact_offsets
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.motion_report import Event, InterRobotHandError
 from hoi_retarget.numerics.arrays import runs
-from hoi_retarget.robots.model import Kinematics, RobotModel
-from hoi_retarget.robots.skin import LinkSkin
+from hoi_retarget.robots.link_depths import robot_depths
+from hoi_retarget.robots.model import RobotModel
 
 
 def inter_robot_hand_errors(motions: Sequence[Motion], models: Sequence[RobotModel]) -> tuple[InterRobotHandError, ...]:
@@ -37,14 +35,6 @@ def inter_robot_hand_errors(motions: Sequence[Motion], models: Sequence[RobotMod
                 numbers = frames, float(errors.mean()), float(errors.max())
                 found.append(InterRobotHandError((person, other), links, name, *numbers))
     return tuple(found)
-
-
-def robot_depths(
-    one: Kinematics, other: Kinematics
-) -> tuple[Float[np.ndarray, "pairs T"], tuple[tuple[LinkSkin, LinkSkin], ...]]:
-    """Return the depths of links of two robots in each other in every frame [m], for pairs that ever are near."""
-    ones, others = posed_links(one), posed_links(other)
-    return pair_depths(ones, others, product(range(len(ones)), range(len(others))))
 
 
 def inter_robot_penetrations(

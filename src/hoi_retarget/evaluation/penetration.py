@@ -8,10 +8,11 @@ from jaxtyping import Float, Int
 
 from hoi_retarget.evaluation.comparison import Comparison, figure, max_or_none, mean_or_none, percentile_or_none
 from hoi_retarget.evaluation.contact_figures import surface_curves
-from hoi_retarget.evaluation.surface_distances import pair_depths, part_skins, posed_links
+from hoi_retarget.evaluation.surface_distances import part_skins
 from hoi_retarget.motion.motion_report import Event
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.robots.link_depths import pair_depths, posed_links
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.skin import link_heights, skin_of
 

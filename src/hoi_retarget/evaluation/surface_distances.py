@@ -5,7 +5,7 @@ goes right through a thin board is hardly inside the board, but the board is dee
 link and every object is measured; figures and viewers choose.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Literal
@@ -13,12 +13,13 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hoi_retarget.evaluation.comparison import FOOT_SITES, HAND_SITES, RigidPoses, object_poses
+from hoi_retarget.evaluation.comparison import FOOT_SITES, HAND_SITES, object_poses
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics.point_tree import Nearest, PointTree
 from hoi_retarget.objects.distance_field import SHELL_THICKNESS, DistanceField, distance_field, surface_samples
 from hoi_retarget.objects.mesh import Surface, surface_of
 from hoi_retarget.objects.track import ObjectGeometry
+from hoi_retarget.robots.link_depths import RigidPoses, least_in_solid, tree_of
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.skin import LinkSkin, skin_of, skins_from
 
@@ -185,38 +186,6 @@ def _link_distances(
     return LinkDistances(least, point, sunk)
 
 
-def least_in_solid(
-    tree: PointTree, skin: LinkSkin, pose: RigidPoses, scale: float = 1.0
-) -> tuple[Float[np.ndarray, "F"], Float[np.ndarray, "F 3"]]:
-    """Return the least signed distance of points from a link's solid, over the scale, at most 0, and the point [m].
-
-    Where none is inside, the point is the origin.
-
-    Args:
-        tree: Points of another link, or of an object at captured size.
-        skin: The link's.
-        pose: Poses of the points' owner in the link's frame.
-        scale: Size of the object over captured size.
-    """
-
-    def bounds(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        distances = skin.solid.distances(scale * points) / scale
-        return distances, distances
-
-    found = tree.nearest(pose.rotations, pose.positions / scale, bounds, 0.0)
-    least, points = np.zeros(len(pose.positions)), np.zeros((len(pose.positions), 3))
-    np.minimum.at(least, found.place, found.lower)
-    deepest = (found.lower == least[found.place]) & (found.lower < 0.0)
-    points[found.place[deepest]] = tree.points[found.point[deepest]]
-    return least, points
-
-
-@lru_cache(maxsize=256)
-def tree_of(skin: LinkSkin) -> PointTree:
-    """Return all points of a link's skin as a tree."""
-    return PointTree.of(skin.points)
-
-
 def _exact(
     found: Nearest, tree: PointTree, pose: RigidPoses, shape: ObjectShape, scale: float
 ) -> tuple[Float[np.ndarray, "F"], Int[np.ndarray, "F"]]:
@@ -237,65 +206,6 @@ def _exact(
         better = better[distances[better] < least[at[better]]]
         least[at[better]], point[at[better]] = distances[better], tree.order[which[better]]
     return least, point
-
-
-@dataclass(frozen=True, eq=False)
-class PosedLink:
-    """A link over F frames."""
-
-    skin: LinkSkin
-    pose: RigidPoses
-    centre: Float[np.ndarray, "F 3"]
-    """Of the ball around it, in the world [m]."""
-
-
-def posed_links(kinematics: Kinematics, first: int = 0) -> tuple[PosedLink, ...]:
-    """Return a robot's links that have a skin, from one frame on."""
-    poses = [(skin, RigidPoses.of_link(kinematics, skin, first)) for skin in skin_of(kinematics.model).links]
-    return tuple(PosedLink(skin, pose, pose.positions + pose.rotations @ skin.centre) for skin, pose in poses)
-
-
-def pair_depths(
-    ones: Sequence[PosedLink],
-    others: Sequence[PosedLink],
-    pairs: Iterable[tuple[int, int]],
-    *,
-    keep_all: bool = False,
-) -> tuple[Float[np.ndarray, "pairs F"], tuple[tuple[LinkSkin, LinkSkin], ...]]:
-    """Return the depths of pairs of links in each other in every frame [m], and their links.
-
-    Args:
-        ones: Links of one robot.
-        others: Links of the same robot or another, in the same frames.
-        pairs: Indices into both.
-        keep_all: Whether pairs that are not near in any frame are returned, too.
-    """
-    depths, links = [], []
-    for pair in pairs:
-        one, other = ones[pair[0]], others[pair[1]]
-        away = one.centre - other.centre
-        near = np.flatnonzero(np.einsum("fi,fi->f", away, away) < (one.skin.radius + other.skin.radius) ** 2)
-        if not len(near) and not keep_all:
-            continue
-        depth = np.zeros(len(away))
-        if len(near):
-            at_one, at_other = one.pose.at(near), other.pose.at(near)
-            depth[near] = np.maximum(
-                _in_solid(one.skin, at_one.relative_to(at_other), other.skin),
-                _in_solid(other.skin, at_other.relative_to(at_one), one.skin),
-            )
-        depths.append(depth)
-        links.append((one.skin, other.skin))
-    return np.reshape(depths, (len(depths), len(ones[0].centre) if ones else 0)), tuple(links)
-
-
-def _in_solid(skin: LinkSkin, pose: RigidPoses, solid: LinkSkin) -> Float[np.ndarray, "F"]:
-    """Return the depth of one link's skin in another's solid [m], at poses in the other's frame."""
-    depth = np.zeros(len(pose.positions))
-    near = np.flatnonzero(solid.solid.distances(pose.positions + pose.rotations @ skin.centre) < skin.radius)
-    if len(near):
-        depth[near] = -least_in_solid(tree_of(skin), solid, pose.at(near))[0]
-    return depth
 
 
 def area_near(

@@ -15,7 +15,6 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hoi_retarget.evaluation import robot_depths
 from hoi_retarget.motion.motion_report import Window
 from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.config import Config, Horizon
@@ -27,6 +26,7 @@ from hoi_retarget.retargeting.trajopt.terms.robot_clearance import RobotClearanc
 from hoi_retarget.retargeting.trajopt.terms.self_clearance import self_clearance_terms
 from hoi_retarget.retargeting.trajopt.trajectory_terms import trajectory_terms
 from hoi_retarget.retargeting.trajopt.windows import FrameRange, report_window, windows_of
+from hoi_retarget.robots.link_depths import robot_depths
 from hoi_retarget.robots.model import Kinematics
 
 MIN_SEPARATED_DEPTH_M = 1e-3

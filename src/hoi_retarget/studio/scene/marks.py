@@ -11,20 +11,14 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy.spatial import KDTree
 
 from hoi_retarget.clip.clip import ContactTrack
-from hoi_retarget.evaluation.comparison import RigidPoses
 from hoi_retarget.evaluation.penetration import self_collision_pairs
-from hoi_retarget.evaluation.surface_distances import (
-    distances_of_motion,
-    least_in_solid,
-    pair_depths,
-    posed_links,
-    tree_of,
-)
+from hoi_retarget.evaluation.surface_distances import distances_of_motion
 from hoi_retarget.motion.motion import ContactForces, Motion
 from hoi_retarget.motion.motion_report import ELSEWHERE_M
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
+from hoi_retarget.robots.link_depths import RigidPoses, least_in_solid, pair_depths, posed_links, tree_of
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.skin import LinkSkin, skin_of
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
