@@ -108,7 +108,7 @@ def peers(found: Measured) -> str:
         + table(ours, beyond)
         + f"\nFirst column: {NAMES[base]}, [surfaces that touch](contact.md). GMR knows no object; objects move as in the clip, scaled with its robot's path. "
         "OmniRetarget takes each object for its convex hull. "
-        f"`python benchmarks/peers.py`; every clip: `benchmarks/measured/peers.json`.\n"
+        f"`python benchmarks/peers.py{drawn_option(found)}`; every clip: `benchmarks/measured/peers.json`.\n"
     )
 
 
@@ -131,6 +131,11 @@ def cell(found: Measured, key: str, name: str, scale: float, digits: int) -> str
     """Return the mean of a figure; of a program that ran on some clips alone, with the first column's on these."""
     text = number(found["mean"][key][name], scale, digits)
     return text if drawn(found, name) is None else f"{text}/{number(beside(found, key, name), scale, digits)}"
+
+
+def drawn_option(found: Measured) -> str:
+    some = drawn(found, "OmniRetarget") if "OmniRetarget" in found["failed"] else None
+    return "" if some is None else f" --drawn {len(some) + len(found['failed']['OmniRetarget'])}"
 
 
 def drawn_words(found: Measured) -> str:
