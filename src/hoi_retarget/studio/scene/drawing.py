@@ -4,17 +4,19 @@ A `DrawnScene` has one `Subject` per result (or per clip alone); a subject's `La
 one; a layer is made of `Shapes`, `Solid`s and `Lines`. Everything is in world coordinates.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
-from numpy.typing import ArrayLike
 
 from hoi_retarget.numerics import se3
 
 Colour = tuple[int, int, int]
+Numbers = float | Sequence[Any] | np.ndarray
+"""One number, a row of numbers, or an array."""
 
 
 class Kind(Enum):
@@ -47,10 +49,10 @@ class Shapes:
     def of(  # noqa: PLR0913, PLR0917 - the fields
         cls,
         kind: Kind,
-        sizes: ArrayLike,
-        colours: ArrayLike,
+        sizes: Numbers,
+        colours: Numbers,
         positions: Float[np.ndarray, "T N 3"],
-        quats: ArrayLike = se3.IDENTITY_QUAT,
+        quats: Numbers = se3.IDENTITY_QUAT,
         visible: Bool[np.ndarray, "T N"] | None = None,
     ) -> "Shapes":
         """Return shapes in single precision; one size, colour or rotation counts for all copies and frames.
