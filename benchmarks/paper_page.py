@@ -424,6 +424,7 @@ HEAD = """# The paper, claim by claim
 The claims of *HOI-Retarget: Contact-Centric Retargeting for Human-Object Interaction*, and this project's figures for them. `python benchmarks/paper.py` writes this page from
 `benchmarks/measured`, and measures again with recordings and the other programs' environments (`--help`). The recordings are 33 OMOMO clips of 11 kinds of object in InterMimic's layout;
 the paper has 4,421 of 13, so its figures are of other clips, on another machine.
+The benchmark and the object sizes are of today's motions; the other sections are of motions before the torso followed the person.
 """
 ALWAYS_BEHIND = (
     "- **Sources**: the paper ran five data sets; here only OMOMO's and ParaHome's files were at hand.",
