@@ -104,7 +104,7 @@ def test_an_edit_that_cannot_be_done_changes_nothing(editing, start):
     assert editing.now is start
 
 
-def test_a_contact_retimed_again_right_away_was_retimed_once(editing, recorded):
+def test_a_contact_retimed_again_right_away_was_retimed_once(editing, recorded, start):
     for span in ((70, 80), (75, 78), (50, 90)):
         first = editing.now.segments[0].start
         editing.commit(editing.preview(Retime("left_hand", first, *span)))
@@ -114,9 +114,13 @@ def test_a_contact_retimed_again_right_away_was_retimed_once(editing, recorded):
     assert len(editing.now.edits.edits) == 2, "another contact's is another edit"
     points = segments_of(recorded)[0].points
     assert {*map(tuple, editing.now.segments[0].points)} <= {*map(tuple, points)}, "no point was lost on the way"
-    for _ in range(4):
-        editing.undo()
-    assert editing.now.edits.edits == ()
+    editing.undo()
+    assert editing.now.edits.edits == (Retime("left_hand", first, 50, 90),)
+    editing.undo()
+    assert editing.now is start, "one step back for each edit, however often it was made again"
+    for edits in (1, 2):
+        editing.redo()
+        assert len(editing.now.edits.edits) == edits
 
 
 BOUNDS = st.lists(st.integers(0, 60), min_size=2, max_size=8, unique=True).map(sorted)

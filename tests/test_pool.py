@@ -160,6 +160,8 @@ def start(folder: Path, *words: str) -> subprocess.Popen:
     """Start a batch in a session of its own, as a terminal does."""
     command = [sys.executable, "-m", "hoi_retarget", "batch", "set.toml", "--out", "out", "--workers", "2", *words]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    # Where the tests run in the background, a shell has SIGINT ignored, which programs inherit.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     return subprocess.Popen(command, cwd=folder, text=True, start_new_session=True, **pipes)
 
 

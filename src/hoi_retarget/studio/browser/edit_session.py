@@ -26,6 +26,8 @@ class EditState:
     """One for each person."""
     complete: bool
     """Whether the whole clip was solved: the motions are then those of the command line, to the bit."""
+    replaces_last: bool = False
+    """Whether the last edit stands for that of the state before, too."""
 
     @property
     def motions(self) -> tuple[Motion, ...]:
@@ -61,15 +63,18 @@ class EditSession:
         """
         edits, last = self.now.edits, self.now.edits.edits[-1:]
         again = _again(edit, last[0]) if last else None
-        return self._revised(edits.adding(edit) if again is None else edits.without_last().adding(again), quickly)
+        if again is None:
+            return self._revised(edits.adding(edit), quickly)
+        return replace(self._revised(edits.without_last().adding(again), quickly), replaces_last=True)
 
     def preview_all(self, edits: ContactEdits) -> EditState:
         """Return the state with other edits of the same recording; raises as `preview`."""
         return self._revised(edits)
 
     def commit(self, edited: EditState) -> None:
-        """Go on from a previewed state."""
-        self._past.append(self.now)
+        """Go on from a previewed state; one step back takes an edit and those that it replaces away."""
+        if not edited.replaces_last:
+            self._past.append(self.now)
         self._undone.clear()
         self.now = edited
 
