@@ -5,8 +5,10 @@ object that is a shell (*) has no inside: only its points inside links count, an
 Of an object that is known by its hull (+), the depth is in the hull.
 
     python benchmarks/contact.py --data ../shared/data/omomo --objects ../shared/data/objects --contact both
+    python benchmarks/contact.py --results BATCH/unitree_g1 --verdicts    # counts, from the figures in the results
 """
 
+from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
@@ -22,6 +24,7 @@ from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.evaluation import contact_figures, figures, penetration
 from hoi_retarget.evaluation.comparison import Comparison, Figure
 from hoi_retarget.evaluation.contact_figures import SurfaceCurves, surface_curves
+from hoi_retarget.evaluation.thresholds import Level, by_kind, verdict_of
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.motion_report import Report, Status
 from hoi_retarget.motion.result_file import load
@@ -45,11 +48,14 @@ KEPT = ("stance_float_m", "stance_slide_mps", "body_jerk_mps3", "body_jerk_max_m
 KEPT += ("link_velocity_direction_deg", "relative_hand_rotation_deg", "joint_range_margin_rad")
 KEPT += ("joint_speed_margin_radps", "trunk_deviation_deg", "trunk_deviation_p95_deg", "trunk_lean_p95_deg")
 KEPT += ("palm_touch_share", "fingertip_touch_share", "hand_slip_mps", "hand_slip_fast_share", "hand_wander_excess_m")
+KEPT += ("person_slip_mps", "person_wander_m")
 COLUMNS: tuple[Figure, ...] = (
     *SURFACE,
     *(figure for name in KEPT for figure in figures.FIGURES if figure.name == name),
 )
 DEEP, SELF_DEEP = 5e-3, 2e-3
+BY_PALM = "palm_touch_share"
+"""Figure that rigid hands seldom pass."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +78,8 @@ class Arguments:
     json: Path | None = None
     results: Path | None = None
     """Judge the results of `run` in this folder in place of solving; they may be of another version."""
+    verdicts: bool = False
+    """Count the verdicts on those results by the figures that they hold, and do nothing else."""
 
 
 def measured(file: Path, arguments: Arguments, contact: str) -> dict[str, Any]:
@@ -172,6 +180,8 @@ def report(name: str, results: list[dict[str, Any]]) -> dict[str, Any]:
         "hand slip where the person's holds still [mm/s]": 1e3 * column("hand_slip_mps").mean(),
         "frames of these above 10 cm/s [%]": 1e2 * column("hand_slip_fast_share").mean(),
         "hand wander beyond the person's [mm]": 1e3 * column("hand_wander_excess_m").mean(),
+        "the person's own slip there [mm/s]": 1e3 * column("person_slip_mps").mean(),
+        "the person's own wander [mm]": 1e3 * column("person_wander_m").mean(),
         "clips with joint range or speed violated": int(
             ((column("joint_range_margin_rad") < 0.0) | (column("joint_speed_margin_radps") < 0.0)).sum()
         ),
@@ -191,8 +201,35 @@ def report(name: str, results: list[dict[str, Any]]) -> dict[str, Any]:
     return {"means": {key: float(value) for key, value in lines.items()}, "clips": results}
 
 
+def count_verdicts(folder: Path) -> dict[str, Any]:
+    """Print how many results pass, warn and fail by either light, and what for; return the counts."""
+    verdicts = {path.name: verdict_of(load(path)) for path in sorted(folder.glob("*.npz*"))}
+    lights = {name: Counter(getattr(one, name).level for one in verdicts.values()) for name in ("motion", "physics")}
+    without = Counter(
+        max((reason.level for reason in one.motion.reasons if reason.threshold.name != BY_PALM), default=Level.PASS)
+        for one in verdicts.values()
+    )
+    reasons = Counter((reason.kind, reason.threshold.name) for one in verdicts.values() for reason in one.reasons)
+    rows = {**lights, f"motion without {BY_PALM}": without}
+    show(
+        f"{len(verdicts)} results",
+        ("light", *map(str, Level)),
+        [(k, *(str(v[x]) for x in Level)) for k, v in rows.items()],
+    )
+    show("reasons", ("kind", "figure", "results"), [(*key, str(number)) for key, number in reasons.most_common()])
+    for name, one in verdicts.items():
+        if one.level is Level.FAIL:
+            print(f"{name}: {by_kind(one.motion.reasons)}")
+    return {name: {str(level): counts[level] for level in Level} for name, counts in rows.items()}
+
+
 def main(arguments: Arguments) -> None:
     """Measure every clip, and print per clip and together."""
+    if arguments.verdicts:
+        if arguments.results is None:
+            raise SystemExit("--verdicts counts those of stored results: name their folder with --results.")
+        write_json(arguments.json, count_verdicts(arguments.results))
+        return
     files = [
         file
         for file in clip_files(arguments.data, arguments.limit)

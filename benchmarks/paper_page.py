@@ -308,7 +308,7 @@ def pairs(found: Measured) -> str:
         ]
         for row in found["pairs"]
     ]
-    header = ["", "hands' relative place, off the people's: mean, largest [mm]", "penetration, alone → together [mm]", "hands that touch [%]"]  # fmt: skip
+    header = ["", "hands' wander from each other, off the people's: mean, largest [mm]", "penetration, alone → together [mm]", "hands that touch [%]"]  # fmt: skip
     return (
         "The paper leaves collisions between robots out; here robots keep out of each other. "
         f"In step with one object and one clock: {sum(row['in_step'] for row in found['pairs'])} of {len(found['pairs'])}. "

@@ -222,9 +222,32 @@ def _body(
             "inverseBindMatrices": glb.array(inverse.transpose(0, 2, 1).reshape(-1, 16), "MAT4"),
         }
     )
-    corners = glb.array(np.eye(3), "VEC3")
-    glb.tables["meshes"].append({"name": "body", "primitives": [{"attributes": {"POSITION": corners}}]})
+    _bind_skin(glb, rest, bound, turned, ends=len(ENDS))
     glb.node("body", parent=armature, mesh=len(glb.tables["meshes"]) - 1, skin=0)
+
+
+SKIN_OFFSETS = 0.02 * np.eye(3)
+"""[m]; of a joint's three vertices, in its axes."""
+
+
+def _bind_skin(
+    glb: Glb, rest: Mapping[str, np.ndarray], bound: Mapping[str, np.ndarray], turned: np.ndarray, *, ends: int
+) -> None:
+    """Add a triangle at each joint that it moves alone, and one on the head that the last of the bones moves half."""
+    turns = {joint: bound.get(joint, se3.IDENTITY_QUAT) for joint in JOINTS}
+    corners = np.stack([rest[joint] + se3.rotate(turns[joint][None], SKIN_OFFSETS) for joint in (*JOINTS, "head")])
+    joints = np.zeros((len(corners), 3, 4), dtype=int)
+    joints[:, :, 0] = np.array([*range(len(JOINTS)), JOINTS.index("head")])[:, None]
+    joints[-1, :, 1] = len(JOINTS) + ends - 1
+    weights = np.zeros(joints.shape)
+    weights[:, :, 0] = 1.0
+    weights[-1, :, :2] = 0.5
+    attributes = {
+        "POSITION": glb.array(se3.rotate_inverse(turned[None], corners.reshape(-1, 3)), "VEC3"),
+        "JOINTS_0": glb.array(joints.reshape(-1, 4), "VEC4"),
+        "WEIGHTS_0": glb.array(weights.reshape(-1, 4), "VEC4"),
+    }
+    glb.tables["meshes"].append({"name": "body", "primitives": [{"attributes": attributes}]})
 
 
 def _bound_joints(rest: np.ndarray, bound: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -157,8 +157,39 @@ def y_up(file: MotionFile, model: RobotModel) -> MotionFile:
     return _everywhere(file, make, lambda vector: se3.rotate(turn, vector))
 
 
-def raised(file: MotionFile, model: RobotModel) -> MotionFile:
-    return _everywhere(file, lambda pos, quat: (pos + np.array([0.0, 0.0, 0.4]), quat), lambda vector: vector)
+def lifted(height: Callable[[int], np.ndarray | float]) -> Callable[[MotionFile, RobotModel], MotionFile]:
+    """Return the fault of a world that is higher by so many metres, of the number of frames."""
+
+    def plant(file: MotionFile, model: RobotModel) -> MotionFile:
+        up = np.broadcast_to(height(file.frames), file.frames)[:, None] * [0.0, 0.0, 1.0]
+        return _everywhere(
+            file, lambda pos, quat: (pos + (up if pos.ndim == 2 else up[:, None]), quat), lambda vector: vector
+        )
+
+    return plant
+
+
+def in_one_frame(frames: int) -> np.ndarray:
+    return np.arange(frames) == frames // 2
+
+
+def knee_off(file: MotionFile, model: RobotModel) -> MotionFile | None:
+    columns = names(file, model)
+    if columns is None:
+        return None
+    moved = in_one_frame(file.frames)[:, None] * (np.array(columns) == "left_knee_joint")
+    return replace(file, joint_pos=file.joint_pos + 0.3 * moved)
+
+
+def object_off(file: MotionFile, model: RobotModel) -> MotionFile | None:
+    def make(pos: np.ndarray, quat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return pos + 0.1 * in_one_frame(len(pos)).reshape(-1, *(1,) * (pos.ndim - 1)), quat
+
+    return with_object(file, make)
+
+
+def elsewhere_flagged(file: MotionFile, model: RobotModel) -> MotionFile | None:
+    return file.contacts and replace(file, contacts=replace(file.contacts, flags=~file.contacts.flags))
 
 
 def doubled(file: MotionFile, model: RobotModel) -> MotionFile:
@@ -194,7 +225,14 @@ FAULTS = {
     "sides exchanged": Fault(exchanged(*LEGS, *ARMS), ("left and right", "joint order"), "", ("exchanged",)),
     "degrees": Fault(lambda file, _: with_joints(file, np.degrees), ("angle unit",), "degrees"),
     "knees measured from elsewhere": Fault(offset("knee"), ("joint zero",)),
-    "raised": Fault(raised, ("floor",)),
+    "raised": Fault(lifted(lambda frames: 0.4), ("floor",)),
+    "raised by 5 cm": Fault(lifted(lambda frames: 0.05), ("floor",), "", ("whose shapes are not in the file",)),
+    "sunk by 5 cm": Fault(lifted(lambda frames: -0.05), ("floor",)),
+    "drifting floor": Fault(lifted(lambda frames: np.linspace(-0.03, 0.07, frames)), ("floor",), "over the clip"),
+    "robot off for a frame": Fault(lifted(lambda frames: 0.1 * in_one_frame(frames)), ("jump",), "1 frame"),
+    "knee off for a frame": Fault(knee_off, ("jump",), "left_knee_joint"),
+    "object off for a frame": Fault(object_off, ("jump",), "1 frame"),
+    "contacts flagged elsewhere": Fault(elsewhere_flagged, ("contacts",), "an object moving near a palm"),
     "y up": Fault(y_up, ("up axis",)),
     "centimetres": Fault(in_centimetres, ("length unit",)),
     "doubled frames": Fault(doubled, ("repeated frames",)),

@@ -158,7 +158,7 @@ def test_people_who_lie_are_read(tmp_path):
         "not finite": ({"trans": np.full((20, 3), np.nan)}, "not finite"),
         "no frames": ({name: np.zeros((0, n)) for name, n in (("trans", 3), ("pose_hand", 90))}, "too few frames"),
         "rates": ({"mocap_frame_rate": np.zeros(2)}, "mocap_frame_rate, frames a second, has shape (2,)"),
-        "a rate of zero": ({"mocap_frame_rate": 0.0}, "must be positive"),
+        "a rate of zero": ({"mocap_frame_rate": 0.0}, "must be 1 to 1000"),
         "another unit": ({"betas": np.full(16, 900.0)}, "another unit than metres"),
     }.values(),
 )

@@ -123,7 +123,8 @@ BOX = ObjectGeometry(_MESH.vertices, faces=_MESH.faces)
 
 TOUCH = ("touch_share", "palm_touch_share", "fingertip_touch_share")
 SLIP = ("hand_slip_mps", "hand_slip_fast_share", "hand_wander_excess_m")
-MEASURED = {*TOUCH, *SLIP, "touch_gap_p95_m", "touch_place_m", "recorded_place_m"}
+PERSON = ("person_slip_mps", "person_wander_m")
+MEASURED = {*TOUCH, *SLIP, *PERSON, "touch_gap_p95_m", "touch_place_m", "recorded_place_m"}
 
 
 @dataclass(frozen=True)
@@ -266,9 +267,9 @@ def test_the_area_that_touches_is_that_of_the_skin_near_the_board():
 @pytest.mark.parametrize(("speed", "person"), [(0.0, 0.0), (0.02, 0.0), (0.02, 0.03), (0.11, 0.04)])
 def test_a_hand_slips_as_fast_as_its_board_moves(speed, person, scale):
     moved = 23 / FPS  # [s] from the first to the last frame that counts.
-    assert of(world(speed=speed, person=person, scale=scale).figures, SLIP) == pytest.approx(
-        [speed, float(speed > 0.1), moved * (speed - person)], abs=1e-9
-    )
+    figures = world(speed=speed, person=person, scale=scale).figures
+    assert of(figures, SLIP) == pytest.approx([speed, float(speed > 0.1), moved * (speed - person)], abs=1e-9)
+    assert of(figures, PERSON) == pytest.approx([person, moved * person], abs=1e-9)
 
 
 def test_what_turns_about_the_palm_does_not_slip_and_a_person_who_slides_asks_for_nothing():

@@ -57,7 +57,7 @@ def forearm(model) -> Skin:
 def test_a_link_goes_out_on_the_humans_side_and_as_far_as_it_must(model, side):
     kinematics = standing(model)
     bar = bar_through_the_forearm(kinematics)
-    (way,) = escape_paths((bar,), human_beside(side), forearm(model), kinematics, (), 1.0, FPS)
+    (way,) = escape_paths((bar,), human_beside(side), forearm(model), {}, kinematics, (), 1.0, FPS)
     np.testing.assert_array_equal(way.frames, np.arange(FRAMES))
     assert (side * way.outward[1, 0] > 0.9).all()
     (rows,) = way.rows(kinematics)
@@ -74,18 +74,33 @@ def test_a_link_goes_out_on_the_humans_side_and_as_far_as_it_must(model, side):
         assert step < 0.12
 
 
+def test_a_link_that_touches_leaves_before_and_after_alone(model):
+    kinematics, touching = standing(model), np.zeros(FRAMES, dtype=bool)
+    touching[15:25] = True
+    bar = bar_through_the_forearm(kinematics)
+    ways = escape_paths((bar,), human_beside(1.0), forearm(model), {LINK: touching}, kinematics, (), 1.0, FPS)
+    frames = np.concatenate([way.frames for way in ways])
+    weights = np.concatenate([way.weights for way in ways])
+    assert not touching[frames].any()
+    np.testing.assert_array_equal(weights[(frames < 10) | (frames >= 30)], 1.0)
+    before = frames < 15
+    assert (np.diff(weights[before]) <= 0.0).all() and weights[before][-1] < 0.7, "it gives way to the contact"
+    always = {LINK: np.ones(FRAMES, dtype=bool)}
+    assert not escape_paths((bar,), human_beside(1.0), forearm(model), always, kinematics, (), 1.0, FPS)
+
+
 def test_what_was_chosen_before_is_kept(model):
     kinematics = standing(model)
     bar, skin = bar_through_the_forearm(kinematics), forearm(model)
-    (left,) = escape_paths((bar,), human_beside(1.0), skin, kinematics, (), 1.0, FPS)
-    (again,) = escape_paths((bar,), human_beside(-1.0), skin, kinematics, (left,), 1.0, FPS)
+    (left,) = escape_paths((bar,), human_beside(1.0), skin, {}, kinematics, (), 1.0, FPS)
+    (again,) = escape_paths((bar,), human_beside(-1.0), skin, {}, kinematics, (left,), 1.0, FPS)
     np.testing.assert_allclose(again.sides, left.sides, atol=2e-2)
 
 
 def test_rows_agree_with_finite_differences(model):
     rng, kinematics = np.random.default_rng(0), standing(model)
     (way,) = escape_paths(
-        (bar_through_the_forearm(kinematics),), human_beside(1.0), forearm(model), kinematics, (), 3.0, FPS
+        (bar_through_the_forearm(kinematics),), human_beside(1.0), forearm(model), {}, kinematics, (), 3.0, FPS
     )
     direction, step = rng.normal(size=(FRAMES, model.nv)), 1e-6
     ahead, behind = (
@@ -99,7 +114,7 @@ def test_rows_agree_with_finite_differences(model):
 def test_windows_of_a_way_are_its_frames(model):
     kinematics = standing(model)
     ways = escape_paths(
-        (bar_through_the_forearm(kinematics),), human_beside(1.0), forearm(model), kinematics, (), 1.0, FPS
+        (bar_through_the_forearm(kinematics),), human_beside(1.0), forearm(model), {}, kinematics, (), 1.0, FPS
     )
     (whole,) = ways[0].rows(kinematics)
     halves = []
@@ -115,7 +130,7 @@ def test_a_clip_of_one_frame_has_its_way(model):
     bar = bar_through_the_forearm(kinematics)
     one = replace(bar, position=bar.position[:, :1], rotation=bar.rotation[:, :, :1])
     (way,) = escape_paths(
-        (one,), human_beside(1.0)[:1], forearm(model), model.forward(kinematics.qpos[:1]), (), 1.0, FPS
+        (one,), human_beside(1.0)[:1], forearm(model), {}, model.forward(kinematics.qpos[:1]), (), 1.0, FPS
     )
     assert way.frames.tolist() == [0]
     assert way.outward[1, 0, 0] > 0.9
@@ -124,7 +139,7 @@ def test_a_clip_of_one_frame_has_its_way(model):
 def test_links_that_are_not_deep_have_none(model):
     kinematics = standing(model)
     bar = bar_through_the_forearm(kinematics, away=0.5)
-    assert not escape_paths((bar,), human_beside(1.0), forearm(model), kinematics, (), 1.0, FPS)
+    assert not escape_paths((bar,), human_beside(1.0), forearm(model), {}, kinematics, (), 1.0, FPS)
 
 
 def test_links_stand_for_the_limbs_that_they_are(model):

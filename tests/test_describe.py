@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 import behave_writer
 import core4d_writer
+import motion_writers
 import omomo_writer
 from hoi_retarget.batch.jobs import jobs_of
 from hoi_retarget.batch.specification import of_folder
@@ -177,6 +178,14 @@ def test_results_are_described(folder):
     assert "unitree_g1" in facts.description
     assert facts.objects[0].moved > 1.0
     assert [(fact.part, fact.frames, fact.segments) for fact in facts.contacts] == [("left_palm", 3, 2)]
+
+
+@pytest.mark.parametrize("name", ["gmr", "hdmi", "unitree-csv", "protomotions", "holosoma-wbt"])
+def test_a_robots_motion_is_named_with_the_command_that_reads_it(name, tmp_path):
+    path = motion_writers.write(name, tmp_path)
+    facts = inspect(path)
+    assert (facts.format, facts.frames, facts.problems) == (name, motion_writers.motion().frames, ())
+    assert facts.command == f"hoi-retarget check-motion {path}"
 
 
 def test_files_of_no_known_format(folder):

@@ -15,6 +15,7 @@ from hoi_retarget.objects import distance_field as module
 from hoi_retarget.objects.distance_field import (
     SHELL_THICKNESS,
     DistanceField,
+    Region,
     distance_field,
     field_of,
     surface_samples,
@@ -229,6 +230,23 @@ def test_samples_of_a_surface_are_as_dense_on_every_triangle(seed):
         own = Surface(corners[triangle], np.array([[0, 1, 2]]))
         assert own.distances(samples[first:stop]).max(initial=0.0) < 1e-9
     assert len(surface_samples(exact, 100.0)) == 1
+
+
+@FAST
+@given(seed=seeds)
+def test_samples_in_a_region_of_a_large_surface_are_as_dense_as_all_of_them(seed):
+    """A wall of 8 m would take 14 million."""
+    wall = trimesh.creation.box((8.0, 0.2, 8.0))
+    surface, spacing = Surface(wall.vertices, wall.faces), 3e-3
+    rng = np.random.default_rng(seed)
+    region = Region(rng.uniform(-2, 2, (5, 3)) * [1, 0.05, 1], 0.15)
+    samples = surface_samples(surface, spacing, region)
+    assert len(samples) < 500_000
+    assert surface.distances(samples).max() < 1e-9
+    places = surface.closest_points(region.centres + rng.uniform(-0.05, 0.05, (5, 3)))
+    near = np.linalg.norm(places - region.centres, axis=1) < region.radius
+    assert np.linalg.norm(samples[:, None] - places[near], axis=2).min(axis=0).max(initial=0.0) < 2 * spacing
+    assert len(surface_samples(surface, spacing, Region(np.full((1, 3), 20.0), 0.1))) == 1
 
 
 # What has no inside

@@ -113,6 +113,7 @@ OF_SURFACES = {
 # Nobody's hand here holds still on an object: tests/test_contact_figures.py has hands that do.
 OF_HOLDS = {figure.name for figure in vars(hand_slip).values() if isinstance(figure, Figure)}
 OF_STACKS = {"support_height_error_m"}  # Of objects that another one carries.
+OF_COUPLINGS = {"coupling_error_rad"}  # Of added robots with some.
 
 
 @dataclasses.dataclass(frozen=True)
@@ -325,7 +326,7 @@ def test_robot_that_does_what_the_human_does_scores_zero(seed):
 @pytest.mark.parametrize("seed", range(5))
 def test_imperfect_world_leaves_no_figure_at_zero(seed):
     for name, value in dict(imperfect(seed).figures()).items():
-        if name in OF_SURFACES | OF_HOLDS | OF_STACKS:
+        if name in OF_SURFACES | OF_HOLDS | OF_STACKS | OF_COUPLINGS:
             assert value is None, name
         else:
             assert value is not None and abs(value) > 1e-4, name
@@ -574,11 +575,25 @@ def test_a_torso_turned_by_36_degrees_leans_only_when_it_rolls(axis, lean):
     torso = np.zeros((FRAMES, 3, 3))
     torso[:] = se3.quat_to_matrix(se3.exp(np.radians(36.0) * np.array(axis)))
     torso[30:] = np.eye(3)
-    figures = edit_kinematics(world, rotations={**world.kinematics.rotations, "torso": torso}).figures()
+    rotations = {**world.kinematics.rotations, "torso": torso, "pelvis": np.tile(np.eye(3), (FRAMES, 1, 1))}
+    figures = edit_kinematics(world, rotations=rotations).figures()
     assert figures["trunk_deviation_deg"] == pytest.approx(36.0 * 30 / FRAMES, abs=1e-6)
     assert figures["trunk_deviation_p95_deg"] == pytest.approx(36.0, abs=1e-6)
     assert figures["trunk_deviation_max_deg"] == pytest.approx(36.0, abs=1e-6)
     assert figures["trunk_lean_p95_deg"] == pytest.approx(lean, abs=1e-6)
+
+
+def test_hips_that_roll_under_a_straight_chest_lean():
+    world = make_world()
+    person = world.clip.people[0]
+    upright = se3.matrix_to_quat(np.tile(HUMAN_TO_ROBOT_AXES.T, (FRAMES, person.joint_quats.shape[1], 1, 1)))
+    world = edit_clip(world, people=(Person(person.name, person.joint_positions, upright),))
+    straight = np.tile(np.eye(3), (FRAMES, 1, 1))
+    rolled = straight @ se3.quat_to_matrix(se3.exp(np.radians(12.3) * np.array([1.0, 0.0, 0.0])))
+    rotations = {**world.kinematics.rotations, "torso": straight, "pelvis": rolled}
+    figures = edit_kinematics(world, rotations=rotations).figures()
+    assert figures["trunk_deviation_deg"] == pytest.approx(0.0, abs=1e-6)
+    assert figures["trunk_lean_p95_deg"] == pytest.approx(12.3, abs=1e-6)
 
 
 def test_velocity_direction_counts_only_what_moves():
@@ -918,7 +933,10 @@ def test_robots_offer_what_the_figures_need(name):
     undefined = {name for name, value in figures.items() if value is None}
     alone, unedited = penetration.robot_penetration_max_m, contact_figures.recorded_place_m
     feet = contact_figures.foot_touch_share, contact_figures.foot_touch_gap_p95_m
-    assert undefined == {figure.name for figure in (*feet, alone, unedited)} | OF_HOLDS | OF_STACKS
+    rests = contact_figures.rest_share, contact_figures.rest_gap_p95_m
+    assert (
+        undefined == {figure.name for figure in (*feet, *rests, alone, unedited)} | OF_HOLDS | OF_STACKS | OF_COUPLINGS
+    )
     assert figures["body_jerk_max_mps3"] == pytest.approx(0.0, abs=1e-8)
     assert figures["stance_slide_mps"] == pytest.approx(0.0, abs=1e-12)
     assert figures["joint_range_margin_rad"] >= 0.0

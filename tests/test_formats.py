@@ -171,10 +171,29 @@ def test_nothing_is_executed(value, protocol, tmp_path, monkeypatch):
     assert not (tmp_path / "executed").exists()
 
 
-def test_arrays_of_objects_in_npz_are_refused(tmp_path):
+@pytest.mark.parametrize("value", [Runs(), Built(), os.system, [1, "a"]])
+def test_objects_in_npz_are_refused_but_for_plain_values(value, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     path = tmp_path / "evil.npz"
-    np.savez(path, qpos=np.array([1, "a"], dtype=object))
-    refused(path, "refused: qpos holds Python objects")
+    np.savez(path, qpos=np.array(value, dtype=object))
+    refused(path)
+    assert not (tmp_path / "executed").exists()
+
+
+def test_none_in_an_entry_that_is_not_needed_is_left_out(tmp_path):
+    """`np.savez(**dictionary)` writes such entries of GMR's."""
+    content = writers.gmr(writers.motion())
+    path = tmp_path / "motion.npz"
+    np.savez(path, **content)
+    file = read(path)
+    assert "local_body_pos NoneType" in file.contents
+    np.testing.assert_array_equal(file.joint_pos, content["dof_pos"])
+
+
+def test_a_pickle_with_the_ending_of_a_table_is_told(tmp_path):
+    path = tmp_path / "motion.csv"
+    path.write_bytes(pickle.dumps({"root_pos": 1}))
+    refused(path, "a pickle, not a text file. Call it motion.pkl")
 
 
 @pytest.mark.parametrize(("sizes", "kind"), [((0, 1 << 39, 1 << 39), b"f8"), ((1 << 39,), b"U0")])

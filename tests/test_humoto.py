@@ -7,13 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glb_writer import Glb, bound_arms_down, humoto
+from glb_writer import SKIN_OFFSETS, Glb, bound_arms_down, humoto
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.label_contacts import part_object_distances
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ClipError, GeometryError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human import t_pose
-from hoi_retarget.human.skeleton import JOINT_INDEX
+from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS
+from hoi_retarget.human.skinned_mesh import SkinnedMesh
 from hoi_retarget.numerics import se3
 from hoi_retarget.readers import can_be_clip, own_layout, read_clip, reader_of
 from hoi_retarget.readers import humoto as reader
@@ -63,6 +65,39 @@ def test_a_bind_pose_near_the_t_pose_is_accounted_for(tmp_path, degrees):
     clip = read(tmp_path, humoto(CLIP, bound=bound_arms_down(degrees)))
     assert_same_people(clip, CLIP, tolerance=CLOSE)
     assert any(f"up to {degrees:.0f} deg" in note for note in clip.source.notes)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 45.0])
+def test_the_skin_goes_with_the_joints(tmp_path, degrees):
+    """Whatever the bind pose and the frames of bones are; bones that the skeleton lacks are parts of those above."""
+    turned = se3.exp(np.array([np.pi / 2, 0.0, 0.0]))
+    person = read(tmp_path, humoto(CLIP, bound=bound_arms_down(degrees), turned=turned)).people[0]
+    assert person.shape is not None
+    skin = person.shape.skin(person.joint_positions, person.joint_quats)
+    joints = [*range(len(JOINTS)), JOINT_INDEX["head"]]
+    offsets = se3.rotate(CLIP.people[0].joint_quats[:, joints, None], SKIN_OFFSETS)
+    wanted = CLIP.people[0].joint_positions[:, joints, None] + offsets
+    np.testing.assert_allclose(skin, wanted.reshape(skin.shape), atol=5e-6)
+    np.testing.assert_array_equal(person.shape.owners, np.repeat(joints, 3))
+
+
+def test_vertices_of_two_joints_go_half_way(tmp_path):
+    person = read(tmp_path, humoto(CLIP)).people[0]
+    assert isinstance(person.shape, SkinnedMesh)
+    weights, (elbow, wrist) = person.shape.weights.copy(), (JOINT_INDEX["left_elbow"], JOINT_INDEX["left_wrist"])
+    alone = [np.zeros_like(weights), np.zeros_like(weights)]
+    alone[0][:, elbow], alone[1][:, wrist] = 1.0, 1.0
+    first, second, both = (
+        replace(person.shape, weights=of).skin(person.joint_positions, person.joint_quats)
+        for of in (*alone, 0.5 * (alone[0] + alone[1]))
+    )
+    np.testing.assert_allclose(both, 0.5 * (first + second), atol=1e-9)
+
+
+def test_a_file_without_the_mesh_has_a_person_without_a_skin(tmp_path):
+    glb = humoto(CLIP)
+    del node_named(glb, "body")["mesh"]
+    assert read(tmp_path, glb).people[0].shape is None
 
 
 @pytest.mark.parametrize("height", [1.55, 1.85])
@@ -215,6 +250,11 @@ def unbound(glb: Glb) -> None:
     del glb.tables["skins"][0]["inverseBindMatrices"]
 
 
+def bones_that_are_not_there(glb: Glb) -> None:
+    attributes = glb.tables["meshes"][0]["primitives"][0]["attributes"]
+    attributes["JOINTS_0"] = glb.array(np.full((3 * (len(JOINTS) + 1), 4), 200), "VEC4")
+
+
 def two_of_a_name(glb: Glb) -> None:
     glb.node("chair", mesh=node_named(glb, "chair")["mesh"])
 
@@ -279,6 +319,7 @@ MISTAKES = {
     huge_object: (GeometryError, "another unit"),
     without_skin: (ClipError, "no skin binds"),
     unbound: (ReadError, "no inverse bind matrices"),
+    bones_that_are_not_there: (ReadError, "the weights of mesh body"),
     two_of_a_name: (ClipError, "two objects are called 'chair'"),
     spline: (ReadError, "interpolated by CUBICSPLINE"),
     compressed: (ReadError, "needs extensions"),
@@ -361,3 +402,11 @@ def test_real_files_have_their_floor_at_zero_and_a_person_of_157_cm(path):
     assert clip.people[0].height == pytest.approx(1.572, rel=0.02)
     resting = [track.lowest[0] for track in clip.objects if track.name in FURNITURE]
     np.testing.assert_allclose(resting, 0.0, atol=0.01)
+
+
+@pytest.mark.skipif(not REAL, reason="HUMOTO's own files are not there")
+def test_hands_of_real_files_hold_with_their_skin():
+    """It lies on the objects; capsules of a hand are up to 8 mm inside or 12 mm off."""
+    clip = open_clip(next(path for path in REAL if "cutting_board_with" in path.name))
+    held = next(item for item in part_object_distances(clip) if item.part == "right_hand")
+    assert np.abs(held.distances).max() < 0.001

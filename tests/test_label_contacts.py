@@ -26,6 +26,7 @@ from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.human.capsules import PART_CAPSULES, spheres
 from hoi_retarget.human.skeleton import FEET, HANDS, PARTS
+from hoi_retarget.human.skinned_mesh import vertices_of
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.objects.mesh import surface_of
@@ -329,7 +330,8 @@ def test_a_skin_is_as_near_as_its_nearest_vertex(skinned):
     frames = slice(90, 130)
     for item in part_object_distances(skinned):
         joints = {capsule.joint for capsule in PART_CAPSULES[item.part]}
-        skin = person.shape.skin(person.joint_positions, person.joint_quats, person.shape.vertices_of(joints))[frames]
+        vertices = vertices_of(person.shape.owners, joints)
+        skin = person.shape.skin(person.joint_positions, person.joint_quats, vertices)[frames]
         inside = se3.rotate_inverse(track.quats[frames, None], skin - track.positions[frames, None])
         away = np.linalg.norm(inside - surface.closest_points(inside.reshape(-1, 3)).reshape(inside.shape), axis=-1)
         nearest = away.min(axis=1)

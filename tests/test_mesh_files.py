@@ -1,5 +1,7 @@
 """A mesh written as COLLADA is the same mesh in any other format, whatever its unit, axes, nodes and primitives are."""
 
+import re
+
 import mujoco
 import numpy as np
 import pytest
@@ -139,6 +141,16 @@ def test_other_axis_up_is_applied_where_that_brings_meshes_to_their_masses(descr
     assert len(description.findings) == applied
 
 
+def test_ids_may_be_those_of_other_geometries(tmp_path):
+    content = collada(Written()).decode()
+    start, end = content.index("<geometry "), content.index("</geometry>") + len("</geometry>")
+    other = re.sub(r'<geometry id="[^"]*"', '<geometry id="other"', content[start:end])
+    other = re.sub(r"(<float_array [^>]*>)[^<]*", r"\1 0 0 0", other)
+    assert other != content[start:end]
+    meshes = [read_collada(text.encode()) for text in (content, content[:end] + other + content[end:])]
+    np.testing.assert_array_equal(*(mesh.surfaces[0].vertices for mesh in meshes))
+
+
 ENTITIES = (
     b'<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;">]>'
     b'<COLLADA><asset><unit meter="&b;"/></asset></COLLADA>'
@@ -172,6 +184,23 @@ def test_damaged_file_is_one_finding_with_the_reason(described, damage):
     findings = described("box.dae", change(content)).findings
     assert len(findings) == 1 and "box.dae" in findings[0].what
     assert says in findings[0].what, findings[0].what
+
+
+POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("box.stl", bytes(84), "no surface"),
+        ("box.obj", b"# nothing\n", "no surface"),
+        ("box.stl", POINTER, "Git LFS pointer"),
+        ("box.dae", POINTER, "git lfs pull"),
+    ],
+)
+def test_mesh_without_triangles_is_left_out_and_told(described, name, content, says):
+    (finding,) = described(name, content).findings
+    assert finding.level == "warn" and name in finding.what and says in finding.what
 
 
 def test_large_mesh_is_made_coarser_as_a_whole(tmp_path):

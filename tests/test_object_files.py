@@ -83,6 +83,34 @@ def test_a_mesh_goes_before_a_hull_before_points(tmp_path):
     assert np.abs(load_geometry(tmp_path, "box").points).max() == pytest.approx(0.2)
 
 
+@pytest.mark.parametrize("place", ["box/box{}", "box{}"])
+@pytest.mark.parametrize("suffix", [".stl", ".ply", ".glb", ".off", ".obj"])
+def test_meshes_of_any_kind_are_read_in_their_folder_and_beside_it(place, suffix, tmp_path):
+    path = tmp_path / place.format(suffix)
+    path.parent.mkdir(exist_ok=True)
+    trimesh.creation.box((0.2, 0.4, 0.6)).export(path)
+    geometry = load_geometry(tmp_path, "box")
+    assert geometry.has_surface
+    np.testing.assert_allclose(np.ptp(geometry.points, axis=0), (0.2, 0.4, 0.6))
+    assert known_objects(tmp_path) == ("box",)
+
+
+def test_meshes_of_other_names_in_the_folder_are_parts(tmp_path):
+    (tmp_path / "box").mkdir()
+    for index, height in enumerate((0.0, 1.0)):
+        trimesh.creation.box((0.2, 0.2, 0.2)).apply_translation((0, 0, height)).export(tmp_path / f"box/p{index}.obj")
+    geometry = load_geometry(tmp_path, "box")
+    np.testing.assert_allclose(np.ptp(geometry.points, axis=0), (0.2, 0.2, 1.2))
+    assert geometry.faces is not None and len(geometry.faces) == 24
+
+
+def test_what_is_there_instead_is_named(tmp_path):
+    (tmp_path / "box" / "meshes").mkdir(parents=True)
+    (tmp_path / "box" / "meshes" / "box.usda").write_text("#usda")
+    with pytest.raises(GeometryError, match=r"expected box/box\.obj \(\.stl, .*It holds box/meshes/box\.usda"):
+        load_geometry(tmp_path, "box")
+
+
 def test_a_file_is_read_once_until_it_changes(tmp_path):
     write_box(tmp_path, "box", 0.2)
     first = load_geometry(tmp_path, "box")
@@ -139,6 +167,8 @@ def test_folders_that_are_none(tmp_path):
     refused(tmp_path / "file", "box", "no such folder")
     (tmp_path / "nothing").mkdir()
     refused(tmp_path / "nothing", "box", "There are no objects in it")
+    write_box(tmp_path / "inner", "stool")
+    refused(tmp_path, "stool", f"Try --objects {tmp_path / 'inner'}")
 
 
 @pytest.mark.parametrize("name", ["../box", "..", ".", "", "a/b", "a\\b", "/etc/passwd", "a\0b"])

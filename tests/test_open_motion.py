@@ -10,12 +10,19 @@ import pytest
 import motion_writers as writers
 from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import Source
+from hoi_retarget.errors import ReadError
 from hoi_retarget.evaluation import FIGURES, evaluate
 from hoi_retarget.evaluation.penetration import self_depths
 from hoi_retarget.motion.check import ObjectPath
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.resample import resample
-from hoi_retarget.studio.report.open_motion import OpenedMotion, ReferenceClip, motion_from_qpos, with_recording
+from hoi_retarget.studio.report.open_motion import (
+    OpenedMotion,
+    ReferenceClip,
+    motion_from_qpos,
+    open_motion,
+    with_recording,
+)
 from hoi_retarget.studio.report.page import report_page
 from hoi_retarget.studio.report.rows import Row, read_row
 from hoi_retarget.synthetic import make
@@ -142,3 +149,12 @@ def test_evaluate_and_report_take_the_clip(tmp_path, capsys):
     for words in (["--clip", "nowhere.pt"], ["--object-scale", "0"]):
         assert main(["evaluate", str(path), *words]) == 2
         assert words[0] in capsys.readouterr().err
+
+
+def test_an_archive_of_another_zip_version_is_damaged_not_a_crash(tmp_path):
+    path = writers.write("hoi-retarget", tmp_path)
+    content = bytearray(path.read_bytes())
+    content[content.index(b"PK\x01\x02") + 6] = 206  # The version that an entry needs.
+    path.write_bytes(content)
+    with pytest.raises(ReadError, match=r"result\.npz"):
+        open_motion(path, G1)

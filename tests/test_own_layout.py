@@ -197,7 +197,7 @@ MISTAKES = {
     "faces beyond points": (lambda a: a | {"object_0_faces": np.array([[0, 1, 999]])}, "beyond"),
     "contacts given twice": (lambda a: a | {"segment_part": a["contact_part"]}, "in one way"),
     "text for a number": (lambda a: a | {"fps": "thirty"}, "fps, frames a second"),
-    "no rate": (lambda a: a | {"fps": 0.0}, "must be positive"),
+    "no rate": (lambda a: a | {"fps": 0.0}, "must be 1 to 1000"),
     "an object twice": (lambda a: a | {"object_names": np.array(["box", "box"])}, "a name twice"),
 }
 

@@ -1,10 +1,12 @@
 """All readers beside each other: every source's recordings are of exactly one, and of none when damaged."""
 
+import io
 import json
 import pickle
 import re
 import shutil
 import struct
+import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import lru_cache, partial
@@ -19,7 +21,7 @@ from hypothesis import strategies as st
 import cari4d_writer
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import HoiRetargetError, ReadError
-from hoi_retarget.files import reading
+from hoi_retarget.files import npz, reading
 from hoi_retarget.files.array_pickle import parse_pickle, read_joblib
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.files.torch_file import parse_torch
@@ -102,6 +104,14 @@ def test_a_file_of_something_else_is_held_by_nobody(copy, kind):
             assert recording.path.name in str(error)
         with pytest.raises(HoiRetargetError, match=re.escape(recording.path.stem)):
             recording.read()
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_a_pointer_in_place_of_a_file_is_told(copy, kind):
+    recording = copy(kind)
+    recording.main_file.write_bytes(b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n")
+    with pytest.raises(HoiRetargetError, match="git lfs pull"):
+        recording.read()
 
 
 @pytest.mark.parametrize("kind", WRITERS)
@@ -221,9 +231,20 @@ def test_tables_that_are_none_are_our_errors(copy, kind, name):
 
 def test_a_file_that_unpacks_to_more_than_memory_is_refused(copy, monkeypatch):
     recording = copy("behave")
-    monkeypatch.setattr(reading, "MAXIMUM_SIZE", 10_000)
+    monkeypatch.setattr(reading, "limit_unpacked", lambda packed: 10_000)
     with pytest.raises(ReadError, match=r"would unpack to .* MB, expected at most 0.01"):
         recording.read()
+
+
+def test_entries_that_nobody_wants_are_not_unpacked():
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        archive.writestr("wanted.npy", b"wanted")
+        archive.writestr("surplus.npy", b"surplus")
+    members = npz.Members(buffer.getvalue().replace(b"surplus", b"damaged", 2).replace(b"damaged.npy", b"surplus.npy"))
+    assert (set(members), members["wanted"]) == ({"wanted", "surplus"}, b"wanted")
+    with pytest.raises(ValueError, match="damaged"):
+        members["surplus"]
 
 
 FILES = 4  # At least so many damaged ones of each kind of damage.

@@ -59,7 +59,7 @@ def with_figures(motion: Motion, **figures: float | None) -> Motion:
 @functools.cache
 def good() -> Motion:
     """A motion that passes; the one it is made from has its knees in the box for two frames, and touches with tips."""
-    return with_figures(carried(), penetration_max_m=0.004, fingertip_touch_share=0.5)
+    return with_figures(carried(), penetration_max_m=0.004, palm_touch_share=0.5)
 
 
 @functools.cache

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.edits import ContactEdits, Move, apply
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.evaluation import FIGURES, evaluate
 from hoi_retarget.evaluation.thresholds import THRESHOLDS, verdict_of
@@ -313,7 +314,7 @@ def test_the_report_says_how_it_went():
     assert (window.start, window.stop) == (0, motion.frames)
     assert window.cost == pytest.approx(sum(window.cost_by_term.values()))
     assert window.optimality.stationarity < 1e-2
-    assert set(report.cpu_seconds) == {"targets", "ik", "trajectory", "metrics"}
+    assert set(report.cpu_seconds) == {"targets", "ik", "holds", "trajectory", "metrics"}
 
 
 def resampled(clip: Clip, factor: int) -> Clip:
@@ -415,6 +416,15 @@ def test_fast_figures_are_those_of_all_without_the_slow_ones(contact):
         assert fast.unreached_contacts == every.unreached_contacts
     else:
         assert fast.unreached_contacts is None and fast.sunk_links == ()
+
+
+@pytest.mark.parametrize("figures", ["fast", "none"])
+def test_a_contact_asked_in_thin_air_fails_whichever_figures_are_computed(figures):
+    clip = make("carry_box", seconds=4.0)
+    edited = apply(clip, ContactEdits.of(clip).adding(Move("left_hand", 100, offset=(0.0, 0.0, 0.3))))
+    motion = retarget(edited, G1, Config(contact="landmark", figures=figures, solver=KeepStart()))
+    assert "asked in thin air" in str(motion.warnings)
+    assert "thin_air_share" in {reason.threshold.name for reason in verdict_of(motion, G1).motion.reasons}
 
 
 def test_a_verdict_names_the_figures_that_it_does_not_have():

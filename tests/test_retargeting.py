@@ -122,7 +122,7 @@ def test_tracking_counts_more_only_where_there_is_no_object(g1):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("contact", "room"), [("landmark", 0.0), ("surface", 0.05)])
+@pytest.mark.parametrize(("contact", "room"), [("landmark", 0.0), ("surface", 0.1)])
 def test_a_person_alone_is_followed_closely(g1, contact, room):
     """Closer than with the weights of clips with objects, without skating, floating or more jerk."""
     inverse = {name: getattr(Weights(), name) / factor for name, factor in WITHOUT_OBJECTS.items()}
@@ -131,7 +131,7 @@ def test_a_person_alone_is_followed_closely(g1, contact, room):
     )
     close, other = (evaluate(item, WALK, g1) for item in (closely, loosely))
     assert close["link_velocity_direction_deg"] < 0.8 * other["link_velocity_direction_deg"]
-    # In surface contact anchored feet are flat with either: the legs then differ by hundredths of a degree.
+    # In surface contact anchored feet are flat with either: legs and trunk differ by less than a tenth of a degree.
     assert close["body_pose_deviation_deg"] <= other["body_pose_deviation_deg"] + room
     assert close["body_jerk_mps3"] < 1.1 * other["body_jerk_mps3"]
     assert close["stance_slide_mps"] < 0.03 and close["stance_sole_height_abs_m"] < 0.002

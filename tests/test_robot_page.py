@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 from hoi_retarget.cli import main
+from hoi_retarget.cli.commands import TRIAL_CLIPS
 from hoi_retarget.human.skeleton import JOINT_INDEX
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots import ROBOTS, load_robot, user_robots
@@ -110,7 +111,7 @@ def test_page_of_an_added_robot_stands_alone_and_is_made_again(tmp_path, monkeyp
     assert not re.findall(r"https?:|<script|url\(|@import|<link", text), "nothing is loaded, nothing runs"
     assert "default-src 'none'" in text
     pictures = re.findall(r'src="data:image/jpeg;base64,([^"]+)"', text)
-    assert len(pictures) == text.count("<img") == 7
+    assert len(pictures) == text.count("<img") == 6 + len(TRIAL_CLIPS)
     for picture in pictures:
         pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(picture))).convert("L"), dtype=float)
         assert pixels.std() > 5, "something is seen"

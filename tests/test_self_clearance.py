@@ -6,18 +6,16 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from hoi_retarget.retargeting.config import Scaling, Weights
-from hoi_retarget.retargeting.targets import make_targets
+from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.trajopt.link_pairs import near_pairs
 from hoi_retarget.retargeting.trajopt.problem import Problem, cost
 from hoi_retarget.retargeting.trajopt.solvers.solver import BandedInteriorPoint
 from hoi_retarget.retargeting.trajopt.terms.differences import Differences
 from hoi_retarget.retargeting.trajopt.terms.posture import Posture
-from hoi_retarget.retargeting.trajopt.terms.self_clearance import SelfClearance, self_clearance_terms
+from hoi_retarget.retargeting.trajopt.terms.self_clearance import SelfClearance, self_clearance_terms, self_depth
 from hoi_retarget.retargeting.trajopt.terms.site_pose import SitePosition
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.skin import separable_pairs, skin_of
-from hoi_retarget.synthetic import make
 from trajectories import MODELS, random_qpos
 
 G1 = MODELS["unitree_g1"]
@@ -44,11 +42,19 @@ def posed(model: RobotModel, **angles: float) -> np.ndarray:
 
 CROSSED = posed(G1, left_shoulder_roll=0.0, left_shoulder_pitch=0.0, left_elbow=1.3)
 """The left hand is in the left hip."""
-TARGETS = make_targets(make("carry_box"), G1, Scaling())
 
 
 def term_at(qpos: np.ndarray, weight: float = 5e3) -> tuple[SelfClearance, ...]:
-    return tuple(self_clearance_terms(Weights(self_clearance=weight), TARGETS, G1.forward(qpos)))
+    return tuple(self_clearance_terms(Weights(self_clearance=weight), G1.forward(qpos)))
+
+
+def test_depth_of_links_in_each_other_is_that_of_their_skins():
+    found, crossed = self_depth(G1.forward(CROSSED)), G1.forward(CROSSED)
+    pairs = ((one, other) for both in separable_pairs(G1, G1.body_names) for one, other in (both, both[::-1]))
+    deepest = max(depth(crossed, *pair) for pair in pairs if all(link in skin_of(G1).by_link for link in pair))
+    assert deepest > 0.01
+    assert found == pytest.approx(deepest, abs=2e-3)
+    assert self_depth(G1.forward(posed(G1))) <= 0.0
 
 
 # Which links
@@ -127,7 +133,7 @@ def test_the_cost_is_that_of_all_points_one_by_one():
 def test_pairs_that_meet_are_found(seed):
     """Whatever is inside another at a random trajectory has rows."""
     kinematics = G1.forward(random_qpos(G1, 10, np.random.default_rng(seed), wander=0.3))
-    (term,) = self_clearance_terms(Weights(), TARGETS, kinematics)
+    (term,) = self_clearance_terms(Weights(), kinematics)
     frames = {(pair.link.node, pair.other.node): set(pair.frames) for pair in term.pairs}
     skins = skin_of(G1).by_link
     for first, second in separable_pairs(G1, tuple(skins)):

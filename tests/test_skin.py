@@ -104,6 +104,13 @@ def test_a_file_of_skins_gives_them_back(tmp_path):
     np.testing.assert_allclose(right.solid.distances(places * [1, -1, 1]), left.solid.distances(places), atol=1e-9)
 
 
+def test_skins_of_large_links_are_written_too(tmp_path):
+    mesh = trimesh.creation.box((0.3, 0.2, 1.8))
+    skin = outer_skin(mesh.vertices, mesh.faces, replace(COARSE, nodes=0.02, ball=0.03, spacing=0.05, grid=0.05))
+    write_skins(tmp_path / "skin.npz", {"torso": skin}, {})
+    np.testing.assert_allclose(read_skins(tmp_path / "skin.npz")["torso"].points, skin.points, atol=1.1e-5)
+
+
 def test_a_damaged_skin_file_is_one_clear_error(tmp_path):
     file = tmp_path / "skin.npz"
     model = load_model(replace(load_robot("unitree_g1").spec, skin=file))

@@ -127,6 +127,17 @@ def test_a_slat_through_the_hand_is_seen_from_its_own_side(hand):
     assert found.depth[0] > 0.008
 
 
+def test_a_wall_of_eight_metres_is_seen_as_a_board_is(hand):
+    middle = np.array([0.10, 0.0, 0.0])
+    link = RigidPoses(-middle[None], still(1).rotations)
+    walls = [trimesh.creation.box((0.004, side, side)) for side in (0.6, 8.0)]
+    board, wall = (
+        link_distances(hand, link, PosedObject(shape_of_mesh(mesh), still(1), 1.0), np.ones(1, bool)) for mesh in walls
+    )
+    np.testing.assert_allclose(wall.skin, board.skin, atol=1e-6)
+    np.testing.assert_allclose(wall.depth, board.depth, atol=2e-3)
+
+
 def test_what_the_hand_has_swallowed_is_inside(hand):
     pea = trimesh.creation.icosphere(3, 0.003)
     depth = hand.solid.distances(hand.points - 0.008 * hand.normals)

@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
 from hoi_retarget.clip.edits import ContactEdits, Move, apply
+from hoi_retarget.evaluation import Comparison
+from hoi_retarget.evaluation.motion_figures import trunk_deviations
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.distance_field import field_of, surface_samples
 from hoi_retarget.objects.mesh import Surface
@@ -193,15 +195,15 @@ def test_huber_costs_meet_at_the_knee_with_their_slopes(seed):
     np.testing.assert_allclose(value**2, huber)
 
 
-def held_against_a_wall(model, thickness: float, depth: float):
-    """Return the targets of a box clip whose object is a thin wall that a hand reaches through from one side."""
+def held_against_a_wall(model, thickness: float, depth: float, column: int = 0):
+    """Return the targets of a box clip whose object is a thin wall that a part reaches through from one side."""
     targets = make_targets(make("carry_box"), model, Scaling())
     frames = targets.frames
     path = np.zeros((frames, len(targets.contact_links), 3))
     reach = np.clip(np.abs(np.arange(frames) - frames / 2) - frames / 8, 0.0, None)
-    path[:, 0, 2] = 0.5 * thickness - depth + 0.01 * reach
+    path[:, column, 2] = 0.5 * thickness - depth + 0.01 * reach
     flags = np.zeros((frames, len(targets.contact_links)), dtype=bool)
-    flags[:, 0] = reach == 0
+    flags[:, column] = reach == 0
     wall = solid_box((0.6, 0.6, thickness), frames=frames)
     return wall, replace(
         targets,
@@ -224,15 +226,17 @@ def test_a_hand_inside_a_thin_wall_has_the_side_from_which_it_came(model, side):
     assert not sides[:, 1].any()
 
 
-def test_a_hand_inside_a_thin_wall_comes_out_where_it_came_from(model):
-    wall, targets = held_against_a_wall(model, thickness=0.02, depth=0.015)
+def test_a_foot_inside_a_thin_wall_comes_out_where_it_came_from():
+    model = MODELS["unitree_g1"]
+    column = tuple(model.spec.part_sites.values()).index("left_foot")
+    wall, targets = held_against_a_wall(model, thickness=0.02, depth=0.015, column=column)
     kinematics = model.forward(np.repeat(model.home_qpos[None], targets.frames, axis=0))
-    moved = touching_targets(targets, (wall,), contact_sides(targets, (wall,)), skin_of(model), kinematics)
-    touching = np.flatnonzero(targets.contact_flags[:, 0])
-    skin = skin_of(model).by_link["left_wrist_yaw_link"]
+    moved = touching_targets(targets, (wall,), contact_sides(targets, (wall,)), kinematics)
+    touching = np.flatnonzero(targets.contact_flags[:, column])
+    skin = skin_of(model).by_link["left_ankle_roll_link"]
     lever = np.einsum("ij,kj->ki", kinematics.orientation(skin.frame)[:, :, 0], skin.points)
-    lever += kinematics.point(skin.frame)[:, 0] - kinematics.point("left_palm")[:, 0]
-    lowest = moved.carried_contact_points[touching, 0, 2] + lever[:, 2].min()
+    lever += kinematics.point(skin.frame)[:, 0] - kinematics.point("left_foot")[:, 0]
+    lowest = moved.carried_contact_points[touching, column, 2] + lever[:, 2].min()
     np.testing.assert_allclose(lowest, 0.01, atol=2e-3)
 
 
@@ -253,6 +257,8 @@ def test_hands_touch_and_nothing_is_inside(name, scene):
     targets = make_targets(clip, model, Scaling())
     (thing,) = moving_objects(targets)
     kinematics = model.forward(motion.qpos)
+    lean = trunk_deviations(Comparison(motion, clip, 0, kinematics))[1]
+    assert lean.max() < 10.0, "hips and chest tilt sideways no more than the person's"
     every = np.arange(motion.frames)
     for link, column in (("left_wrist_yaw_link", 0), ("right_wrist_yaw_link", 1)):
         skin = skin_of(model).by_link[link]

@@ -224,7 +224,7 @@ def test_scales_that_are_no_sizes_are_refused_by_their_option(name, value):
 
 
 WORLD_POINTS = ("site_positions", "foot_positions", "object_pos")
-WORLD_TURNS = ("site_quats", "foot_quats", "palm_quats", "torso_quats", "object_quat")
+WORLD_TURNS = ("site_quats", "foot_quats", "palm_quats", "contact_quats", "torso_quats", "object_quat")
 
 
 @every_robot

@@ -169,14 +169,15 @@ def test_a_torso_keeps_its_rotation_the_more_the_person_lies(upright, lies):
         stance_flags=np.zeros_like(targets.stance_flags),
     )
     weights = Weights(torso_orientation=3.0, trunk_orientation=7.0)
-    term, *lying = trunk_terms(weights, free, kinematics)
-    assert term.weight == 7.0
+    term, hips, *lying = trunk_terms(weights, free, kinematics)
+    assert term.weight == hips.weight == 7.0
     found = np.array([more.weight for more in lying] or [0.0])
     np.testing.assert_allclose(found, np.broadcast_to(lies * 3.0 * LYING_FACTOR, found.shape), atol=1e-9)
     assert bool(lying) >= (lies > 0)
     stands = replace(free, stance_flags=np.ones_like(free.stance_flags))
-    (term,) = trunk_terms(weights, stands, kinematics)
-    np.testing.assert_allclose(term.weight, 7.0)
+    term, hips = trunk_terms(weights, stands, kinematics)
+    assert (term.weight, hips.weight, hips.site) == (7.0, 7.0, "pelvis")
+    np.testing.assert_allclose(hips.rows(kinematics)[0].residual, 0.0, atol=1e-12)
     assert not tuple(trunk_terms(weights, replace(free, contact="landmark"), kinematics))
 
 

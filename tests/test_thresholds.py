@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hoi_retarget.cli import main
 from hoi_retarget.clip.augment import mirrored
 from hoi_retarget.clip.clip import QualityWarning, Severity
 from hoi_retarget.errors import ArgumentError
@@ -31,6 +32,7 @@ from hoi_retarget.evaluation.thresholds import (
 from hoi_retarget.motion.motion import Stage
 from hoi_retarget.motion.motion_report import Event, Report, Status
 from hoi_retarget.numerics import se3
+from hoi_retarget.readers.own_layout import write as write_clip
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.synthetic import make
@@ -207,9 +209,18 @@ def test_errors_of_a_recording_fail_and_its_warnings_do_not():
         return verdict_of(carried().with_report(source=source), G1)
 
     assert with_warning(Severity.WARNING).level is Level.WARN
-    assert [str(item) for item in with_warning(Severity.ERROR).reasons if item.level is Level.FAIL] == [
-        "errors of the recording 1, above 0"
-    ]
+    assert [str(item) for item in with_warning(Severity.ERROR).fatal] == ["errors of the recording 1, above 0"]
+
+
+@pytest.mark.parametrize(("up", "fault"), [(0.0, ""), (0.2, ""), (2.0, "Parts that are said")])
+def test_motion_of_a_person_far_over_the_floor_is_no_result(up, fault, tmp_path, capsys):
+    clip = make("carry_box")
+    person = replace(clip.people[0], joint_positions=clip.people[0].joint_positions + np.array([0.0, 0.0, up]))
+    write_clip(replace(clip, people=(person,)), tmp_path / "clip.npz")
+    command = ["run", str(tmp_path / "clip.npz"), "--contact", "landmark", "--figures", "none"]
+    assert main([*command, "--out", str(tmp_path / "out")]) == bool(fault)
+    assert (tmp_path / "out" / ("clip.npz.failed" if fault else "clip.npz")).exists()
+    assert not fault or f", above 0 ({fault}" in " ".join(capsys.readouterr().err.split())
 
 
 def test_what_a_report_complains_of_is_counted():

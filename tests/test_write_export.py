@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from export_motions import LINKS, SOURCE, as_result
+from export_motions import LINKS, SOURCE, as_result, smooth_motion
 from hoi_retarget import __version__
 from hoi_retarget.errors import ArgumentError, RobotError
 from hoi_retarget.motion.contact_arrays import outward_normals
@@ -28,8 +28,10 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import Surface
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget
+from hoi_retarget.robots import load_robot, robot
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.synthetic import make
+from synthetic_humanoids import Choices, humanoid
 from trajectories import MODELS
 
 EXPORTS = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "exports"
@@ -98,6 +100,14 @@ def tracking(path: Path, joint_names: list[str], body_names: list[str]) -> Read:
 
 
 def read_beyondmimic(path: Path, model: RobotModel) -> Read:
+    if model is not G1:
+        compiled = mujoco.MjModel.from_xml_path(str(model.spec.mjcf))
+        levels = [0] * compiled.nbody
+        for body in range(1, compiled.nbody):
+            levels[body] = levels[compiled.body_parentid[body]] + 1
+        order = sorted(range(1, compiled.nbody), key=levels.__getitem__)
+        joints = [compiled.joint(int(compiled.body_jntadr[body])).name for body in order[1:]]
+        return tracking(path, joints, [compiled.body(body).name for body in order])
     joints = [f"{name}_joint" for name in ISAAC_JOINTS]
     bodies = ["pelvis", *(f"{name}_link" for name in ISAAC_JOINTS)]
     return tracking(path, joints, ["torso_link" if name == "waist_pitch_link" else name for name in bodies])
@@ -213,8 +223,6 @@ def assert_same_rotations(a: np.ndarray, b: np.ndarray, tolerance: float) -> Non
 @every_format
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
 def test_at_the_results_own_rate_reading_gives_the_configurations_back(name, model, tmp_path):
-    if WRITABLE[name].robots and model.spec.name not in WRITABLE[name].robots:
-        pytest.skip("for the other robot alone")
     result = as_result(model, seed=1)
     path, _ = written(tmp_path, result, name, fps=30.0)
     read = READERS[name](path, model)
@@ -571,10 +579,23 @@ def test_formats_that_do_not_exist_are_told_with_those_that_do():
     assert all(name in str(caught.value) for name in NAMES)
 
 
-@pytest.mark.parametrize("name", ["beyondmimic", "unitree-csv"])
-def test_files_for_the_g1_alone_refuse_other_robots(name):
-    with pytest.raises(ArgumentError, match=r"unitree_g1.*unitree_h2.*mjlab"):
-        export(as_result(H2), WRITABLE[name], name="take")
+def test_files_of_added_robots_hold_what_moves_level_by_level(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOI_RETARGET_ROBOTS", str(tmp_path / "robots"))
+    path = tmp_path / "maker.xml"
+    path.write_text(humanoid(Choices(2, fingers=3)).mjcf)
+    model = load_robot(robot(str(path)).name)
+    assert model.spec.held
+    motion = smooth_motion(model)
+    files = export(Result("take", "", motion, model), WRITABLE["beyondmimic"], name="take").files
+    arrays, meta = arrays_in(files["take.npz"]), json.loads(files["take.meta.json"])
+    assert sorted(meta["joint_names"]) == sorted(model.joint_names)
+    names = ("", *model.joint_names)
+    parent = {name: names[above] for name, above in zip(names[1:], model.parents.tolist(), strict=True)}
+    order = {name: place for place, name in enumerate(meta["joint_names"])}
+    assert all(not above or order[above] < order[name] for name, above in parent.items())
+    assert arrays["joint_pos"].shape[1] == model.n and arrays["body_pos_w"].shape[1] == len(set(meta["body_names"]))
+    table = export(Result("take", "", motion, model), WRITABLE["unitree-csv"], name="take").files["take.csv"]
+    assert len(table.decode().splitlines()[0].split(",")) == 7 + len(model.spec.joint_order)
 
 
 @pytest.mark.parametrize("name", ["holosoma", "holosoma-qpos", "hdmi"])

@@ -3,7 +3,6 @@
 Its output folder is locked against a second batch, and cleared of temporary files of a crash.
 """
 
-import fcntl
 import os
 import re
 import time
@@ -18,7 +17,7 @@ from hoi_retarget.batch.pool import LostTask, Pool
 from hoi_retarget.batch.specification import Specification
 from hoi_retarget.batch.work import FOLDER, BatchTask, RefineTask, Task, refinement_tasks
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
-from hoi_retarget.files.atomic import EARLIER, writing
+from hoi_retarget.files.atomic import EARLIER, lock, writing
 from hoi_retarget.readers import has_companions
 
 LOCK = ".batch.lock"
@@ -56,7 +55,7 @@ def remove_temporaries(folder: Path) -> None:
 
 def _lock(folder: Path, file: int) -> None:
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock(file)
     except OSError as error:
         who = ""
         with suppress(OSError):

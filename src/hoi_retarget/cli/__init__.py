@@ -6,6 +6,7 @@ the module of a command when it is executed. However it ends, it ends with an ex
 
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 
@@ -19,6 +20,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     try:
         _prepare_streams()
+        if arguments is None and not sys.warnoptions:
+            _silence_warnings()
         try:
             # Imports take most of a second, in which the user may press Ctrl-C too.
             from hoi_retarget.cli.program import run  # noqa: PLC0415  # as said above
@@ -52,6 +55,12 @@ def _prepare_streams() -> None:
             setattr(sys, name, open(os.devnull, "w"))  # noqa: PTH123, SIM115  # as long as the program runs
         elif hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
+
+
+def _silence_warnings() -> None:
+    """Keep other packages' warnings, which show lines of source code, from the terminal, also those of workers."""
+    warnings.simplefilter("ignore")
+    os.environ["PYTHONWARNINGS"] = "ignore"
 
 
 def _complain(text: str) -> None:

@@ -26,7 +26,7 @@ Meshes = Annotated[Path | None, arg(metavar="DIR|menagerie", help_behavior_hint=
 ResultFiles = Annotated[Positional[tuple[Path, ...]], arg(metavar="RESULT...", help_behavior_hint="(required)")]
 ConfigFile = Annotated[Path | None, arg(metavar="FILE.toml|RESULT.npz", help_behavior_hint="")]
 OptionalFile = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
-TRIAL_CLIPS = ("builtin:carry_box",)
+TRIAL_CLIPS = ("builtin:carry_box", "builtin:move_chair")
 """Clips that robots are tried on, unless others are named."""
 
 
@@ -266,7 +266,7 @@ class ShowRobot(JsonOption):
 
 @dataclass(frozen=True)
 class CheckRobot:
-    """Check a robot's description for all that retargeting needs."""
+    """Check a robot's description for all that retargeting needs, and try a named robot on clips."""
 
     subject: Annotated[Positional[str], arg(metavar="FILE|NAME")]
     """A robot's name, or an MJCF file (.xml)."""

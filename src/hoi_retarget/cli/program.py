@@ -53,7 +53,7 @@ def run(arguments: Sequence[str]) -> int:
         return 0
     _use_one_thread()
     try:
-        command = _parsed(words)
+        command = _with_names(_parsed(words))
         _check_named(words[0], command)
         if words[0] in _DRAWING:
             _draw_without_a_screen()
@@ -95,6 +95,17 @@ def _parse(kind: Any, prog: str, words: Sequence[str], **options: Any) -> Any:
 def json_of(command: Any) -> Path | None:
     """Return the file of a command's, or its action's, option `--json`."""
     return getattr(getattr(command, "action", command), "json", None)
+
+
+def _with_names(command: Any) -> Any:
+    """Return a command with the full paths of files and folders that are named `.` or `..`: names follow from them."""
+    paths = {name: getattr(command, name) for name in ("clips", "results") if hasattr(command, name)}
+    named = {
+        name: tuple(path.resolve() if path.name in ("", "..") else path for path in value)
+        for name, value in paths.items()
+        if isinstance(value, tuple) and all(isinstance(path, Path) for path in value)
+    }
+    return replace(command, **named) if named else command
 
 
 def _check_named(word: str, command: Any) -> None:

@@ -37,6 +37,7 @@ from hoi_retarget.robots.fetched_meshes import SOURCES, fetch_meshes, mesh_names
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.robots.robot_check import check, has_errors
 from hoi_retarget.robots.robot_tables import joint_table, role_table
+from hoi_retarget.robots.skin import make_skin
 from hoi_retarget.robots.spec import RobotSpec
 from hoi_retarget.studio.offscreen.robot_portraits import (
     jpeg,
@@ -51,8 +52,9 @@ from hoi_retarget.studio.scene.drawing import DrawnScene
 from hoi_retarget.studio.scene.robot_shapes import menagerie_meshes, robot_parts
 from hoi_retarget.studio.scene.scene import SceneItem, make_scene
 
-_MAX_GAP_M, _MAX_POSE_DEG, _MAX_POSE_OF_SHORT_ARMS_DEG = 0.002, 25.0, 30.0
-"""Bounds of trials: contacts' gap, and angles from the person's pose."""
+_MAX_GAP_M, _MAX_POSE_DEG, _MAX_POSE_OF_SHORT_ARMS_DEG, _MAX_LEAN_DEG = 0.002, 25.0, 30.0, 10.0
+"""Bounds of trials: contacts' gap, angles from the person's pose, and difference of sideways lean."""
+_MAX_COUPLING_ERROR_RAD = 0.05
 _USABLE, _REFUSED = 1, 2
 """Exit codes of `robots add` beside 0."""
 _MENAGERIE = Path("menagerie")
@@ -101,7 +103,13 @@ def _meshes(action: FetchMeshes) -> int:
 def _list(action: ListRobots) -> int:
     check_json(action.json)
     sizes = {"root": "shrinks with the robot", "captured": "as captured"}
-    specs = [*ROBOTS.values(), *(user_robots.load(name) for name in user_robots.names())]
+    specs, damaged = list(ROBOTS.values()), False
+    for name in user_robots.names():
+        try:
+            specs.append(user_robots.load(name))
+        except RobotError as error:
+            warn(str(error))
+            damaged = True
     rows = [(spec.name, spec.title, f"{spec.stature:.3f}", sizes[spec.object_size]) for spec in specs]
     show_table([("robot", "is", "stature [m]", "object size"), *rows], words=(0, 1, 3))
     write_json(
@@ -111,7 +119,7 @@ def _list(action: ListRobots) -> int:
             for spec in specs
         ],
     )
-    return 0
+    return 1 if damaged else 0
 
 
 def _show(action: ShowRobot) -> int:
@@ -156,9 +164,8 @@ def _show(action: ShowRobot) -> int:
         write_file("--picture", action.picture, png(picture(spec, meshes=vendor_meshes(spec, action.meshes))))
         say(f"\nwritten: {action.picture}")
     if action.page is not None:
-        record, mjcf = user_robots.record_of(spec.name), spec.mjcf.read_text(encoding="utf-8")
-        trials = [run_trial(spec, mjcf, clip) for clip in record.tried or TRIAL_CLIPS]
-        write_file("--page", action.page, page(model, record.findings, trials))
+        findings = user_robots.record_of(spec.name).findings
+        write_file("--page", action.page, page(model, findings, run_trials(spec)))
         say(f"\nwritten: {action.page}")
     return 0
 
@@ -180,7 +187,7 @@ def vendor_meshes(spec: RobotSpec, folder: Path | None) -> Path | None:
 
 
 def _check(action: CheckRobot) -> int:
-    """Print every finding; return 0 unless one is an error."""
+    """Print every finding, those of trials where nothing is an error; return 0 unless one is."""
     path = Path(action.subject)
     is_own = path.suffix.lower() == ".xml" and action.subject not in user_robots.names()
     if not is_own and action.subject not in ROBOTS and os.path.exists(path) and path.suffix.lower() != ".urdf":  # noqa: PTH110  # raises nothing
@@ -188,6 +195,8 @@ def _check(action: CheckRobot) -> int:
             f"{path}: descriptions of robots are MJCF (.xml) or URDF (.urdf). Name one of them, or a robot."
         )
     findings = check(path if is_own else robot(action.subject))
+    if not is_own and not has_errors(findings):
+        findings += [_finding(trial) for trial in run_trials(robot(action.subject))]
     for finding in findings:
         say(f"{finding.level:6}{finding.subject}: {finding.what}" + (f". {finding.hint}" if finding.hint else ""))
     return 1 if has_errors(findings) else 0
@@ -213,9 +222,11 @@ def _add(action: AddRobot) -> int:
     say()
     trials = [run_trial(built.spec, built.mjcf, clip) for clip in action.trial_clips]
     for trial in trials:
-        say(f"{trial.name}: " + ", ".join(f"{what}{'' if holds else ' (!)'}" for what, holds in trial.gates))
+        say(f"{trial.name}: {_finding(trial).what}")
     record = Record(built.findings, action.trial_clips)
     folder = user_robots.save(built.spec, built.mjcf, record)
+    with Working(f"{name}: skin", None) as working:
+        make_skin(load_robot(name), lambda share: working.describe(f"{name}: skin, {100 * share:.0f} %"))
     _write_added_page(name, folder / user_robots.PAGE, record, trials)
     say()
     say(f"added: {name} ({folder}). Try it: hoi-retarget run CLIP --robot {name} --out results")
@@ -238,6 +249,11 @@ class RobotTrial:
     """Demands in words with figures, and whether each is met."""
 
 
+def _finding(trial: RobotTrial) -> RobotFinding:
+    text = ", ".join(f"{what}{'' if holds else ' (!)'}" for what, holds in trial.gates)
+    return RobotFinding("ok" if all(holds for _, holds in trial.gates) else "warn", trial.name, text)
+
+
 def _write_added_page(name: str, path: Path, record: Record, trials: list[RobotTrial]) -> None:
     """Write the page of a robot that was added; without a way to draw it is added all the same."""
     try:
@@ -247,6 +263,12 @@ def _write_added_page(name: str, path: Path, record: Record, trials: list[RobotT
         return
     write_file("robots add", path, content)
     say(f"look at it: {path}")
+
+
+def run_trials(spec: RobotSpec) -> list[RobotTrial]:
+    """Return the trials of a robot on the clips that it was tried on when it was added."""
+    mjcf = spec.mjcf.read_text(encoding="utf-8")
+    return [run_trial(spec, mjcf, clip) for clip in user_robots.record_of(spec.name).tried or TRIAL_CLIPS]
 
 
 def run_trial(spec: RobotSpec, mjcf: str, clip: str) -> RobotTrial:
@@ -266,14 +288,21 @@ def gates_of(motion: Motion, model: RobotModel) -> list[tuple[str, bool]]:
     figures = judged_figures(motion, model)
     gap, pose = figures["contact_gap_m"], figures["body_pose_deviation_deg"]
     unreached, margin = figures["unreached_share"] or 0.0, figures["joint_range_margin_rad"]
+    lean = figures["trunk_lean_p95_deg"]
     widest = _MAX_POSE_DEG if model.spec.palm_weight == 1.0 else _MAX_POSE_OF_SHORT_ARMS_DEG
     return [
         ("converged", motion.converged) if motion.converged else ("not converged", False),
         (f"contacts {1000 * (gap or 0.0):.1f} mm off", gap is None or gap <= _MAX_GAP_M),
         (f"{100 * unreached:.0f} % of them unreached", unreached == 0.0),
         (f"pose {pose or 0.0:.0f} deg from the person's", pose is None or pose <= widest),
+        (f"leans {lean or 0.0:.0f} deg sideways from the person", lean is None or lean <= _MAX_LEAN_DEG),
         ("ranges kept" if margin is None or margin >= 0 else "ranges not kept", margin is None or margin >= 0),
+        *_coupling_gates(figures["coupling_error_rad"]),
     ]
+
+
+def _coupling_gates(error: float | None) -> list[tuple[str, bool]]:
+    return [] if error is None else [(f"coupled joints {error:.2f} rad off", error <= _MAX_COUPLING_ERROR_RAD)]
 
 
 def without_shapes(spec: RobotSpec, mjcf: str, folder: Path) -> RobotModel:

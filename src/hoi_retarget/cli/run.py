@@ -19,6 +19,7 @@ from hoi_retarget.clip.edits import apply, load
 from hoi_retarget.errors import ArgumentError, SolveError
 from hoi_retarget.evaluation import Score, to_json
 from hoi_retarget.evaluation.figure_table import scales_text
+from hoi_retarget.evaluation.thresholds import by_kind, verdict_of
 from hoi_retarget.files.atomic import remove
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.motion.motion import Motion
@@ -71,7 +72,11 @@ def execute_run(command: Run) -> int:
             raise fault
 
     failures = do_for_each("retargeting", command.clips, run_one)
-    if made and config.figures != "none":
+    if config.figures == "none":
+        for path, motion in made.items():
+            verdict = verdict_of(motion)
+            say(": ".join(filter(None, (path.name, f"verdict: {verdict}", by_kind(verdict.reasons)))))
+    elif made:
         say()
         scores = _show_results(made, every=command.all)
         if solved := [item for item in scores if item.file.endswith(".npz")]:
@@ -131,6 +136,9 @@ def _show_results(made: Mapping[Path, Motion], *, every: bool) -> list[Score]:
     """Print verdicts and figures of motions by their files, and return the figures."""
     scores = titled([score(motion, path) for path, motion in made.items()], list(made.values()))
     show_figures(scores, every=every)
+    for motion in made.values() if every else ():
+        for hold in motion.report.holds:
+            say(f"  hold: {hold}")
     return scores
 
 
@@ -149,7 +157,7 @@ def check_clip_kept(clip: Path, out: Path) -> None:
 def prepare_skin(model: RobotModel) -> None:
     """Compute the skin of a robot that has meshes and no skin yet, which takes long, and say so."""
     if model.spec.skin is None and any(model.geometries.meshes):
-        say(f"{model.spec.name}: computing the skins of its meshes, which takes about two minutes, once")
+        say(f"{model.spec.name}: computing the skins of its meshes, which takes half a minute, once")
         skin_of(model)
 
 

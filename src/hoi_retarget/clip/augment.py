@@ -121,7 +121,7 @@ def _mirrored_person(person: Person) -> Person:
         person,
         joint_positions=person.joint_positions[:, _OTHER_SIDE] * _MIRROR,
         joint_quats=quats[:, _OTHER_SIDE],
-        shape=None,  # No body model has the mirror image of its betas.
+        shape=None,  # No body model has the mirror image of its betas; contacts were found before.
     )
 
 

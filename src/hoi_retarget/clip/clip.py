@@ -12,10 +12,12 @@ from jaxtyping import Bool, Float
 
 from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.human.person import Person
-from hoi_retarget.human.skeleton import PARTS
+from hoi_retarget.human.skeleton import ALL_PARTS, PARTS
 from hoi_retarget.numerics.arrays import check_shape, describe_frames, frozen, runs
 from hoi_retarget.objects.track import ObjectTrack
 
+LOWEST_RATE, HIGHEST_RATE = 1.0, 1000.0
+"""[frames/s]; other rates are slips of the keyboard, or damage."""
 PELVIS = "pelvis"
 PINNED_PARTS: tuple[str, ...] = (*PARTS, PELVIS)
 
@@ -84,8 +86,8 @@ class ContactTrack:
 
     def __post_init__(self) -> None:
         owner = f"contact of {self.part!r}"
-        if self.part not in PARTS:
-            raise ClipError(f"{owner}: no such part. Parts: {', '.join(PARTS)}.")
+        if self.part not in ALL_PARTS:
+            raise ClipError(f"{owner}: no such part. Parts: {', '.join(ALL_PARTS)}.")
         object.__setattr__(self, "active", frozen(self.active, bool))
         points = np.where(self.active[:, None], np.asarray(self.contact_points, dtype=float), np.nan)
         object.__setattr__(self, "contact_points", frozen(points))
@@ -156,8 +158,11 @@ class Clip:
     """The contacts as recorded, where `contacts` are edited ones; else none."""
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.fps) and self.fps > 0):
-            raise ClipError(f"clip {self.name!r}: the rate is {self.fps} frames a second; it must be positive.")
+        if not LOWEST_RATE <= self.fps <= HIGHEST_RATE:
+            raise ClipError(
+                f"clip {self.name!r}: the rate is {self.fps} frames a second; it must be {LOWEST_RATE:g} to "
+                f"{HIGHEST_RATE:g}."
+            )
         if not self.people:
             raise ClipError(f"clip {self.name!r}: there is no person in it.")
         lengths = {f"person {person.name!r}": len(person.joint_positions) for person in self.people}

@@ -142,14 +142,14 @@ def with_grasp_warnings(
         clip: its contacts are checked.
         readings: those of `READINGS` that its format leaves open.
         shifts: by which labels may be late [s]; none where contacts were found in these very frames.
-        grasps: `warn` keeps a clip that is wrong.
+        grasps: `warn` keeps a clip that is wrong, and takes no fault of its grasps for an error.
     """
     figures = grasp_figures(clip, readings, shifts)
     fatal = fatal_fault(figures)
     if fatal and grasps == "refuse":
         raise ClipError(f"{clip.source.path or clip.name}: {fatal} {ADVICE}")
     known = {str(warning) for warning in clip.source.warnings}
-    severity = Severity.ERROR if fatal or figures.reach > _HOPELESS_REACH else Severity.WARNING
+    severity = Severity.ERROR if grasps == "refuse" and figures.reach > _HOPELESS_REACH else Severity.WARNING
     return clip.with_warnings("grasp", tuple(text for text in grasp_faults(figures) if text not in known), severity)
 
 

@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 from jaxtyping import Bool
 
-from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.clip import PELVIS, Clip, ContactTrack
 from hoi_retarget.clip.grasp_check import ADVICE, READINGS
 from hoi_retarget.clip.label_contacts import (
     FAR,
@@ -23,6 +23,7 @@ from hoi_retarget.clip.label_contacts import (
     part_object_distances,
 )
 from hoi_retarget.clip.read_options import Grasps, Labels
+from hoi_retarget.clip.resting_contacts import resting_contacts
 from hoi_retarget.errors import ClipError
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import speeds
@@ -58,15 +59,32 @@ def with_contacts(
     if not clip.objects:
         return clip
     if clip.contacts and labels == "auto":
-        return _with_untouched(clip)
+        return _with_untouched(_with_seat(clip))
     rule = InterAct() if labels == "interact" else PROXIMITY
     near = part_object_distances(clip)
     unheld = _unheld(clip, near, inverse="inverse" in readings, grasps=grasps)
     contacts = label_contacts(clip, rule=rule, near=near)
+    contacts += _resting(clip) if rule is PROXIMITY else ()
     why = "as was asked for" if clip.contacts else "as the source labels none"
     note = f"Contacts are found from distances between body and object ({type(rule).__name__}'s rule), {why}."
     found = replace(clip, contacts=contacts).with_note(note)
     return found.with_warnings("unheld_object", unheld) if unheld else _with_untouched(found)
+
+
+def _resting(clip: Clip) -> tuple[ContactTrack, ...]:
+    return resting_contacts(clip, [~is_moving(track, clip.fps) for track in clip.objects])
+
+
+def _with_seat(clip: Clip) -> Clip:
+    """Return a clip with contacts of people who sit, beside those of its source, which labels hands and feet alone."""
+    resting = _resting(clip)
+    seats = {(track.person, track.object) for track in resting if track.part == PELVIS}
+    found = tuple(track for track in resting if (track.person, track.object) in seats)
+    if not found:
+        return clip
+    names = " and ".join(dict.fromkeys(clip.objects[index].name for _, index in sorted(seats)))
+    note = f"Somebody sits on {names}, which is found from distances; the source labels no seats."
+    return replace(clip, contacts=(*clip.contacts, *found)).with_note(note)
 
 
 def _with_untouched(clip: Clip) -> Clip:

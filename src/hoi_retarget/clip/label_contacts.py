@@ -13,9 +13,10 @@ from jaxtyping import Bool, Float
 
 from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.human.capsules import BODY_CAPSULES, PART_CAPSULES, Spheres, spheres
+from hoi_retarget.human.capsules import BODY_CAPSULES, PART_CAPSULES, RESTING_CAPSULES, Spheres, spheres
 from hoi_retarget.human.person import Person, stance
-from hoi_retarget.human.skeleton import FEET, PARTS
+from hoi_retarget.human.skeleton import BODY_PARTS, FEET, PARTS
+from hoi_retarget.human.skinned_mesh import vertices_of
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.numerics.filters import closed_and_opened, nearest_active, speeds
@@ -26,6 +27,8 @@ FAR = 0.10
 """[m]; larger distances from an object are not measured."""
 GUESSED_FINGERS = 0.015
 """[m]; how much farther a hand may be whose fingers are not recorded: most hold with bent ones."""
+GUESSED_BODY = 0.015
+"""[m]; the same of pelvis, thighs and forearms without a skin: how thick they are is guessed."""
 _GRAVITY = 9.8  # [m/s^2]
 _SKIN_FRAMES = 500  # Whose skin is made at once: bounds the memory.
 
@@ -133,7 +136,7 @@ def body_distances(clip: Clip, index: int) -> Float[np.ndarray, "T"]:
     """
     track = clip.objects[index]
     surface = surface_of(track.geometry)
-    return np.min([_nearest(spheres(human, BODY_CAPSULES), track, surface)[0] for human in clip.people], axis=0)
+    return np.min([nearest_to(spheres(human, BODY_CAPSULES), track, surface)[0] for human in clip.people], axis=0)
 
 
 def part_object_distances(clip: Clip) -> tuple[PartObjectDistance, ...]:
@@ -146,7 +149,7 @@ def part_object_distances(clip: Clip) -> tuple[PartObjectDistance, ...]:
     for person, human in enumerate(clip.people):
         for index, track in enumerate(clip.objects):
             for part in PARTS:
-                near = _of_part(human, part, track, surfaces[index])
+                near = of_part(human, part, track, surfaces[index])
                 found.append(PartObjectDistance(person, index, part, *near))
     return tuple(found)
 
@@ -157,7 +160,7 @@ def part_object_distances(clip: Clip) -> tuple[PartObjectDistance, ...]:
 _Near = tuple[Float[np.ndarray, "T"], Float[np.ndarray, "T 3"]]
 
 
-def _nearest(balls: Spheres, track: ObjectTrack, surface: Surface) -> _Near:
+def nearest_to(balls: Spheres, track: ObjectTrack, surface: Surface) -> _Near:
     """Return distance and point of the nearest sphere in each frame."""
     middles = se3.rotate_inverse(track.quats[:, None], balls.middles - track.positions[:, None])
     radii = np.broadcast_to(balls.radii, middles.shape[:2])
@@ -176,18 +179,19 @@ def _nearest(balls: Spheres, track: ObjectTrack, surface: Surface) -> _Near:
     return distances, points
 
 
-def _of_part(human: Person, part: str, track: ObjectTrack, surface: Surface) -> _Near:
+def of_part(human: Person, part: str, track: ObjectTrack, surface: Surface) -> _Near:
     """Return distance and point of a part from its skin, the vertices as spheres without a size, or its capsules."""
+    capsules = (PART_CAPSULES | RESTING_CAPSULES)[part]
     if human.shape is None:
-        return _nearest(spheres(human, PART_CAPSULES[part]), track, surface)
-    joints = tuple({capsule.joint for capsule in PART_CAPSULES[part]})
-    vertices = human.shape.vertices_of(joints)
+        return nearest_to(spheres(human, capsules), track, surface)
+    joints = tuple({capsule.joint for capsule in capsules})
+    vertices = vertices_of(human.shape.owners, joints)
     found = []
     for first in range(0, len(track.positions), _SKIN_FRAMES):
         frames = slice(first, first + _SKIN_FRAMES)
         skin = human.shape.skin(human.joint_positions[frames], human.joint_quats[frames], vertices)
         piece = replace(track, positions=track.positions[frames], quats=track.quats[frames])
-        found.append(_nearest(Spheres(skin, np.zeros(len(vertices))), piece, surface))
+        found.append(nearest_to(Spheres(skin, np.zeros(len(vertices))), piece, surface))
     distances, points = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return distances, points
 
@@ -204,7 +208,7 @@ def touching(
     found = []
     for item in near:
         speed = speeds(_part_points(clip, item), clip.fps)
-        slack = 0.0 if clip.people[item.person].fingers_recorded or item.part in FEET else GUESSED_FINGERS
+        slack = _guessed(clip.people[item.person], item.part)
         made = (item.distances < rule.touch + slack) & (speed < rule.speed)
         lasting = item.distances < rule.release + slack
         if item.part in FEET:
@@ -214,6 +218,13 @@ def touching(
             flags[first:stop] = made[first:stop].any()
         found.append(closed_and_opened(flags, gap=gap, shortest=shortest))
     return found
+
+
+def _guessed(person: Person, part: str) -> float:
+    """Return the distance to allow for a part of guessed shape [m]."""
+    if part in BODY_PARTS:
+        return 0.0 if person.shape is not None else GUESSED_BODY
+    return 0.0 if person.fingers_recorded or part in FEET else GUESSED_FINGERS
 
 
 def _by_interact(clip: Clip, rule: InterAct) -> list[Bool[np.ndarray, "T"]]:
@@ -234,7 +245,7 @@ def _by_interact(clip: Clip, rule: InterAct) -> list[Bool[np.ndarray, "T"]]:
 
 def _unsigned(balls: Spheres, track: ObjectTrack, surface: Surface) -> Float[np.ndarray, "T"]:
     """Return distances [m] as between two meshes' points, which know no inside."""
-    return np.maximum(_nearest(balls, track, surface)[0], 0.0)
+    return np.maximum(nearest_to(balls, track, surface)[0], 0.0)
 
 
 def _touched(

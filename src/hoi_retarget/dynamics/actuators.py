@@ -53,7 +53,7 @@ def actuators_of(model: RobotModel) -> Actuators:
         names = ", ".join(np.array(model.joint_names)[unlimited])
         raise RobotError(
             f"{model.spec.name}: no torque limit for {names}. Physics needs them: add actuatorfrcrange to the joints "
-            f"of {model.spec.mjcf}."
+            f"of {model.spec.mjcf}, or add an added robot again with motor.JOINT in its --hints."
         )
     armature = np.array(
         [
@@ -61,10 +61,14 @@ def actuators_of(model: RobotModel) -> Actuators:
             for motor, limit in zip(motors, torque, strict=True)
         ]
     )
+    stiffness, damping = armature * _FREQUENCY**2, 2.0 * _DAMPING_RATIO * armature * _FREQUENCY
+    for joint, motor in enumerate(motors):
+        if motor is not None and motor.gains is not None:
+            stiffness[joint], damping[joint] = motor.gains
     return Actuators(
         frozen(armature),
-        frozen(armature * _FREQUENCY**2),
-        frozen(2.0 * _DAMPING_RATIO * armature * _FREQUENCY),
+        frozen(stiffness),
+        frozen(damping),
         frozen(torque),
         all(motor is not None for motor in motors),
     )

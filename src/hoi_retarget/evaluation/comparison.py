@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.human.person import Person
-from hoi_retarget.human.skeleton import HANDS
+from hoi_retarget.human.skeleton import BODY_PARTS, HANDS
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.link_depths import RigidPoses
@@ -152,6 +152,8 @@ class Comparison:
             return None
         touched = np.zeros(self.object_count, dtype=int)
         for track in self.contacts:
+            if track.part in BODY_PARTS:
+                continue
             touched[track.object] += np.count_nonzero(track.active)
         return int(np.argmax(touched))
 

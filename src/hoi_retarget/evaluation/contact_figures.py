@@ -1,6 +1,6 @@
 """Contact figures: palms at the human's places on objects, and skins that touch surfaces without sinking into them."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,14 +24,19 @@ from hoi_retarget.evaluation.surface_distances import (
     Touching,
     area_near,
     object_distances,
-    palmar_points,
     part_skins,
     posed_objects,
 )
 from hoi_retarget.numerics import se3
+from hoi_retarget.robots.skin import palmar_points
+from hoi_retarget.robots.spec import BODY_SITES
 
 _MAX_TOUCH_GAP_M = 2e-3
 """A gap up to this [m], off the surface or sunk into it, is touch."""
+_MAX_REST_GAP_M = 5e-3
+"""The same of parts that rest [m]: clothes and cushions give way."""
+_RESTING = {part: site for part, site in BODY_SITES.items() if not part.endswith("thigh")}
+"""Judged parts: whether a seat meets the thighs, too, depends on the length of the legs."""
 _EDITED_M = 1e-6
 """An edited contact point is so far from the recorded one [m]."""
 _MIN_TOUCH_AREA_M2 = 2e-4
@@ -100,7 +105,7 @@ def _pooled(arrays: Iterable[np.ndarray]) -> Float[np.ndarray, "K"]:
 
 @dataclass(frozen=True, eq=False)
 class TouchCurve:
-    """One hand or foot and one object that the human's own touches, over the F counted frames."""
+    """One part of the robot and one object that the human's own touches, over the F counted frames."""
 
     part: str
     object: int
@@ -182,11 +187,23 @@ def foot_touch_gap_p95_m(view: Comparison) -> float | None:
     return percentile_or_none(np.abs(_gaps(view, FOOT_SITES)))
 
 
-def _curves(view: Comparison, parts: dict[str, str]) -> list[TouchCurve]:
+@figure("rest", "%", better="higher", slow=True)
+def rest_share(view: Comparison) -> float | None:
+    """Share of the frames in which a pelvis or forearm that is to rest on an object is within 5 mm of it."""
+    return mean_or_none((np.abs(_gaps(view, _RESTING)) <= _MAX_REST_GAP_M).astype(float))
+
+
+@figure("rest gap p95", "mm", slow=True)
+def rest_gap_p95_m(view: Comparison) -> float | None:
+    """Distance of such a part from the surface, exceeded in 5 % of the frames [m]."""
+    return percentile_or_none(np.abs(_gaps(view, _RESTING)))
+
+
+def _curves(view: Comparison, parts: Mapping[str, str]) -> list[TouchCurve]:
     return [curve for curve in view.cached(surface_curves).touches if curve.part in parts]
 
 
-def _gaps(view: Comparison, parts: dict[str, str]) -> Float[np.ndarray, "K"]:
+def _gaps(view: Comparison, parts: Mapping[str, str]) -> Float[np.ndarray, "K"]:
     return _pooled(curve.gap[curve.active] for curve in _curves(view, parts))
 
 
@@ -225,7 +242,7 @@ def _touch(view: Comparison, track: ContactTrack, distances: ObjectDistances) ->
         chosen = np.flatnonzero(active & (nearest == index))
         pose = distances.poses[skin.link].at(chosen).relative_to(placed.pose.at(chosen))
         touching[chosen] = pose.placed(skin.points[pair.point[chosen]])
-        palmar = palmar_points(view.kinematics.model, track.part, skin) if len(near) else near
+        palmar = palmar_points(view.kinematics.model, PART_SITES[track.part], skin) if len(near) else near
         if len(palmar):
             there = replace(placed, pose=placed.pose.at(near))
             poses, points = distances.poses[skin.link].at(near), skin.points[palmar]

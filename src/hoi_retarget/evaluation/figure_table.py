@@ -22,6 +22,7 @@ HEADLINE = (
     "palm_touch_share",
     "penetration_max_m",
     "hand_slip_mps",
+    "person_slip_mps",
     "trunk_deviation_deg",
     "body_jerk_mps3",
     "stance_slide_mps",

@@ -21,8 +21,10 @@ FIGURES: tuple[Figure, ...] = (
     contact_figures.contact_gap_p95_m,
     contact_figures.contact_gap_max_m,
     hand_slip.hand_slip_mps,
+    hand_slip.person_slip_mps,
     hand_slip.hand_slip_fast_share,
     hand_slip.hand_wander_excess_m,
+    hand_slip.person_wander_m,
     contact_figures.touch_share,
     contact_figures.palm_touch_share,
     contact_figures.fingertip_touch_share,
@@ -31,6 +33,8 @@ FIGURES: tuple[Figure, ...] = (
     contact_figures.recorded_place_m,
     contact_figures.foot_touch_share,
     contact_figures.foot_touch_gap_p95_m,
+    contact_figures.rest_share,
+    contact_figures.rest_gap_p95_m,
     penetration.penetration_mean_m,
     penetration.penetration_p95_m,
     penetration.penetration_max_m,
@@ -56,6 +60,7 @@ FIGURES: tuple[Figure, ...] = (
     motion_figures.object_path_error_m,
     motion_figures.joint_range_margin_rad,
     motion_figures.joint_speed_margin_radps,
+    motion_figures.coupling_error_rad,
     *physics_figures.FEASIBILITY,
 )
 

@@ -1,5 +1,6 @@
 """Slip figures: robots' hands that move over objects while the person's own hold still on them."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,8 @@ class SlipCurve:
     object: int
     robot: Float[np.ndarray, "F"]
     """Speed of the robot's palm in the object's frame since the frame before [m/s]; NaN outside contact."""
+    human: Float[np.ndarray, "F"]
+    """The same of the person's palm."""
     held: Bool[np.ndarray, "F"]
     """Frames that count: well within a contact, the person's hand still on the object."""
     wanders: Float[np.ndarray, "S 2"]
@@ -37,6 +40,12 @@ def hand_slip_mps(view: Comparison) -> float | None:
     return mean_or_none(_held_speeds(view))
 
 
+@figure("person's slip", "mm/s")
+def person_slip_mps(view: Comparison) -> float | None:
+    """Mean speed of the person's own hand over the object in the same frames [m/s]."""
+    return mean_or_none(_pooled(curve.human[curve.held] for curve in _curves(view)))
+
+
 @figure("fast slip", "%")
 def hand_slip_fast_share(view: Comparison) -> float | None:
     """Share of these frames in which the hand moves over the object at more than 10 cm/s."""
@@ -46,7 +55,13 @@ def hand_slip_fast_share(view: Comparison) -> float | None:
 @figure("hand wander", "mm")
 def hand_wander_excess_m(view: Comparison) -> float | None:
     """Way that a hand wanders over the object within one contact, beyond the person's [m]."""
-    return mean_or_none(np.concatenate([np.zeros(0), *(np.subtract(*curve.wanders.T) for curve in _curves(view))]))
+    return mean_or_none(_pooled(np.subtract(*curve.wanders.T) for curve in _curves(view)))
+
+
+@figure("person's wander", "mm")
+def person_wander_m(view: Comparison) -> float | None:
+    """Way that the person's own hand wanders over the object within one contact [m]."""
+    return mean_or_none(_pooled(curve.wanders[:, 1] for curve in _curves(view)))
 
 
 def slip_curves(view: Comparison) -> tuple[SlipCurve, ...]:
@@ -64,7 +79,11 @@ def _curves(view: Comparison) -> tuple[SlipCurve, ...]:
 
 
 def _held_speeds(view: Comparison) -> Float[np.ndarray, "K"]:
-    return np.concatenate([np.zeros(0), *(curve.robot[curve.held] for curve in _curves(view))])
+    return _pooled(curve.robot[curve.held] for curve in _curves(view))
+
+
+def _pooled(arrays: Iterable[Float[np.ndarray, "_"]]) -> Float[np.ndarray, "K"]:
+    return np.concatenate([np.zeros(0), *arrays])
 
 
 def _labelled(view: Comparison, part: str, index: int) -> Bool[np.ndarray, "F"]:
@@ -84,7 +103,8 @@ def _slip(view: Comparison, part: str, index: int, active: Bool[np.ndarray, "F"]
         within = slice(first + end, stop - end)
         held[first + end + 1 : stop - end] = True  # The speed since a frame that counts, too.
         wanders.append([float(np.linalg.norm(np.ptp(path[within], axis=0))) for path in (robot, human)])
-    speed[1:][~(active[1:] & active[:-1])] = np.nan
+    outside = ~np.concatenate([[False], active[1:] & active[:-1]])
+    speed[outside], own[outside] = np.nan, np.nan
     with np.errstate(invalid="ignore"):
         held &= own < _HELD_MPS
-    return SlipCurve(part, index, speed, held, np.reshape(wanders, (-1, 2)))
+    return SlipCurve(part, index, speed, own, held, np.reshape(wanders, (-1, 2)))

@@ -33,6 +33,7 @@ _MIN_SPEED_MPS = 0.02
 _LINKS = (("left_foot", "left_ankle"), ("right_foot", "right_ankle"), ("head", "head"), ("pelvis", "pelvis"))
 # Turns a human joint's axes (x left, y up, z ahead) into a robot link's (x ahead, y left, z up), on the right.
 HUMAN_TO_ROBOT_AXES = se3.quat_to_matrix(np.array([0.5, -0.5, -0.5, -0.5]))
+_TRUNK_ENDS = (("torso", "spine3"), ("pelvis", "pelvis"))
 _PALM = "palm"
 """Stands for the contact point of a hand, which is no joint."""
 # Chains of robot site and human joint, `{side}` being left and right. Bones are seen in the frame of the first pair.
@@ -122,6 +123,18 @@ def joint_speed_margin_radps(view: Comparison) -> float | None:
     return finite_min_or_none(joint_speed_margins(view.motion, view.kinematics.model))
 
 
+@figure("coupling", "rad", digits=3)
+def coupling_error_rad(view: Comparison) -> float | None:
+    """Largest way of a joint from where its mechanism takes it: along with another joint, or nowhere [rad]."""
+    model = view.kinematics.model
+    angles = dict(zip(model.joint_names, view.motion.qpos[:, 7:].T, strict=True))
+    errors = [
+        angles[one.joint] - (one.offset + one.ratio * angles[one.other] if one.other else angles[one.joint][0])
+        for one in model.spec.couplings
+    ]
+    return float(np.abs(errors).max()) if errors else None
+
+
 @figure("pose", "deg")
 def body_pose_deviation_deg(view: Comparison) -> float | None:
     """Mean angle between the bones of robot and human; proportions alone make some [deg].
@@ -156,7 +169,7 @@ def trunk_deviation_max_deg(view: Comparison) -> float | None:
 
 @figure("lean p95", "deg", needs_floor=True)
 def trunk_lean_p95_deg(view: Comparison) -> float | None:
-    """Difference of the trunks' sideways lean that 95 % of the frames stay below [deg]."""
+    """Difference of sideways lean, of chest or hips, that 95 % of the frames stay below [deg]."""
     return percentile_or_none(view.cached(trunk_deviations)[1])
 
 
@@ -202,13 +215,16 @@ def object_path_error_m(view: Comparison) -> float | None:
 def trunk_deviations(view: Comparison) -> Float[np.ndarray, "2 F"]:
     """Return the angle between the robot's torso and the human's chest, and how much their leans differ [deg].
 
-    A trunk leans by the angle of its axis to the left over the horizontal. No frames where a base carries the robot.
+    Chest and hips lean by the angle of their axis to the left over the horizontal; the larger difference counts. No
+    frames where a base carries the robot.
     """
     if view.kinematics.model.spec.base != "legs":
         return np.zeros((2, 0))
-    robot, human = view.robot_rotation("torso"), view.human_rotation("spine3") @ HUMAN_TO_ROBOT_AXES
-    leans = [np.arcsin(np.clip(side[:, 2, 1], -1.0, 1.0)) for side in (robot, human)]
-    return np.degrees([se3.matrix_angle_between(robot, human), np.abs(leans[0] - leans[1])])
+    pairs = [
+        (view.robot_rotation(site), view.human_rotation(joint) @ HUMAN_TO_ROBOT_AXES) for site, joint in _TRUNK_ENDS
+    ]
+    leans = np.arcsin(np.clip([[side[:, 2, 1] for side in pair] for pair in pairs], -1.0, 1.0))
+    return np.degrees([se3.matrix_angle_between(*pairs[0]), np.abs(leans[:, 0] - leans[:, 1]).max(axis=0)])
 
 
 def foot_speeds(kinematics: Kinematics, fps: float) -> Float[np.ndarray, "steps 2"]:

@@ -16,12 +16,20 @@ from jaxtyping import Bool, Float, Int
 from hoi_retarget.evaluation.comparison import FOOT_SITES, HAND_SITES, object_poses
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics.point_tree import Nearest, PointTree
-from hoi_retarget.objects.distance_field import SHELL_THICKNESS, DistanceField, distance_field, surface_samples
+from hoi_retarget.objects.distance_field import (
+    SHELL_THICKNESS,
+    DistanceField,
+    Region,
+    distance_field,
+    is_large,
+    surface_samples,
+)
 from hoi_retarget.objects.mesh import Surface, surface_of
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots.link_depths import RigidPoses, least_in_solid, tree_of
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.skin import LinkSkin, skin_of, skins_from
+from hoi_retarget.robots.spec import BODY_SITES
 
 _SPACING = 3e-3
 """Square of the surface that a point stands for [m], so that no place is further than 4 mm from one."""
@@ -42,9 +50,21 @@ class ObjectShape:
     field: DistanceField
 
     @cached_property
-    def tree(self) -> PointTree:
-        """Points all over the surface."""
+    def _tree(self) -> PointTree:
         return PointTree.of(surface_samples(self.surface, _SPACING))
+
+    def tree_near(self, link: RigidPoses, skin: LinkSkin, scale: float) -> PointTree:
+        """Return points of the surface: all over it, or of a large one, those near a link.
+
+        Args:
+            link: Its poses in the frame of the object.
+            skin: The link's.
+            scale: Size of the object over captured size.
+        """
+        if not is_large(self.surface, _SPACING):
+            return self._tree
+        centres = (link.positions + link.rotations @ skin.centre) / scale
+        return PointTree.of(surface_samples(self.surface, _SPACING, Region(centres, (skin.radius + REACH) / scale)))
 
     @cached_property
     def radius(self) -> float:
@@ -182,7 +202,7 @@ def _link_distances(
     hit = near if swallowed else np.flatnonzero(least <= REACH)
     if len(hit):
         back = placed.pose.at(hit).relative_to(link.at(hit))
-        sunk[hit] = scale * least_in_solid(shape.tree, skin, back, scale)[0]
+        sunk[hit] = scale * least_in_solid(shape.tree_near(inside.at(hit), skin, scale), skin, back, scale)[0]
     return LinkDistances(least, point, sunk)
 
 
@@ -238,7 +258,7 @@ def area_near(
     return found
 
 
-PART_SITES = {**HAND_SITES, **FOOT_SITES}
+PART_SITES = {**HAND_SITES, **FOOT_SITES, **BODY_SITES}
 Touching = dict[tuple[str, int], Bool[np.ndarray, "F"]]
 """Link and object -> the frames in which they are to touch."""
 
@@ -313,22 +333,6 @@ def distances_of_motion(
     return distances, gaps
 
 
-_PALMAR_DEG = 75.0
-"""Skin that faces so near to the palm's direction is palmar, fingers' and thumb's too [degrees]."""
-
-
-@lru_cache(maxsize=64)
-def palmar_points(model: RobotModel, part: str, skin: LinkSkin) -> Int[np.ndarray, "K"]:
-    """Return which points of a skin are on the palmar side of a hand, as in the home pose.
-
-    The palm faces along -y of a left hand's palm site, along +y of a right one's: x is along the fingers.
-    """
-    home = model.forward(model.home_qpos[None])
-    palm = home.site_rotation(PART_SITES[part])[0][:, 1] * (-1.0 if part.startswith("left") else 1.0)
-    facing = skin.normals @ (home.orientation(skin.frame)[:, :, 0].T @ palm)
-    return np.flatnonzero(facing > np.cos(np.radians(_PALMAR_DEG)))
-
-
 def part_skins(model: RobotModel, part: str) -> tuple[LinkSkin, ...]:
-    """Return the skins of the links that stand for a human's hand or foot: the site's link and those it carries."""
+    """Return the skins of the links that stand for a human's part, as `skins_from` gives them."""
     return skins_from(model, PART_SITES[part])

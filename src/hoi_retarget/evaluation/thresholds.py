@@ -92,17 +92,20 @@ THRESHOLDS: tuple[Threshold, ...] = (
     Threshold("contact_gap_p95_m", 0.020, 0.050, "beyond 2 cm a contact counts as not reached"),
     Threshold("contact_gap_max_m", 0.050, 0.100, "half of a palm's width, then all of it"),
     Threshold("touch_share", 0.75, 0.25, "a hand that misses more than approach and release is off too long"),
-    Threshold("fingertip_touch_share", 0.90, None, "real clips: 14 below 89 %; 19, above 92, hardly lay a hand on"),
+    Threshold("palm_touch_share", 0.02, None, "fingertips alone, as on faces larger than a hand with a thick wrist"),
     Threshold("touch_gap_p95_m", 0.010, 0.050, "a hand 1 cm off the surface holds nothing"),
     Threshold("touch_place_m", 0.100, 0.200, "one palm's width from the person's place on the object, then two"),
     Threshold("hand_slip_mps", 0.040, 0.100, "people in real clips: 35 mm/s at most; at 10 cm/s nothing is held"),
     Threshold("recorded_place_m", 0.100, None, "as for the touch place; whoever edits may mean it"),
     Threshold("thin_air_share", 0.0, 0.001, "nothing can be touched where nothing is"),
     Threshold("unreached_share", 0.02, 0.10, "share of contact frames; 2 % is 0.1 s late in a contact of 5 s"),
-    Threshold("relative_hand_rotation_deg", 10.0, 30.0, "real clips: 6 at most; without hand rotations: 38 (paper)"),
+    Threshold(
+        "relative_hand_rotation_deg", 45.0, 90.0, "landmarks: 6 at most; holds, in which people turn: 44 at most"
+    ),
     Threshold("trunk_deviation_deg", 20.0, 40.0, "a robot at 45 stands beside a person who is bent double"),
     Threshold("trunk_deviation_p95_deg", 40.0, 70.0, "not followed for a moment, then for good"),
     Threshold("trunk_lean_p95_deg", 15.0, 30.0, "a shoulder hangs, then the robot seems to fall sideways"),
+    Threshold("rest_gap_p95_m", 0.005, 0.050, "a cushion, then a robot that squats before its chair"),
     Threshold("penetration_max_m", 0.010, 0.030, "users accept 1 cm; a simulator pushes deeper contacts apart"),
     Threshold("penetration_p95_m", 0.005, 0.020, "5 mm is within a soft skin; palms centred on the surface sink 23 mm"),
     Threshold("self_penetration_max_m", 0.010, 0.030, "as for objects; at 3 cm a hand is inside the thigh"),
@@ -119,6 +122,7 @@ THRESHOLDS: tuple[Threshold, ...] = (
     Threshold("body_jerk_max_mps3", 1000.0, 3000.0, "real clips: 650 at most; unsmoothed IK: 1000; a flip: 4400"),
     Threshold("joint_range_margin_rad", -0.001, -0.035, "rounding in text files; two degrees beyond the stop"),
     Threshold("joint_speed_margin_radps", -0.01, -5.0, "beyond the motor's limit; by 5 rad/s, the joint has flipped"),
+    Threshold("coupling_error_rad", 0.02, 0.05, "a joint that another one drives cannot move alone; play, springs"),
     Threshold("missing_wrench_p95_share", 0.15, None, "of body weight; 15 % is standing while leaning 9 degrees"),
     Threshold("object_missing_wrench_p95_share", 0.50, None, "of the object's weight; grips that need fingers: 100 %"),
     Threshold("torque_p95_share", 1.5, None, "of the limit; a slight excess is a slight lag; half of real clips: none"),
@@ -126,7 +130,7 @@ THRESHOLDS: tuple[Threshold, ...] = (
     Threshold("orientation_flip_s", 0.0, 0.2, "a link against the person's; for a moment, a wrist near its stop"),
     Threshold("trunk_turn_s", 0.0, 0.0, "beyond 60 degrees against the person's; usable motions stay within 44"),
     Threshold("recording_warnings", 0.0, 5.0, "grasps that slip, feet off the floor, objects that move untouched"),
-    Threshold("recording_errors", 0.0, 0.0, "feet over 1 m off the floor, hands over 0.5 m off what they touch"),
+    Threshold("recording_errors", 0.0, 0.0, "feet 1 m off the floor, hands 0.5 m off objects, another unit or origin"),
     Threshold("base_turn_max_radps", 15.0, 25.0, "a spin kick has 15; a base that flips between frames, 90 or more"),
     Threshold("base_speed_max_mps", 5.0, 10.0, "5 is a fast runner; beyond 10 the base jumps"),
     Threshold("base_height_max_share", 1.3, 2.0, "of standing height; 130 % is a high jump, 200 % a wrong unit"),
@@ -138,7 +142,7 @@ THRESHOLDS: tuple[Threshold, ...] = (
 
 
 LANDMARK_FIGURES = ("contact_gap_m", "contact_gap_p95_m", "contact_gap_max_m")
-SURFACE_FIGURES = ("touch_share", "fingertip_touch_share", "touch_gap_p95_m", "touch_place_m", "recorded_place_m")
+SURFACE_FIGURES = ("touch_share", "palm_touch_share", "touch_gap_p95_m", "touch_place_m", "recorded_place_m")
 """A motion is judged by its kind of contact targets: palms at the human's landmarks, or surfaces that touch."""
 PHYSICS_FIGURES = (
     "missing_wrench_p95_share",
@@ -147,8 +151,13 @@ PHYSICS_FIGURES = (
     "one_hand_unheld_s",
 )
 """Figures of the light of physics: forces that a motion would need. All others are those of the motion."""
-FATAL_FIGURES = ("orientation_flip_s", "trunk_turn_s", "base_speed_max_mps", "base_height_max_share", "unsolved_share")
-"""Figures that make a motion no result where they fail: it is no solution, turned over, or elsewhere as a whole.
+FATAL_FIGURES = (
+    *("orientation_flip_s", "trunk_turn_s", "recording_errors"),
+    *("base_speed_max_mps", "base_height_max_share", "unsolved_share"),
+)
+"""Figures that make a motion no result where they fail.
+
+It is no solution, turned over, elsewhere as a whole, or of a person who is far from the floor or the objects.
 
 All are known of every motion, whichever figures were asked for.
 """
@@ -289,7 +298,11 @@ def fatal_fault(motion: Motion) -> str:
     if not fatal:
         return ""
     code = _EXPLAINED_BY.get(fatal[0].threshold.name)
-    explained = next((f" ({str(item).removesuffix('.')})" for item in motion.warnings if item.code == code), "")
+    if fatal[0].threshold.name == "recording_errors":
+        told = [item for item in motion.report.source.warnings if item.severity is Severity.ERROR]
+    else:
+        told = [item for item in motion.warnings if item.code == code]
+    explained = next((f" ({str(item).removesuffix('.')})" for item in told), "")
     return f"{'; '.join(map(str, fatal))}{explained}."
 
 

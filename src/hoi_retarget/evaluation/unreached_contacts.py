@@ -13,6 +13,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.robots.spec import BODY_SITES
 
 _MIN_FRAMES = 3
 """Frames; a hand that takes one or two more to arrive did reach its contact."""
@@ -127,9 +128,12 @@ def surface_residuals(view: Comparison) -> Float[np.ndarray, "T C"]:
     residuals = np.full(motion.contact_flags.shape, np.nan)
     sites = [PART_SITES.get(link, link) for link in motion.contact_links]
     for curve in view.cached(surface_curves).touches:
+        if PART_SITES[curve.part] not in sites:
+            continue  # Landmarks are of hands and feet alone, and nothing rests that a base carries.
         column = sites.index(PART_SITES[curve.part])
         labelled = _touched(motion, column) == curve.object
-        off = np.where(curve.place > ELSEWHERE_M, curve.place, np.maximum(curve.gap, 0.0))
+        elsewhere = (curve.place > ELSEWHERE_M) & (curve.part not in BODY_SITES)  # Short legs sit on the edge.
+        off = np.where(elsewhere, curve.place, np.maximum(curve.gap, 0.0))
         off = np.concatenate([np.repeat(off[:1], view.first), off])
         residuals[labelled, column] = off[labelled]
     return residuals

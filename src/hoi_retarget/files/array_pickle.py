@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files.reading import MAXIMUM_SIZE, map_bytes
+from hoi_retarget.files.reading import limit_unpacked, map_bytes
 from hoi_retarget.files.safe_pickle import (
     MAX_SURPLUS,
     Class,
@@ -55,14 +55,14 @@ _STORAGE_DTYPES = {
 _VIEWS = [], [None]  # A storage that is part of another one, in older files: none is.
 
 
-def parse_pickle(content: bytes, path: Path, limit: int = MAXIMUM_SIZE) -> Any:
+def parse_pickle(content: bytes, path: Path) -> Any:
     """Return the value of a pickle: read-only arrays, numbers, text, None, in plain containers.
 
-    `path` is only named in errors; compressed content unpacks to at most `limit` bytes. Raises `ReadError` where the
-    file is damaged, or holds anything else, such as code to be executed.
+    `path` is only named in errors. Raises `ReadError` where the file is damaged, or holds anything else, such as code
+    to be executed.
     """
     with refusals(path, _ADVICE):
-        return plain(unpickle(content, limit=limit))
+        return plain(unpickle(content))
 
 
 def read_joblib(path: Path) -> tuple[Any, str]:
@@ -84,16 +84,13 @@ def starts_with(path: Path, names: tuple[bytes, ...], size: int) -> bool:
     return all(name in start for name in names)
 
 
-def unpickle(
-    content: bytes | mmap.mmap, names: Names | None = None, *, encoding: str = "utf-8", limit: int = MAXIMUM_SIZE
-) -> Any:
+def unpickle(content: bytes | mmap.mmap, names: Names | None = None, *, encoding: str = "utf-8") -> Any:
     """Return the value of a pickle with stubs in it, which `plain` replaces.
 
     Args:
         content: joblib's arrays in a mapped file are views of it.
         names: Everything that it may name; None for `ARRAYS`.
         encoding: Of the strings of Python 2.
-        limit: Most bytes that compressed content may unpack to.
 
     Raises:
         RefusedError: It is damaged, or names something else.
@@ -101,7 +98,7 @@ def unpickle(
     if not content:
         raise RefusedError("the file is empty, expected a pickle")
     if content[:1] == _COMPRESSED:
-        content = _decompressed(content, limit)
+        content = _decompressed(content, limit_unpacked(len(content)))
     if content[:1] != b"\x80":
         raise RefusedError(f"it starts with {content[:4]!r}, which no pickle of protocol 2 to 5 does")
     return Unpickler(content, ARRAYS if names is None else names, encoding=encoding).next()

@@ -226,12 +226,9 @@ class Gltf:
 
     def mesh(self, index: int) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "F 3"]]:
         """Return the vertices [m] and triangles of a mesh, all its parts in one."""
-        mesh = self._checked(index, self._meshes, "mesh")
-        name = f"mesh {mesh.get('name')!s:.40}"
+        name, parts = self._primitives(index)
         vertices, faces, count = [], [], 0
-        for part in self._list(mesh, "primitives"):
-            if part.get("mode") not in (None, _TRIANGLES):
-                raise self._wrong(f"{name} has points or lines, expected triangles")
+        for part in parts:
             corner = _table(part.get("attributes")).get("POSITION")
             points = self.array(corner, 3, f"vertices of {name}").astype(float)
             corners = np.arange(len(points))
@@ -245,6 +242,35 @@ class Gltf:
         if not vertices or not sum(map(len, faces)):
             raise self._wrong(f"{name} has no triangles")
         return np.concatenate(vertices), np.concatenate(faces)
+
+    def _primitives(self, index: int) -> tuple[str, list[dict[str, Any]]]:
+        """Return a mesh's name, for messages, and its parts, which are of triangles."""
+        mesh = self._checked(index, self._meshes, "mesh")
+        name, parts = f"mesh {mesh.get('name')!s:.40}", self._list(mesh, "primitives")
+        if any(part.get("mode") not in (None, _TRIANGLES) for part in parts):
+            raise self._wrong(f"{name} has points or lines, expected triangles")
+        return name, parts
+
+    def bound_meshes(self, skin: int) -> tuple[int, ...]:
+        """Return the meshes that nodes bind to the joints of a skin, each once."""
+        bound = [node for node in self._nodes if node.get("skin") == skin and node.get("mesh") is not None]
+        return tuple(dict.fromkeys(node["mesh"] for node in bound))
+
+    def vertex_weights(self, index: int, joints: int) -> Float[np.ndarray, "V J"]:
+        """Return the weights of a skin's joints at each vertex of a mesh; rows sum to 1."""
+        name, parts = self._primitives(index)
+        found = []
+        for part in parts:
+            attributes = _table(part.get("attributes"))
+            chosen = self.array(attributes.get("JOINTS_0"), 4, f"joints of {name}").astype(int)
+            shares = self.array(attributes.get("WEIGHTS_0"), 4, f"weights of {name}").astype(float)
+            sums = shares.sum(axis=1, keepdims=True)
+            if chosen.shape != shares.shape or (chosen >= joints).any() or (shares < 0).any() or not (sums > 0).all():
+                raise self._wrong(f"the weights of {name} are not those of its vertices and its skin's {joints} joints")
+            weights = np.zeros((len(shares), joints))
+            np.add.at(weights, (np.arange(len(shares))[:, None], chosen), shares / sums)
+            found.append(weights)
+        return np.concatenate(found)
 
     def skins(self) -> Iterator[tuple[tuple[int, ...], Float[np.ndarray, "J 4 4"]]]:
         """Yield the joints of each skin and the matrices that bring the bound mesh [m] into their frames."""

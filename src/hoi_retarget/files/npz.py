@@ -2,14 +2,14 @@
 
 import io
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.files.reading import unpacked
+from hoi_retarget.files.reading import Archive
 
 # The start of an .npy file as numpy writes it: matched, never evaluated.
 _NPY = re.compile(
@@ -19,9 +19,26 @@ _NPY = re.compile(
 )
 
 
-def members(content: bytes, limit: int | None = None) -> dict[str, bytes]:
+def members(content: bytes) -> dict[str, bytes]:
     """Return the .npy files of an .npz by array name, their checksums compared; raises `ValueError`."""
-    return {name.removesuffix(".npy"): entry for name, entry in unpacked(content, limit=limit).items()}
+    return dict(Members(content))
+
+
+class Members(Mapping[str, bytes]):
+    """The .npy files of an .npz by array name, each unpacked when it is asked for; raises `ValueError`, also later."""
+
+    def __init__(self, content: bytes) -> None:
+        self._archive = Archive(content)
+        self._names = {name.removesuffix(".npy"): name for name in self._archive}
+
+    def __getitem__(self, name: str) -> bytes:
+        return self._archive[self._names[name]]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
 
 
 def encode(arrays: Mapping[str, Any]) -> bytes:

@@ -10,15 +10,20 @@ import re
 import struct
 import zipfile
 import zlib
+from collections.abc import Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from hoi_retarget.errors import ReadError
 
-MAXIMUM_SIZE = 1 << 32
-"""Bytes that a compressed archive may unpack to: a few megabytes of it can claim any memory."""
+LFS_ADVICE = "a Git LFS pointer stands in place of the file. Run in its clone: git lfs pull"
+_MAX_DEPTH = 256
+"""Of XML: Python's own functions on elements are recursive."""
 _SMALL_MOTION = 32 << 20  # Bytes of a quarter of an hour at 30 frames a second.
 _MOTION_RATIO = 16  # What people do compresses to a half; zeros, which fill no motion, to a thousandth.
+_LFS_POINTER = b"version https://git-lfs.github.com/spec/"
+"""Begins what a clone without Git LFS has in place of large files."""
 # What zipfile and its decompressors raise for damaged archives; RuntimeError is its word for encryption.
 _ERRORS = (
     zipfile.BadZipFile,
@@ -36,8 +41,8 @@ _ERRORS = (
 
 def read_bytes(path: Path) -> bytes:
     """Return the content of a regular file; raises `ReadError`."""
+    check_file(path)
     try:
-        _check_file(path)
         return path.read_bytes()
     except (OSError, ValueError) as error:
         raise _unreadable(path, error) from error
@@ -45,44 +50,71 @@ def read_bytes(path: Path) -> bytes:
 
 def map_bytes(path: Path) -> bytes | mmap.mmap:
     """Return the content of a regular file that is read where it is looked at; raises `ReadError`."""
+    check_file(path)
     try:
-        _check_file(path)
         with path.open("rb") as file:
             return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if path.stat().st_size else b""
     except (OSError, ValueError) as error:
         raise _unreadable(path, error) from error
 
 
-def _check_file(path: Path) -> None:
-    if not path.exists():
-        raise ReadError(f"{path}: there is no such file. Check the path.")
-    if not path.is_file():
-        raise ReadError(f"{path}: cannot be read: this is a folder, or a device. Name one file in it.")
+def check_file(path: Path) -> None:
+    """Raise `ReadError` unless a path is a regular file that can be opened, and no Git LFS pointer."""
+    try:
+        if not path.exists():
+            raise ReadError(f"{path}: there is no such file. Check the path.")
+        if not path.is_file():
+            raise ReadError(f"{path}: cannot be read: this is a folder, or a device. Name one file in it.")
+        with path.open("rb") as file:
+            if file.read(len(_LFS_POINTER)) == _LFS_POINTER:
+                raise ReadError(f"{path}: {LFS_ADVICE}")
+    except (OSError, ValueError) as error:
+        raise _unreadable(path, error) from error
 
 
 def _unreadable(path: Path, error: Exception) -> ReadError:
     return ReadError(f"{path}: cannot be read ({error}). Check the path and its permissions.")
 
 
-def unpacked(content: bytes, *, stored: bool = False, limit: int | None = None) -> dict[str, bytes]:
-    """Return an archive's entries by name, with their checksums compared.
+class Archive(Mapping[str, bytes]):
+    """An archive's entries by name, each unpacked when it is asked for, and its checksum compared.
 
-    All must be uncompressed where `stored`; otherwise they may unpack to `limit` bytes, or `MAXIMUM_SIZE`. Raises
-    `ValueError` for an archive that is damaged, or beyond a limit.
+    All must be uncompressed where `stored`; otherwise they may unpack to `limit_unpacked` together. Raises `ValueError`
+    for an archive that is damaged, or beyond a limit, also later.
     """
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            fault = _fault(archive, len(content), None if stored else limit or MAXIMUM_SIZE)
-            entries = {} if fault else {entry.filename: archive.read(entry) for entry in archive.infolist()}
-    except _ERRORS as error:
-        raise ValueError(f"damaged or cut off: {error}") from error
-    if fault:
-        raise ValueError(fault)
-    return entries
+
+    def __init__(self, content: bytes, *, stored: bool = False) -> None:
+        try:
+            self._archive = zipfile.ZipFile(io.BytesIO(content))
+            fault = _fault(self._archive, len(content), None if stored else limit_unpacked(len(content)))
+        except _ERRORS as error:
+            raise _damaged(error) from error
+        if fault:
+            raise ValueError(fault)
+        self._names = frozenset(self._archive.namelist())
+        self._unpacked: dict[str, bytes] = {}
+
+    def __getitem__(self, name: str) -> bytes:
+        if name not in self._names:
+            raise KeyError(name)
+        try:
+            return self._unpacked.setdefault(name, self._unpacked.get(name) or self._archive.read(name))
+        except _ERRORS as error:
+            raise _damaged(error) from error
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._archive.namelist())
+
+    def __len__(self) -> int:
+        return len(self._names)
 
 
-def limit_of_motion(packed: int) -> int:
-    """Return the most bytes that a motion's file, which has so many itself, may unpack to."""
+def _damaged(error: Exception) -> ValueError:
+    return ValueError(f"damaged or cut off: {error}")
+
+
+def limit_unpacked(packed: int) -> int:
+    """Return the most bytes that a file of so many bytes may unpack to: a few megabytes can claim any memory."""
     return max(_SMALL_MOTION, _MOTION_RATIO * packed)
 
 
@@ -117,6 +149,13 @@ def _fault(archive: zipfile.ZipFile, available: int, limit: int | None) -> str |
     return None
 
 
+def _levels(root: ET.Element) -> Iterator[list[ET.Element]]:
+    level = [root]
+    while level:
+        yield level
+        level = [child for element in level for child in element]
+
+
 def parse_xml(content: bytes) -> ET.Element:
     """Return the outermost element of a file.
 
@@ -125,6 +164,9 @@ def parse_xml(content: bytes) -> ET.Element:
     if b"<!ENTITY" in content or b"<!DOCTYPE" in content or b"\0" in content:
         raise ValueError("it declares entities, which are not needed, or is no text. Take the declaration out.")
     try:
-        return ET.fromstring(re.sub(rb"^\s*<\?xml[^>]*\?>", b"", content))
+        root = ET.fromstring(re.sub(rb"^\s*<\?xml[^>]*\?>", b"", content))
+        if next(islice(_levels(root), _MAX_DEPTH, None), None):
+            raise ValueError(f"elements stand in each other more than {_MAX_DEPTH} deep")
+        return root
     except (ET.ParseError, ValueError, RecursionError) as error:
         raise ValueError(f"it is no XML ({error}).") from error

@@ -1,7 +1,6 @@
 """A recording as it is named: a file or a folder, perhaps one clip of several in it, read on demand."""
 
 import hashlib
-from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -56,12 +55,9 @@ class SourceFile:
         return self.read(self.path)
 
     @cached_property
-    def members(self) -> Mapping[str, bytes]:
-        """The arrays of an `.npz` file, each as the bytes of an `.npy` file; empty where it is no such file."""
-        try:
-            return npz.members(self.content)
-        except ValueError:
-            return {}
+    def members(self) -> npz.Members:
+        """The arrays of an `.npz` file, each as the bytes of an `.npy` file; raises `ValueError` for other files."""
+        return npz.Members(self.content)
 
     @cached_property
     def array_names(self) -> frozenset[str]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.files.array_pickle import ARRAYS, LEGACY_MAGIC, Storages, parse_legacy_torch
-from hoi_retarget.files.reading import unpacked
+from hoi_retarget.files.reading import Archive
 from hoi_retarget.files.safe_pickle import RefusedError, Unpickler, plain, refusals
 
 _PICKLE = b"\x80"
@@ -51,7 +51,7 @@ def _first_refusal(content: bytes) -> str:
 
 def _parse_archive(content: bytes) -> Any:
     try:
-        entries = unpacked(content, stored=True)
+        entries = dict(Archive(content, stored=True))
     except ValueError as error:
         raise RefusedError(str(error)) from error
     prefix = _archive_prefix(entries)

@@ -7,7 +7,6 @@ Frames are those of the model: rest pose along +y, looking along +z, metres. Rot
 for each joint, root first.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -17,6 +16,7 @@ from jaxtyping import Float, Int
 
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.human.skeleton import JOINT_INDEX, PARENTS, world_positions, world_quats
+from hoi_retarget.human.skinned_mesh import blended
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 
@@ -26,7 +26,6 @@ Gender = Literal["neutral", "male", "female"]
 JOINT_COUNT: dict[Family, int] = {"smplx": 55, "smplh": 52}
 _FACE = 3  # Jaw and eyes stand between the body's and the hands' joints in SMPL-X.
 _BODY_JOINTS, _HAND_JOINTS = 22, 15
-_CHUNK = 64  # Frames whose vertices are made at once: bounds the memory, and fits caches.
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,10 +198,6 @@ class BodyShape:
         object.__setattr__(self, "betas", frozen(self.betas))
         _ = self.rest_joints  # Checks the betas.
 
-    def vertices_of(self, joints: Iterable[str]) -> Int[np.ndarray, "n"]:
-        """Return the indices of the vertices that one of these joints moves more than any other does."""
-        return np.flatnonzero(np.isin(self.owners, [JOINT_INDEX[joint] for joint in joints]))
-
     def skin(
         self,
         positions: Float[np.ndarray, "T 52 3"],
@@ -216,15 +211,11 @@ class BodyShape:
         turns = se3.quat_to_matrix(quats)
         local = np.swapaxes(turns[:, PARENTS[1:]], -1, -2) @ turns[:, 1:] - np.eye(3)
         moves = positions - np.einsum("tjab,jb->tja", turns, self.rest_joints)
-        # A rotation and a translation for each vertex, as one row of twelve numbers for each joint.
-        rigid = np.concatenate([turns, moves[..., None]], axis=-1).reshape(len(turns), -1, 12)
-        skin = np.empty((len(turns), *shaped.shape))
-        for first in range(0, len(turns), _CHUNK):
-            chunk = slice(first, first + _CHUNK)
-            bent = shaped + (local[chunk].reshape(len(local[chunk]), -1) @ directions.T).reshape(-1, *shaped.shape)
-            blended = (weights @ rigid[chunk]).reshape(*bent.shape[:2], 3, 4)
-            skin[chunk] = np.einsum("tvab,tvb->tva", blended[..., :3], bent) + blended[..., 3]
-        return skin
+
+        def bent(chunk: slice) -> Float[np.ndarray, "t n 3"]:
+            return shaped + (local[chunk].reshape(len(local[chunk]), -1) @ directions.T).reshape(-1, *shaped.shape)
+
+        return blended(weights, turns, moves, bent)
 
     @cached_property
     def owners(self) -> Int[np.ndarray, "V"]:
@@ -248,6 +239,11 @@ class BodyShape:
         face = np.setdiff1d(np.arange(JOINT_COUNT[self.model.family]), self.model.skeleton_joints)
         weights[:, JOINT_INDEX["head"]] += self.model.weights[:, face].sum(axis=1)
         return weights
+
+    @property
+    def faces(self) -> Int[np.ndarray, "F 3"]:
+        """The skin's triangles."""
+        return self.model.faces
 
     @property
     def _bending(self) -> Int[np.ndarray, "459"]:

@@ -125,10 +125,21 @@ PART_CAPSULES: dict[str, tuple[BodyCapsule, ...]] = {
 }
 """The capsules of each part that can touch."""
 
+_PELVIS = BodyCapsule("pelvis", "left_hip", "right_hip", 0.10)
+RESTING_CAPSULES: dict[str, tuple[BodyCapsule, ...]] = {
+    "pelvis": (_PELVIS,),
+    **{
+        f"{side}_{part}": (capsule,)
+        for side in _SIDES
+        for part, capsule in zip(("thigh", "forearm"), (_limbs(side)[0], _limbs(side)[-1]), strict=True)
+    },
+}
+"""The capsules of each part that can rest on an object."""
+
 BODY_CAPSULES: tuple[BodyCapsule, ...] = (
     *(capsule for capsules in PART_CAPSULES.values() for capsule in capsules),
     *(capsule for side in _SIDES for capsule in _limbs(side)),
-    BodyCapsule("pelvis", "left_hip", "right_hip", 0.10),
+    _PELVIS,
     BodyCapsule("spine1", "pelvis", "spine2", 0.12),
     BodyCapsule("spine3", "spine2", "neck", 0.11),
     BodyCapsule("spine3", "left_shoulder", "right_shoulder", 0.07),

@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget.human.body_model import BodyShape
-from hoi_retarget.human.skeleton import HEIGHT_OVER_CHAIN, JOINT_INDEX, JOINTS, PARTS
+from hoi_retarget.human.skeleton import ALL_PARTS, HEIGHT_OVER_CHAIN, JOINT_INDEX, JOINTS
+from hoi_retarget.human.skinned_mesh import SkinnedMesh
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import check_finite, check_shape, frozen, unit_quats
 from hoi_retarget.numerics.filters import speeds
@@ -27,8 +28,8 @@ class Person:
     """World rotations, wxyz, identity in the T-pose that stands along +y and looks along +z."""
     fingers_recorded: bool = True
     """Whether the finger joints are the person's own; otherwise they are straight and made up."""
-    shape: BodyShape | None = None
-    """The person's skin, where the source has it and its body model is at hand."""
+    shape: BodyShape | SkinnedMesh | None = None
+    """The person's skin, where the source has it, or its body model is at hand."""
     stature: float | None = None
     """Standing height [m], where the source has it; otherwise it is estimated."""
     toe_height: float | None = None
@@ -52,11 +53,11 @@ class Person:
 
     def part_position(self, part: str) -> Float[np.ndarray, "T 3"]:
         """Return the world position of a part's contact point [m]."""
-        return np.mean([self.position(joint) for joint in PARTS[part].point_joints], axis=0)
+        return np.mean([self.position(joint) for joint in ALL_PARTS[part].point_joints], axis=0)
 
     def part_quat(self, part: str) -> Float[np.ndarray, "T 4"]:
         """Return the world rotation of a part (quaternion, wxyz)."""
-        return self.quat(PARTS[part].rotation_joint)
+        return self.quat(ALL_PARTS[part].rotation_joint)
 
     @property
     def height(self) -> float:

@@ -102,6 +102,19 @@ PARTS: dict[str, BodyPart] = {
         BodyPart("right_foot", ("right_ankle",), "right_ankle", ("right_ankle", "right_foot")),
     )
 }
+BODY_PARTS: dict[str, BodyPart] = {
+    part.name: part
+    for part in (
+        BodyPart("pelvis", ("pelvis",), "pelvis", ("pelvis",)),
+        *(
+            BodyPart(f"{side}_{name}", (f"{side}_{joint}",), f"{side}_{joint}", (f"{side}_{joint}",))
+            for name, joint in (("thigh", "hip"), ("forearm", "elbow"))
+            for side in ("left", "right")
+        ),
+    )
+}
+"""The parts that can rest on an object, as of people who sit or lean; no source labels them."""
+ALL_PARTS: dict[str, BodyPart] = {**PARTS, **BODY_PARTS}
 HANDS = ("left_hand", "right_hand")
 FEET = ("left_foot", "right_foot")
 

@@ -7,15 +7,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hoi_retarget.clip.clip import QualityWarning, Severity
+from hoi_retarget.clip.clip import HIGHEST_RATE, LOWEST_RATE, QualityWarning, Severity
 from hoi_retarget.errors import ArgumentError, ClipError, RobotError
 from hoi_retarget.motion.motion_report import Report, Status, Window
 from hoi_retarget.numerics.arrays import check_shape, frozen
 from hoi_retarget.robots.model import RobotModel
 
 UNIT_TOLERANCE = 1e-3  # Of a quaternion's length: more is damage, not rounding.
-LOWEST_RATE, HIGHEST_RATE = 1.0, 1000.0
-"""[frames/s]; other rates are slips of the keyboard, or damage."""
 _MAX_NUMBER = 1000.0
 """Bound of coordinates [m] and angles [rad]."""
 _SCALES = (1e-3, 1e3)

@@ -15,6 +15,8 @@ from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.human.rotation_jumps import RotationJump
 from hoi_retarget.motion.performance import Performance
 
+HELD_SHARE = 0.2
+"""Hands that lack no more than this of an object's weight hold it."""
 MISSED_M, MISSED_DEG = 0.005, 3.0
 """A part farther off its pin [m], or turned more [degrees], is a warning."""
 UNREACHED_M = 0.02
@@ -226,6 +228,31 @@ class InterRobotHandError:
         )
 
 
+@dataclass(frozen=True)
+class HoldNote:
+    """One hold of a hand on an object: where it is against the person's hand, and whether it carries."""
+
+    part: str
+    object: str
+    first_frame: int
+    last_frame: int
+    """Included."""
+    moved_m: float
+    turned_deg: float
+    touching_m2: float
+    """Area of palmar skin on the surface."""
+    missing_share: float
+    """Of the object's weight, that all hands on it and the floor cannot give: mean over some of the frames."""
+
+    def __str__(self) -> str:
+        carries = "carries" if self.missing_share <= HELD_SHARE else f"lacks {100 * self.missing_share:.0f} % of it"
+        return (
+            f"{self.part} on {self.object!r}, frames {self.first_frame} to {self.last_frame}: "
+            f"{100 * self.moved_m:.1f} cm and {self.turned_deg:.0f} degrees from the person's, "
+            f"{1e4 * self.touching_m2:.1f} cm2 touch; with the others it {carries}"
+        )
+
+
 _WARNINGS = (
     *("trunk_turn", "unreached_contact", "thin_air_contact", "missed_pin", "sunk_link"),
     *("inter_robot_hand_error", "inter_robot_penetration", "orientation_flip", "rotation_jump"),
@@ -263,6 +290,8 @@ class Report:
     sunk_links: tuple[Event, ...] = ()
     pins: tuple[PinnedPart, ...] = ()
     """All parts that were pinned by hand."""
+    holds: tuple[HoldNote, ...] = ()
+    """Of hands, in surface contact."""
     orientation_flips: tuple[Event, ...] | None = None
     trunk_turns: tuple[Event, ...] = ()
     rotation_jumps: tuple[RotationJump, ...] = ()

@@ -13,8 +13,9 @@ import numpy as np
 import scipy  # its modules are loaded where they are first used
 from jaxtyping import Bool, Float, Int
 
+from hoi_retarget.clip.clip import HIGHEST_RATE
 from hoi_retarget.errors import ArgumentError, ClipError
-from hoi_retarget.motion.motion import HIGHEST_RATE, Motion
+from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 

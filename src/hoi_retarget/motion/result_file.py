@@ -16,7 +16,7 @@ import numpy as np
 from hoi_retarget.errors import ArgumentError, ClipError, ReadError, RobotError
 from hoi_retarget.files import npz
 from hoi_retarget.files.atomic import write_atomically
-from hoi_retarget.files.reading import limit_of_motion, read_bytes
+from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.motion.motion import ARRAYS, ContactForces, Motion, Stage, check_robot, check_turns
 from hoi_retarget.motion.motion_report import Report, Window, windows_from_json
 from hoi_retarget.robots import load_robot, user_robots
@@ -87,7 +87,7 @@ def load(path: Path | str) -> Motion:
     path = Path(path)
     content = read_bytes(path)
     try:
-        members = npz.members(content, limit_of_motion(len(content)))
+        members = npz.members(content)
     except ValueError as error:
         raise ReadError(f"{path}: not a readable .npz motion file ({error}). Run the retarget again.") from error
     _check_entries(path, members)

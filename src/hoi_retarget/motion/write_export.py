@@ -60,16 +60,11 @@ def export(
         object_name: The object for the format's one place for it, where there are several.
 
     Raises:
-        ArgumentError: The format knows the robot or the object not, or the rate is out of range.
+        ArgumentError: The format knows the object not, or the rate is out of range.
         ClipError: The motion has a single frame.
         GeometryError: An object's mesh cannot be read.
     """
     motion, model = result.motion, result.model
-    if format.robots and motion.robot not in format.robots:
-        raise ArgumentError(
-            f"--to {format.name} is for {', '.join(format.robots)}, and the result is of {motion.robot}. For this "
-            f"robot: {', '.join(other.name for other in WRITABLE.values() if not other.robots)}, {DATASET}."
-        )
     chosen = _object(motion, format, object_name)
     resampled = resample(motion, model, format.fps if fps is None else fps, chosen)
     contacts = contact_arrays(resampled, result.surfaces)

@@ -173,6 +173,12 @@ def shortest_rotation(start: Float[Array, "3"], end: Float[Array, "3"]) -> Float
     return np.concatenate([[0.0], across / np.linalg.norm(across)])
 
 
+def mean_rotation(quats: Float[Array, "K 4"]) -> Float[Array, "3 3"]:
+    """Return the rotation matrix that is nearest to all of some rotations, in the Frobenius norm."""
+    left, _, right = np.linalg.svd(quat_to_matrix(quats).mean(axis=0))
+    return left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+
+
 def slerp(
     a: Float[Array, "*#batch 4"], b: Float[Array, "*#batch 4"], fraction: Float[Array, "*#batch"]
 ) -> Float[Array, "*batch 4"]:

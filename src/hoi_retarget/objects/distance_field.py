@@ -340,9 +340,60 @@ def _blocks(points: np.ndarray) -> list[np.ndarray]:
 _EVEN = np.array([0.7548776662466927, 0.5698402909980532])
 
 
-def surface_samples(surface: Surface, spacing: float) -> Float[np.ndarray, "K 3"]:
-    """Return points of the surface [m], one for each square of that side [m], as dense on every triangle."""
-    corners = surface.triangles
+_MANY_SAMPLES = 1_000_000
+"""From there on, those of a large object are made only where they can matter."""
+_PIECE = 0.25
+"""Longest edge of the pieces of triangles that are chosen there [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """Space within a distance of some points."""
+
+    centres: Float[np.ndarray, "K 3"]
+    """[m]"""
+    radius: float
+    """[m]"""
+
+
+def is_large(surface: Surface, spacing: float) -> bool:
+    """Return whether a surface has too many samples at a spacing [m] to make all of them."""
+    return surface.area > _MANY_SAMPLES * spacing**2
+
+
+def surface_samples(surface: Surface, spacing: float, region: Region | None = None) -> Float[np.ndarray, "K 3"]:
+    """Return points of the surface [m], one for each square of that side [m], as dense on every triangle.
+
+    Of a large one they are those in a region, where one is given, and some beyond it.
+    """
+    if region is None or not is_large(surface, spacing):
+        return _samples(surface.triangles, spacing)
+    pieces = _pieces_in(surface.triangles, region)
+    return _samples(pieces if len(pieces) else surface.triangles[:1, [0, 0, 0]], spacing)
+
+
+def _pieces_in(triangles: Float[np.ndarray, "F 3 3"], region: Region) -> Float[np.ndarray, "G 3 3"]:
+    """Return parts of triangles that reach into a region, cut until they are small."""
+    tree, chosen = scipy.spatial.KDTree(region.centres), [np.zeros((0, 3, 3))]
+    while len(triangles):
+        middles = triangles.mean(axis=1)
+        reach = np.linalg.norm(triangles - middles[:, None], axis=2).max(axis=1)
+        triangles = triangles[tree.query(middles)[0] <= region.radius + reach]
+        small = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1) <= _PIECE
+        chosen.append(triangles[small])
+        a, b, c = np.moveaxis(triangles[~small], 1, 0)
+        ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
+        triangles = np.concatenate(
+            [np.stack(corners, axis=1) for corners in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+        )
+    return np.concatenate(chosen)
+
+
+def _samples(corners: Float[np.ndarray, "F 3 3"], spacing: float) -> Float[np.ndarray, "K 3"]:
+    # Corners in the order of the sides across from them: mirrored surfaces have mirrored points.
+    across = np.linalg.norm(np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1), axis=2)
+    order = np.argsort(across.round(9), axis=1, kind="stable")
+    corners = np.take_along_axis(corners, order[:, :, None], axis=1)
     along = corners[:, 1:] - corners[:, :1]
     areas = np.cumsum(0.5 * np.linalg.norm(np.cross(along[:, 0], along[:, 1]), axis=1))
     count = max(1, round(float(areas[-1]) / spacing**2))

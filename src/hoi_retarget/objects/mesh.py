@@ -16,7 +16,8 @@ import numpy as np
 import scipy  # its modules are loaded where they are first used
 from jaxtyping import Bool, Float, Int
 
-from hoi_retarget.errors import GeometryError, MeshError
+from hoi_retarget.errors import GeometryError, MeshError, ReadError
+from hoi_retarget.files.reading import check_file
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.objects.track import ObjectGeometry
 
@@ -70,6 +71,12 @@ class Surface:
         """Corners of every triangle [m]."""
         return self.vertices[self.faces]
 
+    @functools.cached_property
+    def area(self) -> float:
+        """Of all triangles [m^2]."""
+        a, b, c = np.moveaxis(self.triangles, 1, 0)
+        return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+
     def digest(self, settings: str) -> str:
         """Return a name for anything made of these triangles with some settings."""
         digest = hashlib.sha256(settings.encode())
@@ -113,7 +120,7 @@ class Surface:
 
     def encloses(self, points: Float[np.ndarray, "K 3"], distances: Float[np.ndarray, "K"]) -> Bool[np.ndarray, "K"]:
         """Return which points are inside, as for `signed_distances`, given their distances from the surface [m]."""
-        return np.abs(self._winding_numbers(points, distances)) > _HALF_A_TURN
+        return np.abs(self.winding_numbers(points, distances)) > _HALF_A_TURN
 
     @functools.cached_property
     def closed(self) -> bool:
@@ -142,7 +149,10 @@ class Surface:
         points = np.einsum("kc,kci->ki", weights, self.vertices[self._wound_faces[chosen]])
         return points, normals[chosen] / areas[chosen, None]
 
-    def _winding_numbers(self, points: np.ndarray, distances: np.ndarray) -> Float[np.ndarray, "K"]:
+    def winding_numbers(
+        self, points: Float[np.ndarray, "K 3"], distances: Float[np.ndarray, "K"]
+    ) -> Float[np.ndarray, "K"]:
+        """Return how often the surface winds around points, given their distances from it [m]."""
         import igl  # noqa: PLC0415  # as in `_tree`
 
         if len(points) == 0:
@@ -221,10 +231,13 @@ def _load(path: Path, _modified: int, _size: int) -> Surface:
     import trimesh  # noqa: PLC0415  # takes a third of a second, and only surfaces need it
 
     try:
+        check_file(path)
         # Materials would open other files, which nothing here looks at.
         options: Any = {"skip_materials": True} if path.suffix.lower() == ".obj" else {}
         mesh: Any = trimesh.load(path, process=False, force="mesh", **options)
         return Surface(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    except ReadError as error:
+        raise MeshError(str(error)) from error
     except (*_MESH_ERRORS, GeometryError) as error:
         raise MeshError(f"{path}: no mesh with triangles can be read from it ({error}). Export it again.") from error
 

@@ -10,6 +10,7 @@ from hoi_retarget.clip import grasp_check
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ReadError
+from hoi_retarget.files.reading import check_file
 from hoi_retarget.files.source_file import FOLDER, SELECTION, SourceFile
 from hoi_retarget.readers.reader import Reader
 
@@ -90,6 +91,8 @@ def reader_of(file: SourceFile) -> Reader:
     """Return the reader of a file; raises `ReadError` where nobody reads it."""
     if not file.exists:
         raise ReadError(f"{file.name}: there is no such file. Check the path.")
+    if file.suffix != FOLDER or file.clip_file.is_file():
+        check_file(file.clip_file)
     fitting = readers(file.suffix)
     for reader in fitting:
         if reader.holds(file):

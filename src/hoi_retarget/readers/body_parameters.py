@@ -85,7 +85,7 @@ def _values(path: Path) -> Mapping[str, np.ndarray | None]:
 
         return read_body_pickle(path, content, names)
     try:
-        members = npz.members(content)
+        members = npz.Members(content)
         # The files hold more, some of it pickled, that no body needs.
         return {name: npz.array(name, members[name], "fiu") if name in names else None for name in members}
     except ValueError as error:

@@ -13,8 +13,8 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, MeshError, ReadError
 from hoi_retarget.files import npz
-from hoi_retarget.files.reading import limit_of_motion
 from hoi_retarget.files.source_file import FOLDER, SELECTION, SourceFile
+from hoi_retarget.motion import formats
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.numerics.arrays import runs
@@ -114,11 +114,18 @@ def inspect(path: Path, options: ReadOptions = ReadOptions()) -> Inspection:
     file = SourceFile(path)
     if file.suffix == FOLDER and not can_be_clip(path):
         return _describe_folder(path, options)
-    reader = reader_of(file) if file.suffix in SUFFIXES else None
+    try:
+        reader = reader_of(file) if file.suffix in SUFFIXES else None
+    except ReadError:
+        if (motion := _describe_robot_motion(path)) is None:
+            raise
+        return motion
     if reader is not None and (file.suffix not in _SHARED or reader.holds(file)):
         return _describe_recording(file, reader, options)
     if file.suffix == ".npz" and "schema" in file.array_names:
         return _describe_result(path, load(path))
+    if (motion := _describe_robot_motion(path)) is not None:
+        return motion
     problem = undocumented(path) or (
         f"No reader fits. Supported: {', '.join(reader.format for reader in readers())}. docs/sources.md tells what "
         "each reads, and how to write a clip of your own."
@@ -133,7 +140,7 @@ def _content(file: SourceFile) -> str:
     if file.suffix != ".npz":
         return f"a file of {len(file.content)} bytes that is neither a torch file nor a result"
     try:
-        names = list(npz.members(file.content, limit_of_motion(len(file.content))))
+        names = list(npz.Members(file.content))
     except ValueError as error:
         raise ReadError(f"{file.path}: not a readable .npz file ({error}). Write it again.") from error
     return f"a .npz archive of other arrays: {', '.join(map(ascii, names[:10]))[:400]}"
@@ -230,6 +237,8 @@ def _contradictions(positions: Float[np.ndarray, "T 52 3"], objects: Iterable[Ob
 
 def _describe_folder(path: Path, options: ReadOptions) -> Inspection:
     found = recordings_below(path)
+    if not found and (motion := _describe_robot_motion(path)) is not None:
+        return motion
     if not found:
         problem = f"There is no clip in it or below. {why_no_clip(path)}"
         return Inspection(str(path), UNKNOWN, "a folder", problems=(problem,))
@@ -250,6 +259,27 @@ def _format_of(path: Path) -> str:
         return reader_of(SourceFile(path)).format
     except ReadError:
         return "unreadable"
+
+
+def _describe_robot_motion(path: Path) -> Inspection | None:
+    """Return the facts of a robot's motion of another program, None where a file or folder is none."""
+    try:
+        file = formats.read(path)
+    except ReadError:
+        return None
+    joints = f"{file.joint_pos.shape[1]} robot joints{'' if file.joint_names else ' without names'}"
+    return Inspection(
+        str(path),
+        file.format,
+        "a robot's motion, which check-motion, evaluate, view and export read",
+        frames=file.frames,
+        fps=file.fps or file.convention.usual_fps,
+        fps_stated=file.fps is not None,
+        skeleton=f"{joints} and a free root",
+        objects=tuple(ObjectFacts(item.name, None, None, "no shape in the file", False) for item in file.objects),
+        notes=(f"It holds {', '.join(file.contents)}.",),
+        command=shlex.join(["hoi-retarget", "check-motion", str(path)]),
+    )
 
 
 def _describe_result(path: Path, result: Motion) -> Inspection:

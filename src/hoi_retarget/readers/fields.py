@@ -122,11 +122,14 @@ _MAX_LEVELS_UP = 5
 class _Arrays(Mapping[str, Any]):
     """The arrays of an `.npz` file, each read when it is asked for: much of a file is of no use here."""
 
-    def __init__(self, path: Path, members: Mapping[str, bytes]) -> None:
+    def __init__(self, path: Path, members: npz.Members) -> None:
         self._path, self._members = path, members
 
     def __getitem__(self, name: str) -> Any:
-        return npz.object_or_array(self._path, name, self._members[name])
+        try:
+            return npz.object_or_array(self._path, name, self._members[name])
+        except ValueError as error:
+            raise _unreadable(self._path, error) from error
 
     def __contains__(self, name: object) -> bool:
         return name in self._members
@@ -141,10 +144,14 @@ class _Arrays(Mapping[str, Any]):
 def npz_fields(file: SourceFile, path: Path) -> Fields:
     """Return the arrays of an `.npz` file, of the recording or itself; raises `ReadError`, also later."""
     try:
-        members = file.members if path == file.path else npz.members(file.read(path))
+        members = file.members if path == file.path else npz.Members(file.read(path))
     except ValueError as error:
-        raise ReadError(f"{path}: not a readable .npz file ({error}). Download it again.") from error
+        raise _unreadable(path, error) from error
     return Fields(path, _Arrays(path, members))
+
+
+def _unreadable(path: Path, error: ValueError) -> ReadError:
+    return ReadError(f"{path}: not a readable .npz file ({error}). Download it again.")
 
 
 def json_values(file: SourceFile, path: Path) -> dict[str, Any]:

@@ -9,7 +9,7 @@ a quarter too slowly. Files that say 30 are taken at their word.
 
 Rotations of Mixamo's bones are counted from its bind pose and from axes of its own. Here they become those of
 `skeleton`: the T-pose is where thighs and shins hang down and upper arms and forearms point sideways, whatever the bind
-pose is, as long as that is near. There are no labels of contacts.
+pose is, as long as that is near. The body's meshes become the person's skin. There are no labels of contacts.
 
 The floor is at y = 0: in the bind pose, which stands on it, the skin's lowest point is 2 mm below, and furniture stands
 within 5 mm of it in most files. Mixamo's toe joints lie on the sole, not inside the foot, and its head ends at
@@ -33,6 +33,7 @@ from hoi_retarget.files.gltf import Gltf, NodePoses, text_of
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS
+from hoi_retarget.human.skinned_mesh import SkinnedMesh
 from hoi_retarget.human.t_pose import LIMBS, body_axes, turns_from_t_pose
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
@@ -216,6 +217,10 @@ def _part_notes(capture: _Capture) -> tuple[str, ...]:
 class _BindPose:
     """Where the bones are while the mesh is bound to them, in the mesh's frame."""
 
+    skin: int
+    """The file's skin, which has the bones."""
+    joints: tuple[int, ...]
+    """All its nodes."""
     positions: Float[np.ndarray, "52 3"]
     quats: Float[np.ndarray, "52 4"]
     """wxyz"""
@@ -233,13 +238,48 @@ def _person(capture: _Capture, poses: NodePoses) -> tuple[Person, tuple[str, ...
         raise ClipError(f"{capture.path}: {error}. Export the file with Mixamo's bind pose.") from error
     positions, quats = poses.positions[:, joints], se3.quat_multiply(poses.quats[:, joints], turns)
     notes = (f"Limbs of the bind pose are up to {largest:.0f} deg from those of a T-pose, which is accounted for.",)
-    stature = None
+    # The mesh may be in another unit than the bones.
+    unit, stature = _limbs_length(positions) / _limbs_length(bound.positions), None
     if bound.head_top is not None:
         height = se3.rotate_inverse(body, bound.head_top)[1] - se3.rotate_inverse(body, bound.positions)[:, 1].min()
-        # The mesh may be in another unit than the bones.
-        stature = float(height * _limbs_length(positions) / _limbs_length(bound.positions))
+        stature = float(height * unit)
         notes += (f"The person is {stature:.3f} m tall, from the toes to {HEAD_TOP} in the bind pose.",)
-    return Person("person", positions, quats, stature=stature, toe_height=TOE_HEIGHT), notes
+    shape = _skin(capture, bound, turns, unit)
+    notes += ("The person's skin is the file's.",) if shape else ()
+    return Person("person", positions, quats, shape=shape, stature=stature, toe_height=TOE_HEIGHT), notes
+
+
+def _skin(capture: _Capture, bound: _BindPose, turns: Float[np.ndarray, "52 4"], unit: float) -> SkinnedMesh | None:
+    """Return the skin, its bones beyond the skeleton's as parts of the bones above; None without a mesh.
+
+    Args:
+        capture: The file.
+        bound: Its bind pose.
+        turns: Of each bone, in its own frame, that give its joint's rotation from the T-pose, wxyz.
+        unit: Of the mesh's frame [m].
+    """
+    scene, columns = capture.scene, {node: column for column, node in enumerate(capture.joints)}
+    vertices: list[np.ndarray] = []
+    faces: list[np.ndarray] = []
+    weights: list[np.ndarray] = []
+    for mesh in scene.bound_meshes(bound.skin):
+        points, triangles = scene.mesh(mesh)
+        faces.append(triangles + sum(map(len, vertices)))
+        vertices.append(points)
+        own, of_bones = np.zeros((len(points), len(JOINTS))), scene.vertex_weights(mesh, len(bound.joints))
+        for bone, share in zip(bound.joints, of_bones.T, strict=True):
+            above = next((node for node in (bone, *scene.ancestors(bone)) if node in columns), capture.joints[0])
+            own[:, columns[above]] += share
+        weights.append(own)
+    if not vertices:
+        return None
+    return SkinnedMesh(
+        rest_vertices=unit * np.concatenate(vertices),
+        faces=np.concatenate(faces),
+        weights=np.concatenate(weights),
+        rest_joints=unit * bound.positions,
+        rest_quats=se3.quat_multiply(bound.quats, turns),
+    )
 
 
 def _limbs_length(positions: Float[np.ndarray, "*T 52 3"]) -> float:
@@ -251,7 +291,7 @@ def _limbs_length(positions: Float[np.ndarray, "*T 52 3"]) -> float:
 def _bind_pose(capture: _Capture) -> _BindPose:
     """Return the bind pose; raises `ClipError` where no skin has all bones."""
     names = capture.scene.names
-    for joints, inverse in capture.scene.skins():
+    for skin, (joints, inverse) in enumerate(capture.scene.skins()):
         places = {node: index for index, node in enumerate(joints)}
         if set(capture.joints) <= set(places):
             head_top = next((place for node, place in places.items() if names[node] == HEAD_TOP), None)
@@ -263,7 +303,8 @@ def _bind_pose(capture: _Capture) -> _BindPose:
             quats = se3.quat_conjugate(quats_of(capture.path, "inverseBindMatrices", turns))
             positions = -se3.rotate(quats, inverse[order, :3, 3] / sizes[:, None])
             bones = len(JOINTS)
-            return _BindPose(positions[:bones], quats[:bones], None if head_top is None else positions[-1])
+            top = None if head_top is None else positions[-1]
+            return _BindPose(skin, joints, positions[:bones], quats[:bones], top)
     raise ClipError(
         f"{capture.path}: no skin binds a mesh to all bones, so their bind pose is not known. Export the file with "
         "the body's mesh."

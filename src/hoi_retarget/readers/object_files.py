@@ -1,4 +1,4 @@
-"""Object geometry from a folder of meshes: `DIR/<name>/<name>.obj` and surface points beside it.
+"""Object geometry from a folder of meshes: `DIR/<name>/<name>.obj` or a mesh of another kind, and surface points.
 
 The layout is that of InterMimic's and InterAct's object folders. Wavefront OBJ is read here by
 hand, vertices only: trimesh takes 170 to 200 ms of CPU for the 2.5 to 4 MB meshes of OMOMO, mostly
@@ -23,12 +23,16 @@ import numpy as np
 import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float
 
-from hoi_retarget.errors import ClipError, GeometryError, MeshError
+from hoi_retarget.errors import ClipError, GeometryError, MeshError, ReadError
+from hoi_retarget.files.reading import check_file, read_bytes
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import describe_frames, runs
 from hoi_retarget.objects.track import ObjectGeometry
 
-SAMPLE_POINTS = "sample_points.npy"
+SAMPLE_POINTS, _HULL = "sample_points.npy", "_hull.obj"
+MESH_SUFFIXES = (".obj", ".stl", ".ply", ".glb", ".off")
+"""Of the files that meshes are read from; trimesh reads all of them from their bytes alone."""
+_SHOWN_FILES = 5
 MAX_OBJECT_SIZE = 100.0
 """[m]; coordinates beyond it are another unit or damage."""
 
@@ -39,14 +43,19 @@ NUMPY_ERRORS = (OSError, ValueError, EOFError, TypeError, SyntaxError, OverflowE
 def load_geometry(folder: Path, name: str) -> ObjectGeometry:
     """Return the geometry of the object `name` in `folder`.
 
-    The first that exists of `<name>/<name>.obj`, `<name>/<name>_hull.obj` and
-    `<name>/sample_points.npy` is taken: a mesh is exact, the others are up to some centimetres small.
-    The file's origin is trusted to be that of the poses. Raises `GeometryError` where there is no such object, or its
-    files hold no usable geometry.
+    The first that exists of `<name>/<name>.obj` (or `.stl`, ...), `<name>.obj` (...), other meshes in `<name>`, which
+    are parts of it, `<name>/<name>_hull.obj` and `<name>/sample_points.npy` is taken: a mesh is exact, the others are
+    up to some centimetres small. The file's origin is trusted to be that of the poses. Raises `GeometryError` where
+    there is no such object, or its files hold no usable geometry.
     """
     _check_name(folder, name)
     try:
-        for path in geometry_files(folder, name):
+        for path in _own_files(folder, name):
+            if path.is_file():
+                return load_mesh(path)
+        if parts := _parts(folder, name):
+            return _joined(parts)
+        for path in _reduced_files(folder, name):
             if path.is_file():
                 status = path.stat()
                 return _load(path, status.st_mtime_ns, status.st_size)
@@ -57,21 +66,32 @@ def load_geometry(folder: Path, name: str) -> ObjectGeometry:
 
 
 def load_mesh(path: Path) -> ObjectGeometry:
-    """Return the geometry in a Wavefront OBJ file; raises `GeometryError`."""
-    if path.suffix.lower() != ".obj":
-        raise MeshError(f"{path}: meshes are read from .obj files only. Export it as Wavefront OBJ.")
+    """Return the geometry in a mesh file; raises `GeometryError`."""
+    if path.suffix.lower() not in MESH_SUFFIXES:
+        raise MeshError(f"{path}: meshes are read from {', '.join(MESH_SUFFIXES)} files. Export it as one of them.")
     try:
         status = path.stat()
     except OSError as error:
         raise MeshError(f"{path}: the mesh cannot be read ({error.strerror or error}). Check the path.") from error
-    return _load(path, status.st_mtime_ns, status.st_size)
+    if path.suffix.lower() == ".obj":
+        return _load(path, status.st_mtime_ns, status.st_size)
+    return _load_triangles(path, False, 1.0, status.st_mtime_ns, status.st_size)
+
+
+def _joined(parts: Sequence[Path]) -> ObjectGeometry:
+    """Return the geometry of several meshes in one frame; raises `GeometryError`."""
+    loaded = [_load_triangles(path, False, 1.0, path.stat().st_mtime_ns, path.stat().st_size) for path in parts]
+    starts = np.cumsum([0, *(len(part.points) for part in loaded)])
+    faces = [part.faces + start for part, start in zip(loaded, starts, strict=False) if part.faces is not None]
+    return ObjectGeometry(np.concatenate([part.points for part in loaded]), faces=np.concatenate(faces), file=parts[0])
 
 
 def known_objects(folder: Path) -> tuple[str, ...]:
     """Return the names of the objects in `folder` that have a file to load, sorted; raises `OSError`."""
     if not folder.is_dir():
         return ()
-    names = sorted(entry.name for entry in folder.iterdir() if entry.is_dir())
+    entries = {entry.name if entry.is_dir() else entry.stem for entry in folder.iterdir()}
+    names = sorted(entries)
     return tuple(name for name in names if any(map(_is_readable_file, geometry_files(folder, name))))
 
 
@@ -84,8 +104,23 @@ def _is_readable_file(path: Path) -> bool:
 
 def geometry_files(folder: Path, name: str) -> tuple[Path, ...]:
     """Return the files that an object's geometry can be in; the first that exists is read."""
-    directory = folder / name
-    return directory / f"{name}.obj", directory / f"{name}_hull.obj", directory / SAMPLE_POINTS
+    return *_own_files(folder, name), *_parts(folder, name), *_reduced_files(folder, name)
+
+
+def _own_files(folder: Path, name: str) -> list[Path]:
+    return [place / f"{name}{suffix}" for place in (folder / name, folder) for suffix in MESH_SUFFIXES]
+
+
+def _reduced_files(folder: Path, name: str) -> tuple[Path, Path]:
+    return folder / name / f"{name}{_HULL}", folder / name / SAMPLE_POINTS
+
+
+def _parts(folder: Path, name: str) -> list[Path]:
+    """Return the meshes in an object's folder that are not called as it is, nor a hull; raises `OSError`."""
+    if not (folder / name).is_dir():
+        return []
+    files = sorted(path for path in (folder / name).iterdir() if path.suffix.lower() in MESH_SUFFIXES)
+    return [path for path in files if path.stem != name and not path.name.endswith(_HULL) and path.is_file()]
 
 
 def _check_name(folder: Path, name: str) -> None:
@@ -98,13 +133,17 @@ def _check_name(folder: Path, name: str) -> None:
 
 
 def _describe_absence(folder: Path, name: str, known: tuple[str, ...]) -> str:
-    looked_for = " or ".join(str(path.relative_to(folder)) for path in geometry_files(folder, name))
+    own, *others = MESH_SUFFIXES
+    looked_for = f"{name}/{name}{own} ({', '.join(others)}) or {name}/{name}{_HULL} or {name}/{SAMPLE_POINTS}"
     if not folder.is_dir():
         return f"{folder}: there is no such folder of objects. Pass --objects DIR with {looked_for} in it."
     if (folder / name).is_dir():
-        return f"{folder / name}: the folder has no geometry; expected {looked_for}. Add one of them."
+        there = sorted(str(path.relative_to(folder)) for path in (folder / name).rglob("*") if path.is_file())
+        found = f" It holds {', '.join(there[:_SHOWN_FILES])}." if there else ""
+        return f"{folder / name}: the folder has no geometry; expected {looked_for}.{found} Add one of them."
     close = difflib.get_close_matches(name, known, n=1)
-    suggestion = f" Did you mean {close[0]!r}?" if close else ""
+    below = sorted(path.parent for path in folder.glob(f"*/{name}") if path.is_dir())
+    suggestion = f" Did you mean {close[0]!r}?" if close else f" Try --objects {below[0]}." if below else ""
     exist = f"Objects there: {', '.join(known)}." if known else "There are no objects in it."
     return f"{folder}: no object {name!r} (looked for {looked_for}).{suggestion} {exist}"
 
@@ -143,10 +182,13 @@ def extreme_points(points: Float[np.ndarray, "P 3"]) -> Float[np.ndarray, "E 3"]
 def _read_points(path: Path) -> Float[np.ndarray, "P 3"]:
     """Read surface points; a pickled array is refused, not executed."""
     try:
+        check_file(path)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             # Mapped, the array cannot claim more bytes than the file has.
             values = np.array(np.load(path, mmap_mode="r", allow_pickle=False))
+    except ReadError as error:
+        raise MeshError(str(error)) from error
     except NUMPY_ERRORS as error:
         raise MeshError(f"{path}: not a readable .npy array of points ({error}). Write it again.") from error
     if values.ndim != 2 or values.shape[1] != 3 or len(values) == 0 or values.dtype.kind not in "fiu":
@@ -159,9 +201,9 @@ def _read_points(path: Path) -> Float[np.ndarray, "P 3"]:
 def mesh_vertices(path: Path) -> Float[np.ndarray, "V 3"]:
     """Return the vertices [m] that a Wavefront OBJ mesh lists; raises `MeshError`, also where it has no faces."""
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise MeshError(f"{path}: cannot be read ({error}).") from error
+        content = read_bytes(path)
+    except ReadError as error:
+        raise MeshError(str(error)) from error
     characters = np.frombuffer(b"\n" + content + b"\n\n\n", dtype=np.uint8)
     starts = np.flatnonzero(characters[:-3] == ord("\n")) + 1
     first, second = characters[starts], characters[starts + 1]
@@ -285,8 +327,10 @@ def _load_triangles(path: Path, centred: bool, scale: float, *_changed: int) -> 
 
     try:
         # From bytes: a path would be followed to materials and pictures that the file names, which no shape needs.
-        mesh = trimesh.load_mesh(io.BytesIO(path.read_bytes()), file_type=path.suffix[1:], process=False)
+        mesh = trimesh.load_mesh(io.BytesIO(read_bytes(path)), file_type=path.suffix[1:], process=False)
         vertices, faces = np.array(mesh.vertices, dtype=float) * scale, np.array(mesh.faces)
+    except ReadError as error:
+        raise MeshError(str(error)) from error
     except Exception as error:  # trimesh and what it calls raise anything on damaged files
         raise MeshError(f"{path}: not a readable mesh ({error}). Export it again.") from error
     if vertices.shape[1:] != (3,) or len(vertices) == 0 or len(faces) == 0:

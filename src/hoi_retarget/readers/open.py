@@ -12,6 +12,7 @@ from hoi_retarget.clip.edits import ContactEdits, apply, from_text
 from hoi_retarget.clip.floor import on_floor
 from hoi_retarget.clip.infer_contacts import with_contacts
 from hoi_retarget.clip.read_options import ReadOptions
+from hoi_retarget.clip.shape_check import with_shape_warnings
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, did_you_mean
 from hoi_retarget.files.source_file import FOLDER, SourceFile
 from hoi_retarget.motion.motion import SIMULATED, Motion
@@ -38,6 +39,8 @@ def open_clip(name: Path | str, options: ReadOptions = ReadOptions()) -> Clip:
     """
     clip, reader = _as_recorded(name, options)
     recorded = on_floor(clip, at_zero=reader is None or reader.floor_at_zero, floor=options.floor)
+    if reader is not None:  # Built-in shapes fit.
+        recorded = with_shape_warnings(recorded, options.grasps)
     readings = grasp_check.ONLY_INVERSE if reader is None else reader.rotation_readings
     clip = with_contacts(recorded, options.labels, readings=readings, grasps=options.grasps)
     if clip.contacts is recorded.contacts:  # These were checked when they were read.

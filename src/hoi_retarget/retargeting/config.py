@@ -85,12 +85,12 @@ class Weights:
     At other rates it is scaled so that its share of the cost stays what it is at 30.
     """
     trunk_orientation: float = 6.0
-    """The torso's rotation in the world, in surface contact; not in the paper."""
+    """Rotations of torso and pelvis in the world, in surface contact; not in the paper."""
     stance_anchor: float = 6e4
     """Feet that keep one place while they stand [1/m^2], in surface contact; not in the paper."""
     floor_clearance: float = 2000.0
     """Sole corners under the floor [1/m^2]; not in the paper."""
-    self_clearance: float = 2e4
+    self_clearance: float = 6e4
     """Points of a link's skin, 6 mm apart, in another link [1/m^2], in surface contact; not in the paper."""
     link_floor: float = 5e3
     """Skin of any link under the floor [1/m^2], in surface contact; not in the paper."""
@@ -122,7 +122,7 @@ class Weights:
         return replace(self, **{name: factor * getattr(self, name) for name, factor in factors.items()})
 
 
-SURFACE_CONTACT: Mapping[str, float] = MappingProxyType({"base_position": 50.0, "jerk": 5.5, "hand_orientation": 1.5})
+SURFACE_CONTACT: Mapping[str, float] = MappingProxyType({"base_position": 50.0, "jerk": 5.5, "hand_orientation": 20.0})
 """Weight -> its factor where surfaces touch: what hands lose of the human's small motions, the body keeps."""
 
 

@@ -17,7 +17,9 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.numerics.filters import seconds_to_frames
 from hoi_retarget.retargeting.config import PINNED, Config
-from hoi_retarget.retargeting.solve import Solution, one_thread, solve_trajectory
+from hoi_retarget.retargeting.holds.held_targets import with_holds
+from hoi_retarget.retargeting.holds.hold_choice import Hold
+from hoi_retarget.retargeting.solve import Solution, on_surfaces, one_thread, solve_trajectory
 from hoi_retarget.retargeting.targets import Targets, with_contacts_of, with_pins
 from hoi_retarget.retargeting.trajopt.windows import FrameRange
 
@@ -44,12 +46,14 @@ def resolve_locally(before: Solution, clip: Clip, config: Config, *, quickly: bo
         unpinned = before.targets.unpinned or before.targets
         targets = with_contacts_of(unpinned, clip, model, person=before.person)
         targets = with_pins(targets, clip, model, ik_qpos, person=before.person)
+        holds: tuple[Hold, ...] = ()
+        if on_surfaces(targets, config):
+            targets, holds = with_holds(targets, model, ik_qpos, config.physics)
         qpos = before.motion.qpos.copy()
-        pieces = pieces_around(changed_frames(before.targets, targets), targets.fps)
-        around = sum(stop - first for first, stop in pieces)
-        whole = (
-            not quickly and len(qpos) <= _WHOLE_CLIP_FACTOR * around and _pins_changed(before.targets, targets).any()
-        )
+        whole = targets.contact_links != before.targets.contact_links  # A part rests that never did, or no longer.
+        pieces = () if whole else pieces_around(changed_frames(before.targets, targets), targets.fps)
+        if not whole and not quickly and _pins_changed(before.targets, targets).any():
+            whole = len(qpos) <= _WHOLE_CLIP_FACTOR * sum(stop - first for first, stop in pieces)
         if whole or any(stop - first > config.horizon.length for first, stop in pieces):
             qpos = solve_trajectory(model, targets, ik_qpos, config)[0]
         else:
@@ -59,8 +63,10 @@ def resolve_locally(before: Solution, clip: Clip, config: Config, *, quickly: bo
                 qpos[first:stop], _ = solve_trajectory(
                     model, piece, ik_qpos[first:stop], config, windows=(window,), start=start, first_frame=first
                 )
+        motion = before.motion.with_report(holds=tuple(hold.note(targets) for hold in holds))
         motion = replace(
-            before.motion.with_qpos(qpos),
+            motion.with_qpos(qpos),
+            contact_links=targets.contact_links,
             contact_flags=targets.contact_flags,
             contact_object=targets.contact_object,
             contact_points=targets.contact_points,
@@ -78,6 +84,7 @@ def changed_frames(before: Targets, after: Targets) -> np.ndarray:
     """Return whether contacts or pins changed in each frame, T booleans."""
     active = (before.contact_weights > 0) | (after.contact_weights > 0)
     moved = (before.carried_contact_points != after.carried_contact_points).any(axis=2)
+    moved |= (before.contact_quats != after.contact_quats).any(axis=(1, 2))[:, None]
     exchanged = before.carried_contact_object != after.carried_contact_object
     reweighted = before.contact_weights != after.contact_weights
     turned = before.contact_rotation_weights != after.contact_rotation_weights

@@ -49,10 +49,13 @@ def retarget(clip: Clip, model: RobotModel, config: Config = Config(), *, person
 def judge(solution: Solution, figures: FigureSet = "all") -> Motion:
     """Return the motion of a solution with its figures, unreached contacts and sunk links in the report.
 
-    Without the figures of surfaces, contacts between surfaces and sunk links are not judged.
+    Without the figures of surfaces, contacts between surfaces and sunk links are not judged. Contacts asked in thin
+    air always are: they are the clip's.
 
     Raises `GeometryError` when an object's mesh cannot be read.
     """
+    in_air = thin_air_contacts(solution.clip, solution.person)
+    solution = replace(solution, motion=solution.motion.with_report(thin_air_contacts=in_air))
     if figures == "none":
         return solution.motion
     with one_thread():
@@ -65,7 +68,6 @@ def _judged(solution: Solution, *, complete: bool) -> Motion:
     view = Comparison(motion, clip, solution.person, kinematics)
     surfaces = motion.report.touches_with_surfaces
     found: dict[str, Any] = {"figures": figures_of(view, "all" if complete else "fast")}
-    found["thin_air_contacts"] = thin_air_contacts(clip, solution.person)
     if complete or not surfaces:
         residuals = surface_residuals(view) if surfaces else None
         found["unreached_contacts"] = unreached_contacts(motion, kinematics, residuals=residuals)

@@ -115,7 +115,7 @@ def _problem(  # noqa: PLR0913, PLR0917  # the parts of a problem
         problem = problem_of(window)
         return replace(problem, terms=(*problem.terms, *clearances))
     table = trajectory_terms(config.weights, targets, start.model.forward(reference), gives_way=True)
-    terms = (*table, *self_clearance_terms(config.weights, targets, start), *clearances)
+    terms = (*table, *self_clearance_terms(config.weights, start), *clearances)
     return Problem(start.model, terms, targets.fps, window.pinned, window.pinned_after)
 
 

@@ -17,6 +17,8 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.motion_report import Report, SolverPass, Window
 from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.holds.held_targets import with_holds
+from hoi_retarget.retargeting.holds.hold_choice import Hold
 from hoi_retarget.retargeting.ik import raised_above_floor, solve_ik
 from hoi_retarget.retargeting.orientation_flips import orientation_flips, rotation_errors_deg, trunk_turns, with_reasons
 from hoi_retarget.retargeting.surfaces.passes import SurfaceProblems
@@ -95,6 +97,10 @@ def solve(clip: Clip, model: RobotModel, config: Config = Config(), *, person: i
             ik_qpos = raised_above_floor(model, targets, ik_qpos)
         targets = with_pins(targets, clip, model, ik_qpos, person=person)
         clock.append(time.process_time())
+        holds: tuple[Hold, ...] = ()
+        if on_surfaces(targets, config):
+            targets, holds = with_holds(targets, model, ik_qpos, config.physics)
+        clock.append(time.process_time())
         qpos, windows = solve_trajectory(model, targets, ik_qpos, config)
         clock.append(time.process_time())
         report = Report(
@@ -104,9 +110,10 @@ def solve(clip: Clip, model: RobotModel, config: Config = Config(), *, person: i
             robot_file=model.spec.description_file,
             robot_sha256=model.spec.description_sha256,
             root_scale=targets.root_scale,
+            holds=tuple(hold.note(targets) for hold in holds),
             config=config.as_json(),
             versions=_versions(),
-            cpu_seconds=dict(zip(("targets", "ik", "trajectory"), np.diff(clock).tolist(), strict=True)),
+            cpu_seconds=dict(zip(("targets", "ik", "holds", "trajectory"), np.diff(clock).tolist(), strict=True)),
         )
         stages = (Stage("ik", ik_qpos, ik_windows), Stage("trajectory", qpos, windows))
         return Solution.of(clip, person, targets, _motion(clip, model, targets, stages, report), model)
@@ -152,26 +159,36 @@ def solve_trajectory(  # noqa: PLR0913  # the parts of a solve
         terms = trajectory_terms(config.weights, targets.window(window.first, window.stop), reference)
         return Problem(model, terms, targets.fps, window.pinned, window.pinned_after)
 
-    reports: tuple[Window, ...] = ()
-    passes: list[_Recorder] = []
+    passes: list[_Pass] = []
 
     def solve_pass(problem_of: ProblemOf, begin: np.ndarray, effort: Effort, last: bool) -> np.ndarray:
-        nonlocal reports
         begin = start if start is not None and begin is ik_qpos else begin
-        passes.append(_Recorder(config.solver, []))
+        recorder = _Recorder(config.solver, [])
         qpos, reports = solve_windows(
-            problem_of, begin, frames, passes[-1], effort, first_frame=first_frame, reported=last
+            problem_of, begin, frames, recorder, effort, first_frame=first_frame, reported=last
         )
+        passes.append(_Pass(qpos, reports, tuple(recorder.ends)))
         return qpos
 
     if on_surfaces(targets, config):
         qpos = SurfaceProblems.of(model, targets, ik_qpos, config).passes(solve_pass)
     else:
         qpos = solve_pass(at_landmarks, ik_qpos, Effort(), True)
-    earlier = zip(*(item.ends for item in passes[:-1]), strict=True) if len(passes) > 1 else ((),) * len(reports)
+    chosen = next(item for item in passes if item.qpos is qpos)
+    earlier = [item.ends for item in passes if item is not chosen]
     return qpos, tuple(
-        replace(window, earlier_passes=tuple(ends)) for window, ends in zip(reports, earlier, strict=True)
+        replace(window, earlier_passes=tuple(ends[number] for ends in earlier))
+        for number, window in enumerate(chosen.reports)
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Pass:
+    """The trajectory of one pass over all windows, and their ends."""
+
+    qpos: np.ndarray
+    reports: tuple[Window, ...]
+    ends: tuple[SolverPass, ...]
 
 
 @dataclass(frozen=True)

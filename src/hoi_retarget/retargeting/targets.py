@@ -5,7 +5,7 @@ carries the contact points along in the object's frame (Eq. 1), plants standing 
 by the robot's own soles, and smooths the object's path and rotation.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -69,6 +69,8 @@ class Targets:
     """How much each foot is to keep its place: 1 while it stands, in surface contact."""
     palm_quats: Float[np.ndarray, "T 2 4"]
     """World rotations of the left and right palm, as the human's hands turn."""
+    contact_quats: Float[np.ndarray, "T 2 4"]
+    """The palms' world rotations where they touch: with holds, another one than the human's."""
     object_names: tuple[str, ...]
     object_geometry: tuple[ObjectGeometry, ...]
     """At captured size."""
@@ -155,7 +157,7 @@ def make_targets(
     goals, foot_positions, foot_quats = _with_planted_feet(goals, feet, stands, clip.fps, anchored=anchored)
     anchors = np.stack([anchored * anchor_weights(flags, clip.fps) for flags in stands.T], axis=1)
     tracks, turns = object_paths(clip, root_scale, geometry_scale, contact)
-    contacts = _contact_fields(clip, model, person, geometry_scale)
+    contacts = _contact_fields(clip, model, person, geometry_scale, contact)
     base = None
     if model.spec.base != "legs":
         row = goals.row("pelvis")
@@ -166,6 +168,7 @@ def make_targets(
         goals.quats[:, row] = se3.matrix_to_quat(carried.site_rotation("pelvis"))
         stands = np.zeros_like(stands)
         anchors = np.zeros_like(anchors)
+    palms = frozen(_palm_quats(model, goals))
     return Targets(
         fps=clip.fps,
         root_scale=root_scale,
@@ -177,13 +180,13 @@ def make_targets(
         foot_positions=frozen(foot_positions),
         foot_quats=frozen(foot_quats),
         anchor_weights=frozen(anchors),
-        palm_quats=frozen(_palm_quats(model, goals)),
+        palm_quats=palms,
+        contact_quats=palms,
         object_names=tuple(track.name for track in clip.objects),
         object_geometry=tuple(track.geometry for track in clip.objects),
         object_scale=frozen(np.full(len(clip.objects), geometry_scale)),
         object_pos=frozen(np.stack(tracks, axis=1) if tracks else np.zeros((clip.frames, 0, 3))),
         object_quat=frozen(np.stack(turns, axis=1) if turns else np.zeros((clip.frames, 0, 4))),
-        contact_links=tuple(model.spec.part_sites.values()),
         stance_flags=frozen(stands, bool),
         limbs=frozen(_limbs(human, clip.objects, geometry_scale)),
         rotation_jumps=jumps,
@@ -196,7 +199,8 @@ def make_targets(
 def with_contacts_of(targets: Targets, clip: Clip, model: RobotModel, *, person: int = 0) -> Targets:
     """Return targets with the contacts of another clip, which is equal to the first one but for its contacts."""
     scale = float(targets.object_scale[0]) if len(targets.object_scale) else 1.0
-    return replace(targets, **_contact_fields(clip, model, person, scale))
+    contacts = _contact_fields(clip, model, person, scale, targets.contact)
+    return replace(targets, contact_quats=targets.palm_quats, **contacts)
 
 
 def with_pins(
@@ -477,21 +481,25 @@ def _limbs(human: Person, objects: Sequence[ObjectTrack], scale: float) -> Float
     return seen.reshape(len(seen), len(objects), len(LIMBS), 2, 3)
 
 
-def _contact_fields(clip: Clip, model: RobotModel, person: int, geometry_scale: float) -> dict[str, Any]:
+def _contact_fields(
+    clip: Clip, model: RobotModel, person: int, geometry_scale: float, contact: ContactKind
+) -> dict[str, Any]:
     """Return the fields of `Targets` that follow from the clip's contacts."""
-    flags, touched, points = _contacts(clip, model, person, geometry_scale)
+    parts = _contact_parts(clip, model, person) if contact == "surface" else dict(model.spec.part_sites)
+    flags, touched, points = _contacts(clip, parts, person, geometry_scale)
     carried_object, carried_points = _carried(flags, touched, points)
     ramp, rotation_ramp = (
         seconds_to_frames(CONTACT_RAMP_SECONDS, clip.fps),
         seconds_to_frames(ROTATION_RAMP_SECONDS, clip.fps),
     )
     return {
+        "contact_links": tuple(parts.values()),
         "contact_flags": frozen(flags, bool),
         "contact_object": frozen(touched, int),
         "contact_points": frozen(points),
         "carried_contact_object": frozen(carried_object, int),
         "carried_contact_points": frozen(carried_points),
-        "part_points": frozen(_part_points(clip, model, person, geometry_scale, carried_object)),
+        "part_points": frozen(_part_points(clip, parts, person, geometry_scale, carried_object)),
         "contact_weights": frozen(np.stack([smoothstep_around(active, ramp) for active in flags.T], axis=1)),
         "contact_rotation_weights": frozen(
             np.stack([smoothstep_around(active, rotation_ramp) for active in flags.T], axis=1)
@@ -499,10 +507,17 @@ def _contact_fields(clip: Clip, model: RobotModel, person: int, geometry_scale: 
     }
 
 
+def _contact_parts(clip: Clip, model: RobotModel, person: int) -> dict[str, str]:
+    """Return the sites by part that can touch: hands, feet, and others of the person that do."""
+    touching = {track.part for track in clip.contacts if track.person == person and track.active.any()}
+    spec = model.spec
+    return {part: site for part, site in spec.contact_sites.items() if part in spec.part_sites or part in touching}
+
+
 def _contacts(
-    clip: Clip, model: RobotModel, person: int, geometry_scale: float
+    clip: Clip, parts: Mapping[str, str], person: int, geometry_scale: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    links = list(model.spec.part_sites)
+    links = list(parts)
     flags = np.zeros((clip.frames, len(links)), dtype=bool)
     touched = np.full((clip.frames, len(links)), -1)
     points = np.full((clip.frames, len(links), 3), np.nan)
@@ -529,11 +544,11 @@ def _carried(flags: np.ndarray, touched: np.ndarray, points: np.ndarray) -> tupl
 
 
 def _part_points(
-    clip: Clip, model: RobotModel, person: int, geometry_scale: float, carried_object: Int[np.ndarray, "T C"]
+    clip: Clip, parts: Mapping[str, str], person: int, geometry_scale: float, carried_object: Int[np.ndarray, "T C"]
 ) -> Float[np.ndarray, "T C 3"]:
     """Return where the human's parts are in the frames of the objects that they are at or nearest in time to."""
     points = np.zeros((*carried_object.shape, 3))
-    for link, part in enumerate(model.spec.part_sites):
+    for link, part in enumerate(parts):
         place = clip.people[person].part_position(part)
         for index in np.unique(carried_object[:, link]) if clip.objects else ():
             frames = carried_object[:, link] == index

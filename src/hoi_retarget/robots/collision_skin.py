@@ -16,27 +16,36 @@ from hoi_retarget.numerics.distance_grid import DistanceGrid
 from hoi_retarget.robots.mjcf import compile_mjcf, mesh_of
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.outer_skin import (
+    HAND,
     OuterSkin,
     SkinResolution,
     farthest_points,
     grid_around,
     grid_nodes,
-    outer_skin,
+    outer_solid,
     resolution_of,
 )
+from hoi_retarget.robots.spec import SIDES
 
 Distances = Callable[[np.ndarray], np.ndarray]
 Shape = tuple[Distances, np.ndarray]
 """Distances in a body's frame and the corners of a box around, all [m]."""
 _CANDIDATE_SPACING = 0.6
 """Of candidates for points, as a share of the points' spacing."""
+_COARSER_BALLS = {"palm": 1.25, "forearm": 2.0, "other": 1.5}
+"""Than those of the resolution: hollows up to 9 mm wide count as solid, up to 3 mm in hands, in half of the time."""
+_MAX_NODES = 250_000
+"""Of the grid of one link's solid: larger links have coarser skins."""
 _COARSER = 4
 _PROJECTIONS = 3
 _DIFFERENCE = 1e-5  # [m]
 
 
-def collision_skins(model: RobotModel) -> dict[str, OuterSkin]:
-    """Return the skin of every link with a colliding geometry; bodies without a joint are part of a link."""
+def collision_skins(model: RobotModel, progress: Callable[[float], None] | None = None) -> dict[str, OuterSkin]:
+    """Return the skin of every link with a colliding geometry; bodies without a joint are part of a link.
+
+    `progress` is called with the share that is done.
+    """
     if not model.geometries.bodies:
         return {}
     compiled = compile_mjcf(model.spec.mjcf, model.spec.sites)
@@ -45,12 +54,30 @@ def collision_skins(model: RobotModel) -> dict[str, OuterSkin]:
         link = int(compiled.body_weldid[compiled.geom_bodyid[geom]])
         colliding.setdefault(compiled.body(link).name, []).append(geom)
     skins: dict[str, OuterSkin] = {}
-    for body, geoms in colliding.items():
+    palms = {model.body_of(f"{side}_palm") for side in SIDES}
+    for number, (body, geoms) in enumerate(colliding.items()):
+        if progress is not None:
+            progress(number / len(colliding))
         if body in model.body_frames.index:
             resolution = resolution_of(model, body)
+            kind = "palm" if body in palms else "forearm" if resolution == HAND else "other"
+            balls = _COARSER_BALLS[kind]
+            size = np.ptp(np.concatenate([_box_of(compiled, geom) for geom in geoms]), axis=0)
+            much = max(1.0, float(size.prod() / _MAX_NODES) ** (1.0 / 3.0) / resolution.grid)
+            resolution = SkinResolution(
+                *(much * balls * length for length in (resolution.nodes, resolution.ball)),
+                *(much * length for length in (resolution.spacing, resolution.grid)),
+            )
             if shapes := _shapes(compiled, geoms, resolution):
                 skins[body] = _skin(shapes, resolution)
     return skins
+
+
+def _box_of(compiled: mujoco.MjModel, geom: int) -> np.ndarray:
+    turn, place = _pose(compiled, geom)
+    centre, half = np.split(compiled.geom_aabb[geom], 2)
+    signs = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
+    return (centre + signs * half) @ turn.T + place
 
 
 def _shapes(compiled: mujoco.MjModel, geoms: list[int], resolution: SkinResolution) -> list[Shape]:
@@ -110,7 +137,7 @@ def _mesh_shape(compiled: mujoco.MjModel, geoms: list[int], resolution: SkinReso
         faces.append(own_faces + count)
         count += len(own)
     corners = np.concatenate(vertices)
-    distances = outer_skin(corners, np.concatenate(faces), resolution).solid.distances
+    distances = outer_solid(corners, np.concatenate(faces), resolution).distances
     return _placed(distances, corners.min(axis=0), corners.max(axis=0), turn, place)
 
 

@@ -307,6 +307,10 @@ def _check_names(spec: RobotSpec, joints: tuple[str, ...], sites: set[str]) -> N
     unlimited = [name for name in joints if name not in spec.speed_limits]
     if unlimited:
         raise RobotError(f"{spec.name}: no speed limit for {', '.join(unlimited)}. Add it to the specification.")
+    followed = [one.other for one in spec.couplings if one.other]
+    unknown = sorted({*spec.home, *followed, *(one.joint for one in spec.couplings)} - set(joints))
+    if unknown:
+        raise RobotError(f"{spec.name}: its specification names joints that {spec.mjcf} has not: {', '.join(unknown)}.")
     missing = [name for name in SITES if name not in sites]
     if missing:
         raise RobotError(f"{spec.mjcf}: sites are missing: {', '.join(missing)}. Add them where docs/robots.md says.")

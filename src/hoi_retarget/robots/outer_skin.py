@@ -15,7 +15,7 @@ from hoi_retarget.numerics.distance_grid import DistanceGrid
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
 
-_NEIGHBOURS = 32
+_NEIGHBOURS = 10
 """Nearest balls to a point, with the best one among them."""
 _TOUCH = 5e-4
 """A ball touches points within this distance [m]: centres of balls are nodes of a grid."""
@@ -23,6 +23,12 @@ _HULL = 1e-3
 """By which the skin may bulge out between its points [m]."""
 _MAX_SLOPE, _MAX_KEPT = 1.2, 1.5
 """Steps of a grid: between values next to each other; from the skin to values of the balls that are kept."""
+_COARSER = 3
+"""Steps of a grid at which is found where it is near to triangles."""
+_NEAR = 3.0
+"""Steps of a grid from a surface within which distances from it are computed one by one."""
+_SOLID_SPACING = 0.4
+"""Distance of points on triangles by which a solid is found, as a share of that of the skin's points."""
 _BLOCK = 200_000
 """Points asked for at once, which bounds memory."""
 
@@ -41,7 +47,7 @@ class SkinResolution:
     """Step of the solid's distance grid."""
 
 
-_HAND = SkinResolution(nodes=0.001, ball=0.00125, spacing=0.0035, grid=0.0025)  # 5 mm apart on a square lattice
+HAND = SkinResolution(nodes=0.001, ball=0.00125, spacing=0.0035, grid=0.0025)  # 5 mm apart on a square lattice
 _FOOT = SkinResolution(nodes=0.002, ball=0.003, spacing=0.0055, grid=0.005)  # 8 mm apart
 _LINK = SkinResolution(nodes=0.002, ball=0.003, spacing=0.0085, grid=0.006)  # 12 mm apart
 
@@ -51,7 +57,7 @@ def resolution_of(model: RobotModel, link: str) -> SkinResolution:
     node = model.body_frames.frames[link].node
     elbows = [model.sites.frames[f"{side}_elbow"].node for side in SIDES]
     if any(model.supports[elbow, node] for elbow in elbows):
-        return _HAND
+        return HAND
     return _FOOT if link in {model.body_of(f"{side}_foot") for side in SIDES} else _LINK
 
 
@@ -103,15 +109,29 @@ def outer_skin(
         seed: Of the places that are tried on the triangles.
     """
     outside = outside or outside_of(vertices, faces, resolution)
-    candidates, normals = _samples(vertices, faces, 0.2 * resolution.spacing, seed)
-    depth, centre = outside.free(candidates)
-    touched = depth > -_TOUCH
-    candidates, normals, centre = candidates[touched], normals[touched], centre[touched]
+    candidates, normals, centre = _touched(vertices, faces, outside, 0.2 * resolution.spacing, seed)
     inward = np.einsum("ki,ki->k", centre - candidates, normals) < 0.0
     normals = np.where(inward[:, None], -normals, normals)
     chosen = farthest_points(candidates, resolution.spacing)
     solid = _solid(vertices, faces, outside, candidates, resolution)
     return OuterSkin(candidates[chosen], normals[chosen], solid)
+
+
+def outer_solid(vertices: np.ndarray, faces: np.ndarray, resolution: SkinResolution) -> DistanceGrid:
+    """Return the solid that the outer skin of triangles encloses, without points on the skin."""
+    outside = outside_of(vertices, faces, resolution)
+    candidates, _, _ = _touched(vertices, faces, outside, _SOLID_SPACING * resolution.spacing, 0)
+    return _solid(vertices, faces, outside, candidates, resolution)
+
+
+def _touched(
+    vertices: np.ndarray, faces: np.ndarray, outside: Outside, spacing: float, seed: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return points of triangles that balls from outside touch [m], the triangles' normals, and the balls' centres."""
+    points, normals = _samples(vertices, faces, spacing, seed)
+    depth, centre = outside.free(points)
+    touched = depth > -_TOUCH
+    return points[touched], normals[touched], centre[touched]
 
 
 def farthest_points(points: Float[np.ndarray, "K 3"], spacing: float) -> Int[np.ndarray, "P"]:
@@ -132,10 +152,27 @@ def outside_of(vertices: np.ndarray, faces: np.ndarray, resolution: SkinResoluti
     """Return the outside of triangles alone."""
     origin, shape = grid_around(vertices, resolution.nodes, resolution.ball + 4 * resolution.nodes)
     nodes = grid_nodes(origin, resolution.nodes, shape)
-    room = mesh_distances(nodes, vertices, faces)
+    room = _near_distances(nodes, shape, vertices, faces, resolution.ball + 2.0 * resolution.nodes)
     reached = reached_from_afar((room > resolution.ball).reshape(shape)).reshape(-1)
     layer = reached & (room <= resolution.ball + 2.0 * resolution.nodes)
     return Outside(nodes[layer], room[layer])
+
+
+def _near_distances(
+    nodes: np.ndarray, shape: tuple[int, int, int], vertices: np.ndarray, faces: np.ndarray, most: float
+) -> Float[np.ndarray, "N"]:
+    """Return the distances of a grid's nodes from the nearest triangle [m], infinite where they are above `most`."""
+    places = np.stack(np.meshgrid(*(np.arange(0, count, _COARSER) for count in shape), indexing="ij"), axis=-1)
+    rows = np.ravel_multi_index(tuple(np.moveaxis(places, -1, 0)), shape)
+    coarse = mesh_distances(nodes[rows.ravel()], vertices, faces).reshape(rows.shape)
+    step = float(np.linalg.norm(nodes[1] - nodes[0]))
+    nearest = [(np.arange(count) + _COARSER // 2) // _COARSER for count in shape]
+    # The last nodes may have no coarse one on their other side.
+    padded = np.pad(coarse, [(0, own[-1] + 1 - size) for own, size in zip(nearest, coarse.shape, strict=True)])
+    near = (padded[np.ix_(*nearest)] <= most + np.sqrt(3.0) * (_COARSER // 2) * step).ravel()
+    distances = np.full(len(nodes), np.inf)
+    distances[near] = mesh_distances(nodes[near], vertices, faces)
+    return distances
 
 
 def reached_from_afar(fits: Bool[np.ndarray, "X Y Z"]) -> Bool[np.ndarray, "X Y Z"]:
@@ -149,9 +186,10 @@ def _solid(
     vertices: np.ndarray, faces: np.ndarray, outside: Outside, skin: np.ndarray, resolution: SkinResolution
 ) -> DistanceGrid:
     origin, shape = grid_around(vertices, resolution.grid, 2 * resolution.grid)
-    nodes = grid_nodes(origin, resolution.grid, shape)
+    ways = _ways(skin, origin, resolution.grid, shape)
+    near = ways <= _NEAR * resolution.grid
+    nodes, to_skin = grid_nodes(origin, resolution.grid, shape)[near.ravel()], ways[near]
     to_mesh = mesh_distances(nodes, vertices, faces)
-    to_skin = scipy.spatial.KDTree(skin).query(nodes)[0]
     free, _ = outside.free(nodes)
     # Balls are next to the skin: from farther outside they are nearer than it, from inside farther.
     beyond = (scipy.spatial.KDTree(outside.centres).query(nodes)[0] < to_skin) & (to_skin > outside.radii.min())
@@ -159,7 +197,25 @@ def _solid(
     by_skin = np.abs(to_mesh - free) < 2.0 * _TOUCH
     values = np.where(free > 0.0, np.where(by_skin, to_mesh, free), np.maximum(free, -to_skin))
     values = np.where(beyond, np.maximum(free, to_skin), values)
-    return ended_solid(DistanceGrid(origin, resolution.grid, values.reshape(shape)), skin)
+    return ended_solid(DistanceGrid(origin, resolution.grid, _spread(values, near, resolution.grid)), skin)
+
+
+def _ways(points: np.ndarray, origin: np.ndarray, step: float, shape: tuple[int, ...]) -> Float[np.ndarray, "X Y Z"]:
+    """Return the distances of a grid's nodes from points on it [m]: exact near to them, else by the nodes that are."""
+    near = np.zeros(shape, dtype=bool)
+    near[tuple(np.clip(np.rint((points - origin) / step).astype(int), 0, np.array(shape) - 1).T)] = True
+    near = scipy.ndimage.distance_transform_edt(~near) <= _NEAR + 1.0
+    nodes = origin + step * np.argwhere(near)
+    return _spread(scipy.spatial.KDTree(points).query(nodes)[0], near, step)
+
+
+def _spread(values: np.ndarray, near: Bool[np.ndarray, "X Y Z"], step: float) -> Float[np.ndarray, "X Y Z"]:
+    """Return signed distances [m] of all nodes, from the distances of nodes near to a surface."""
+    whole = np.zeros(near.shape)
+    whole[near] = values
+    gaps, places = scipy.ndimage.distance_transform_edt(~near, return_indices=True)
+    nearest = whole[tuple(places)]
+    return np.where(nearest < 0.0, nearest - step * gaps, nearest + step * gaps)
 
 
 def ended_solid(solid: DistanceGrid, skin: Float[np.ndarray, "P 3"]) -> DistanceGrid:
@@ -169,7 +225,8 @@ def ended_solid(solid: DistanceGrid, skin: Float[np.ndarray, "P 3"]) -> Distance
     """
     shape, step = solid.values.shape, solid.step
     nodes = grid_nodes(solid.origin, step, shape)
-    values = np.maximum(solid.values, _beyond_hull(nodes, skin, step).reshape(shape))
+    values, inside = solid.values.copy(), solid.values < 0.0
+    values[inside] = np.maximum(values[inside], _beyond_hull(nodes[inside.ravel()], skin, step))
     meet = []
     places = nodes.reshape(*shape, 3)
     for axis in range(3):
@@ -182,7 +239,7 @@ def ended_solid(solid: DistanceGrid, skin: Float[np.ndarray, "P 3"]) -> Distance
         fit = here + there < _MAX_SLOPE * step
         share = np.where(fit, here / np.maximum(here + there, 1e-9), 0.5)[:, None]
         meet.append((1.0 - share) * start[change] + share * end[change])
-    away = scipy.spatial.KDTree(np.concatenate([*meet, skin])).query(nodes)[0].reshape(shape)
+    away = _ways(np.concatenate([*meet, skin]), solid.origin, step, shape)
     size = np.where(away < _MAX_KEPT * step, np.minimum(np.abs(values), away), away)
     return DistanceGrid(solid.origin, step, np.where(values < 0.0, -size, size).astype(np.float32))
 

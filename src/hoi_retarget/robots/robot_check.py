@@ -57,8 +57,9 @@ def check(subject: RobotSpec | Path) -> list[RobotFinding]:
         *_masses(compiled),
         *_sites(compiled),
     ]
-    # Any speeds do for standing, so that missing ones hide nothing else.
-    standing = replace(spec, speed_limits=dict.fromkeys(names, 1.0))
+    # Any speeds do for standing, and joints that do not exist are told below: neither hides anything else.
+    home = {name: angle for name, angle in spec.home.items() if name in names}
+    standing = replace(spec, speed_limits=dict.fromkeys(names, 1.0), home=home)
     model = None if has_errors(findings) else load_model(standing)
     if model is not None:
         findings += [*_soles(model), *_palms(model)]

@@ -51,7 +51,7 @@ def role_table(model: RobotModel) -> tuple[RoleRow, ...]:
     humans: dict[str, list[str]] = {site: [] for site in SITES}
     for row in model.spec.ik:
         humans[row.site].append(row.human_joint)
-    for part, site in model.spec.part_sites.items():
+    for part, site in model.spec.contact_sites.items():
         humans[site].append(f"touches for {part}")
     rows = []
     for site in SITES:

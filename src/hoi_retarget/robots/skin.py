@@ -5,7 +5,7 @@ of any other robot is that of its colliding geometries. Files hold whole numbers
 """
 
 import io
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import combinations
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import scipy  # its modules are loaded where they are first used
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from hoi_retarget.errors import RobotError
 from hoi_retarget.files import npz
@@ -34,6 +34,8 @@ _CELL_NEIGHBOURS, _CELL_SAMPLES = 16, 256
 """Of a point's cell on the skin: neighbours that can bound it, and places of which it is made."""
 _SAME_SIDE = -0.1
 """Cosine between normals from which on two points share the skin: both sides of an edge do, those of a plate do not."""
+_PALMAR_DEG = 75.0
+"""Skin that faces so near to the palm's direction is palmar, fingers' and thumb's too [degrees]."""
 _MAX_OVERLAP_JOINTS, _MAX_OVERLAP_JOINTS_ON_LIMB = 2, 3
 """Links with so many joints between them overlap by design; on one limb the joints are short."""
 
@@ -58,7 +60,7 @@ def write_skins(path: Path | io.BytesIO, skins: Mapping[str, OuterSkin], mirrore
         links=np.array(list(skins)),
         mirrored=np.array(list(mirrored.items())).reshape(-1, 2),
         counts=np.array([len(skin.points) for skin in own], np.int32),
-        points=np.concatenate([_whole(skin.points, _POINT_STEP, np.int16) for skin in own]),
+        points=np.concatenate([_whole(skin.points, _POINT_STEP, np.int32) for skin in own]),
         normals=np.concatenate([_whole(skin.normals, _NORMAL_STEP, np.int8) for skin in own]),
         origins=np.array([grid.origin for grid in grids]),
         steps=np.array([grid.step for grid in grids]),
@@ -189,9 +191,52 @@ class Skin:
 
 @lru_cache(maxsize=32)
 def skins_from(model: RobotModel, site: str) -> tuple[LinkSkin, ...]:
-    """Return the skins of a site's link and of the links that it carries, such as a hand's; raises as `skin_of`."""
+    """Return the skins of a site's link and of the links that it carries, such as a hand's; raises as `skin_of`.
+
+    Of the trunk and the limbs they are those up to the next joint: the pelvis with the links of the hips, then a thigh;
+    a forearm.
+    """
+    if site in _LIMB_ENDS:
+        return tuple(link for link in skin_of(model).links if _stands_for(model, link.frame.node, site))
     node = model.sites.frames[site].node
     return tuple(link for link in skin_of(model).links if model.supports[node, link.frame.node])
+
+
+_LIMB_ENDS = {"pelvis": ("left_hip", "right_hip")} | {
+    f"{side}_{first}": (f"{side}_{second}",)
+    for side in SIDES
+    for first, second in (("hip", "knee"), ("elbow", "wrist"))
+}
+
+
+def _stands_for(model: RobotModel, node: int, site: str) -> bool:
+    """Return whether a link is between a site of the trunk or a limb and the next ones."""
+    begin, nodes = model.sites.frames[site].node, [model.sites.frames[end].node for end in _LIMB_ENDS[site]]
+    between = bool(model.supports[begin, node] and any(model.supports[node, end] for end in nodes))
+    return between and (site == "pelvis" or node not in nodes) and (not site.endswith("hip") or node != begin)
+
+
+def contact_skins(model: RobotModel, site: str) -> tuple[LinkSkin, ...]:
+    """Return the skins that a contact of a site brings to an object: of its link alone, or as `skins_from` of a body's.
+
+    Raises as `skin_of`.
+    """
+    if site in _LIMB_ENDS:
+        return skins_from(model, site)
+    own = skin_of(model).by_link.get(model.body_of(site))
+    return () if own is None else (own,)
+
+
+@lru_cache(maxsize=64)
+def palmar_points(model: RobotModel, site: str, skin: LinkSkin) -> Int[np.ndarray, "K"]:
+    """Return which points of a skin are on the palmar side of a hand, as in the home pose.
+
+    The palm faces along -y of a left hand's palm site, along +y of a right one's: x is along the fingers.
+    """
+    home = model.forward(model.home_qpos[None])
+    palm = home.site_rotation(site)[0][:, 1] * (-1.0 if site.startswith("left") else 1.0)
+    facing = skin.normals @ (home.orientation(skin.frame)[:, :, 0].T @ palm)
+    return np.flatnonzero(facing > np.cos(np.radians(_PALMAR_DEG)))
 
 
 @lru_cache(maxsize=8)
@@ -201,7 +246,7 @@ def skin_of(model: RobotModel) -> Skin:
     Raises `RobotError` when the specification's skin file is missing or damaged, or names links that the robot has not.
     """
     file = model.spec.skin
-    skins = read_skins(file) if file is not None else _computed(model)
+    skins = read_skins(file) if file is not None else make_skin(model)
     frames = model.body_frames.frames
     if unknown := sorted(set(skins) - set(frames)):
         raise RobotError(f"{file}: skins of links that {model.spec.name} has not: {', '.join(unknown)}.")
@@ -213,8 +258,12 @@ def skin_of(model: RobotModel) -> Skin:
     )
 
 
-def _computed(model: RobotModel) -> Mapping[str, OuterSkin]:
-    skins = collision_skins(model)
+def make_skin(model: RobotModel, progress: Callable[[float], None] | None = None) -> Mapping[str, OuterSkin]:
+    """Compute the skin of a robot without one by link, and store it beside an added robot.
+
+    `progress` is called with the share that is done.
+    """
+    skins = collision_skins(model, progress)
     if skins:
         content = io.BytesIO()
         write_skins(content, skins, {})

@@ -23,6 +23,11 @@ SITES: tuple[str, ...] = (
     ),
     *(f"{side}_sole_{corner}" for side in SIDES for corner in SOLE_CORNERS),
 )
+BODY_SITES: Mapping[str, str] = {
+    "pelvis": "pelvis",
+    **{f"{side}_{part}": f"{side}_{site}" for part, site in (("thigh", "hip"), ("forearm", "elbow")) for side in SIDES},
+}
+"""Site by human part that can rest on an object: pelvis, thighs and forearms of robots on legs."""
 Quat = tuple[float, float, float, float]
 # A human joint's axes are x to the left, y up, z ahead in the T-pose; a link's are x ahead, y to the
 # left, z up while the robot stands. The offsets turn the first into the second; those of the arms
@@ -79,12 +84,14 @@ class LinkCapsule:
 
 @dataclass(frozen=True)
 class Motor:
-    """Published facts on one joint's drive, beside the manufacturer's MJCF."""
+    """Published or stated facts on one joint's drive, beside the manufacturer's MJCF."""
 
     armature: float
     """Inertia of the rotors as the joint feels it [kg m^2]."""
     torque: float | None = None
     """Torque limit [N m], where it is not the MJCF's."""
+    gains: tuple[float, float] | None = None
+    """Stiffness [N m/rad] and damping [N m s/rad], where they do not follow from the inertia."""
 
 
 @dataclass(frozen=True)
@@ -150,12 +157,19 @@ class RobotSpec:
     """File of the links' skins, made from the manufacturer's meshes; else the colliding geometries are the skin."""
     held: tuple[HeldJoint, ...] = ()
     """Joints of the source file that are not moved; exports give them back."""
+    couplings: tuple[HeldJoint, ...] = ()
+    """Joints that move here, and on the robot follow another one, or have no drive of their own."""
     joint_order: tuple[str, ...] = ()
     """All joints of the source file in its order, held ones included; empty where none is held."""
     description_file: str = ""
     """Name of the source file that the robot was made from; empty for the robots of this package."""
     description_sha256: str = ""
     """Digest of that file."""
+
+    @property
+    def contact_sites(self) -> Mapping[str, str]:
+        """Sites by human part of all that can touch: hands, feet, and on legs pelvis, thighs, forearms."""
+        return {**self.part_sites, **BODY_SITES} if self.base == "legs" else self.part_sites
 
     @property
     def ik_rows(self) -> tuple[IkRow, ...]:

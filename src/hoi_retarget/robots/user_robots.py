@@ -6,6 +6,7 @@ import re
 import shutil
 import sys
 import tempfile
+import time
 from collections.abc import Container
 from contextlib import suppress
 from dataclasses import replace
@@ -15,9 +16,9 @@ from typing import Any
 import msgspec
 
 from hoi_retarget.errors import ArgumentError, RobotError, WriteError
-from hoi_retarget.files.atomic import write_atomically, writing
+from hoi_retarget.files.atomic import EARLIER, write_atomically, writing
 from hoi_retarget.robots.adding.findings import Hints, Record
-from hoi_retarget.robots.spec import RobotSpec
+from hoi_retarget.robots.spec import SITES, TRUNK, RobotSpec, ik_table
 
 FOLDER_VARIABLE = "HOI_RETARGET_ROBOTS"
 """Environment variable with another folder for them."""
@@ -28,6 +29,8 @@ PAGE = "robot.html"
 _MJCF, _SPEC, _SKIN, _RECORD = "robot.xml", "robot.json", "skin.npz", "added.json"
 _NAME = re.compile(r"[a-z0-9][a-z0-9_.-]{0,63}")
 _MAX_BYTES = 64 << 20
+_MAX_SAVE_S = 600.0
+"""Folders of one that is still going on are younger than this."""
 _NO_RECORD = Record()
 
 
@@ -48,10 +51,24 @@ def folder() -> Path:
 def names() -> tuple[str, ...]:
     """Return the names of the robots there are, sorted."""
     try:
+        _clear_up()
         found = sorted(path.name for path in folder().iterdir() if (path / _SPEC).is_file())
     except OSError:
         return ()
     return tuple(name for name in found if _NAME.fullmatch(name))
+
+
+def _clear_up() -> None:
+    """Give robots back that a killed `save` had moved aside, and remove what it left; raises `OSError`."""
+    for left in folder().glob(".*"):
+        name = left.name[1:].removesuffix(EARLIER).rpartition(".")[0]
+        if not left.is_dir() or not _NAME.fullmatch(name):
+            continue
+        if left.name.endswith(EARLIER) and not (folder() / name).exists():
+            with suppress(OSError):
+                left.rename(folder() / name)
+        elif time.time() - left.stat().st_ctime > _MAX_SAVE_S:
+            shutil.rmtree(left, ignore_errors=True)
 
 
 def check_name(name: str) -> None:
@@ -68,9 +85,15 @@ def load(name: str) -> RobotSpec:
         if len(content) > _MAX_BYTES:
             raise ValueError("it is too large")
         spec = msgspec.json.decode(content, type=RobotSpec, dec_hook=_decoded)
+        known = {(row.site, row.human_joint) for row in ik_table(TRUNK)}
+        rows = {(row.site, row.human_joint) for row in spec.ik}
+        unknown = sorted({*spec.part_sites.values(), *spec.dropped_rotations} - set(SITES))
+        if unknown or not rows <= known:
+            raise ValueError(f"it names sites that there are not: {', '.join([*unknown, *map(str, rows - known)])}")
     except (OSError, ValueError, msgspec.MsgspecError, RecursionError) as error:
         raise RobotError(
-            f"{own}: the added robot is damaged ({error}). Add it again: robots add FILE --name {name}"
+            f"{own}: the added robot is damaged ({error}). Add it again: robots add FILE --name {name}. "
+            f"Or: robots remove {name}"
         ) from error
     # Its name and its paths follow from its folder alone.
     skin = own / _SKIN
@@ -78,7 +101,7 @@ def load(name: str) -> RobotSpec:
 
 
 def store_skin(spec: RobotSpec, content: bytes) -> None:
-    """Store the skin of an added robot, which takes minutes to compute, beside it, where that is possible."""
+    """Store the skin of an added robot, which takes half a minute to compute, beside it, where that is possible."""
     own = spec.mjcf.parent
     if own == folder() / spec.name:
         with suppress(WriteError):
@@ -100,17 +123,22 @@ def save(spec: RobotSpec, mjcf: str, record: Record = _NO_RECORD) -> Path:
         own.parent.mkdir(parents=True, exist_ok=True)
         new = Path(tempfile.mkdtemp(dir=own.parent, prefix=f".{spec.name}."))
         try:
-            (new / _MJCF).write_text(mjcf, encoding="utf-8")
-            (new / _SPEC).write_bytes(msgspec.json.format(msgspec.json.encode(spec, enc_hook=str), indent=1))
-            (new / _RECORD).write_bytes(msgspec.json.format(msgspec.json.encode(record), indent=1))
+            write_atomically(new / _MJCF, mjcf.encode())
+            write_atomically(new / _SPEC, msgspec.json.format(msgspec.json.encode(spec, enc_hook=str), indent=1))
+            write_atomically(new / _RECORD, msgspec.json.format(msgspec.json.encode(record), indent=1))
             new.chmod(0o755)
+            old = new.with_name(new.name + EARLIER)
             if own.exists():
-                old = new.with_name(new.name + ".old")
+                own.rename(old)
+            try:
+                new.rename(own)
+            except OSError:
+                if not own.exists():
+                    raise
+                # Another process has one of that name by now, perhaps the one just moved aside, given back.
                 own.rename(old)
                 new.rename(own)
-                shutil.rmtree(old, ignore_errors=True)
-            else:
-                new.rename(own)
+            shutil.rmtree(old, ignore_errors=True)
         finally:
             shutil.rmtree(new, ignore_errors=True)
     return own

@@ -15,7 +15,7 @@ import numpy as np
 from hoi_retarget.clip.clip import PINNED_PARTS, Clip, PosePin, pinned_path
 from hoi_retarget.clip.edits.segments import Segment, Segments, in_order, part_text, span_text
 from hoi_retarget.errors import ArgumentError, ClipError
-from hoi_retarget.human.skeleton import PARTS
+from hoi_retarget.human.skeleton import ALL_PARTS
 from hoi_retarget.objects.mesh import surface_of
 
 Point = tuple[float | int, float | int, float | int]
@@ -28,7 +28,7 @@ _SHOWN = 6  # Segments that a message names.
 class Operation:
     """An operation on a clip; its fields are checked, and numbers made plain, when it is made."""
 
-    parts: ClassVar[tuple[str, ...]] = tuple(PARTS)
+    parts: ClassVar[tuple[str, ...]] = tuple(ALL_PARTS)
     """That it can name."""
     verb: ClassVar[str] = "touch"
     """Of these parts, for messages."""

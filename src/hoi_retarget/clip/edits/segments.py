@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.clip.clip import Clip, ContactTrack
-from hoi_retarget.human.skeleton import PARTS
+from hoi_retarget.human.skeleton import ALL_PARTS
 from hoi_retarget.numerics.arrays import check_finite, check_shape, frozen, runs
 
-_PART_ORDER = {part: index for index, part in enumerate(PARTS)}
+_PART_ORDER = {part: index for index, part in enumerate(ALL_PARTS)}
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,11 +9,19 @@ from jaxtyping import Float
 
 from hoi_retarget.errors import ClipError
 from hoi_retarget.motion.check.body_checks import FoundBodies, read_bodies
+from hoi_retarget.motion.check.continuity import check_continuity
 from hoi_retarget.motion.check.finding import FormatFinding, changed, collected, with_causes
 from hoi_retarget.motion.check.interpretation import Interpretation
 from hoi_retarget.motion.check.layout import NO_ROTATION, UNIT_TOLERANCE, Layout, lay_out, off_unit
-from hoi_retarget.motion.check.object_checks import CheckContext, ObjectPath, check_object, objects_among_bodies
-from hoi_retarget.motion.check.plausibility import check_continuity, check_floor, check_ranges
+from hoi_retarget.motion.check.object_checks import (
+    CheckContext,
+    ObjectPath,
+    check_contacts,
+    check_loose_links,
+    check_object,
+    objects_among_bodies,
+)
+from hoi_retarget.motion.check.plausibility import check_floor, check_ranges
 from hoi_retarget.motion.check.rates import check_velocities
 from hoi_retarget.motion.check.search import CandidatePoses, find_reading, read_open, undecided
 from hoi_retarget.motion.formats import Bodies, MotionFile
@@ -106,7 +114,9 @@ def check(file: MotionFile, model: RobotModel) -> CheckedMotion:
         items = items or [(item, reading.of_poses) for item in objects_among_bodies(file, found)]
         paths = [collected(check_object(item, read_as, context), of_objects) for item, read_as in items]
         objects = tuple(path for path in paths if path is not None)
-        findings += [*check_floor(context, objects), *check_ranges(context), *check_continuity(context), *of_objects]
+        findings += [*check_floor(context, objects), *check_ranges(context)]
+        findings += [*check_continuity(context, objects, _body_paths(file, layout, found)), *of_objects]
+        findings += [*check_contacts(file, objects, context), *check_loose_links(file, found, objects)]
     return CheckedMotion(
         path=file.path,
         robot=model.spec.name,
@@ -151,6 +161,15 @@ def _root(file: MotionFile, layout: Layout) -> tuple[np.ndarray | None, np.ndarr
     if off_unit(file.bodies.quat[:, 0]) > NO_ROTATION:
         return None, None
     return file.bodies.pos[:, 0], file.bodies.quat[:, 0]
+
+
+def _body_paths(file: MotionFile, layout: Layout, found: FoundBodies | None) -> dict[str, Float[np.ndarray, "T 3"]]:
+    """Return the positions of all bodies by name [m], of links and others, and the root's beside them."""
+    if found is None or file.bodies is None:
+        return {}
+    paths = file.bodies.pos if layout.pos is None else np.concatenate([file.bodies.pos, layout.pos[:, None]], axis=1)
+    names = (*(file.body_names or (f"body {index}" for index in range(file.bodies.pos.shape[1]))), "the root's columns")
+    return dict(zip(names, np.moveaxis(found.reading.position(paths), 1, 0), strict=False))
 
 
 def _moving(file: MotionFile, layout: Layout, found: FoundBodies | None) -> list[tuple[str, Bodies]]:

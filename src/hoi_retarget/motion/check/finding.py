@@ -273,6 +273,9 @@ _CHANGES: Mapping[str, Callable[[MotionFile, Change], MotionFile]] = {
     "exchange position and rotation": _of_poses(_exchanged),
     "multiply positions": _of_poses(_scaled),
     "move": _of_poses(lambda file, poses, values: replace(poses, pos=poses.pos + values)),
+    "lower evenly": _of_poses(
+        lambda file, poses, values: replace(poses, pos=poses.pos - np.linspace(*_rises(values), file.frames)[:, None])
+    ),
     "turn": _of_poses(_turned),
     "compute velocities": _of_poses(_with_velocities),
     "take columns": _of_columns(lambda table, values: table[:, _whole(values)]),
@@ -288,6 +291,12 @@ _CHANGES: Mapping[str, Callable[[MotionFile, Change], MotionFile]] = {
         file, joint_vel=_rate(file) * np.gradient(file.joint_pos, axis=0)
     ),
 }
+
+
+def _rises(values: Values) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first and the last frame's vector from its height [m]."""
+    first, last = (np.array([0.0, 0.0, value]) for value in values)
+    return first, last
 
 
 def _rate(file: MotionFile) -> float:

@@ -1,6 +1,6 @@
 """Interpretations of a file's numbers: the claimed one, and the known deviations of files from it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -157,9 +157,16 @@ def rotation_deviations(claim: Interpretation) -> Iterator[Deviation]:
         yield Deviation("quaternion inverse", "inverted", advice, replace(claim, inverted=True))
 
 
-def isaac_lab_columns(model: RobotModel) -> tuple[int, ...]:
-    """Return the column of each joint of the robot where columns are in Isaac Lab's breadth-first order."""
-    return tuple(np.argsort(breadth_first(model)[1]).tolist())
+def isaac_lab_columns(model: RobotModel, columns: Sequence[int] | None = None) -> tuple[int, ...]:
+    """Return the column of each joint of the robot where columns are in Isaac Lab's breadth-first order.
+
+    Joints that have none (-1) in `columns`, of which the file has all by default, have none.
+    """
+    there = np.ones(model.n, dtype=bool) if columns is None else np.array(columns) >= 0
+    order = [joint for joint in breadth_first(model)[1] if there[joint]]
+    places = np.full(model.n, -1)
+    places[order] = np.arange(len(order))
+    return tuple(places.tolist())
 
 
 def angle_deviations(
@@ -189,6 +196,8 @@ def joint_deviations(
             side = "right" if shift > 0 else "left"
             words = f"shifted by {abs(shift)} column{'s' if abs(shift) > 1 else ''} to the {side}"
             yield reordered(claim, "shifted columns", words, np.roll(columns, -shift))
+    elif (np.diff(columns[columns >= 0]) == 1).all():
+        yield reordered(claim, "joint order", IN_BREADTH_FIRST, np.array(isaac_lab_columns(model, claim.columns)))
     for words, parts in _PARTS.items():
         swapped = mirrored(model.joint_names, parts)
         yield reordered(claim, "left and right", f"with left and right {words} exchanged", columns[swapped])

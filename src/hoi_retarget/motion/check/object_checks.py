@@ -1,9 +1,9 @@
-"""Findings about objects: moving ones are held, and held ones keep their place in the hand.
+"""Findings about objects: moving ones are held, held ones keep their place in the hand, and contacts are flagged there.
 
 Objects of a file are its own, or the bodies that no link of the robot carries.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,18 +20,29 @@ from hoi_retarget.objects.track import MOVING_SPEED
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
 
-_WORLD = "world"
+_WORLD, _LINK = "world", "_link"
 _MAX_CARRIED_SPREAD_M, _MIN_WORLD_SPREAD_M = 1e-3, 0.02
 """A link carries a body if the body's origin wanders less in the link's frame, and more in the world."""
 
 
 def objects_among_bodies(file: MotionFile, found: FoundBodies | None) -> list[ObjectPoses]:
-    """Return the bodies with names that are neither links of the robot nor carried by them.
+    """Return the bodies with names that are neither links of the robot nor carried by them."""
+    loose = {index: name for index, name in _loose_bodies(file, found).items() if not name.endswith(_LINK)}
+    poses = (
+        np.concatenate([file.bodies.pos, file.bodies.quat], axis=2)
+        if file.bodies is not None and loose
+        else np.zeros(0)
+    )
+    return [ObjectPoses(name, poses[:, index]) for index, name in loose.items()]
+
+
+def _loose_bodies(file: MotionFile, found: FoundBodies | None) -> dict[int, str]:
+    """Return the names of bodies that no link of the robot carries, by place.
 
     Fixed links, fingers and what hangs on them keep their origin's place in the frame of the link before them.
     """
     if file.bodies is None or file.body_names is None or found is None:
-        return []
+        return {}
     pos = found.reading.position(file.bodies.pos)
     quat = found.reading.rotation(file.bodies.quat)
     links = list(found.there.places.values())
@@ -39,12 +50,7 @@ def objects_among_bodies(file: MotionFile, found: FoundBodies | None) -> list[Ob
     while carried := [index for index in others if _is_carried(pos, quat, index, links)]:
         links = carried
         others = [index for index in others if index not in carried]
-    poses = np.concatenate([file.bodies.pos, file.bodies.quat], axis=2)
-    return [
-        ObjectPoses(file.body_names[index], poses[:, index])
-        for index in others
-        if not file.body_names[index].endswith("_link")
-    ]
+    return {index: file.body_names[index] for index in others}
 
 
 def _is_carried(pos: np.ndarray, quat: np.ndarray, index: int, links: list[int]) -> bool:
@@ -70,6 +76,10 @@ _MAX_PALM_DISTANCE_M = 1.3
 """Of the hands of real retargets from the origin of a moving object."""
 _MAX_SLIDE_MPS, _BETTER_SHARE = 0.1, 0.5
 """A palm that slides faster in the object's frame does not hold it, unless no reading halves that."""
+_LOOSE_SHARE = 0.5
+"""Of an object's speed: palms of real retargets that hold one slide at most at 0.26 of it."""
+_MIN_FLAGGED_SHARE = 0.5
+"""Of frames in which an object moves near a palm: in published files, 0.84 and more have a contact flag."""
 _SAME_SLIDE_MPS, _SAME_SLIDE_SHARE, _SAME_DISTANCE_M = 0.01, 0.2, 0.02
 """Readings that differ by less are equally good."""
 
@@ -128,8 +138,7 @@ def check_object(item: ObjectPoses, claim: Interpretation, context: CheckContext
     if (_speed(path.pos, context.fps) > MOVING_SPEED).sum() < _MIN_MOVING_FRAMES:
         yield FormatFinding("unknown", "object", words, f"{item.name} hardly moves: cannot be told")
         return path
-    kinematics = context.model.forward(context.qpos)
-    palms = np.stack([kinematics.site_position(f"{side}_palm") for side in SIDES], axis=1)
+    palms = _palms(context)
     first, *others = [_hold(palms, way.path, context.fps) for way in readings]
     best, way = min(zip(others, readings[1:], strict=True), key=lambda pair: pair[0].slide + pair[0].distance)
     far = first.distance > _MAX_PALM_DISTANCE_M and best.distance < 0.7 * first.distance
@@ -143,6 +152,10 @@ def check_object(item: ObjectPoses, claim: Interpretation, context: CheckContext
         numbers = f"moves at {first.speed:.2f} m/s while no palm is near: {first}"
         yield FormatFinding("note", "object", words, numbers, "Do object and robot share one world and one scale?")
         return path
+    if first.slide > _LOOSE_SHARE * first.speed:
+        numbers = f"moves at {first.speed:.2f} m/s, and no palm goes with it: {first}"
+        yield FormatFinding("note", "object", words, numbers, "Do object and robot share one time and one world?")
+        return path
     alike = [way.words for way, other in zip(readings[1:], others, strict=True) if first.is_like(other)]
     if alike:
         numbers = f"{first}; as near if its pose were {', or '.join(alike)}: cannot be told"
@@ -150,6 +163,47 @@ def check_object(item: ObjectPoses, claim: Interpretation, context: CheckContext
     else:
         yield FormatFinding("ok", "object", words, f"{first}; if its pose were {way.words} {best}")
     return path
+
+
+def check_contacts(file: MotionFile, paths: Sequence[ObjectPath], context: CheckContext) -> Iterator[FormatFinding]:
+    """Yield whether contacts are flagged while objects move near a palm."""
+    if file.contacts is None:
+        return
+    palms = _palms(context)
+    moved = np.zeros(file.frames, dtype=bool)
+    for path in paths:
+        near = np.linalg.norm(palms - path.pos[:, None], axis=-1).min(axis=1) < _MAX_PALM_DISTANCE_M
+        moved[1:-1] |= near[1:-1] & (_speed(path.pos, context.fps) > MOVING_SPEED)
+    claim = "flagged while objects are moved"
+    if moved.sum() < _MIN_MOVING_FRAMES:
+        yield FormatFinding("unknown", "contacts", claim, "no object is moved near a palm: cannot be told")
+        return
+    flagged = np.any(file.contacts.flags, axis=1)
+    share = float(flagged[moved].mean())
+    numbers = f"in {100 * share:.0f} % of frames with an object moving near a palm, {100 * flagged.mean():.0f} % of all"
+    if share > _MIN_FLAGGED_SHARE:
+        yield FormatFinding("ok", "contacts", claim, numbers)
+    else:
+        advice = "Are the flags of this motion and of its frames? Write them from the distances of hands and objects."
+        yield contradiction("contacts", claim, numbers, advice, spoils="nothing")
+
+
+def check_loose_links(
+    file: MotionFile, found: FoundBodies | None, paths: Sequence[ObjectPath]
+) -> Iterator[FormatFinding]:
+    """Yield bodies that are named as links, but that neither the robot nor an object carries."""
+    if file.bodies is None or found is None:
+        return
+    pos = found.reading.position(file.bodies.pos)
+    loose = [
+        name
+        for index, name in _loose_bodies(file, found).items()
+        if name.endswith(_LINK)
+        and not any(np.allclose(pos[:, index], path.pos, atol=_SAME_DISTANCE_M) for path in paths)
+    ]
+    if loose:
+        numbers = f"{', '.join(loose[:6])}{', ...' if len(loose) > 6 else ''}: no link of the robot carries them"
+        yield FormatFinding("note", "bodies", "links move with the robot", numbers, "Are they of another robot?")
 
 
 def _no_rotation(item: ObjectPoses, claim: str, off: float) -> FormatFinding:
@@ -181,6 +235,11 @@ def _readings(name: str, pos: np.ndarray, quat: np.ndarray, claim: Interpretatio
     advice, fix = "Write the inverse: its pose in the world.", (Change("invert poses", name),)
     path = ObjectPath(name, -se3.rotate(inverse, claim.position(pos)), inverse)
     yield _ObjectReading("inverted", advice, fix, path)
+
+
+def _palms(context: CheckContext) -> Float[np.ndarray, "T 2 3"]:
+    kinematics = context.model.forward(context.qpos)
+    return np.stack([kinematics.site_position(f"{side}_palm") for side in SIDES], axis=1)
 
 
 def _hold(palms: Float[np.ndarray, "T 2 3"], path: ObjectPath, fps: float) -> _Hold:

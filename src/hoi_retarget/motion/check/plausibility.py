@@ -1,4 +1,4 @@
-"""The plausibility of a motion, and findings about its continuity, the floor and the joints' ranges.
+"""The plausibility of a motion, and findings about the floor and the joints' ranges.
 
 Plausibility is that of a robot that stands and walks on the floor z = 0, for files with nothing but a root's path and
 joint angles. Each figure is small for correctly read motions of any kind, and at least one is large for most wrong
@@ -7,15 +7,13 @@ readings: a standing foot is flat and still at one height, joints inside their r
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from hoi_retarget.motion.check.finding import Change, FormatFinding, contradiction
 from hoi_retarget.motion.check.object_checks import CheckContext, ObjectPath
-from hoi_retarget.numerics import se3
-from hoi_retarget.numerics.arrays import describe_frames, evenly_spaced, repeated, runs
+from hoi_retarget.numerics.arrays import evenly_spaced
 from hoi_retarget.robots.model import Kinematics, RobotModel
 
 _MAX_PAIRS = 80  # Of neighbouring frames, evenly over the clip.
@@ -121,116 +119,20 @@ def _elbows_aside(kinematics: Kinematics) -> Float[np.ndarray, "P 2"]:
     return np.stack(aside, axis=1)
 
 
-_MIN_STEP = 1e-6  # Shorter steps are rests.
-_NEIGHBOUR_STEPS = 4  # Before and after a step, to compare with.
-_JUMP_RATIO = 8.0  # Of a jump to the steps around it.
-_MIN_JOINT_JUMP_RAD, _MIN_ROOT_JUMP_M, _MIN_TURN_JUMP_RAD = 0.15, 0.06, 0.15
-_MIN_WRONG_JOINT_JUMP_RAD = 0.25
-"""Smaller joint steps are remarks: a wrist of a published file makes one of 0.22 rad."""
-_ABRUPT_SHARE, _MIN_LAST_STEP = 0.3, 1e-3
-"""A movement that comes to rest slows down first: its last step is a smaller part of those around, or tiny."""
-_MAX_DROPPED_FRAMES, _CATCH_UP_RATIO = 3, 1.5
-"""A longer stop that goes on at the speed from before is a stop; dropped frames make a step of this many usual ones."""
-
-
-def check_continuity(context: CheckContext) -> Iterator[FormatFinding]:
-    """Yield findings about the steps from frame to frame."""
-    model, qpos = context.model, context.qpos
-    root = np.linalg.norm(np.diff(qpos[:, :3], axis=0), axis=1)
-    turn = se3.angle_between(qpos[:-1, 3:7], qpos[1:, 3:7])
-    joints = np.abs(np.diff(qpos[:, 7:], axis=0))
-    whole = root + turn + joints.max(axis=1, initial=0.0)
-    steps = np.column_stack([root, turn, joints])
-    findings = [_repeated(repeated(qpos), whole), _jumps(model, steps), _speeds(model, joints * context.fps)]
-    if not any(findings):
-        yield FormatFinding("ok", "continuity", "one movement", "no repeated frames, no jumps")
-    yield from filter(None, findings)
-
-
-def _repeated(still: Bool[np.ndarray, "steps"], step: Float[np.ndarray, "steps"]) -> FormatFinding | None:
-    """Return frames that repeat the one before: some of a movement, or rests of a robot that stands still."""
-    if not still.any():
-        return None
-    dropped = [run for run in runs(still) if _is_dropped(*run, step)]
-    share = f"{100 * still.mean():.1f} %"
-    if not dropped:
-        rests = ", ".join(f"{first + 1} to {stop}" for first, stop in runs(still)[:5])
-        numbers = (
-            f"{describe_frames(np.flatnonzero(still) + 1)} repeat the one before ({share}): rests in frames {rests}"
-        )
-        return FormatFinding("note", "repeated frames", "one movement", numbers, "Cut them off where they are padding.")
-    frames = np.concatenate([np.arange(first + 1, stop + 1) for first, stop in dropped])
-    numbers = f"{describe_frames(frames)} repeat the one before, in the middle of a movement; {share} in all"
-    advice = "Interpolate them; was the motion resampled by repeating frames?"
-    fix = (Change("interpolate frames", "", tuple(frames.tolist())),)
-    return contradiction("repeated frames", "one movement", numbers, advice, fix=fix, spoils="rate")
-
-
-def _is_dropped(first: int, stop: int, step: Float[np.ndarray, "steps"]) -> bool:
-    """Return whether frames of a movement were dropped, and the one before them was put in their place."""
-    before, after = step[max(0, first - _NEIGHBOUR_STEPS) : first], step[stop : stop + _NEIGHBOUR_STEPS]
-    if len(before) == 0 or len(after) == 0 or min(before[-1], after[0]) <= _MIN_LAST_STEP:
-        return False  # Held at the beginning or the end, or come to rest.
-    around = np.concatenate([before, after])
-    abrupt = min(before[-1], after[0]) > _ABRUPT_SHARE * np.median(around[around > _MIN_STEP])
-    others = np.concatenate([before, after[1:]])
-    caught_up = after[0] > _CATCH_UP_RATIO * np.median(others[others > _MIN_STEP])
-    return bool(abrupt and (stop - first <= _MAX_DROPPED_FRAMES or caught_up))
-
-
-def _jumps(model: RobotModel, steps: Float[np.ndarray, "steps k"]) -> FormatFinding | None:
-    """Return jumps of the root, its rotation, and the joints, a column each."""
-    moving = ("the root", "the root's rotation", *model.joint_names)
-    smallest = (_MIN_ROOT_JUMP_M, _MIN_TURN_JUMP_RAD, *(_MIN_JOINT_JUMP_RAD,) * model.n)
-    found = [
-        (frame, name, step)
-        for name, step, limit in zip(moving, steps.T, smallest, strict=True)
-        for frame in np.flatnonzero(_outliers(step, limit))
-    ]
-    if not found:
-        return None
-    frames = np.unique([frame + 1 for frame, _, _ in found])
-    names = list(dict.fromkeys(name for _, name, _ in sorted(found, key=lambda item: item[:2])))
-    shown = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
-    numbers = f"jumps into {describe_frames(frames)}: {shown}; {_JUMP_RATIO:g} times the steps around"
-    first, stop = max(pairwise([0, *frames.tolist(), len(steps) + 1]), key=lambda part: part[1] - part[0])
-    advice = f"Cut the clip there (frames {first} to {stop - 1} are whole), or make it anew: a consumer would see "
-    advice += "enormous velocities."
-    if not any(name not in model.joint_names or step[frame] > _MIN_WRONG_JOINT_JUMP_RAD for frame, name, step in found):
-        return FormatFinding("note", "jump", "one movement", numbers, "A small one: look at it, or smooth it.")
-    fix = (Change("keep frames", "", (first, stop)),)
-    return contradiction("jump", "one movement", numbers, advice, fix=fix)
-
-
-def _outliers(step: Float[np.ndarray, "steps"], min_step: float) -> Bool[np.ndarray, "steps"]:
-    """Return the mask of steps far longer than all but the longest around them."""
-    if len(step) < 2 * _NEIGHBOUR_STEPS + 1:
-        return np.zeros(len(step), dtype=bool)
-    padded = np.pad(step, _NEIGHBOUR_STEPS, mode="reflect")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * _NEIGHBOUR_STEPS + 1).copy()
-    windows[:, _NEIGHBOUR_STEPS] = 0.0
-    # The second longest: a single wrong frame makes two long steps.
-    around = np.partition(windows, -2, axis=1)[:, -2]
-    return (step > min_step) & (step > _JUMP_RATIO * around)
-
-
-def _speeds(model: RobotModel, speeds: Float[np.ndarray, "steps n"]) -> FormatFinding | None:
-    ratio = speeds / model.speed_limits
-    worst = np.unravel_index(int(ratio.argmax()), ratio.shape) if ratio.size else (0, 0)
-    if not ratio.size or ratio[worst] <= 1.0:
-        return None
-    name = model.joint_names[int(worst[1])]
-    numbers = f"{name} at {speeds[worst]:.1f} rad/s into frame {worst[0] + 1}"
-    claim = f"its limit is {model.speed_limits[worst[1]]:.1f} rad/s"
-    return FormatFinding("note", "joint speed", claim, numbers, "Is the rate right? A robot cannot follow.")
-
-
-_MAX_SOLE_HEIGHT_M, _MIN_SOLE_HEIGHT_M = 0.06, -0.05
-"""The soles of real retargets are at most 5 cm above the floor, and 2 cm below it."""
+FLOOR, _AT_ZERO = "floor", "the floor is at z = 0"
+_MAX_OFF_M = 0.04
+"""The floor may be so far from z = 0: motions in use have it within 4 cm, but for those that hover in part."""
+_MAX_READABLE_M, _MIN_READABLE_M = 0.06, -0.05
+"""Farther off, the motion cannot be used as it is."""
+_MAX_LEVEL_SPREAD_M = 0.03
+"""Standing feet at one height within this stand on one floor, at their median; else the floor is the lowest of them."""
+_MAX_DRIFT_M, _MIN_DRIFT_PART = 0.06, 0.75
+"""A floor that rises or sinks farther over the clip, of which it is so large a part of the heights' variance."""
+_STANDING_MPS, _MIN_STANDING = 0.15, 8
+"""The slowest corner of a standing sole, and the frames without which the slowest third stands."""
 _MAX_CARRIER_SPREAD_M, _MAX_CARRIER_DISTANCE_M, _MIN_CARRIER_HEIGHT_SHARE, _MAX_CARRIER_EXCESS_M = 0.01, 1.0, 0.5, 0.1
 """A carrier moves less, a foot comes that near, and its origin is between this share of the soles' height and so much
 above it."""
-FLOOR, _AT_ZERO = "floor", "the floor is at z = 0"
 _MAX_FRAMES = 300
 _MAX_EXCESS_RAD, _MAX_EXCESS_SHARE = 0.1, 0.1
 """Joints farther outside in a larger share of the frames are contradictions."""
@@ -238,26 +140,47 @@ _MAX_EXCESS_RAD, _MAX_EXCESS_SHARE = 0.1, 0.1
 
 def check_floor(context: CheckContext, objects: Sequence[ObjectPath]) -> Iterator[FormatFinding]:
     """Yield whether the robot stands on z = 0, or on an object that never moves."""
-    frames = evenly_spaced(len(context.qpos), _MAX_FRAMES)
-    heights = context.model.forward(context.qpos[frames]).soles()[..., 2].min(axis=(1, 2))
-    low, middle = (float(value) for value in np.quantile(heights, [0.05, 0.5]))
+    first = evenly_spaced(len(context.qpos) - 1, _MAX_FRAMES)
+    soles = context.model.forward(context.qpos[np.concatenate([first, first + 1])]).soles()
+    lowest = soles[: len(first), ..., 2].min(axis=2)
+    heights = lowest.min(axis=1)
+    corners = np.linalg.norm(soles[len(first) :] - soles[: len(first)], axis=-1).min(axis=2) * context.fps
+    speeds = corners[np.arange(len(first)), lowest.argmin(axis=1)]
+    stands = speeds < _STANDING_MPS
+    stands = stands if stands.sum() >= _MIN_STANDING else speeds <= np.quantile(speeds, 0.3)
+    standing, low, middle = heights[stands], *(float(value) for value in np.quantile(heights, [0.05, 0.5]))
+    level = np.subtract(*np.quantile(standing, [0.9, 0.1])) < _MAX_LEVEL_SPREAD_M
+    off = float(np.median(standing)) if level else min(max(low, 0.0), float(np.median(standing)))
+    drift, part = _drift(first[stands] / first[-1], standing)
     numbers = (
         f"the lowest sole corner is at {1000 * low:.0f} mm (5 % of frames are lower), median {1000 * middle:.0f} mm"
     )
-    if low > _MAX_SOLE_HEIGHT_M and (below := [item for item in objects if _may_carry(item, low, context.qpos)]):
-        carriers = ", ".join(f"{item.name} at {item.pos[0, 2]:.2f} m" for item in below)
-        numbers += f"; it may stand on {carriers}, whose shapes are not in the file: cannot be told"
+    carriers = [item for item in objects if _may_carry(item, max(low, abs(drift)), context.qpos)]
+    wrong = off > _MAX_OFF_M or (abs(drift) > _MAX_DRIFT_M and part > _MIN_DRIFT_PART)
+    if wrong and carriers:
+        names = ", ".join(f"{item.name} at {item.pos[0, 2]:.2f} m" for item in carriers)
+        numbers += f"; it may stand on {names}, whose shapes are not in the file: cannot be told"
         yield FormatFinding("unknown", FLOOR, _AT_ZERO, numbers)
-    elif low > _MAX_SOLE_HEIGHT_M:
-        yield _moved(numbers, f"Lower everything by {low:.3f} m, or say where the floor is.", -low)
-    elif middle < _MIN_SOLE_HEIGHT_M:
-        yield _moved(numbers, f"Raise everything by {-middle:.3f} m, or say where the floor is.", -middle)
+    elif abs(off) > _MAX_OFF_M:
+        advice = f"{'Lower' if off > 0 else 'Raise'} everything by {abs(off):.3f} m, or say where the floor is."
+        spoils = "nothing" if _MIN_READABLE_M < off < _MAX_READABLE_M else "poses"
+        fix = (Change("move", "", (0.0, 0.0, -off)),)
+        yield contradiction(FLOOR, _AT_ZERO, numbers, advice, spoils=spoils, fix=fix)
+    elif wrong:
+        numbers += f"; standing feet {'rise' if drift > 0 else 'sink'} by {1000 * abs(drift):.0f} mm over the clip"
+        fix = (Change("lower evenly", "", (-0.5 * drift, 0.5 * drift)),)
+        advice = "Take the rise out of all heights, evenly over the clip."
+        yield contradiction(FLOOR, _AT_ZERO, numbers, advice, spoils="nothing", fix=fix)
     else:
         yield FormatFinding("ok", FLOOR, _AT_ZERO, numbers)
 
 
-def _moved(numbers: str, advice: str, by: float) -> FormatFinding:
-    return contradiction(FLOOR, _AT_ZERO, numbers, advice, fix=(Change("move", "", (0.0, 0.0, by)),))
+def _drift(times: Float[np.ndarray, "K"], heights: Float[np.ndarray, "K"]) -> tuple[float, float]:
+    """Return the rise of the line through heights over the clip [m], and its part of the variance, from 0 to 1."""
+    deviations, rises = times - times.mean(), heights - heights.mean()
+    size = float(deviations @ deviations)
+    rise = float(deviations @ rises) / size if size > 0 else 0.0
+    return rise, rise**2 * size / max(float(rises @ rises), 1e-12)
 
 
 def _may_carry(item: ObjectPath, soles_at: float, qpos: np.ndarray) -> bool:

@@ -120,8 +120,9 @@ def _open_readings(model: RobotModel, claim: Interpretation, convention: Convent
     turned = [item.reading for item in rotation_deviations(claim) if item.subject == "quaternion order"]
     rotations = [claim, *turned] if convention.quat_order is None else [claim]
     orders = {"MuJoCo's depth-first order": claim.columns}
-    if convention.order is None and claim.columns == tuple(range(model.n)):
-        orders["Isaac Lab's breadth-first order"] = isaac_lab_columns(model)
+    there = [column for column in claim.columns if column >= 0]
+    if convention.order is None and there == list(range(len(there))):
+        orders["Isaac Lab's breadth-first order"] = isaac_lab_columns(model, claim.columns)
     return {
         f"quaternions {reading.quat_order}, joints in {words}": replace(reading, columns=columns)
         for reading in rotations
@@ -154,7 +155,11 @@ def _up_axes(reading: Interpretation) -> Iterator[Deviation]:
 
 
 def _all(poses: CandidatePoses, reading: Interpretation) -> Iterator[Deviation]:
-    yield from world_deviations(reading)
+    height = abs(poses.judged(reading).height)
+    for item in world_deviations(reading):
+        # Soles far above the floor are not brought to it by a unit in which they are far below it.
+        if item.subject != "length unit" or abs(poses.judged(item.reading).height) < height:
+            yield item
     yield from rotation_deviations(reading)
     yield from joint_deviations(reading, poses.model, poses.joint_pos)
     # A joint that never moves has no side to turn to: it may have been set so.

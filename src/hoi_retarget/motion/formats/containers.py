@@ -13,7 +13,7 @@ import numpy as np
 from hoi_retarget.errors import ReadError
 from hoi_retarget.files import npz
 from hoi_retarget.files.array_pickle import parse_pickle
-from hoi_retarget.files.reading import limit_of_motion, read_bytes
+from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.files.torch_file import parse_torch
 
 FOLDER = "/"
@@ -26,6 +26,7 @@ JOINTS = "joint_pos"
 """The table of a folder of tables that has the joints; `<name> columns` are the names of a table's columns."""
 _TABLES = (JOINTS, "joint_vel", "body_pos", "body_quat", "body_lin_vel", "body_ang_vel")
 _KINDS = "biufU"
+_PICKLE_START = b"\x80"  # Begins pickles of protocol 2 and later, but no UTF-8 text.
 _MAX_RATE = 1e300  # A whole number may be too large for a float.
 _PICKLED_BY_NUMPY_2 = b"cnumpy._core.multiarray\n_reconstruct\n"
 _READ_BY_ALL_NUMPYS = b"cnumpy.core.multiarray\n_reconstruct\n"
@@ -45,36 +46,37 @@ class Container:
     """Returns files' bytes by what follows the export's name: the same bytes for the same values; None if only read."""
 
 
-def read_npz(path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of an .npz file that holds no Python objects; raises `ReadError`."""
+def read_npz(path: Path) -> dict[str, Any]:
+    """Return the arrays of an .npz file, and plain values such as None that were saved as objects.
+
+    Raises `ReadError` for a damaged file, and for objects that are no plain values.
+    """
     content = read_bytes(path)
     try:
-        packed = npz.members(content, limit_of_motion(len(content)))
+        packed = npz.members(content)
     except ValueError as error:
         raise ReadError(f"{path}: not a readable .npz file ({error}). Download or make it again.") from error
-    arrays = {}
+    arrays: dict[str, Any] = {}
     for name, member in packed.items():
-        if b"'descr': '|O'" in member[:128]:
-            raise ReadError(
-                f"{path}: refused: {name} holds Python objects, which could run code when they are read. "
-                "Save numbers and text only: numpy.savez with arrays of these."
-            )
         try:
-            arrays[name] = npz.array(name, member, _KINDS)
+            is_object = b"'descr': '|O'" in member[:128]
+            arrays[name] = npz.object_or_array(path, name, member) if is_object else npz.array(name, member, _KINDS)
         except ValueError as error:
             raise ReadError(f"{path}: the file is damaged ({error}). Download or make it again.") from error
     return arrays
 
 
 def _read_pickle(path: Path) -> Any:
-    content = read_bytes(path)
-    return parse_pickle(content, path, limit_of_motion(len(content)))
+    return parse_pickle(read_bytes(path), path)
 
 
 def read_csv(path: Path) -> dict[str, Any]:
     """Return the table of a CSV file, and the names of its columns where it has a header; raises `ReadError`."""
+    content = read_bytes(path)
+    if content.startswith(_PICKLE_START):
+        raise ReadError(f"{path}: this is a pickle, not a text file. Call it {path.with_suffix('.pkl').name}.")
     try:
-        lines = read_bytes(path).decode("utf-8-sig").splitlines()
+        lines = content.decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
         raise ReadError(f"{path}: not a text file. Expected rows of numbers with commas between them.") from error
     rows = [(number, line.split(",")) for number, line in enumerate(lines, 1) if line.strip()]

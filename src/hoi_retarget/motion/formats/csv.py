@@ -214,8 +214,8 @@ def _read_unitree(arrays: ArraysByName) -> dict[str, Any]:
 
 def _write_unitree(motion: ResampledMotion) -> Written:
     """Return one motion as a table."""
-    qpos = motion.qpos
-    table = np.concatenate([qpos[:, :3], se3.quat_to_xyzw(qpos[:, 3:7]), qpos[:, 7:]], axis=1)
+    qpos, joints = motion.qpos, source_joints(motion)
+    table = np.concatenate([qpos[:, :3], se3.quat_to_xyzw(qpos[:, 3:7]), joints.pos], axis=1)
     note = f"The file does not tell its rate: pass --input_fps {motion.rate} to what reads it."
     return Written({TABLE: table}, notes=(note,))
 
@@ -229,6 +229,4 @@ UNITREE_CSV = Format(
     write=_write_unitree,
     title="csv_to_npz of BeyondMimic and mjlab, Unitree's LAFAN1 set",
     fps=30.0,
-    # Nothing in the file tells the robot; its readers take 29 joints for the G1's.
-    robots=("unitree_g1",),
 )

@@ -46,8 +46,6 @@ class Format:
     """Whether it holds one object's path."""
     contacts_inside: bool = False
     """Whether the contact arrays are in the file; otherwise they are in one beside it."""
-    robots: tuple[str, ...] = ()
-    """Robots that its readers know; empty for any."""
     linear_velocity_of: VelocityPoint = ""
     """Of which point of a body; empty where the file holds no body velocities."""
 

@@ -12,7 +12,7 @@ import numpy as np
 from hoi_retarget.motion.formats.containers import ArraysByName, has
 from hoi_retarget.motion.formats.format import Format, VelocityPoint, Written
 from hoi_retarget.motion.formats.motion_file import Bodies, Convention
-from hoi_retarget.motion.links import breadth_first, link_states, source_joints
+from hoi_retarget.motion.links import breadth_first, link_states, source_joint_names, source_joints
 from hoi_retarget.motion.resample import ResampledMotion
 
 
@@ -91,8 +91,18 @@ def _write_tracking(
 
 def _write_beyondmimic(motion: ResampledMotion) -> Written:
     """Return one motion in Isaac Lab's order."""
-    bodies, joints = breadth_first(motion.model)
-    return _write_tracking(motion, BEYONDMIMIC.linear_velocity_of, motion.rate, bodies=bodies, joints=joints)
+    model = motion.model
+    bodies, joints = breadth_first(model)
+    # Isaac Lab merges links without a joint into those that carry them.
+    _, own = np.unique(model.bodies.nodes, return_index=True)
+    bodies = bodies[np.isin(bodies, own)]
+    places = np.array([source_joint_names(model).index(model.joint_names[joint]) for joint in joints])
+    written = _write_tracking(motion, BEYONDMIMIC.linear_velocity_of, motion.rate, bodies=bodies, joints=places)
+    if not model.spec.description_file:
+        return written
+    held = f" Held joints ({len(model.spec.held)}) are left out: make them fixed." if model.spec.held else ""
+    note = "Joints and links are in order down the tree; compare with robot.joint_names and body_names in Isaac Lab."
+    return replace(written, notes=(note + held,))
 
 
 BEYONDMIMIC = Format(
@@ -104,8 +114,6 @@ BEYONDMIMIC = Format(
     title="BeyondMimic, whole_body_tracking (Isaac Lab)",
     fps=50.0,
     contacts_inside=True,
-    # The file has no names, and how Isaac Lab orders the joints is known for the G1 alone.
-    robots=("unitree_g1",),
     linear_velocity_of="centres of mass",
 )
 

@@ -14,7 +14,7 @@ from hoi_retarget.clip.grasp_check import READINGS
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError, ReadError
 from hoi_retarget.files import npz
-from hoi_retarget.files.reading import limit_of_motion, read_bytes
+from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.files.source_file import FOLDER, SourceFile
 from hoi_retarget.readers.own_layout.own_arrays import FORMAT, SCHEMA_KEY, Arrays, encode, write
 from hoi_retarget.readers.own_layout.own_objects import contacts_of, has_contacts, mesh_paths, object_names, objects_of
@@ -56,7 +56,7 @@ def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
     path = file.clip_file
     content = file.content if path == file.path else file.read(path)
     try:
-        arrays = Arrays(path, npz.members(content, limit_of_motion(len(content))))
+        arrays = Arrays(path, npz.members(content))
     except ValueError as error:
         raise ReadError(f"{path}: not a readable .npz file ({error}). Write it again.") from error
     arrays.check_schema()

@@ -10,7 +10,7 @@ import numpy as np
 from hoi_retarget.clip.clip import ContactTrack
 from hoi_retarget.errors import ClipError, GeometryError
 from hoi_retarget.human.person import Person
-from hoi_retarget.human.skeleton import PARTS
+from hoi_retarget.human.skeleton import ALL_PARTS
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.object_files import MAX_OBJECT_SIZE, load_geometry, load_mesh
 from hoi_retarget.readers.own_layout.own_arrays import FLAGS, INTEGERS, NUMBERS, TEXT, Arrays, check_unit
@@ -59,11 +59,12 @@ def _touches(arrays: Arrays, prefix: str, people: int, objects: int) -> Iterator
         if bad.any():
             raise ClipError(f"{arrays.path}: {name} has {columns[what][bad][0]}; there are {count}, counted from 0.")
     for part, person, object_ in zip(parts, columns["person"], columns["object"], strict=True):
-        if part not in PARTS:
-            close = difflib.get_close_matches(part, PARTS, n=1)
+        if part not in ALL_PARTS:
+            close = difflib.get_close_matches(part, ALL_PARTS, n=1)
             hint = f"Did you mean {close[0]!r}? " if close else ""
             raise ClipError(
-                f"{arrays.path}: {prefix}_part has {part[:40]!r}, which is no part. {hint}Parts: {', '.join(PARTS)}."
+                f"{arrays.path}: {prefix}_part has {part[:40]!r}, which is no part. {hint}"
+                f"Parts: {', '.join(ALL_PARTS)}."
             )
         yield _Touch(int(person), int(object_), part)
 

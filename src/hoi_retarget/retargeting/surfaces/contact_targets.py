@@ -14,9 +14,10 @@ from jaxtyping import Float
 from hoi_retarget.numerics.arrays import frozen, runs
 from hoi_retarget.numerics.filters import seconds_to_frames
 from hoi_retarget.retargeting.surfaces.skin_points import MovingObject, at_points
-from hoi_retarget.retargeting.targets import Targets
+from hoi_retarget.retargeting.targets import PALMS, Targets
 from hoi_retarget.robots.model import Kinematics
-from hoi_retarget.robots.skin import LinkSkin, Skin
+from hoi_retarget.robots.skin import LinkSkin, contact_skins
+from hoi_retarget.robots.spec import BODY_SITES
 
 APPROACH_SECONDS = 1 / 3
 """Before and after a contact, in which the human's part is outside the object on the side from which it came."""
@@ -28,12 +29,16 @@ EDITED = 0.03
 """[m]; a contact point that is so far from the human's part was placed by somebody."""
 
 
+RESTING_SITES = frozenset(BODY_SITES.values())
+"""Of parts that rest on what is below them, whatever is beside them."""
+
+
 def contact_sides(targets: Targets, objects: tuple[MovingObject, ...]) -> Float[np.ndarray, "T C 3"]:
     """Return the outward unit vector of every contact, in the object's frame; zero in frames without.
 
     In each run of contact it is the mean of the surface's normals nearest to the human's part, in frames of the run and
     of its approach, weighted by how far outside the part is and by nearness in time. So a part inside a thin wall
-    has the side on which it was before.
+    has the side on which it was before. What rests is on top.
     """
     sides = np.zeros_like(targets.part_points)
     margin = seconds_to_frames(APPROACH_SECONDS, targets.fps)
@@ -42,6 +47,9 @@ def contact_sides(targets: Targets, objects: tuple[MovingObject, ...]) -> Float[
             window = slice(max(0, first - margin), min(targets.frames, stop + margin))
             for index in np.unique(targets.carried_contact_object[first:stop, link]):
                 inside = np.flatnonzero(targets.carried_contact_object[first:stop, link] == index) + first
+                if targets.contact_links[link] in RESTING_SITES:
+                    sides[inside, link] = objects[index].rotation[2][:, inside].T
+                    continue
                 sides[inside, link] = _sides(targets, objects[index], link, window)[inside - window.start]
     return sides
 
@@ -85,7 +93,6 @@ def touching_targets(
     targets: Targets,
     objects: tuple[MovingObject, ...],
     sides: Float[np.ndarray, "T C 3"],
-    skin: Skin,
     kinematics: Kinematics,
 ) -> Targets:
     """Return the targets with contact points moved for links that are turned as in a trajectory.
@@ -94,13 +101,12 @@ def touching_targets(
         targets: With the human's contact points.
         objects: Of the robot's world.
         sides: Side of the object for each contact, in the object's frame.
-        skin: Of the robot.
         kinematics: Of the trajectory.
     """
     points = targets.carried_contact_points.copy()
     for link, site in enumerate(targets.contact_links):
-        of_link = skin.by_link.get(kinematics.model.body_of(site))
-        if of_link is None:
+        links = contact_skins(kinematics.model, site)
+        if not links or site in PALMS:  # Hands have holds.
             continue
         for first, stop in runs(targets.contact_weights[:, link] > 0):
             # Moves are smoothed anyway: some frames of each stretch are enough.
@@ -110,8 +116,11 @@ def touching_targets(
             moves = np.zeros((len(frames), 3))
             for index in np.unique(targets.carried_contact_object[frames, link]):
                 at = targets.carried_contact_object[frames, link] == index
-                goals, outward = points[frames[at], link], sides[frames[at], link]
-                moves[at] = _moves(goals.T, outward.T, objects[index], of_link, kinematics, site, frames[at]).T
+                goals, outward = points[frames[at], link].T, sides[frames[at], link].T
+                found = [_moves(goals, outward, objects[index], own, kinematics, site, frames[at]) for own in links]
+                # Of several links the one that must go farthest touches first.
+                farthest = np.argmax([np.einsum("if,if->f", move, outward) for move in found], axis=0)
+                moves[at] = np.stack(found)[farthest, :, np.arange(len(farthest))]
             every, sigma = np.arange(first, stop), seconds_to_frames(SMOOTHING_SECONDS, targets.fps)
             between = np.stack([np.interp(every, frames, along) for along in moves.T], axis=1)
             points[every, link] += scipy.ndimage.gaussian_filter1d(between, sigma, axis=0, mode="nearest")
@@ -133,7 +142,10 @@ def _moves(  # noqa: PLR0913, PLR0917  # the parts of a move
     to_link = kinematics.point(skin.frame)[:, frames] - kinematics.point(site)[:, frames]
     lever = np.einsum("ijf,kj->ikf", turned, skin.points[:SKIN_POINTS])
     lever += np.einsum("jif,jf->if", to_object, to_link)[:, None]
-    moves, touched = _settled(np.zeros_like(goals), goals, lever, outward, moving_object)
+    resting = site in RESTING_SITES
+    moves, touched = _settled(np.zeros_like(goals), goals, lever, outward, moving_object, along=resting)
+    if resting:
+        return np.where(np.linalg.norm(moves, axis=0) < LARGEST_MOVE, moves, 0.0)
     distances, normals = at_points(moving_object.field.distances_and_normals, goals)
     apart = (goals - distances * normals - touched).mean(axis=1, keepdims=True)
     moves, _ = _settled(moves + TOWARDS_PLACE * apart, goals, lever, outward, moving_object)
@@ -142,21 +154,25 @@ def _moves(  # noqa: PLR0913, PLR0917  # the parts of a move
     return np.where(np.linalg.norm(moves, axis=0) < LARGEST_MOVE, moves, 0.0)
 
 
-def _settled(
+def _settled(  # noqa: PLR0913  # the parts of a move
     moves: Float[np.ndarray, "3 F"],
     goals: Float[np.ndarray, "3 F"],
     lever: Float[np.ndarray, "3 K F"],
     outward: Float[np.ndarray, "3 F"],
     moving_object: MovingObject,
+    *,
+    along: bool = False,
 ) -> tuple[Float[np.ndarray, "3 F"], Float[np.ndarray, "3 F"]]:
-    """Return moves with which skin touches, and where it does, in the object's frame [m]."""
+    """Return moves with which skin touches, and where it does, in the object's frame [m]; all along the side or not."""
     every, touched = np.arange(goals.shape[1]), goals
     for _ in range(STEPS):
         points = (goals + moves)[:, None] + lever
         nearest = moving_object.distances(points).argmin(axis=0)
         touched = points[:, nearest, every]
         distances, normals = at_points(moving_object.field.distances_and_normals, touched)
-        moves = moves + np.where(distances < 0.0, -OVERSHOOT * distances * outward, -distances * normals)
+        moves = moves + np.where(
+            distances < 0.0, -OVERSHOOT * distances * outward, -distances * (outward if along else normals)
+        )
     return moves, touched
 
 

@@ -4,17 +4,17 @@ The nearest surface of a rod or a board changes sides from frame to frame, and a
 the sides. The human's limb stayed on one side: a robot's link goes there.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 import scipy  # its modules are loaded where they are first used
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.human.skeleton import LIMBS
 from hoi_retarget.numerics.arrays import runs
-from hoi_retarget.numerics.filters import seconds_to_frames
+from hoi_retarget.numerics.filters import seconds_to_frames, smoothstep_around
 from hoi_retarget.retargeting.surfaces.skin_points import LinkAtObject, MovingObject, hinge_rows, levers
 from hoi_retarget.retargeting.trajopt.problem import FrameRows
 from hoi_retarget.robots.model import Kinematics, RobotModel
@@ -36,6 +36,8 @@ EARLIER = 1e3
 """Weight of a side that was chosen before."""
 PEAK_SECONDS = 0.3
 """A path is as long as the longest one within this time."""
+TAKEN_SECONDS = 0.15
+"""Before and after contact a path's weight grows from nothing over this time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +58,7 @@ class EscapePath:
     """The same in world axes."""
     goals: Float[np.ndarray, "1 F"]
     """Coordinate of the point along them at the end of the path [m]."""
-    weight: float
+    weights: Float[np.ndarray, "F"]
     """[1/m^2]"""
 
     def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
@@ -64,7 +66,7 @@ class EscapePath:
         lever = levers(kinematics, self.skin.frame, self.points, self.frames)
         points = kinematics.point(self.skin.frame)[:, None, self.frames] + lever
         left = (self.outward * points).sum(axis=0) - self.goals
-        return (hinge_rows(self.skin.frame, lever, left, self.outward, 0.0, self.weight, self.frames),)
+        return (hinge_rows(self.skin.frame, lever, left, self.outward, 0.0, self.weights, self.frames),)
 
     def window(self, start: int, stop: int) -> "EscapePath":
         """Return the part of the path in some consecutive frames."""
@@ -76,6 +78,7 @@ class EscapePath:
             sides=self.sides[:, inside],
             outward=self.outward[..., inside],
             goals=self.goals[:, inside],
+            weights=self.weights[inside],
         )
 
 
@@ -83,6 +86,7 @@ def escape_paths(  # noqa: PLR0913, PLR0917  # the parts of a path
     objects: tuple[MovingObject, ...],
     limbs: Float[np.ndarray, "T O L 2 3"],
     skin: Skin,
+    touching: Mapping[str, Bool[np.ndarray, "T"]],
     start: Kinematics,
     earlier: Sequence[EscapePath],
     weight: float,
@@ -94,19 +98,20 @@ def escape_paths(  # noqa: PLR0913, PLR0917  # the parts of a path
         objects: Obstacles of the links.
         limbs: The human's limbs in the objects' frames [m].
         skin: Of the links that may leave.
+        touching: Frames in which a link touches, and stays, by its name.
         start: Trajectory that a solve starts from.
         earlier: Paths of previous solves, which keep their sides.
         weight: [1/m^2]
         fps: Frames a second.
     """
-    of_link = limb_of_link(start.model)
+    of_link, never = limb_of_link(start.model), np.zeros(len(start.qpos), dtype=bool)
     return tuple(
         path
         for index, moving_object in enumerate(objects)
         for link in skin.links
-        for path in _PenetratedLink(link, moving_object, start, index, limbs[:, index, of_link[link.link]], fps).paths(
-            earlier, weight
-        )
+        for path in _PenetratedLink(
+            link, moving_object, start, index, limbs[:, index, of_link[link.link]], touching.get(link.link, never), fps
+        ).paths(earlier, weight)
     )
 
 
@@ -143,6 +148,7 @@ class _PenetratedLink(LinkAtObject):
 
     index: int
     limb: Float[np.ndarray, "T 2 3"]
+    touching: Bool[np.ndarray, "T"]
     fps: float
 
     def paths(self, earlier: Sequence[EscapePath], weight: float) -> Iterator[EscapePath]:
@@ -150,6 +156,7 @@ class _PenetratedLink(LinkAtObject):
         last, stride = len(self.limb) - 1, seconds_to_frames(STRIDE_SECONDS, self.fps)
         keys = np.unique(np.append(np.arange(0, last, stride), last))
         depths, sides = self._depths_and_sides(keys)
+        depths[self.touching[keys]] = 0.0
         if depths.max() < MIN_DEPTH_M:
             return
         for path in earlier:
@@ -159,7 +166,7 @@ class _PenetratedLink(LinkAtObject):
         around = scipy.ndimage.binary_dilation(
             depths >= MIN_DEPTH_M, iterations=seconds_to_frames(AROUND_SECONDS, self.fps / stride)
         )
-        for first, stop in runs(around):
+        for first, stop in runs(around & ~self.touching[keys]):
             yield self._way(keys[first:stop], sides[first:stop], weight)
 
     def _way(self, keys: Int[np.ndarray, "K"], sides: Float[np.ndarray, "K 3"], weight: float) -> EscapePath:
@@ -180,7 +187,10 @@ class _PenetratedLink(LinkAtObject):
         )
         goals = (outward * begin).sum(axis=0) + way
         name = f"{self.skin.link}_{self.moving_object.name}_{keys[0]}_way_out"
-        return EscapePath(name, self.skin.link, self.index, self.skin, frames, points, sides, outward, goals, weight)
+        ramp = 1.0 - smoothstep_around(self.touching, seconds_to_frames(TAKEN_SECONDS, self.fps))[frames]
+        return EscapePath(
+            name, self.skin.link, self.index, self.skin, frames, points, sides, outward, goals, weight * ramp
+        )
 
     def _depths_and_sides(self, keys: Int[np.ndarray, "K"]) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
         """Return the object's depth in the link [m], and the vector from its points inside to the human's limb."""

@@ -11,27 +11,29 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.errors import RobotError
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.orientation_flips import orientation_flips, rotation_errors_deg, trunk_turns
-from hoi_retarget.retargeting.surfaces.contact_targets import contact_sides, touching_targets
+from hoi_retarget.retargeting.surfaces.contact_targets import RESTING_SITES, contact_sides, touching_targets
 from hoi_retarget.retargeting.surfaces.depenetration import EscapePath, escape_paths, paths_within
 from hoi_retarget.retargeting.surfaces.skin_points import moving_objects
-from hoi_retarget.retargeting.surfaces.surface_terms import Surfaces, surface_terms
-from hoi_retarget.retargeting.targets import PALMS, Targets
+from hoi_retarget.retargeting.surfaces.surface_terms import Surfaces, free_depth, surface_terms
+from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import Problem
 from hoi_retarget.retargeting.trajopt.solvers.solver import Effort
+from hoi_retarget.retargeting.trajopt.terms.self_clearance import self_depth
 from hoi_retarget.retargeting.trajopt.trajectory_terms import trajectory_terms
 from hoi_retarget.retargeting.trajopt.windows import FrameRange, ProblemOf
 from hoi_retarget.robots.model import RobotModel
-from hoi_retarget.robots.skin import Skin, skin_of, skins_from
+from hoi_retarget.robots.skin import contact_skins, skin_of
 
 COARSE = Effort(300.0, max_iterations=15, restarts=False)
 """Of the passes that choose contact points: contacts weigh so much that a smaller tolerance shows nowhere."""
 FINE = Effort(20.0, max_iterations=15, restarts=False)
-"""Of the first two passes between surfaces."""
+"""Of the first pass between surfaces."""
 FINAL = Effort(7.0, max_iterations=150, kinks=True)
 """Of the last pass, which does not try for ever to free a trapped link."""
+MET_DEPTH_M = 2.5e-3
+"""[m]; what was too far apart before the last pass for its terms may be in each other at its end."""
 ROUNDS = 3
 """In which links leave objects."""
 
@@ -60,13 +62,7 @@ class SurfaceProblems:
 
         Raises:
             GeometryError: An object's mesh cannot be read.
-            RobotError: The robot's hands have no shapes.
         """
-        if not all(skins_from(model, palm) for palm in PALMS):
-            raise RobotError(
-                f"{model.spec.name}: its hands have no shapes, so surfaces cannot touch. Use --contact landmark, "
-                "or add the robot again with its meshes."
-            )
         objects = moving_objects(targets)
         surfaces = Surfaces(objects, skin_of(model), contact_sides(targets, objects))
         return cls(model, targets, ik_qpos, config, surfaces)
@@ -98,9 +94,19 @@ class SurfaceProblems:
     ) -> Float[np.ndarray, "T nq"]:
         touching = self._touching(qpos)
         # Skin that was far from the surface before a pass may have sunk in: each pass chooses its points anew.
-        for effort, last in ((FINE, False), (FINE, False), (FINAL, True)):
+        for effort, last in ((FINE, False), (FINAL, True)):
             qpos = solve_pass(self._with_surfaces(touching, qpos, paths, relaxed=last), qpos, effort, last)
-        return qpos
+        met = self._met_depth(touching, qpos)
+        if met < MET_DEPTH_M:
+            return qpos
+        again = solve_pass(self._with_surfaces(touching, qpos, paths, relaxed=True), qpos, FINAL, True)
+        return again if self._met_depth(touching, again) < met else qpos
+
+    def _met_depth(self, touching: Targets, qpos: np.ndarray) -> float:
+        """Return the largest depth of links in each other and in objects [m], trapped ones left out."""
+        kinematics, weights = self.model.forward(qpos), self.config.weights.with_surfaces
+        in_links = self_depth(kinematics) if weights.self_clearance else 0.0
+        return max(in_links, free_depth(weights, touching, kinematics, self.surfaces))
 
     def _wrong_frames(self, qpos: np.ndarray) -> int:
         """Return the number of frames with a link that points away from the human's, a turned trunk or a lost hand."""
@@ -112,7 +118,7 @@ class SurfaceProblems:
                 touching = targets.contact_flags[:, column] & (targets.contact_object[:, column] == index)
                 at = np.flatnonzero(touching)
                 place = moving_object.inside(kinematics.site_position(site)[at].T[:, None], at)[:, 0].T
-                off = np.linalg.norm(place - targets.contact_points[at, column], axis=1)
+                off = np.linalg.norm(place - targets.carried_contact_points[at, column], axis=1)
                 frames += int(np.count_nonzero(off > LOST_DISTANCE))
         return frames
 
@@ -121,16 +127,18 @@ class SurfaceProblems:
         return self._with_surfaces(self._touching(qpos), qpos, (), relaxed=True)
 
     def _escape_paths(self, qpos: np.ndarray, earlier: tuple[EscapePath, ...]) -> tuple[EscapePath, ...]:
-        """Return paths for links that are deep in an object, except for links in contact."""
-        of, targets = self.surfaces, self.targets
-        touching = {self.model.body_of(site) for site in targets.contact_links}
-        free = Skin(tuple(skin for skin in of.skin.links if skin.link not in touching))
+        """Return paths for links that are deep in an object, except for links in contact, and in its frames."""
+        of, targets, touching = self.surfaces, self.targets, {}
+        for column, site in enumerate(targets.contact_links):
+            if site not in RESTING_SITES:
+                for skin in contact_skins(self.model, site):
+                    touching[skin.link] = targets.contact_weights[:, column] > 0
         weight, start = self.config.weights.clearance, self.model.forward(qpos)
-        return escape_paths(of.objects, targets.limbs, free, start, earlier, weight, targets.fps)
+        return escape_paths(of.objects, targets.limbs, of.skin, touching, start, earlier, weight, targets.fps)
 
     def _touching(self, qpos: np.ndarray) -> Targets:
         of = self.surfaces
-        return touching_targets(self.targets, of.objects, of.sides, of.skin, self.model.forward(qpos))
+        return touching_targets(self.targets, of.objects, of.sides, self.model.forward(qpos))
 
     def _with_points(self, targets: Targets, paths: tuple[EscapePath, ...]) -> ProblemOf:
         def problem_of(window: FrameRange) -> Problem:

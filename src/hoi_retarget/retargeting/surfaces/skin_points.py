@@ -12,7 +12,7 @@ import scipy  # its modules are loaded where they are first used
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.numerics import se3
-from hoi_retarget.objects.distance_field import DistanceField, distance_field, surface_samples
+from hoi_retarget.objects.distance_field import DistanceField, Region, distance_field, is_large, surface_samples
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.retargeting.targets import Targets
@@ -85,6 +85,8 @@ def softened(
 
 SPACING = 0.005
 """Side of the square of surface for which one sample stands [m]."""
+_REACH = 0.6
+"""A robot's skin is nearer to its targets [m]: the largest links have a radius of 0.3."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,12 +125,25 @@ def moving_objects(targets: Targets) -> tuple[MovingObject, ...]:
     return tuple(
         MovingObject(
             name,
-            *_shape_of(geometry, float(targets.object_scale[index])),
+            *_shape_near(geometry, float(targets.object_scale[index]), targets, index),
             targets.object_pos[:, index].T,
             rotations[index],
         )
         for index, (name, geometry) in enumerate(zip(targets.object_names, targets.object_geometry, strict=True))
     )
+
+
+def _shape_near(
+    geometry: ObjectGeometry, scale: float, targets: Targets, index: int
+) -> tuple[DistanceField, "scipy.spatial.KDTree"]:
+    """Return the same as `_shape_of`; of a large object, the samples that the robot can get to."""
+    surface = surface_of(geometry)
+    if not is_large(surface, SPACING / scale):
+        return _shape_of(geometry, scale)
+    places = targets.site_positions - targets.object_pos[:, None, index]
+    local = se3.rotate_inverse(targets.object_quat[:, None, index], places).reshape(-1, 3) / scale
+    samples = surface_samples(surface, SPACING / scale, Region(local, _REACH / scale))
+    return distance_field(geometry).scaled(scale), scipy.spatial.KDTree(scale * samples)
 
 
 @lru_cache(maxsize=16)

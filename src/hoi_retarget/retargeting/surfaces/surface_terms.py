@@ -4,25 +4,27 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
+from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.numerics.filters import seconds_to_frames, smoothstep_around
 from hoi_retarget.retargeting.config import Weights
+from hoi_retarget.retargeting.surfaces.contact_targets import RESTING_SITES
 from hoi_retarget.retargeting.surfaces.depenetration import EscapePath
-from hoi_retarget.retargeting.surfaces.skin_points import LinkAtObject, MovingObject
+from hoi_retarget.retargeting.surfaces.skin_points import LinkAtObject, MovingObject, levers
 from hoi_retarget.retargeting.surfaces.skin_terms import (
     ObjectOutsideLink,
     SkinContact,
     object_outside_link,
     skin_contact,
 )
-from hoi_retarget.retargeting.targets import Targets
+from hoi_retarget.retargeting.targets import PALMS, Targets
 from hoi_retarget.retargeting.trajopt.problem import Term
 from hoi_retarget.retargeting.trajopt.terms.object_contact import ObjectContact
 from hoi_retarget.retargeting.trajopt.terms.self_clearance import self_clearance_terms
 from hoi_retarget.retargeting.trajopt.trajectory_terms import trajectory_terms
 from hoi_retarget.robots.model import Kinematics
-from hoi_retarget.robots.skin import Skin
+from hoi_retarget.robots.skin import LinkSkin, Skin, contact_skins
 
 TOUCH_SECONDS = 2 / 30
 """Ramp of touch before and after a contact."""
@@ -34,6 +36,10 @@ CLEARANCE_SHARE_ON_ESCAPE = 0.1
 """Share of a link's clearance on an escape path."""
 ALONG_NORMAL = 0.05
 """Share of the contact's cost along its side: there the surfaces decide."""
+RESTING_PLACE = 0.1
+"""Share of the contact's cost of a part that rests: where it does depends on the length of the legs."""
+PART_POINTS, AS_NEAR = 150, 0.005
+"""Of a coarse skin; links of one part whose distances differ by less [m], on average, touch together."""
 HAND_POINTS, LINK_POINTS, SAMPLES = 24, 6, 14
 HAND_SPREAD, LINK_SPREAD = 0.008, 0.03
 """[m] between points of one link."""
@@ -81,13 +87,19 @@ def surface_terms(  # noqa: PLR0913, PLR0917  # the parts of the terms
         relaxed: Whether links trapped in an object at the start may stay there.
     """
     table = (
-        _along_surface(term, targets, surfaces) if isinstance(term, ObjectContact) else term
+        _along_surface(term, targets, surfaces) if isinstance(term, ObjectContact) and term.site not in PALMS else term
         for term in trajectory_terms(weights, targets, reference)
     )
     clearances = tuple(_relaxed_on_escapes(term, paths) for term in _clearances(weights, targets, start, surfaces))
     if relaxed:
         clearances = _relaxed_around_trapped_links(clearances, start, seconds_to_frames(RELAXED_SECONDS, targets.fps))
-    return (*table, *clearances, *paths, *self_clearance_terms(weights, targets, start))
+    return (*table, *clearances, *paths, *self_clearance_terms(weights, start))
+
+
+def free_depth(weights: Weights, targets: Targets, kinematics: Kinematics, surfaces: Surfaces) -> float:
+    """Return the largest depth of links and objects in each other [m], where they are not trapped."""
+    depths = (term.depths(kinematics) for term in _clearances(weights, targets, kinematics, surfaces))
+    return max((float(found[found < TRAPPED_DEPTH_M].max(initial=0.0)) for found in depths), default=0.0)
 
 
 def _relaxed_on_escapes(term: Clearance, paths: tuple[EscapePath, ...]) -> Clearance:
@@ -113,15 +125,23 @@ def _relaxed_around_trapped_links(
 def _along_surface(term: ObjectContact, targets: Targets, surfaces: Surfaces) -> ObjectContact:
     sides = surfaces.sides[:, targets.contact_links.index(term.site)].T
     across = (1.0 - np.sqrt(ALONG_NORMAL)) * np.einsum("it,jt->ijt", sides, sides)
-    return replace(term, projection=np.eye(3)[:, :, None] - across)
+    share = RESTING_PLACE if term.site in RESTING_SITES else 1.0
+    return replace(term, projection=np.eye(3)[:, :, None] - across, weight=share * term.weight)
 
 
 def _clearances(weights: Weights, targets: Targets, start: Kinematics, surfaces: Surfaces) -> Iterator[Clearance]:
-    links = {start.model.body_of(site): column for column, site in enumerate(targets.contact_links)}
+    links = {
+        skin.link: (column, skins)
+        for column, site in enumerate(targets.contact_links)
+        for skins in (contact_skins(start.model, site),)
+        for skin in skins
+    }
     for index, moving_object in enumerate(surfaces.objects):
         for skin in surfaces.skin.links:
-            column = links.get(skin.link)
+            column, skins = links.get(skin.link, (None, ()))
             touch = None if column is None else _touch_weights(targets, column, index, weights.surface_touch)
+            if touch is not None and len(skins) > 1:
+                touch = touch * _nearest_of(skins, skin, moving_object, start, touch > 0.0)
             count, apart = (LINK_POINTS, LINK_SPREAD) if column is None else (HAND_POINTS, HAND_SPREAD)
             name, link = f"{skin.link}_{moving_object.name}", LinkAtObject(skin, moving_object, start)
             terms = (
@@ -129,6 +149,29 @@ def _clearances(weights: Weights, targets: Targets, start: Kinematics, surfaces:
                 object_outside_link(f"{name}_inside", link, weights.clearance, SAMPLES, apart),
             )
             yield from (term for term in terms if term is not None)
+
+
+def _nearest_of(
+    skins: tuple[LinkSkin, ...],
+    own: LinkSkin,
+    moving_object: MovingObject,
+    start: Kinematics,
+    touching: Bool[np.ndarray, "T"],
+) -> Bool[np.ndarray, "T"]:
+    """Return where a link is the nearest of several that stand for one part, or as near, over each run of contact."""
+    found = np.zeros(len(touching), dtype=bool)
+    for first, stop in runs(touching):
+        frames = np.arange(first, stop)
+        least = {}
+        for skin in skins:
+            lever = levers(
+                start, skin.frame, skin.points[:PART_POINTS].T[:, :, None].repeat(len(frames), axis=2), frames
+            )
+            inside = moving_object.inside(start.point(skin.frame)[:, None, frames] + lever, frames)
+            least[skin.link] = moving_object.distances(inside).min(axis=0)
+        nearest = np.min(list(least.values()), axis=0)
+        found[first:stop] = (least[own.link] - nearest).mean() < AS_NEAR
+    return found
 
 
 def _touch_weights(targets: Targets, column: int, index: int, weight: float) -> Float[np.ndarray, "T"] | None:

@@ -1,7 +1,7 @@
 """A robot made of a manufacturer's file: its specification, and its MJCF with the file's tree, limits and shapes."""
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -31,6 +31,8 @@ _WEAK_PALM = 0.04
 """Palms that cannot turn freely: their rotations would cost millimetres of contact."""
 _FIRM_CONTACT = 3.0
 """Contacts of robots that cannot take a person's pose: at one they are 5 mm off, at five jerk rises by a third."""
+_SHOULDER_JOINTS = 3
+"""That an upper arm needs to point anywhere, turned in any way."""
 _WRIST_WEIGHTS = {0: 0.0, 1: 1.0, 2: 2.5}
 """IK weight of a wrist's rotation by how many axes the joints after the elbow have [1/rad]."""
 _POSTURE = 1.0
@@ -113,12 +115,12 @@ def _add_shapes(description: mujoco.MjSpec, body: mujoco.MjsBody, pose: ZeroPose
     visible = [geom for geom in geoms if compiled.geom_group[geom] == 1] or geoms
     for geom in visible:
         kind = mujoco.mjtGeom(compiled.geom_type[geom])
+        material = compiled.geom_matid[geom]
+        colour = compiled.geom_rgba[geom] if material < 0 else compiled.mat_rgba[material]
         shape = {
             "pos": compiled.geom_pos[geom],
             "quat": compiled.geom_quat[geom],
-            "rgba": compiled.geom_rgba[geom]
-            if compiled.geom_matid[geom] < 0
-            else compiled.mat_rgba[compiled.geom_matid[geom]],
+            "rgba": np.clip(np.nan_to_num(colour, nan=1.0), 0.0, 1.0),
             "group": _VISIBLE_GROUP,
             "density": 0.0,
         }
@@ -180,7 +182,7 @@ def build_robot(path: Path, name: str, hints: Hints, meshes: Path | None = None)
     described = robot_file(morphology, name)
     described.worldbody.first_body().pos = (0.0, 0.0, standing_height(standing))
     described.compile()
-    findings = (*morphology.findings, *_speed_findings(morphology, spec), _home_finding(home))
+    findings = (*morphology.findings, *_speed_findings(morphology, spec), _home_finding(home, _excused(morphology)))
     return BuiltRobot(replace(spec, mjcf=Path("robot.xml")), described.to_xml(), findings, home)
 
 
@@ -209,6 +211,8 @@ def _spec(morphology: Morphology, hints: Hints, name: str, file: Path) -> RobotS
         palm_weight=1.0 if turns >= 3 else _WEAK_PALM,
         dropped_rotations=() if turns else ("left_wrist", "right_wrist"),
         held=pose.held,
+        couplings=morphology.couplings,
+        motors=hints.motor,
         base=hints.base or "legs",
         joint_order=order if pose.held else (),
         description_file=description.path.name,
@@ -223,16 +227,24 @@ def _with_wrist_weight(row: IkRow, turns: int) -> IkRow:
     return row if weight is None else replace(row, rotation_weight=weight)
 
 
-def _home_finding(home: HomePose) -> RobotFinding:
+def _home_finding(home: HomePose, excused: Collection[str]) -> RobotFinding:
+    """Return how well the home pose is met, which sites may miss that are `excused`; raises `UnsuitableRobotError`."""
     site = max(home.missed_deg, key=lambda name: home.missed_deg[name])
     degrees = home.missed_deg[site]
-    if degrees > _USABLE_DEG:
+    if max(missed for name, missed in home.missed_deg.items() if name not in excused) > _USABLE_DEG:
         raise UnsuitableRobotError(
             f"it cannot stand relaxed: in the pose that comes nearest, {site} is {degrees:.0f} degrees off. Either its "
             "joints cannot, or one was taken for another: say knees and elbows in a hints file."
         )
     what = f"missed by {degrees:.1f} deg at most ({site})"
     return RobotFinding("ok" if degrees <= _GOOD_DEG else "warn", "home pose", what, hint_of_site(site))
+
+
+def _excused(morphology: Morphology) -> tuple[str, ...]:
+    """Return the sites of arms with a joint too few to turn their upper arms about themselves."""
+    places = zip(SIDES, morphology.arms, strict=True)
+    short = [side for side, arm in places if arm.elbow.place < _SHOULDER_JOINTS]
+    return tuple(f"{side}_{name}" for side in short for name in ("shoulder", "elbow", "wrist"))
 
 
 def _speed_findings(morphology: Morphology, spec: RobotSpec) -> Iterator[RobotFinding]:

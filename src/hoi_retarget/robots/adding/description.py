@@ -14,8 +14,8 @@ from xml.etree import ElementTree as ET
 import mujoco
 import numpy as np
 
-from hoi_retarget.errors import RobotError
-from hoi_retarget.files.reading import parse_xml
+from hoi_retarget.errors import ReadError, RobotError
+from hoi_retarget.files.reading import LFS_ADVICE, parse_xml, read_bytes
 from hoi_retarget.robots.adding.findings import RobotFinding
 from hoi_retarget.robots.adding.mesh_files import SUFFIXES, Colour, Mesh, MeshFolder, joined_stl, mesh_folder, read_mesh
 from hoi_retarget.robots.mjcf import quiet
@@ -26,8 +26,10 @@ DEFAULT_SPEED = 20.0
 _LAST_DRAWN = 2
 """MuJoCo's viewers draw no later group of shapes unless they are told to."""
 _MAX_SPEED = 200.0
+_FULL_TURN = 6.28
+"""Of a joint without an end [rad]."""
 _MAX_BYTES = 16 << 20
-_MAX_INCLUDE_DEPTH = 8
+_MAX_INCLUDES, _MAX_LINKS, _MAX_ELEMENTS = 200, 1_000, 50_000
 _COMPILER = {
     "strippath": "false",
     "fusestatic": "false",
@@ -71,6 +73,8 @@ class Description:
     torques: Mapping[str, float]
     """Torque limits [N m] by joint, where the file has them."""
     couplings: tuple[HeldJoint, ...]
+    passive: tuple[str, ...]
+    """Joints that the file gives no drive while it gives one to most."""
     findings: tuple[RobotFinding, ...]
 
 
@@ -84,20 +88,25 @@ def read_description(path: Path, meshes: Path | None = None) -> Description:
     findings: list[RobotFinding] = []
     if root.tag not in {"robot", "mujoco"}:
         raise RobotError(f"{path}: it is neither a URDF nor an MJCF: its outermost element is <{root.tag}>.")
+    if root.tag == "mujoco":
+        root = _with_includes(root, path)
+    _check_size(path, root)
     speeds: dict[str, float] = {}
     couplings: list[HeldJoint] = []
     torques: dict[str, float] = {}
+    passive: tuple[str, ...] = ()
     if root.tag == "robot":
-        speeds, couplings = dict(_urdf_speeds(root)), list(_urdf_couplings(root))
+        speeds, couplings, passive = dict(_urdf_speeds(root)), list(_urdf_couplings(root)), _urdf_passive(root)
+        findings += _with_limits(root)
         compiled = _compiled_urdf(path, root, folder, findings)
     else:
         assets = _Assets(folder)
-        description = _described(path, _with_mjcf_meshes(_with_includes(root, path, 0), assets), assets)
+        description = _described(path, _with_mjcf_meshes(root, assets), assets)
         findings += assets.findings()
         speeds = _speeds_of_siblings(path, folder)
         couplings += _mjcf_couplings(description, findings)
         torques = _actuator_torques(description)
-        compiled = _compiled(path, description)
+        compiled = _compiled(path, description, findings)
     torques |= {
         compiled.joint(k).name: float(compiled.jnt_actfrcrange[k, 1])
         for k in range(compiled.njnt)
@@ -114,6 +123,7 @@ def read_description(path: Path, meshes: Path | None = None) -> Description:
         speeds,
         torques,
         tuple(couplings),
+        passive,
         tuple(findings),
     )
 
@@ -122,38 +132,70 @@ def _parsed(path: Path) -> tuple[ET.Element, bytes]:
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise RobotError(f"{path}: larger than {_MAX_BYTES >> 20} MiB: no description of a robot.")
-        content = path.read_bytes()
     except OSError as error:
         raise RobotError(f"{path}: cannot be read ({error.strerror or error}).") from error
+    try:
+        content = read_bytes(path)
+    except ReadError as error:
+        raise RobotError(str(error)) from error
     try:
         return parse_xml(content), content
     except ValueError as error:
         raise RobotError(f"{path}: {error}") from error
 
 
-def _with_includes(root: ET.Element, path: Path, depth: int) -> ET.Element:
-    """Return an MJCF with the contents of the files that it includes, which are beside it or below."""
-    own = path.resolve().parent
-    for parent in list(root.iter()):
-        for index, child in reversed(list(enumerate(parent))):
-            if child.tag != "include":
-                continue
-            file = (own / child.get("file", "")).resolve()
-            if not file.is_relative_to(own) or depth >= _MAX_INCLUDE_DEPTH:
-                raise RobotError(f"{path}: it includes {child.get('file', '')!a}, which is not in its folder.")
-            included = _with_includes(_parsed(file)[0], file if depth else path.with_name(file.name), depth + 1)
-            parent[index : index + 1] = list(included)
-    return root
+def _with_includes(root: ET.Element, path: Path) -> ET.Element:
+    """Return an MJCF with the contents of the files that it includes, which are in its folder or below.
+
+    As in MuJoCo, an included file's own includes are beside it; or beside the outermost file.
+    """
+    top = path.resolve().parent
+    count = 0
+
+    def whole(tree: ET.Element, own: Path) -> ET.Element:
+        nonlocal count
+        for parent in [one for one in tree.iter() if one.find("include") is not None]:
+            for index, child in reversed(list(enumerate(parent))):
+                if child.tag != "include":
+                    continue
+                places = [(folder / child.get("file", "")).resolve() for folder in (own, top)]
+                file = next((place for place in places if place.is_file()), places[0])
+                if not file.is_relative_to(top):
+                    raise RobotError(f"{path}: it includes {child.get('file', '')!a}, which is not in its folder.")
+                count += 1
+                if count > _MAX_INCLUDES:
+                    raise RobotError(f"{path}: it includes more than {_MAX_INCLUDES} files, or one in itself.")
+                parent[index : index + 1] = list(whole(_parsed(file)[0], file.parent))
+        return tree
+
+    return whole(root, top)
+
+
+def _check_size(path: Path, root: ET.Element) -> None:
+    """Raise `RobotError` for more links or elements than any robot has, repeated ones counted as often as they are."""
+    links = elements = 0
+    pending = [(root, 1)]
+    while pending:
+        element, times = pending.pop()
+        if element.tag == "attach":
+            raise RobotError(f"{path}: it attaches models of other files, which are not read. Save it as one file.")
+        if element.tag == "replicate":
+            times *= max(int(_number(element.get("count"), 1.0)), 1)
+        elements += times
+        links += times if element.tag in {"body", "link"} else 0
+        if links > _MAX_LINKS or elements > _MAX_ELEMENTS:
+            raise RobotError(f"{path}: it has more than {_MAX_LINKS} links or {_MAX_ELEMENTS} elements: no robot.")
+        pending += [(child, times) for child in element]
 
 
 def _compiled_urdf(path: Path, root: ET.Element, folder: MeshFolder, findings: list[RobotFinding]) -> mujoco.MjModel:
     """Return a URDF with its meshes; where files say that another axis is up, turned if that places them better."""
     assets = _Assets(folder)
-    compiled = _compiled(path, _described(path, _with_urdf_meshes(deepcopy(root), assets), assets))
+    compiled = _compiled(path, _described(path, _with_urdf_meshes(deepcopy(root), assets), assets), findings)
     findings += assets.findings()
     if assets.other_up:
         turned = _Assets(folder, upright=True)
-        upright = _compiled(path, _described(path, _with_urdf_meshes(deepcopy(root), turned), turned))
+        upright = _compiled(path, _described(path, _with_urdf_meshes(deepcopy(root), turned), turned), [])
         before, after = 1000 * _off_masses(compiled), 1000 * _off_masses(upright)
         if after < _TURNED_DISTANCE * before:
             what = (
@@ -227,7 +269,8 @@ def _with_mjcf_meshes(root: ET.Element, assets: "_Assets") -> ET.Element:  # noq
     for parent in list(root.iter()):
         for child in list(parent):
             on_tendon = parent.tag == "actuator" and child.get("joint") is None
-            if child.tag in _NO_SURFACE or on_tendon:
+            of_others = parent.tag == "asset" and child.tag == "model"
+            if child.tag in _NO_SURFACE or on_tendon or of_others:
                 parent.remove(child)
             elif child.tag == "material":
                 child.attrib.pop("texture", None)
@@ -240,8 +283,9 @@ def _with_mjcf_meshes(root: ET.Element, assets: "_Assets") -> ET.Element:  # noq
     for asset in root.iter("asset"):
         for mesh in asset.findall("mesh"):
             file = mesh.get("file")
-            if file is None:
+            if file is None and mesh.get("builtin") is None:
                 continue
+            file = file or ""
             mesh.set("name", mesh.get("name") or Path(file.replace("\\", "/")).stem)
             parts = assets.parts_of(file)
             if not parts:
@@ -266,7 +310,8 @@ class _Assets:
         self.other_up = False
         self.contents: dict[str, bytes] = {}
         self._missing: dict[str, None] = {}
-        self._unread: dict[str, str] = {}
+        self._unread: dict[str, list[str]] = {}
+        """Files by what is wrong with them."""
         self._parts: dict[Path, tuple[tuple[str, Colour | None], ...]] = {}
 
     def parts_of(self, name: str) -> tuple[tuple[str, Colour | None], ...]:
@@ -279,7 +324,7 @@ class _Assets:
             try:
                 mesh = read_mesh(file, upright=self.upright)
             except (ValueError, OSError) as error:
-                self._unread[file.name] = str(error)
+                self._unread.setdefault(str(error), []).append(file.name)
                 mesh = Mesh((), other_up=False)
             self.other_up |= mesh.other_up
             names = [f"mesh{len(self.contents) + index}.stl" for index in range(len(mesh.parts))]
@@ -298,10 +343,9 @@ class _Assets:
 
     def findings(self) -> Iterator[RobotFinding]:
         """Yield the findings about missing and unreadable files."""
-        if self._unread:
-            name, why = next(iter(self._unread.items()))
-            what = f"{len(self._unread)} files cannot be read ({_some(self._unread)}); {name}: {why}"
-            yield RobotFinding("warn", "meshes", what, "--meshes DIR")
+        for why, names in self._unread.items():
+            what = f"{len(names)} cannot be read ({_some(names)}): {why}"
+            yield RobotFinding("warn", "meshes", what, "git lfs pull" if why == LFS_ADVICE else "--meshes DIR")
         if not self._missing:
             return
         places = " or ".join(str(top) for top in self.folder.folders)
@@ -327,10 +371,15 @@ def _described(path: Path, root: ET.Element, assets: _Assets) -> mujoco.MjSpec:
     return description
 
 
-def _compiled(path: Path, description: mujoco.MjSpec) -> mujoco.MjModel:
+def _compiled(path: Path, description: mujoco.MjSpec, findings: list[RobotFinding]) -> mujoco.MjModel:
     for kind in ("actuators", "equalities"):
         for element in list(getattr(description, kind)):
             description.delete(element)
+    flat = [geom for geom in description.geoms if _is_nothing(geom)]
+    for geom in flat:
+        description.delete(geom)
+    if flat:
+        findings.append(RobotFinding("ok", "shapes", f"{len(flat)} without extent are left out"))
     for geom in description.geoms:
         # Visible shapes get a group of their own, and no contacts, which would need hulls. Shapes in groups that
         # viewers do not draw are not visible, whether they collide or not.
@@ -352,6 +401,15 @@ def _compiled(path: Path, description: mujoco.MjSpec) -> mujoco.MjModel:
         raise RobotError(f"{path}: MuJoCo cannot compile it: {_one_line(error)}") from error
 
 
+def _is_nothing(geom: mujoco.MjsGeom) -> bool:
+    """Return whether a primitive has a size that is zero, negative or no number."""
+    kind = mujoco.mjtGeom(geom.type)
+    is_long = np.isfinite(geom.fromto[0])
+    needed = {mujoco.mjtGeom.mjGEOM_SPHERE: 1, mujoco.mjtGeom.mjGEOM_BOX: 3, mujoco.mjtGeom.mjGEOM_ELLIPSOID: 3}
+    needed |= dict.fromkeys((mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER), 1 if is_long else 2)
+    return not geom.meshname and kind in needed and not (geom.size[: needed[kind]] > 0.0).all()
+
+
 def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())[:300]
 
@@ -362,6 +420,42 @@ def _urdf_speeds(root: ET.Element) -> Iterator[tuple[str, float]]:
         speed = _number(None if limit is None else limit.get("velocity"), 0.0)
         if 0.0 < speed < _MAX_SPEED:
             yield joint.get("name", ""), speed
+
+
+def _with_limits(root: ET.Element) -> Iterator[RobotFinding]:
+    """Give a URDF's joints the ranges that it states, and yield findings about joints without one."""
+    kept = []
+    for joint in root.findall("joint"):
+        name, limit = joint.get("name", ""), joint.find("limit")
+        texts = [None if limit is None else limit.get(end, "0") for end in ("lower", "upper")]
+        lower, upper = (_number(text, math.nan) for text in texts)
+        if joint.get("type") == "continuous" and 0.0 < upper - lower < _FULL_TURN:
+            joint.set("type", "revolute")
+            kept.append(name)
+        elif joint.get("type") == "revolute" and not lower < upper:
+            what = f"{name} goes from {texts[0]} to {texts[1]} rad: "
+            if lower > upper and limit is not None:
+                limit.attrib |= {"lower": str(upper), "upper": str(lower)}
+                what += "taken the other way round"
+            else:
+                joint.set("type", "continuous")
+                what += "no range; -180 to 180 deg is taken"
+            yield RobotFinding("warn", "ranges", what, f"range.{name} = [LOWER, UPPER]")
+    if kept:
+        what = f"{len(kept)} joints called continuous keep the limits that they state ({_some(kept)})"
+        yield RobotFinding("ok", "ranges", what, "range.JOINT = [LOWER, UPPER]")
+
+
+def _urdf_passive(root: ET.Element) -> tuple[str, ...]:
+    """Return the joints whose effort is zero in a file in which that of most others is not."""
+    moving = [joint for joint in root.findall("joint") if joint.get("type") in {"revolute", "continuous"}]
+    efforts = {
+        joint.get("name", ""): _number(limit.get("effort"), 1.0)
+        for joint in moving
+        if (limit := joint.find("limit")) is not None and joint.find("mimic") is None
+    }
+    passive = tuple(name for name, effort in efforts.items() if effort == 0.0)
+    return passive if 2 * len(passive) < len(efforts) else ()
 
 
 def _speeds_of_siblings(path: Path, folder: MeshFolder) -> dict[str, float]:
@@ -387,6 +481,8 @@ def _urdf_couplings(root: ET.Element) -> Iterator[HeldJoint]:
 def _mjcf_couplings(description: mujoco.MjSpec, findings: list[RobotFinding]) -> Iterator[HeldJoint]:
     loops = 0
     for equality in description.equalities:
+        if not equality.active:
+            continue
         if equality.type == mujoco.mjtEq.mjEQ_JOINT:
             offset, ratio = float(equality.data[0]), float(equality.data[1])
             yield HeldJoint(equality.name1, equality.name2 or "", ratio if equality.name2 else 0.0, offset)
@@ -425,7 +521,9 @@ def with_ranges(description: Description, ranges: Mapping[str, tuple[float, floa
     for name, ends in ranges.items():
         joint = compiled.joint(name)
         joint.limited, joint.range = True, ends
-    return replace(description, compiled=compiled)
+    stated = tuple(f"range.{name} = " for name in ranges)
+    findings = tuple(finding for finding in description.findings if not finding.hint.startswith(stated))
+    return replace(description, compiled=compiled, findings=findings)
 
 
 def finite_range(compiled: mujoco.MjModel, joint: int) -> tuple[float, float] | None:

@@ -8,6 +8,7 @@ from typing import Literal
 import msgspec
 
 from hoi_retarget.errors import ArgumentError, RobotError
+from hoi_retarget.robots.spec import Motor
 
 Level = Literal["ok", "warn", "error"]
 
@@ -76,6 +77,8 @@ class Hints:
     """Ranges by joint, in place of those of the file [rad]."""
     speed: dict[str, float] = field(default_factory=dict)
     """Speed limits by joint [rad/s]; `default` is that of all others that have none."""
+    motor: dict[str, Motor] = field(default_factory=dict)
+    """Drives by joint: inertia of the rotor [kg m^2], torque [N m], gains [N m/rad, N m s/rad]."""
 
 
 def read_hints(path: Path | None) -> Hints:
@@ -99,4 +102,12 @@ def read_hints(path: Path | None) -> Hints:
     wrong = [joint for joint, (lower, upper) in hints.range.items() if not -10.0 < lower < upper < 10.0]
     if wrong:
         raise ArgumentError(f"--hints {path}: range.{wrong[0]}: a range is [lower, upper] [rad].")
+    numbers = [
+        number
+        for motor in hints.motor.values()
+        for number in (motor.armature, motor.torque, *(motor.gains or ()))
+        if number is not None
+    ]
+    if not all(0.0 < number < 1e5 for number in numbers):
+        raise ArgumentError(f"--hints {path}: inertias, torques and gains of motors are positive numbers.")
     return hints

@@ -18,7 +18,7 @@ _FINGER = re.compile(r"finger|thumb|index|middle|ring_|_ring|pinky|little|grippe
 _UPS = ((0, 0, 1), (0, 1, 0), (1, 0, 0), (0, -1, 0), (-1, 0, 0), (0, 0, -1))
 _MIN_DOWNWARDS = 0.7
 """Share of a leg's reach from its first joint that is downwards."""
-_MIN_LEG_JOINTS, _MIN_ARM_JOINTS = 4, 4
+_MIN_LEG_JOINTS, _MIN_ARM_JOINTS = 4, 3
 _NOTHING = "no legs: no mirrored pair"
 _UPPER = 'For its upper body alone say base = "follows" or base = "stays" in a hints file.'
 _MAX_FINGER_MASS_RATIO = 3.0
@@ -169,7 +169,10 @@ def _pairs(pose: ZeroPose) -> list[_Pair]:
         children = [child for child in part.children if child.hinge_count >= _MIN_JOINTS]
         for index, first in enumerate(children):
             for second in children[index + 1 :]:
-                lateral = pose.anchors[first.hinges[0]] - pose.anchors[second.hinges[0]]
+                # First axes may cross: those after them are apart.
+                hinges = zip(_along(pose, first)[:_MIN_JOINTS], _along(pose, second)[:_MIN_JOINTS], strict=True)
+                ways = [pose.anchors[a] - pose.anchors[b] for a, b in hinges]
+                lateral = next((way for way in ways if np.linalg.norm(way) > _MIRROR_TOLERANCE), ways[0])
                 width = float(np.linalg.norm(lateral))
                 if width > _MIRROR_TOLERANCE and _mirrored(pose, first, second, lateral / width):
                     pairs.append(_Pair(part, first, second, lateral / width))
@@ -239,19 +242,22 @@ def _leg_chain(pose: ZeroPose, part: LimbPart, up: np.ndarray) -> KinematicChain
     return KinematicChain(tuple(hinges), part, ())
 
 
-def _begins_fingers(pose: ZeroPose, heaviest: LimbPart, others: Sequence[LimbPart]) -> bool:
-    """Return whether fingers hang from a hand: several parts of a kind, called so, or followed by other joints."""
+def _begins_fingers(pose: ZeroPose, count: int, heaviest: LimbPart, others: Sequence[LimbPart]) -> bool:
+    """Return whether fingers hang from a hand: several parts of a kind, called so, or followed by other joints.
+
+    `count` joints come before; after so few that an arm may have more, parts of a kind may be gears.
+    """
     several = bool(others) and pose.mass(heaviest) < _MAX_FINGER_MASS_RATIO * pose.mass(others[0])
     followed = {one.other for one in pose.held}
     names = [pose.name(joint) for joint in heaviest.hinges]
-    return several or any(_FINGER.search(name) or name in followed for name in names)
+    return (several and count > _MIN_ARM_JOINTS) or any(_FINGER.search(name) or name in followed for name in names)
 
 
 def _arm_chain(pose: ZeroPose, part: LimbPart) -> KinematicChain:
     hinges = list(part.hinges)
     while part.children:
         heaviest, *others = sorted(part.children, key=pose.mass, reverse=True)
-        if len(hinges) >= _MIN_ARM_JOINTS and _begins_fingers(pose, heaviest, others):
+        if len(hinges) >= _MIN_ARM_JOINTS and _begins_fingers(pose, len(hinges), heaviest, others):
             break
         part = heaviest
         hinges += part.hinges
@@ -298,7 +304,7 @@ def joint_centre(pose: ZeroPose, hinges: Sequence[int]) -> Float[np.ndarray, "3"
 def find_bend_joint(
     pose: ZeroPose, hinges: Sequence[int], end: Float[np.ndarray, "3"], called: str, named: str = ""
 ) -> BendJoint:
-    """Return the knee or the elbow: the joint far from both ends of the limb.
+    """Return the knee or the elbow: the joint far from both ends of the limb, with axes before it that nearly meet.
 
     Args:
         pose: The zero pose.
@@ -310,11 +316,15 @@ def find_bend_joint(
     Raises:
         UnsuitableRobotError: The limb does not bend, or has no joint of the name.
     """
-    scores: dict[int, tuple[float, np.ndarray]] = {}
-    for place in range(2, len(hinges)):
+    scores: dict[int, tuple[float, float, np.ndarray]] = {}
+    driven = [place for place in range(2, len(hinges)) if pose.name(hinges[place]) not in pose.description.passive]
+    for place in range(2, len(hinges)) if named else driven:
         top = joint_centre(pose, hinges[:place])
         joint = hinges[place]
-        scores[place] = min(pose.lever(top, joint), pose.lever(end, joint)), top
+        lever = min(pose.lever(top, joint), pose.lever(end, joint))
+        scores[place] = lever - max(pose.lever(top, before) for before in hinges[:place]), lever, top
+    if not scores:
+        raise UnsuitableRobotError(f"no {called}: no joint of the limb that could be one has a drive.")
     best = max(scores, key=lambda place: scores[place][0])
     longest = scores[best][0]
     so_called = [p for p in scores if re.search(called, pose.name(hinges[p]), re.IGNORECASE)]
@@ -326,12 +336,12 @@ def find_bend_joint(
         best = next(place for place in scores if pose.name(hinges[place]) == named)
     elif likely:
         best = max(likely, key=lambda place: scores[place][0])
-    lever, top = scores[best]
+    _, lever, top = scores[best]
     if lever < 0.02:
         raise UnsuitableRobotError(
             f"no {called}: no joint of {', '.join(pose.name(joint) for joint in hinges)} bends the limb."
         )
-    others = [score for place, (score, _) in scores.items() if place != best and not likely]
+    others = [scores[p][1] for p in scores if p != best and scores[p][0] > 0.0 and not likely]
     joint = hinges[best]
     anchor, axis = pose.anchors[joint], pose.axes[joint]
     middle = anchor + axis * (axis @ (0.5 * (top + end) - anchor))

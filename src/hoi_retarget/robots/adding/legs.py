@@ -22,6 +22,8 @@ _NOT_TILTED = np.cos(np.radians(3.0))
 _CORNER_INSET = 0.04
 """Corners lie inside the sole's outline by this share of its length and width."""
 _MIN_LENGTH = 0.05  # [m]
+_MIN_SOLE_SHARE, _MIN_LENGTH_BY_LEG = 0.3, 0.15
+"""Of a foot's outline, and of the leg's length: manufacturers' soles have 0.5 to 1, and 0.25 to 0.56."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +44,8 @@ class Sole:
     """Of the sole against the ground in the zero pose."""
     measured: bool
     """Whether there is geometry; otherwise its size follows from the leg's length."""
+    exists: bool = True
+    """Whether a foot's lowest points are a face under most of it, as they are under no gripper and no peg."""
 
     def corner(self, name: str, side: str) -> Float[np.ndarray, "3"]:
         """Return the place of `heel_inner`, ..., `toe_outer` of a left or right foot [m]."""
@@ -84,7 +88,15 @@ def find_sole(
     bottom = float(local[:, 2].min())
     low = local[local[:, 2] < bottom + _LAYER]
     (heel, right), (toe, left) = low[:, :2].min(axis=0).tolist(), low[:, :2].max(axis=0).tolist()
-    return Sole(rotation, heel, toe, right, left, bottom, tilt, measured=True)
+    exists = _area(low[:, :2]) > _MIN_SOLE_SHARE * _area(local[:, :2]) and toe - heel > _MIN_LENGTH_BY_LEG * leg
+    return Sole(rotation, heel, toe, right, left, bottom, tilt, measured=True, exists=exists)
+
+
+def _area(points: np.ndarray) -> float:
+    try:
+        return float(ConvexHull(points).volume)
+    except (QhullError, ValueError):
+        return 0.0
 
 
 def _frame(normal: np.ndarray, lateral: np.ndarray) -> np.ndarray:

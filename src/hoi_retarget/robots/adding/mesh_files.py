@@ -7,7 +7,8 @@ cameras, skeletons are left out. Source: Khronos, COLLADA 1.4.1 and 1.5.0.
 
 import io
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections import ChainMap
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -16,12 +17,13 @@ import numpy as np
 import trimesh
 from jaxtyping import Float, Int
 
-from hoi_retarget.files.reading import parse_xml
+from hoi_retarget.errors import ReadError
+from hoi_retarget.files.reading import parse_xml, read_bytes
 from hoi_retarget.numerics import se3
 
 Colour = tuple[float, ...]
 """Red, green, blue, each from 0 to 1."""
-_MAX_BYTES, _MAX_NODES, _MAX_TRIANGLES = 64 << 20, 5_000, 5_000_000
+_MAX_BYTES, _MAX_NODES, _MAX_TRIANGLES = 64 << 20, 2_000, 2_000_000
 """Instances of instances would grow without end."""
 _PRIMITIVES = ("triangles", "polylist", "polygons", "trifans", "tristrips")
 _UPRIGHT = {
@@ -34,7 +36,7 @@ SUFFIXES = (".stl", ".obj", ".dae")
 MESH_FOLDERS = ("meshes", "assets", "visuals", "mesh")
 _LEVELS_UP = 2
 _MAX_FILES = 20_000
-_MAX_FILE_BYTES = 256 << 20
+_MAX_FILE_BYTES = 48 << 20
 _MAX_FACES = 2500
 _STL_HEAD = 84
 _STL_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
@@ -168,9 +170,14 @@ def _moved(triangles: Float[np.ndarray, "T 3 3"], place: Float[np.ndarray, "4 4"
 
 
 def _primitives(
-    geometry: ET.Element, by_id: Mapping[str | None, ET.Element]
+    geometry: ET.Element, by_id: MutableMapping[str | None, ET.Element]
 ) -> Iterator[tuple[Float[np.ndarray, "T 3 3"], str | None]]:
-    """Yield triangles in a geometry's own frame and unit, with the symbol of their material."""
+    """Yield triangles in a geometry's own frame and unit, with the symbol of their material.
+
+    Some exporters use the same ids in every geometry: a geometry's own come first.
+    """
+    own = {element.get("id"): element for element in geometry.iter() if element.get("id")}
+    by_id = ChainMap(own, by_id)
     for primitive in (child for kind in _PRIMITIVES for child in geometry.findall(f"mesh/{kind}")):
         vertex = primitive.find("input[@semantic='VERTEX']")
         position = None if vertex is None else _target(vertex, by_id, "source").find("input[@semantic='POSITION']")
@@ -273,8 +280,8 @@ def _below(folder: Path) -> Iterator[Path]:
             if count > _MAX_FILES:
                 return
             file = Path(top) / name
-            # A link may lead out of the folder.
-            if name.lower().endswith(SUFFIXES) and file.resolve().is_relative_to(folder):
+            # A link may lead out of the folder, and pipes never end.
+            if name.lower().endswith(SUFFIXES) and file.resolve().is_relative_to(folder) and file.is_file():
                 yield file
 
 
@@ -305,12 +312,15 @@ def read_mesh(file: Path, *, upright: bool = False) -> Mesh:
     """
     if file.stat().st_size > _MAX_FILE_BYTES:
         raise ValueError(f"it is larger than {_MAX_FILE_BYTES >> 20} MiB.")
-    content, kind = file.read_bytes(), file.suffix.lower().removeprefix(".")
+    try:
+        content, kind = read_bytes(file), file.suffix.lower().removeprefix(".")
+    except ReadError as error:
+        raise ValueError(str(error).removeprefix(f"{file}: ")) from error
     if kind == "dae":
         read = read_collada(content, upright=upright)
     else:
         read = Collada((_surface(content, kind),), other_up=False)
-    total = sum(len(surface.faces) for surface in read.surfaces)
+    total = max(sum(len(surface.faces) for surface in read.surfaces), 1)
     parts = ((_coarse(surface, _MAX_FACES * len(surface.faces) // total), surface.colour) for surface in read.surfaces)
     shown = tuple((stl, colour) for stl, colour in parts if stl is not None)
     if not shown:

@@ -13,7 +13,7 @@ from hoi_retarget.robots.adding.forward_axis import TrunkAxes, find_forward_axis
 from hoi_retarget.robots.adding.kinematic_chains import BendJoint, KinematicChain, Limbs, find_limbs, straight_angle
 from hoi_retarget.robots.adding.legs import Leg, find_ankle, find_knees, find_leg, leftwards
 from hoi_retarget.robots.adding.zero_pose import LimbPart, ZeroPose, zero_pose
-from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
+from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS, HeldJoint
 
 STATURE_BY_LEG = 2.0
 """Stature over hip height. People's is 2.03 to 2.06: with less knees bend, with as much motions jerk more."""
@@ -58,6 +58,8 @@ class Morphology:
     stature: float
     """[m]"""
     findings: tuple[RobotFinding, ...]
+    couplings: tuple[HeldJoint, ...] = ()
+    """What of the robot's mechanism motions do not carry."""
 
 
 def find_morphology(description: Description, hints: Hints) -> Morphology:
@@ -81,6 +83,7 @@ def find_morphology(description: Description, hints: Hints) -> Morphology:
     for side, leg in zip(SIDES, legs, strict=True):
         sites |= {f"{side}_{name}": site for name, site in _leg_sites(pose, trunk, leg, side)}
     sites |= arm_sites(pose, limbs, arms)
+    couplings = (*pose.loose, *_broken_couplings(pose, limbs), *_passive_joints(pose))
     what = f"{stature:.2f} m; the hips are {height:.2f} m high, of which {STATURE_BY_LEG} is taken"
     findings = (
         *description.findings,
@@ -95,8 +98,10 @@ def find_morphology(description: Description, hints: Hints) -> Morphology:
         ),
         RobotFinding("ok", "stature", what, "stature = NUMBER"),
         *_held_findings(pose),
+        *_endless_findings(pose),
+        *_coupling_findings(couplings),
     )
-    return Morphology(pose, trunk, sites, arms, stature, findings)
+    return Morphology(pose, trunk, sites, arms, stature, findings, couplings)
 
 
 def pose_and_limbs(description: Description, hints: Hints, find: Callable[[ZeroPose], Limbs]) -> tuple[ZeroPose, Limbs]:
@@ -132,7 +137,7 @@ def check_names(description: Description, hints: Hints) -> None:
     """Raise `UnsuitableRobotError` where hints name joints that are not in a description."""
     compiled = description.compiled
     there = {compiled.joint(joint).name for joint in range(compiled.njnt)}
-    names = {*hints.lock, *hints.speed, *hints.range} - {"default"}
+    names = {*hints.lock, *hints.speed, *hints.range, *hints.motor} - {"default"}
     names |= {name for limb in (hints.left, hints.right) for name in (limb.knee, limb.elbow) if name}
     if unknown := sorted(names - there):
         raise UnsuitableRobotError(
@@ -248,6 +253,8 @@ def _leg_findings(pose: ZeroPose, side: str, leg: Leg) -> Iterator[RobotFinding]
     length, width = sole.toe - sole.heel, sole.left - sole.right
     odd = not sole.measured or length < _MIN_SOLE_LENGTH or width > _MAX_WIDTH or sole.tilt_deg > _MAX_TILT
     by = f"tilted by {sole.tilt_deg:.0f} deg in the zero pose" if sole.measured else "by proportion: no shape, no size"
+    if not sole.exists:
+        odd, by = True, "which is no sole: the foot ends in a point, an edge or a gripper, and cannot stand on it"
     what = f"{1000 * length:.0f} x {1000 * width:.0f} mm, {-1000 * sole.bottom:.0f} mm under the ankle, {by}"
     yield RobotFinding("warn" if odd else "ok", f"{side} sole", what, "" if sole.measured else "--meshes DIR")
 
@@ -262,6 +269,9 @@ def arm_findings(pose: ZeroPose, limbs: Limbs, arms: tuple[Arm, Arm]) -> Iterato
         if not arm.measured:
             what += "; its length is by proportion: no shape"
         yield RobotFinding("ok" if arm.measured else "warn", f"{side} hand", what, "hand_roll = DEGREES")
+        if arm.elbow.place < 3:
+            what = f"{arm.elbow.place} joints before the elbow: it bends in one plane, some places are out of reach"
+            yield RobotFinding("warn", f"{side} arm", what, _LOCK)
 
 
 def _named_chain(pose: ZeroPose, chain: KinematicChain) -> str:
@@ -300,6 +310,48 @@ def _held_findings(pose: ZeroPose) -> Iterator[RobotFinding]:
         names = [one.joint for one in pose.held]
         shown = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
         yield RobotFinding("ok", "held joints", f"{len(names)} do not move on their own ({shown})", _LOCK)
+
+
+def _endless_findings(pose: ZeroPose) -> Iterator[RobotFinding]:
+    """Yield the joints of which no range is known: those that state none, and those that state an empty one."""
+    endless = [joint for part in pose.parts for joint in part.hinges if finite_range(pose.compiled, joint) is None]
+    states = {
+        joint: bool(pose.compiled.jnt_limited[joint] or pose.compiled.jnt_range[joint].any()) for joint in endless
+    }
+    for stated in (False, True):
+        if names := [pose.name(joint) for joint in endless if states[joint] is stated]:
+            why = "an empty range" if stated else "no range"
+            what = f"{why} in the file, -180 to 180 deg is taken: {', '.join(names)}"
+            yield RobotFinding("warn" if stated else "ok", "ranges", what, f"range.{names[0]} = [LOWER, UPPER]")
+
+
+def _broken_couplings(pose: ZeroPose, limbs: Limbs) -> Iterator[HeldJoint]:
+    """Yield moving joints that a held joint of a limb follows on the robot."""
+    moving = {pose.name(joint) for part in pose.parts for joint in part.hinges}
+    above = pose.compiled.body_parentid
+    on_limbs = {0}
+    for chain in (*limbs.legs, *limbs.arms):
+        body = chain.end.body
+        while body not in on_limbs:
+            on_limbs.add(body)
+            body = int(above[body])
+    for one in pose.held:
+        if one.other in moving and int(pose.compiled.joint(one.joint).bodyid[0]) in on_limbs:
+            yield HeldJoint(one.other, "", 0.0, pose.zero_angle(pose.compiled.joint(one.other).id))
+
+
+def _passive_joints(pose: ZeroPose) -> Iterator[HeldJoint]:
+    for part in pose.parts:
+        for joint in part.hinges:
+            if pose.name(joint) in pose.description.passive:
+                yield HeldJoint(pose.name(joint), "", 0.0, pose.zero_angle(joint))
+
+
+def _coupling_findings(couplings: Sequence[HeldJoint]) -> Iterator[RobotFinding]:
+    for one in couplings:
+        why = f"is coupled to {one.other}" if one.other else "has no drive of its own, or moves a held joint along"
+        what = f"{one.joint} {why}; here it moves on its own, and motions fail where that shows"
+        yield RobotFinding("warn", "coupled joints", what, f'lock = ["{one.joint}"]')
 
 
 def _range_findings(

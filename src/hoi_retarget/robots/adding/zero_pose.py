@@ -16,6 +16,8 @@ from hoi_retarget.robots.spec import HeldJoint
 
 _HINGE, _FREE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_FREE
 _SLIDE = mujoco.mjtJoint.mjJNT_SLIDE
+_LIMB_JOINTS, _LIMB_MASS = 3, 0.04
+"""A joint that carries as many and such a share of the robot's mass moves a limb."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +54,8 @@ class ZeroPose:
     parts: tuple[LimbPart, ...]
     held: tuple[HeldJoint, ...]
     """Joints that do not move on their own, in the source file's order."""
+    loose: tuple[HeldJoint, ...]
+    """Couplings of two limbs, whose joints move on their own here."""
     anchors: Float[np.ndarray, "joints 3"]
     """[m]"""
     axes: Float[np.ndarray, "joints 3"]
@@ -104,7 +108,7 @@ def zero_pose(description: Description, locked: Collection[str]) -> ZeroPose:
     """
     compiled = description.compiled
     root_body = _root_of(compiled)
-    held = _held(description, root_body, locked)
+    held, loose = _held(description, root_body, locked)
     data = _posed(compiled, {one.joint: one for one in held})
     moved = {one.joint for one in held}
     parts: dict[int, LimbPart] = {}
@@ -128,6 +132,7 @@ def zero_pose(description: Description, locked: Collection[str]) -> ZeroPose:
         root=parts[root_body],
         parts=unique,
         held=held,
+        loose=loose,
         anchors=data.xanchor.copy(),
         axes=data.xaxis.copy(),
         body_position=data.xpos.copy(),
@@ -152,20 +157,36 @@ def _below(compiled: mujoco.MjModel, root: int) -> list[int]:
     return sorted(inside)
 
 
-def _held(description: Description, root: int, locked: Collection[str]) -> tuple[HeldJoint, ...]:
-    """Return the joints that do not move on their own: slides, joints coupled to others, and locked ones."""
+def _held(
+    description: Description, root: int, locked: Collection[str]
+) -> tuple[tuple[HeldJoint, ...], tuple[HeldJoint, ...]]:
+    """Return the joints that do not move on their own: slides, joints coupled to others, and locked ones.
+
+    The couplings that would hold a limb are apart.
+    """
     compiled = description.compiled
     inside = set(_below(compiled, root))
     names = {compiled.joint(joint).name: joint for joint in range(compiled.njnt)}
     held: dict[str, HeldJoint] = {}
+    loose: list[HeldJoint] = []
     for coupling in description.couplings:
         one = _lighter(compiled, names, coupling)
-        if one.joint in names:
+        if one.other in names and one.joint not in locked and _carries_limb(compiled, names[one.joint]):
+            loose.append(one)
+        elif one.joint in names:
             held.setdefault(one.joint, one)
     for name, joint in names.items():
         if int(compiled.jnt_bodyid[joint]) in inside and (compiled.jnt_type[joint] == _SLIDE or name in locked):
             held[name] = HeldJoint(name, "", 0.0, _nearest_to_zero(compiled, joint))
-    return tuple(held[name] for name in names if name in held and compiled.jnt_type[names[name]] != _FREE)
+    in_order = (held[name] for name in names if name in held and compiled.jnt_type[names[name]] != _FREE)
+    return tuple(in_order), tuple(loose)
+
+
+def _carries_limb(compiled: mujoco.MjModel, joint: int) -> bool:
+    top = int(compiled.jnt_bodyid[joint])
+    below = set(_below(compiled, top))
+    hinges = sum(int(body) in below for body in compiled.jnt_bodyid[compiled.jnt_type == _HINGE])
+    return bool(hinges >= _LIMB_JOINTS and compiled.body_subtreemass[top] > _LIMB_MASS * compiled.body_subtreemass[0])
 
 
 def _lighter(compiled: mujoco.MjModel, names: dict[str, int], coupling: HeldJoint) -> HeldJoint:

@@ -333,7 +333,7 @@ class Editor:
         """Return the point of an object's surface next to a robot's part, at captured size [m]."""
         motion = self.edited.motions[person]
         kinematics = self.model.forward(motion.qpos[frame : frame + 1])
-        place = kinematics.site_position(self.model.spec.part_sites[part])[0] - motion.object_pos[frame, item]
+        place = kinematics.site_position(self.model.spec.contact_sites[part])[0] - motion.object_pos[frame, item]
         inside = se3.rotate_inverse(motion.object_quat[frame, item], place) / motion.object_scale[item]
         return surface_of(self.edited.clip.objects[item].geometry).closest_points(inside[None])[0]
 
@@ -362,9 +362,16 @@ class Editor:
             self.panel.say(message)
 
     def _gap_text(self, edited: EditState) -> str:
-        """Return the chosen contact's distance from its surface in words; empty where none is chosen."""
+        """Return the chosen contact's distance from its surface and its holds in words; empty where none is chosen."""
         chosen = self._chosen_in(edited)
-        return "" if chosen is None else self._gaps.of([chosen])[0].text
+        if chosen is None:
+            return ""
+        holds = [
+            f"Hold: {hold}."
+            for hold in edited.motions[chosen.person].report.holds
+            if hold.part == chosen.part and hold.first_frame < chosen.stop and hold.last_frame >= chosen.start
+        ]
+        return " ".join([self._gaps.of([chosen])[0].text, *holds])
 
     def preview(self, edit: Edit) -> EditState:
         """Draw a quick solution of an edit, and return it."""

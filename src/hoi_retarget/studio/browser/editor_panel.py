@@ -124,7 +124,7 @@ class EditorPanel:
         labels = []
         for segment, place in zip(edited.segments, off, strict=True):
             links = edited.motions[segment.person].contact_links
-            site = self._model.spec.part_sites.get(segment.part)
+            site = self._model.spec.contact_sites.get(segment.part)
             own = (
                 gaps[segment.person][segment.start : segment.stop, links.index(site)] if site in links else np.zeros(0)
             )
@@ -178,7 +178,7 @@ class EditorPanel:
         parts = {
             part_text(person, part) if several else part: (person, part)
             for person in range(len(clip.people))
-            for part in self._model.spec.part_sites
+            for part in self._model.spec.contact_sites
         }
         part = gui.add_dropdown("Part", tuple(parts), initial_value=next(iter(parts)))
         names = tuple(track.name for track in clip.objects)

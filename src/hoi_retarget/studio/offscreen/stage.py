@@ -134,6 +134,9 @@ def _trouble() -> str:
         with warnings.catch_warnings():
             # GLFW only warns that it found no screen; MuJoCo then fails, which is caught below.
             warnings.simplefilter("ignore")
+            # Before MuJoCo 4, one that could not be made complains of these when it is forgotten.
+            for name in ("_gl_context", "_mjr_context"):
+                setattr(mujoco.Renderer, name, None)
             mujoco.Renderer(mujoco.MjSpec().compile(), 16, 16).close()
     except _CANNOT_DRAW as error:
         return str(error) or type(error).__name__

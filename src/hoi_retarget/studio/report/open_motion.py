@@ -1,6 +1,5 @@
 """Any program's motion to be judged: read as a result without a human, or beside its clip where one is named."""
 
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from hoi_retarget.evaluation import Comparison, figures_of, motion_figures
 from hoi_retarget.evaluation.comparison import finite_min_or_none, max_or_none, mean_or_none
 from hoi_retarget.evaluation.penetration import self_depths
 from hoi_retarget.evaluation.surface_distances import surface_kind
+from hoi_retarget.files.reading import entry_names
 from hoi_retarget.motion.check import FLOOR, FormatFinding, ObjectPath, check
 from hoi_retarget.motion.formats import own_result, read
 from hoi_retarget.motion.motion import Motion, Stage
@@ -153,11 +153,8 @@ def _is_result(path: Path) -> bool:
     """Return whether a file is a result; a damaged archive counts as one, since its reading names the damage."""
     if not may_be_result(path):
         return False
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return {"schema.npy", "contact_targets.npy"} <= set(archive.namelist())
-    except (OSError, ValueError, zipfile.BadZipFile):
-        return True
+    names = entry_names(path)
+    return not names or {"schema.npy", "contact_targets.npy"} <= names
 
 
 AWAY = 0.5

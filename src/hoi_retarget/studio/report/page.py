@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hoi_retarget.evaluation import COLUMNS
 from hoi_retarget.evaluation.thresholds import THRESHOLDS, Level, Threshold
 from hoi_retarget.studio.html import render, with_exponents
 from hoi_retarget.studio.report.motion_pages import MotionPage
@@ -90,7 +91,7 @@ def _bars(counts: np.ndarray, value: Callable[[int], float]) -> Iterator[dict[st
 
 _IN_TABLE = (
     "touch_share",
-    "fingertip_touch_share",
+    "palm_touch_share",
     "touch_gap_p95_m",
     "touch_place_m",
     "hand_slip_mps",
@@ -121,6 +122,7 @@ _AT_FIRST = 100  # Rows of the table that a page shows before anybody scrolls.
 _IN_GROUPS = (
     "touch_share",
     "hand_slip_mps",
+    "person_slip_mps",
     "penetration_p95_m",
     "penetration_max_m",
     "stance_slide_mps",
@@ -240,7 +242,7 @@ def _group(head: str, rows: Sequence[Row], of: Callable[[Row], str]) -> Table:
     groups: dict[str, list[Row]] = {}
     for row in sorted(rows, key=of):
         groups.setdefault(of(row), []).append(row)
-    columns = [threshold.column for threshold in _chosen(_IN_GROUPS)]
+    columns = [column for column in COLUMNS if column.name in _IN_GROUPS]
     numbers = ["files", *map(str, Level), *(column.header for column in columns)]
     lines = []
     for name, members in groups.items():

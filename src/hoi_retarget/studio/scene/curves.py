@@ -207,8 +207,8 @@ def all_curves(motion: Motion, model: RobotModel, clip: Clip | None) -> tuple[Cu
 
     - Those of `curves_of`.
     - `trunk` [deg]: the angle between the chests of robot and human, and how much their sideways leans differ.
-    - `hand slip` [mm/s]: of each hand's palm over the object that it touches; frames in which the person's hand holds
-      still count.
+    - `hand slip` [mm/s]: of each hand's palm over the object that it touches, and of the person's; frames in which the
+      person's holds still count.
     - `missing wrench` [%]: of the robot over its weight, and of each object over its own.
     - `torque` [%]: of the joint that would need most of its limit.
 
@@ -233,8 +233,9 @@ def _compared_curves(motion: Motion, model: RobotModel, clip: Clip) -> Iterator[
     several = len(motion.object_names) > 1
     for slip in slip_curves(view):
         name = f"{slip.part} on {motion.object_names[slip.object]}" if several else slip.part
-        speed, held = _from_frame(view.first, 1e3 * slip.robot), _from_frame(view.first, slip.held) == 1.0
-        yield Curve(name, "mm/s", speed, SLIP_GROUP, motion.fps, held)
+        held = _from_frame(view.first, slip.held) == 1.0
+        for whose, speed in ((name, slip.robot), (f"{name}, person", slip.human)):
+            yield Curve(whose, "mm/s", _from_frame(view.first, 1e3 * speed), SLIP_GROUP, motion.fps, held)
 
 
 def _force_curves(motion: Motion, model: RobotModel, clip: Clip | None) -> Iterator[Curve]:

@@ -7,6 +7,7 @@ piece for each joint, with small seams at bent ones: a frame is a pose for each 
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.human.body_model import BodyShape
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT, PARENTS, world_positions
 from hoi_retarget.numerics import se3
@@ -101,14 +102,14 @@ def _roundings(person: Person, radii: np.ndarray, growth: float) -> Shapes:
 
 
 def human_skin(person: Person) -> tuple[Solid, ...]:
-    """Return the skin of a person of known shape, in pieces."""
+    """Return the skin of a body model's person, in pieces."""
     shape = person.shape
-    assert shape is not None, "there is a skin"
+    assert isinstance(shape, BodyShape), "its rest pose is the T-pose"
     # A triangle belongs to the joint of most of its corners: the middle one of the three in order.
-    owners = np.sort(shape.owners[shape.model.faces], axis=1)[:, 1]
+    owners = np.sort(shape.owners[shape.faces], axis=1)[:, 1]
     pieces = []
     for index in range(len(JOINTS)):
-        faces = shape.model.faces[owners == index]
+        faces = shape.faces[owners == index]
         if len(faces):
             used, corners = np.unique(faces, return_inverse=True)
             vertices = shape.rest_vertices[used] - shape.rest_joints[index]

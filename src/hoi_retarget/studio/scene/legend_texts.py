@@ -18,7 +18,7 @@ CURVES: Mapping[str, tuple[str, Badness]] = {
         np.abs,
     ),
     "hand slip": (
-        "How fast a hand moves over the object it touches; bold where the person's own holds still. "
+        "How fast a hand moves over the object it touches, and the person's own; bold where that holds still. "
         "Good: a mean below 40 mm/s in the bold stretches.",
         np.positive,
     ),

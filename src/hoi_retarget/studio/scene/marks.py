@@ -128,7 +128,8 @@ def _in_objects(motion: Motion, model: RobotModel, geometries: tuple[ObjectGeome
             deep = depths >= LEVELS[0][0]
             local[deep] = shape.surface.closest_points(local[deep])
             # A thin board goes through a link with no skin point inside it.
-            sunk, through = least_in_solid(shape.tree, skin, outer.relative_to(own), scale)
+            tree = shape.tree_near(own.relative_to(outer), skin, scale)
+            sunk, through = least_in_solid(tree, skin, outer.relative_to(own), scale)
             local = np.append(local, through[:, None], axis=1)
             depths = np.append(depths, -scale * sunk[:, None], axis=1)
             yield _at(frames, motion.frames, _placed(outer, scale * local), depths)

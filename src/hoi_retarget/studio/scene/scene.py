@@ -15,6 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError
+from hoi_retarget.human.body_model import BodyShape
 from hoi_retarget.human.skeleton import PARTS
 from hoi_retarget.motion.motion import SIMULATED, STAGE_TITLES, Motion, Stage, check_robot
 from hoi_retarget.numerics import se3
@@ -246,7 +247,7 @@ def _human(clip: Clip, person: int) -> RobotOrHuman:
         for index, track in enumerate(clip.objects)
     )
     layers = (
-        Layer("human", human_shapes(human) if human.shape is None else human_skin(human)),
+        Layer("human", human_skin(human) if isinstance(human.shape, BodyShape) else human_shapes(human)),
         Layer("human's object", tuple(solids)),
         Layer("human's contacts", human_contact_marks(contacts, clip.objects)),
     )

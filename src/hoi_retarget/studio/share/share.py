@@ -4,6 +4,7 @@ A page carries its scene, its player and its curves in itself, so it can also be
 """
 
 import json
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -11,6 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from hoi_retarget.errors import ArgumentError, DrawingError, WriteError
+from hoi_retarget.files.atomic import hold, remove_leftovers
 from hoi_retarget.studio.offscreen.robot_portraits import representative_frame, thumbnails
 from hoi_retarget.studio.scene.scene import SceneItem
 from hoi_retarget.studio.share.clip_page import BackLink, make_clip_page
@@ -76,9 +78,11 @@ def gallery_in(out: Path, title: str) -> Iterator[Gallery]:
     out = out.resolve()  # A name is needed, which `.` has not; and a link stays one.
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
+        remove_leftovers(out, unless="old")
         work = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
     except OSError as error:
         raise _cannot(out, error) from error
+    held = hold(work)
     try:
         making = work / "new"
         making.mkdir()
@@ -93,6 +97,8 @@ def gallery_in(out: Path, title: str) -> Iterator[Gallery]:
         shutil.rmtree(work / "new", ignore_errors=True)
         with suppress(OSError):  # An earlier gallery that could not be put back stays in it.
             work.rmdir()
+        for handle in held:
+            os.close(handle)
 
 
 def check_replaceable(out: Path) -> None:

@@ -13,6 +13,9 @@ from hoi_retarget.retargeting.trajopt.problem import FrameRows
 from hoi_retarget.retargeting.trajopt.terms.site_pose import SiteRotation
 from hoi_retarget.robots.model import Kinematics
 
+HOLD_FACTOR = 20.0
+"""Of the contact's weight at a hold, at which the hand touches."""
+
 
 @dataclass(frozen=True, eq=False)
 class ObjectContact:
@@ -44,11 +47,12 @@ class ObjectContact:
 def contact_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[ObjectContact | SiteRotation]:
     """Yield the contact of every link that touches an object, and the rotation of a palm that does."""
     spec, frames = reference.model.spec, np.arange(targets.frames)
-    # Surfaces that touch hold a hand by themselves; a firm point would hold it against them.
-    firm = spec.contact_weight if targets.contact == "landmark" else 1.0
     for link, site in enumerate(targets.contact_links):
         if not targets.contact_flags[:, link].any():
             continue
+        # Surfaces that touch hold a foot by themselves; a firm point would hold it against them. Hands have holds.
+        on_surface = HOLD_FACTOR if site in PALMS else 1.0
+        firm = spec.contact_weight if targets.contact == "landmark" else on_surface
         aimed = targets.carried_contact_object[:, link]
         yield ObjectContact(
             f"{site}_contact",
@@ -59,6 +63,6 @@ def contact_terms(weights: Weights, targets: Targets, reference: Kinematics) -> 
             weights.object_contact * firm * targets.contact_weights[:, link],
         )
         if site in PALMS and site not in spec.dropped_rotations:
-            rotation = se3.quat_to_matrix(targets.palm_quats[:, PALMS.index(site)]).transpose(1, 2, 0)
+            rotation = se3.quat_to_matrix(targets.contact_quats[:, PALMS.index(site)]).transpose(1, 2, 0)
             weight = weights.hand_orientation * spec.palm_weight * targets.contact_rotation_weights[:, link]
             yield SiteRotation(f"{site}_orientation", site, rotation, weight)

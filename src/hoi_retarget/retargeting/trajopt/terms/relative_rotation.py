@@ -63,14 +63,17 @@ def torso_terms(weights: Weights, targets: Targets, reference: Kinematics) -> It
 
 
 def trunk_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[SiteRotation]:
-    """Yield the torso's rotation in the world near the person's in surface contact, near that of IK of those who lie.
+    """Yield rotations in the world in surface contact: the torso's near the person's, the pelvis' near that of IK.
 
-    Head, base and feet of a lying robot are in a line, about which nothing else holds it where the floor pushes.
+    Of those who lie, the torso's is near that of IK, too: head, base and feet of a lying robot are in a line, about
+    which nothing else holds it where the floor pushes.
     """
     if targets.contact != "surface":
         return
     torso = se3.quat_to_matrix(targets.torso_quats).transpose(1, 2, 0)
     yield SiteRotation("trunk_orientation", "torso", torso, weights.trunk_orientation)
+    # With the chest alone held, a waist with three joints twists: hips tilt by 50 degrees under a straight chest.
+    yield SiteRotation("hips_orientation", "pelvis", reference.orientation("pelvis"), weights.trunk_orientation)
     tilt = np.clip((UPRIGHT - targets.trunk_rotations[:, 2, 2]) / (UPRIGHT - LYING), 0.0, 1.0)
     lies = np.where(targets.stance_flags.any(axis=1), 0.0, tilt)
     if lies.any():

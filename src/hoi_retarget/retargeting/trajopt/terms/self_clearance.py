@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from hoi_retarget.retargeting.config import Weights
-from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.link_pairs import REACH, LinkPair, near_pairs
 from hoi_retarget.retargeting.trajopt.problem import FrameRows, PairRows
 from hoi_retarget.robots.model import Kinematics
@@ -35,10 +34,18 @@ class SelfClearance:
         )
 
 
-def self_clearance_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[SelfClearance]:
-    """Yield the clearance of links that come near to each other at the trajectory a solve starts from, if any do."""
-    if weights.self_clearance == 0:
-        return
+def self_depth(kinematics: Kinematics) -> float:
+    """Return the largest depth of a link's skin in another link [m]; negative where links keep apart."""
+    rows = (rows for term in _terms(1.0, kinematics) for rows in term.rows(kinematics))
+    return max((float(found.residual.max()) for found in rows), default=0.0) - MARGIN
+
+
+def self_clearance_terms(weights: Weights, reference: Kinematics) -> Iterator[SelfClearance]:
+    """Return the clearance of links that come near to each other at the trajectory a solve starts from, if any do."""
+    return iter(()) if weights.self_clearance == 0 else _terms(weights.self_clearance, reference)
+
+
+def _terms(weight: float, reference: Kinematics) -> Iterator[SelfClearance]:
     pairs = tuple(
         pair
         for first, second in _within_reach(reference)
@@ -46,7 +53,7 @@ def self_clearance_terms(weights: Weights, targets: Targets, reference: Kinemati
         if pair is not None
     )
     if pairs:
-        yield SelfClearance("self_clearance", pairs, MARGIN, weights.self_clearance)
+        yield SelfClearance("self_clearance", pairs, MARGIN, weight)
 
 
 def _within_reach(reference: Kinematics) -> Iterator[tuple[LinkSkin, LinkSkin]]:

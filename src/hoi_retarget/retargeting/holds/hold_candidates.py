@@ -1,0 +1,171 @@
+"""Candidates for a hold: hands laid onto an object around the person's pose, each judged alone.
+
+What counts is the area of touch, the distance from the person's place and pose, depth, and the reach of the arm.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.arrays import evenly_spaced
+from hoi_retarget.retargeting.holds.arm_reach import reach
+from hoi_retarget.retargeting.holds.episodes import Episode
+from hoi_retarget.retargeting.holds.hand_settling import (
+    FAR_REACHES,
+    NEAR_REACHES,
+    depths,
+    pull,
+    settled,
+    skin_depths,
+    touching,
+    touching_areas,
+)
+from hoi_retarget.retargeting.holds.hand_shape import HandPoses, HandShape
+from hoi_retarget.retargeting.surfaces.skin_points import MovingObject
+from hoi_retarget.robots.model import Kinematics
+
+TURNED_TO_SURFACE = (0.0, 0.35, 0.7, 1.0)
+"""Shares of the turn that lays the palm onto the surface: the first candidates."""
+NEAR, FAR = 60, 36
+"""Numbers of candidates by lot,"""
+NEAR_SPREAD, FAR_SPREAD = (0.025, 0.3), (0.05, 0.5)
+"""and their distances from the person's pose, as standard deviations [m, rad]."""
+MIRRORED = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+"""Lots of right hands: the left palm's side is the right one's other side."""
+SPREAD = (0.03, 0.5)
+"""Distances from the person's pose that cost half as much as 1 cm2 of touch is worth [m, rad]."""
+PLACE = 0.03
+"""The same of the touch from the person's place on the surface [m]."""
+ASKED = 0.0075
+"""And of the palm along the surface where somebody edited the contact [m]: it is to be where they put it."""
+ENOUGH_AREA = 4.0
+"""[cm2]; more touch is worth nothing."""
+ROUGHLY, TOUCHING, LARGEST_DEPTH = 0.005, 0.002, 0.0005
+"""Distances at which skin touches, before and after the last millimetres, and depth without a cost [m]."""
+POLISHED = 24
+"""Candidates that are laid on to the last millimetre."""
+DEPTH_COST, DEEPEST, STUCK_COST = 1e3, 0.0015, 100.0
+"""Of a metre deeper; of more than a depth [m], at which no force holds a candidate any more."""
+OFF, TURNED, DEEP = 0.004, 0.1, 0.004
+"""Errors of reach, and depth of the arm, that cost as much as 1 cm2 is worth [m, rad, m]."""
+BENT = 0.8
+"""[rad]; a change of the arm's joints that costs half as much: others are an arm held in another way."""
+LARGEST_COST = 20.0
+"""Of a frame that is out of reach."""
+FINALISTS, FRAMES = 12, 8
+"""Candidates of an episode whose reach is looked at, and frames in which it is."""
+PATCH_POINTS, PATCH_DEPTH = 5, 0.003
+"""Points of a hand that carry, and how much farther from the surface than the nearest they may be [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class PersonHold:
+    """The person's hold in an episode."""
+
+    episode: Episode
+    palm: HandPoses
+    """One pose."""
+    edited: bool
+    """Whether somebody has put the contact elsewhere than it was recorded."""
+
+
+@dataclass(frozen=True, eq=False)
+class Finalists:
+    """The candidates of an episode that are left, and how good each is alone."""
+
+    person: PersonHold
+    poses: HandPoses
+    scores: Float[np.ndarray, "N"]
+    areas: Float[np.ndarray, "N"]
+    """[m^2]"""
+    frames: Int[np.ndarray, "F"]
+    """Of the episode, in which they are judged."""
+    off: Float[np.ndarray, "N F"]
+    """Of the arm [m]."""
+    points: list[np.ndarray]
+    """Of each, where it touches, on the object [m]."""
+    inward: list[np.ndarray]
+
+
+def finalists(held: PersonHold, hand: HandShape, moving_object: MovingObject, start: Kinematics) -> Finalists:
+    """Return the best candidates of an episode.
+
+    Args:
+        held: The person's hold.
+        hand: The robot's hand.
+        moving_object: The object.
+        start: The IK trajectory.
+    """
+    person = held.palm
+    distance, normal = moving_object.field.distances_and_normals(person.positions)
+    stiffness = pull(SPREAD)
+    if held.edited:
+        stiffness[:3, :3] += (ASKED**-2.0 - SPREAD[0] ** -2.0) * (np.eye(3) - np.outer(normal[0], normal[0]))
+    candidates = settled(hand, moving_object, _seeds(person, hand, moving_object), person, stiffness, FAR_REACHES)
+    rough = 1e4 * touching_areas(hand, moving_object, candidates, ROUGHLY)
+    rough = np.minimum(rough, 2.0 * ENOUGH_AREA) - _distance_costs(candidates, person, stiffness)
+    rough -= DEPTH_COST * np.maximum(skin_depths(hand, moving_object, candidates) - ROUGHLY, 0.0)
+    candidates = candidates.take(np.argsort(-rough, kind="stable")[:POLISHED])
+    candidates = settled(hand, moving_object, candidates, person, stiffness, NEAR_REACHES)
+    candidates = touching(hand, moving_object, candidates)
+    areas = touching_areas(hand, moving_object, candidates, TOUCHING)
+    deep = depths(hand, moving_object, candidates)
+    patches = [_patch(hand, moving_object, candidates, index) for index in range(len(areas))]
+    middles = np.array([points.mean(axis=0) for points, _ in patches])
+    place = np.linalg.norm(middles - (person.positions - distance[:, None] * normal), axis=1)
+    scores = np.minimum(1e4 * areas, ENOUGH_AREA) - DEPTH_COST * np.maximum(deep - LARGEST_DEPTH, 0.0)
+    scores -= np.where(deep > DEEPEST, STUCK_COST, 0.0)
+    scores -= _distance_costs(candidates, person, stiffness) + 0.5 * (place / PLACE) ** 2
+    best = np.argsort(-scores, kind="stable")[:FINALISTS]
+    frames = held.episode.first + evenly_spaced(held.episode.stop - held.episode.first, FRAMES)
+    poses = candidates.take(best)
+    found = reach(start, hand.site, moving_object, frames, poses)
+    missed = (found.off / OFF) ** 2 + (found.turned / TURNED) ** 2 + (np.maximum(found.depth, 0.0) / DEEP) ** 2
+    missed += 0.5 * (found.bent / BENT) ** 2
+    scores = scores[best] - np.minimum(missed, LARGEST_COST).mean(axis=1)
+    points, inward = zip(*(patches[index] for index in best), strict=True)
+    return Finalists(held, poses, scores, areas[best], frames, found.off, list(points), list(inward))
+
+
+def _distance_costs(poses: HandPoses, person: HandPoses, stiffness: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "N"]:
+    away = poses.away_from(person)
+    return 0.5 * np.einsum("ni,ij,nj->n", away, stiffness, away)
+
+
+def _seeds(person: HandPoses, hand: HandShape, moving_object: MovingObject) -> HandPoses:
+    """Return the poses from which hands are laid on: by lot, in the palm's axes, and mirrored for right hands."""
+    _, normals = moving_object.field.distances_and_normals(person.positions)
+    turn = person.rotations[0]
+    laid = _turn_between(turn @ hand.inward, -normals[0])
+    random, mirrored = np.random.default_rng(0), MIRRORED if hand.site.startswith("right") else 1.0
+    twists = [np.concatenate([np.zeros(3), share * laid]) for share in TURNED_TO_SURFACE]
+    for count, spread in ((NEAR, NEAR_SPREAD), (FAR, FAR_SPREAD)):
+        for _ in range(count):
+            lot = np.repeat(spread, 3) * mirrored * random.standard_normal(6)
+            twists.append((lot.reshape(2, 3) @ turn.T).ravel() + random.uniform() * np.append(np.zeros(3), laid))
+    many = len(twists)
+    repeated = HandPoses(np.repeat(person.positions, many, axis=0), np.repeat(person.rotations, many, axis=0))
+    return repeated.moved(np.array(twists))
+
+
+def _turn_between(start: Float[np.ndarray, "3"], end: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    """Return the rotation vector [rad] that turns one direction into another."""
+    return se3.log(se3.shortest_rotation(start, end)[None])[0]
+
+
+def _patch(
+    hand: HandShape, moving_object: MovingObject, poses: HandPoses, index: int
+) -> tuple[Float[np.ndarray, "P 3"], Float[np.ndarray, "P 3"]]:
+    """Return points of the surface where one hand touches [m], spread, and the directions into the object there."""
+    one = poses.take(np.array([index]))
+    points = np.concatenate([one.placed(hand.palmar), one.placed(hand.outer)], axis=1)[0]
+    distances = moving_object.field.distances(points)
+    near = np.flatnonzero(distances < distances.min() + PATCH_DEPTH)
+    kept, away = [near[distances[near].argmin()]], np.full(len(near), np.inf)
+    while len(kept) < min(PATCH_POINTS, len(near)):
+        away = np.minimum(away, np.linalg.norm(points[near] - points[kept[-1]], axis=1))
+        kept.append(near[away.argmax()])
+    found, normals = moving_object.field.distances_and_normals(points[kept])
+    return points[kept] - found[:, None] * normals, -normals
