@@ -83,7 +83,7 @@ def test_jacobian_agrees_with_finite_differences(model, name):
     qpos = sunk_qpos(model, FRAMES, rng)
     kinematics = model.forward(qpos)
     direction = rng.normal(size=(FRAMES, model.nv))
-    step = 1e-6
+    step = 3e-7  # so short that hardly ever a sample enters a capsule in between, which renumbers the rows
     ahead = model.forward(model.integrate(qpos, step * direction))
     behind = model.forward(model.integrate(qpos, -step * direction))
     for term in terms_by_class(model, FRAMES, rng)[name]:
