@@ -25,7 +25,7 @@ def without_checks_of_annotations():
     jaxtyping.config.update("jaxtyping_disable", False)
 
 
-@pytest.mark.parametrize("count", [6, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [3, pytest.param(300, marks=pytest.mark.slow)])
 @pytest.mark.usefixtures("without_checks_of_annotations")
 def test_every_verb_ends_in_words(tmp_path, count):
     """`benchmarks/damage.py` does the same for thousands, and measures."""

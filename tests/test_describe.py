@@ -288,6 +288,7 @@ def test_what_contradicts_z_up_is_a_warning(folder, change, words):
     assert (words in facts.warnings[0]) if words else not facts.warnings
 
 
+@pytest.mark.slow
 @NEEDS_SHARED
 def test_bending_is_no_other_up_axis():
     paths = sorted((SHARED / "omomo").glob("*.pt"))

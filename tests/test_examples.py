@@ -15,12 +15,8 @@ def test_examples_are_numbered_from_one():
     assert [path.name[:3] for path in EXAMPLES] == [f"{number:02}_" for number in range(1, len(EXAMPLES) + 1)]
 
 
-# The first one stands for all of them in the quick suite.
-@pytest.mark.parametrize(
-    "example",
-    [EXAMPLES[0], *(pytest.param(path, marks=pytest.mark.slow) for path in EXAMPLES[1:])],
-    ids=[path.stem for path in EXAMPLES],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("example", EXAMPLES, ids=[path.stem for path in EXAMPLES])
 def test_example_runs(example, tmp_path):
     assert f"python examples/{example.name}" in example.read_text().partition('"""\n')[0]
     done = subprocess.run([sys.executable, example], cwd=tmp_path, capture_output=True, text=True, check=False)

@@ -195,7 +195,7 @@ def make_world(seed: int = 0, *, objects: int = 1, people: int = 1, first_source
     rng = np.random.default_rng(seed)
     persons, tracks, contacts = [], [], []
     for number in range(objects):
-        geometry = hull(rng.normal(size=(30, 3), scale=0.2))
+        geometry = hull(np.random.default_rng(number).normal(size=(30, 3), scale=0.1))  # One field for all seeds.
         path, turns = 1.0 + smooth(rng, 3), smooth_quats(rng)
         path[:RESTING], turns[:RESTING] = path[RESTING], turns[RESTING]
         track = ObjectTrack(f"object{number}", path, turns, geometry)

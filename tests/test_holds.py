@@ -214,6 +214,7 @@ def test_hands_come_from_off_the_surface_and_leave_it():
         assert held.contact_weights[near, link] < 1.0
 
 
+@pytest.mark.slow
 def test_a_still_hand_stays_and_one_that_strokes_moves_as_the_persons(model):
     clip = make("carry_box")
     targets, held, holds, ik_qpos = holds_of(clip, model.spec.name)
@@ -237,6 +238,7 @@ def test_a_still_hand_stays_and_one_that_strokes_moves_as_the_persons(model):
     assert np.ptp(moved.carried_contact_points[middle, link, 0]) > 0.1
 
 
+@pytest.mark.slow
 def test_robots_hands_stay_on_the_object_while_the_persons_do():
     clip = make("carry_box")
     solution = solve(clip, MODELS["unitree_g1"])

@@ -396,6 +396,7 @@ def test_rotations_are_not_those_of_the_bones_themselves(tmp_path):
 
 
 @pytest.mark.skipif(not REAL, reason="HUMOTO's own files are not there")
+@pytest.mark.slow
 @pytest.mark.parametrize("path", REAL, ids=lambda path: path.stem[-3:])
 def test_real_files_have_their_floor_at_zero_and_a_person_of_157_cm(path):
     clip = open_clip(path)

@@ -103,7 +103,7 @@ def test_landmarks_of_somebody_who_sits_are_those_of_hands_and_feet():
     assert motion.report.figures["rest_share"] == 0.0
 
 
-@pytest.mark.parametrize("name", ["unitree_g1", "unitree_h2"])
+@pytest.mark.parametrize("name", ["unitree_g1", pytest.param("unitree_h2", marks=pytest.mark.slow)])
 def test_the_robot_sits_on_the_seat_which_bears_it(name):
     clip, model = with_contacts(CLIP), load_robot(name)
     motion = hr.retarget(clip, model, hr.Config())
@@ -120,6 +120,7 @@ def test_the_robot_sits_on_the_seat_which_bears_it(name):
     assert on_seat > 0.3 * 9.81 * forces.mass
 
 
+@pytest.mark.slow
 def test_an_added_seat_is_the_same_as_a_recorded_one():
     model, config = load_robot("unitree_g1"), hr.Config()
     clip = with_contacts(CLIP)

@@ -332,6 +332,7 @@ def test_the_rate_of_a_recording_changes_little():
     np.testing.assert_allclose(model.forward(fast.qpos).body_positions[2 * frames], positions, atol=0.02)
 
 
+@pytest.mark.slow
 def test_a_robot_whose_torso_is_its_root(tmp_path):
     """No joint turns its torso against its base: that term has no columns, and costs nothing."""
     model = tiny_robot(tmp_path)

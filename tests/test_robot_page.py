@@ -124,6 +124,7 @@ def test_page_of_an_added_robot_stands_alone_and_is_made_again(tmp_path, monkeyp
     assert again.read_text() == text
 
 
+@pytest.mark.slow
 def test_without_a_way_to_draw_a_robot_is_added_without_a_page(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(stage, "_trouble", lambda: "no screen")
     monkeypatch.setenv("HOI_RETARGET_ROBOTS", str(tmp_path / "robots"))

@@ -50,6 +50,7 @@ def depths(motions) -> np.ndarray:
     return robot_depths(*(G1.forward(motion.qpos) for motion in motions))[0].max(axis=0, initial=0.0)
 
 
+@pytest.mark.slow
 def test_robots_that_meet_are_kept_apart_and_both_give_way(alone, apart):
     before = depths(alone)
     assert before.max() > 0.01
@@ -63,6 +64,7 @@ def test_robots_that_meet_are_kept_apart_and_both_give_way(alone, apart):
         assert now.report.figures["stance_sole_height_abs_m"] < 2e-3
 
 
+@pytest.mark.slow
 def test_frames_far_from_the_meeting_are_those_of_each_alone(alone, apart):
     still = [(now.qpos == was.qpos).all(axis=1) for now, was in zip(apart, alone, strict=True)]
     met = np.flatnonzero(depths(alone) > 1e-3)

@@ -24,7 +24,7 @@ SETTINGS = {
 }
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.fixed_dictionaries(SETTINGS))
 def test_words_parse_to_the_run_they_are_of(asked):
     run = Run(**asked)

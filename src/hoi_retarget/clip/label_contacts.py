@@ -4,7 +4,7 @@ A part is in contact while its surface, capsules around its bones, is nearer to 
 threshold. Distances are exact up to `FAR`: points outside the object's box by more than that are far.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -144,13 +144,11 @@ def part_object_distances(clip: Clip) -> tuple[PartObjectDistance, ...]:
 
     Raises `GeometryError` where an object's mesh cannot be read.
     """
-    surfaces = [surface_of(track.geometry) for track in clip.objects]
     found = []
     for person, human in enumerate(clip.people):
-        for index, track in enumerate(clip.objects):
-            for part in PARTS:
-                near = of_part(human, part, track, surfaces[index])
-                found.append(PartObjectDistance(person, index, part, *near))
+        near = {part: of_part(human, part, clip.objects) for part in PARTS}
+        for index in range(len(clip.objects)):
+            found += [PartObjectDistance(person, index, part, *near[part][index]) for part in PARTS]
     return tuple(found)
 
 
@@ -166,7 +164,11 @@ def nearest_to(balls: Spheres, track: ObjectTrack, surface: Surface) -> _Near:
     radii = np.broadcast_to(balls.radii, middles.shape[:2])
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     outside = np.linalg.norm(np.maximum(np.maximum(low - middles, middles - high), 0.0), axis=-1)
-    near = outside - radii <= FAR
+    least = outside - radii  # What a distance is at least: few spheres can be nearer than one of the nearest is.
+    first = least.argmin(axis=1)[:, None]
+    one = np.take_along_axis(middles, first[..., None], axis=1)[:, 0]
+    most = np.linalg.norm(one - surface.closest_points(one), axis=1) - np.take_along_axis(radii, first, axis=1)[:, 0]
+    near = least <= np.minimum(most, FAR)[:, None]
     gaps = np.full(radii.shape, np.inf)
     gaps[near] = surface.distances(middles[near]) - radii[near]
     nearest = gaps.argmin(axis=1)[:, None]
@@ -179,21 +181,26 @@ def nearest_to(balls: Spheres, track: ObjectTrack, surface: Surface) -> _Near:
     return distances, points
 
 
-def of_part(human: Person, part: str, track: ObjectTrack, surface: Surface) -> _Near:
-    """Return distance and point of a part from its skin, the vertices as spheres without a size, or its capsules."""
+def of_part(human: Person, part: str, tracks: Sequence[ObjectTrack]) -> list[_Near]:
+    """Return a part's distance from each object and the nearest point, by its skin, or by its capsules.
+
+    The skin's vertices are spheres without a size. Raises `GeometryError` where an object's mesh cannot be read.
+    """
     capsules = (PART_CAPSULES | RESTING_CAPSULES)[part]
+    surfaces = [surface_of(track.geometry) for track in tracks]
     if human.shape is None:
-        return nearest_to(spheres(human, capsules), track, surface)
+        balls = spheres(human, capsules)
+        return [nearest_to(balls, track, surface) for track, surface in zip(tracks, surfaces, strict=True)]
     joints = tuple({capsule.joint for capsule in capsules})
     vertices = vertices_of(human.shape.owners, joints)
-    found = []
-    for first in range(0, len(track.positions), _SKIN_FRAMES):
+    found: list[list[_Near]] = [[] for _ in tracks]
+    for first in range(0, len(human.joint_quats), _SKIN_FRAMES):
         frames = slice(first, first + _SKIN_FRAMES)
         skin = human.shape.skin(human.joint_positions[frames], human.joint_quats[frames], vertices)
-        piece = replace(track, positions=track.positions[frames], quats=track.quats[frames])
-        found.append(nearest_to(Spheres(skin, np.zeros(len(vertices))), piece, surface))
-    distances, points = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return distances, points
+        for track, surface, near in zip(tracks, surfaces, found, strict=True):
+            piece = replace(track, positions=track.positions[frames], quats=track.quats[frames])
+            near.append(nearest_to(Spheres(skin, np.zeros(len(vertices))), piece, surface))
+    return [(np.concatenate([gap for gap, _ in near]), np.concatenate([point for _, point in near])) for near in found]
 
 
 # When

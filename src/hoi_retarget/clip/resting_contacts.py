@@ -39,7 +39,7 @@ def resting_contacts(clip: Clip, still: Sequence[Bool[np.ndarray, "T"]]) -> tupl
             for part, capsules in RESTING_CAPSULES.items():
                 if not np.isfinite(nearest_to(spheres(human, capsules), track, surface)[0][stands]).any():
                     continue  # Most parts never come near: their skin is not made.
-                distances, points = of_part(human, part, track, surface)
+                ((distances, points),) = of_part(human, part, (track,))
                 bears = stands & (distances <= FAR) & _below(human, part, track, points)
                 near = PartObjectDistance(person, index, part, np.where(bears, distances, np.inf), points)
                 (active,) = touching(clip, (near,), RESTING)
