@@ -204,6 +204,27 @@ def test_forces_stay_in_their_friction_cones():
         assert (force[~point.active] == 0.0).all()
 
 
+@pytest.mark.parametrize(("speed", "slides"), [(0.2, True), (0.02, False)])
+def test_what_slides_over_the_floor_is_braked_by_it(speed, slides):
+    """Robot and box, which one hand cannot lift, glide ahead: the floor may push only what does not slide."""
+    model = load_robot("unitree_g1")
+    motion, (shape,) = holding(model, hands=(True, False), frames=20)
+    seconds = np.arange(20) / FPS
+    way = (speed * seconds)[:, None] * [1.0, 0.0, 0.0]
+    qpos, place = motion.qpos.copy(), motion.object_pos + way[:, None]
+    qpos[:, :3] += way
+    tall = replace(shape, points=shape.points * [1.0, 1.0, place[0, 0, 2] / 0.15])
+    found = forces_of(replace(motion.with_qpos(qpos), object_pos=place), model, (tall,))
+    on_floor = [index for index, point in enumerate(found.points) if point.link is None]
+    forces = found.on_robot[3:-3, on_floor]
+    assert on_floor and forces[..., 2].sum(axis=1).min() > 1.0
+    if slides:
+        np.testing.assert_allclose(forces[..., 0], -Physics().object_friction * forces[..., 2], atol=1e-9)
+        np.testing.assert_allclose(forces[..., 1], 0.0, atol=1e-9)
+    else:
+        assert np.abs(forces[..., 0]).max() < 0.5 * Physics().object_friction * forces[..., 2].max()
+
+
 def test_one_hand_on_a_side_cannot_carry_a_box():
     model = MODELS["unitree_g1"]
     motion, geometries = holding(model, hands=(True, False))

@@ -29,6 +29,7 @@ from hoi_retarget.dynamics.inverse_dynamics import (
     required_robot_wrench,
 )
 from hoi_retarget.dynamics.object_bodies import ObjectBody, object_body
+from hoi_retarget.dynamics.object_support import PYRAMID_EDGES, friction_edges
 from hoi_retarget.dynamics.physics_settings import Physics
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
@@ -43,7 +44,6 @@ _LIMIT_WEIGHT = 10.0
 _MAX_TORQUE_SHARE = 1.0 - 1e-3
 _MAX_ROUNDS = 6  # Of finding the joints at their limits.
 _BLOCK_FRAMES = 500  # Frames at once: 100 MB.
-_PYRAMID_EDGES = 4  # Of friction.
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +220,7 @@ class _Problem:
 
     def _forces(self, levers: _Levers) -> tuple[Float[np.ndarray, "F K 3"], Float[np.ndarray, "F K 3"]]:
         """Return the least forces [N], and those without limits of torques."""
-        edges = self._edges(levers.normal)
+        edges = self._edges(levers)
         bodies: list[tuple[RequiredWrench, float]] = [(self.robot, self.robot.height)]
         bodies += list(zip(self.objects, self.lengths.tolist(), strict=True))
         wrenches = [self._on_robot(edges, levers)]
@@ -240,19 +240,20 @@ class _Problem:
             spent = effort[frame, active].reshape(-1, len(self.limits)).T
             both = least_force_norms(weight * effects, targets, weight * spent, free_torques[frame])
             for kind, norms in enumerate(both):
-                of_edges = weight * norms.reshape(-1, _PYRAMID_EDGES)
+                of_edges = weight * norms.reshape(-1, PYRAMID_EDGES)
                 found[kind, frame, active] = np.einsum("ke,kei->ki", of_edges, edges[frame, active])
         return found[0], found[1]
 
-    def _edges(self, normal: Float[np.ndarray, "F K 3"]) -> Float[np.ndarray, "F K 4 3"]:
-        """Return the edges of friction pyramids: forces of which the normal part is one."""
-        aside = np.where(np.abs(normal[..., :1]) < 0.8, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-        first = np.cross(normal, aside)
-        first /= np.linalg.norm(first, axis=-1, keepdims=True)
-        second = np.cross(normal, first)
-        friction = np.array([_friction(point, self.physics) for point in self.points])[:, None]
-        sides = [friction * first, -friction * first, friction * second, -friction * second]
-        return np.stack([normal + side for side in sides], axis=2)
+    def _edges(self, levers: _Levers) -> Float[np.ndarray, "F K 4 3"]:
+        """Return the edges of friction pyramids: forces of which the normal part is one; alike where a point slides."""
+        friction = np.array([_friction(point, self.physics) for point in self.points])[:, None, None]
+        edges = friction_edges(levers.normal, friction)
+        for number, point in enumerate(self.points):
+            if point.braking is not None:
+                braking = point.braking[levers.frames]
+                braked = levers.normal[:, number] + friction[number, 0] * braking
+                edges[:, number] = np.where(np.any(braking, axis=1)[:, None, None], braked[:, None], edges[:, number])
+        return edges
 
     def _on_robot(self, forces: Float[np.ndarray, "F K E 3"], levers: _Levers) -> Float[np.ndarray, "F K E 6"]:
         """Return the wrenches of forces on the robot."""

@@ -3,7 +3,8 @@
 - Soles' corners, of a foot that stands or that are on the floor; each other link's lowest point where it is there.
 - Up to four points of a hand or foot that is labelled to touch an object, spread over its skin near the surface. Where
   all of it is further off than `REACH`, it touches nothing.
-- Up to six of an object's lowest points, where they are on the floor.
+- Up to six of an object's lowest points, where they are on the floor. One that slides there is braked: its friction
+  acts against the motion, and pushes nothing.
 
 All are points of contact between two surfaces that may be some millimetres apart or sunk: a force acts on the object's
 surface, or on the floor.
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from hoi_retarget.dynamics.object_support import braking_directions
 from hoi_retarget.errors import RobotError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
@@ -51,6 +53,8 @@ class ContactPoint:
     """In the world [m]."""
     normal: Float[np.ndarray, "T 3"]
     """Unit vector into what the force acts on: the robot, or an object on the floor."""
+    braking: Float[np.ndarray, "T 3"] | None = None
+    """Direction of the friction where it slides, and zero where it does not; None for points that never do."""
 
     @property
     def on_floor(self) -> bool:
@@ -103,11 +107,12 @@ def _objects_on_floor(motion: Motion, geometries: Sequence[ObjectGeometry]) -> I
         rotations = se3.quat_to_matrix(motion.object_quat[:, index])
         placed = motion.object_pos[:, index, None] + np.einsum("tij,kj->tki", rotations, corners)
         height = placed[:, :, 2]
+        velocities = motion.fps * np.gradient(placed, axis=0) if len(placed) > 1 else np.zeros_like(placed)
         near = height < np.minimum(_MAX_OBJECT_HEIGHT, height.min(axis=1, keepdims=True) + _MAX_FLOOR_HEIGHT)
         for chosen in _spread(placed, near, height, _OBJECT_POINTS):
             active = chosen >= 0
-            position = placed[np.arange(len(placed)), chosen]
-            yield ContactPoint(name, None, index, active, position, _upward(active))
+            position, velocity = (values[np.arange(len(placed)), chosen] for values in (placed, velocities))
+            yield ContactPoint(name, None, index, active, position, _upward(active), braking_directions(velocity))
 
 
 def _touching(motion: Motion, kinematics: Kinematics, geometries: Sequence[ObjectGeometry]) -> Iterator[ContactPoint]:

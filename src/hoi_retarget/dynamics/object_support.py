@@ -95,15 +95,23 @@ def object_load(  # noqa: PLR0913, PLR0917  # the parts of a load
     velocity = movement.qvel[:, None, :3] + np.cross(turning[:, None], arms)
     upward = np.broadcast_to([0.0, 0.0, 1.0], arms.shape)
     edges = friction_edges(upward, physics.object_friction)
-    speed = np.linalg.norm(velocity[..., :2], axis=2)
-    against = velocity * [1.0, 1.0, 0.0] / np.maximum(speed, 1e-9)[..., None]
-    braked = upward - physics.object_friction * against
-    edges = np.where((speed > SLIDING_MPS)[..., None, None], braked[:, :, None], edges)
+    braking = braking_directions(velocity)
+    braked = upward + physics.object_friction * braking
+    edges = np.where(np.any(braking, axis=-1)[..., None, None], braked[:, :, None], edges)
     required = required_object_wrench(body, movement)
     return ObjectLoad(required, length, movement.qpos[:, None, :3] + arms, edges, on_floor)
 
 
-def friction_edges(normals: Float[np.ndarray, "*many 3"], friction: float) -> Float[np.ndarray, "*many 4 3"]:
+def braking_directions(velocity: Float[np.ndarray, "*many 3"]) -> Float[np.ndarray, "*many 3"]:
+    """Return the directions of friction on the floor for velocities of points [m/s]; zero where they do not slide."""
+    speed = np.linalg.norm(velocity[..., :2], axis=-1, keepdims=True)
+    against = -velocity * [1.0, 1.0, 0.0] / np.maximum(speed, 1e-9)
+    return np.where(speed > SLIDING_MPS, against, 0.0)
+
+
+def friction_edges(
+    normals: Float[np.ndarray, "*many 3"], friction: float | Float[np.ndarray, "*same 1 1"]
+) -> Float[np.ndarray, "*many 4 3"]:
     """Return the edges of friction pyramids around unit normals: forces with a normal part of one."""
     aside = np.where(np.abs(normals[..., :1]) < 0.8, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
     first = np.cross(normals, aside)
