@@ -21,7 +21,7 @@ from hoi_retarget.retargeting.holds.hand_shape import HandPoses, hand_shape
 from hoi_retarget.retargeting.holds.hold_candidates import PersonHold
 from hoi_retarget.retargeting.holds.hold_choice import Hold, chosen_holds
 from hoi_retarget.retargeting.surfaces.contact_targets import EDITED
-from hoi_retarget.retargeting.surfaces.skin_points import MovingObject, moving_objects
+from hoi_retarget.retargeting.surfaces.skin_points import HELD_SHELL_SPACING, MovingObject, moving_objects
 from hoi_retarget.retargeting.targets import PALMS, Targets
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.skin import skins_from
@@ -77,7 +77,7 @@ def with_holds(
             f"{model.spec.name}: its hands have no shapes, so surfaces cannot touch. Use --contact landmark, "
             "or add the robot again with its meshes."
         )
-    objects, start = moving_objects(targets), model.forward(ik_qpos)
+    objects, start = moving_objects(targets, HELD_SHELL_SPACING), model.forward(ik_qpos)
     columns = [column for column, site in enumerate(targets.contact_links) if site in PALMS]
     columns = [column for column in columns if targets.contact_flags[:, column].any()]
     paths = {column: person_path(targets, objects, column) for column in columns}

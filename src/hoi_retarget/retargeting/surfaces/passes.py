@@ -26,11 +26,13 @@ from hoi_retarget.retargeting.trajopt.windows import FrameRange, ProblemOf
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.skin import contact_skins, skin_of
 
-COARSE = Effort(300.0, max_iterations=15, restarts=False)
+NEAR = 3e-3
+"""Share of joints' ranges: each pass starts near its solution, and a wrist moved off its stop would lose its hold."""
+COARSE = Effort(300.0, max_iterations=15, restarts=False, start_margin=NEAR)
 """Of the passes that choose contact points: contacts weigh so much that a smaller tolerance shows nowhere."""
-FINE = Effort(20.0, max_iterations=15, restarts=False)
+FINE = Effort(20.0, max_iterations=15, restarts=False, start_margin=NEAR)
 """Of the first pass between surfaces."""
-FINAL = Effort(7.0, max_iterations=150, kinks=True)
+FINAL = Effort(7.0, max_iterations=150, kinks=True, start_margin=NEAR)
 """Of the last pass, which does not try for ever to free a trapped link."""
 MET_DEPTH_M = 2.5e-3
 """[m]; what was too far apart before the last pass for its terms may be in each other at its end."""

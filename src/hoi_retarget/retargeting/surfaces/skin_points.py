@@ -85,6 +85,8 @@ def softened(
 
 SPACING = 0.005
 """Side of the square of surface for which one sample stands [m]."""
+HELD_SHELL_SPACING = 0.0035
+"""The same of a surface without an inside, for holds: only its samples tell that it goes through a hand."""
 _REACH = 0.6
 """A robot's skin is nearer to its targets [m]: the largest links have a radius of 0.3."""
 
@@ -119,13 +121,18 @@ def at_points(
     return distances.reshape(points.shape[1:]), vectors.T.reshape(points.shape)
 
 
-def moving_objects(targets: Targets) -> tuple[MovingObject, ...]:
-    """Return the objects of a robot's targets; raises `GeometryError` when a mesh cannot be read."""
+def moving_objects(targets: Targets, shell_spacing: float = SPACING) -> tuple[MovingObject, ...]:
+    """Return the objects of a robot's targets; raises `GeometryError` when a mesh cannot be read.
+
+    Args:
+        targets: Of the robot.
+        shell_spacing: Between samples of surfaces without an inside [m].
+    """
     rotations = se3.quat_to_matrix(targets.object_quat).transpose(1, 2, 3, 0)
     return tuple(
         MovingObject(
             name,
-            *_shape_near(geometry, float(targets.object_scale[index]), targets, index),
+            *_shape_near(geometry, float(targets.object_scale[index]), targets, index, shell_spacing),
             targets.object_pos[:, index].T,
             rotations[index],
         )
@@ -134,23 +141,30 @@ def moving_objects(targets: Targets) -> tuple[MovingObject, ...]:
 
 
 def _shape_near(
-    geometry: ObjectGeometry, scale: float, targets: Targets, index: int
+    geometry: ObjectGeometry, scale: float, targets: Targets, index: int, shell_spacing: float
 ) -> tuple[DistanceField, "scipy.spatial.KDTree"]:
     """Return the same as `_shape_of`; of a large object, the samples that the robot can get to."""
-    surface = surface_of(geometry)
-    if not is_large(surface, SPACING / scale):
-        return _shape_of(geometry, scale)
+    if not is_large(surface_of(geometry), SPACING / scale):
+        return _shape_of(geometry, scale, shell_spacing)
     places = targets.site_positions - targets.object_pos[:, None, index]
     local = se3.rotate_inverse(targets.object_quat[:, None, index], places).reshape(-1, 3) / scale
-    samples = surface_samples(surface, SPACING / scale, Region(local, _REACH / scale))
-    return distance_field(geometry).scaled(scale), scipy.spatial.KDTree(scale * samples)
+    return _sampled(geometry, scale, shell_spacing, Region(local, _REACH / scale))
 
 
 @lru_cache(maxsize=16)
-def _shape_of(geometry: ObjectGeometry, scale: float) -> tuple[DistanceField, "scipy.spatial.KDTree"]:
+def _shape_of(
+    geometry: ObjectGeometry, scale: float, shell_spacing: float
+) -> tuple[DistanceField, "scipy.spatial.KDTree"]:
     """Return the distances and samples of an object's surface at another size; geometries are known by identity."""
-    samples = surface_samples(surface_of(geometry), SPACING / scale)
-    return distance_field(geometry).scaled(scale), scipy.spatial.KDTree(scale * samples)
+    return _sampled(geometry, scale, shell_spacing, None)
+
+
+def _sampled(
+    geometry: ObjectGeometry, scale: float, shell_spacing: float, region: Region | None
+) -> tuple[DistanceField, "scipy.spatial.KDTree"]:
+    field = distance_field(geometry)
+    samples = surface_samples(surface_of(geometry), (shell_spacing if field.shell else SPACING) / scale, region)
+    return field.scaled(scale), scipy.spatial.KDTree(scale * samples)
 
 
 @dataclass(frozen=True, eq=False)

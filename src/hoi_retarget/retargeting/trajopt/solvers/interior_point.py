@@ -23,14 +23,13 @@ from hoi_retarget.retargeting.trajopt.bounds import Bounds
 from hoi_retarget.retargeting.trajopt.normal import assemble
 from hoi_retarget.retargeting.trajopt.problem import Problem, Rows, cost_by_term
 from hoi_retarget.retargeting.trajopt.solvers.kink_curvature import Refused, add_known_kinks
-from hoi_retarget.retargeting.trajopt.solvers.solver import BandedInteriorPoint
+from hoi_retarget.retargeting.trajopt.solvers.solver import BandedInteriorPoint, Effort
 from hoi_retarget.retargeting.trajopt.solvers.solver_result import FACTOR, SOLVE, SolverResult, optimality
 from hoi_retarget.robots.model import Kinematics
 
 _ROUNDING = 1e-12
 _FEASIBLE = 1e-7  # [rad]
 _START_GAP = 0.1  # Complementarity gap at the start, relative to the cost.
-_START_MARGIN = 3e-2  # Of a joint's range: a start is moved that far away from its ends.
 _LEAST_SLACK = 1e-3  # Of a bound's interval: less than this counts as outside.
 # Levenberg-Marquardt damping, relative to the diagonal: it grows when steps are cut short.
 _LONGEST_SEARCH = 8  # Halvings of a step.
@@ -40,39 +39,41 @@ _SMALLEST_COST = 1e-9  # What accuracies relative to the cost are measured again
 
 
 def solve(
-    options: BandedInteriorPoint,
-    problem: Problem,
-    qpos: Float[np.ndarray, "T nq"],
-    *,
-    restarts: bool,
-    kinks: bool = False,
+    options: BandedInteriorPoint, problem: Problem, qpos: Float[np.ndarray, "T nq"], effort: Effort
 ) -> SolverResult:
     """Return the result from a starting trajectory; joints outside their range are moved in.
+
+    A solve that ends unsolved begins again, without damping steps that bounds alone cut short. Where costs have kinks,
+    bounds never damp, and nothing begins again.
 
     Args:
         options: Tolerances and limits.
         problem: Of the trajectory's frames.
-        qpos: The start.
-        restarts: Whether a solve that ends unsolved begins again, without damping steps that bounds alone cut short.
-        kinks: Whether costs have kinks; bounds never damp then, and nothing begins again.
+        qpos: The start [m, rad].
+        effort: Whether it begins again, has kinks, and how far inside the bounds it starts.
     """
-    result = _solve_once(options, problem, qpos, bounds_damp=not kinks, kinks=kinks)
-    if kinks or not restarts or result.status in {Status.SOLVED, Status.FAILED}:
+    result = _solve_once(options, problem, qpos, effort, bounds_damp=not effort.kinks)
+    if effort.kinks or not effort.restarts or result.status in {Status.SOLVED, Status.FAILED}:
         return result
-    second = _solve_once(options, problem, qpos, bounds_damp=False, kinks=False)
+    second = _solve_once(options, problem, qpos, effort, bounds_damp=False)
     return second if second.status is Status.SOLVED else result
 
 
 def _solve_once(
-    options: BandedInteriorPoint, problem: Problem, qpos: Float[np.ndarray, "T nq"], *, bounds_damp: bool, kinks: bool
+    options: BandedInteriorPoint,
+    problem: Problem,
+    qpos: Float[np.ndarray, "T nq"],
+    effort: Effort,
+    *,
+    bounds_damp: bool,
 ) -> SolverResult:
     """Return the result at the end of the iteration.
 
     A step that a bound cuts short says nothing against the model that it is from. Damped all the same, a solve that
     many bounds hold up creeps: the damping outweighs all but jerk. Other solves need 4 % fewer iterations with it.
     """
-    bounds = Bounds.of(problem)
-    state = _start(problem, bounds, qpos)
+    bounds, kinks = Bounds.of(problem), effort.kinks
+    state = _start(problem, bounds, qpos, effort.start_margin)
     if not np.isfinite(state.point.half_cost):
         return state.solution(Status.FAILED, 0)
     for iteration in range(1, options.max_iterations + 1):
@@ -185,10 +186,10 @@ class _Step:
         return abs(self.slope)
 
 
-def _start(problem: Problem, bounds: Bounds, qpos: np.ndarray) -> _Iterate:
+def _start(problem: Problem, bounds: Bounds, qpos: np.ndarray, start_margin: float) -> _Iterate:
     """Return the start, with unknown joint angles well inside their ranges."""
     model = problem.model
-    margin = _START_MARGIN * (model.upper - model.lower)
+    margin = start_margin * (model.upper - model.lower)
     inside = qpos.copy()
     unknown = inside[problem.unknown(len(inside)), 7:]
     np.clip(unknown, model.lower + margin, model.upper - margin, out=unknown)

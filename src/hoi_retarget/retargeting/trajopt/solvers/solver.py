@@ -27,6 +27,8 @@ class Effort:
     """Whether a solve that ends unsolved may begin again in another way."""
     kinks: bool = False
     """Whether costs have kinks, as distances between surfaces do; such a solve never begins again."""
+    start_margin: float = 3e-2
+    """Share of a joint's range by which a start is moved away from its ends: little, where it is near a solution."""
 
 
 @runtime_checkable
@@ -69,7 +71,7 @@ class BandedInteriorPoint:
         options = replace(
             self, tolerance=effort.tolerance_factor * self.tolerance, max_iterations=min(self.max_iterations, limit)
         )
-        return solve(options, problem, qpos, restarts=effort.restarts, kinks=effort.kinks)
+        return solve(options, problem, qpos, effort)
 
 
 @dataclass(frozen=True)
