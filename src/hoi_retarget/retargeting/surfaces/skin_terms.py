@@ -26,8 +26,8 @@ from hoi_retarget.robots.skin import LinkSkin
 
 OUTSIDE_RANGE = 0.012
 """[m]; samples that are further away from a link are left out."""
-STRIDE = 3
-"""Neighbouring frames that share their samples."""
+STRIDE, SHARED_WAY, SPREAD_POINTS = 3, 0.01, 4
+"""Most frames that share their samples, the way of the link between them [m], and its points that tell it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,12 +83,13 @@ def object_outside_link(
     if not near.size:
         return None
     # One frame in the middle of each group speaks for all of the group.
-    middles = near[np.minimum(np.arange(0, len(near), STRIDE) + STRIDE // 2, len(near) - 1)]
+    group = _groups(link, near)
+    ends = np.searchsorted(group, np.arange(group[-1] + 2))
+    middles = near[(ends[:-1] + ends[1:]) // 2]
     around = moving_object.samples.query_ball_point(link.centres[:, middles].T, skin.radius + OUTSIDE_RANGE)
     chosen = [
         _nearest(link, samples, frame, count, apart) for frame, samples in zip(middles.tolist(), around, strict=True)
     ]
-    group = np.arange(len(near)) // STRIDE
     kept = np.array([bool(len(samples)) for samples in chosen])[group]
     frames = near[kept]
     if not frames.size:
@@ -103,6 +104,19 @@ def object_outside_link(
         + moving_object.position[:, None, frames]
     )
     return ObjectOutsideLink(name, skin, frames, world, margins[:, group[kept]], np.full(len(frames), weight))
+
+
+def _groups(link: LinkAtObject, frames: Int[np.ndarray, "F"]) -> Int[np.ndarray, "F"]:
+    """Return the groups of frames in which a link is at about the same place on the object, numbered from zero."""
+    frame, points = link.skin.frame, link.skin.points[:SPREAD_POINTS].T[:, :, None].repeat(len(frames), axis=2)
+    world = link.start.point(frame)[:, None, frames] + levers(link.start, frame, points, frames)
+    places = link.moving_object.inside(world, frames)
+    group, first = np.zeros(len(frames), dtype=int), 0
+    for index in range(1, len(frames)):
+        apart = index - first == STRIDE or np.abs(places[:, :, index] - places[:, :, first]).max() > SHARED_WAY
+        first = index if apart else first
+        group[index] = group[index - 1] + apart
+    return group
 
 
 def _nearest(link: LinkAtObject, samples: list[int], frame: int, count: int, apart: float) -> list[int]:
