@@ -182,6 +182,23 @@ def test_chosen_points_hold_the_deepest_one(model):
     np.testing.assert_allclose(rows.residual.min(axis=0), np.minimum(deepest[term.frames] - MARGIN, 0.0), atol=1e-12)
 
 
+@pytest.mark.parametrize("way", [0.002, 0.05])
+def test_a_hand_that_passes_a_row_of_bars_sees_the_one_in_it_in_every_frame(model, way):
+    """However far it goes from frame to frame [m]."""
+    qpos = np.repeat(model.home_qpos[None], 12, axis=0)
+    qpos[:, 0] += way * np.arange(12)
+    kinematics, skin = model.forward(qpos), skin_of(model).by_link["left_wrist_yaw_link"]
+    thing = solid_box((1.4, 0.4, 0.01), kinematics.point(skin.middle)[:, 0], 12)
+    bars = np.abs((thing.samples.data[:, 0] + 0.7) % 0.04 - 0.02) > 0.014
+    thing = replace(thing, samples=KDTree(thing.samples.data[bars]))
+    term = object_outside_link("hand", LinkAtObject(skin, thing, kinematics), 1.0, 14, 0.008)
+    assert term is not None and term.frames.tolist() == list(range(12))
+    world = (thing.samples.data.T[:, :, None] + thing.position[:, None]) - kinematics.point(skin.frame)[:, None]
+    seen = np.einsum("jif,jkf->ikf", kinematics.orientation(skin.frame), world)
+    depths = -skin.solid.distances(seen.reshape(3, -1).T).reshape(-1, 12).min(axis=0)
+    np.testing.assert_allclose(term.depths(kinematics), depths, atol=2e-3)
+
+
 @FAST
 @given(seed=seeds)
 def test_huber_costs_meet_at_the_knee_with_their_slopes(seed):
