@@ -187,6 +187,17 @@ def test_a_solve_that_bounds_hold_up_converges_when_it_is_begun_again(seed):
     np.testing.assert_array_equal(short.solve(problem, start).qpos, first.qpos)
 
 
+def test_a_start_at_the_stops_stays_near_them_where_little_margin_is_asked_for():
+    problem = beyond_bounds(12)
+    solved = SOLVER.solve(problem, standing(12))
+    once = replace(SOLVER, max_iterations=1)
+    costs = [
+        once.solve(problem, solved.qpos, Effort(restarts=False, start_margin=margin)).cost for margin in (3e-3, 0.3)
+    ]
+    near, far = (cost - solved.cost for cost in costs)
+    assert 0.0 < near < 0.5 * far, (near, far)
+
+
 @dataclass(frozen=True)
 class Gutter:
     """A cost whose gradient jumps where a palm passes a height, in three frames."""
