@@ -24,7 +24,7 @@ def members(content: bytes) -> dict[str, bytes]:
     return dict(Members(content))
 
 
-class Members(Mapping[str, bytes]):
+class Members(Mapping[str, Any]):  # A check of types would unpack bytes.
     """The .npy files of an .npz by array name, each unpacked when it is asked for; raises `ValueError`, also later."""
 
     def __init__(self, content: bytes) -> None:
@@ -33,6 +33,9 @@ class Members(Mapping[str, bytes]):
 
     def __getitem__(self, name: str) -> bytes:
         return self._archive[self._names[name]]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._names)

@@ -13,6 +13,7 @@ import zlib
 from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
 from hoi_retarget.errors import ReadError
@@ -76,7 +77,7 @@ def _unreadable(path: Path, error: Exception) -> ReadError:
     return ReadError(f"{path}: cannot be read ({error}). Check the path and its permissions.")
 
 
-class Archive(Mapping[str, bytes]):
+class Archive(Mapping[str, Any]):  # A check of types would unpack bytes.
     """An archive's entries by name, each unpacked when it is asked for, and its checksum compared.
 
     All must be uncompressed where `stored`; otherwise they may unpack to `limit_unpacked` together. Raises `ValueError`
@@ -101,6 +102,9 @@ class Archive(Mapping[str, bytes]):
             return self._unpacked.setdefault(name, self._unpacked.get(name) or self._archive.read(name))
         except _ERRORS as error:
             raise _damaged(error) from error
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._archive.namelist())
