@@ -241,8 +241,6 @@ class RobotTrial:
     name: str
     """Of the clip."""
     clip: Clip
-    model: RobotModel
-    """The robot without its shapes."""
     motion: Motion | None
     """None where there is none."""
     gates: list[tuple[str, bool]]
@@ -257,7 +255,8 @@ def _finding(trial: RobotTrial) -> RobotFinding:
 def _write_added_page(name: str, path: Path, record: Record, trials: list[RobotTrial]) -> None:
     """Write the page of a robot that was added; without a way to draw it is added all the same."""
     try:
-        content = page(load_robot(name), record.findings, trials)
+        # With the skin that is stored, as later pages: those of the model that it is of differ in the last digits.
+        content = page(load_model(robot(name)), record.findings, trials)
     except DrawingError as error:
         warn(f"no page of {name} is made: {error}")
         return
@@ -279,8 +278,8 @@ def run_trial(spec: RobotSpec, mjcf: str, clip: str) -> RobotTrial:
         try:
             motion = retarget(opened, model, Config(contact="landmark"))
         except HoiRetargetError as error:
-            return RobotTrial(clip, opened, model, None, [(str(error), False)])
-    return RobotTrial(clip, opened, model, motion, gates_of(motion, model))
+            return RobotTrial(clip, opened, None, [(str(error), False)])
+    return RobotTrial(clip, opened, motion, gates_of(motion, model))
 
 
 def gates_of(motion: Motion, model: RobotModel) -> list[tuple[str, bool]]:
@@ -325,7 +324,7 @@ def page(model: RobotModel, findings: Iterable[RobotFinding], trials: Iterable[R
 def _picture(model: RobotModel, trial: RobotTrial) -> bytes | None:
     if trial.motion is None:
         return None
-    shown = SceneItem(trial.name, trial.motion, trial.model, trial.clip)
+    shown = SceneItem(trial.name, trial.motion, model, trial.clip)
     subject = make_scene([shown]).subjects[0]
     parts = robot_parts(model, model.forward(trial.motion.qpos), None)
     layers = (replace(layer, parts=parts) if layer.name == "robot" else layer for layer in subject.layers)
