@@ -95,7 +95,8 @@ def open_page(browser, address: str, **more):
     page = browser.new_page(**{"viewport": WINDOW, **more})
     page.add_init_script(_KEEP_DRAWN)
     page.set_default_timeout(PATIENCE_MS)
-    page.goto(address)
+    # Viser draws in fewer pixels where drawing is slow, and each pixel of the floor changes.
+    page.goto(f"{address}?fixedDpr=1")
     page.get_by_text("Playback", exact=True).wait_for()
     # A warning that there is no graphics card would lie over the scene.
     page.add_style_tag(content=".mantine-Notification-root { display: none; }")
