@@ -38,6 +38,8 @@ MET_DEPTH_M = 2.5e-3
 """[m]; what was too far apart before the last pass for its terms may be in each other at its end."""
 ROUNDS = 3
 """In which links leave objects."""
+COARSE_FRAMES = 3
+"""Frames in which a coarse pass may be wrong and later passes right; with more, ways out of an object are given up."""
 
 LOST_DISTANCE = 0.12
 """[m]; a hand farther from its contact point has let go of the object."""
@@ -85,11 +87,15 @@ class SurfaceProblems:
                 break
             paths = (*paths, *further)
             first = qpos if len(paths) == len(further) else first
-        solved = self._between_surfaces(solve_pass, qpos, paths)
-        if paths and self._wrong_frames(solved) > self._wrong_frames(first):
-            # Links must not leave an object by turning the robot over, or by letting go of it.
-            solved = self._between_surfaces(solve_pass, first, ())
-        return solved
+        if not paths:
+            return self._between_surfaces(solve_pass, qpos, ())
+        # Links must not leave an object by turning the robot over, or by letting go of it.
+        wrong = self._wrong_frames(first)
+        if self._wrong_frames(qpos) <= wrong + COARSE_FRAMES:
+            solved = self._between_surfaces(solve_pass, qpos, paths)
+            if self._wrong_frames(solved) <= wrong:
+                return solved
+        return self._between_surfaces(solve_pass, first, ())
 
     def _between_surfaces(
         self, solve_pass: SolvePass, qpos: np.ndarray, paths: tuple[EscapePath, ...]
