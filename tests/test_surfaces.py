@@ -20,6 +20,8 @@ from hoi_retarget.retargeting.local_resolve import resolve_locally
 from hoi_retarget.retargeting.retarget import judge, retarget
 from hoi_retarget.retargeting.solve import solve
 from hoi_retarget.retargeting.surfaces.contact_targets import contact_sides, touching_targets
+from hoi_retarget.retargeting.surfaces.depenetration import EscapePath
+from hoi_retarget.retargeting.surfaces.passes import COARSE, COARSE_FRAMES, FINE, SurfaceProblems
 from hoi_retarget.retargeting.surfaces.skin_points import (
     LINEAR_BEYOND,
     LinkAtObject,
@@ -296,6 +298,28 @@ def test_nothing_leaves_a_small_object_by_turning_the_robot_over(scene):
     (window,) = motion.stages[-1].windows
     efforts = [solved.iterations for solved in window.earlier_passes]
     assert len(efforts) > 4 + 2, "escape paths are given up: four rounds, and passes between surfaces twice"
+
+
+@pytest.mark.parametrize(("wrong", "tries"), [(0, 1), (1, 2), (COARSE_FRAMES, 2), (COARSE_FRAMES + 1, 1)])
+def test_ways_out_that_turn_the_robot_over_cost_no_passes_between_surfaces(monkeypatch, wrong, tries):
+    """Few wrong frames are left to the passes between surfaces, which here mend nothing; many end the attempt."""
+    clip, model = make("carry_box", seconds=2.0), MODELS["unitree_g1"]
+    upright = solve(clip, model, Config(contact="landmark")).motion.qpos
+    over, found = upright + 1e-6, iter([(EscapePath.__new__(EscapePath),), ()])
+    monkeypatch.setattr(SurfaceProblems, "_escape_paths", lambda *_: next(found))
+    monkeypatch.setattr(SurfaceProblems, "_wrong_frames", lambda _, qpos: wrong if qpos is over else 0)
+    begins = []
+
+    def solve_pass(problem_of, begin, effort, last):
+        begins.append((effort, begin))
+        return over if len(begins) == 2 else begin  # The second pass has ways out.
+
+    problems = SurfaceProblems.of(model, make_targets(clip, model, Scaling()), upright, Config())
+    solved = problems.passes(solve_pass)
+    assert [effort for effort, _ in begins[:2]] == [COARSE, COARSE]
+    fine = [begin for effort, begin in begins if effort == FINE]
+    assert len(fine) == tries
+    assert solved is fine[-1] is (upright if wrong else over)
 
 
 def touch_share(motion) -> float:

@@ -39,7 +39,7 @@ MET_DEPTH_M = 2.5e-3
 ROUNDS = 3
 """In which links leave objects."""
 COARSE_FRAMES = 3
-"""Frames in which a coarse pass may be wrong and later passes right; with more, ways out of an object are given up."""
+"""Wrong frames that later passes may mend; with more after a coarse pass, ways out of an object are given up."""
 
 LOST_DISTANCE = 0.12
 """[m]; a hand farther from its contact point has let go of the object."""
@@ -117,7 +117,7 @@ class SurfaceProblems:
         return max(in_links, free_depth(weights, touching, kinematics, self.surfaces))
 
     def _wrong_frames(self, qpos: np.ndarray) -> int:
-        """Return the number of frames with a link that points away from the human's, a turned trunk or a lost hand."""
+        """Return the number of frames of links that point away from the human's, of turned trunks and of lost hands."""
         kinematics, targets = self.model.forward(qpos), self.targets
         flips = orientation_flips(rotation_errors_deg(kinematics, targets))
         frames = sum(event.frames for event in (*flips, *trunk_turns(kinematics, targets)))
