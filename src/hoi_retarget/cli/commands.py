@@ -488,10 +488,12 @@ class Scene(PhysicsOptions):
 
 @dataclass(frozen=True)
 class Feasible(JsonOption, PhysicsOptions):
-    """Compute forces and torques that results would need, and their violations of limits; nothing is simulated."""
+    """Compute forces and torques that results would need, and where they break limits; no robot is simulated."""
 
     results: ResultFiles
     """Result files (.npz) or other programs' motions."""
+    hands: bool = False
+    """Simulate two free hands with the objects, too: do the holds alone keep them?"""
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from hoi_retarget.evaluation.physics_figures import FEASIBILITY, forces_figures
 from hoi_retarget.files.atomic import write_together
 from hoi_retarget.motion.motion import SIMULATED
 from hoi_retarget.robots import load_robot
+from hoi_retarget.simulation.free_hands import kept_objects
 from hoi_retarget.simulation.physics_scene import FILE, scene_files, scene_of
 from hoi_retarget.simulation.physics_stage import FOR_CONTROLLERS, add_physics_stage, write_simulated
 from hoi_retarget.simulation.refine import Progress
@@ -32,7 +33,9 @@ def execute_feasible(command: Feasible) -> int:
     def judge(path: Path) -> None:
         motion = load_motion(path, command.robot)
         clip, physics = clip_with_objects(motion, command), physics_of(motion, command)
-        forces = forces_on_clip(motion, clip, load_robot(motion.robot), physics)
+        model = load_robot(motion.robot)
+        forces = forces_on_clip(motion, clip, model, physics)
+        kept = kept_objects(motion, clip, model, physics) if command.hands and clip and motion.frames > 1 else ()
         values, found = forces_figures(forces, motion), infeasibilities(forces, motion)
         masses = " ".join(f"{body.mass:.2f}" for body in forces.bodies) or "-"
         rows.append((path.stem, motion.robot, masses, *(figure.text(values[figure.name]) for figure in FEASIBILITY)))
@@ -41,6 +44,7 @@ def execute_feasible(command: Feasible) -> int:
             {
                 **{"file": str(path), "robot": motion.robot, "frames": motion.frames, **values, "objects": bodies},
                 "shortcomings": [asdict(item) for item in found],
+                **({"two_free_hands": [asdict(item) for item in kept]} if command.hands else {}),
             }
         )
         say(f"{path}: {'nothing speaks against it' if not found else ''}")
@@ -48,6 +52,10 @@ def execute_feasible(command: Feasible) -> int:
             say(f"  {item}")
         if len(found) > _MAX_SHOWN:
             say(f"  and {len(found) - _MAX_SHOWN} more{'' if command.json else '; --json writes all'}")
+        for item in kept:
+            say(f"  {item}")
+        if command.hands and not kept:
+            say("  no hand is labelled to touch an object over some frames: two free hands were not simulated")
 
     failures = do_for_each("computing forces", command.results, judge)
     if rows:

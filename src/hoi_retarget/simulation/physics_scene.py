@@ -37,7 +37,7 @@ _SOLE_RADIUS = 0.005  # [m]
 _PALM_TORSION = 0.03  # Of a patch of 4.5 cm radius, evenly pressed: two thirds of it [m].
 _TORSION = 4  # MuJoCo's `condim` of contacts that resist sliding and torsion.
 _ABOVE = 1  # MuJoCo's `priority` of geometries whose friction counts, instead of the larger one.
-_PALMS = {f"{side}_palm" for side in SIDES}
+PALMS = tuple(f"{side}_palm" for side in SIDES)
 SOLES = frozenset(f"{side}_sole_{corner}" for side in SIDES for corner in SOLE_CORNERS)
 _ITERATIONS = 20  # Of the constraint solver: more change nothing that is seen, and cost time.
 FILE, MESHES = "scene.xml", "meshes"
@@ -170,7 +170,7 @@ def mesh_name(item: SceneObject, part: int) -> str:
 def _set_robot(description: mujoco.MjSpec, scene: PhysicsScene) -> None:
     friction = _friction(scene.physics.hand_friction)
     sites = {site.name: site for site in description.sites}
-    palms = {sites[name].parent.name for name in _PALMS}
+    palms = {sites[name].parent.name for name in PALMS}
     feet = {sites[name].parent.name for name in SOLES}
     for body in description.bodies[1:]:
         for number, geom in enumerate(list(body.geoms)):

@@ -126,14 +126,11 @@ def _write_mjlab(motion: ResampledMotion) -> Written:
     return replace(written, notes=(note,))
 
 
-MJLAB = Format(
+MJLAB = replace(
+    BEYONDMIMIC,
     name="mjlab",
     convention=Convention("mjlab", order="depth_first"),
-    holds=holds,
-    read=_read_tracking,
     write=_write_mjlab,
     title="mjlab, tracking task (MuJoCo Warp)",
-    fps=50.0,
-    contacts_inside=True,
     linear_velocity_of="link origins",
 )

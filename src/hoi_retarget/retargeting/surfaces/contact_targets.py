@@ -1,8 +1,8 @@
 """Contact targets at which the robot's own skin touches the object, each on the human's side of it.
 
-A contact target is a point inside the human's hand. Moved there, a robot's hand is somewhere inside the object or
-off it. Each contact is moved, with the robot's hand as it is turned, along the contact's side until nothing of the
-hand is inside, and towards the nearest point of the surface until it touches. The moves are smoothed over time.
+A contact target is a point inside the human's foot or another part that touches; hands have holds. Moved there, the
+robot's part is somewhere inside the object or off it. Each contact is moved, with the part as it is turned, along its
+side where skin is inside, and towards the nearest surface until it touches. The moves are smoothed over time.
 """
 
 from dataclasses import replace
@@ -55,7 +55,9 @@ def contact_sides(targets: Targets, objects: tuple[MovingObject, ...]) -> Float[
 
 
 def _sides(targets: Targets, moving_object: MovingObject, link: int, window: slice) -> Float[np.ndarray, "F 3"]:
-    points = _points(targets, link)[window]
+    points, placed = targets.part_points[window, link], np.nan_to_num(targets.contact_points[window, link])
+    edited = targets.contact_flags[window, link] & (np.linalg.norm(placed - points, axis=1) > EDITED)
+    points = np.where(edited[:, None], placed, points)
     distances, normals = at_points(moving_object.field.distances_and_normals, points.T)
     shown = np.clip(distances, 1e-5, CLEARLY_OUTSIDE) * normals
     time = np.arange(len(points)) / seconds_to_frames(STEADY_SECONDS, targets.fps)
@@ -66,27 +68,15 @@ def _sides(targets: Targets, moving_object: MovingObject, link: int, window: sli
     return np.where(lengths > 1e-9, mean / np.maximum(lengths, 1e-9), normals.T)
 
 
-def _points(targets: Targets, link: int) -> Float[np.ndarray, "T 3"]:
-    """Return the part's path in the object's frame; the contact points where these were placed elsewhere."""
-    placed = np.nan_to_num(targets.contact_points[:, link])
-    apart = np.linalg.norm(placed - targets.part_points[:, link], axis=1)
-    edited = targets.contact_flags[:, link] & (apart > EDITED)
-    return np.where(edited[:, None], placed, targets.part_points[:, link])
-
-
 SKIN_POINTS = 150
 """Of the coarse skin that is moved: the last millimetres are left to the optimization."""
 STEPS = 8
-TOWARDS_PLACE = 0.45
-"""Share of the mean way, over a run of contact, from where the hand touches to where the human's does."""
 SMOOTHING_SECONDS = 0.4
 STRIDE_SECONDS = 0.1
 OVERSHOOT = 1.15
 """A step out is longer than the depth: where the side is oblique to the surface, the depth shrinks by less."""
-LEFT = 0.001
-"""[m] of an object may be left in a link."""
 LARGEST_MOVE = 0.2
-"""[m]; a hand that would have to go further stays as it is."""
+"""[m]; a part that would have to go further stays as it is."""
 
 
 def touching_targets(
@@ -136,66 +126,17 @@ def _moves(  # noqa: PLR0913, PLR0917  # the parts of a move
     site: str,
     frames: np.ndarray,
 ) -> Float[np.ndarray, "3 F"]:
-    """Return the move of each goal, in the object's frame [m]."""
+    """Return moves of the goals with which skin touches, in the object's frame [m]; what rests moves up and down."""
     to_object = moving_object.rotation[:, :, frames]
     turned = np.einsum("jif,jkf->ikf", to_object, kinematics.orientation(skin.frame)[:, :, frames])
     to_link = kinematics.point(skin.frame)[:, frames] - kinematics.point(site)[:, frames]
     lever = np.einsum("ijf,kj->ikf", turned, skin.points[:SKIN_POINTS])
     lever += np.einsum("jif,jf->if", to_object, to_link)[:, None]
-    resting = site in RESTING_SITES
-    moves, touched = _settled(np.zeros_like(goals), goals, lever, outward, moving_object, along=resting)
-    if resting:
-        return np.where(np.linalg.norm(moves, axis=0) < LARGEST_MOVE, moves, 0.0)
-    distances, normals = at_points(moving_object.field.distances_and_normals, goals)
-    apart = (goals - distances * normals - touched).mean(axis=1, keepdims=True)
-    moves, _ = _settled(moves + TOWARDS_PLACE * apart, goals, lever, outward, moving_object)
-    origins = np.einsum("jif,jf->if", to_object, to_link) + goals
-    moves = _outside(moves, origins, turned, outward, moving_object, skin)
-    return np.where(np.linalg.norm(moves, axis=0) < LARGEST_MOVE, moves, 0.0)
-
-
-def _settled(  # noqa: PLR0913  # the parts of a move
-    moves: Float[np.ndarray, "3 F"],
-    goals: Float[np.ndarray, "3 F"],
-    lever: Float[np.ndarray, "3 K F"],
-    outward: Float[np.ndarray, "3 F"],
-    moving_object: MovingObject,
-    *,
-    along: bool = False,
-) -> tuple[Float[np.ndarray, "3 F"], Float[np.ndarray, "3 F"]]:
-    """Return moves with which skin touches, and where it does, in the object's frame [m]; all along the side or not."""
-    every, touched = np.arange(goals.shape[1]), goals
+    moves, every = np.zeros_like(goals), np.arange(goals.shape[1])
     for _ in range(STEPS):
         points = (goals + moves)[:, None] + lever
         nearest = moving_object.distances(points).argmin(axis=0)
-        touched = points[:, nearest, every]
-        distances, normals = at_points(moving_object.field.distances_and_normals, touched)
-        moves = moves + np.where(
-            distances < 0.0, -OVERSHOOT * distances * outward, -distances * (outward if along else normals)
-        )
-    return moves, touched
-
-
-def _outside(  # noqa: PLR0913, PLR0917  # the parts of a move
-    moves: Float[np.ndarray, "3 F"],
-    origins: Float[np.ndarray, "3 F"],
-    turned: Float[np.ndarray, "3 3 F"],
-    outward: Float[np.ndarray, "3 F"],
-    moving_object: MovingObject,
-    skin: LinkSkin,
-) -> Float[np.ndarray, "3 F"]:
-    """Return moves that are longer where something of the object is in the link, between its skin points."""
-    moves = moves.copy()
-    surface = np.asarray(moving_object.samples.data)
-    for frame in range(moves.shape[1]):
-        turn, side = turned[:, :, frame], outward[:, frame]
-        origin = origins[:, frame] + moves[:, frame]
-        samples = surface[moving_object.samples.query_ball_point(origin + turn @ skin.centre, skin.radius)]
-        seen, back, way = (samples - origin) @ turn, turn.T @ side, 0.0
-        for _ in range(STEPS):
-            depth = -skin.solid.distances(seen - way * back).min(initial=np.inf)
-            if depth < LEFT:
-                break
-            way += OVERSHOOT * depth
-        moves[:, frame] += way * side
-    return moves
+        distances, normals = at_points(moving_object.field.distances_and_normals, points[:, nearest, every])
+        towards = outward if site in RESTING_SITES else normals
+        moves = moves - np.where(distances < 0.0, OVERSHOOT * distances * outward, distances * towards)
+    return np.where(np.linalg.norm(moves, axis=0) < LARGEST_MOVE, moves, 0.0)
