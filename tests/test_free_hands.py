@@ -64,9 +64,17 @@ def test_the_body_does_not_count():
     assert kept(motion.with_qpos(qpos)).off_m == pytest.approx(kept(motion).off_m, abs=0.005)
 
 
+def test_what_somebody_else_holds_too_is_not_tested():
+    clip, model = make("carry_table", seconds=2.0), MODELS["unitree_g1"]
+    motion = retarget(clip, model, Config(contact="landmark"))
+    assert motion.contact_flags.any() and kept_objects(motion, clip, model, PHYSICS) == ()
+    alone = replace(clip, contacts=tuple(track for track in clip.contacts if track.person == motion.person))
+    assert len(kept_objects(motion, alone, model, PHYSICS)) == 1
+
+
 def test_an_object_that_is_near_most_of_the_time_is_kept():
-    near = KeptObject("box", 0.02, 3.0, kept_share=0.96, lost_after=1.25)
-    assert "keep the box: 2.0 cm and 3 degrees off" in str(near)
+    near = KeptObject("box", "a box", 0.02, 3.0, kept_share=0.96, lost_after=1.25)
+    assert "keep the box: 2.0 cm and 3 degrees off on average, as a box" in str(near)
     assert "lose the box at 1.2 s" in str(replace(near, kept_share=0.94))
 
 

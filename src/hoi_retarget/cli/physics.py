@@ -55,7 +55,7 @@ def execute_feasible(command: Feasible) -> int:
         for item in kept:
             say(f"  {item}")
         if command.hands and not kept:
-            say("  no hand is labelled to touch an object over some frames: two free hands were not simulated")
+            say("  two free hands were not simulated: no object is in this robot's hands alone")
 
     failures = do_for_each("computing forces", command.results, judge)
     if rows:

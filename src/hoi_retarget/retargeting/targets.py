@@ -36,7 +36,7 @@ from hoi_retarget.retargeting.feet import Foot, anchor, anchor_weights, plant, r
 from hoi_retarget.retargeting.mobile_base_path import mobile_base_path
 from hoi_retarget.retargeting.site_pins import SitePin, site_pin
 from hoi_retarget.robots.model import Kinematics, RobotModel
-from hoi_retarget.robots.spec import SIDES
+from hoi_retarget.robots.spec import PALMS, SIDES
 
 # Contact labels switch from frame to frame; hands come and go, and turn, over these times.
 CONTACT_RAMP_SECONDS, ROTATION_RAMP_SECONDS = 1 / 30, 2 / 30
@@ -44,7 +44,7 @@ MAXIMUM_SINK = 0.005  # [m] of a smoothed object under its own unsmoothed height
 MAXIMUM_OFF_CARRIER = 0.001  # [m] of a carried object from its recorded height over the carrier, scaled.
 SHARPER_SECONDS = 0.2  # Over which a height that smoothing blurred is left again.
 UP = np.array([0.0, 0.0, 1.0])
-PALMS, FEET = (tuple(f"{side}_{part}" for side in SIDES) for part in ("palm", "foot"))
+FEET = tuple(f"{side}_foot" for side in SIDES)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Literal
 
 SIDES = ("left", "right")
+PALMS = ("left_palm", "right_palm")
 SOLE_CORNERS = ("heel_inner", "heel_outer", "toe_inner", "toe_outer")
 SITES: tuple[str, ...] = (
     "pelvis",

@@ -12,12 +12,14 @@ from jaxtyping import Float
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.dynamics.contact_forces import Forces
-from hoi_retarget.dynamics.feasibility import forces_on_clip
+from hoi_retarget.dynamics.feasibility import forces_on_clip, held_by_others
+from hoi_retarget.dynamics.inverse_dynamics import movement_of
 from hoi_retarget.dynamics.physics_settings import Physics
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
-from hoi_retarget.simulation.physics_scene import PALMS, PhysicsScene, scene_description, scene_of
+from hoi_retarget.robots.spec import PALMS
+from hoi_retarget.simulation.physics_scene import PhysicsScene, scene_description, scene_of
 from hoi_retarget.simulation.rollout import TICK, Reference, object_poses, reference_of, with_weaker_grip
 
 KEPT_M, KEPT_DEG, KEPT_SHARE = 0.1, 20.0, 0.95
@@ -37,6 +39,8 @@ class KeptObject:
     """How an object fares in two free hands, in the time in which it is labelled to be touched."""
 
     name: str
+    shape: str
+    """What collides, in words."""
     off_m: float
     """From its path, on average [m],"""
     off_deg: float
@@ -48,11 +52,12 @@ class KeptObject:
     def __str__(self) -> str:
         kept = self.lost_after is None or self.kept_share >= KEPT_SHARE
         found = f"keep the {self.name}" if kept else f"lose the {self.name} at {self.lost_after:.1f} s"
-        return f"two free hands {found}: {100 * self.off_m:.1f} cm and {self.off_deg:.0f} degrees off on average"
+        off = f"{100 * self.off_m:.1f} cm and {self.off_deg:.0f} degrees off on average"
+        return f"two free hands {found}: {off}, as {self.shape}"
 
 
 def kept_objects(motion: Motion, clip: Clip, model: RobotModel, physics: Physics) -> tuple[KeptObject, ...]:
-    """Return how the objects that hands are labelled to touch fare in two free hands.
+    """Return how the objects that hands of this robot alone are labelled to touch fare in two free hands.
 
     Args:
         motion: The motion, of two frames or more.
@@ -68,7 +73,7 @@ def kept_objects(motion: Motion, clip: Clip, model: RobotModel, physics: Physics
     forces = forces_on_clip(motion, clip, model, with_weaker_grip(physics))
     reference = reference_of(scene, motion, forces)
     frames = np.round(TICK * motion.fps * np.arange(len(reference.qpos))).astype(int)
-    poses = _simulated(scene, reference, _given(motion, model, forces)[frames])
+    poses = _simulated(scene, reference, _given(motion, model, forces, physics)[frames])
     expected = object_poses(reference.qpos, model.n)
     off = np.linalg.norm(poses[:, :, :3] - expected[:, :, :3], axis=2)
     turned = np.degrees(se3.angle_between(poses[:, :, 3:], expected[:, :, 3:]))
@@ -76,16 +81,21 @@ def kept_objects(motion: Motion, clip: Clip, model: RobotModel, physics: Physics
     found = []
     for index in np.unique(hands[hands >= 0]).tolist():
         touched = (reference.touched == index).any(axis=1)
+        if held_by_others(clip, motion.person)[frames[touched], index].any():
+            continue
         lost = touched & ((off[:, index] > KEPT_M) | (turned[:, index] > KEPT_DEG))
         off_m, off_deg = (float(values[touched, index].mean()) for values in (off, turned))
         kept, after = float(1.0 - lost[touched].mean()), TICK * int(lost.argmax()) if lost.any() else None
-        found.append(KeptObject(motion.object_names[index], off_m, off_deg, kept, after))
+        shape = scene.objects[index].shape.text
+        found.append(KeptObject(motion.object_names[index], shape, off_m, off_deg, kept, after))
     return tuple(found)
 
 
-def _given(motion: Motion, model: RobotModel, forces: Forces) -> Float[np.ndarray, "T 2 6"]:
+def _given(motion: Motion, model: RobotModel, forces: Forces, physics: Physics) -> Float[np.ndarray, "T 2 6"]:
     """Return the force [N] and moment about the palm [N m] that each hand gives to objects in every frame."""
-    given, kinematics = np.zeros((motion.frames, len(PALMS), 6)), model.forward(motion.qpos)
+    given = np.zeros((motion.frames, len(PALMS), 6))
+    # The points are those of the smoothed motion.
+    kinematics = model.forward(movement_of(motion.qpos, motion.fps, physics.smoothing).qpos)
     for number, point in enumerate(forces.points):
         if point.name in PALMS and point.object is not None:
             force = -np.where(point.active[:, None], forces.on_robot[:, number], 0.0)
@@ -117,9 +127,8 @@ def _simulated(
         for later in np.arange(steps) / steps:
             goal = se3.quat_normalize((1.0 - later) * turn[tick] + later * turn[tick + 1])
             off = (1.0 - later) * place[tick] + later * place[tick + 1] - data.site_xpos[sites]
-            apart = se3.log(
-                se3.quat_multiply(goal, se3.quat_conjugate(se3.quat_multiply(data.xquat[bodies], own_quat)))
-            )
+            now = se3.quat_multiply(data.xquat[bodies], own_quat)
+            apart = se3.log(se3.quat_multiply(goal, se3.quat_conjugate(now)))
             speed = data.qvel[last:].reshape(-1, 6)
             turning = se3.rotate(data.xquat[bodies], speed[:, 3:])
             moving = speed[:, :3] + np.cross(turning, data.site_xpos[sites] - data.xpos[bodies])
@@ -133,8 +142,7 @@ def _simulated(
 
 
 def _limited(vectors: Float[np.ndarray, "2 3"], largest: float) -> Float[np.ndarray, "2 3"]:
-    sizes = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return vectors * np.minimum(1.0, largest / np.maximum(sizes, 1e-12))
+    return vectors * np.minimum(1.0, largest / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12))
 
 
 def _hands_and_objects(scene: PhysicsScene) -> mujoco.MjModel:

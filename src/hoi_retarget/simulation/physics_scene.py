@@ -30,14 +30,13 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots.mjcf import read_mjcf
 from hoi_retarget.robots.model import RobotModel
-from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
+from hoi_retarget.robots.spec import PALMS, SIDES, SOLE_CORNERS
 
 _ROBOT, _FEET, _OBJECT, _FLOOR = 1, 2, 4, 8  # Bits of what collides with what.
 _SOLE_RADIUS = 0.005  # [m]
 _PALM_TORSION = 0.03  # Of a patch of 4.5 cm radius, evenly pressed: two thirds of it [m].
 _TORSION = 4  # MuJoCo's `condim` of contacts that resist sliding and torsion.
 _ABOVE = 1  # MuJoCo's `priority` of geometries whose friction counts, instead of the larger one.
-PALMS = tuple(f"{side}_palm" for side in SIDES)
 SOLES = frozenset(f"{side}_sole_{corner}" for side in SIDES for corner in SOLE_CORNERS)
 _ITERATIONS = 20  # Of the constraint solver: more change nothing that is seen, and cost time.
 FILE, MESHES = "scene.xml", "meshes"

@@ -22,9 +22,10 @@ from hoi_retarget.retargeting.holds.hold_candidates import PersonHold
 from hoi_retarget.retargeting.holds.hold_choice import Hold, chosen_holds
 from hoi_retarget.retargeting.surfaces.contact_targets import EDITED
 from hoi_retarget.retargeting.surfaces.skin_points import HELD_SHELL_SPACING, MovingObject, moving_objects
-from hoi_retarget.retargeting.targets import PALMS, Targets
+from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.skin import skins_from
+from hoi_retarget.robots.spec import PALMS
 
 LEVER = 0.05
 """[m]; a hand that turns has moved as its points at this distance have."""

@@ -14,10 +14,10 @@ from jaxtyping import Float
 from hoi_retarget.numerics.arrays import frozen, runs
 from hoi_retarget.numerics.filters import seconds_to_frames
 from hoi_retarget.retargeting.surfaces.skin_points import MovingObject, at_points
-from hoi_retarget.retargeting.targets import PALMS, Targets
+from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.skin import LinkSkin, contact_skins
-from hoi_retarget.robots.spec import BODY_SITES
+from hoi_retarget.robots.spec import BODY_SITES, PALMS
 
 APPROACH_SECONDS = 1 / 3
 """Before and after a contact, in which the human's part is outside the object on the side from which it came."""

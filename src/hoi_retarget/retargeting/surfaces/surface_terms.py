@@ -18,13 +18,14 @@ from hoi_retarget.retargeting.surfaces.skin_terms import (
     object_outside_link,
     skin_contact,
 )
-from hoi_retarget.retargeting.targets import PALMS, Targets
+from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import Term
 from hoi_retarget.retargeting.trajopt.terms.object_contact import ObjectContact
 from hoi_retarget.retargeting.trajopt.terms.self_clearance import self_clearance_terms
 from hoi_retarget.retargeting.trajopt.trajectory_terms import trajectory_terms
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.skin import LinkSkin, Skin, contact_skins
+from hoi_retarget.robots.spec import PALMS
 
 TOUCH_SECONDS = 2 / 30
 """Ramp of touch before and after a contact."""

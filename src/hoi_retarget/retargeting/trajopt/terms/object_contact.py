@@ -8,10 +8,11 @@ from jaxtyping import Float
 
 from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.config import Weights
-from hoi_retarget.retargeting.targets import PALMS, Targets
+from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import FrameRows
 from hoi_retarget.retargeting.trajopt.terms.site_pose import SiteRotation
 from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.robots.spec import PALMS
 
 HOLD_FACTOR = 20.0
 """Of the contact's weight at a hold, at which the hand touches."""
