@@ -18,12 +18,12 @@ from common import pin_threads, show, write_json
 from scipy.stats import spearmanr
 
 from hoi_retarget.dynamics.feasibility import forces_on_clip, physics_of_motion
+from hoi_retarget.dynamics.physics_scene import compiled, scene_of
 from hoi_retarget.evaluation.physics_figures import FEASIBILITY, forces_figures
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.readers.open import clip_of
 from hoi_retarget.robots import load_robot
 from hoi_retarget.simulation.control import feedback_gains
-from hoi_retarget.simulation.physics_scene import compiled, scene_of
 from hoi_retarget.simulation.rollout import drive_targets, object_errors, reference_of, track
 
 WAYS = ("angles", "torques", "feedback")

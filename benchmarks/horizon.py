@@ -19,7 +19,7 @@ from hoi_retarget import synthetic
 from hoi_retarget.errors import SolveError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.motion_report import Status
-from hoi_retarget.retargeting.config import Config, Horizon, Scaling, Weights, parse_horizon
+from hoi_retarget.retargeting.config import Config, Horizon, Scaling, parse_horizon
 from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.retargeting.trajopt.windows import windows_of
 from hoi_retarget.robots import load_robot
@@ -119,12 +119,12 @@ def measure(arguments: Arguments, name: str, clearance: float) -> dict[str, Any]
     """Return what one horizon does with all clips, and the memory it takes, in this process."""
     config = Config(
         scaling=Scaling(object_scale=arguments.object_scale),
-        weights=Weights(capsule_clearance=clearance),
         horizon=parse_horizon(name),
         contact="landmark",
     )
     model = load_robot(arguments.robot)
-    clips = [measured(source, model, config) for source in sources(arguments)]
+    with counted(clearance):
+        clips = [measured(source, model, config) for source in sources(arguments)]
     return {"horizon": name, "clearance": clearance, "clips": clips, "megabytes": peak_memory()}
 
 

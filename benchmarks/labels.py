@@ -16,7 +16,6 @@ from common import clip_files, pin_threads, show, write_json
 from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.clip.label_contacts import (
     PROXIMITY,
-    InterAct,
     Proximity,
     label_contacts,
     part_object_distances,
@@ -78,7 +77,6 @@ def compare(clip: Clip, *, chosen_on: bool) -> Compared:
         recorded=hands(clip.contacts),
         by_rule={
             "ours": ours,
-            "InterAct": hands(label_contacts(clip, rule=InterAct())),
             **{name: touching(clip, near, rule) for name, rule in rules.items()},
         },
     )
@@ -126,7 +124,7 @@ def rows(clips: list[Compared]) -> list[list[str]]:
     table = []
     for name, members in groups.items():
         if members:
-            figures = [f"{f1(members, rule):.3f}" for rule in ("ours", "not steadied", "InterAct")]
+            figures = [f"{f1(members, rule):.3f}" for rule in ("ours", "not steadied")]
             table.append([name, str(len(members)), *figures, edges(members, "ours", 1), edges(members, "ours", -1)])
     return table
 
@@ -142,7 +140,7 @@ def main(arguments: Arguments) -> None:
         compare(read_clip(path, ReadOptions(objects=arguments.objects)), chosen_on=index % 2 == 0)
         for index, path in enumerate(files)
     ]
-    header = ["object", "clips", "F1", "not steadied", "InterAct's", "onset median / p90 [frames]", "release"]
+    header = ["object", "clips", "F1", "not steadied", "onset median / p90 [frames]", "release"]
     table, thresholds = rows(clips), sweep(clips)
     show("Contacts from geometry against recorded labels, hands", header, table)
     show("F1 by the distance `touch`, release 5 mm farther", ["rule", "chosen on", "others"], thresholds)

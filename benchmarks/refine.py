@@ -16,6 +16,7 @@ from common import pin_threads, show, write_json
 from scipy.stats import spearmanr
 
 from hoi_retarget.dynamics.feasibility import forces_on_clip, physics_of_motion
+from hoi_retarget.dynamics.physics_scene import PhysicsScene
 from hoi_retarget.dynamics.physics_settings import Refinement
 from hoi_retarget.evaluation.physics_figures import FEASIBILITY, forces_figures
 from hoi_retarget.motion.motion import SIMULATED, Motion
@@ -24,7 +25,6 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.readers.open import clip_of
 from hoi_retarget.robots import load_robot
 from hoi_retarget.simulation.balance_transition import with_lead_in_and_out
-from hoi_retarget.simulation.physics_scene import PhysicsScene
 from hoi_retarget.simulation.physics_stage import add_physics_stage
 from hoi_retarget.simulation.rollout import Reference, Rollout, base_errors_deg, object_errors
 

@@ -15,7 +15,7 @@ import numpy as np
 import tyro
 from common import Source, peak_memory, pin_threads, run_fresh, show, write_json
 
-from hoi_retarget.retargeting.config import Config, Weights, parse_horizon
+from hoi_retarget.retargeting.config import Config, parse_horizon
 from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import load_robot
 from short_clips import tiled
@@ -44,10 +44,10 @@ def measure(arguments: Arguments, frames: int, horizon: str) -> dict[str, Any]:
         limit = int(arguments.memory_limit * 2**30)
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     model, clip = load_robot(arguments.robot), tiled(arguments.source.read(), frames)
-    weights = Weights(capsule_clearance=arguments.clearance)
     start = time.process_time()
     try:
-        result = retarget(clip, model, Config(weights=weights, horizon=parse_horizon(horizon), contact="landmark"))
+        with counted(arguments.clearance):
+            result = retarget(clip, model, Config(horizon=parse_horizon(horizon), contact="landmark"))
     except MemoryError:
         return {"horizon": horizon, "frames": frames, "failed": "out of memory", "megabytes_of_imports": loaded}
     total = time.process_time() - start

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.dynamics.inverse_dynamics import mass_centres, mass_jacobian
+from hoi_retarget.dynamics.physics_scene import SOLES
 from hoi_retarget.simulation.balance_transition import LENGTH, capture_margin, lead_in, with_lead_in_and_out
-from hoi_retarget.simulation.physics_scene import SOLES
 from hoi_retarget.simulation.rollout import TICK
 from plain_motions import standing_qpos
 from test_rollout import G1, staged

@@ -1,6 +1,7 @@
 """Capsules against a sampled surface: known depths at a box, no rows where nothing is near, the robots' capsules."""
 
-from dataclasses import replace
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,20 +9,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
-from hoi_retarget.errors import ArgumentError
 from hoi_retarget.motion.motion_report import Status
 from hoi_retarget.objects.distance_field import surface_samples
 from hoi_retarget.objects.mesh import Surface
-from hoi_retarget.retargeting.config import Config, Scaling, Weights
+from hoi_retarget.retargeting.config import Config, Weights
 from hoi_retarget.retargeting.solve import solve
-from hoi_retarget.retargeting.targets import make_targets
+from hoi_retarget.retargeting.trajopt import trajectory_terms
 from hoi_retarget.retargeting.trajopt.problem import cost
-from hoi_retarget.retargeting.trajopt.terms.capsule_clearance import CapsuleClearance, capsule_terms
-from hoi_retarget.retargeting.trajopt.trajectory_terms import trajectory_terms
-from hoi_retarget.robots.spec import LinkCapsule
 from hoi_retarget.synthetic import make
 from hoi_retarget.synthetic.object_shapes import Block, Shape
-from trajectories import MODELS, random_qpos
+from trajectories import MODELS
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+from capsule_clearance import CAPSULES, CapsuleClearance, LinkCapsule, counted  # beside the package
 
 G1 = MODELS["unitree_g1"]
 HALF = 0.15  # [m] of the box's height
@@ -111,76 +111,31 @@ def test_samples_leave_no_part_of_the_surface_out():
 
 
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS.keys())
-class TestCapsulesOfRobots:
-    def test_there_are_as_many_as_in_the_paper_on_bodies_that_exist(self, model):
-        assert len(model.spec.capsules) == 17
-        assert {capsule.body for capsule in model.spec.capsules} <= set(model.body_frames.names)
-
-    def test_left_and_right_are_mirrored(self, model):
-        upright = np.concatenate([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], np.zeros(model.n)])
-        kinematics = model.forward(upright[None])
-        ends = {}
-        for capsule in model.spec.capsules:
-            body = model.body_frames.frames[capsule.body]
-            places = [kinematics.point(body.of(np.array(end), np.eye(3)))[:, 0] for end in (capsule.start, capsule.end)]
-            ends[capsule.body] = np.stack(places)
-        for body, places in ends.items():
-            if body.startswith("left_"):
-                mirrored = ends[body.replace("left_", "right_")] * [1.0, -1.0, 1.0]
-                np.testing.assert_allclose(places, mirrored, atol=2e-3, err_msg=body)
-
-    def test_their_middles_lie_in_their_links(self, model):
-        geometries = model.geometries
-        for capsule in model.spec.capsules:
-            body = model.body_frames.frames[capsule.body]
-            middle = body.of(0.5 * (np.array(capsule.start) + capsule.end), np.eye(3)).position
-            shapes = [
-                (geometries.types[geom], geometries.sizes[geom], geometries.frames[geom])
-                for geom, carrier in enumerate(geometries.bodies)
-                if carrier == capsule.body
-            ]
-            assert any(
-                holds(kind, size, frame.rotation.T @ (middle - frame.position)) for kind, size, frame in shapes
-            ), capsule.body
+def test_there_are_as_many_capsules_as_in_the_paper_on_bodies_that_exist(model):
+    capsules = CAPSULES[model.spec.name]
+    assert len(capsules) == 17 and {capsule.body for capsule in capsules} <= set(model.body_frames.names)
 
 
-def holds(kind: str, size: np.ndarray, point: np.ndarray) -> bool:
-    """Return whether a point [m] lies in a primitive."""
-    if kind == "capsule":
-        return bool(np.linalg.norm(point - [0.0, 0.0, np.clip(point[2], -size[1], size[1])]) < size[0])
-    if kind == "ellipsoid":
-        return bool(np.sum((point / size) ** 2) < 1.0)
-    if kind == "cylinder":
-        return bool(np.hypot(*point[:2]) < size[0] and abs(point[2]) < size[1])
-    return bool((np.abs(point) < size).all())
-
-
-def test_nothing_is_computed_at_weight_zero():
-    targets = make_targets(make("carry_box"), G1, Scaling()).window(0, 5)
-    reference = G1.forward(random_qpos(G1, 5, np.random.default_rng(0)))
-    assert not [term for term in trajectory_terms(Weights(), targets, reference) if "capsule" in term.name]
-    on = trajectory_terms(Weights(capsule_clearance=1.0), targets, reference)
-    assert [term.name for term in on if "capsule" in term.name] == ["capsule_clearance_0"]
-
-
-def test_a_robot_without_capsules_is_named():
-    targets = make_targets(make("carry_box"), G1, Scaling()).window(0, 5)
-    bare = replace(G1, spec=replace(G1.spec, capsules=()))
-    reference = bare.forward(random_qpos(G1, 5, np.random.default_rng(0)))
-    with pytest.raises(ArgumentError, match="unitree_g1 has no capsules"):
-        list(capsule_terms(Weights(capsule_clearance=1.0), targets, reference))
+def test_rows_follow_finite_differences():
+    term = term_of(surface_samples(BOX, 0.05))
+    qpos, step = standing((0.02, 0.01, HALF + 0.03)), 1e-6
+    (rows,) = term.rows(G1.forward(qpos))
+    for axis in range(3):
+        moved = [residuals_of(term, qpos + sign * step * np.eye(qpos.shape[1])[axis]) for sign in (-1.0, 1.0)]
+        np.testing.assert_allclose(rows.by_linear[:, axis, 0], (moved[1] - moved[0]) / (2 * step), atol=1e-6)
 
 
 @pytest.mark.slow
 def test_the_weight_moves_the_robot_out_of_the_object():
-    clip = make("carry_box")
-    sunk = {}
+    clip, sunk = make("carry_box"), {}
     for weight in (0.0, 300.0):
-        config = Config(weights=Weights(capsule_clearance=weight), contact="landmark")
-        solution = solve(clip, G1, config)
-        motion, targets = solution.motion, solution.targets
-        kinematics = G1.forward(motion.qpos)
-        (term,) = capsule_terms(Weights(capsule_clearance=1.0), targets, kinematics)
+        with counted(weight):
+            solution = solve(clip, G1, Config(contact="landmark"))
+        kinematics = G1.forward(solution.motion.qpos)
+        with counted(1.0):
+            every = trajectory_terms.trajectory_terms(Weights(), solution.targets, kinematics)
+        (term,) = [term for term in every if term.name == "capsule_clearance_0"]
         sunk[weight] = sum(cost(rows) for rows in term.rows(kinematics))
-        assert all(window.status is Status.SOLVED for window in motion.stages[-1].windows)
+        assert all(window.status is Status.SOLVED for window in solution.motion.stages[-1].windows)
     assert sunk[300.0] < 0.5 * sunk[0.0]
+    assert not [term for term in trajectory_terms.COSTS if term.__module__ == "capsule_clearance"]

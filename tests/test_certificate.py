@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controller_files import read_controller_file
+from hoi_retarget.dynamics.physics_scene import compiled
 from hoi_retarget.dynamics.physics_settings import Refinement
 from hoi_retarget.motion.motion import Stage
 from hoi_retarget.motion.motion_report import Report
@@ -16,7 +17,6 @@ from hoi_retarget.motion.performance import MAX_BASE_DISTANCE_M, MAX_OBJECT_DIST
 from hoi_retarget.motion.result_file import load, save
 from hoi_retarget.simulation.certificate import certificate_of
 from hoi_retarget.simulation.control import feedback_gains
-from hoi_retarget.simulation.physics_scene import compiled
 from hoi_retarget.simulation.refine import Refined
 from hoi_retarget.simulation.rollout import drive_targets, track
 from hoi_retarget.simulation.tracking_result import controller_file

@@ -90,8 +90,8 @@ def changed(config, place):
     inner = getattr(config, head)
     if rest:
         return replace(config, **{head: changed(inner, rest)})
-    if inner in {"surface", "all"}:
-        return replace(config, **{head: {"surface": "landmark", "all": "fast"}[inner]})
+    if inner in {"surface", "all", "touch"}:
+        return replace(config, **{head: {"surface": "landmark", "all": "fast", "touch": "simulated"}[inner]})
     other = (
         0.5
         if isinstance(inner, str) or inner == 0

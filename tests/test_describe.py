@@ -358,9 +358,9 @@ def test_a_whole_recording_is_described(two_people):
 
 def test_what_is_asked_for_is_in_the_command(two_people):
     facts = inspect(
-        two_people, ReadOptions(objects=None, object_name=None, body_models=None, floor=0.1, labels="interact")
+        two_people, ReadOptions(objects=None, object_name=None, body_models=None, floor=0.1, labels="proximity")
     )
-    assert facts.command == f"hoi-retarget run {two_people} --floor 0.1 --labels interact --out out"
+    assert facts.command == f"hoi-retarget run {two_people} --floor 0.1 --labels proximity --out out"
 
 
 def test_a_recording_that_lacks_its_body_model_or_mesh_says_so_and_what_it_is(tmp_path):

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from hoi_retarget.cli import main
+from hoi_retarget.dynamics.free_hands import KEPT_M, KeptObject, kept_objects
 from hoi_retarget.dynamics.physics_settings import Physics
 from hoi_retarget.motion import result_file
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget
-from hoi_retarget.simulation.free_hands import KEPT_M, KeptObject, kept_objects
 from hoi_retarget.synthetic import make
 from trajectories import MODELS
 

@@ -26,7 +26,8 @@ from hoi_retarget.retargeting.holds.episodes import Episode, episodes, joined, s
 from hoi_retarget.retargeting.holds.hand_settling import depths, touching_areas
 from hoi_retarget.retargeting.holds.hand_shape import HandPoses, hand_shape
 from hoi_retarget.retargeting.holds.held_targets import person_path, with_holds
-from hoi_retarget.retargeting.holds.hold_candidates import DEEPEST, PersonHold, finalists
+from hoi_retarget.retargeting.holds.hold import PersonHold
+from hoi_retarget.retargeting.holds.hold_choice import DEEPEST, best_hold
 from hoi_retarget.retargeting.ik import solve_ik
 from hoi_retarget.retargeting.solve import solve
 from hoi_retarget.retargeting.surfaces.skin_points import MovingObject, moving_objects
@@ -90,7 +91,7 @@ def facing(inward: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return se3.quat_to_matrix(se3.shortest_rotation(inward, direction))
 
 
-def best_hold(model, site: str, moving_object: MovingObject, place: np.ndarray, tilt: np.ndarray) -> HandPoses:
+def best_pose(model, site: str, moving_object: MovingObject, place: np.ndarray, tilt: np.ndarray) -> HandPoses:
     """Return the hold that is best by itself, for a person's palm near the robot's, which is over the object."""
     hand, start = hand_shape(model, site), model.forward(np.repeat(model.home_qpos[None], 2, axis=0))
     palm = start.site_position(site)[0]
@@ -99,8 +100,8 @@ def best_hold(model, site: str, moving_object: MovingObject, place: np.ndarray, 
         moving_object, position=np.tile((palm - place)[:, None], 2), rotation=np.tile(np.eye(3)[:, :, None], 2)
     )
     held = PersonHold(Episode(0, 0, 0, 2), HandPoses(place[None], rotation[None]), edited=False)
-    found = finalists(held, hand, beside, start)
-    return found.poses.take(np.array([found.scores.argmax()]))
+    touch = best_hold(held, hand, beside, start).touch
+    return HandPoses(touch.position[None], touch.rotation[None])
 
 
 @pytest.mark.parametrize("size", [(1.0, 1.0, 0.4), (0.08, 0.08, 0.3), (1.0, 0.02, 0.02), (0.5, 0.5, 0.005)])
@@ -109,7 +110,7 @@ def test_hands_laid_on_touch_and_are_not_inside(model, size, tilt):
     """On a floor, a post, a rod and a thin board, from 3 cm above."""
     box = standing_box(size)
     hand, place = hand_shape(model, "left_palm"), np.array([0.0, 0.0, 0.5 * size[2] + 0.03])
-    poses = best_hold(model, "left_palm", box, place, np.array(tilt))
+    poses = best_pose(model, "left_palm", box, place, np.array(tilt))
     (depth,) = depths(hand, box, poses)
     assert -1.5e-3 < depth <= DEEPEST
     assert np.linalg.norm(poses.positions[0] - place) < 0.08
@@ -117,7 +118,7 @@ def test_hands_laid_on_touch_and_are_not_inside(model, size, tilt):
 
 def test_a_post_is_held_by_the_palm(model):
     box = standing_box((0.08, 0.08, 0.3))
-    poses = best_hold(model, "right_palm", box, np.array([0.0, 0.0, 0.18]), np.zeros(3))
+    poses = best_pose(model, "right_palm", box, np.array([0.0, 0.0, 0.18]), np.zeros(3))
     assert touching_areas(hand_shape(model, "right_palm"), box, poses, 2e-3)[0] > 2e-4
 
 
@@ -154,21 +155,21 @@ def two_palms(load, frame: int):
 
 def test_what_hands_cannot_give_is_missing():
     lifted = cube_load(0.5)
-    assert lifted.missing_share(10, *NO_HANDS, 0.8) == pytest.approx(1.0, abs=1e-6)
-    assert lifted.missing_share(10, *two_palms(lifted, 10), 0.8) < 0.01
+    assert lifted.hand_forces(10, *NO_HANDS, 0.8)[0] == pytest.approx(1.0, abs=1e-6)
+    assert lifted.hand_forces(10, *two_palms(lifted, 10), 0.8)[0] < 0.01
     one, inward = (part[:1] for part in two_palms(lifted, 10))
-    assert lifted.missing_share(10, one, inward, 0.8) > 0.5
-    assert cube_load(0.0).missing_share(10, *NO_HANDS, 0.8) < 0.01
+    assert lifted.hand_forces(10, one, inward, 0.8)[0] > 0.5
+    assert cube_load(0.0).hand_forces(10, *NO_HANDS, 0.8)[0] < 0.01
 
 
 @pytest.mark.parametrize("friction", [0.2, 0.4])
 def test_what_slides_is_braked_and_not_pushed(friction):
     sliding = cube_load(0.0, 0.5, friction)
-    missing = sliding.missing_share(10, *NO_HANDS, 0.8)
+    missing = sliding.hand_forces(10, *NO_HANDS, 0.8)[0]
     # Friction takes its share of the weight that the floor carries: least squares over both axes.
     assert missing == pytest.approx(friction / np.hypot(1.0, friction), abs=0.02)
-    assert sliding.missing_share(10, *two_palms(sliding, 10), 0.8) < 0.01
-    assert cube_load(0.0, 0.02, friction).missing_share(10, *NO_HANDS, 0.8) < 0.01
+    assert sliding.hand_forces(10, *two_palms(sliding, 10), 0.8)[0] < 0.01
+    assert cube_load(0.0, 0.02, friction).hand_forces(10, *NO_HANDS, 0.8)[0] < 0.01
 
 
 @FAST
@@ -194,11 +195,12 @@ def test_holds_keep_their_place_near_the_persons(model):
     for hold in holds:
         assert hold.moved < 0.09
         middle = (hold.episode.first + hold.episode.stop) // 2
-        np.testing.assert_allclose(held.carried_contact_points[middle, hold.episode.link], hold.position, atol=1e-9)
-        assert hold.missing_share < 0.2
+        np.testing.assert_allclose(
+            held.carried_contact_points[middle, hold.episode.link], hold.touch.position, atol=1e-9
+        )
     again, other = with_holds(held, model, ik_qpos, Physics())
     np.testing.assert_array_equal(again.carried_contact_points, held.carried_contact_points)
-    np.testing.assert_array_equal([item.position for item in other], [item.position for item in holds])
+    np.testing.assert_array_equal([item.touch.position for item in other], [item.touch.position for item in holds])
     np.testing.assert_array_equal(held.contact_flags, targets.contact_flags)
 
 
@@ -256,5 +258,5 @@ def test_mirrored_clips_have_mirrored_holds(name):
         (twin,) = (
             one for one in other if one.episode.link != hold.episode.link and one.episode.first == hold.episode.first
         )
-        np.testing.assert_allclose(twin.position, flip @ hold.position, atol=5e-3)
-        np.testing.assert_allclose(twin.rotation, flip @ hold.rotation @ flip, atol=0.05)
+        np.testing.assert_allclose(twin.touch.position, flip @ hold.touch.position, atol=5e-3)
+        np.testing.assert_allclose(twin.touch.rotation, flip @ hold.touch.rotation @ flip, atol=0.05)

@@ -8,7 +8,7 @@ import pytest
 from hoi_retarget.cli import main
 from hoi_retarget.clip.floor import FLOOR_REACH, WITNESS_TOLERANCE, floor_height, on_floor
 from hoi_retarget.clip.infer_contacts import with_contacts
-from hoi_retarget.clip.label_contacts import GUESSED_FINGERS, InterAct, Proximity, label_contacts
+from hoi_retarget.clip.label_contacts import GUESSED_FINGERS, Proximity, label_contacts
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError
 from hoi_retarget.human.person import stance
@@ -89,9 +89,8 @@ def test_feet_that_never_stand_still_have_a_lowest_point():
 def test_contacts_are_found_only_where_the_source_has_none_or_others_are_asked_for():
     bare = replace(CLIP, contacts=())
     assert with_contacts(CLIP) is CLIP
-    for clip, labels, rule in ((bare, "auto", None), (CLIP, "proximity", None), (bare, "interact", InterAct())):
-        found = with_contacts(clip, labels)
-        wanted = label_contacts(clip) if rule is None else label_contacts(clip, rule=rule)
+    for clip, labels in ((bare, "auto"), (CLIP, "proximity")):
+        found, wanted = with_contacts(clip, labels), label_contacts(clip)
         assert [(track.part, track.object) for track in found.contacts] == [(t.part, t.object) for t in wanted]
         for ours, theirs in zip(found.contacts, wanted, strict=True):
             np.testing.assert_array_equal(ours.active, theirs.active)
@@ -164,9 +163,9 @@ def test_what_the_trunk_pushes_is_not_said_to_move_alone():
 def test_results_open_their_clip_as_it_was_read(tmp_path, capsys):
     path = tmp_path / "bare.npz"
     own_layout.write(replace(shifted(CLIP, 0.3), contacts=()), path)
-    assert main(["run", str(path), "--floor", "0.3", "--labels", "interact", "--out", str(tmp_path / "out")]) == 0
+    assert main(["run", str(path), "--floor", "0.3", "--labels", "proximity", "--out", str(tmp_path / "out")]) == 0
     motion = load(tmp_path / "out" / "bare.npz")
-    again, direct = clip_of(motion), open_clip(path, ReadOptions(floor=0.3, labels="interact"))
+    again, direct = clip_of(motion), open_clip(path, ReadOptions(floor=0.3, labels="proximity"))
     np.testing.assert_array_equal(again.objects[0].positions, direct.objects[0].positions)
     assert [track.active.sum() for track in again.contacts] == [track.active.sum() for track in direct.contacts]
     assert motion.contact_flags.any() and motion.report.figures["touch_gap_p95_m"] < 0.01

@@ -16,7 +16,6 @@ from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.clip.label_contacts import (
     FAR,
     PROXIMITY,
-    InterAct,
     Proximity,
     label_contacts,
     part_object_distances,
@@ -201,12 +200,6 @@ def test_a_clip_moved_as_a_whole_has_the_same_labels(turn, shift):
         np.testing.assert_array_equal(active, labels()[part])
 
 
-def test_a_clip_moved_along_the_floor_has_the_same_labels_by_interacts_rules():
-    other = flags(label_contacts(moved(clip(), 1.0, np.array([2.0, -3.0, 0.0])), rule=InterAct()))
-    for part, active in flags(label_contacts(clip(), rule=InterAct())).items():
-        np.testing.assert_array_equal(active, other[part])
-
-
 def test_a_clip_backwards_has_the_same_labels_backwards():
     for part, active in flags(label_contacts(reversed_(clip()))).items():
         np.testing.assert_array_equal(active[::-1], labels()[part])
@@ -256,25 +249,6 @@ def test_a_hand_that_passes_by_fast_does_not_touch():
         near = [item for item in part_object_distances(source) if item.part == "left_hand"]
         assert near[0].distances.min() < PROXIMITY.touch
         assert touching(source, near)[0].any() == expected
-
-
-def test_wider_limits_never_end_a_contact_by_interacts_rules():
-    nobody = {"near": 0.0, "raised": 1e9}  # There is no contact of the whole body, so `alone` decides.
-    narrow, wide = (
-        flags(label_contacts(descending(), rule=InterAct(alone=alone, **nobody))) for alone in (0.002, 0.05)
-    )
-    assert all(not (narrow[part] & ~wide[part]).any() for part in PARTS)
-    assert narrow["left_hand"].sum() < wide["left_hand"].sum()
-
-
-def test_by_interacts_rules_only_what_is_nearest_touches_and_whoever_holds_a_raised_object():
-    (left, *_), source = part_object_distances(descending()), descending()
-    rule = InterAct(near=0.03, margin=1e-6, alone=0.0, raised=1e9)
-    found = flags(label_contacts(source, rule=rule))
-    assert found["left_hand"].any()
-    assert not found["left_hand"][left.distances > rule.near].any()
-    held = flags(label_contacts(source, rule=InterAct(near=0.0, margin=1e-6, alone=0.0)))
-    assert held["left_hand"].any(), "the plate hangs in the air, so the nearest part holds it"
 
 
 def test_one_thin_triangle_is_an_object_like_others():

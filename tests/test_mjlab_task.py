@@ -23,6 +23,7 @@ from hypothesis import strategies as st
 from export_motions import as_result, smooth_motion
 from hoi_retarget.cli import main
 from hoi_retarget.dynamics.actuators import actuators_of
+from hoi_retarget.dynamics.physics_scene import scene_of
 from hoi_retarget.dynamics.physics_settings import Physics
 from hoi_retarget.errors import ClipError
 from hoi_retarget.motion import result_file
@@ -35,7 +36,6 @@ from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots import load_robot
 from hoi_retarget.simulation import mjlab_task
 from hoi_retarget.simulation.mjlab_task import package_files, plain_name, task_of
-from hoi_retarget.simulation.physics_scene import scene_of
 from hoi_retarget.synthetic import make
 from plain_motions import plain_motion, standing_qpos
 

@@ -12,13 +12,13 @@ from hoi_retarget.cli import main
 from hoi_retarget.dynamics import object_bodies as collision_shape_module
 from hoi_retarget.dynamics.actuators import actuators_of
 from hoi_retarget.dynamics.object_bodies import collision_shape, object_body, oriented_box
+from hoi_retarget.dynamics.physics_scene import compiled, scene_files, scene_of
 from hoi_retarget.dynamics.physics_settings import Physics
 from hoi_retarget.errors import ArgumentError, RobotError
 from hoi_retarget.motion import result_file
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots import load_robot
-from hoi_retarget.simulation.physics_scene import compiled, scene_files, scene_of
 from hoi_retarget.synthetic import make
 from plain_motions import plain_motion, standing_qpos
 from tiny_robot import tiny_robot

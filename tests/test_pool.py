@@ -1,7 +1,6 @@
 """Batches among processes that die: workers, the batch itself, and by whatever signal."""
 
 import errno
-import json
 import os
 import shutil
 import signal
@@ -10,9 +9,7 @@ import sys
 import time
 from contextlib import suppress
 from dataclasses import replace
-from importlib.util import find_spec
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,7 +18,6 @@ from batch_tasks import act, unpicklable
 from hoi_retarget.batch import pool
 from hoi_retarget.batch.manifest import MANIFEST, read_manifest
 from hoi_retarget.batch.pool import LocalPool, LostTask
-from hoi_retarget.batch.ray_pool import MACHINES_LOST, RayPool
 from hoi_retarget.batch.run_batch import locked
 from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.motion.result_file import encode, load
@@ -292,91 +288,3 @@ def test_any_kills_in_the_middle_and_another_run_equal_an_undisturbed_one(folder
         assert not complaints if whole else "Traceback" not in complaints
         finish(folder)
         assert made_in(folder / "out") == undisturbed
-
-
-class NodeDied(Exception):
-    """What a stand-in for Ray raises for a task whose machine is lost."""
-
-
-class Cluster:
-    """A stand-in for Ray: tasks are done when they are waited for, some of them on machines that are lost then."""
-
-    def __init__(self, machines_lost: dict[str, int]) -> None:
-        self.machines_lost = machines_lost  # With each task.
-        self.started: list[str] = []
-        self.at_once: list[int] = []
-
-    @property
-    def exceptions(self) -> SimpleNamespace:
-        return SimpleNamespace(RayError=Exception, NodeDiedError=NodeDied)
-
-    def init(self, **_options) -> None:
-        pass
-
-    def shutdown(self) -> None:
-        pass
-
-    def cluster_resources(self) -> dict[str, float]:
-        return {"CPU": 2.0 if len(self.started) < 4 else 3.0}
-
-    def remote(self, **_options):
-        return lambda _function: SimpleNamespace(remote=self._start)
-
-    def _start(self, function, task: str, _limit) -> tuple:
-        self.started.append(task)
-        return (len(self.started), function, task)
-
-    def wait(self, references, **_options) -> tuple[list, list]:
-        self.at_once.append(len(references))
-        return references[:1], references[1:]
-
-    def get(self, reference):
-        _, function, task = reference
-        if self.started.count(task) <= self.machines_lost.get(task, 0):
-            raise NodeDied(f"the machine of {task} is gone")
-        return function(task)
-
-
-def test_with_a_machine_that_is_lost_no_task_is_lost(monkeypatch):
-    tasks = list("abcdefgh")
-    ray = Cluster({"b": 1, "d": MACHINES_LOST - 1, "g": MACHINES_LOST})
-    monkeypatch.setitem(sys.modules, "ray", ray)
-    monkeypatch.setattr("hoi_retarget.batch.ray_pool.find_spec", lambda name: name == "ray")
-    ended = list(RayPool(str.upper).run(tasks, lambda: False))
-    assert sorted(index for index, _ in ended) == list(range(len(tasks))), "each ends once"
-    outcomes = dict(ended)
-    assert [outcomes[index] for index in range(len(tasks)) if index != 6] == list("ABCDEFH")
-    assert isinstance(outcomes[6], LostTask) and "g is gone" in outcomes[6].reason
-    assert {task: ray.started.count(task) for task in tasks} == dict.fromkeys("acefh", 1) | {"b": 2, "d": 3, "g": 3}
-    assert (ray.at_once[0], max(ray.at_once)) == (2, 3), "a machine that joins gets tasks"
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(find_spec("ray") is None, reason="Ray is an extra")
-def test_ray_makes_the_same_to_the_bit(folder):
-    finish(folder)
-    local = made_in(folder / "out")
-    (folder / "out").rename(folder / "local")
-    finish(folder, "--engine", "ray")
-    assert made_in(folder / "out") == local
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(find_spec("ray") is None, reason="Ray is an extra")
-def test_ray_outlives_its_workers_too():
-    code = (
-        "from batch_tasks import act; from hoi_retarget.batch.ray_pool import RayPool; import json; print(json.dumps("
-    )
-    code += "{i: getattr(v, 'status', v) for i, v in RayPool(act, 2, time_limit=5.0).run(TASKS, bool)}))"
-    tasks = ["a", "die SIGKILL", "hang", "raise", "b"]
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
-    command = [sys.executable, "-c", code.replace("TASKS", repr(tasks))]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-    outcomes = json.loads(done.stdout.splitlines()[-1])
-    assert [outcomes[str(index)] for index in range(len(tasks))] == ["A", "killed", "timeout", "killed", "B"]
-
-
-@pytest.mark.skipif(find_spec("ray") is not None, reason="Ray is there")
-def test_without_ray_it_is_said_how_to_get_it():
-    with pytest.raises(HoiRetargetError, match=r"hoi-retarget\[ray\]"):
-        RayPool(act)

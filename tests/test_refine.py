@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hoi_retarget.dynamics.physics_scene import compiled
 from hoi_retarget.dynamics.physics_settings import Refinement
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.simulation.control import (
@@ -19,7 +20,6 @@ from hoi_retarget.simulation.control import (
     rollout_gains,
     simulated_costs,
 )
-from hoi_retarget.simulation.physics_scene import compiled
 from hoi_retarget.simulation.refine import ControlledRollout, jerk, refine, smooth
 from hoi_retarget.simulation.rollout import (
     MAX_OBJECT_COST,

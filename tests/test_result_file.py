@@ -1,8 +1,7 @@
 """Fatal motions: set aside and told, never under a result's name, whoever asked for them."""
 
-import json
 import shutil
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import pytest
 
@@ -12,7 +11,7 @@ from hoi_retarget.clip.clip import Severity
 from hoi_retarget.errors import SolveError
 from hoi_retarget.evaluation.thresholds import Level, verdict_of
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.motion.motion_report import Event, Optimality, Status, Window, windows_from_json
+from hoi_retarget.motion.motion_report import Event, Optimality, Status, Window
 from hoi_retarget.motion.result_file import load, set_aside
 from hoi_retarget.retargeting.retarget import write
 from hoi_retarget.studio.report.discover import read_manifests
@@ -89,18 +88,6 @@ def test_what_is_bad_and_not_fatal_is_a_result(tmp_path, kind):
     verdict = verdict_of(load(path))
     assert verdict.level is not Level.PASS and not verdict.fatal
     assert {warning.severity for warning in load(path).warnings} <= {Severity.WARNING}
-
-
-def test_a_written_file_keeps_the_passes_of_its_solve_and_older_files_have_none(tmp_path):
-    (window,) = carried().stages[-1].windows
-    assert len(window.earlier_passes) >= 2 and all(item.iterations > 0 for item in window.earlier_passes)
-    write([carried()], [tmp_path / "new.npz"])
-    assert load(tmp_path / "new.npz").stages[-1].windows == (window,)
-    plain = json.loads(json.dumps(asdict(window), default=lambda status: status.value))
-    del plain["earlier_passes"]
-    assert windows_from_json({"stages": {"trajectory": [plain]}}) == {
-        "trajectory": (replace(window, earlier_passes=()),)
-    }
 
 
 def test_a_solve_without_a_motion_takes_the_earlier_result_away(tmp_path, monkeypatch):

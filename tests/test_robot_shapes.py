@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 import hoi_retarget as hr
 from hoi_retarget.cli import run
 from hoi_retarget.cli.robots import without_shapes
+from hoi_retarget.dynamics.physics_scene import scene_files, scene_of
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots import load_robot, user_robots
 from hoi_retarget.robots.adding.build import build_robot
@@ -18,7 +19,6 @@ from hoi_retarget.robots.adding.mesh_files import coarser
 from hoi_retarget.robots.collision_skin import collision_skins
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.robots.outer_skin import SkinResolution
-from hoi_retarget.simulation.physics_scene import scene_files, scene_of
 from hoi_retarget.studio.scene.drawing import Solid
 from hoi_retarget.studio.scene.robot_shapes import robot_parts
 from synthetic_humanoids import Choices, humanoid

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi_retarget.dynamics.contact_forces import forces_of
+from hoi_retarget.dynamics.physics_scene import compiled, scene_of
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.simulation.control import feedback_gains
-from hoi_retarget.simulation.physics_scene import compiled, scene_of
 from hoi_retarget.simulation.rollout import (
     TICK,
     base_errors_deg,

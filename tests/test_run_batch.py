@@ -12,10 +12,10 @@ from hoi_retarget.batch.run_batch import run_batch
 from hoi_retarget.batch.specification import of_folder, read_specification
 from hoi_retarget.batch.work import run_job
 from hoi_retarget.cli import main
+from hoi_retarget.dynamics.physics_scene import compiled
 from hoi_retarget.dynamics.physics_settings import Refinement
 from hoi_retarget.motion.result_file import load
 from hoi_retarget.simulation import physics_stage
-from hoi_retarget.simulation.physics_scene import compiled
 from hoi_retarget.simulation.refine import Refined
 from hoi_retarget.simulation.rollout import TICK, Rollout, drive_targets, track
 from hoi_retarget.studio.report.discover import find

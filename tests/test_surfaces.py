@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
+import hoi_retarget.retargeting.solve as solve_module
 from hoi_retarget.clip.edits import ContactEdits, Move, apply
 from hoi_retarget.evaluation import Comparison
 from hoi_retarget.evaluation.motion_figures import trunk_deviations
@@ -292,12 +293,12 @@ def test_hands_touch_and_nothing_is_inside(name, scene):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", ["carry_box", "move_chair"])
-def test_nothing_leaves_a_small_object_by_turning_the_robot_over(scene):
+def test_nothing_leaves_a_small_object_by_turning_the_robot_over(scene, monkeypatch):
+    passes, solve_windows = [], solve_module.solve_windows
+    monkeypatch.setattr(solve_module, "solve_windows", lambda *a, **k: passes.append(1) or solve_windows(*a, **k))
     motion = solve(make(scene), MODELS["unitree_g1"], Config(scaling=Scaling(size_multiplier=0.8))).motion
     assert motion.report.trunk_turns == () and motion.report.orientation_flips == ()
-    (window,) = motion.stages[-1].windows
-    efforts = [solved.iterations for solved in window.earlier_passes]
-    assert len(efforts) > 4 + 2, "escape paths are given up: four rounds, and passes between surfaces twice"
+    assert len(passes) > 1 + 4 + 2, "escape paths are given up: four rounds, and passes between surfaces twice"
 
 
 @pytest.mark.parametrize(("wrong", "tries"), [(0, 1), (1, 2), (COARSE_FRAMES, 2), (COARSE_FRAMES + 1, 1)])

@@ -8,6 +8,7 @@ import pytest
 import hoi_retarget as hr
 from hoi_retarget.cli.robots import without_shapes
 from hoi_retarget.dynamics.feasibility import forces_on_clip
+from hoi_retarget.dynamics.physics_scene import scene_of
 from hoi_retarget.errors import ArgumentError, RobotError
 from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.mobile_base_path import mobile_base_path
@@ -17,7 +18,6 @@ from hoi_retarget.retargeting.trajopt.trajectory_terms import trajectory_terms
 from hoi_retarget.robots import robot, user_robots
 from hoi_retarget.robots.adding.build import build_robot
 from hoi_retarget.robots.adding.findings import Hints, UnsuitableRobotError, read_hints
-from hoi_retarget.simulation.physics_scene import scene_of
 from synthetic_humanoids import Choices, humanoid
 
 CLIP = "builtin:push_table"

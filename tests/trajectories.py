@@ -66,7 +66,7 @@ def all_terms(model: RobotModel, frames: int, rng: np.random.Generator) -> tuple
     window = _grasp(model, frames)
     reference = model.forward(random_qpos(model, frames, rng))
     return (
-        *trajectory_terms(Weights(capsule_clearance=300.0), window, reference),
+        *trajectory_terms(Weights(), window, reference),
         *ik_terms(IkWeights(), window, model),
         *links_apart(model, frames),
     )

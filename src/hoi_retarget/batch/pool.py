@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection, wait
 from threading import Thread
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Literal
 
 from hoi_retarget.errors import HoiRetargetError
 
@@ -69,20 +69,6 @@ class LostTask:
     status: Literal["killed", "timeout"]
     reason: str
     seconds: float
-
-
-@runtime_checkable
-class Pool(Protocol):
-    """The machines that tasks run on: this one, or others."""
-
-    @property
-    def time_limit(self) -> float | None:
-        """Longest time for a task [s]."""
-        ...
-
-    def run(self, tasks: Sequence[Any], stopped: Callable[[], bool]) -> Generator[tuple[int, Any], None, None]:
-        """Yield each task's index and its value, or `LostTask`, as they end; end early when `stopped` says so."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from hoi_retarget.batch.jobs import Job, JobDigests, digest_of_file, jobs_of
 from hoi_retarget.batch.manifest import MANIFEST, Manifest, ManifestEntry
-from hoi_retarget.batch.pool import LostTask, Pool
+from hoi_retarget.batch.pool import LocalPool, LostTask
 from hoi_retarget.batch.specification import Specification
 from hoi_retarget.batch.work import FOLDER, BatchTask, RefineTask, Task, refinement_tasks
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
@@ -92,7 +92,7 @@ class Summary:
 def run_batch(  # noqa: PLR0913 - all but three are callbacks
     specification: Specification,
     out: Path,
-    pool: Pool,
+    pool: LocalPool,
     *,
     begun: Callable[[type[Task], int, int], None] = lambda _kind, _all, _todo: None,
     ended: Callable[[ManifestEntry], None] = lambda _entry: None,

@@ -12,8 +12,7 @@ from dataclasses import replace
 from types import FrameType
 
 from hoi_retarget.batch.manifest import MANIFEST, STATUSES, ManifestEntry
-from hoi_retarget.batch.pool import LocalPool, Pool
-from hoi_retarget.batch.ray_pool import RayPool
+from hoi_retarget.batch.pool import LocalPool
 from hoi_retarget.batch.run_batch import Summary, run_batch
 from hoi_retarget.batch.specification import Specification, of_folder, read_specification
 from hoi_retarget.batch.work import BatchTask, Task, run_job
@@ -71,7 +70,7 @@ def _specification(command: Batch) -> Specification:
     return read_specification(command.source)
 
 
-def _pool(command: Batch) -> Pool:
+def _pool(command: Batch) -> LocalPool:
     for option, value in (
         ("--workers", command.workers),
         ("--time-limit", command.time_limit),
@@ -79,13 +78,6 @@ def _pool(command: Batch) -> Pool:
     ):
         if value is not None and not 0 < value < math.inf:
             raise ArgumentError(f"{option} is {value:g}; it must be a positive number, which may be large.")
-    if command.engine == "ray":
-        # Ray reads them when it is imported: it reports to its makers otherwise, and warns of what will be the default.
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-        os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-        return RayPool(run_job, command.workers, command.address, command.time_limit, command.memory_limit)
-    if command.address is not None:
-        raise ArgumentError(f"--address {command.address} is that of a Ray cluster. Add --engine ray.")
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return LocalPool(run_job, command.workers or cores, command.time_limit, command.memory_limit)
 

@@ -9,7 +9,7 @@ from tyro.conf import Positional, Suppress, arg, subcommand
 
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.dynamics.physics_settings import FigureSet, Physics, Refinement
-from hoi_retarget.retargeting.config import ContactKind, IkConfig, Scaling, Weights
+from hoi_retarget.retargeting.config import ContactKind, HoldKind, IkConfig, Scaling, Weights
 from hoi_retarget.retargeting.trajopt.solvers.solver import BandedInteriorPoint
 
 DESCRIPTION = (
@@ -57,6 +57,9 @@ class SolveOptions:
     contact: ContactKind = "surface"
     """What a labelled contact asks for: the hand's surface on the object's, and nothing inside anything; or the palm's
     landmark at the human's (paper Eq. 1)."""
+    holds: HoldKind = "touch"
+    """What holds of hands are chosen by: touch near the person's place, with forces that carry; or simulated, too, that
+    two free hands keep the object (seconds of CPU a clip)."""
     weights: Weights = Weights()
     ik: IkConfig = IkConfig()
     solver: BandedInteriorPoint = BandedInteriorPoint()
@@ -160,10 +163,6 @@ class Batch(RecordingOptions):
     """Have a simulated robot perform every result of a folder of clips, into OUT/refined, in a stage of its own."""
     workers: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: the number of cores)")] = None
     """How many clips are worked on at a time."""
-    engine: Literal["local", "ray"] = "local"
-    """Where: processes of this machine, or Ray."""
-    address: Annotated[str | None, arg(metavar="ADDRESS", help_behavior_hint="")] = None
-    """Of a Ray cluster; without one, Ray is started on this machine."""
     time_limit: Annotated[float, arg(metavar="SECONDS")] = 600.0
     """How long one clip may take."""
     memory_limit: Annotated[float | None, arg(metavar="MB", help_behavior_hint="")] = None

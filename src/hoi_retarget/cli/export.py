@@ -10,6 +10,7 @@ from hoi_retarget.cli.open_results import PHYSICS_FIELDS, clip_or_warning, clip_
 from hoi_retarget.cli.output_checks import check_inputs_kept, check_stems, check_writable
 from hoi_retarget.cli.terminal import Working, do_for_each, exit_code, program, say, warn, with_file
 from hoi_retarget.dynamics.feasibility import held_by_others
+from hoi_retarget.dynamics.physics_scene import scene_of
 from hoi_retarget.errors import ArgumentError, ClipError, HoiRetargetError
 from hoi_retarget.files.atomic import write_together
 from hoi_retarget.motion.formats import WRITABLE, Format
@@ -21,7 +22,6 @@ from hoi_retarget.motion.write_export import DATASET, export, format_named
 from hoi_retarget.robots import load_robot
 from hoi_retarget.simulation.mjlab_task import NAME as TASK
 from hoi_retarget.simulation.mjlab_task import RATE, check_usable, package_files, plain_name, task_of
-from hoi_retarget.simulation.physics_scene import scene_of
 
 
 def execute_export(command: Export) -> int:

@@ -11,12 +11,12 @@ from hoi_retarget.cli.open_results import clip_with_objects, load_motion, physic
 from hoi_retarget.cli.output_checks import check_inputs_kept, check_json, check_stems, check_writable, write_json
 from hoi_retarget.cli.terminal import Working, describe_work, do_for_each, exit_code, say, show_table, warn
 from hoi_retarget.dynamics.feasibility import forces_on_clip, infeasibilities
+from hoi_retarget.dynamics.free_hands import kept_objects
+from hoi_retarget.dynamics.physics_scene import FILE, scene_files, scene_of
 from hoi_retarget.evaluation.physics_figures import FEASIBILITY, forces_figures
 from hoi_retarget.files.atomic import write_together
 from hoi_retarget.motion.motion import SIMULATED
 from hoi_retarget.robots import load_robot
-from hoi_retarget.simulation.free_hands import kept_objects
-from hoi_retarget.simulation.physics_scene import FILE, scene_files, scene_of
 from hoi_retarget.simulation.physics_stage import FOR_CONTROLLERS, add_physics_stage, write_simulated
 from hoi_retarget.simulation.refine import Progress
 from hoi_retarget.simulation.rollout import Reference, base_errors_deg, object_errors

@@ -15,8 +15,6 @@ from hoi_retarget.clip.clip import PELVIS, Clip, ContactTrack
 from hoi_retarget.clip.grasp_check import ADVICE, READINGS
 from hoi_retarget.clip.label_contacts import (
     FAR,
-    PROXIMITY,
-    InterAct,
     PartObjectDistance,
     body_distances,
     label_contacts,
@@ -47,8 +45,7 @@ def with_contacts(
 
     Args:
         clip: its floor is at z = 0.
-        labels: `auto` keeps the source's contacts where it has any; `proximity` and `interact` find them anew by the
-            rule of that name (`label_contacts.Proximity`, `label_contacts.InterAct`).
+        labels: `auto` keeps the source's contacts where it has any; `proximity` finds them anew.
         readings: those of `grasp_check.READINGS` that the clip's format leaves open.
         grasps: `warn` keeps a clip whose rotations seem inverted.
 
@@ -60,13 +57,11 @@ def with_contacts(
         return clip
     if clip.contacts and labels == "auto":
         return _with_untouched(_with_seat(clip))
-    rule = InterAct() if labels == "interact" else PROXIMITY
     near = part_object_distances(clip)
     unheld = _unheld(clip, near, inverse="inverse" in readings, grasps=grasps)
-    contacts = label_contacts(clip, rule=rule, near=near)
-    contacts += _resting(clip) if rule is PROXIMITY else ()
+    contacts = (*label_contacts(clip, near=near), *_resting(clip))
     why = "as was asked for" if clip.contacts else "as the source labels none"
-    note = f"Contacts are found from distances between body and object ({type(rule).__name__}'s rule), {why}."
+    note = f"Contacts are found from distances between body and object, {why}."
     found = replace(clip, contacts=contacts).with_note(note)
     return found.with_warnings("unheld_object", unheld) if unheld else _with_untouched(found)
 

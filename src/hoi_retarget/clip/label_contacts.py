@@ -29,7 +29,6 @@ GUESSED_FINGERS = 0.015
 """[m]; how much farther a hand may be whose fingers are not recorded: most hold with bent ones."""
 GUESSED_BODY = 0.015
 """[m]; the same of pelvis, thighs and forearms without a skin: how thick they are is guessed."""
-_GRAVITY = 9.8  # [m/s^2]
 _SKIN_FRAMES = 500  # Whose skin is made at once: bounds the memory.
 
 
@@ -65,27 +64,6 @@ class Proximity:
             )
 
 
-@dataclass(frozen=True)
-class InterAct:
-    """The rules of InterAct's conversion to InterMimic's files, each frame on its own.
-
-    They compare a body's mesh with points on the object; here they compare capsules with triangles. The
-    numbers are theirs.
-    """
-
-    near: float = 0.02
-    """Distance of the whole body below which there is a contact [m]."""
-    margin: float = 0.005
-    """How much farther than the nearest of the body a touching part may be, while there is a contact [m]."""
-    alone: float = 0.01
-    """How far a touching part may be while there is none [m]."""
-    raised: float = 0.10
-    """Height of the object's lowest point at which somebody must be holding it [m]."""
-    falling: float = 6.0
-    """Difference from 9.8 m/s^2 upwards below which an object counts as falling [m/s^2]."""
-
-
-Rule = Proximity | InterAct
 PROXIMITY = Proximity()
 
 
@@ -105,7 +83,7 @@ class PartObjectDistance:
 def label_contacts(
     clip: Clip,
     *,
-    rule: Rule = PROXIMITY,
+    rule: Proximity = PROXIMITY,
     points: Literal["part", "surface"] = "part",
     near: tuple[PartObjectDistance, ...] | None = None,
 ) -> tuple[ContactTrack, ...]:
@@ -121,9 +99,8 @@ def label_contacts(
         near: the clip's `part_object_distances`, where it is known already.
     """
     near = part_object_distances(clip) if near is None else near
-    active = touching(clip, near, rule) if isinstance(rule, Proximity) else _by_interact(clip, rule)
     tracks = []
-    for item, flags in zip(near, active, strict=True):
+    for item, flags in zip(near, touching(clip, near, rule), strict=True):
         places = _part_points(clip, item) if points == "part" else _surface_points(item, flags)
         tracks.append(ContactTrack(item.person, item.object, item.part, flags, places))
     return tuple(tracks)
@@ -232,40 +209,6 @@ def _guessed(person: Person, part: str) -> float:
     if part in BODY_PARTS:
         return 0.0 if person.shape is not None else GUESSED_BODY
     return 0.0 if person.fingers_recorded or part in FEET else GUESSED_FINGERS
-
-
-def _by_interact(clip: Clip, rule: InterAct) -> list[Bool[np.ndarray, "T"]]:
-    found = []
-    for human in clip.people:
-        balls = spheres(human, BODY_CAPSULES)
-        lowest = float(balls.lowest.min())
-        for track in clip.objects:
-            surface = surface_of(track.geometry)
-            body = _unsigned(balls, track, surface)
-            contact = _touched(clip.fps, track, body, lowest, rule)
-            limit = np.where(contact, body + rule.margin, rule.alone)
-            for part, capsules in PART_CAPSULES.items():
-                own = spheres(human, [capsule for capsule in capsules if capsule.joint in PARTS[part].label_joints])
-                found.append(_unsigned(own, track, surface) < limit)
-    return found
-
-
-def _unsigned(balls: Spheres, track: ObjectTrack, surface: Surface) -> Float[np.ndarray, "T"]:
-    """Return distances [m] as between two meshes' points, which know no inside."""
-    return np.maximum(nearest_to(balls, track, surface)[0], 0.0)
-
-
-def _touched(
-    fps: float, track: ObjectTrack, body: Float[np.ndarray, "T"], lowest: float, rule: InterAct
-) -> Bool[np.ndarray, "T"]:
-    """Return when InterAct's rules say that somebody touches the object."""
-    bottom = track.lowest
-    grounded = bottom - min(float(bottom.min()), lowest) < rule.raised
-    acceleration = np.zeros_like(track.positions)
-    acceleration[1:-1] = np.diff(track.positions, n=2, axis=0) * fps**2
-    # Their sign: what falls freely differs by 19.6 from this, so hardly anything counts as falling.
-    falling = np.linalg.norm(acceleration - [0.0, 0.0, _GRAVITY], axis=1) < rule.falling
-    return ((body < rule.near) | (~grounded & ~falling)) & (body <= FAR)
 
 
 # Where

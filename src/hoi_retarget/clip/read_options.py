@@ -10,7 +10,7 @@ from hoi_retarget.files.tables import decode
 
 MAX_FLOOR_HEIGHT = 1000.0
 """[m]"""
-Labels = Literal["auto", "proximity", "interact"]
+Labels = Literal["auto", "proximity"]
 Grasps = Literal["refuse", "warn"]
 
 
@@ -28,7 +28,7 @@ class ReadOptions:
     """Height of the floor in the recording [m]; by default the format's, or an estimate from standing feet."""
     labels: Labels = "auto"
     """Where contacts come from: auto keeps the recording's own and finds them from distances where it has none;
-    proximity and interact find them anew, by the rule of that name."""
+    proximity finds them anew."""
     grasps: Grasps = "refuse"
     """What is done with a clip whose grasps contradict how its rotations or units are read: refuse it, or warn."""
 

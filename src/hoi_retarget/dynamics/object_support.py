@@ -38,10 +38,10 @@ class ObjectLoad:
     """Edges of the floor's friction pyramids, with a normal part of one; of points that slide all are the same."""
     on_floor: Bool[np.ndarray, "T K"]
 
-    def missing_share(
+    def hand_forces(
         self, frame: int, points: Float[np.ndarray, "P 3"], inward: Float[np.ndarray, "P 3"], friction: float
-    ) -> float:
-        """Return the share of the object's weight that hands and floor together cannot give.
+    ) -> tuple[float, Float[np.ndarray, "P 3"]]:
+        """Return the share of the object's weight that hands and floor cannot give, and the forces of the hands [N].
 
         Args:
             frame: The frame.
@@ -49,18 +49,19 @@ class ObjectLoad:
             inward: Directions into the object there.
             friction: Between hands and object.
         """
-        on_floor = self.on_floor[frame]
+        on_floor, weight = self.on_floor[frame], self.required.mass * GRAVITY
         hands = friction_edges(inward, friction).reshape(-1, 3)
         forces = np.concatenate([hands, self.floor_edges[frame, on_floor].reshape(-1, 3)])
         places = np.repeat(np.concatenate([points, self.floor_points[frame, on_floor]]), PYRAMID_EDGES, axis=0)
         unit = np.repeat([1.0, 1.0 / self.length], 3)
         effects = np.concatenate([forces, np.cross(places - self.required.centre[frame], forces)], axis=1) * unit
-        needed = self.required.wrench[frame] / (self.required.mass * GRAVITY) * unit
-        if not len(effects):
-            return float(np.linalg.norm(needed))
+        needed = self.required.wrench[frame] / weight * unit
         rows = np.concatenate([effects.T, EFFORT * np.eye(len(effects))])
-        norms, _ = scipy.optimize.nnls(rows, np.concatenate([needed, np.zeros(len(effects))]))
-        return float(np.linalg.norm(needed - effects.T @ norms))
+        norms = np.zeros(0)
+        if len(effects):
+            norms, _ = scipy.optimize.nnls(rows, np.concatenate([needed, np.zeros(len(effects))]))
+        given = (weight * norms[: len(hands), None] * hands).reshape(-1, PYRAMID_EDGES, 3).sum(axis=1)
+        return float(np.linalg.norm(needed - effects.T @ norms)), given
 
 
 def object_load(  # noqa: PLR0913, PLR0917  # the parts of a load

@@ -15,8 +15,6 @@ from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.human.rotation_jumps import RotationJump
 from hoi_retarget.motion.performance import Performance
 
-HELD_SHARE = 0.2
-"""Hands that lack no more than this of an object's weight hold it."""
 MISSED_M, MISSED_DEG = 0.005, 3.0
 """A part farther off its pin [m], or turned more [degrees], is a warning."""
 UNREACHED_M = 0.02
@@ -62,15 +60,6 @@ class Optimality:
 
 
 @dataclass(frozen=True)
-class SolverPass:
-    """The end of one pass of a solve in several, over the frames of a window."""
-
-    status: Status
-    """Passes before the last one may end at their iteration limit by design."""
-    iterations: int
-
-
-@dataclass(frozen=True)
 class Window:
     """The outcome of solving the frames of one window, by its last pass."""
 
@@ -83,8 +72,6 @@ class Window:
     """Weighted sum of squares of all terms."""
     cost_by_term: Mapping[str, float]
     optimality: Optimality
-    earlier_passes: tuple[SolverPass, ...] = ()
-    """Passes before the last one, in order: those that choose contact points, then the first between surfaces."""
 
     @property
     def frames(self) -> int:
@@ -230,7 +217,7 @@ class InterRobotHandError:
 
 @dataclass(frozen=True)
 class HoldNote:
-    """One hold of a hand on an object: where it is against the person's hand, and whether it carries."""
+    """One hold of a hand on an object, against the person's hand."""
 
     part: str
     object: str
@@ -241,15 +228,15 @@ class HoldNote:
     turned_deg: float
     touching_m2: float
     """Area of palmar skin on the surface."""
-    missing_share: float
-    """Of the object's weight, that all hands on it and the floor cannot give: mean over some of the frames."""
+    kept: bool | None = None
+    """Whether two free hands keep the object in simulation, all holds together; None where this was not tried."""
 
     def __str__(self) -> str:
-        carries = "carries" if self.missing_share <= HELD_SHARE else f"lacks {100 * self.missing_share:.0f} % of it"
+        free = "" if self.kept is None else f"; two free hands {'keep' if self.kept else 'lose'} the object"
         return (
             f"{self.part} on {self.object!r}, frames {self.first_frame} to {self.last_frame}: "
             f"{100 * self.moved_m:.1f} cm and {self.turned_deg:.0f} degrees from the person's, "
-            f"{1e4 * self.touching_m2:.1f} cm2 touch; with the others it {carries}"
+            f"{1e4 * self.touching_m2:.1f} cm2 touch{free}"
         )
 
 

@@ -100,8 +100,6 @@ class Weights:
     """Skin inside an object, or an object inside the robot [1/m^2], in surface contact; not in the paper."""
     pin: float = 3e4
     """Parts that are pinned by hand [1/m^2]; not in the paper."""
-    capsule_clearance: float = 0.0
-    """Objects' surfaces in capsules around the robot's links [1/m^2] (paper App. B); at 0 nothing is computed."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -207,6 +205,7 @@ class IkConfig:
 
 
 ContactKind = Literal["surface", "landmark"]
+HoldKind = Literal["touch", "simulated"]
 
 
 @dataclass(frozen=True)
@@ -222,8 +221,11 @@ class Config:
     contact: ContactKind = "surface"
     """What a labelled contact asks for: the hand's surface on the object's, and nothing inside anything, or the palm's
     landmark at the human's (paper Eq. 1)."""
+    holds: HoldKind = "touch"
+    """What holds of hands are chosen by, in surface contact: touch near the person's place, with forces that carry; or
+    simulated, too, that two free hands keep the object, which takes seconds of CPU a clip."""
     physics: Physics = Physics()
-    """Decides figures of physics, not the motion."""
+    """Decides figures of physics and holds, not the motion else."""
     figures: FigureSet = "all"
     """Figures that are computed; the motion does not depend on them."""
 
@@ -233,7 +235,8 @@ class Config:
         options = asdict(self.solver) if is_dataclass(self.solver) and not isinstance(self.solver, type) else {}
         plain = {name: asdict(getattr(self, name)) for name in _TABLES}
         figures = {} if self.figures == "all" else {"figures": self.figures}
-        return {**plain, "contact": self.contact, **figures, "solver": {"name": name, **options}}
+        holds = {} if self.holds == "touch" else {"holds": self.holds}
+        return {**plain, "contact": self.contact, **holds, **figures, "solver": {"name": name, **options}}
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], owner: str) -> "Config":
@@ -262,7 +265,7 @@ class Config:
         return cls(**values)
 
 
-_CHOICES = {"contact": get_args(ContactKind), "figures": get_args(FigureSet)}
+_CHOICES = {"contact": get_args(ContactKind), "holds": get_args(HoldKind), "figures": get_args(FigureSet)}
 _TABLES = {"scaling": Scaling(), "weights": Weights(), "ik": IkConfig(), "horizon": Horizon(), "physics": Physics()}
 
 

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -14,18 +14,18 @@ from threadpoolctl import ThreadpoolController
 
 from hoi_retarget import __version__
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.dynamics.feasibility import held_by_others
 from hoi_retarget.motion.motion import Motion, Stage
-from hoi_retarget.motion.motion_report import Report, SolverPass, Window
+from hoi_retarget.motion.motion_report import Report, Window
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.holds.held_targets import with_holds
-from hoi_retarget.retargeting.holds.hold_choice import Hold
+from hoi_retarget.retargeting.holds.hold import Hold
 from hoi_retarget.retargeting.ik import raised_above_floor, solve_ik
 from hoi_retarget.retargeting.orientation_flips import orientation_flips, rotation_errors_deg, trunk_turns, with_reasons
 from hoi_retarget.retargeting.surfaces.passes import SurfaceProblems
 from hoi_retarget.retargeting.targets import Targets, make_targets, pinned_parts, with_pins
 from hoi_retarget.retargeting.trajopt.problem import Problem
-from hoi_retarget.retargeting.trajopt.solvers.solver import Effort, Solver
-from hoi_retarget.retargeting.trajopt.solvers.solver_result import SolverResult
+from hoi_retarget.retargeting.trajopt.solvers.solver import Effort
 from hoi_retarget.retargeting.trajopt.trajectory_terms import trajectory_terms
 from hoi_retarget.retargeting.trajopt.windows import FrameRange, ProblemOf, solve_windows, windows_of
 from hoi_retarget.robots.model import Kinematics, RobotModel
@@ -99,7 +99,12 @@ def solve(clip: Clip, model: RobotModel, config: Config = Config(), *, person: i
         clock.append(time.process_time())
         holds: tuple[Hold, ...] = ()
         if on_surfaces(targets, config):
-            targets, holds = with_holds(targets, model, ik_qpos, config.physics)
+            shared, simulated = (
+                held_by_others(clip, person).any(axis=0),
+                config.holds == "simulated" and clip.frames > 1,
+            )
+            alone = np.flatnonzero(~shared).tolist() if simulated else ()
+            targets, holds = with_holds(targets, model, ik_qpos, config.physics, alone)
         clock.append(time.process_time())
         qpos, windows = solve_trajectory(model, targets, ik_qpos, config)
         clock.append(time.process_time())
@@ -159,49 +164,20 @@ def solve_trajectory(  # noqa: PLR0913  # the parts of a solve
         terms = trajectory_terms(config.weights, targets.window(window.first, window.stop), reference)
         return Problem(model, terms, targets.fps, window.pinned, window.pinned_after)
 
-    passes: list[_Pass] = []
+    passes: list[tuple[np.ndarray, tuple[Window, ...]]] = []
 
     def solve_pass(problem_of: ProblemOf, begin: np.ndarray, effort: Effort, last: bool) -> np.ndarray:
         begin = start if start is not None and begin is ik_qpos else begin
-        recorder = _Recorder(config.solver, [])
-        qpos, reports = solve_windows(
-            problem_of, begin, frames, recorder, effort, first_frame=first_frame, reported=last
+        passes.append(
+            solve_windows(problem_of, begin, frames, config.solver, effort, first_frame=first_frame, reported=last)
         )
-        passes.append(_Pass(qpos, reports, tuple(recorder.ends)))
-        return qpos
+        return passes[-1][0]
 
     if on_surfaces(targets, config):
         qpos = SurfaceProblems.of(model, targets, ik_qpos, config).passes(solve_pass)
     else:
         qpos = solve_pass(at_landmarks, ik_qpos, Effort(), True)
-    chosen = next(item for item in passes if item.qpos is qpos)
-    earlier = [item.ends for item in passes if item is not chosen]
-    return qpos, tuple(
-        replace(window, earlier_passes=tuple(ends[number] for ends in earlier))
-        for number, window in enumerate(chosen.reports)
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Pass:
-    """The trajectory of one pass over all windows, and their ends."""
-
-    qpos: np.ndarray
-    reports: tuple[Window, ...]
-    ends: tuple[SolverPass, ...]
-
-
-@dataclass(frozen=True)
-class _Recorder:
-    """A solver, and the end of each of its solves."""
-
-    solver: Solver
-    ends: list[SolverPass]
-
-    def solve(self, problem: Problem, qpos: np.ndarray, effort: Effort = Effort()) -> SolverResult:
-        result = self.solver.solve(problem, qpos, effort)
-        self.ends.append(SolverPass(result.status, result.iterations))
-        return result
+    return qpos, next(reports for solved, reports in passes if solved is qpos)
 
 
 def on_surfaces(targets: Targets, config: Config) -> bool:

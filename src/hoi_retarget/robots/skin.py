@@ -190,6 +190,13 @@ class Skin:
 
 
 @lru_cache(maxsize=32)
+def pose_at_home(model: RobotModel, site: str, frame: Frame) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+    """Return the rotation and the place [m] of a frame in a site's, in the home pose."""
+    home = model.forward(model.home_qpos[None])
+    turn = home.site_rotation(site)[0].T
+    return turn @ home.orientation(frame)[:, :, 0], turn @ (home.point(frame)[:, 0] - home.site_position(site)[0])
+
+
 def skins_from(model: RobotModel, site: str) -> tuple[LinkSkin, ...]:
     """Return the skins of a site's link and of the links that it carries, such as a hand's; raises as `skin_of`.
 

@@ -72,18 +72,6 @@ class SitePose:
 
 
 @dataclass(frozen=True)
-class LinkCapsule:
-    """All places within a radius of a segment that is fixed to a body: a coarse shape of one link."""
-
-    body: str
-    start: tuple[float, float, float]
-    """Ends of the segment in the body's frame [m]."""
-    end: tuple[float, float, float]
-    radius: float
-    """[m]"""
-
-
-@dataclass(frozen=True)
 class Motor:
     """Published or stated facts on one joint's drive, beside the manufacturer's MJCF."""
 
@@ -150,8 +138,6 @@ class RobotSpec:
     """Sites that the MJCF lacks, by role."""
     meshes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Body name to the manufacturer's mesh file names, for pictures where a user has those files."""
-    capsules: tuple[LinkCapsule, ...] = ()
-    """Coarse shapes of the links, for the weight `capsule_clearance`."""
     motors: Mapping[str, Motor] = field(default_factory=dict)
     """Drives by joint, where they are published; `dynamics/actuators.py` estimates others."""
     skin: Path | None = None

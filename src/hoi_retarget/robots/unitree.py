@@ -1,10 +1,9 @@
 """Facts that the Unitree robots share: the names of their links."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
 from typing import TypeVar
 
-from hoi_retarget.robots.spec import SIDES, LinkCapsule
+from hoi_retarget.robots.spec import SIDES
 
 Value = TypeVar("Value")
 LIMB_MESHES = (
@@ -33,17 +32,3 @@ def limb_meshes(suffix: str, hand: str) -> dict[str, tuple[str, ...]]:
     files = {f"{side}_{link}_link": (f"{side}_{link}_link{suffix}",) for side in SIDES for link in LIMB_MESHES}
     hands = {f"{side}_wrist_yaw_link": (f"{side}_wrist_yaw_link{suffix}", f"{side}_{hand}{suffix}") for side in SIDES}
     return {**files, **hands}
-
-
-def mirrored_capsules(left: Iterable[LinkCapsule]) -> tuple[LinkCapsule, ...]:
-    """Return the capsules of the left and the right limbs; the frames of their bodies are mirrored at y = 0."""
-    return tuple(
-        replace(
-            capsule,
-            body=capsule.body.replace("left_", f"{side}_"),
-            start=(capsule.start[0], sign * capsule.start[1], capsule.start[2]),
-            end=(capsule.end[0], sign * capsule.end[1], capsule.end[2]),
-        )
-        for side, sign in _SIGNS
-        for capsule in left
-    )

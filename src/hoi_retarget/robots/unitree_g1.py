@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from hoi_retarget.robots.spec import LinkCapsule, Motor, RobotSpec, ik_table
-from hoi_retarget.robots.unitree import joint_values, limb_meshes, mirrored, mirrored_capsules
+from hoi_retarget.robots.spec import Motor, RobotSpec, ik_table
+from hoi_retarget.robots.unitree import joint_values, limb_meshes, mirrored
 
 _LEG_SPEEDS = {
     "hip_pitch": 32.0,
@@ -69,23 +69,4 @@ SPEC = RobotSpec(
         "torso_link": ("torso_link_rev_1_0.STL", "logo_link.STL", "head_link.STL"),
         **limb_meshes(".STL", "rubber_hand"),
     },
-    # Least squares of the distance to the surface of each link's primitives.
-    capsules=(
-        LinkCapsule("pelvis", (0.0, 0.0, -0.088), (0.001, 0.0, -0.062), 0.072),
-        LinkCapsule("torso_link", (0.008, 0.0, 0.086), (0.008, 0.0, 0.233), 0.094),
-        LinkCapsule("torso_link", (0.006, 0.0, 0.333), (0.005, 0.0, 0.428), 0.061),  # neck and head
-        *mirrored_capsules(
-            (
-                LinkCapsule("left_hip_roll_link", (0.052, 0.0, -0.011), (0.029, -0.001, -0.099), 0.049),
-                LinkCapsule("left_hip_yaw_link", (0.008, 0.002, -0.027), (-0.070, -0.008, -0.185), 0.048),
-                LinkCapsule("left_knee_link", (0.012, 0.010, -0.004), (0.010, -0.005, -0.267), 0.041),
-                LinkCapsule("left_ankle_roll_link", (-0.036, 0.0, -0.011), (0.108, 0.0, -0.018), 0.028),
-                LinkCapsule("left_shoulder_yaw_link", (-0.003, 0.0, 0.007), (0.012, -0.007, -0.084), 0.037),
-                LinkCapsule("left_elbow_link", (0.009, 0.022, -0.003), (0.080, -0.001, -0.012), 0.031),
-                LinkCapsule(
-                    "left_wrist_yaw_link", (0.014, 0.005, 0.001), (0.145, -0.013, 0.007), 0.030
-                ),  # with the hand
-            )
-        ),
-    ),
 )

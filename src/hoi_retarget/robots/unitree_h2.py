@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from hoi_retarget.robots.spec import TRUNK, LinkCapsule, RobotSpec, ik_table
-from hoi_retarget.robots.unitree import joint_values, limb_meshes, mirrored, mirrored_capsules
+from hoi_retarget.robots.spec import TRUNK, RobotSpec, ik_table
+from hoi_retarget.robots.unitree import joint_values, limb_meshes, mirrored
 
 _LEG_SPEEDS = {
     "hip_pitch": 20.0,
@@ -62,23 +62,4 @@ SPEC = RobotSpec(
         "torso_link": ("torso_link.stl",),
         **limb_meshes(".stl", "hand_link"),
     },
-    # Least squares of the distance to the surface of each link's primitives.
-    capsules=(
-        LinkCapsule("pelvis", (-0.001, 0.014, -0.009), (-0.001, -0.014, -0.009), 0.090),
-        LinkCapsule("torso_link", (0.001, 0.0, 0.086), (0.0, 0.0, 0.341), 0.105),
-        LinkCapsule("head_yaw_link", (0.034, 0.0, -0.014), (0.005, 0.0, 0.051), 0.066),
-        *mirrored_capsules(
-            (
-                LinkCapsule("left_hip_roll_link", (-0.036, -0.004, -0.023), (-0.033, -0.009, -0.043), 0.065),
-                LinkCapsule("left_hip_yaw_link", (-0.001, 0.0, -0.027), (0.006, -0.001, -0.281), 0.061),
-                LinkCapsule("left_knee_link", (0.011, -0.021, 0.007), (0.011, -0.025, -0.463), 0.040),
-                LinkCapsule("left_ankle_pitch_link", (-0.047, 0.037, -0.024), (0.120, 0.038, -0.034), 0.030),
-                LinkCapsule("left_shoulder_yaw_link", (-0.003, -0.002, -0.019), (0.012, 0.024, -0.124), 0.036),
-                LinkCapsule("left_elbow_link", (-0.005, -0.028, 0.0), (0.109, -0.021, -0.015), 0.039),
-                LinkCapsule(
-                    "left_wrist_yaw_link", (0.007, 0.005, -0.003), (0.169, -0.025, 0.015), 0.036
-                ),  # with the hand
-            )
-        ),
-    ),
 )

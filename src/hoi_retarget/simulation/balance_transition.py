@@ -12,11 +12,11 @@ from jaxtyping import Float
 from scipy.spatial import ConvexHull
 
 from hoi_retarget.dynamics.inverse_dynamics import GRAVITY, Movement, mass_centres, mass_jacobian, required_robot_wrench
+from hoi_retarget.dynamics.physics_scene import SOLES, PhysicsScene
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.spec import SIDES
-from hoi_retarget.simulation.physics_scene import SOLES, PhysicsScene
 from hoi_retarget.simulation.rollout import TICK, Reference
 
 LENGTH = 50

@@ -10,9 +10,9 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.dynamics.physics_scene import PhysicsScene, compiled
 from hoi_retarget.motion.performance import Certificate, Replay
 from hoi_retarget.numerics import se3
-from hoi_retarget.simulation.physics_scene import PhysicsScene, compiled
 from hoi_retarget.simulation.rollout import TICK, Reference, Rollout, object_errors, track
 
 PUSH = 0.15

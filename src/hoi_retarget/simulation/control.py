@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Float
 from mujoco import rollout
 
+from hoi_retarget.dynamics.physics_scene import SOLES, PhysicsScene
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.mjcf import quiet
-from hoi_retarget.simulation.physics_scene import SOLES, PhysicsScene
 from hoi_retarget.simulation.rollout import Reference, Rollout, TrackingCost, deviations, steps_of
 
 KNOT = 10

@@ -15,6 +15,17 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.dynamics.physics_scene import (
+    SOLES,
+    PhysicsScene,
+    check_no_meshes,
+    compiled,
+    exact_xml,
+    floor_contacts,
+    object_description,
+    robot_description,
+    to_bytes,
+)
 from hoi_retarget.errors import ClipError
 from hoi_retarget.evaluation.thresholds import fatal_fault
 from hoi_retarget.files import npz
@@ -26,17 +37,6 @@ from hoi_retarget.motion.result import Result
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
-from hoi_retarget.simulation.physics_scene import (
-    SOLES,
-    PhysicsScene,
-    check_no_meshes,
-    compiled,
-    exact_xml,
-    floor_contacts,
-    object_description,
-    robot_description,
-    to_bytes,
-)
 
 NAME = "mjlab-task"
 """As `--to` has it."""

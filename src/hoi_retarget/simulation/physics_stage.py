@@ -7,6 +7,7 @@ from pathlib import Path
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.dynamics.feasibility import forces_on_clip, held_by_others, infeasibilities
+from hoi_retarget.dynamics.physics_scene import PhysicsScene, scene_of
 from hoi_retarget.dynamics.physics_settings import Physics, Refinement
 from hoi_retarget.errors import ArgumentError, ClipError, SolveError
 from hoi_retarget.evaluation import evaluate
@@ -18,7 +19,6 @@ from hoi_retarget.motion.performance import Performance
 from hoi_retarget.motion.result_file import encode, set_aside
 from hoi_retarget.robots import load_robot
 from hoi_retarget.simulation.certificate import certificate_of
-from hoi_retarget.simulation.physics_scene import PhysicsScene, scene_of
 from hoi_retarget.simulation.refine import Progress, refine
 from hoi_retarget.simulation.rollout import Reference, Rollout, reference_of, with_weaker_grip
 from hoi_retarget.simulation.tracking_result import controller_file, simulated_motion, why_it_fell

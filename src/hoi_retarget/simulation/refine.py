@@ -16,6 +16,7 @@ from jaxtyping import Float
 from scipy.signal import savgol_filter
 
 from hoi_retarget.dynamics.inverse_dynamics import movement_of
+from hoi_retarget.dynamics.physics_scene import PhysicsScene, compiled
 from hoi_retarget.dynamics.physics_settings import Refinement
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.simulation.balance_transition import with_lead_in_and_out
@@ -27,7 +28,6 @@ from hoi_retarget.simulation.control import (
     rollout_gains,
     simulated_costs,
 )
-from hoi_retarget.simulation.physics_scene import PhysicsScene, compiled
 from hoi_retarget.simulation.rollout import (
     TICK,
     Reference,

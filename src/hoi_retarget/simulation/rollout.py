@@ -13,13 +13,13 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from hoi_retarget.dynamics.contact_forces import Forces
 from hoi_retarget.dynamics.inverse_dynamics import GRAVITY, mass_centres, movement_of
+from hoi_retarget.dynamics.physics_scene import PhysicsScene
 from hoi_retarget.dynamics.physics_settings import Physics
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.robots.mjcf import quiet
 from hoi_retarget.robots.spec import SIDES
-from hoi_retarget.simulation.physics_scene import PhysicsScene
 
 _GRIP_SHARE = 0.4
 TICK = 0.02

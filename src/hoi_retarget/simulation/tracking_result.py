@@ -12,11 +12,11 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.dynamics.feasibility import Infeasibility
+from hoi_retarget.dynamics.physics_scene import PhysicsScene, compiled
 from hoi_retarget.dynamics.physics_settings import Refinement
 from hoi_retarget.files import npz
 from hoi_retarget.motion.motion import ARRAYS, SIMULATED, ContactForces, Motion, Stage
 from hoi_retarget.motion.performance import Performance
-from hoi_retarget.simulation.physics_scene import PhysicsScene, compiled
 from hoi_retarget.simulation.refine import Refined
 from hoi_retarget.simulation.rollout import TICK, Reference, Rollout, interpolated, object_errors, object_poses
 

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.robots.model import RobotModel
-from hoi_retarget.robots.skin import LinkSkin, palmar_points, skin_of, skins_from
+from hoi_retarget.robots.skin import LinkSkin, palmar_points, pose_at_home, skin_of, skins_from
 
 OUTER_POINTS, WRIST_POINTS, PALMAR_POINTS = 220, 60, 110
 """Of the coarse skins: of the whole hand, of the link that carries it, and of the palmar side."""
@@ -80,12 +80,9 @@ class HandPoses:
 @lru_cache(maxsize=16)
 def hand_shape(model: RobotModel, site: str) -> HandShape:
     """Return the shape of the hand at a palm site; raises as `skin_of`."""
-    home = model.forward(model.home_qpos[None])
-    palm, place = home.site_rotation(site)[0], home.site_position(site)[0]
 
     def part(skin: LinkSkin) -> HandPart:
-        origin = palm.T @ (home.point(skin.frame)[:, 0] - place)
-        return HandPart(skin, frozen(palm.T @ home.orientation(skin.frame)[:, :, 0]), frozen(origin))
+        return HandPart(skin, *map(frozen, pose_at_home(model, site, skin.frame)))
 
     parts = tuple(part(skin) for skin in skins_from(model, site))
     wrist = int(model.parents[min(item.skin.frame.node for item in parts) - 1])
@@ -100,5 +97,5 @@ def hand_shape(model: RobotModel, site: str) -> HandShape:
     # Skin is in farthest-point order: the first points are spread; each stands for those that are nearest to it.
     kept = palmar[:PALMAR_POINTS]
     areas = np.bincount(scipy.spatial.KDTree(kept).query(palmar)[1], areas, minlength=len(kept))
-    inward = palm.T @ home.site_rotation(site)[0][:, 1] * (-1.0 if site.startswith("left") else 1.0)
+    inward = np.array([0.0, -1.0 if site.startswith("left") else 1.0, 0.0])
     return HandShape(site, frozen(np.concatenate(outer)), frozen(kept), frozen(areas), frozen(inward), parts)

@@ -3,6 +3,7 @@
 A hold does not move on its object while the person's hand stays about its place; beyond, it moves as the person's does.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -18,8 +19,9 @@ from hoi_retarget.numerics.filters import nearest_active, seconds_to_frames, smo
 from hoi_retarget.retargeting.holds.episodes import Episode, episodes, joined
 from hoi_retarget.retargeting.holds.hand_settling import PLACED_REACHES, pull, settled, touching
 from hoi_retarget.retargeting.holds.hand_shape import HandPoses, hand_shape
-from hoi_retarget.retargeting.holds.hold_candidates import PersonHold
-from hoi_retarget.retargeting.holds.hold_choice import Hold, chosen_holds
+from hoi_retarget.retargeting.holds.hold import Hold, PersonHold
+from hoi_retarget.retargeting.holds.hold_choice import chosen_holds
+from hoi_retarget.retargeting.holds.simulated_holds import simulated_holds
 from hoi_retarget.retargeting.surfaces.contact_targets import EDITED
 from hoi_retarget.retargeting.surfaces.skin_points import HELD_SHELL_SPACING, MovingObject, moving_objects
 from hoi_retarget.retargeting.targets import Targets
@@ -33,6 +35,8 @@ SMOOTHING_SECONDS = 0.1
 """Of the person's path on the object."""
 STILL = (0.03, np.radians(25.0))
 """A person's hand within this of its place keeps its hold [m, rad]."""
+TAKING_SECONDS = 0.5
+"""A person's hand that is not still for so long at the ends of a contact takes hold, or lets go."""
 REGRASP_SECONDS, REGRASP_MPS = 0.2, 0.25
 """Shortest time from one hold to the next, and the speed of a hand that needs longer [m/s]."""
 ON_ITS_WAY = (0.01, 0.1)
@@ -59,7 +63,11 @@ class PalmPath:
 
 
 def with_holds(
-    targets: Targets, model: RobotModel, ik_qpos: Float[np.ndarray, "T nq"], physics: Physics
+    targets: Targets,
+    model: RobotModel,
+    ik_qpos: Float[np.ndarray, "T nq"],
+    physics: Physics,
+    simulated: Collection[int] = (),
 ) -> tuple[Targets, tuple[Hold, ...]]:
     """Return the targets of hands that keep holds, and the holds.
 
@@ -68,6 +76,7 @@ def with_holds(
         model: The robot.
         ik_qpos: Where the body is about [m, rad].
         physics: Masses and frictions.
+        simulated: Indices of the objects whose holds are to keep them in a simulation.
 
     Raises:
         GeometryError: An object's mesh cannot be read.
@@ -87,7 +96,9 @@ def with_holds(
         for column, path in paths.items()
         for episode in _episodes(targets, column, path)
     ]
-    holds = chosen_holds(targets, objects, persons, start, physics)
+    holds = chosen_holds(targets, objects, persons, start)
+    for index in sorted({hold.episode.object for hold in holds}.intersection(simulated)):
+        holds = simulated_holds(targets, objects, holds, start, physics, index)
     points, quats = targets.carried_contact_points.copy(), targets.contact_quats.copy()
     weights, turn_weights = targets.contact_weights.copy(), targets.contact_rotation_weights.copy()
     for column, path in paths.items():
@@ -152,13 +163,18 @@ def _held_path(
     active = np.zeros(targets.frames, dtype=bool)
     for hold in holds:
         active[hold.episode.frames] = True
-    rest = _rests(person, [(hold.episode, hold.person_position, hold.person_rotation) for hold in holds], fps)
-    held = _rests(person, [(hold.episode, hold.position, hold.rotation) for hold in holds], fps)
+    rest = _rests(person, [(hold.episode, hold.person_position, hold.person.palm.rotations[0]) for hold in holds], fps)
+    held = _rests(person, [(hold.episode, hold.touch.position, hold.touch.rotation) for hold in holds], fps)
     normals = _normals(objects, touched, held.positions, active)
     away = person.positions - rest.positions
     away -= np.einsum("ti,ti->t", away, normals)[:, None] * normals
     turn = se3.log(se3.quat_multiply(person.quats, se3.quat_conjugate(rest.quats)))
     ways = np.concatenate([_beyond(away, STILL[0]), _beyond(turn, STILL[1])], axis=1) * active[:, None]
+    for hold in holds:
+        if hold.kept is not None:
+            ways[hold.episode.frames] = 0.0
+    for first, stop in runs(active):
+        _without_ends(ways[first:stop], seconds_to_frames(TAKING_SECONDS, fps))
     _smooth_runs(ways, active, seconds_to_frames(SMOOTHING_SECONDS, fps))
     positions, quats = held.positions + ways[:, :3], se3.quat_multiply(se3.exp(ways[:, 3:]), held.quats)
     moves = np.abs(np.diff(np.concatenate([positions, quats], axis=1), axis=0, append=np.inf)).max(axis=1) > 1e-6
@@ -187,6 +203,19 @@ def _held_path(
     ramp = smoothstep_around(active, seconds_to_frames(APPROACH_SECONDS, fps)) ** APPROACH_POWER
     share = reachable[nearest] * ramp * (1.0 - (1.0 - WAY_SHARE) * smoothstep_around(moving, WAY_RAMP))
     return PalmPath(positions, quats[nearest]), share
+
+
+def _without_ends(ways: Float[np.ndarray, "F 6"], most: int) -> None:
+    """Clear the first and the last stretch of ways, in place, where they are so short: the hand takes hold, or lets go.
+
+    A hand that is labelled on its way has its hold already.
+    """
+    still = np.flatnonzero(~ways.any(axis=1))
+    first, last = (int(still[0]), len(ways) - 1 - int(still[-1])) if still.size else (len(ways), len(ways))
+    if first <= most:
+        ways[:first] = 0.0
+    if last <= most:
+        ways[len(ways) - last :] = 0.0
 
 
 def _rests(

@@ -1,76 +1,64 @@
-"""The choice of one hold for each episode of a hand on an object.
+"""The choice of a hold for each episode: hands laid onto an object around the person's pose, the best one of them.
 
-The best few candidates of all episodes are chosen together, by what the object's motion needs and all hands on it can
-give.
+What counts is the area of touch, the distance from the person's place and pose, depth, and the reach of the arm. Forces
+do not: `simulated_holds` tries whether holds keep an object.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from hoi_retarget.dynamics.object_support import ObjectLoad, object_load
-from hoi_retarget.dynamics.physics_settings import Physics
-from hoi_retarget.motion.motion_report import HoldNote
+from hoi_retarget.dynamics.free_hands import palm_skin, touch_of
 from hoi_retarget.numerics import se3
-from hoi_retarget.retargeting.holds.episodes import Episode
-from hoi_retarget.retargeting.holds.hand_shape import hand_shape
-from hoi_retarget.retargeting.holds.hold_candidates import Finalists, PersonHold, finalists
+from hoi_retarget.numerics.arrays import evenly_spaced
+from hoi_retarget.retargeting.holds.arm_reach import reach
+from hoi_retarget.retargeting.holds.hand_settling import (
+    FAR_REACHES,
+    NEAR_REACHES,
+    depths,
+    pull,
+    settled,
+    skin_depths,
+    touching,
+    touching_areas,
+)
+from hoi_retarget.retargeting.holds.hand_shape import HandPoses, HandShape, hand_shape
+from hoi_retarget.retargeting.holds.hold import Hold, PersonHold
 from hoi_retarget.retargeting.surfaces.skin_points import MovingObject
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.robots.model import Kinematics
 
-BEARABLE_SHARE = 0.05
-"""Of an object's weight: hands that lack no more than that hold it."""
-MISSING_COST = 10.0
-"""Of an object's weight that is missing."""
-SWEEPS = 2
-
-
-@dataclass(frozen=True, eq=False)
-class Hold:
-    """The pose of a palm on an object during an episode, in the object's frame."""
-
-    episode: Episode
-    position: Float[np.ndarray, "3"]
-    """[m]"""
-    rotation: Float[np.ndarray, "3 3"]
-    person_position: Float[np.ndarray, "3"]
-    """Middle of the person's palm in the episode [m]."""
-    person_rotation: Float[np.ndarray, "3 3"]
-    frames: Int[np.ndarray, "F"]
-    """Some of the episode, in which the reach was looked at,"""
-    off: Float[np.ndarray, "F"]
-    """and how far off the arm ends there, with the body as in inverse kinematics [m]."""
-    area: float
-    """Palmar skin that touches [m^2]."""
-    missing_share: float
-    """Of the object's weight, with all hands on it: mean over some of the episode's frames."""
-
-    @property
-    def moved(self) -> float:
-        """Distance from the person's palm [m]."""
-        return float(np.linalg.norm(self.position - self.person_position))
-
-    @property
-    def turned(self) -> float:
-        """Angle from the person's palm [rad]."""
-        return float(se3.matrix_angle_between(self.rotation[None], self.person_rotation[None])[0])
-
-    def note(self, targets: Targets) -> HoldNote:
-        """Return it for a report's reader."""
-        of, site = self.episode, targets.contact_links[self.episode.link]
-        return HoldNote(
-            part=site.replace("palm", "hand"),
-            object=targets.object_names[of.object],
-            first_frame=of.first,
-            last_frame=of.stop - 1,
-            moved_m=self.moved,
-            turned_deg=float(np.degrees(self.turned)),
-            touching_m2=self.area,
-            missing_share=self.missing_share,
-        )
+TURNED_TO_SURFACE = (0.0, 0.35, 0.7, 1.0)
+"""Shares of the turn that lays the palm onto the surface: the first candidates."""
+NEAR, FAR = 60, 36
+"""Numbers of candidates by lot,"""
+NEAR_SPREAD, FAR_SPREAD = (0.025, 0.3), (0.05, 0.5)
+"""and their distances from the person's pose, as standard deviations [m, rad]."""
+MIRRORED = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+"""Lots of right hands: the left palm's side is the right one's other side."""
+SPREAD = (0.03, 0.5)
+"""Distances from the person's pose that cost half as much as 1 cm2 of touch is worth [m, rad]."""
+PLACE = 0.03
+"""The same of the touch from the person's place on the surface [m]."""
+ASKED = 0.0075
+"""And of the palm along the surface where somebody edited the contact [m]: it is to be where they put it."""
+ENOUGH_AREA = 4.0
+"""[cm2]; more touch is worth nothing."""
+ROUGHLY, TOUCHING, LARGEST_DEPTH = 0.005, 0.002, 0.0005
+"""Distances at which skin touches, before and after the last millimetres, and depth without a cost [m]."""
+POLISHED = 24
+"""Candidates that are laid on to the last millimetre."""
+DEPTH_COST, DEEPEST, STUCK_COST = 1e3, 0.0015, 100.0
+"""Of a metre deeper; of more than a depth [m], at which no force holds a candidate any more."""
+OFF, TURNED, DEEP = 0.004, 0.1, 0.004
+"""Errors of reach, and depth of the arm, that cost as much as 1 cm2 is worth [m, rad, m]."""
+BENT = 0.8
+"""[rad]; a change of the arm's joints that costs half as much: others are an arm held in another way."""
+LARGEST_COST = 20.0
+"""Of a frame that is out of reach."""
+FINALISTS, FRAMES = 12, 8
+"""Candidates of an episode whose reach is looked at, and frames in which it is."""
 
 
 def chosen_holds(
@@ -78,7 +66,6 @@ def chosen_holds(
     objects: tuple[MovingObject, ...],
     persons: Sequence[PersonHold],
     start: Kinematics,
-    physics: Physics,
 ) -> tuple[Hold, ...]:
     """Return the holds of episodes.
 
@@ -87,81 +74,74 @@ def chosen_holds(
         objects: Of its world.
         persons: The person's.
         start: The IK trajectory.
-        physics: Masses and frictions.
     """
-    entries = [
-        finalists(
-            held, hand_shape(start.model, targets.contact_links[held.episode.link]), objects[held.episode.object], start
-        )
-        for held in persons
-    ]
-    loads = {
-        index: object_load(
-            targets.object_names[index],
-            targets.object_geometry[index],
-            float(targets.object_scale[index]),
-            (targets.object_pos[:, index], targets.object_quat[:, index]),
-            targets.fps,
-            physics,
-        )
-        for index in {held.episode.object for held in persons}
-    }
-    choice = _Choice(entries, objects, loads, physics.hand_friction)
-    return choice.holds()
+    hands = [hand_shape(start.model, targets.contact_links[held.episode.link]) for held in persons]
+    return tuple(
+        best_hold(held, hand, objects[held.episode.object], start) for held, hand in zip(persons, hands, strict=True)
+    )
 
 
-@dataclass(frozen=True, eq=False)
-class _Choice:
-    """All episodes of all hands, of which one finalist each is to be chosen."""
+def best_hold(held: PersonHold, hand: HandShape, moving_object: MovingObject, start: Kinematics) -> Hold:
+    """Return the best hold of an episode by itself.
 
-    entries: list[Finalists]
-    objects: tuple[MovingObject, ...]
-    loads: dict[int, ObjectLoad]
-    friction: float
+    Args:
+        held: The person's hold.
+        hand: The robot's hand.
+        moving_object: The object.
+        start: The IK trajectory.
+    """
+    person = held.palm
+    distance, normal = moving_object.field.distances_and_normals(person.positions)
+    stiffness = pull(SPREAD)
+    if held.edited:
+        stiffness[:3, :3] += (ASKED**-2.0 - SPREAD[0] ** -2.0) * (np.eye(3) - np.outer(normal[0], normal[0]))
+    candidates = settled(hand, moving_object, _seeds(person, hand, moving_object), person, stiffness, FAR_REACHES)
+    rough = 1e4 * touching_areas(hand, moving_object, candidates, ROUGHLY)
+    rough = np.minimum(rough, 2.0 * ENOUGH_AREA) - _distance_costs(candidates, person, stiffness)
+    rough -= DEPTH_COST * np.maximum(skin_depths(hand, moving_object, candidates) - ROUGHLY, 0.0)
+    candidates = candidates.take(np.argsort(-rough, kind="stable")[:POLISHED])
+    candidates = settled(hand, moving_object, candidates, person, stiffness, NEAR_REACHES)
+    candidates = touching(hand, moving_object, candidates)
+    areas = touching_areas(hand, moving_object, candidates, TOUCHING)
+    deep = depths(hand, moving_object, candidates)
+    skin, poses = palm_skin(start.model, hand.site), zip(candidates.positions, candidates.rotations, strict=True)
+    touches = [touch_of(skin, moving_object.field, *pose) for pose in poses]
+    middles = np.array([touch.middle for touch in touches])
+    place = np.linalg.norm(middles - (person.positions - distance[:, None] * normal), axis=1)
+    scores = np.minimum(1e4 * areas, ENOUGH_AREA) - DEPTH_COST * np.maximum(deep - LARGEST_DEPTH, 0.0)
+    scores -= np.where(deep > DEEPEST, STUCK_COST, 0.0)
+    scores -= _distance_costs(candidates, person, stiffness) + 0.5 * (place / PLACE) ** 2
+    finalists = np.argsort(-scores, kind="stable")[:FINALISTS]
+    frames = held.episode.first + evenly_spaced(held.episode.stop - held.episode.first, FRAMES)
+    poses = candidates.take(finalists)
+    found = reach(start, hand.site, moving_object, frames, poses)
+    missed = (found.off / OFF) ** 2 + (found.turned / TURNED) ** 2 + (np.maximum(found.depth, 0.0) / DEEP) ** 2
+    missed += 0.5 * (found.bent / BENT) ** 2
+    best = int((scores[finalists] - np.minimum(missed, LARGEST_COST).mean(axis=1)).argmax())
+    return Hold(held, touches[finalists[best]], frames, found.off[best], float(areas[finalists[best]]))
 
-    def holds(self) -> tuple[Hold, ...]:
-        """Return the holds after each episode in turn took its best one, with the others as they are."""
-        chosen = [int(entry.scores.argmax()) for entry in self.entries]
-        missing = [self._missing(number, chosen) for number in range(len(chosen))]
-        for _ in range(SWEEPS):
-            for number, entry in enumerate(self.entries):
-                if missing[number] <= BEARABLE_SHARE:
-                    continue
-                tried = [[*chosen[:number], option, *chosen[number + 1 :]] for option in range(len(entry.scores))]
-                lacks = [self._missing(number, option) for option in tried]
-                totals = entry.scores - MISSING_COST * np.maximum(np.array(lacks) - BEARABLE_SHARE, 0.0)
-                chosen[number] = int(totals.argmax())
-            missing = [self._missing(number, chosen) for number in range(len(chosen))]
-        return tuple(
-            Hold(
-                entry.person.episode,
-                entry.poses.positions[option],
-                entry.poses.rotations[option],
-                entry.person.palm.positions[0],
-                entry.person.palm.rotations[0],
-                entry.frames,
-                entry.off[option],
-                float(entry.areas[option]),
-                lack,
-            )
-            for entry, option, lack in zip(self.entries, chosen, missing, strict=True)
-        )
 
-    def _missing(self, number: int, chosen: list[int]) -> float:
-        """Return the mean share of the object's weight that is missing in an episode."""
-        entry = self.entries[number]
-        index, shares = entry.person.episode.object, []
-        for frame in entry.frames.tolist():
-            held = [
-                (other, chosen[place])
-                for place, other in enumerate(self.entries)
-                if (of := other.person.episode).object == index and of.first <= frame < of.stop
-            ]
-            points = np.concatenate([other.points[option] for other, option in held])
-            inward = np.concatenate([other.inward[option] for other, option in held])
-            item = self.objects[index]
-            turn, place = item.rotation[:, :, frame], item.position[:, frame]
-            shares.append(
-                self.loads[index].missing_share(frame, points @ turn.T + place, inward @ turn.T, self.friction)
-            )
-        return float(np.mean(shares))
+def _distance_costs(poses: HandPoses, person: HandPoses, stiffness: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "N"]:
+    away = poses.away_from(person)
+    return 0.5 * np.einsum("ni,ij,nj->n", away, stiffness, away)
+
+
+def _seeds(person: HandPoses, hand: HandShape, moving_object: MovingObject) -> HandPoses:
+    """Return the poses from which hands are laid on: by lot, in the palm's axes, and mirrored for right hands."""
+    _, normals = moving_object.field.distances_and_normals(person.positions)
+    turn = person.rotations[0]
+    laid = _turn_between(turn @ hand.inward, -normals[0])
+    random, mirrored = np.random.default_rng(0), MIRRORED if hand.site.startswith("right") else 1.0
+    twists = [np.concatenate([np.zeros(3), share * laid]) for share in TURNED_TO_SURFACE]
+    for count, spread in ((NEAR, NEAR_SPREAD), (FAR, FAR_SPREAD)):
+        for _ in range(count):
+            lot = np.repeat(spread, 3) * mirrored * random.standard_normal(6)
+            twists.append((lot.reshape(2, 3) @ turn.T).ravel() + random.uniform() * np.append(np.zeros(3), laid))
+    many = len(twists)
+    repeated = HandPoses(np.repeat(person.positions, many, axis=0), np.repeat(person.rotations, many, axis=0))
+    return repeated.moved(np.array(twists))
+
+
+def _turn_between(start: Float[np.ndarray, "3"], end: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    """Return the rotation vector [rad] that turns one direction into another."""
+    return se3.log(se3.shortest_rotation(start, end)[None])[0]

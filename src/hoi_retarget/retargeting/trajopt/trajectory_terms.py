@@ -15,7 +15,6 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.config import IkWeights, Weights
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import Term
-from hoi_retarget.retargeting.trajopt.terms.capsule_clearance import capsule_terms
 from hoi_retarget.retargeting.trajopt.terms.differences import PAPER_RATE, Differences, jerk_terms
 from hoi_retarget.retargeting.trajopt.terms.floor_clearance import floor_terms
 from hoi_retarget.retargeting.trajopt.terms.link_floor import link_floor_terms
@@ -36,7 +35,6 @@ COSTS: tuple[Callable[[Weights, Targets, Kinematics], Iterable[Term]], ...] = (
     jerk_terms,
     floor_terms,
     link_floor_terms,
-    capsule_terms,
     pin_terms,
 )
 

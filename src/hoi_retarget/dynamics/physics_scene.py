@@ -18,8 +18,8 @@ from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
+import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float
-from scipy.spatial import ConvexHull
 
 from hoi_retarget.dynamics.actuators import Actuators, actuators_of
 from hoi_retarget.dynamics.object_bodies import CollisionShape, ObjectBody, collision_shape, object_body
@@ -91,13 +91,20 @@ def scene_of(
         RobotError: A base carries the robot, or a joint's torque has no limit.
         GeometryError: An object's mesh cannot be read.
     """
-    objects = []
-    taken = set(model.body_frames.names)
+    objects = scene_objects(motion, geometries, physics, model.body_frames.names)
+    return PhysicsScene(model, actuators_of(model), objects, physics)
+
+
+def scene_objects(
+    motion: Motion, geometries: Sequence[ObjectGeometry], physics: Physics, names: Collection[str] = PALMS
+) -> tuple[SceneObject, ...]:
+    """Return the objects of a motion; see `scene_of`. No body has one of the names of others."""
+    objects, taken = [], set(names)
     for name, geometry, scale in zip(motion.object_names, geometries, motion.object_scale.tolist(), strict=True):
         body_name = _unused(re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_") or "object", taken)
         body = object_body(name, geometry, scale, physics)
         objects.append(SceneObject(body_name, body, collision_shape(geometry), scale))
-    return PhysicsScene(model, actuators_of(model), tuple(objects), physics)
+    return tuple(objects)
 
 
 def scene_description(scene: PhysicsScene, meshes: Mapping[str, bytes] | None = None) -> mujoco.MjSpec:
@@ -121,7 +128,7 @@ def scene_description(scene: PhysicsScene, meshes: Mapping[str, bytes] | None = 
         **floor_contacts(physics),
     )
     for item in scene.objects:
-        _add_object(description, item, physics, meshes)
+        add_object(description, item, physics, meshes)
     return description
 
 
@@ -136,7 +143,7 @@ def object_description(item: SceneObject, physics: Physics) -> mujoco.MjSpec:
     """Return one of a scene's objects alone, with contacts as in the scene."""
     description = mujoco.MjSpec()
     description.modelname = item.body_name
-    _add_object(description, item, physics, None)
+    add_object(description, item, physics)
     return description
 
 
@@ -147,6 +154,12 @@ def floor_contacts(physics: Physics) -> dict[str, Any]:
         "conaffinity": _ROBOT | _FEET | _OBJECT,
         "friction": _friction(physics.object_friction),
     }
+
+
+def hand_contacts(physics: Physics) -> dict[str, Any]:
+    """Return the contacts of a hand, and its friction with objects, as attributes of its geometries."""
+    friction = [physics.hand_friction, _PALM_TORSION, _friction(0.0)[2]]
+    return {"contype": _ROBOT, "conaffinity": 0, "priority": _ABOVE, "condim": _TORSION, "friction": friction}
 
 
 def compiled(scene: PhysicsScene) -> mujoco.MjModel:
@@ -208,9 +221,10 @@ def _set_robot(description: mujoco.MjSpec, scene: PhysicsScene) -> None:
         actuator.forcelimited, actuator.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, [-limit, limit]
 
 
-def _add_object(
-    description: mujoco.MjSpec, item: SceneObject, physics: Physics, meshes: Mapping[str, bytes] | None
+def add_object(
+    description: mujoco.MjSpec, item: SceneObject, physics: Physics, meshes: Mapping[str, bytes] | None = None
 ) -> None:
+    """Add an object to a description; see `scene_description`."""
     node = description.worldbody.add_body(name=item.body_name)
     node.add_freejoint(name=f"{item.body_name}_joint")
     node.explicitinertial = True
@@ -323,7 +337,7 @@ def _numbers(values: np.ndarray) -> str:
 
 def _obj(corners: Float[np.ndarray, "V 3"]) -> bytes:
     """Return a convex part as a mesh file."""
-    faces = ConvexHull(corners, qhull_options="QJ").simplices
+    faces = scipy.spatial.ConvexHull(corners, qhull_options="QJ").simplices
     lines = [f"v {_numbers(corner)}" for corner in corners] + [
         "f " + " ".join(str(corner + 1) for corner in face) for face in faces.tolist()
     ]
