@@ -216,6 +216,24 @@ def test_hands_come_from_off_the_surface_and_leave_it():
         assert held.contact_weights[near, link] < 1.0
 
 
+@pytest.mark.parametrize(("frames", "straight"), [(8, True), (40, False)])
+def test_a_hand_that_is_labelled_on_its_way_goes_straight_to_its_hold(frames, straight):
+    """One that slides for longer is followed."""
+    model, clip = MODELS["unitree_g1"], make("carry_box", seconds=8.0)
+    targets = make_targets(clip, model, Config().scaling)
+    ik_qpos, _ = solve_ik(model, targets, Config().ik, Config().horizon)
+    first = int(targets.contact_flags[:, 0].argmax())
+    coming = slice(first, first + frames)
+    parts, points = targets.part_points.copy(), targets.contact_points.copy()
+    for places in (parts, points):
+        places[coming, 0, 2] += 0.06
+    moved = replace(targets, part_points=parts, contact_points=points)
+    held, holds = with_holds(moved, model, ik_qpos, Physics())
+    own = next(hold for hold in holds if hold.episode.link == 0)
+    away = np.linalg.norm(held.carried_contact_points[coming, 0] - own.touch.position, axis=1)
+    assert own.episode.first == first and (away.max() < 1e-6) == straight
+
+
 @pytest.mark.slow
 def test_a_still_hand_stays_and_one_that_strokes_moves_as_the_persons(model):
     clip = make("carry_box")

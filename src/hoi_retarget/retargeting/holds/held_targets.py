@@ -36,7 +36,7 @@ SMOOTHING_SECONDS = 0.1
 STILL = (0.03, np.radians(25.0))
 """A person's hand within this of its place keeps its hold [m, rad]."""
 TAKING_SECONDS = 0.5
-"""A person's hand that is not still for so long at the ends of a contact takes hold, or lets go."""
+"""A person's hand that is not still for so long from the start of a contact takes hold."""
 REGRASP_SECONDS, REGRASP_MPS = 0.2, 0.25
 """Shortest time from one hold to the next, and the speed of a hand that needs longer [m/s]."""
 ON_ITS_WAY = (0.01, 0.1)
@@ -170,11 +170,9 @@ def _held_path(
     away -= np.einsum("ti,ti->t", away, normals)[:, None] * normals
     turn = se3.log(se3.quat_multiply(person.quats, se3.quat_conjugate(rest.quats)))
     ways = np.concatenate([_beyond(away, STILL[0]), _beyond(turn, STILL[1])], axis=1) * active[:, None]
-    for hold in holds:
-        if hold.kept is not None:
-            ways[hold.episode.frames] = 0.0
+    simulated = any(hold.kept is not None for hold in holds)
     for first, stop in runs(active):
-        _without_ends(ways[first:stop], seconds_to_frames(TAKING_SECONDS, fps))
+        _without_start(ways[first:stop], stop if simulated else seconds_to_frames(TAKING_SECONDS, fps), simulated)
     _smooth_runs(ways, active, seconds_to_frames(SMOOTHING_SECONDS, fps))
     positions, quats = held.positions + ways[:, :3], se3.quat_multiply(se3.exp(ways[:, 3:]), held.quats)
     moves = np.abs(np.diff(np.concatenate([positions, quats], axis=1), axis=0, append=np.inf)).max(axis=1) > 1e-6
@@ -205,17 +203,14 @@ def _held_path(
     return PalmPath(positions, quats[nearest]), share
 
 
-def _without_ends(ways: Float[np.ndarray, "F 6"], most: int) -> None:
-    """Clear the first and the last stretch of ways, in place, where they are so short: the hand takes hold, or lets go.
+def _without_start(ways: Float[np.ndarray, "F 6"], most: int, through: bool) -> None:
+    """Clear the first stretch of ways, in place, where it is so short: a hand that takes hold goes straight to it.
 
-    A hand that is labelled on its way has its hold already.
+    With `through`, clear all but the last stretch: simulated holds do not slide, but a hand may let go as the person's.
     """
     still = np.flatnonzero(~ways.any(axis=1))
-    first, last = (int(still[0]), len(ways) - 1 - int(still[-1])) if still.size else (len(ways), len(ways))
-    if first <= most:
-        ways[:first] = 0.0
-    if last <= most:
-        ways[len(ways) - last :] = 0.0
+    if still.size and still[0] <= most:
+        ways[: still[-1 if through else 0]] = 0.0
 
 
 def _rests(
