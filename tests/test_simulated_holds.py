@@ -42,13 +42,13 @@ def chosen(flipped=False):
     return targets, moving_objects(targets), holds, G1.forward(qpos)
 
 
-def lifted(holds, by=0.1):
-    """Return holds whose hands are over the object's edge, so that little of them touches."""
-    up, (moving_object,) = by * np.eye(3)[2], chosen()[1]
-    skins = [palm_skin(G1, chosen()[0].contact_links[hold.episode.link]) for hold in holds]
+def off_the_surface(targets, moving_object, holds, by=0.04):
+    """Return holds whose hands are beside the object."""
+    skins = [palm_skin(G1, targets.contact_links[hold.episode.link]) for hold in holds]
+    places = [hold.touch.position + by * hold.touch.outward for hold in holds]
     return tuple(
-        replace(hold, touch=touch_of(skin, moving_object.field, hold.touch.position + up, hold.touch.rotation))
-        for hold, skin in zip(holds, skins, strict=True)
+        replace(hold, touch=touch_of(skin, moving_object.field, place, hold.touch.rotation))
+        for hold, skin, place in zip(holds, skins, places, strict=True)
     )
 
 
@@ -63,15 +63,16 @@ def test_holds_that_keep_the_object_stay():
 def test_holds_that_lose_it_give_way_to_ones_that_keep_it(flipped):
     """The new ones touch, are not inside, and are near the person's."""
     targets, objects, holds, start = chosen(flipped)
-    found = simulated_holds(targets, objects, lifted(holds), start, PHYSICS, 0)
-    assert all(hold.kept for hold in found)
+    worse = off_the_surface(targets, objects[0], holds)
+    found = simulated_holds(targets, objects, worse, start, PHYSICS, 0)
+    assert all(hold.kept and hold.touch is not other.touch for hold, other in zip(found, worse, strict=True))
     for hold in found:
         site = targets.contact_links[hold.episode.link]
         pose = HandPoses(hold.touch.position[None], hold.touch.rotation[None])
         assert np.linalg.norm(hold.touch.position - hold.person_position) < FARTHEST
         assert depths(hand_shape(G1, site), objects[0], pose)[0] < DEEPEST
         assert len(touch_of(palm_skin(G1, site), objects[0].field, hold.touch.position, hold.touch.rotation).points)
-    again = simulated_holds(targets, objects, lifted(holds), start, PHYSICS, 0)
+    again = simulated_holds(targets, objects, worse, start, PHYSICS, 0)
     assert all(
         np.array_equal(one.touch.position, other.touch.position) for one, other in zip(found, again, strict=True)
     )

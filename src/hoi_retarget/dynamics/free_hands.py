@@ -77,6 +77,11 @@ class KeptObject:
         """Whether it stays near its path."""
         return self.kept_share >= KEPT_SHARE
 
+    @property
+    def near(self) -> bool:
+        """Whether it is near its path on average."""
+        return self.off_m <= KEPT_M and self.off_deg <= KEPT_DEG
+
     def __str__(self) -> str:
         kept = self.lost_after is None or self.kept
         found = f"keep the {self.name}" if kept else f"lose the {self.name} at {self.lost_after:.1f} s"

@@ -37,8 +37,8 @@ from hoi_retarget.robots.spec import PALMS
 
 CANDIDATES, SHIFT, TURN, LONGEST_TURN = 400, 0.09, 0.45, 1.0
 """Poses of a hand by lot, and how far from its longest hold they are, along and about each axis [m, rad]."""
-FARTHEST = 0.13
-"""[m]; a hold that is farther from the person's palm does not stand for it."""
+FARTHEST, FARTHEST_TURN = 0.11, np.radians(75.0)
+"""[m, rad]; a hold that is farther from the person's palm does not stand for it."""
 SETTLING_STEPS, LONGEST_STEP = 6, 0.03
 """In which a hand is moved until it just touches, and the longest of them [m]."""
 OPTIONS = 80
@@ -150,7 +150,8 @@ class _HoldSearch:
             trials.append(self._trial(self._with([left.touch, right.touch]), left.cost + right.cost))
             if sum(trial.found.kept for trial in trials) >= ENOUGH:
                 break
-        return min(trials, key=lambda trial: trial.cost)
+        near = [trial for trial in trials if trial.found.kept or trial.found.near]
+        return min(near, key=lambda trial: trial.cost, default=chosen)
 
     @cached_property
     def chosen(self) -> dict[int, Touch]:
@@ -225,8 +226,8 @@ class _HoldSearch:
             least, outward = field.distances_and_normals(points[np.arange(CANDIDATES), nearest])
             step = np.clip(least, -LONGEST_STEP, LONGEST_STEP)[:, None] * outward
             poses = HandPoses(poses.positions - step, poses.rotations)
-        away = np.linalg.norm(poses.positions - self.holds[number].person_position, axis=1)
-        poses = poses.take(np.flatnonzero((away < FARTHEST) & (np.abs(least) < TOUCHING)))
+        away = np.linalg.norm(poses.away_from(self.holds[number].person.palm).reshape(-1, 2, 3), axis=2)
+        poses = poses.take(np.flatnonzero((away < [FARTHEST, FARTHEST_TURN]).all(axis=1) & (np.abs(least) < TOUCHING)))
         touches = [self._touch(palm, *pose) for pose in zip(poses.positions, poses.rotations, strict=True)]
         touching = [at for at, touch in enumerate(touches) if len(touch.points)]
         return poses.take(np.array(touching, dtype=int)), [touches[at] for at in touching]
