@@ -1,8 +1,7 @@
 """Holds with which two free hands in simulation keep an object, near the chosen ones.
 
-Where the chosen holds lose the object, each hand is tried with its longest hold throughout, then with others near by:
-poses by lot that just touch, pairs of them in the order of the forces that they can give and of what they cost, until
-enough of them keep the object. The best one is taken: the object's errors count, and the holds' costs.
+Where the chosen holds lose the object, each hand is tried with its longest hold throughout, then with poses by lot near
+by that just touch: pairs in the order of their forces and costs, until enough of them keep the object. The best is taken.
 """
 
 from collections.abc import Iterator, Sequence
