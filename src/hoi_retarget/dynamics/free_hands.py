@@ -1,7 +1,7 @@
 """Two free hands with objects, simulated: a test of holds, without the body.
 
-Each hand is the robot's own, a rigid body on springs towards its palm's path, and gives forces that the object needs, in
-friction cones half as wide where its skin touches. Nothing can fall or be out of reach: holds alone lose objects.
+Each hand is the robot's own, a rigid body on springs towards its palm's path, and gives forces that the object needs,
+in friction cones half as wide where its skin touches. Nothing can fall or be out of reach: holds alone lose objects.
 """
 
 from collections.abc import Sequence
