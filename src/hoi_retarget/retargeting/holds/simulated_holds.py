@@ -1,7 +1,7 @@
 """Holds with which two free hands in simulation keep an object, near the chosen ones.
 
 Where the chosen holds lose the object, each hand is tried with its longest hold throughout, then with poses near by:
-such as just touch, pairs in the order of their forces and costs, until enough of them keep the object. The best is taken.
+they just touch; pairs go by their forces and costs, until enough of them keep the object. The best is taken.
 """
 
 from collections.abc import Iterator, Sequence
