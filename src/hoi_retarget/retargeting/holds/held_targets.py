@@ -170,7 +170,7 @@ def _held_path(
     away -= np.einsum("ti,ti->t", away, normals)[:, None] * normals
     turn = se3.log(se3.quat_multiply(person.quats, se3.quat_conjugate(rest.quats)))
     ways = np.concatenate([_beyond(away, STILL[0]), _beyond(turn, STILL[1])], axis=1) * active[:, None]
-    simulated = any(hold.kept is not None for hold in holds)
+    simulated = any(hold.kept for hold in holds)
     for first, stop in runs(active):
         _without_start(ways[first:stop], stop if simulated else seconds_to_frames(TAKING_SECONDS, fps), simulated)
     _smooth_runs(ways, active, seconds_to_frames(SMOOTHING_SECONDS, fps))
@@ -206,7 +206,7 @@ def _held_path(
 def _without_start(ways: Float[np.ndarray, "F 6"], most: int, through: bool) -> None:
     """Clear the first stretch of ways, in place, where it is so short: a hand that takes hold goes straight to it.
 
-    With `through`, clear all but the last stretch: simulated holds do not slide, but a hand may let go as the person's.
+    With `through`, clear all but the last stretch: holds that keep an object in simulation do not slide.
     """
     still = np.flatnonzero(~ways.any(axis=1))
     if still.size and still[0] <= most:

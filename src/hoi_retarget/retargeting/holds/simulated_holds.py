@@ -1,7 +1,7 @@
 """Holds with which two free hands in simulation keep an object, near the chosen ones.
 
 Where the chosen holds lose the object, each hand is tried with its longest hold throughout, then with poses near by:
-they just touch; pairs go by their forces and costs, until enough of them keep the object. The best is taken.
+they just touch, and pairs go by their forces and costs, until enough of them keep the object. The best is taken.
 """
 
 from collections.abc import Iterator, Sequence
@@ -193,10 +193,9 @@ class _HoldSearch:
         hand = 0 if number in self.own[0] else 1
         shape, palm = hand_shape(self.start.model, PALMS[hand]), PALMS[hand]
         others = [HandPoses(self.chosen[n].position[None], self.chosen[n].rotation[None]) for n in self.own[hand]]
-        away = np.min([np.abs(poses.away_from(other)) for other in others], axis=0)
-        lengths = np.linalg.norm(away.reshape(-1, 2, 3), axis=2)
+        away = [np.linalg.norm(poses.away_from(other).reshape(-1, 2, 3), axis=2) @ [1.0, LEVER] for other in others]
         missing = np.maximum(1e-4 * ENOUGH_AREA - touching_areas(shape, self.moving_object, poses, TOUCHING), 0.0)
-        costs = DISTANCE_COST * lengths @ [1.0, LEVER] + AREA_COST * missing
+        costs = DISTANCE_COST * np.min(away, axis=0) + AREA_COST * missing
         kept = np.argsort(costs, kind="stable")[:OPTIONS]
         kept = kept[depths(shape, self.moving_object, poses.take(kept)) < DEEPEST]
         if not kept.size:
