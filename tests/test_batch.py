@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from hoi_retarget.batch import work
 from hoi_retarget.batch.jobs import jobs_of
 from hoi_retarget.batch.manifest import MANIFEST, STATUSES, Manifest, ManifestEntry, ManifestSource, read_manifest
-from hoi_retarget.batch.pool import LostTask
+from hoi_retarget.batch.pool import LocalPool, LostTask
 from hoi_retarget.batch.run_batch import locked, run_batch
 from hoi_retarget.batch.specification import Specification, of_folder, read_specification
 from hoi_retarget.batch.work import run_job
@@ -43,10 +43,11 @@ from intermimic_writer import columns_of, write_box
 from torch_writer import torch_bytes
 
 
-class Inline:
+class Inline(LocalPool):
     """A pool in this process."""
 
-    time_limit: float | None = 60.0
+    def __init__(self, time_limit: float | None = 60.0) -> None:
+        super().__init__(run_job, 1, time_limit)
 
     def run(self, tasks, stopped):
         for index, task in enumerate(tasks):
@@ -59,7 +60,8 @@ class Losing(Inline):
     """A pool that loses every task."""
 
     def __init__(self, status: str, time_limit: float | None = 60.0) -> None:
-        self.status, self.time_limit = status, time_limit
+        super().__init__(time_limit)
+        self.status = status
 
     def run(self, tasks, stopped):
         for index, _ in enumerate(tasks):
@@ -445,6 +447,7 @@ class _Limited(Inline):
     """A pool with a disk that is full as soon as it starts."""
 
     def __init__(self, kilobytes: int) -> None:
+        super().__init__()
         self.bytes = kilobytes << 10
 
     def run(self, tasks, stopped):
@@ -458,9 +461,7 @@ def test_lost_jobs_are_tried_again_and_late_ones_when_they_may_take_longer(quick
     assert len(names(batch(Losing("timeout", 60.0)))) == 0
     assert len(names(batch(Losing("timeout", 30.0)))) == 0
     assert len(names(batch(Losing("timeout", 90.0)))) == 2
-    longer = Inline()
-    longer.time_limit = None
-    assert {entry.status for entry in batch(longer).entries} == {"solved"}
+    assert {entry.status for entry in batch(Inline(None)).entries} == {"solved"}
 
 
 def test_the_clock_on_the_wall_does_not_matter(quick, monkeypatch):

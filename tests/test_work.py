@@ -12,6 +12,7 @@ import pytest
 
 from hoi_retarget.batch import work
 from hoi_retarget.batch.manifest import read_manifest
+from hoi_retarget.batch.pool import LocalPool
 from hoi_retarget.batch.run_batch import run_batch
 from hoi_retarget.batch.specification import Specification
 from hoi_retarget.batch.work import run_job
@@ -69,10 +70,11 @@ class File:
         self._file.close()
 
 
-class Inline:
+class Inline(LocalPool):
     """A pool in this process."""
 
-    time_limit: float | None = None
+    def __init__(self) -> None:
+        super().__init__(run_job, 1)
 
     def run(self, tasks, stopped):
         for index, task in enumerate(tasks):
