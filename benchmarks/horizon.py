@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 import paper_figures
 import tyro
+from capsule_clearance import counted
 from common import Source, clip_files, peak_memory, pin_threads, run_fresh, show, write_json
 
 from hoi_retarget import synthetic

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import tyro
+from capsule_clearance import counted
 from common import Source, peak_memory, pin_threads, run_fresh, show, write_json
 
 from hoi_retarget.retargeting.config import Config, parse_horizon
