@@ -15,7 +15,7 @@ from casadi_problem import show_left_out, stated
 from common import Source, clip_files, pin_threads, show, write_json
 from ipopt import AGREEMENT, HORIZONS, POLISH, Ipopt
 
-from hoi_retarget import synthetic
+import synthetic
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.ik import solve_ik
 from hoi_retarget.retargeting.solve import solve_trajectory

@@ -16,7 +16,7 @@ import tyro
 from capsule_clearance import counted
 from common import Source, clip_files, peak_memory, pin_threads, run_fresh, show, write_json
 
-from hoi_retarget import synthetic
+import synthetic
 from hoi_retarget.errors import SolveError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.motion_report import Status

@@ -16,7 +16,7 @@ import trimesh
 import tyro
 from common import pin_threads, show, write_json
 
-from hoi_retarget import synthetic
+import synthetic
 from hoi_retarget.objects.mesh import Surface
 from hoi_retarget.readers.object_files import load_geometry
 from hoi_retarget.retargeting.config import Config

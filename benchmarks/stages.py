@@ -14,7 +14,7 @@ import numpy as np
 import tyro
 from common import clip_files, pin_threads, show, write_json
 
-from hoi_retarget import synthetic
+import synthetic
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.motion.result_file import save

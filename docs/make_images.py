@@ -16,7 +16,7 @@ from hoi_retarget.studio.offscreen import film
 from hoi_retarget.studio.offscreen.robot_portraits import png
 from hoi_retarget.studio.scene.camera import CameraSettings
 from hoi_retarget.studio.scene.scene import SceneItem
-from hoi_retarget.synthetic import make
+from synthetic import make
 
 IMAGES = Path(__file__).parent / "images"
 PANEL, MOMENTS = (400, 680), 4  # [px]

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 import motion_writers
+import synthetic
 from export_motions import smooth_motion
-from hoi_retarget import synthetic
 from hoi_retarget.cli import main, pages
 from hoi_retarget.motion.formats import WRITABLE
 from hoi_retarget.motion.motion_report import Event

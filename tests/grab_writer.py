@@ -12,9 +12,9 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.human.skeleton import JOINTS
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectTrack
-from hoi_retarget.synthetic import make
 from mesh_writer import export_mesh
 from source_people import body_values, parameters_of
+from synthetic import make
 
 SUBJECT, GENDER, OBJECT = "s1", "male", "stool"
 COMPONENTS = 24

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hoi_retarget import synthetic
+import synthetic
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import encode
 from hoi_retarget.numerics import se3

@@ -8,8 +8,8 @@ import numpy as np
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.human.body_model import Family
-from hoi_retarget.synthetic import make
 from source_people import betas_of, in_world, joined, parameters_of, write_taller_model
+from synthetic import make
 from torch_writer import torch_bytes
 
 GENDER = "female"

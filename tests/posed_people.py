@@ -4,9 +4,9 @@ import numpy as np
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.human.person import Person
+from hoi_retarget.human.rest_pose import rest_offsets
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT, world_positions, world_quats
 from hoi_retarget.numerics import se3
-from hoi_retarget.synthetic.human import rest_offsets
 
 FRAMES, FPS = 60, 30.0
 _PARENTS = [-1 if PARENT[joint] is None else JOINT_INDEX[str(PARENT[joint])] for joint in JOINTS]

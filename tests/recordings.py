@@ -21,7 +21,7 @@ import omomo_writer
 import own_layout_writer
 import parahome_writer
 import people_writer
-from hoi_retarget import synthetic
+import synthetic
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.readers import own_layout, read_clip

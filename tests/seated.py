@@ -6,9 +6,9 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.human.capsules import RESTING_CAPSULES
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectTrack
-from hoi_retarget.synthetic.human import SIDES, STANDING_PELVIS_HEIGHT, Body, HandGoal, Trunk, hand_quat, heading_quat
-from hoi_retarget.synthetic.object_shapes import Block, Shape
-from hoi_retarget.synthetic.walking import Place, Walk, bump, feet_of, minimum_jerk
+from synthetic.human import SIDES, STANDING_PELVIS_HEIGHT, Body, HandGoal, Trunk, hand_quat, heading_quat
+from synthetic.object_shapes import Block, Shape
+from synthetic.walking import Place, Walk, bump, feet_of, minimum_jerk
 
 HEIGHT = 1.75
 DOWN, SEATED = 0.7, 1.9

@@ -19,8 +19,8 @@ from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.model import load_model
-from hoi_retarget.synthetic import make
 from intermimic_writer import random_clip, write_box
+from synthetic import make
 
 LAWS = settings(max_examples=10, deadline=None)
 MIRROR = np.array([1.0, -1.0, 1.0])

@@ -38,8 +38,8 @@ from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.retargeting.trajopt.solvers.solver import KeepStart
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.model import load_model
-from hoi_retarget.synthetic import make
 from intermimic_writer import columns_of, write_box
+from synthetic import make
 from torch_writer import torch_bytes
 
 

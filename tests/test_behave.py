@@ -12,9 +12,9 @@ from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.readers import behave, can_be_clip, clips_in, read_clip
 from hoi_retarget.readers.behave import GENDERS, MESHES
 from hoi_retarget.readers.body_parameters import load_body_model
-from hoi_retarget.synthetic import make
 from short_clips import cut
 from source_people import assert_same_objects, assert_same_people, write_models
+from synthetic import make
 
 CLIP = renamed(make("move_chair", seconds=2.0), CATEGORY)
 FRAMES = CLIP.frames

@@ -21,7 +21,7 @@ from browser import (
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget
-from hoi_retarget.synthetic import make
+from synthetic import make
 from trajectories import MODELS
 
 pytest.importorskip("viser", reason="viser is not installed")

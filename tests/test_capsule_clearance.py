@@ -16,8 +16,8 @@ from hoi_retarget.retargeting.config import Config, Weights
 from hoi_retarget.retargeting.solve import solve
 from hoi_retarget.retargeting.trajopt import trajectory_terms
 from hoi_retarget.retargeting.trajopt.problem import cost
-from hoi_retarget.synthetic import make
-from hoi_retarget.synthetic.object_shapes import Block, Shape
+from synthetic import make
+from synthetic.object_shapes import Block, Shape
 from trajectories import MODELS
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))

@@ -17,8 +17,8 @@ from hoi_retarget.human.skeleton import FEET, HANDS
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.readers import can_be_clip, cari4d, read_clip, reader_of
-from hoi_retarget.synthetic import make
 from source_people import assert_same_objects, assert_same_people, body_values, write_models
+from synthetic import make
 from torch_writer import archive, torch_entries
 
 CLIP = make("carry_box", seconds=4.5)

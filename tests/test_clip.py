@@ -15,7 +15,7 @@ from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import HANDS, HEIGHT_OVER_CHAIN, JOINT_INDEX, JOINTS, PARENT, PARTS
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
-from hoi_retarget.synthetic import make
+from synthetic import make
 
 LAWS = settings(max_examples=50, deadline=None, derandomize=True, database=None)
 FRAMES = 6

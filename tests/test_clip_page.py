@@ -12,7 +12,7 @@ from browser import PATIENCE_MS, box_of, chromium, still, wait_until
 from hoi_retarget.motion.motion_report import Event
 from hoi_retarget.studio.scene.scene import SceneItem
 from hoi_retarget.studio.share.clip_page import make_clip_page
-from hoi_retarget.synthetic import make
+from synthetic import make
 from test_curves import G1, carried
 from test_share import entry, pixels
 

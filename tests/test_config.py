@@ -28,7 +28,7 @@ from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.retargeting.trajopt.solvers.solver import SOLVERS, BandedInteriorPoint, KeepStart
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
-from hoi_retarget.synthetic import make
+from synthetic import make
 
 positive = st.floats(1e-6, 1e6)
 weights = st.builds(Weights, **{item.name: st.floats(0, 1e6) for item in fields(Weights)})

@@ -31,8 +31,8 @@ from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.outer_skin import farthest_points
 from hoi_retarget.robots.skin import LinkSkin, skins_from
-from hoi_retarget.synthetic import make
 from plain_motions import FPS, LINKS, plain_motion, standing_qpos
+from synthetic import make
 
 G1 = load_robot("unitree_g1")
 OF_SURFACES = ("touch_share", "touch_gap_p95_m", "touch_place_m", "penetration_mean_m", "penetration_p95_m")

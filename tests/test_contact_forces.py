@@ -21,8 +21,8 @@ from hoi_retarget.motion import result_file
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots import load_robot
-from hoi_retarget.synthetic import make
 from plain_motions import FPS, plain_motion, standing_qpos
+from synthetic import make
 from trajectories import MODELS, random_qpos
 
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])

@@ -17,8 +17,8 @@ from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.skeleton import JOINTS
 from hoi_retarget.numerics import se3
 from hoi_retarget.readers import can_be_clip, clips_in, core4d, read_clip, reader_of
-from hoi_retarget.synthetic import make
 from source_people import assert_same_objects, assert_same_people, write_models
+from synthetic import make
 
 
 def turning(clip: Clip) -> Clip:

@@ -16,7 +16,7 @@ from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.studio.scene.curves import MAX_POINTS, Curve, all_curves, chart_html, curves_of
-from hoi_retarget.synthetic import make
+from synthetic import make
 from trajectories import MODELS, random_qpos
 
 G1 = MODELS["unitree_g1"]

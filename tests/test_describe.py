@@ -25,10 +25,10 @@ from hoi_retarget.readers import read_clip
 from hoi_retarget.readers.describe import Inspection, inspect
 from hoi_retarget.readers.open import result_stem
 from hoi_retarget.robots import load_robot
-from hoi_retarget.synthetic import make
 from intermimic_writer import columns_of, random_clip, write_box, write_clip
 from npz_changes import changed
 from source_people import write_models
+from synthetic import make
 from torch_writer import legacy_bytes, torch_bytes
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"

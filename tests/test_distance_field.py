@@ -22,8 +22,8 @@ from hoi_retarget.objects.distance_field import (
 )
 from hoi_retarget.objects.mesh import Surface, surface_of
 from hoi_retarget.objects.track import ObjectGeometry
-from hoi_retarget.synthetic import OBJECTS
-from hoi_retarget.synthetic.object_shapes import shape
+from synthetic import OBJECTS
+from synthetic.object_shapes import shape
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 FAST = settings(max_examples=6, deadline=None, derandomize=True, database=None)

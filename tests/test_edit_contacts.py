@@ -38,7 +38,7 @@ from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import robot
 from hoi_retarget.robots.model import load_model
-from hoi_retarget.synthetic import make
+from synthetic import make
 
 BOX = "builtin:carry_box"
 PAGE = (Path(__file__).parents[1] / "docs" / "contacts.md").read_text()

@@ -23,7 +23,7 @@ from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.studio.browser.edit_session import EditSession, EditState, solved
 from hoi_retarget.studio.browser.strip import ROW_HEIGHT_PX, SurfaceGaps, dragged, strip_height_px, strip_html
-from hoi_retarget.synthetic import make
+from synthetic import make
 from trajectories import MODELS
 
 MODEL, CONFIG = MODELS["unitree_g1"], Config(contact="landmark")

@@ -30,7 +30,7 @@ from hoi_retarget.clip.edits import (
 from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.human.skeleton import PARTS
 from hoi_retarget.objects.mesh import surface_of
-from hoi_retarget.synthetic import make
+from synthetic import make
 
 FAST = settings(max_examples=12, deadline=None, derandomize=True, database=None)
 seeds = st.integers(0, 10_000)

@@ -33,8 +33,8 @@ from hoi_retarget.clip.edits import (
 from hoi_retarget.clip.edits.edits_file import EditsFiles
 from hoi_retarget.errors import ArgumentError, ReadError, WriteError
 from hoi_retarget.human.skeleton import PARTS
-from hoi_retarget.synthetic import make
 from outcomes import both_outcomes
+from synthetic import make
 
 FAST = settings(max_examples=60, deadline=None, derandomize=True, database=None)
 

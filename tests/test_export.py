@@ -13,7 +13,7 @@ from hoi_retarget.clip.clip import Source
 from hoi_retarget.motion.formats import WRITABLE
 from hoi_retarget.motion.result_file import save
 from hoi_retarget.motion.write_export import NAMES
-from hoi_retarget.synthetic import LICENCE
+from synthetic import LICENCE
 from trajectories import MODELS
 
 G1, H2 = MODELS["unitree_g1"], MODELS["unitree_h2"]

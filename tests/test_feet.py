@@ -23,7 +23,7 @@ from hoi_retarget.retargeting.feet import (
 )
 from hoi_retarget.retargeting.targets import make_targets
 from hoi_retarget.robots.spec import SIDES
-from hoi_retarget.synthetic import make
+from synthetic import make
 from trajectories import MODELS
 
 LAWS = settings(max_examples=40, deadline=None, derandomize=True, database=None)

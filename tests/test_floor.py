@@ -11,7 +11,7 @@ from hoi_retarget.clip.floor import FLOOR_REACH, FLOOR_TOLERANCE, floor_height, 
 from hoi_retarget.human.skeleton import FEET
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
-from hoi_retarget.synthetic import make
+from synthetic import make
 
 CLIP = replace(make("carry_box", seconds=2.0), contacts=())
 FRAMES = CLIP.frames

@@ -13,7 +13,7 @@ from hoi_retarget.dynamics.physics_settings import Physics
 from hoi_retarget.motion import result_file
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget
-from hoi_retarget.synthetic import make
+from synthetic import make
 from trajectories import MODELS
 
 CLIP = make("carry_box", seconds=5.0)

@@ -21,7 +21,7 @@ from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.readers import own_layout, read_clip
 from hoi_retarget.readers.describe import inspect
 from hoi_retarget.readers.open import open_clip
-from hoi_retarget.synthetic import SCENES, make
+from synthetic import SCENES, make
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 REAL = [(path, SHARED / "objects") for path in sorted((SHARED / "omomo").glob("*.pt"))]

@@ -12,10 +12,10 @@ from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.numerics import se3
 from hoi_retarget.readers import read_clip, reader_of
 from hoi_retarget.readers.hodome import FORMAT, READER
-from hoi_retarget.synthetic import make
 from npz_changes import changed
 from short_clips import cut
 from source_people import assert_same_objects, assert_same_people
+from synthetic import make
 
 SUITCASE = make("drag_suitcase")
 SHORT = cut(SUITCASE, 112, first=100)  # While the suitcase is dragged.

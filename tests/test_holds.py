@@ -32,7 +32,7 @@ from hoi_retarget.retargeting.ik import solve_ik
 from hoi_retarget.retargeting.solve import solve
 from hoi_retarget.retargeting.surfaces.skin_points import MovingObject, moving_objects
 from hoi_retarget.retargeting.targets import make_targets
-from hoi_retarget.synthetic import make
+from synthetic import make
 from trajectories import MODELS
 
 FPS = 30.0

@@ -20,8 +20,8 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.readers import can_be_clip, own_layout, read_clip, reader_of
 from hoi_retarget.readers import humoto as reader
 from hoi_retarget.readers.open import open_clip
-from hoi_retarget.synthetic import make
 from source_people import assert_same_objects, assert_same_people
+from synthetic import make
 
 CLIP = make("move_chair", seconds=1.5)
 REAL = sorted((Path(__file__).resolve().parents[1].parent / "shared" / "data" / "foreign" / "humoto").glob("*.glb"))

@@ -22,8 +22,8 @@ from hoi_retarget.retargeting.orientation_flips import (
 )
 from hoi_retarget.retargeting.solve import one_thread
 from hoi_retarget.retargeting.targets import Targets, make_targets
-from hoi_retarget.synthetic import make
 from short_clips import cut
+from synthetic import make
 from trajectories import MODELS
 
 MODEL = MODELS["unitree_g1"]

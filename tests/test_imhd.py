@@ -14,10 +14,10 @@ from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.numerics import se3
 from hoi_retarget.readers import read_clip, reader_of
 from hoi_retarget.readers.imhd import FORMAT, READER
-from hoi_retarget.synthetic import make
 from imhd_writer import write_recording
 from short_clips import cut
 from source_people import assert_same_objects, assert_same_people, in_world
+from synthetic import make
 
 SUITCASE = make("drag_suitcase")
 SHORT = cut(SUITCASE, 112, first=100)  # While the suitcase is dragged.

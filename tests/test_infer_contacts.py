@@ -17,7 +17,7 @@ from hoi_retarget.motion.result_file import load
 from hoi_retarget.numerics import se3
 from hoi_retarget.readers import own_layout
 from hoi_retarget.readers.open import clip_of, open_clip
-from hoi_retarget.synthetic import SCENES, make
+from synthetic import SCENES, make
 
 CLIP = make("carry_box")
 

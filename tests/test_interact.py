@@ -12,11 +12,11 @@ from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.numerics import se3
 from hoi_retarget.readers import read_clip, reader_of
 from hoi_retarget.readers.interact import FORMAT, READER, SUBSETS
-from hoi_retarget.synthetic import make
 from interact_writer import GENDER, write_sequence
 from npz_changes import changed
 from short_clips import cut
 from source_people import assert_same_objects, assert_same_people
+from synthetic import make
 from torch_writer import torch_bytes
 
 SUITCASE = make("drag_suitcase")

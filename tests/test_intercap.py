@@ -13,7 +13,6 @@ from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, Geomet
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.readers import can_be_clip, intercap, read_clip
 from hoi_retarget.readers.intercap import MALE, OBJECTS
-from hoi_retarget.synthetic import make
 from intercap_writer import (
     NAME,
     frames_of,
@@ -25,6 +24,7 @@ from intercap_writer import (
     write_saved_mesh,
 )
 from source_people import assert_same_objects, assert_same_people, in_world
+from synthetic import make
 
 CLIP = renamed(make("move_chair", seconds=2.0), NAME)
 FRAMES = CLIP.frames

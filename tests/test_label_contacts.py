@@ -32,8 +32,8 @@ from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers import read_clip
 from hoi_retarget.readers.body_parameters import BodyParameters, person_of
-from hoi_retarget.synthetic import make
 from source_people import parameters_of, write_models
+from synthetic import make
 
 FAST = settings(max_examples=4, deadline=None, derandomize=True, database=None)
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"

@@ -9,7 +9,7 @@ from hoi_retarget.studio.scene.curves import FORCE_GROUPS, SLIP_GROUP, TRUNK_GRO
 from hoi_retarget.studio.scene.legend_texts import BARS, CURVES, LAYERS, legend_of_figure, worst_frame
 from hoi_retarget.studio.scene.scene import FORCES, REFERENCE, SceneItem
 from hoi_retarget.studio.scene.subplots import make_subplots
-from hoi_retarget.synthetic import make
+from synthetic import make
 from test_curves import G1, carried
 
 

@@ -13,7 +13,7 @@ from hoi_retarget.retargeting.targets import make_targets
 from hoi_retarget.retargeting.trajopt.terms.link_floor import _directions, link_floor_terms
 from hoi_retarget.robots.skin import skin_of
 from hoi_retarget.robots.spec import SIDES
-from hoi_retarget.synthetic import make
+from synthetic import make
 from trajectories import MODELS
 
 CLIP = make("carry_box", seconds=2.0)

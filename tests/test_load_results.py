@@ -9,7 +9,7 @@ from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.studio.share.load_results import load_results
-from hoi_retarget.synthetic import make
+from synthetic import make
 from trajectories import MODELS
 
 CLIP = make("carry_box", fps=15.0, seconds=3.0)

@@ -14,7 +14,7 @@ from hoi_retarget.retargeting.retarget import judge, retarget
 from hoi_retarget.retargeting.site_pins import SitePin
 from hoi_retarget.retargeting.solve import Solution, solve
 from hoi_retarget.retargeting.targets import make_targets
-from hoi_retarget.synthetic import make
+from synthetic import make
 from trajectories import MODELS
 
 MODEL = MODELS["unitree_g1"]

@@ -21,8 +21,8 @@ from hoi_retarget.simulation.tracking_result import simulated_motion
 from hoi_retarget.studio.scene.curves import curves_of
 from hoi_retarget.studio.scene.marks import ARROW_LENGTH, LEVELS, force_arrows, inside_marks
 from hoi_retarget.studio.scene.scene import FORCES, REFERENCE, SceneItem, make_scene
-from hoi_retarget.synthetic import make
 from plain_motions import plain_motion, standing_qpos
+from synthetic import make
 from test_certificate import stood
 from test_scene import G1, motion_of
 from trajectories import random_qpos

@@ -15,9 +15,9 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import Surface, surface_of
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.readers.object_files import load_geometry
-from hoi_retarget.synthetic import OBJECTS, make
-from hoi_retarget.synthetic.object_shapes import shape
 from intermimic_writer import write_box
+from synthetic import OBJECTS, make
+from synthetic.object_shapes import shape
 
 FAST = settings(max_examples=20, deadline=None, derandomize=True, database=None)
 seeds = st.integers(0, 10_000)

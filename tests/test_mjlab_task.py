@@ -36,8 +36,8 @@ from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots import load_robot
 from hoi_retarget.simulation import mjlab_task
 from hoi_retarget.simulation.mjlab_task import package_files, plain_name, task_of
-from hoi_retarget.synthetic import make
 from plain_motions import plain_motion, standing_qpos
+from synthetic import make
 
 G1, H2 = load_robot("unitree_g1"), load_robot("unitree_h2")
 CORNERS = np.array([[x, y, z] for x in (-0.2, 0.2) for y in (-0.1, 0.1) for z in (-0.15, 0.15)])

@@ -13,7 +13,7 @@ from hoi_retarget.retargeting.config import Config, Scaling
 from hoi_retarget.retargeting.retarget import retarget_people
 from hoi_retarget.retargeting.targets import make_targets, shared_scalings
 from hoi_retarget.robots import team
-from hoi_retarget.synthetic import make
+from synthetic import make
 from trajectories import MODELS
 
 G1, H2 = MODELS["unitree_g1"], MODELS["unitree_h2"]

@@ -14,10 +14,10 @@ from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.numerics import se3
 from hoi_retarget.readers import can_be_clip, clips_in, omomo, read_clip, reader_of
 from hoi_retarget.readers.body_parameters import load_body_model
-from hoi_retarget.synthetic import make
 from mesh_writer import write_mesh
 from omomo_writer import clip_values, write_clips, write_scan
 from source_people import assert_same_objects, write_models
+from synthetic import make
 
 TABLE = make("push_table", seconds=3.0)
 CHAIR = make("move_chair", seconds=2.0, height=1.6)

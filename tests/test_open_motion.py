@@ -25,7 +25,7 @@ from hoi_retarget.studio.report.open_motion import (
 )
 from hoi_retarget.studio.report.page import report_page
 from hoi_retarget.studio.report.rows import Row, read_row
-from hoi_retarget.synthetic import make
+from synthetic import make
 from test_curves import G1, carried
 
 CLIP = Path("builtin:carry_box")

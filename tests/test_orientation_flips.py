@@ -15,7 +15,7 @@ from hoi_retarget.retargeting.orientation_flips import (
     with_reasons,
 )
 from hoi_retarget.retargeting.targets import Targets, make_targets
-from hoi_retarget.synthetic import make
+from synthetic import make
 from trajectories import MODELS, random_qpos
 
 MODEL = MODELS["unitree_g1"]

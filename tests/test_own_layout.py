@@ -19,7 +19,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.readers import can_be_clip, own_layout, read_clip
 from hoi_retarget.readers.describe import inspect
-from hoi_retarget.synthetic import SCENES, make
+from synthetic import SCENES, make
 
 BOX = make("carry_box", seconds=1.5)
 

@@ -16,12 +16,12 @@ from hoi_retarget.motion.result_file import load
 from hoi_retarget.readers import can_be_clip, has_companions, own_layout, read_clip, reader_of
 from hoi_retarget.readers.describe import inspect
 from hoi_retarget.readers.open import open_clip, result_stem
-from hoi_retarget.synthetic import make
 from intermimic_writer import write_box
 from mesh_writer import write_mesh
 from npz_changes import changed
 from own_layout_writer import joint_arrays, parameter_arrays
 from source_people import assert_same_objects, assert_same_people
+from synthetic import make
 
 BOX = make("carry_box", seconds=0.5)
 

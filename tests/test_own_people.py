@@ -16,11 +16,11 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.readers import own_layout, read_clip
 from hoi_retarget.readers.body_parameters import load_body_model
 from hoi_retarget.readers.describe import inspect
-from hoi_retarget.synthetic import make
 from mesh_writer import write_mesh
 from npz_changes import changed
 from own_layout_writer import joint_arrays, parameter_arrays
 from source_people import assert_same_objects, assert_same_people, in_world
+from synthetic import make
 
 DOCUMENT = Path(__file__).parents[1] / "docs" / "sources.md"
 BOX = make("carry_box", seconds=1.0)

@@ -10,7 +10,7 @@ import pytest
 
 from hoi_retarget.cli import main, pages
 from hoi_retarget.clip.edits import ContactEdits, FixAll, save
-from hoi_retarget.synthetic import make
+from synthetic import make
 
 pytest.importorskip("viser", reason="viser is not installed")
 

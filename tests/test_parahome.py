@@ -17,9 +17,9 @@ from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.skeleton import JOINT_INDEX, LEFT_FINGERS, RIGHT_FINGERS
 from hoi_retarget.numerics import se3
 from hoi_retarget.readers import can_be_clip, clips_in, parahome, read_clip, reader_of
-from hoi_retarget.synthetic import make
 from parahome_writer import T_POSE, poses_of, skeleton_of, tensor_pickle, write_model, write_pickle, write_recording
 from source_people import assert_same_objects, assert_same_people
+from synthetic import make
 
 CHAIR = make("move_chair", seconds=4.0, fps=15.0)
 OTHER = make("move_chair", seconds=1.0, height=1.5).people[0]

@@ -6,7 +6,7 @@ import numpy as np
 
 from hoi_retarget.human.person import stance
 from hoi_retarget.human.skeleton import JOINT_INDEX
-from hoi_retarget.synthetic import make
+from synthetic import make
 
 CLIP = make("carry_box")
 PERSON = CLIP.people[0]

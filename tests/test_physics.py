@@ -11,8 +11,8 @@ from hoi_retarget.cli import main
 from hoi_retarget.motion import result_file
 from hoi_retarget.motion.motion import ARRAYS, Stage
 from hoi_retarget.readers.open import clip_of
-from hoi_retarget.synthetic import make
 from plain_motions import plain_motion, standing_qpos
+from synthetic import make
 from trajectories import MODELS
 
 G1 = MODELS["unitree_g1"]

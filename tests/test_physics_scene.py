@@ -19,8 +19,8 @@ from hoi_retarget.motion import result_file
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots import load_robot
-from hoi_retarget.synthetic import make
 from plain_motions import plain_motion, standing_qpos
+from synthetic import make
 from tiny_robot import tiny_robot
 from trajectories import random_qpos
 

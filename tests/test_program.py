@@ -19,7 +19,7 @@ from hoi_retarget.motion.formats import WRITABLE
 from hoi_retarget.motion.write_export import DATASET
 from hoi_retarget.robots import ROBOTS, load_robot, robot
 from hoi_retarget.simulation.mjlab_task import NAME as TASK
-from hoi_retarget.synthetic import SCENES
+from synthetic import SCENES
 
 
 def help_of(words, capsys):
@@ -122,7 +122,7 @@ def test_robots_have_short_names_and_one_model(full):
         ["robots", "list"],
         ["robots", "show", "h2"],
         ["contacts", "builtin:push_table"],
-        ["bench", "--seconds", "2", "--repeats", "1"],
+        ["bench", "--repeats", "1"],
     ],
 )
 def test_json_alone_is_on_stdout_and_a_file_holds_the_same(words, capsys, tmp_path):

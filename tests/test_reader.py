@@ -12,8 +12,8 @@ from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.skeleton import PARTS
 from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 from hoi_retarget.readers.worlds import TURN, Turn, World
-from hoi_retarget.synthetic import make
 from source_people import in_world
+from synthetic import make
 
 CLIP = make("carry_box", seconds=1.0)
 TOUCHING = {(0, "left_hand"): np.arange(CLIP.frames) > 9}

@@ -24,8 +24,8 @@ from hoi_retarget.studio.offscreen import film
 from hoi_retarget.studio.scene.camera import FIELD_OF_VIEW, CameraSettings, cameras
 from hoi_retarget.studio.scene.drawing import DrawnScene, Kind, Layer, Shapes, Subject
 from hoi_retarget.studio.scene.scene import SceneItem, make_scene, seen_through
-from hoi_retarget.synthetic import make
 from offscreen import need_drawing
+from synthetic import make
 from test_scene import CLIPS, G1, motion_of, shown
 
 DRAW = """

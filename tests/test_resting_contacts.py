@@ -16,8 +16,8 @@ from hoi_retarget.retargeting.targets import make_targets
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.skin import skins_from
 from hoi_retarget.robots.spec import BODY_SITES
-from hoi_retarget.synthetic import SCENES, make
 from seated import SEATED, sits_down
+from synthetic import SCENES, make
 
 CLIP = sits_down()
 

@@ -17,6 +17,7 @@ from hoi_retarget.clip.edits import ContactEdits, Move, apply
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.evaluation import FIGURES, evaluate
 from hoi_retarget.evaluation.thresholds import THRESHOLDS, verdict_of
+from hoi_retarget.human.rest_pose import rest_offsets
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.motion_report import Status
@@ -34,8 +35,7 @@ from hoi_retarget.retargeting.trajopt.terms.site_pose import SiteRotation
 from hoi_retarget.retargeting.trajopt.trajectory_terms import ik_terms, trajectory_terms
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
-from hoi_retarget.synthetic import make
-from hoi_retarget.synthetic.human import rest_offsets
+from synthetic import make
 from test_targets import moved
 from tiny_robot import tiny_robot
 from trajectories import MODELS

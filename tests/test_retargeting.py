@@ -19,10 +19,10 @@ from hoi_retarget.retargeting.targets import make_targets
 from hoi_retarget.retargeting.trajopt.trajectory_terms import trajectory_terms
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.skin import link_heights, skin_of
-from hoi_retarget.synthetic import make
 from people_writer import alone
 from posed_people import POSTURES, posed
 from short_clips import cut
+from synthetic import make
 from trajectories import MODELS
 
 LYING_FEET = ("legs stretched", "kneeling", "on the back", "on the front", "on the side")

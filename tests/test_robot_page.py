@@ -13,6 +13,7 @@ from PIL import Image
 
 from hoi_retarget.cli import main
 from hoi_retarget.cli.commands import TRIAL_CLIPS
+from hoi_retarget.human.rest_pose import rest_offsets
 from hoi_retarget.human.skeleton import JOINT_INDEX
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots import ROBOTS, load_robot, user_robots
@@ -21,7 +22,6 @@ from hoi_retarget.studio.offscreen import stage
 from hoi_retarget.studio.scene.human_shapes import person_in_pose
 from hoi_retarget.studio.scene.marks import site_marks
 from hoi_retarget.studio.scene.robot_shapes import robot_parts
-from hoi_retarget.synthetic.human import rest_offsets
 from offscreen import need_drawing
 from synthetic_humanoids import Choices, humanoid
 

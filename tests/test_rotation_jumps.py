@@ -12,7 +12,7 @@ from hoi_retarget.human.rotation_jumps import FASTEST, MOMENT_SECONDS, without_r
 from hoi_retarget.human.skeleton import BODY_PARENTS, JOINT_INDEX
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import seconds_to_frames
-from hoi_retarget.synthetic import SCENES, make
+from synthetic import SCENES, make
 
 FPS = 30.0
 PERSON = make("carry_box", seconds=4.0).people[0]

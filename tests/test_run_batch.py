@@ -19,8 +19,8 @@ from hoi_retarget.simulation import physics_stage
 from hoi_retarget.simulation.refine import Refined
 from hoi_retarget.simulation.rollout import TICK, Rollout, drive_targets, track
 from hoi_retarget.studio.report.discover import find
-from hoi_retarget.synthetic import make
 from intermimic_writer import columns_of, write_box
+from synthetic import make
 from torch_writer import torch_bytes
 
 FEW = Refinement(horizon=0.2, samples=8, most_samples=8, iterations=1)

@@ -24,8 +24,8 @@ from hoi_retarget.studio.scene.drawing import Kind, Lines, Solid
 from hoi_retarget.studio.scene.marks import gap_colour, rotations_to
 from hoi_retarget.studio.scene.robot_shapes import AXIS_LENGTH, decimated
 from hoi_retarget.studio.scene.scene import SceneItem, group_by_shared_objects, make_scene
-from hoi_retarget.synthetic import make
 from source_people import write_models
+from synthetic import make
 from trajectories import MODELS, random_qpos
 
 CLIPS = {name: make(name, seconds=0.5, fps=10.0) for name in ("carry_box", "carry_table")}

@@ -11,7 +11,7 @@ from hoi_retarget.errors import ClipError
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.objects.track import ObjectGeometry
-from hoi_retarget.synthetic import make
+from synthetic import make
 
 CLIP = make("carry_box")
 

@@ -37,7 +37,7 @@ from hoi_retarget.studio.share.clip_page import SMALL, BackLink, Detail, make_cl
 from hoi_retarget.studio.share.gallery import Card, GalleryEntry, file_name, index_page
 from hoi_retarget.studio.share.packed_scene import MAX_FRAMES, POSITION_STEP, pack
 from hoi_retarget.studio.share.share import LISTING, gallery_in
-from hoi_retarget.synthetic import make
+from synthetic import make
 from test_curves import G1, carried, random_motion
 
 AHEAD = np.array([1.0, 0.0])

@@ -25,7 +25,7 @@ from hoi_retarget.retargeting.surfaces.skin_points import moving_objects
 from hoi_retarget.retargeting.targets import make_targets
 from hoi_retarget.robots.skin import skins_from
 from hoi_retarget.robots.spec import PALMS
-from hoi_retarget.synthetic import make
+from synthetic import make
 from trajectories import MODELS
 
 G1 = MODELS["unitree_g1"]

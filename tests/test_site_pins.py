@@ -33,7 +33,7 @@ from hoi_retarget.retargeting.targets import (
 )
 from hoi_retarget.retargeting.trajopt.problem import cost
 from hoi_retarget.retargeting.trajopt.terms.pinned import pin_terms
-from hoi_retarget.synthetic import make
+from synthetic import make
 from trajectories import MODELS
 
 CONFIG = Config(contact="landmark")

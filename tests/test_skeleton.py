@@ -18,7 +18,7 @@ from hoi_retarget.human.skeleton import (
     world_positions,
 )
 from hoi_retarget.numerics import se3
-from hoi_retarget.synthetic import make
+from synthetic import make
 
 FRAMES = 6
 PERSON = make("carry_box", seconds=1.0).people[0]

@@ -17,8 +17,8 @@ from hoi_retarget.retargeting.config import Config, ContactKind, Scaling
 from hoi_retarget.retargeting.solve import solve
 from hoi_retarget.retargeting.targets import Targets, make_targets
 from hoi_retarget.robots.model import RobotModel
-from hoi_retarget.synthetic import make
-from hoi_retarget.synthetic.walking import minimum_jerk
+from synthetic import make
+from synthetic.walking import minimum_jerk
 from trajectories import MODELS
 
 FRAMES, FPS = 151, 30.0

@@ -41,7 +41,7 @@ from hoi_retarget.retargeting.targets import make_targets
 from hoi_retarget.retargeting.trajopt.problem import FrameRows
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.skin import skin_of
-from hoi_retarget.synthetic import make
+from synthetic import make
 from trajectories import MODELS
 
 FRAMES = 6

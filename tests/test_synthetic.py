@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.human.person import Person
+from hoi_retarget.human.rest_pose import rest_offsets
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
 from hoi_retarget.numerics import se3
-from hoi_retarget.synthetic import OBJECTS, SCENES, make
-from hoi_retarget.synthetic.human import rest_offsets
-from hoi_retarget.synthetic.object_shapes import shape
+from synthetic import OBJECTS, SCENES, make
+from synthetic.object_shapes import shape
 
 FAST_SETTINGS = settings(
     max_examples=2, deadline=None, phases=(Phase.explicit, Phase.generate), derandomize=True, database=None

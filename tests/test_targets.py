@@ -17,7 +17,7 @@ from hoi_retarget.numerics.filters import smooth, smooth_quats
 from hoi_retarget.retargeting.config import ContactKind, Scaling
 from hoi_retarget.retargeting.targets import MAXIMUM_SINK, Targets, make_targets
 from hoi_retarget.robots.spec import SIDES
-from hoi_retarget.synthetic import SCENES, make
+from synthetic import SCENES, make
 from trajectories import MODELS
 
 LAWS = settings(max_examples=8, deadline=None, derandomize=True, database=None)

@@ -19,7 +19,7 @@ from hoi_retarget.retargeting.trajopt.terms.relative_rotation import (
 )
 from hoi_retarget.retargeting.trajopt.terms.site_pose import SOLE_REACH, stance_terms
 from hoi_retarget.robots.model import Kinematics
-from hoi_retarget.synthetic import make
+from synthetic import make
 from trajectories import MODELS, all_terms, sunk_qpos, term_classes, terms_by_class
 
 FRAMES = 7

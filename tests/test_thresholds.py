@@ -35,7 +35,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.readers.own_layout import write as write_clip
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget
-from hoi_retarget.synthetic import make
+from synthetic import make
 from test_curves import G1, carried
 from trajectories import MODELS, random_qpos
 

@@ -19,8 +19,8 @@ from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget
-from hoi_retarget.synthetic import make
 from source_people import write_models
+from synthetic import make
 from trajectories import MODELS
 from video_noise import Noise, reconstructed
 

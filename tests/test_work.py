@@ -22,7 +22,7 @@ from hoi_retarget.motion.result_file import encode, load
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget_people
 from hoi_retarget.robots import load_robot
-from hoi_retarget.synthetic import make
+from synthetic import make
 
 CALLS = ("open", "write", "fsync", "close", "link", "replace", "unlink", "mkdir", "chmod", "truncate", "pwrite")
 """What Python asks the system for where something is written."""

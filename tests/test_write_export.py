@@ -30,7 +30,7 @@ from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import load_robot, robot
 from hoi_retarget.robots.model import RobotModel
-from hoi_retarget.synthetic import make
+from synthetic import make
 from synthetic_humanoids import Choices, humanoid
 from trajectories import MODELS
 

@@ -21,7 +21,7 @@ from hoi_retarget.retargeting.trajopt.trajectory_terms import ik_terms, trajecto
 from hoi_retarget.robots import ROBOTS, load_robot
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.skin import LinkSkin, skin_of
-from hoi_retarget.synthetic import make
+from synthetic import make
 
 MODELS: dict[str, RobotModel] = {name: load_robot(name) for name in ROBOTS}
 START = np.array([0.0, 0.0, 0.7])  # [m]

@@ -21,8 +21,9 @@ from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.files.python_wheel import sha256_of_file
 from hoi_retarget.files.source_file import FOLDER, SourceFile
 from hoi_retarget.readers import SUFFIXES, can_be_clip, clips_in, recordings_below
+from hoi_retarget.readers.builtin_clips import builtin_scene
 from hoi_retarget.readers.object_files import geometry_files, known_objects
-from hoi_retarget.readers.open import builtin_scene, clip_stem, result_stem
+from hoi_retarget.readers.open import clip_stem, result_stem
 from hoi_retarget.readers.own_layout import mesh_files
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.robots import robot, team

@@ -295,8 +295,6 @@ class Bench(JsonOption):
 
     robot: RobotName = "unitree_g1"
     """A robot's name."""
-    seconds: float = 10.0
-    """Length of the clip [s]."""
     repeats: int = 3
     """Runs; the fastest one is shown."""
 

@@ -18,7 +18,8 @@ from hoi_retarget.evaluation import Score
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.objects.mesh import surface_of
-from hoi_retarget.readers.open import builtin_scene, clip_of
+from hoi_retarget.readers.builtin_clips import builtin_scene
+from hoi_retarget.readers.open import clip_of
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.studio.report.open_motion import ReferenceClip, open_motion, with_recording

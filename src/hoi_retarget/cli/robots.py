@@ -27,7 +27,8 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, DrawingError, HoiRetargetError, RobotError
 from hoi_retarget.evaluation.thresholds import judged_figures
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.readers.open import builtin_scene, open_clip
+from hoi_retarget.readers.builtin_clips import builtin_scene
+from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import ROBOTS, load_robot, robot, user_robots

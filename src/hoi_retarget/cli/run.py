@@ -25,6 +25,7 @@ from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.result_file import set_aside
 from hoi_retarget.readers import can_be_clip, recordings_below, why_no_clip
+from hoi_retarget.readers.builtin_clips import builtin_clip
 from hoi_retarget.readers.object_files import known_objects
 from hoi_retarget.readers.open import open_clip, result_stem
 from hoi_retarget.retargeting.config import Config
@@ -32,7 +33,6 @@ from hoi_retarget.retargeting.retarget import result_paths, retarget_people, wri
 from hoi_retarget.robots import load_robot, load_team
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.skin import skin_of
-from hoi_retarget.synthetic import make
 
 _SCENE = "carry_box"
 _STAGES = {
@@ -215,7 +215,7 @@ def execute_demo(command: Demo) -> int:
     model = load_robot(command.robot)
     check_writable("--out", command.out)
     path = command.out / f"{_SCENE}.npz"
-    clip = make(_SCENE)
+    clip = builtin_clip(_SCENE)
     say(f"A built-in clip: a person of {clip.people[0].height:.2f} m walks to a box, lifts it, carries it round a")
     say(f"turn and sets it down ({clip.frames} frames). Now the same by a {model.spec.title}:")
     with Working("retargeting", None):
@@ -241,7 +241,7 @@ def execute_bench(command: Bench) -> int:
         raise ArgumentError(f"--repeats is {command.repeats}; at least one run is needed.")
     check_json(command.json)
     model = load_robot(command.robot)
-    clip = make(_SCENE, seconds=command.seconds)
+    clip = builtin_clip(_SCENE)
     runs = []
     with tempfile.TemporaryDirectory() as folder, Working("timing", command.repeats) as working:
         for _ in range(command.repeats):

@@ -13,12 +13,12 @@ from hoi_retarget.clip.floor import on_floor
 from hoi_retarget.clip.infer_contacts import with_contacts
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.clip.shape_check import with_shape_warnings
-from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, did_you_mean
+from hoi_retarget.errors import HoiRetargetError, ReadError
 from hoi_retarget.files.source_file import FOLDER, SourceFile
 from hoi_retarget.motion.motion import SIMULATED, Motion
 from hoi_retarget.readers import read_recording
+from hoi_retarget.readers.builtin_clips import builtin_clip, builtin_scene
 from hoi_retarget.readers.reader import Reader
-from hoi_retarget.synthetic import BUILTIN, SCENES, make
 
 _ADVICE = "Pass --clip to name it."
 _GVHMR_RESULTS = "hmr4d_results"
@@ -53,17 +53,7 @@ def _as_recorded(name: Path | str, options: ReadOptions) -> tuple[Clip, Reader |
     scene = builtin_scene(name)
     if scene is None:
         return read_recording(Path(name), options)
-    if scene not in SCENES:
-        known = [f"{BUILTIN}{known}" for known in SCENES]
-        near = did_you_mean(str(name), known)
-        raise ArgumentError(f"{name}: there is no such built-in clip.{near} Built-in clips: {', '.join(known)}.")
-    return make(scene), None
-
-
-def builtin_scene(name: Path | str) -> str | None:
-    """Return the scene that `builtin:<scene>` names, whether there is such a one or not; None for a file."""
-    text = str(name)
-    return text.removeprefix(BUILTIN) if text.startswith(BUILTIN) else None
+    return builtin_clip(scene), None
 
 
 def result_stem(name: Path | str) -> str:

@@ -21,7 +21,8 @@ from hoi_retarget.motion.formats import own_result, read
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.motion_report import Report, Source
 from hoi_retarget.motion.result_file import load, may_be_result
-from hoi_retarget.readers.open import builtin_scene, clip_stem, open_clip
+from hoi_retarget.readers.builtin_clips import builtin_scene
+from hoi_retarget.readers.open import clip_stem, open_clip
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.skin import link_heights
 

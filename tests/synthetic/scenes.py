@@ -10,10 +10,10 @@ import numpy as np
 
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectTrack
-from hoi_retarget.synthetic.acting import Actor, Grip
-from hoi_retarget.synthetic.human import Scalars
-from hoi_retarget.synthetic.object_shapes import Shape, shape
-from hoi_retarget.synthetic.staging import (
+from synthetic.acting import Actor, Grip
+from synthetic.human import Scalars
+from synthetic.object_shapes import Shape, shape
+from synthetic.staging import (
     Span,
     StagedScene,
     arc,
@@ -24,7 +24,7 @@ from hoi_retarget.synthetic.staging import (
     rounded,
     upright,
 )
-from hoi_retarget.synthetic.walking import Place, Times, Walk, keyed
+from synthetic.walking import Place, Times, Walk, keyed
 
 
 def carry_box(height: float, seed: int) -> StagedScene:

@@ -16,9 +16,10 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.human.rest_pose import rest_offsets
 from hoi_retarget.human.skeleton import JOINT_INDEX
 from hoi_retarget.numerics import se3
-from hoi_retarget.synthetic.human import ANKLE_HEIGHT, SIDES, FootGoal, Scalars, Vectors, heading_quat, rest_offsets
+from synthetic.human import ANKLE_HEIGHT, SIDES, FootGoal, Scalars, Vectors, heading_quat
 
 Times = Float[np.ndarray, "T"]
 

@@ -15,7 +15,7 @@ from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import HANDS
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectTrack
-from hoi_retarget.synthetic.human import (
+from synthetic.human import (
     MAXIMUM_REACH,
     SIDES,
     STANDING_PELVIS_HEIGHT,
@@ -30,7 +30,7 @@ from hoi_retarget.synthetic.human import (
     heading_quat,
     palm_offset,
 )
-from hoi_retarget.synthetic.walking import Ground, Times, Walk, feet_of, ground_of, keyed, minimum_jerk, soft_excess
+from synthetic.walking import Ground, Times, Walk, feet_of, ground_of, keyed, minimum_jerk, soft_excess
 
 PALM_CLEARANCE = 0.025
 """How far the middle of a gripping hand lies outside the surface it touches [m]."""

@@ -1,4 +1,4 @@
-"""Clips made from nothing, with exactly known contacts: for the demo, the tests and the pictures."""
+"""Clips made from nothing, with exactly known contacts; those of default arguments are the built-in clips."""
 
 import json
 from collections.abc import Callable, Mapping
@@ -9,17 +9,16 @@ import numpy as np
 
 from hoi_retarget.clip.clip import MINIMUM_FRAMES, Clip, Source
 from hoi_retarget.errors import ArgumentError, did_you_mean
-from hoi_retarget.synthetic.acting import act, contacts_of
-from hoi_retarget.synthetic.object_shapes import OBJECTS
-from hoi_retarget.synthetic.scenes import carry_box, carry_table, drag_suitcase, move_chair, push_table
-from hoi_retarget.synthetic.staging import StagedScene
-from hoi_retarget.synthetic.walking import Times
+from hoi_retarget.readers.builtin_clips import FOLDER, builtin_clip
+from synthetic.acting import act, contacts_of
+from synthetic.object_shapes import OBJECTS
+from synthetic.scenes import carry_box, carry_table, drag_suitcase, move_chair, push_table
+from synthetic.staging import StagedScene
+from synthetic.walking import Times
 
-__all__ = ["BUILTIN", "OBJECTS", "SCENES", "make"]
+__all__ = ["OBJECTS", "SCENES", "make"]
 
 LICENCE = "Apache-2.0 (made by hoi-retarget)"
-BUILTIN = "builtin:"
-"""Stands before a scene's name in the place of a clip's file."""
 HEIGHT, SEED, FPS = 1.75, 0, 30.0  # Of built-in clips.
 MINIMUM_HEIGHT, MAXIMUM_HEIGHT = 1.2, 2.2  # [m]
 
@@ -29,7 +28,7 @@ SCENES: Mapping[str, Callable[[float, int], StagedScene]] = MappingProxyType(
 """The scenes by name: each makes its script from a height [m] and a seed."""
 
 
-def make(  # noqa: PLR0913  # all but the name are options with defaults
+def make(  # all but the name are options with defaults
     name: str,
     *,
     height: float = HEIGHT,
@@ -42,7 +41,7 @@ def make(  # noqa: PLR0913  # all but the name are options with defaults
 
     Without `seconds` and `repetitions` the clip goes one way and ends at rest. Repeated, it goes
     there and back as often as asked and ends where it begins, one frame before the first one.
-    Made with the defaults, it is the built-in clip of that name, and its source's path says so. Raises `ArgumentError`
+    Made with the defaults, it is the built-in clip of that name, and its source says so. Raises `ArgumentError`
     for a scene that does not exist, and a number out of its range.
 
     Args:
@@ -64,8 +63,9 @@ def make(  # noqa: PLR0913  # all but the name are options with defaults
     digest = sha256(json.dumps(parameters, sort_keys=True).encode()).hexdigest()
     note = "Made from nothing: contact points and stance are exact."
     is_builtin = (height, seed, fps, seconds, repetitions) == (HEIGHT, SEED, FPS, None, None)
-    path = f"{BUILTIN}{name}" if is_builtin else ""
-    source = Source(path, sha256=digest, format="synthetic", licence=LICENCE, notes=(note,))
+    source = Source("", sha256=digest, format="synthetic", licence=LICENCE, notes=(note,))
+    if is_builtin and (FOLDER / f"{name}.npz").is_file():
+        source = builtin_clip(name).source
     return Clip(name, fps, people, objects, contacts, source)
 
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectTrack
-from hoi_retarget.synthetic.acting import Actor, Keys, Span
-from hoi_retarget.synthetic.human import Quats, Scalars
-from hoi_retarget.synthetic.object_shapes import Shape
-from hoi_retarget.synthetic.walking import Place, Times, Walk, ground_of, minimum_jerk
+from synthetic.acting import Actor, Keys, Span
+from synthetic.human import Quats, Scalars
+from synthetic.object_shapes import Shape
+from synthetic.walking import Place, Times, Walk, ground_of, minimum_jerk
 
 Anchor = Callable[[Times], tuple[Scalars, Scalars, Scalars]]
 """A place over time: x [m], y [m], yaw [rad]."""
@@ -30,7 +30,7 @@ class StagedScene:
     objects: Objects
 
 
-def carried(  # noqa: PLR0913  # the last three are durations and a height
+def carried(  # the last three are durations and a height
     shape: Shape,
     spans: Sequence[Span],
     spots: Sequence[Place],
