@@ -8,6 +8,7 @@ import pytest
 
 from controller_files import read_controller_file
 from hoi_retarget.batch.manifest import read_manifest
+from hoi_retarget.batch.pool import LocalPool
 from hoi_retarget.batch.run_batch import run_batch
 from hoi_retarget.batch.specification import of_folder, read_specification
 from hoi_retarget.batch.work import run_job
@@ -29,12 +30,11 @@ NAMES = ["unitree_g1/sub1_box_000", "unitree_g1/sub1_box_001"]
 REFINED = [f"refined/{name}" for name in NAMES]
 
 
-class Inline:
+class Inline(LocalPool):
     """A pool in this process, which stops after some tasks."""
 
-    time_limit: float | None = 60.0
-
     def __init__(self, tasks=100):
+        super().__init__(run_job, 1, 60.0)
         self.left = tasks
 
     def run(self, tasks, stopped):

@@ -12,8 +12,9 @@ from hoi_retarget.cli.output_checks import check_inputs_kept, check_json, check_
 from hoi_retarget.cli.terminal import Working, describe_work, do_for_each, exit_code, say, show_table, warn
 from hoi_retarget.dynamics.feasibility import forces_on_clip, infeasibilities
 from hoi_retarget.dynamics.free_hands import kept_objects
+from hoi_retarget.dynamics.grip_margin import grip_margins
 from hoi_retarget.dynamics.physics_scene import FILE, scene_files, scene_of
-from hoi_retarget.evaluation.physics_figures import FEASIBILITY, forces_figures
+from hoi_retarget.evaluation.physics_figures import FEASIBILITY, forces_figures, grip_figures
 from hoi_retarget.files.atomic import write_together
 from hoi_retarget.motion.motion import SIMULATED
 from hoi_retarget.robots import load_robot
@@ -36,7 +37,8 @@ def execute_feasible(command: Feasible) -> int:
         model = load_robot(motion.robot)
         forces = forces_on_clip(motion, clip, model, physics)
         kept = kept_objects(motion, clip, model, physics) if command.hands and clip and motion.frames > 1 else ()
-        values, found = forces_figures(forces, motion), infeasibilities(forces, motion)
+        margins = grip_margins(motion, clip, model.forward(motion.qpos), physics) if clip else ()
+        values, found = {**forces_figures(forces, motion), **grip_figures(margins)}, infeasibilities(forces, motion)
         masses = " ".join(f"{body.mass:.2f}" for body in forces.bodies) or "-"
         rows.append((path.stem, motion.robot, masses, *(figure.text(values[figure.name]) for figure in FEASIBILITY)))
         bodies = [{"name": body.name, "mass": body.mass, "mass_is": body.reason} for body in forces.bodies]
@@ -52,6 +54,8 @@ def execute_feasible(command: Feasible) -> int:
             say(f"  {item}")
         if len(found) > _MAX_SHOWN:
             say(f"  and {len(found) - _MAX_SHOWN} more{'' if command.json else '; --json writes all'}")
+        for item in margins:
+            say(f"  {item.text(motion.object_names[item.object])}")
         for item in kept:
             say(f"  {item}")
         if command.hands and not kept:

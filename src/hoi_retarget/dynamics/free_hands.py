@@ -142,12 +142,18 @@ def touch_of(
     near = np.flatnonzero(facing & (distances < PATCH_DEPTH + np.clip(distances.min(), 0.0, LARGEST_GAP)))
     if not near.size:
         return Touch(position, rotation, np.zeros((0, 3)), np.zeros((0, 3)), position)
-    kept, away = [near[distances[near].argmin()]], np.full(len(near), np.inf)
-    while len(kept) < min(PATCH_POINTS, len(near)):
-        away = np.minimum(away, np.linalg.norm(points[near] - points[kept[-1]], axis=1))
-        kept.append(near[away.argmax()])
+    kept = near[spread(points[near], int(distances[near].argmin()))]
     surface = points - distances[:, None] * normals
     return Touch(position, rotation, surface[kept], -normals[kept], surface[near].mean(axis=0))
+
+
+def spread(points: Float[np.ndarray, "K 3"], first: int) -> list[int]:
+    """Return the indices of a few points: the first one, then the farthest from those before each."""
+    kept, away = [first], np.full(len(points), np.inf)
+    while len(kept) < min(PATCH_POINTS, len(points)):
+        away = np.minimum(away, np.linalg.norm(points - points[kept[-1]], axis=1))
+        kept.append(int(away.argmax()))
+    return kept
 
 
 @dataclass(frozen=True, eq=False)

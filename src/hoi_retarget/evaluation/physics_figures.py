@@ -1,11 +1,15 @@
 """Figures of the forces that a motion needs, and of a simulated motion's deviations from its reference."""
 
+from collections.abc import Sequence
+from typing import Literal
+
 import numpy as np
 
 from hoi_retarget.dynamics.contact_forces import Forces
-from hoi_retarget.dynamics.feasibility import forces_on_clip, over_torque, unheld_by_one
+from hoi_retarget.dynamics.feasibility import forces_on_clip, over_torque, physics_of_motion, unheld_by_one
+from hoi_retarget.dynamics.grip_margin import GripMargin, grip_margins
 from hoi_retarget.errors import RobotError
-from hoi_retarget.evaluation.comparison import Comparison, Figure
+from hoi_retarget.evaluation.comparison import Comparison, Figure, mean_or_none
 from hoi_retarget.motion.motion import SIMULATED, Motion
 from hoi_retarget.numerics import se3
 
@@ -26,19 +30,32 @@ def forces_figures(forces: Forces, motion: Motion) -> dict[str, float | None]:
     }
 
 
+def grip_figures(margins: Sequence[GripMargin]) -> dict[str, float | None]:
+    """Return the figures of grips, by names that end in their units; None where hands hold nothing, or not alone."""
+    sides = {
+        "grip_margin_g": [item.robot for item in margins],
+        "person_grip_margin_g": [item.human for item in margins],
+    }
+    values = {name: np.concatenate([np.zeros(0), *own]) for name, own in sides.items()}
+    return {name: mean_or_none(own[np.isfinite(own)]) for name, own in values.items()}
+
+
 def _feasibility(view: Comparison) -> dict[str, float | None]:
     try:
         forces = forces_on_clip(view.motion, view.clip, view.kinematics.model)
     except RobotError:  # A base carries the robot, or a joint's torque has no limit.
         return {}
-    return forces_figures(forces, view.motion)
+    margins = grip_margins(view.motion, view.clip, view.kinematics, physics_of_motion(view.motion))
+    return {**forces_figures(forces, view.motion), **grip_figures(margins)}
 
 
-def _figure(name: str, title: str, unit: str, meaning: str, digits: int = 1) -> Figure:
+def _figure(  # noqa: PLR0913, PLR0917 - the fields of a figure
+    name: str, title: str, unit: str, meaning: str, digits: int = 1, better: Literal["lower", "higher"] = "lower"
+) -> Figure:
     def measure(view: Comparison) -> float | None:
         return view.cached(_feasibility).get(name)
 
-    return Figure(name, title, unit, meaning, measure, digits, slow=True, needs_floor=True)
+    return Figure(name, title, unit, meaning, measure, digits, better, slow=True, needs_floor=True)
 
 
 FEASIBILITY = (
@@ -49,6 +66,8 @@ FEASIBILITY = (
     _figure("torque_p95_share", "torque p95", "%", "Torque of the joint that needs most, over its limit", 0),
     _figure("torque_over_limit_share", "frames over torque", "%", "Share of the frames beyond the limits of torques"),
     _figure("one_hand_unheld_s", "one hand cannot hold", "s", "Time in which one hand alone holds what it cannot", 2),
+    _figure("grip_margin_g", "grip margin", "g", "Acceleration of held objects that hands bear", 2, "higher"),
+    _figure("person_grip_margin_g", "person's margin", "g", "The same of the person's own hands", 2, "higher"),
 )
 
 

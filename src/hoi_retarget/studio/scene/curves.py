@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.clip.clip import Clip, Severity
-from hoi_retarget.dynamics.feasibility import forces_on_clip
+from hoi_retarget.dynamics.feasibility import forces_on_clip, physics_of_motion
+from hoi_retarget.dynamics.grip_margin import grip_margins
 from hoi_retarget.errors import RobotError
 from hoi_retarget.evaluation import Comparison, contact_residuals, motion_figures
 from hoi_retarget.evaluation.hand_slip import slip_curves
@@ -198,7 +199,7 @@ def _finite(values: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
 
 TRUNK_GROUP, SLIP_GROUP = "trunk", "hand slip"
 """Groups that are there where the clip is known."""
-FORCE_GROUPS = ("missing wrench", "torque")
+FORCE_GROUPS = ("missing wrench", "torque", "grip margin")
 """Groups that are there where masses and torques are known."""
 
 
@@ -211,6 +212,7 @@ def all_curves(motion: Motion, model: RobotModel, clip: Clip | None) -> tuple[Cu
       person's holds still count.
     - `missing wrench` [%]: of the robot over its weight, and of each object over its own.
     - `torque` [%]: of the joint that would need most of its limit.
+    - `grip margin` [g]: the acceleration that hands bear at each object, and that the person's hands would.
 
     Raises `GeometryError` when an object's mesh cannot be read.
     """
@@ -240,12 +242,17 @@ def _compared_curves(motion: Motion, model: RobotModel, clip: Clip) -> Iterator[
 
 def _force_curves(motion: Motion, model: RobotModel, clip: Clip | None) -> Iterator[Curve]:
     forces = forces_on_clip(motion, clip, model)
-    missing, torque = FORCE_GROUPS
+    missing, torque, grip = FORCE_GROUPS
     yield Curve("robot", "%", 1e2 * forces.missing_share, missing, motion.fps)
     for name, share in zip(motion.object_names, forces.missing_share_at_objects.T, strict=True):
         if np.isfinite(share).any():
             yield Curve(name, "%", 1e2 * share, missing, motion.fps)
     yield Curve("largest", "%", 1e2 * forces.torque_shares.max(axis=1), torque, motion.fps)
+    if clip is not None:
+        for item in grip_margins(motion, clip, model.forward(motion.qpos), physics_of_motion(motion)):
+            name = motion.object_names[item.object]
+            for whose, margin in ((name, item.robot), (f"{name}, person", item.human)):
+                yield Curve(whose, "g", margin, grip, motion.fps)
 
 
 LEFT_INSET_PX = 164
