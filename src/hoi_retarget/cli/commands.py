@@ -9,7 +9,7 @@ from tyro.conf import Positional, Suppress, arg, subcommand
 
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.dynamics.physics_settings import FigureSet, Physics, Refinement
-from hoi_retarget.retargeting.config import ContactKind, HoldKind, IkConfig, Scaling, Weights
+from hoi_retarget.retargeting.config import ContactKind, HoldKind, IkConfig, ObjectPathKind, Scaling, Weights
 from hoi_retarget.retargeting.trajopt.solvers.solver import BandedInteriorPoint
 
 DESCRIPTION = (
@@ -60,6 +60,8 @@ class SolveOptions:
     holds: HoldKind = "touch"
     """What holds of hands are chosen by: touch near the person's place, with forces that carry; or simulated, too, that
     two free hands keep the object (seconds of CPU a clip)."""
+    object_path: ObjectPathKind = "free"
+    """Whether a lifted object may give way, by 3 cm and 5 degrees at most, where arms cannot reach the holds on it."""
     weights: Weights = Weights()
     ik: IkConfig = IkConfig()
     solver: BandedInteriorPoint = BandedInteriorPoint()

@@ -169,6 +169,8 @@ def describe_result(motion: Motion, path: Path) -> None:
     for name, surface in motion.report.object_surfaces.items():
         if surface in OBJECT_SURFACES:
             say(f"  {name}: {OBJECT_SURFACES[surface]}")
+    if motion.report.object_shift is not None:
+        say(f"  {motion.report.object_shift}")
     for warning in motion.warnings:
         warn(f"{path.name}: {warning}")
 

@@ -43,7 +43,7 @@ DIRECTIONS = np.array(
 ) / np.hypot(1.0, GOLDEN)
 """Unit vectors."""
 
-Touching = tuple[Float[np.ndarray, "P 3"], Float[np.ndarray, "P 3"]]
+Touching = tuple[Float[np.ndarray, "_ 3"], Float[np.ndarray, "_ 3"]]
 """Points of a hand on a surface [m], and directions into the object there."""
 NOWHERE = (np.zeros((0, 3)), np.zeros((0, 3)))
 

@@ -240,6 +240,26 @@ class HoldNote:
         )
 
 
+@dataclass(frozen=True)
+class ObjectShift:
+    """An object's path that gave way to arms that could not reach its holds."""
+
+    object: str
+    first_frame: int
+    last_frame: int
+    """Included."""
+    moved_m: float
+    """At most,"""
+    turned_deg: float
+    """likewise."""
+
+    def __str__(self) -> str:
+        return (
+            f"{self.object!r} gives way in frames {self.first_frame} to {self.last_frame}, by at most "
+            f"{100 * self.moved_m:.1f} cm and {self.turned_deg:.1f} degrees: arms cannot reach its holds"
+        )
+
+
 _WARNINGS = (
     *("trunk_turn", "unreached_contact", "thin_air_contact", "missed_pin", "sunk_link"),
     *("inter_robot_hand_error", "inter_robot_penetration", "orientation_flip", "rotation_jump"),
@@ -279,6 +299,8 @@ class Report:
     """All parts that were pinned by hand."""
     holds: tuple[HoldNote, ...] = ()
     """Of hands, in surface contact."""
+    object_shift: ObjectShift | None = None
+    """None where its path is that of the recording."""
     orientation_flips: tuple[Event, ...] | None = None
     trunk_turns: tuple[Event, ...] = ()
     rotation_jumps: tuple[RotationJump, ...] = ()

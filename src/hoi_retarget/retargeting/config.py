@@ -206,6 +206,7 @@ class IkConfig:
 
 ContactKind = Literal["surface", "landmark"]
 HoldKind = Literal["touch", "simulated"]
+ObjectPathKind = Literal["free", "fixed"]
 
 
 @dataclass(frozen=True)
@@ -224,6 +225,8 @@ class Config:
     holds: HoldKind = "touch"
     """What holds of hands are chosen by, in surface contact: touch near the person's place, with forces that carry; or
     simulated, too, that two free hands keep the object, which takes seconds of CPU a clip."""
+    object_path: ObjectPathKind = "free"
+    """Whether a lifted object may give way, by 3 cm and 5 degrees at most, where arms cannot reach the holds on it."""
     physics: Physics = Physics()
     """Decides figures of physics and holds, not the motion else."""
     figures: FigureSet = "all"
@@ -234,9 +237,9 @@ class Config:
         name = type(self.solver).__name__
         options = asdict(self.solver) if is_dataclass(self.solver) and not isinstance(self.solver, type) else {}
         plain = {name: asdict(getattr(self, name)) for name in _TABLES}
-        figures = {} if self.figures == "all" else {"figures": self.figures}
-        holds = {} if self.holds == "touch" else {"holds": self.holds}
-        return {**plain, "contact": self.contact, **holds, **figures, "solver": {"name": name, **options}}
+        chosen = {name: getattr(self, name) for name in ("holds", "object_path", "figures")}
+        changed = {name: value for name, value in chosen.items() if value != getattr(type(self), name)}
+        return {**plain, "contact": self.contact, **changed, "solver": {"name": name, **options}}
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], owner: str) -> "Config":
@@ -265,7 +268,12 @@ class Config:
         return cls(**values)
 
 
-_CHOICES = {"contact": get_args(ContactKind), "holds": get_args(HoldKind), "figures": get_args(FigureSet)}
+_CHOICES = {
+    "contact": get_args(ContactKind),
+    "holds": get_args(HoldKind),
+    "object_path": get_args(ObjectPathKind),
+    "figures": get_args(FigureSet),
+}
 _TABLES = {"scaling": Scaling(), "weights": Weights(), "ik": IkConfig(), "horizon": Horizon(), "physics": Physics()}
 
 

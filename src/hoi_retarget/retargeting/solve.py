@@ -19,7 +19,7 @@ from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.motion_report import Report, Window
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.holds.held_targets import with_holds
-from hoi_retarget.retargeting.holds.hold import Hold
+from hoi_retarget.retargeting.holds.object_path import shift_between
 from hoi_retarget.retargeting.ik import raised_above_floor, solve_ik
 from hoi_retarget.retargeting.orientation_flips import orientation_flips, rotation_errors_deg, trunk_turns, with_reasons
 from hoi_retarget.retargeting.surfaces.passes import SurfaceProblems
@@ -97,14 +97,16 @@ def solve(clip: Clip, model: RobotModel, config: Config = Config(), *, person: i
             ik_qpos = raised_above_floor(model, targets, ik_qpos)
         targets = with_pins(targets, clip, model, ik_qpos, person=person)
         clock.append(time.process_time())
-        holds: tuple[Hold, ...] = ()
+        recorded, holds = targets, ()
         if on_surfaces(targets, config):
             shared, simulated = (
                 held_by_others(clip, person).any(axis=0),
                 config.holds == "simulated" and clip.frames > 1,
             )
             alone = np.flatnonzero(~shared).tolist() if simulated else ()
-            targets, holds = with_holds(targets, model, ik_qpos, config.physics, alone)
+            # Of several objects one may carry another, and what people share is in one place for all.
+            one = config.object_path == "free" and len(clip.people) == len(clip.objects) == 1
+            targets, holds = with_holds(targets, model, ik_qpos, config.physics, alone, gives_way=one)
         clock.append(time.process_time())
         qpos, windows = solve_trajectory(model, targets, ik_qpos, config)
         clock.append(time.process_time())
@@ -116,6 +118,7 @@ def solve(clip: Clip, model: RobotModel, config: Config = Config(), *, person: i
             robot_sha256=model.spec.description_sha256,
             root_scale=targets.root_scale,
             holds=tuple(hold.note(targets) for hold in holds),
+            object_shift=shift_between(recorded, targets) if holds else None,
             config=config.as_json(),
             versions=_versions(),
             cpu_seconds=dict(zip(("targets", "ik", "holds", "trajectory"), np.diff(clock).tolist(), strict=True)),

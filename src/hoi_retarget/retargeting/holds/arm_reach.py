@@ -33,6 +33,8 @@ class Reach:
     """Of the arm's links, without the hand, in the object [m]."""
     bent: Float[np.ndarray, "N F"]
     """Length of the change of the arm's joints [rad]."""
+    missing: Float[np.ndarray, "N F 3"]
+    """From where the palm ends to its pose, in the world [m]."""
 
 
 def reach(
@@ -69,7 +71,8 @@ def reach(
     depth = _depths(kinematics, site, moving_object, every)
     arm = 7 + columns[columns >= first]
     bent = np.linalg.norm(qpos[:, arm] - np.tile(start.qpos[frames][:, arm], (count, 1)), axis=1)
-    return Reach(*(values.reshape(count, len(frames)) for values in (off, turned, depth, bent)))
+    values = (own.reshape(count, len(frames)) for own in (off, turned, depth, bent))
+    return Reach(*values, missing=error[:, :3].reshape(count, len(frames), 3))
 
 
 def _error(

@@ -21,6 +21,7 @@ from hoi_retarget.retargeting.holds.hand_settling import PLACED_REACHES, pull, s
 from hoi_retarget.retargeting.holds.hand_shape import HandPoses, hand_shape
 from hoi_retarget.retargeting.holds.hold import Hold, PersonHold
 from hoi_retarget.retargeting.holds.hold_choice import chosen_holds
+from hoi_retarget.retargeting.holds.object_path import given_way
 from hoi_retarget.retargeting.holds.simulated_holds import simulated_holds
 from hoi_retarget.retargeting.surfaces.contact_targets import EDITED
 from hoi_retarget.retargeting.surfaces.skin_points import HELD_SHELL_SPACING, MovingObject, moving_objects
@@ -62,12 +63,14 @@ class PalmPath:
     quats: Float[np.ndarray, "T 4"]
 
 
-def with_holds(
+def with_holds(  # noqa: PLR0913  # the last two are options
     targets: Targets,
     model: RobotModel,
     ik_qpos: Float[np.ndarray, "T nq"],
     physics: Physics,
     simulated: Collection[int] = (),
+    *,
+    gives_way: bool = False,
 ) -> tuple[Targets, tuple[Hold, ...]]:
     """Return the targets of hands that keep holds, and the holds.
 
@@ -77,6 +80,7 @@ def with_holds(
         ik_qpos: Where the body is about [m, rad].
         physics: Masses and frictions.
         simulated: Indices of the objects whose holds are to keep them in a simulation.
+        gives_way: Whether the path of the targets' only object may change where arms cannot reach it.
 
     Raises:
         GeometryError: An object's mesh cannot be read.
@@ -99,6 +103,8 @@ def with_holds(
     holds = chosen_holds(targets, objects, persons, start)
     for index in sorted({hold.episode.object for hold in holds}.intersection(simulated)):
         holds = simulated_holds(targets, objects, holds, start, physics, index)
+    if gives_way:
+        targets = given_way(targets, objects[0], holds, start)
     points, quats = targets.carried_contact_points.copy(), targets.contact_quats.copy()
     weights, turn_weights = targets.contact_weights.copy(), targets.contact_rotation_weights.copy()
     for column, path in paths.items():
