@@ -16,6 +16,7 @@ from hoi_retarget.clip.edits import (
     Edit,
     Fix,
     FixAll,
+    Hold,
     Merge,
     Move,
     Retime,
@@ -23,12 +24,13 @@ from hoi_retarget.clip.edits import (
     Snap,
     SnapAll,
     Split,
+    Turn,
     apply,
     from_text,
     segments_of,
 )
 from hoi_retarget.errors import ArgumentError, ClipError
-from hoi_retarget.human.skeleton import PARTS
+from hoi_retarget.human.skeleton import HANDS, PARTS
 from hoi_retarget.objects.mesh import surface_of
 from synthetic import make
 
@@ -61,7 +63,7 @@ def edited(clip: Clip, *edits: Edit) -> tuple[Segment, ...]:
 
 
 def told(segments: tuple[Segment, ...]) -> list[tuple]:
-    return [(s.person, s.part, s.object, s.start, s.stop, s.points.tobytes()) for s in segments]
+    return [(s.person, s.part, s.object, s.start, s.stop, s.points.tobytes(), s.hold, s.turn) for s in segments]
 
 
 def chosen(clip: Clip, seed: int) -> Segment:
@@ -81,6 +83,8 @@ def some_edit(clip: Clip, number: int) -> Edit:
     where, (x, y, z) = name(segment), rng.normal(size=3).tolist()
     kinds: list[Edit] = [Move(**where, offset=(x, y, z)), Delete(**where), Fix(**where), Fix(**where, point=(x, y, z))]
     kinds += [Snap(**where), FixAll(), SnapAll(), Retime(**where, start=segment.start, stop=segment.start + 1)]
+    if segment.part in HANDS:
+        kinds += [Hold(**where, rank=1 + number % 3), Turn(**where, turn=(10.0 * x, 10.0 * y, 10.0 * z))]
     if segment.frames > 1:
         kinds.append(Split(**where, at=segment.start + 1))
     return kinds[rng.integers(len(kinds))]

@@ -15,6 +15,7 @@ from hoi_retarget.clip.edits import (
     Delete,
     Fix,
     FixAll,
+    Hold,
     MadeFor,
     Merge,
     Move,
@@ -23,6 +24,7 @@ from hoi_retarget.clip.edits import (
     Snap,
     SnapAll,
     Split,
+    Turn,
     Unpin,
     apply,
     from_text,
@@ -32,7 +34,7 @@ from hoi_retarget.clip.edits import (
 )
 from hoi_retarget.clip.edits.edits_file import EditsFiles
 from hoi_retarget.errors import ArgumentError, ReadError, WriteError
-from hoi_retarget.human.skeleton import PARTS
+from hoi_retarget.human.skeleton import HANDS, PARTS
 from outcomes import both_outcomes
 from synthetic import make
 
@@ -60,6 +62,8 @@ edits = st.one_of(
             (Fix, {**where, "point": st.none() | points}),
             (FixAll, {}),
             (Snap, where),
+            (Hold, {**where, "part": st.sampled_from(HANDS), "rank": st.integers(1, 9)}),
+            (Turn, {**where, "part": st.sampled_from(HANDS), "turn": st.tuples(*[st.floats(-180, 180)] * 3)}),
             (SnapAll, {}),
             (
                 Pin,

@@ -12,6 +12,7 @@ from scipy.spatial import KDTree
 
 from hoi_retarget.clip.augment import mirrored
 from hoi_retarget.clip.clip import Clip
+from hoi_retarget.clip.edits import ContactEdits, Hold, Turn, apply
 from hoi_retarget.dynamics.object_support import friction_edges, object_load
 from hoi_retarget.dynamics.physics_settings import Physics
 from hoi_retarget.evaluation.comparison import Comparison
@@ -278,3 +279,71 @@ def test_mirrored_clips_have_mirrored_holds(name):
         )
         np.testing.assert_allclose(twin.touch.position, flip @ hold.touch.position, atol=5e-3)
         np.testing.assert_allclose(twin.touch.rotation, flip @ hold.touch.rotation @ flip, atol=0.05)
+
+
+@pytest.fixture(scope="module")
+def beside_a_box():
+    """Hands over a box, the IK trajectory, and the person's hold."""
+    model = MODELS["unitree_g1"]
+    start = model.forward(np.repeat(model.home_qpos[None], 2, axis=0))
+    hand, palm = hand_shape(model, "left_palm"), start.site_position("left_palm")[0]
+    rotation = facing(hand.inward, np.array([0.0, 0.0, -1.0]))
+    box, place = standing_box((1.0, 1.0, 0.4)), np.array([0.1, 0.0, 0.23])
+    beside = replace(box, position=np.tile((palm - place)[:, None], 2), rotation=np.tile(np.eye(3)[:, :, None], 2))
+    return hand, beside, start, PersonHold(Episode(0, 0, 0, 2), HandPoses(place[None], rotation[None]), edited=False)
+
+
+def test_holds_are_ranked_they_differ_and_after_the_last_comes_the_first(beside_a_box):
+    hand, box, start, person = beside_a_box
+    post = standing_box((0.06, 0.06, 0.4))  # Several sides.
+    box = replace(post, position=box.position, rotation=box.rotation)
+    best = best_hold(person, hand, box, start)
+    assert best.rank == 0 and best.ranks > 1
+    ranked = [best_hold(replace(person, rank=rank), hand, box, start) for rank in range(best.ranks)]
+    assert [hold.score for hold in ranked] == sorted((hold.score for hold in ranked), reverse=True)
+    for one, other in combinations(ranked, 2):
+        away = np.linalg.norm(one.touch.position - other.touch.position)
+        turned = se3.matrix_angle_between(one.touch.rotation[None], other.touch.rotation[None])[0]
+        assert away > 0.0099 or np.degrees(turned) > 14.9
+    again = best_hold(replace(person, rank=best.ranks), hand, box, start)
+    np.testing.assert_array_equal(again.touch.position, best.touch.position)
+
+
+@pytest.mark.parametrize("angle", [-40.0, 30.0])
+def test_a_hand_that_somebody_turns_is_turned(beside_a_box, angle):
+    hand, box, start, person = beside_a_box
+    turned = replace(person, turn=(0.0, 0.0, angle))  # About the box's upright axis: the palm stays on its top.
+    assert turned.chosen and not person.chosen
+    found = [best_hold(item, hand, box, start).touch for item in (person, turned)]
+    asked = se3.quat_to_matrix(se3.exp(np.radians([0.0, 0.0, angle]))) @ person.palm.rotations
+    off = np.degrees(se3.matrix_angle_between(found[1].rotation[None], asked)[0])
+    assert off < 12.0
+    assert np.degrees(se3.matrix_angle_between(found[0].rotation[None], asked)[0]) > off + 10.0
+
+
+@pytest.mark.slow
+def test_chosen_and_turned_holds_are_those_of_the_motion():
+    clip = make("carry_box", seconds=4.0)
+    frame = int(np.flatnonzero(next(track for track in clip.contacts if track.part == "left_hand").active)[10])
+    solved = {
+        name: solve(
+            apply(clip, ContactEdits.of(clip).adding(*edits)) if edits else clip, MODELS["unitree_g1"], Config()
+        )
+        for name, edits in {
+            "plain": (),
+            "other": (Hold("left_hand", frame, 2),),
+            "turned": (Turn("left_hand", frame, (0.0, 50.0, 0.0)),),
+        }.items()
+    }
+    left = {
+        name: next(hold for hold in item.motion.report.holds if hold.part == "left_hand")
+        for name, item in solved.items()
+    }
+    right = {
+        name: next(hold for hold in item.motion.report.holds if hold.part == "right_hand")
+        for name, item in solved.items()
+    }
+    assert left["other"].rank == 1 and left["plain"].rank == 0 and left["plain"].score >= left["other"].score
+    assert "hold 2 of" in str(left["other"])
+    assert left["turned"].turned_deg == pytest.approx(50.0, abs=12.0)
+    assert right["plain"] == right["other"] == right["turned"]

@@ -332,6 +332,10 @@ class Contacts(JsonOption, OneClipOptions):
     """Move contact points to the nearest point of the object's surface."""
     move: Annotated[tuple[str, ...], arg(metavar="PART:FRAME:DX,DY,DZ...", help_behavior_hint="")] = ()
     """Shift contact points: metres in the object's frame, at captured size."""
+    turn: Annotated[tuple[str, ...], arg(metavar="PART:FRAME:RX,RY,RZ...", help_behavior_hint="")] = ()
+    """Turn hands on their object: rotation vectors about the object's axes, from the recorded hand, in degrees."""
+    hold: Annotated[tuple[str, ...], arg(metavar="PART:FRAME:RANK...", help_behavior_hint="")] = ()
+    """Choose other holds of robots' hands: 1 is the best one; `run --all` tells how many there are."""
     unpin: Annotated[tuple[str, ...], arg(metavar="PART:FRAME...", help_behavior_hint="")] = ()
     """Let parts go that were pinned."""
     pin: Annotated[tuple[str, ...], arg(metavar="PART:FRAME:X,Y,Z[:RX,RY,RZ]...", help_behavior_hint="")] = ()

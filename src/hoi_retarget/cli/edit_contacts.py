@@ -55,6 +55,7 @@ def facts(clip: Clip) -> dict[str, object]:
         {
             **{"person": item.person, "part": item.part, "object": clip.objects[item.object].name},
             **{"start": item.start, "stop": item.stop, "spread": item.spread, "points": item.points.tolist()},
+            **{"hold": item.hold + 1, "turn": list(item.turn)},
         }
         for item in segments_of(clip)
     ]
@@ -149,6 +150,8 @@ _OPTIONS: tuple[tuple[str, str, str, Sequence[Callable[[str], Any]]], ...] = (
     ("--fix-segments", "all or PART:FRAME", "fix", (int,)),
     ("--snap", "all or PART:FRAME", "snap", (int,)),
     ("--move", "PART:FRAME:DX,DY,DZ", "move", (int, _point)),
+    ("--turn", "PART:FRAME:RX,RY,RZ", "turn", (int, _point)),
+    ("--hold", "PART:FRAME:RANK", "hold", (int, int)),
     ("--unpin", "PART:FRAME", "unpin", (int,)),
     ("--pin", "PART:FRAME:X,Y,Z[:RX,RY,RZ]", "pin", (int, _point, _point)),
 )

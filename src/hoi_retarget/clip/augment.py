@@ -134,7 +134,8 @@ def _mirrored_geometry(geometry: ObjectGeometry) -> ObjectGeometry:
 
 
 def _mirrored_contact(track: ContactTrack) -> ContactTrack:
-    return replace(track, part=_other_side(track.part), contact_points=track.contact_points * _MIRROR)
+    turn = (-track.turn[0], track.turn[1], -track.turn[2])
+    return replace(track, part=_other_side(track.part), contact_points=track.contact_points * _MIRROR, turn=turn)
 
 
 def _mirrored_pin(pin: PosePin) -> PosePin:

@@ -83,6 +83,10 @@ class ContactTrack:
     active: Bool[np.ndarray, "T"]
     contact_points: Float[np.ndarray, "T 3"]
     """Contact point in the object's frame at captured size [m]; NaN where inactive."""
+    hold: int = 0
+    """Rank of the hold that a robot's hand takes, the best one first; another one is somebody's choice."""
+    turn: Vector = (0.0, 0.0, 0.0)
+    """Rotation vector about the object's axes, by which somebody turned the person's hand [degrees]."""
 
     def __post_init__(self) -> None:
         owner = f"contact of {self.part!r}"

@@ -228,15 +228,26 @@ class HoldNote:
     turned_deg: float
     touching_m2: float
     """Area of palmar skin on the surface."""
+    score: float | None = None
+    """Of the choice: touch less what distance from the person, depth and reach cost [cm2]; None in older results."""
+    rank: int = 0
+    ranks: int = 1
+    """Of the hold among those that differ, the best one first."""
     kept: bool | None = None
     """Whether two free hands keep the object in simulation, all holds together; None where this was not tried."""
 
     def __str__(self) -> str:
+        # What a simulation chose is not by score.
+        choice = (
+            ""
+            if self.score is None or self.kept is not None
+            else f" (hold {self.rank + 1} of {self.ranks}, score {self.score:.1f})"
+        )
         free = "" if self.kept is None else f"; two free hands {'keep' if self.kept else 'lose'} the object"
         return (
             f"{self.part} on {self.object!r}, frames {self.first_frame} to {self.last_frame}: "
             f"{100 * self.moved_m:.1f} cm and {self.turned_deg:.0f} degrees from the person's, "
-            f"{1e4 * self.touching_m2:.1f} cm2 touch{free}"
+            f"{1e4 * self.touching_m2:.1f} cm2 touch{choice}{free}"
         )
 
 

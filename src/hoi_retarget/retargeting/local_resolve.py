@@ -48,7 +48,10 @@ def resolve_locally(before: Solution, clip: Clip, config: Config, *, quickly: bo
         targets = with_pins(targets, clip, model, ik_qpos, person=before.person)
         holds: tuple[Hold, ...] = ()
         if on_surfaces(targets, config):
-            targets, holds = with_holds(targets, model, ik_qpos, config.physics)
+            path = before.targets.object_pos, before.targets.object_quat
+            targets = replace(targets, object_pos=path[0], object_quat=path[1])  # It may have given way.
+            contacts = [track for track in clip.contacts if track.person == before.person]
+            targets, holds = with_holds(targets, model, ik_qpos, config.physics, contacts=contacts)
         qpos = before.motion.qpos.copy()
         whole = targets.contact_links != before.targets.contact_links  # A part rests that never did, or no longer.
         pieces = () if whole else pieces_around(changed_frames(before.targets, targets), targets.fps)

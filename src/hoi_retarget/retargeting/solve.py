@@ -106,7 +106,9 @@ def solve(clip: Clip, model: RobotModel, config: Config = Config(), *, person: i
             alone = np.flatnonzero(~shared).tolist() if simulated else ()
             # Of several objects one may carry another, and what people share is in one place for all.
             one = config.object_path == "free" and len(clip.people) == len(clip.objects) == 1
-            targets, holds = with_holds(targets, model, ik_qpos, config.physics, alone, gives_way=one)
+            contacts = [track for track in clip.contacts if track.person == person]
+            given = targets, model, ik_qpos, config.physics, alone
+            targets, holds = with_holds(*given, gives_way=one, contacts=contacts)
         clock.append(time.process_time())
         qpos, windows = solve_trajectory(model, targets, ik_qpos, config)
         clock.append(time.process_time())

@@ -15,7 +15,7 @@ import numpy as np
 from hoi_retarget.clip.clip import PINNED_PARTS, Clip, PosePin, pinned_path
 from hoi_retarget.clip.edits.segments import Segment, Segments, in_order, part_text, span_text
 from hoi_retarget.errors import ArgumentError, ClipError
-from hoi_retarget.human.skeleton import ALL_PARTS
+from hoi_retarget.human.skeleton import ALL_PARTS, HANDS
 from hoi_retarget.objects.mesh import surface_of
 
 Point = tuple[float | int, float | int, float | int]
@@ -204,6 +204,37 @@ class Move(SegmentOperation):
 
 
 @dataclass(frozen=True)
+class Hold(SegmentOperation):
+    """Choose another of the holds that a robot's hand could take in a segment; after the last one comes the first."""
+
+    parts: ClassVar[tuple[str, ...]] = HANDS
+    verb: ClassVar[str] = "hold"
+    rank: int
+    """1 for the best hold."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.rank < 1:
+            raise ArgumentError("rank is 0; holds are counted from 1, the best one.")
+
+    def _replacements(self, clip: Clip, segment: Segment) -> Sequence[Segment]:
+        return [replace(segment, hold=self.rank - 1)]
+
+
+@dataclass(frozen=True)
+class Turn(SegmentOperation):
+    """Turn the hand of a segment on its object."""
+
+    parts: ClassVar[tuple[str, ...]] = HANDS
+    verb: ClassVar[str] = "be turned"
+    turn: Point
+    """Rotation vector about the object's axes, from the recorded hand [degrees]."""
+
+    def _replacements(self, clip: Clip, segment: Segment) -> Sequence[Segment]:
+        return [replace(segment, turn=self.turn)]
+
+
+@dataclass(frozen=True)
 class Retime(SegmentOperation):
     """Let a segment begin and end elsewhere: it is cut, or held with the nearest of its points."""
 
@@ -345,7 +376,7 @@ class SnapAll(ContactOperation):
         return tuple(_snapped(clip, segment) for segment in segments)
 
 
-Edit = Move | Retime | Split | Merge | Delete | Add | Fix | FixAll | Snap | SnapAll | Pin | Unpin
+Edit = Move | Hold | Turn | Retime | Split | Merge | Delete | Add | Fix | FixAll | Snap | SnapAll | Pin | Unpin
 
 
 def operation_name(kind: type[Operation]) -> str:
@@ -369,6 +400,10 @@ def describe(edit: Edit) -> str:
         words.append(f"{'to ' if isinstance(edit, Retime) else ''}{span_text(edit.start, edit.stop)}")
     if isinstance(edit, Split):
         words.append(f"at {edit.at}")
+    if isinstance(edit, Hold):
+        words.append(f"number {edit.rank}")
+    if isinstance(edit, Turn):
+        words.append("by " + " ".join(f"{number:.1f}" for number in edit.turn))
     if isinstance(edit, Pin):
         words.append("to " + " ".join(f"{number:.3f}" for number in edit.position))
     return ", ".join(words)

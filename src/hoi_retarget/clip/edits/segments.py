@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.clip.clip import Clip, ContactTrack
+from hoi_retarget.clip.clip import Clip, ContactTrack, Vector
 from hoi_retarget.human.skeleton import ALL_PARTS
 from hoi_retarget.numerics.arrays import check_finite, check_shape, frozen, runs
 
@@ -24,6 +24,9 @@ class Segment:
     stop: int
     points: Float[np.ndarray, "F 3"]
     """A point for each of its F = stop - start frames, in the object's frame at captured size [m]."""
+    hold: int = 0
+    turn: Vector = (0.0, 0.0, 0.0)
+    """As those of the contact's track."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", frozen(self.points))
@@ -64,7 +67,8 @@ def segments_of(clip: Clip) -> Segments:
         before |= own
         for start, stop in runs(own):
             points = track.contact_points[start:stop]
-            found.append(Segment(track.person, track.part, track.object, start, stop, points))
+            owner = track.person, track.part, track.object
+            found.append(Segment(*owner, start, stop, points, track.hold, track.turn))
     return in_order(found)
 
 
@@ -75,7 +79,8 @@ def tracks_of(segments: Iterable[Segment], frames: int) -> tuple[ContactTrack, .
         active, points = np.zeros(frames, dtype=bool), np.full((frames, 3), np.nan)
         active[segment.start : segment.stop] = True
         points[segment.start : segment.stop] = segment.points
-        tracks.append(ContactTrack(segment.person, segment.object, segment.part, active, points))
+        owner = segment.person, segment.object, segment.part
+        tracks.append(ContactTrack(*owner, active, points, segment.hold, segment.turn))
     return tuple(tracks)
 
 

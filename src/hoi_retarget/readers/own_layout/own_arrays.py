@@ -163,9 +163,10 @@ def write(clip: Clip, path: Path) -> None:
 
 def encode(clip: Clip, folder: Path) -> bytes:
     """Return the content of a clip's file that will lie in `folder`; raises `WriteError` as `write`."""
-    if clip.pins:
+    if clip.pins or any(track.hold or any(track.turn) for track in clip.contacts):
         raise WriteError(
-            f"clip {clip.name!r}: its file has no place for pins. Write it as recorded, and keep the edits."
+            f"clip {clip.name!r}: its file has no place for pins and chosen holds. Write it as recorded, and keep the "
+            "edits."
         )
     values: dict[str, Any] = {
         SCHEMA_KEY: np.int64(SCHEMA),

@@ -3,7 +3,7 @@
 A hold does not move on its object while the person's hand stays about its place; beyond, it moves as the person's does.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -11,6 +11,7 @@ import numpy as np
 import scipy  # its modules are loaded where they are first used
 from jaxtyping import Bool, Float
 
+from hoi_retarget.clip.clip import ContactTrack
 from hoi_retarget.dynamics.physics_settings import Physics
 from hoi_retarget.errors import RobotError
 from hoi_retarget.numerics import se3
@@ -71,6 +72,7 @@ def with_holds(  # noqa: PLR0913  # the last two are options
     simulated: Collection[int] = (),
     *,
     gives_way: bool = False,
+    contacts: Sequence[ContactTrack] = (),
 ) -> tuple[Targets, tuple[Hold, ...]]:
     """Return the targets of hands that keep holds, and the holds.
 
@@ -80,6 +82,7 @@ def with_holds(  # noqa: PLR0913  # the last two are options
         ik_qpos: Where the body is about [m, rad].
         physics: Masses and frictions.
         simulated: Indices of the objects whose holds are to keep them in a simulation.
+        contacts: The person's, which tell what somebody chose.
         gives_way: Whether the path of the targets' only object may change where arms cannot reach it.
 
     Raises:
@@ -96,12 +99,13 @@ def with_holds(  # noqa: PLR0913  # the last two are options
     columns = [column for column in columns if targets.contact_flags[:, column].any()]
     paths = {column: person_path(targets, objects, column) for column in columns}
     persons = [
-        _person_hold(targets, episode, path)
+        _person_hold(targets, episode, path, contacts)
         for column, path in paths.items()
         for episode in _episodes(targets, column, path)
     ]
     holds = chosen_holds(targets, objects, persons, start)
-    for index in sorted({hold.episode.object for hold in holds}.intersection(simulated)):
+    chosen = {held.episode.object for held in persons if held.chosen}
+    for index in sorted({hold.episode.object for hold in holds}.intersection(simulated) - chosen):
         holds = simulated_holds(targets, objects, holds, start, physics, index)
     if gives_way:
         targets = given_way(targets, objects[0], holds, start)
@@ -153,11 +157,16 @@ def _episodes(targets: Targets, column: int, path: PalmPath) -> tuple[Episode, .
     return episodes(column, touched, np.concatenate(ends, axis=1) / np.sqrt(len(ends)), targets.fps)
 
 
-def _person_hold(targets: Targets, episode: Episode, path: PalmPath) -> PersonHold:
+def _person_hold(targets: Targets, episode: Episode, path: PalmPath, contacts: Sequence[ContactTrack]) -> PersonHold:
     place, rotation = np.median(path.positions[episode.frames], axis=0), se3.mean_rotation(path.quats[episode.frames])
-    part, flags = (values[episode.frames, episode.link] for values in (targets.part_points, targets.contact_flags))
-    off = np.linalg.norm(part - targets.contact_points[episode.frames, episode.link], axis=1)[flags]
-    return PersonHold(episode, HandPoses(place[None], rotation[None]), bool(np.median(off) > EDITED))
+    points, flags = (values[episode.frames, episode.link] for values in (targets.part_points, targets.contact_flags))
+    off = np.linalg.norm(points - targets.contact_points[episode.frames, episode.link], axis=1)[flags]
+    part = targets.contact_links[episode.link].replace("palm", "hand")
+    own = [track for track in contacts if (track.part, track.object) == (part, episode.object)]
+    asked = max(own, key=lambda track: int(track.active[episode.frames].sum()), default=None)
+    turn, rank = ((0.0, 0.0, 0.0), 0) if asked is None else (asked.turn, asked.hold)
+    edited = bool(np.median(off) > EDITED)
+    return PersonHold(episode, HandPoses(place[None], rotation[None]), edited, turn, rank)
 
 
 def _held_path(

@@ -22,6 +22,21 @@ class PersonHold:
     """One pose."""
     edited: bool
     """Whether somebody has put the contact elsewhere than it was recorded."""
+    turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Rotation vector about the object's axes, by which somebody turned the hand [degrees],"""
+    rank: int = 0
+    """and of the hold that they chose."""
+
+    @property
+    def asked(self) -> HandPoses:
+        """The pose that a hold is to be near."""
+        turned = se3.quat_to_matrix(se3.exp(np.radians(self.turn))) @ self.palm.rotations
+        return HandPoses(self.palm.positions, turned)
+
+    @property
+    def chosen(self) -> bool:
+        """Whether somebody chose the hold."""
+        return self.edited or self.rank > 0 or any(self.turn)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +51,11 @@ class Hold:
     """and how far off the arm ends there, with the body as in inverse kinematics [m]."""
     area: float
     """Palmar skin that touches [m^2]."""
+    score: float
+    """Of the choice, as cm2 of touch."""
+    rank: int
+    ranks: int
+    """Of the hold among those that differ, the best one first."""
     kept: bool | None = None
     """Whether two free hands keep the object, all its holds together; None where this was not simulated."""
 
@@ -70,5 +90,8 @@ class Hold:
             moved_m=self.moved,
             turned_deg=float(np.degrees(self.turned)),
             touching_m2=self.area,
+            score=self.score,
+            rank=self.rank,
+            ranks=self.ranks,
             kept=self.kept,
         )

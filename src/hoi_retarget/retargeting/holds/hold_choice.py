@@ -43,6 +43,10 @@ PLACE = 0.03
 """The same of the touch from the person's place on the surface [m]."""
 ASKED = 0.0075
 """And of the palm along the surface where somebody edited the contact [m]: it is to be where they put it."""
+ASKED_TURN = 0.1
+"""And of its turn where somebody turned it [rad]."""
+DIFFERENT = (0.01, np.radians(15.0))
+"""Holds that differ by less in place and in turn count as one [m, rad]."""
 ENOUGH_AREA = 4.0
 """[cm2]; more touch is worth nothing."""
 ROUGHLY, TOUCHING, LARGEST_DEPTH = 0.005, 0.002, 0.0005
@@ -90,11 +94,13 @@ def best_hold(held: PersonHold, hand: HandShape, moving_object: MovingObject, st
         moving_object: The object.
         start: The IK trajectory.
     """
-    person = held.palm
+    person = held.asked
     distance, normal = moving_object.field.distances_and_normals(person.positions)
     stiffness = pull(SPREAD)
     if held.edited:
         stiffness[:3, :3] += (ASKED**-2.0 - SPREAD[0] ** -2.0) * (np.eye(3) - np.outer(normal[0], normal[0]))
+    if any(held.turn):
+        stiffness[3:, 3:] += (ASKED_TURN**-2.0 - SPREAD[1] ** -2.0) * np.eye(3)
     candidates = settled(hand, moving_object, _seeds(person, hand, moving_object), person, stiffness, FAR_REACHES)
     rough = 1e4 * touching_areas(hand, moving_object, candidates, ROUGHLY)
     rough = np.minimum(rough, 2.0 * ENOUGH_AREA) - _distance_costs(candidates, person, stiffness)
@@ -117,8 +123,23 @@ def best_hold(held: PersonHold, hand: HandShape, moving_object: MovingObject, st
     found = reach(start, hand.site, moving_object, frames, poses)
     missed = (found.off / OFF) ** 2 + (found.turned / TURNED) ** 2 + (np.maximum(found.depth, 0.0) / DEEP) ** 2
     missed += 0.5 * (found.bent / BENT) ** 2
-    best = int((scores[finalists] - np.minimum(missed, LARGEST_COST).mean(axis=1)).argmax())
-    return Hold(held, touches[finalists[best]], frames, found.off[best], float(areas[finalists[best]]))
+    totals = scores[finalists] - np.minimum(missed, LARGEST_COST).mean(axis=1)
+    ranked = _different(poses, np.argsort(-totals, kind="stable").tolist())
+    rank = held.rank % len(ranked)
+    best = ranked[rank]
+    choice = float(totals[best]), rank, len(ranked)
+    return Hold(held, touches[finalists[best]], frames, found.off[best], float(areas[finalists[best]]), *choice)
+
+
+def _different(poses: HandPoses, ranked: list[int]) -> list[int]:
+    """Return the poses that differ from all that are better, the best one first."""
+    found: list[int] = []
+    for index in ranked:
+        own = poses.take(np.array([index]))
+        away = np.abs([own.away_from(poses.take(np.array([other])))[0] for other in found]).reshape(-1, 2, 3)
+        if (np.linalg.norm(away, axis=2) > DIFFERENT).any(axis=1).all():
+            found.append(index)
+    return found
 
 
 def _distance_costs(poses: HandPoses, person: HandPoses, stiffness: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "N"]:

@@ -24,12 +24,14 @@ from hoi_retarget.clip.edits import (
     Retime,
     Segment,
     SnapAll,
+    Turn,
     describe,
     load,
     save,
 )
 from hoi_retarget.clip.edits.edits_file import EditsFiles
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
+from hoi_retarget.human.skeleton import HANDS
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import seconds_to_frames
 from hoi_retarget.objects.mesh import surface_of
@@ -53,6 +55,7 @@ from hoi_retarget.studio.browser.worker import Worker
 from hoi_retarget.studio.scene.scene import SceneItem
 
 _DRAG_DECIMALS = 4  # Of a dragged point [m]: tenths of a millimetre.
+_TURNED_DEG, _TURN_DECIMALS = 0.5, 1  # A handle that is turned by more turns the hand, to tenths of a degree.
 _NEW_CONTACT_S = 0.5
 
 
@@ -208,8 +211,8 @@ class Editor:
         self._chosen = (person, part, frame)
         self.show()
 
-    def drag(self, point: Float[np.ndarray, "3"], *, released: bool) -> None:
-        """Move the chosen segment's point, in its object's frame at captured size [m]."""
+    def drag(self, point: Float[np.ndarray, "3"], turn: Float[np.ndarray, "3"], *, released: bool) -> None:
+        """Move the chosen segment's point, in its object's frame at captured size [m], or turn its hand [degrees]."""
         segment = self.chosen
         if segment is None:
             return
@@ -218,7 +221,10 @@ class Editor:
             point = surface_of(geometry).closest_points(point[None])[0]
         offset = point - segment.points.mean(axis=0)
         offset = np.round(offset, _DRAG_DECIMALS) + 0.0  # No minus before a zero.
-        edit = Move(segment.part, segment.start, tuple(offset.tolist()), person=segment.person)
+        edit: Edit = Move(segment.part, segment.start, tuple(offset.tolist()), person=segment.person)
+        if np.abs(turn - segment.turn).max() > _TURNED_DEG and segment.part in HANDS:
+            turned = np.round(turn, _TURN_DECIMALS) + 0.0
+            edit = Turn(segment.part, segment.start, tuple(turned.tolist()), person=segment.person)
         if released:
             self.commit(edit)
         else:

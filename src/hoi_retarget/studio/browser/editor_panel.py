@@ -8,7 +8,21 @@ import numpy as np
 import viser
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.clip.edits import Delete, Edit, Fix, Merge, Move, Retime, Segment, Snap, Split, describe, part_text
+from hoi_retarget.clip.edits import (
+    Delete,
+    Edit,
+    Fix,
+    Hold,
+    Merge,
+    Move,
+    Retime,
+    Segment,
+    Snap,
+    Split,
+    Turn,
+    describe,
+    part_text,
+)
 from hoi_retarget.evaluation import COLUMNS
 from hoi_retarget.evaluation.surface_distances import distances_of_motion
 from hoi_retarget.studio.browser.edit_session import EditState
@@ -111,6 +125,7 @@ class EditorPanel:
             point = chosen.points.mean(axis=0)
             self._frames.value = (chosen.start, chosen.stop - 1)
             self._point.value = tuple(np.round(point, _DIGITS).tolist())
+            self._turn.value = tuple(np.round(chosen.turn, 1).tolist())
         self._figures.content = _figures_html(recorded, previous or recorded, edited)
         options = (_RECORDED, *(f"{number}: {describe(edit)}" for number, edit in enumerate(edited.edits.edits, 1)))
         if self._edits.options != options:
@@ -154,6 +169,9 @@ class EditorPanel:
         on_change_by_user(self._frames, self._retime)
         self._point = gui.add_vector3("Point [m]", (0.0, 0.0, 0.0), step=0.001, hint="In the object's frame")
         on_change_by_user(self._point, self._move)
+        hint = "Rotation of the hand about the object's axes, from the recorded one"
+        self._turn = gui.add_vector3("Turn [deg]", (0.0, 0.0, 0.0), step=1.0, hint=hint)
+        on_change_by_user(self._turn, self._rotate)
         self._surface = gui.add_checkbox("On surface", False, hint="A dragged point stays on the object's surface")
         for edits in (
             {
@@ -163,6 +181,10 @@ class EditorPanel:
             {
                 "Split here": lambda s: Split(s.part, s.start, self._editor.frame, person=s.person),
                 "Merge with next": lambda s: Merge(s.part, s.start, person=s.person),
+            },
+            {
+                "Next hold": lambda s: Hold(s.part, s.start, s.hold + 2, person=s.person),
+                "Hold before": lambda s: Hold(s.part, s.start, max(s.hold, 1), person=s.person),
             },
             {
                 "One point": lambda s: Fix(s.part, s.start, person=s.person),
@@ -233,6 +255,9 @@ class EditorPanel:
             return Move(segment.part, segment.start, tuple(offset.tolist()), person=segment.person)
 
         self._change_when_typed("point", moved)
+
+    def _rotate(self, turn: tuple[float, float, float]) -> None:
+        self._change_when_typed("turn", lambda s: Turn(s.part, s.start, turn, person=s.person))
 
     def _change_when_typed(self, kind: str, edit_of: Callable[[Segment], Edit]) -> None:
         """Change the chosen contact once nothing of a kind has been typed for a moment."""

@@ -8,6 +8,7 @@ import viser
 from jaxtyping import Float
 
 from hoi_retarget.clip.edits import Pin, Segment, Unpin, part_text
+from hoi_retarget.human.skeleton import HANDS
 from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.targets import pinned_sites, recorded_rotation
 from hoi_retarget.studio.browser.edit_session import EditState
@@ -255,6 +256,8 @@ class EditorPoints:
         if self._handle is None:
             self._handle = self._add_handle(chosen)
         self._handle.position = self._place(chosen)
+        self._handle.disable_rotations = chosen.part not in HANDS
+        self._handle.wxyz = se3.exp(np.radians(chosen.turn))
 
     def _add_handle(self, chosen: Segment) -> viser.TransformControlsHandle:
         handle = self._api.add_transform_controls(
@@ -267,6 +270,9 @@ class EditorPoints:
         async def _(event: viser.TransformControlsEvent) -> None:
             if event.phase != "start":
                 point, released = np.array(event.target.position) / scale, event.phase == "end"
-                self._editor.worker.do_drag(lambda: self._editor.drag(point, released=released), released=released)
+                turn = np.degrees(se3.log(np.array(event.target.wxyz)))
+                self._editor.worker.do_drag(
+                    lambda: self._editor.drag(point, turn, released=released), released=released
+                )
 
         return handle
