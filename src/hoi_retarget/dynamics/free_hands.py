@@ -317,7 +317,7 @@ class FreeHands:
 
 
 @lru_cache(maxsize=16)
-def hand_parts(model: RobotModel, site: str) -> tuple[Float[np.ndarray, "V 3"], ...]:
+def hand_parts(model: RobotModel, site: str) -> tuple[Float[np.ndarray, "_ 3"], ...]:
     """Return the corners of a hand's convex parts in its palm's frame [m], as in the home pose.
 
     The solids of its links' skins are cut into clusters of cells, and each becomes its convex hull.

@@ -58,7 +58,7 @@ class CollisionShape:
 
     kind: Kind
     box: Box | None = None
-    parts: tuple[Float[np.ndarray, "V 3"], ...] = ()
+    parts: tuple[Float[np.ndarray, "_ 3"], ...] = ()
     """Corners of the convex parts [m]; none for a box."""
 
     @property
@@ -104,7 +104,7 @@ def _hull_corners(points: np.ndarray) -> Float[np.ndarray, "V 3"]:
     return points[hull.vertices]
 
 
-def _cached_parts(surface: Surface) -> tuple[Float[np.ndarray, "V 3"], ...]:
+def _cached_parts(surface: Surface) -> tuple[Float[np.ndarray, "_ 3"], ...]:
     def build() -> dict[str, np.ndarray]:
         parts = _decomposed(surface)
         return {"corners": np.concatenate(parts), "ends": np.cumsum([len(part) for part in parts])}
@@ -114,7 +114,7 @@ def _cached_parts(surface: Surface) -> tuple[Float[np.ndarray, "V 3"], ...]:
     return tuple(frozen(part) for part in np.split(arrays["corners"], arrays["ends"][:-1]))
 
 
-def _decomposed(surface: Surface) -> tuple[Float[np.ndarray, "V 3"], ...]:
+def _decomposed(surface: Surface) -> tuple[Float[np.ndarray, "_ 3"], ...]:
     import coacd  # noqa: PLC0415  # pyright: ignore[reportMissingImports]  # the extra `physics`
 
     library: Any = coacd
