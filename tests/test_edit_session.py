@@ -10,9 +10,11 @@ from hoi_retarget.clip.edits import (
     Delete,
     Fix,
     FixAll,
+    Hold,
     Move,
     Retime,
     Segment,
+    Turn,
     apply,
     load,
     save,
@@ -121,6 +123,19 @@ def test_a_contact_retimed_again_right_away_was_retimed_once(editing, recorded, 
     for edits in (1, 2):
         editing.redo()
         assert len(editing.now.edits.edits) == edits
+
+
+def test_a_hold_that_is_stepped_through_and_a_hand_that_is_turned_are_one_edit_each(editing, start):
+    for rank in (2, 3):
+        editing.commit(editing.preview(Hold("left_hand", 60, rank)))
+    for angle in (10.0, 20.0):
+        editing.commit(editing.preview(Turn("left_hand", 60, (0.0, 0.0, angle))))
+    assert editing.now.edits.edits == (Hold("left_hand", 60, 3), Turn("left_hand", 60, (0.0, 0.0, 20.0)))
+    left = next(segment for segment in editing.now.segments if segment.part == "left_hand")
+    assert (left.hold, left.turn) == (2, (0.0, 0.0, 20.0))
+    editing.undo()
+    editing.undo()
+    assert editing.now is start
 
 
 BOUNDS = st.lists(st.integers(0, 60), min_size=2, max_size=8, unique=True).map(sorted)

@@ -235,6 +235,10 @@ def test_buttons_edit_undo_and_redo(browser, session):
     wait_until(lambda: edits() == 2, "it is again")
     page.get_by_text("One point each", exact=True).click()
     wait_until(lambda: edits() == 3, "all are")
+    page.get_by_text("Next hold", exact=True).click()
+    wait_until(lambda: edits() == 4, "another hold is chosen")
+    assert editor.chosen.hold == 1
+    wait_until(lambda: re.search(r"hold \d+ of \d+, score", told(page)), "its rank and score are told")
     page.get_by_text("Solve whole clip", exact=True).click()
     wait_until(lambda: editor.edited.complete, "all frames are solved")
     page.get_by_text("Delete", exact=True).click()

@@ -31,8 +31,8 @@ CLEARANCE, LIFTED = 0.005, 0.05
 """Height over the floor that an object keeps, and from which on it gives way wholly [m]."""
 SHIFT_COST, TURN_COST = 0.05, 0.1
 """Of 1 m and of 1 rad, against 1 m by which an arm misses its hold."""
-TOLD = (0.001, 0.1)
-"""Less is not told [m, deg]."""
+SMALLEST, TOLD = 0.005, (0.001, 0.1)
+"""A path that would move by less stays as recorded [m]; frames that move or turn by less are not told [m, deg]."""
 
 
 def given_way(targets: Targets, moving_object: MovingObject, holds: Sequence[Hold], start: Kinematics) -> Targets:
@@ -45,9 +45,9 @@ def given_way(targets: Targets, moving_object: MovingObject, holds: Sequence[Hol
         start: Where the body is about.
     """
     twists = _limited(_wanted(targets, moving_object, holds, start))
-    if not twists.any():
-        return targets
     twists *= _free_share(targets, twists, moving_object)[:, None]
+    if np.linalg.norm(twists[:, :3], axis=1).max() < SMALLEST:
+        return targets
     positions = targets.object_pos[:, 0] + twists[:, :3]
     quats = se3.quat_multiply(se3.exp(twists[:, 3:]), targets.object_quat[:, 0])
     return replace(targets, object_pos=frozen(positions[:, None]), object_quat=frozen(quats[:, None]))
