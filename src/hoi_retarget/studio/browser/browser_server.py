@@ -30,6 +30,7 @@ from hoi_retarget.studio.scene.curves import (
     SLIP_GROUP,
     SURFACE_GROUPS,
     TITLES_HEIGHT_PX,
+    TRUNK_GROUP,
     all_curves,
     bar_rows,
     chart_html,
@@ -211,7 +212,7 @@ def page_content(shown: Sequence[SceneItem], *, compared: bool = False) -> PageC
     rows = bar_rows([(item.title, item.motion) for item in shown if item.motion], contacts=False)
     groups = {curve.group for _, own in curves for curve in own}
     extra = (
-        CHART_STEP_PX * len(groups.intersection((*SURFACE_GROUPS, SLIP_GROUP, *FORCE_GROUPS)))
+        CHART_STEP_PX * len(groups.intersection((*SURFACE_GROUPS, TRUNK_GROUP, SLIP_GROUP, *FORCE_GROUPS)))
         + (TITLES_HEIGHT_PX if len(curves) > 1 else 0)
         + BAR_ROW_HEIGHT_PX * len(rows)
     )
