@@ -4,8 +4,8 @@ import numpy as np
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.human.person import Person
-from hoi_retarget.human.rest_pose import rest_offsets
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT, world_positions, world_quats
+from hoi_retarget.human.t_pose import rest_offsets
 from hoi_retarget.numerics import se3
 
 FRAMES, FPS = 60, 30.0

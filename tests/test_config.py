@@ -84,14 +84,17 @@ def leaves(value, place=""):
             yield f"{place}{item.name}", inner
 
 
+CHOICES = {"surface": "landmark", "all": "fast", "touch": "simulated", "free": "fixed"}
+
+
 def changed(config, place):
     """Return a configuration of which one number is another one."""
     head, _, rest = place.partition(".")
     inner = getattr(config, head)
     if rest:
         return replace(config, **{head: changed(inner, rest)})
-    if inner in {"surface", "all", "touch"}:
-        return replace(config, **{head: {"surface": "landmark", "all": "fast", "touch": "simulated"}[inner]})
+    if inner in CHOICES:
+        return replace(config, **{head: CHOICES[inner]})
     other = (
         0.5
         if isinstance(inner, str) or inner == 0

@@ -6,15 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hoi_retarget.clip.edits import (
+    ChooseHold,
     ContactEdits,
     Delete,
     Fix,
     FixAll,
-    Hold,
     Move,
     Retime,
     Segment,
-    Turn,
+    TurnHand,
     apply,
     load,
     save,
@@ -127,10 +127,10 @@ def test_a_contact_retimed_again_right_away_was_retimed_once(editing, recorded, 
 
 def test_a_hold_that_is_stepped_through_and_a_hand_that_is_turned_are_one_edit_each(editing, start):
     for rank in (2, 3):
-        editing.commit(editing.preview(Hold("left_hand", 60, rank)))
+        editing.commit(editing.preview(ChooseHold("left_hand", 60, rank)))
     for angle in (10.0, 20.0):
-        editing.commit(editing.preview(Turn("left_hand", 60, (0.0, 0.0, angle))))
-    assert editing.now.edits.edits == (Hold("left_hand", 60, 3), Turn("left_hand", 60, (0.0, 0.0, 20.0)))
+        editing.commit(editing.preview(TurnHand("left_hand", 60, (0.0, 0.0, angle))))
+    assert editing.now.edits.edits == (ChooseHold("left_hand", 60, 3), TurnHand("left_hand", 60, (0.0, 0.0, 20.0)))
     left = next(segment for segment in editing.now.segments if segment.part == "left_hand")
     assert (left.hold, left.turn) == (2, (0.0, 0.0, 20.0))
     editing.undo()

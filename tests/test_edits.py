@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.clip.edits import (
     Add,
+    ChooseHold,
     ContactEdits,
     Delete,
     Edit,
     Fix,
     FixAll,
-    Hold,
     Merge,
     Move,
     Retime,
@@ -24,7 +24,7 @@ from hoi_retarget.clip.edits import (
     Snap,
     SnapAll,
     Split,
-    Turn,
+    TurnHand,
     apply,
     from_text,
     segments_of,
@@ -84,7 +84,7 @@ def some_edit(clip: Clip, number: int) -> Edit:
     kinds: list[Edit] = [Move(**where, offset=(x, y, z)), Delete(**where), Fix(**where), Fix(**where, point=(x, y, z))]
     kinds += [Snap(**where), FixAll(), SnapAll(), Retime(**where, start=segment.start, stop=segment.start + 1)]
     if segment.part in HANDS:
-        kinds += [Hold(**where, rank=1 + number % 3), Turn(**where, turn=(10.0 * x, 10.0 * y, 10.0 * z))]
+        kinds += [ChooseHold(**where, rank=1 + number % 3), TurnHand(**where, turn=(10.0 * x, 10.0 * y, 10.0 * z))]
     if segment.frames > 1:
         kinds.append(Split(**where, at=segment.start + 1))
     return kinds[rng.integers(len(kinds))]

@@ -836,7 +836,9 @@ SHOWN = {
     ("mps", "mm/s"): 1e3,
     ("mps", "cm/s"): 1e2,
     ("share", "%"): 1e2,
-    **dict.fromkeys((("deg", "deg"), ("rad", "rad"), ("radps", "rad/s"), ("mps3", "m/s^3"), ("s", "s")), 1.0),
+    **dict.fromkeys(
+        (("deg", "deg"), ("rad", "rad"), ("radps", "rad/s"), ("mps3", "m/s^3"), ("s", "s"), ("g", "g")), 1.0
+    ),
 }
 """Shown number over stored number, by the unit at the end of a figure's name and the one that tables show."""
 

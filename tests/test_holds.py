@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 
 from hoi_retarget.clip.augment import mirrored
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.clip.edits import ContactEdits, Hold, Turn, apply
+from hoi_retarget.clip.edits import ChooseHold, ContactEdits, TurnHand, apply
 from hoi_retarget.dynamics.object_support import friction_edges, object_load
 from hoi_retarget.dynamics.physics_settings import Physics
 from hoi_retarget.evaluation.comparison import Comparison
@@ -331,8 +331,8 @@ def test_chosen_and_turned_holds_are_those_of_the_motion():
         )
         for name, edits in {
             "plain": (),
-            "other": (Hold("left_hand", frame, 2),),
-            "turned": (Turn("left_hand", frame, (0.0, 50.0, 0.0)),),
+            "other": (ChooseHold("left_hand", frame, 2),),
+            "turned": (TurnHand("left_hand", frame, (0.0, 50.0, 0.0)),),
         }.items()
     }
     left = {

@@ -17,8 +17,8 @@ from hoi_retarget.clip.edits import ContactEdits, Move, apply
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.evaluation import FIGURES, evaluate
 from hoi_retarget.evaluation.thresholds import THRESHOLDS, verdict_of
-from hoi_retarget.human.rest_pose import rest_offsets
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
+from hoi_retarget.human.t_pose import rest_offsets
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.motion_report import Status
 from hoi_retarget.motion.result_file import encode

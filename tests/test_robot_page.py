@@ -13,8 +13,8 @@ from PIL import Image
 
 from hoi_retarget.cli import main
 from hoi_retarget.cli.commands import TRIAL_CLIPS
-from hoi_retarget.human.rest_pose import rest_offsets
 from hoi_retarget.human.skeleton import JOINT_INDEX
+from hoi_retarget.human.t_pose import rest_offsets
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots import ROBOTS, load_robot, user_robots
 from hoi_retarget.robots.spec import SITES

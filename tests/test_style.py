@@ -31,6 +31,7 @@ UNITS = re.compile(
 
 OTHER_TESTS = {
     "style": "of all sources of the package, here",
+    "synthetic": "of the scenes that built-in clips are made of",
     "damage": "of every command on damaged files",
 }
 """Names of tests that are of no one module, folder, command or document, with their subject."""

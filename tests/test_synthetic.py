@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.human.person import Person
-from hoi_retarget.human.rest_pose import rest_offsets
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT
+from hoi_retarget.human.t_pose import rest_offsets
 from hoi_retarget.numerics import se3
 from synthetic import OBJECTS, SCENES, make
 from synthetic.object_shapes import shape

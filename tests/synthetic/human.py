@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.human.person import Person
-from hoi_retarget.human.rest_pose import rest_offsets
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, LEFT_FINGERS, PARENT, RIGHT_FINGERS
+from hoi_retarget.human.t_pose import rest_offsets
 from hoi_retarget.numerics import se3
 
 SIDES = ("left", "right")

@@ -16,8 +16,8 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.human.rest_pose import rest_offsets
 from hoi_retarget.human.skeleton import JOINT_INDEX
+from hoi_retarget.human.t_pose import rest_offsets
 from hoi_retarget.numerics import se3
 from synthetic.human import ANKLE_HEIGHT, SIDES, FootGoal, Scalars, Vectors, heading_quat
 

@@ -150,8 +150,8 @@ _OPTIONS: tuple[tuple[str, str, str, Sequence[Callable[[str], Any]]], ...] = (
     ("--fix-segments", "all or PART:FRAME", "fix", (int,)),
     ("--snap", "all or PART:FRAME", "snap", (int,)),
     ("--move", "PART:FRAME:DX,DY,DZ", "move", (int, _point)),
-    ("--turn", "PART:FRAME:RX,RY,RZ", "turn", (int, _point)),
-    ("--hold", "PART:FRAME:RANK", "hold", (int, int)),
+    ("--turn", "PART:FRAME:RX,RY,RZ", "turn_hand", (int, _point)),
+    ("--hold", "PART:FRAME:RANK", "choose_hold", (int, int)),
     ("--unpin", "PART:FRAME", "unpin", (int,)),
     ("--pin", "PART:FRAME:X,Y,Z[:RX,RY,RZ]", "pin", (int, _point, _point)),
 )

@@ -62,6 +62,7 @@ FIGURES: tuple[Figure, ...] = (
     motion_figures.joint_speed_margin_radps,
     motion_figures.coupling_error_rad,
     *physics_figures.FEASIBILITY,
+    *physics_figures.GRIP,
 )
 
 

@@ -66,6 +66,9 @@ FEASIBILITY = (
     _figure("torque_p95_share", "torque p95", "%", "Torque of the joint that needs most, over its limit", 0),
     _figure("torque_over_limit_share", "frames over torque", "%", "Share of the frames beyond the limits of torques"),
     _figure("one_hand_unheld_s", "one hand cannot hold", "s", "Time in which one hand alone holds what it cannot", 2),
+)
+
+GRIP = (
     _figure("grip_margin_g", "grip margin", "g", "Acceleration of held objects that hands bear", 2, "higher"),
     _figure("person_grip_margin_g", "person's margin", "g", "The same of the person's own hands", 2, "higher"),
 )

@@ -19,11 +19,11 @@ from hoi_retarget.clip.edits.edits_file import save as save
 from hoi_retarget.clip.edits.edits_file import to_text as to_text
 from hoi_retarget.clip.edits.operations import OPERATIONS as OPERATIONS
 from hoi_retarget.clip.edits.operations import Add as Add
+from hoi_retarget.clip.edits.operations import ChooseHold as ChooseHold
 from hoi_retarget.clip.edits.operations import Delete as Delete
 from hoi_retarget.clip.edits.operations import Edit as Edit
 from hoi_retarget.clip.edits.operations import Fix as Fix
 from hoi_retarget.clip.edits.operations import FixAll as FixAll
-from hoi_retarget.clip.edits.operations import Hold as Hold
 from hoi_retarget.clip.edits.operations import Merge as Merge
 from hoi_retarget.clip.edits.operations import Move as Move
 from hoi_retarget.clip.edits.operations import Pin as Pin
@@ -33,7 +33,7 @@ from hoi_retarget.clip.edits.operations import Retime as Retime
 from hoi_retarget.clip.edits.operations import Snap as Snap
 from hoi_retarget.clip.edits.operations import SnapAll as SnapAll
 from hoi_retarget.clip.edits.operations import Split as Split
-from hoi_retarget.clip.edits.operations import Turn as Turn
+from hoi_retarget.clip.edits.operations import TurnHand as TurnHand
 from hoi_retarget.clip.edits.operations import Unpin as Unpin
 from hoi_retarget.clip.edits.operations import describe as describe
 from hoi_retarget.clip.edits.segments import Segment as Segment

@@ -204,7 +204,7 @@ class Move(SegmentOperation):
 
 
 @dataclass(frozen=True)
-class Hold(SegmentOperation):
+class ChooseHold(SegmentOperation):
     """Choose another of the holds that a robot's hand could take in a segment; after the last one comes the first."""
 
     parts: ClassVar[tuple[str, ...]] = HANDS
@@ -222,7 +222,7 @@ class Hold(SegmentOperation):
 
 
 @dataclass(frozen=True)
-class Turn(SegmentOperation):
+class TurnHand(SegmentOperation):
     """Turn the hand of a segment on its object."""
 
     parts: ClassVar[tuple[str, ...]] = HANDS
@@ -376,7 +376,9 @@ class SnapAll(ContactOperation):
         return tuple(_snapped(clip, segment) for segment in segments)
 
 
-Edit = Move | Hold | Turn | Retime | Split | Merge | Delete | Add | Fix | FixAll | Snap | SnapAll | Pin | Unpin
+Edit = (
+    Move | ChooseHold | TurnHand | Retime | Split | Merge | Delete | Add | Fix | FixAll | Snap | SnapAll | Pin | Unpin
+)
 
 
 def operation_name(kind: type[Operation]) -> str:
@@ -400,9 +402,9 @@ def describe(edit: Edit) -> str:
         words.append(f"{'to ' if isinstance(edit, Retime) else ''}{span_text(edit.start, edit.stop)}")
     if isinstance(edit, Split):
         words.append(f"at {edit.at}")
-    if isinstance(edit, Hold):
+    if isinstance(edit, ChooseHold):
         words.append(f"number {edit.rank}")
-    if isinstance(edit, Turn):
+    if isinstance(edit, TurnHand):
         words.append("by " + " ".join(f"{number:.1f}" for number in edit.turn))
     if isinstance(edit, Pin):
         words.append("to " + " ".join(f"{number:.3f}" for number in edit.position))

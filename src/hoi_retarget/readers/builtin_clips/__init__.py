@@ -1,4 +1,4 @@
-"""Built-in clips in this project's layout, whose contacts are exactly known: `tools/make_clips.py` makes them."""
+"""Built-in clips in this project's layout, with exactly known contacts, as `tools/make_clips.py` makes them."""
 
 from dataclasses import replace
 from pathlib import Path

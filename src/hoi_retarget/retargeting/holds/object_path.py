@@ -87,7 +87,7 @@ def _limited(twists: Float[np.ndarray, "T 6"]) -> Float[np.ndarray, "T 6"]:
 def _free_share(
     targets: Targets, twists: Float[np.ndarray, "T 6"], moving_object: MovingObject
 ) -> Float[np.ndarray, "T"]:
-    """Return the share of moves that keeps the floor, and what is on it, as recorded; it changes smoothly."""
+    """Return the share of moves with which an object stays on the floor and above it; it changes smoothly."""
     corners = targets.object_scale[0] * extreme_points(targets.object_geometry[0].points)
     placed = np.einsum("ijt,kj->tki", moving_object.rotation, corners)
     lowest = (placed[:, :, 2] + targets.object_pos[:, 0, 2, None]).min(axis=1)

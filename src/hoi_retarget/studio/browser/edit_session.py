@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.clip.edits import ContactEdits, Edit, Hold, Pin, Retime, Segment, Turn, apply, segments_of
+from hoi_retarget.clip.edits import ChooseHold, ContactEdits, Edit, Pin, Retime, Segment, TurnHand, apply, segments_of
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.retargeting.config import Config
@@ -115,7 +115,7 @@ def _again(edit: Edit, before: Edit) -> Edit | None:
         case Retime(), Retime():
             same = before.start <= edit.frame < before.stop and (edit.person, edit.part) == (before.person, before.part)
             return replace(edit, frame=before.frame) if same else None
-        case (Hold(), Hold()) | (Turn(), Turn()):
+        case (ChooseHold(), ChooseHold()) | (TurnHand(), TurnHand()):
             same = (edit.person, edit.part, edit.frame) == (before.person, before.part, before.frame)
             return edit if same else None
         case Pin(), Pin():

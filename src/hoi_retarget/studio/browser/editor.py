@@ -24,7 +24,7 @@ from hoi_retarget.clip.edits import (
     Retime,
     Segment,
     SnapAll,
-    Turn,
+    TurnHand,
     describe,
     load,
     save,
@@ -224,7 +224,7 @@ class Editor:
         edit: Edit = Move(segment.part, segment.start, tuple(offset.tolist()), person=segment.person)
         if np.abs(turn - segment.turn).max() > _TURNED_DEG and segment.part in HANDS:
             turned = np.round(turn, _TURN_DECIMALS) + 0.0
-            edit = Turn(segment.part, segment.start, tuple(turned.tolist()), person=segment.person)
+            edit = TurnHand(segment.part, segment.start, tuple(turned.tolist()), person=segment.person)
         if released:
             self.commit(edit)
         else:

@@ -9,17 +9,17 @@ import viser
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import (
+    ChooseHold,
     Delete,
     Edit,
     Fix,
-    Hold,
     Merge,
     Move,
     Retime,
     Segment,
     Snap,
     Split,
-    Turn,
+    TurnHand,
     describe,
     part_text,
 )
@@ -183,8 +183,8 @@ class EditorPanel:
                 "Merge with next": lambda s: Merge(s.part, s.start, person=s.person),
             },
             {
-                "Next hold": lambda s: Hold(s.part, s.start, s.hold + 2, person=s.person),
-                "Hold before": lambda s: Hold(s.part, s.start, max(s.hold, 1), person=s.person),
+                "Next hold": lambda s: ChooseHold(s.part, s.start, s.hold + 2, person=s.person),
+                "Hold before": lambda s: ChooseHold(s.part, s.start, max(s.hold, 1), person=s.person),
             },
             {
                 "One point": lambda s: Fix(s.part, s.start, person=s.person),
@@ -257,7 +257,7 @@ class EditorPanel:
         self._change_when_typed("point", moved)
 
     def _rotate(self, turn: tuple[float, float, float]) -> None:
-        self._change_when_typed("turn", lambda s: Turn(s.part, s.start, turn, person=s.person))
+        self._change_when_typed("turn", lambda s: TurnHand(s.part, s.start, turn, person=s.person))
 
     def _change_when_typed(self, kind: str, edit_of: Callable[[Segment], Edit]) -> None:
         """Change the chosen contact once nothing of a kind has been typed for a moment."""

@@ -9,8 +9,8 @@ from jaxtyping import Float
 
 from hoi_retarget.human.body_model import BodyShape
 from hoi_retarget.human.person import Person
-from hoi_retarget.human.rest_pose import rest_offsets
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT, PARENTS, world_positions
+from hoi_retarget.human.t_pose import rest_offsets
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.studio.scene.drawing import Colour, Kind, Shapes, Solid

@@ -56,6 +56,11 @@ CURVES: Mapping[str, tuple[str, Badness]] = {
         "robot, 50 % for an object.",
         np.positive,
     ),
+    "grip margin": (
+        "Acceleration in the worst direction with which hands can still move an object, beside that of the person's "
+        "hands. Good: above 0.2 g; zero cannot hold it.",
+        np.negative,
+    ),
     "torque": ("Torque of the joint that needs most of its limit. Good: below 100 %, up to 150 in short.", np.positive),
 }
 """Each group of curves: its meaning, and which values are worse."""
