@@ -17,12 +17,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-import synthetic
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.readers.open import open_clip
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))  # Writers of recordings belong to the tests.
+import synthetic
 from short_clips import taken
 
 THREAD_VARIABLES = (

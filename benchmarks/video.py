@@ -21,11 +21,11 @@ from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
-from synthetic import make
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))  # Noise of known size belongs to the tests.
 from common import pin_threads, show, write_json
 
+from synthetic import make
 from video_noise import Noise, reconstructed
 
 JITTER, ALTERNATION, DRIFT = 0.01, 0.03, 0.10  # [m]

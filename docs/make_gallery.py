@@ -8,7 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from hoi_retarget.cli import main
-from synthetic import SCENES
+from hoi_retarget.readers.builtin_clips import SCENES
 
 OUT = Path(__file__).parents[1] / "site" / "gallery"
 ROBOTS = ("unitree_g1", "unitree_h2")

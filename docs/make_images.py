@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hoi_retarget.readers.builtin_clips import builtin_clip
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget_people
 from hoi_retarget.robots import load_robot, team
@@ -16,7 +17,6 @@ from hoi_retarget.studio.offscreen import film
 from hoi_retarget.studio.offscreen.robot_portraits import png
 from hoi_retarget.studio.scene.camera import CameraSettings
 from hoi_retarget.studio.scene.scene import SceneItem
-from synthetic import make
 
 IMAGES = Path(__file__).parent / "images"
 PANEL, MOMENTS = (400, 680), 4  # [px]
@@ -34,7 +34,7 @@ def main() -> None:
 
 def results_of(scene: str, robots: str) -> list[SceneItem]:
     """Retarget a built-in clip, one robot for each of its people."""
-    clip, models = make(scene), [load_robot(spec.name) for spec in team(robots)]
+    clip, models = builtin_clip(scene), [load_robot(spec.name) for spec in team(robots)]
     motions = retarget_people(clip, models, Config())
     pairs = zip(motions, models, strict=True)
     return [SceneItem(scene, motion, model, clip, person) for person, (motion, model) in enumerate(pairs)]

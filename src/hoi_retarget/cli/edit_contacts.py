@@ -86,6 +86,10 @@ def _show(clip: Clip) -> None:
         header = ("person", *header)
         rows = [(f"p{segment.person}", *row) for segment, row in zip(segments, rows, strict=True)]
     show_table([header, *rows], words=range(several + 2))
+    for segment in segments:
+        if segment.hold or any(segment.turn):
+            turn = " ".join(f"{angle:.1f}" for angle in segment.turn)
+            say(f"{part_text(segment.person, segment.part)}, {segment}: hold {segment.hold + 1}, turned by {turn} deg")
     seconds = sum(segment.frames for segment in segments) / clip.fps
     spread = 1e3 * max(segment.spread for segment in segments)
     say(f"{len(segments)} contacts, {seconds:.2f} s in all; the farthest point is {spread:.1f} mm from its mean.")

@@ -17,7 +17,8 @@ def least_costs(
 ) -> Float[np.ndarray, "B N"]:
     """Return the x of least `costs x` with `matrices x = targets` and no x negative.
 
-    Every program must have a solution, and a bounded one. Numbers should be of the order of one.
+    Every program must have a solution, and a bounded one. Numbers should be of the order of one. A program that is not
+    solved after `ITERATIONS` ends as near as it got.
 
     Args:
         costs: Of the unknowns, the same in all programs.
@@ -30,7 +31,6 @@ def least_costs(
         lacking = targets - _times(matrices, x)
         reduced = costs - _times(matrices.transpose(0, 2, 1), prices) - slack
         mean = (x * slack).mean(axis=1)
-        best[left] = x
         open_ = np.maximum(mean, np.maximum(np.abs(lacking).max(axis=1), np.abs(reduced).max(axis=1))) > TOLERANCE
         if not open_.any():
             break
@@ -57,6 +57,7 @@ def least_costs(
         x = x + TO_BOUNDARY * shares[0] * step[0]
         slack = slack + TO_BOUNDARY * shares[1] * step[1]
         prices = prices + TO_BOUNDARY * shares[1] * moved
+        best[left] = x
     return best
 
 

@@ -29,7 +29,7 @@ MISSED = 0.01
 STRIDE_SECONDS, SMOOTHING_SECONDS = 0.1, 0.25
 CLEARANCE, LIFTED = 0.005, 0.05
 """Height over the floor that an object keeps, and from which on it gives way wholly [m]."""
-SHIFT_COST, TURN_COST = 0.05, 0.1
+SHIFT_COST, TURN_COST = 0.05, 1.0
 """Of 1 m and of 1 rad, against 1 m by which an arm misses its hold."""
 SMALLEST, TOLD = 0.005, (0.001, 0.1)
 """A path that would move by less stays as recorded [m]; frames that move or turn by less are not told [m, deg]."""
@@ -58,19 +58,19 @@ def _wanted(
 ) -> Float[np.ndarray, "T 6"]:
     """Return the moves and turns of the object [m, rad] with which arms miss their holds by least, smoothed."""
     normal, aim = np.zeros((targets.frames, 6, 6)), np.zeros((targets.frames, 6))
-    stride = seconds_to_frames(STRIDE_SECONDS, targets.fps)
+    keys = np.unique(
+        np.append(np.arange(0, targets.frames, seconds_to_frames(STRIDE_SECONDS, targets.fps)), targets.frames - 1)
+    )
     for hold in holds:
-        if hold.off.max() < MISSED:
+        frames = keys[(keys >= hold.episode.first) & (keys < hold.episode.stop)]
+        if hold.off.max() < MISSED or not frames.size:
             continue
-        frames = np.arange(hold.episode.first, hold.episode.stop, stride)
         pose = HandPoses(hold.touch.position[None], hold.touch.rotation[None])
         missing = -reach(start, targets.contact_links[hold.episode.link], moving_object, frames, pose).missing[0]
         lever = np.einsum("ijf,j->fi", moving_object.rotation[:, :, frames], hold.touch.position)
         rows = np.concatenate([np.broadcast_to(np.eye(3), (len(frames), 3, 3)), -se3.skew(lever)], axis=2)
         normal[frames] += rows.transpose(0, 2, 1) @ rows
         aim[frames] += np.einsum("fij,fi->fj", rows, missing)
-    keys = np.arange(0, targets.frames, stride)
-    keys = np.unique(np.concatenate([keys, np.flatnonzero(normal.any(axis=(1, 2)))]))
     costs = np.diag(np.repeat([SHIFT_COST, TURN_COST], 3))
     found = np.linalg.solve(normal[keys] + costs, aim[keys, :, None])[:, :, 0]
     every = np.stack([np.interp(np.arange(targets.frames), keys, along) for along in found.T], axis=1)
