@@ -138,6 +138,21 @@ def test_a_hold_that_is_stepped_through_and_a_hand_that_is_turned_are_one_edit_e
     assert editing.now is start
 
 
+@pytest.mark.slow
+def test_during_a_drag_hands_are_where_they_will_be_and_the_rest_of_the_clip_stays(recorded):
+    start = solved(recorded, MODEL, Config(), ContactEdits.of(recorded))
+    editing = EditSession(recorded, MODEL, Config(), start)
+    edit = Move("left_hand", 60, (0.0, 0.0, 0.03))
+    quick, whole = (editing.preview(edit, quickly=quickly).motions[0] for quickly in (True, False))
+    palms = [MODEL.forward(motion.qpos).site_position("left_palm") for motion in (start.motions[0], quick, whole)]
+    at = next(segment for segment in start.segments if segment.part == "left_hand")
+    middle = slice(at.start + 10, at.stop - 10)
+    assert np.linalg.norm(palms[1] - palms[2], axis=1)[middle].max() < 0.01
+    assert np.linalg.norm(palms[0] - palms[2], axis=1)[middle].min() > 0.01
+    far = [frame for frame in range(recorded.frames) if not at.start - 30 < frame < at.stop + 30]
+    np.testing.assert_array_equal(quick.qpos[far], start.motions[0].qpos[far])
+
+
 BOUNDS = st.lists(st.integers(0, 60), min_size=2, max_size=8, unique=True).map(sorted)
 
 

@@ -36,7 +36,8 @@ def resolve_locally(before: Solution, clip: Clip, config: Config, *, quickly: bo
         before: Of the clip before the change.
         clip: After it.
         config: The configuration of the solution.
-        quickly: Otherwise pins that change in a short clip make the solution that of `solve`, to the bit.
+        quickly: Hands go to their holds in one rough pass. Otherwise surfaces touch, and pins that change in a short
+            clip make the solution that of `solve`, to the bit.
 
     Raises:
         SolveError: The frames around a change end without a usable trajectory.
@@ -64,7 +65,14 @@ def resolve_locally(before: Solution, clip: Clip, config: Config, *, quickly: bo
                 window = FrameRange.within(first, stop, len(qpos)).alone
                 piece, start = targets.window(first, stop), qpos[first:stop]
                 qpos[first:stop], _ = solve_trajectory(
-                    model, piece, ik_qpos[first:stop], config, windows=(window,), start=start, first_frame=first
+                    model,
+                    piece,
+                    ik_qpos[first:stop],
+                    config,
+                    windows=(window,),
+                    start=start,
+                    first_frame=first,
+                    roughly=quickly,
                 )
         motion = before.motion.with_report(holds=tuple(hold.note(targets) for hold in holds))
         motion = replace(

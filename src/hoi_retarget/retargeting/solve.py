@@ -146,6 +146,7 @@ def solve_trajectory(  # noqa: PLR0913  # the parts of a solve
     windows: Sequence[FrameRange] | None = None,
     start: Float[np.ndarray, "T nq"] | None = None,
     first_frame: int = 0,
+    roughly: bool = False,
 ) -> tuple[Float[np.ndarray, "T nq"], tuple[Window, ...]]:
     """Return the optimized trajectory [m, rad] (paper Sec. III-B) and the report of each window.
 
@@ -157,6 +158,7 @@ def solve_trajectory(  # noqa: PLR0913  # the parts of a solve
         windows: Frames that are solved at once; by default those of the horizon.
         start: Holds the pinned frames, and is the start of the first pass; by default the reference.
         first_frame: Frame of the clip in which the targets start, for messages.
+        roughly: Hands go to their holds, and surfaces may be in each other.
 
     Raises:
         GeometryError: An object's mesh cannot be read.
@@ -179,7 +181,8 @@ def solve_trajectory(  # noqa: PLR0913  # the parts of a solve
         return passes[-1][0]
 
     if on_surfaces(targets, config):
-        qpos = SurfaceProblems.of(model, targets, ik_qpos, config).passes(solve_pass)
+        problems = SurfaceProblems.of(model, targets, ik_qpos, config)
+        qpos = (problems.first_pass if roughly else problems.passes)(solve_pass)
     else:
         qpos = solve_pass(at_landmarks, ik_qpos, Effort(), True)
     return qpos, next(reports for solved, reports in passes if solved is qpos)
