@@ -17,6 +17,7 @@ from hoi_retarget.motion.result_file import load as load_motion
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.numerics.filters import seconds_to_frames
+from hoi_retarget.readers.builtin_clips import builtin_clip
 from hoi_retarget.readers.own_layout.own_arrays import encode
 from hoi_retarget.retargeting.config import Config, Weights
 from hoi_retarget.retargeting.local_resolve import resolve_locally
@@ -298,7 +299,7 @@ def test_run_with_the_same_file_gives_the_same_motion_to_the_bit(tmp_path, monke
     words = ["contacts", "builtin:carry_box", "--pin", "left_hand:40:0.7,0.25,0.9", place, "--out", "edits.toml"]
     assert main(words) == 0
     assert main(["run", "builtin:carry_box", "--edits", "edits.toml", "--out", "out", "--contact", "landmark"]) == 0
-    clip = apply(make("carry_box"), load(Path("edits.toml")))
+    clip = apply(builtin_clip("carry_box"), load(Path("edits.toml")))
     ours, theirs = retarget(clip, MODELS["unitree_g1"], CONFIG), load_motion(Path("out/carry_box.npz"))
     assert ours.qpos.tobytes() == theirs.qpos.tobytes()
     assert theirs.report.pins == ours.report.pins and len(ours.report.pins) == 2
