@@ -223,8 +223,8 @@ class Config:
     """What a labelled contact asks for: the hand's surface on the object's, and nothing inside anything, or the palm's
     landmark at the human's (paper Eq. 1)."""
     holds: HoldKind = "touch"
-    """What holds of hands are chosen by, in surface contact: touch near the person's place, with forces that carry; or
-    simulated, too, that two free hands keep the object, which takes seconds of CPU a clip."""
+    """What holds of hands are chosen by, in surface contact: touch near the person's place; or simulated, too, that two
+    free hands keep the object, which takes seconds of CPU a clip."""
     object_path: ObjectPathKind = "free"
     """Whether a lifted object may give way, by 3 cm and 5 degrees at most, where arms cannot reach the holds on it."""
     physics: Physics = Physics()
