@@ -692,6 +692,7 @@ def test_inspect_something_else(tmp_path, capsys):
     assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_bench_shows_every_stage(capsys):
     assert main(["bench", "--repeats", "1"]) == 0
     out = capsys.readouterr().out

@@ -122,7 +122,7 @@ def test_robots_have_short_names_and_one_model(full):
         ["robots", "list"],
         ["robots", "show", "h2"],
         ["contacts", "builtin:push_table"],
-        ["bench", "--repeats", "1"],
+        pytest.param(["bench", "--repeats", "1"], marks=pytest.mark.slow),
     ],
 )
 def test_json_alone_is_on_stdout_and_a_file_holds_the_same(words, capsys, tmp_path):

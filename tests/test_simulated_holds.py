@@ -84,6 +84,7 @@ def test_holds_that_lose_it_stay_where_nothing_is_better():
     assert not any(hold.kept for hold in simulated_holds(targets, objects, holds, start, slippery, 0))
 
 
+@pytest.mark.slow
 def test_bodies_keep_simulated_holds_and_reports_tell_so():
     solution = solve(make("carry_box", seconds=4.0), G1, Config(holds="simulated", physics=PHYSICS))
     assert solution.motion.report.config["holds"] == "simulated"
