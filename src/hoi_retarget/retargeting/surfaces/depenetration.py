@@ -24,6 +24,8 @@ MIN_DEPTH_M = 0.006
 """[m]; less deep links leave without a path."""
 MAX_ESCAPE_M, MIN_STEP_M = 0.12, 0.004
 """Length of a path, and of one step of the search for it."""
+OVERRATED = 1.5
+"""Beyond its grid, a solid may seem further away than it is by a factor of up to the root of 2."""
 AROUND_SECONDS = 0.4
 """A path begins and ends so long before and after the link is deep."""
 SIDE_SECONDS, SMOOTHING_SECONDS = 0.3, 0.15
@@ -195,7 +197,7 @@ class _PenetratedLink(LinkAtObject):
     def _depths_and_sides(self, keys: Int[np.ndarray, "K"]) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
         """Return the object's depth in the link [m], and the vector from its points inside to the human's limb."""
         depths, sides = np.zeros(len(keys)), np.zeros((len(keys), 3))
-        near = np.abs(self.moving_object.distances(self.centres)[keys]) < self.skin.radius
+        near = np.abs(self.around[keys]) < self.skin.radius
         for key in np.flatnonzero(near).tolist():
             frame = int(keys[key])
             samples, seen = self._samples(frame, 0.0)
@@ -215,8 +217,14 @@ class _PenetratedLink(LinkAtObject):
         back = self._turn(frame).T @ side
         distances = self.skin.solid.distances(seen)
         deepest, way = seen[distances.argmin()] if len(seen) else self.skin.centre, 0.0
-        seen = seen[distances < MAX_ESCAPE_M]
-        while len(seen) and way < MAX_ESCAPE_M and (depth := -self.skin.solid.distances(seen - way * back).min()) > 0:
+        order = np.argsort(distances)
+        seen, distances = seen[order], distances[order]
+        while way < MAX_ESCAPE_M:
+            # Only what is as near as the way so far may be inside after it.
+            inside = np.searchsorted(distances, OVERRATED * way) or len(seen[:1])
+            depth = -self.skin.solid.distances(seen[:inside] - way * back).min(initial=0.0)
+            if depth <= 0.0:
+                break
             way += max(depth, MIN_STEP_M)
         return min(way, MAX_ESCAPE_M), deepest
 

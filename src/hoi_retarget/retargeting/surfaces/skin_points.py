@@ -23,6 +23,8 @@ from hoi_retarget.robots.skin import LinkSkin
 
 LINEAR_BEYOND = 0.03
 """[m]"""
+NEAR = 0.03
+"""[m]; skin that is further away is left out."""
 
 
 def levers(
@@ -181,13 +183,39 @@ class LinkAtObject:
         centre = self.start.point(self.skin.middle)
         return self.moving_object.inside(centre[:, None], np.arange(centre.shape[1]))[:, 0]
 
+    @cached_property
+    def around(self) -> Float[np.ndarray, "T"]:
+        """Distances of the link's middle from the object [m]."""
+        return self.moving_object.distances(self.centres)
+
+    @cached_property
+    def near_frames(self) -> Int[np.ndarray, "F"]:
+        """Frames in which skin may be nearer than `NEAR`."""
+        return np.flatnonzero(self.around < self.skin.radius + NEAR)
+
+    @cached_property
+    def rough(self) -> Float[np.ndarray, "C F"]:
+        """Distances of the coarser skin from the object in these frames [m]."""
+        count = len(patches_of(self.skin).count)
+        patch, column = np.indices((count, len(self.near_frames))).reshape(2, -1)
+        return self.distances(patch, column, self.near_frames).reshape(count, -1)
+
+    @property
+    def least(self) -> Float[np.ndarray, "F"]:
+        """Distances in these frames that no point of the skin is nearer than [m]."""
+        return (self.rough - patches_of(self.skin).radius[:, None]).min(axis=0, initial=np.inf)
+
+    def turns(self, frames: Int[np.ndarray, "F"]) -> Float[np.ndarray, "F 3 3"]:
+        """Return the rotations of the link in the object's frame."""
+        turn = self.moving_object.rotation[:, :, frames].transpose(2, 1, 0)
+        return turn @ self.start.orientation(self.skin.frame)[:, :, frames].transpose(2, 0, 1)
+
     def distances(
         self, point: Int[np.ndarray, "N"], column: Int[np.ndarray, "N"], frames: Int[np.ndarray, "F"]
     ) -> Float[np.ndarray, "N"]:
         """Return the distances of single skin points from the object [m], each in the frame of its column."""
         # The link's pose in the object's frame, frame by frame, then once for each point.
-        turn = self.moving_object.rotation[:, :, frames]
-        rotation = np.einsum("jit,jkt->tik", turn, self.start.orientation(self.skin.frame)[:, :, frames])
+        rotation = self.turns(frames)
         origin = self.moving_object.inside(self.start.point(self.skin.frame)[:, None, frames], frames)[:, 0].T
         places = np.einsum("nij,nj->ni", rotation[column], self.skin.points[point]) + origin[column]
         return self.moving_object.field.distances(places)
@@ -211,40 +239,33 @@ class Patches:
     count: Int[np.ndarray, "C"]
     radius: Float[np.ndarray, "C"]
     """[m]"""
-    close: Bool[np.ndarray, "P P"]
-    """Which points are too near to each other to be chosen both."""
 
 
 @lru_cache(maxsize=256)
-def patches_of(skin: LinkSkin, apart: float) -> Patches:
-    """Return the patches of a skin; points that are less than `apart` from each other [m] are close."""
+def patches_of(skin: LinkSkin) -> Patches:
+    """Return the patches of a skin."""
     points = skin.points
     away, patch = scipy.spatial.KDTree(points[:COARSE]).query(points)
     order = np.argsort(patch, kind="stable")
     count = np.bincount(patch, minlength=min(COARSE, len(points)))
     radius = np.zeros(len(count))
     np.maximum.at(radius, patch, away)
-    close = np.linalg.norm(points[:, None] - points[None], axis=2) < apart
-    return Patches(order, np.cumsum(count) - count, count, radius, close)
+    return Patches(order, np.cumsum(count) - count, count, radius)
 
 
-def near_distances(
-    link: LinkAtObject, patches: Patches, frames: Int[np.ndarray, "F"], near: float
-) -> Float[np.ndarray, "P F"]:
-    """Return the distances of the nearest skin points from an object [m]; `FAR` for points that are not looked at.
+@lru_cache(maxsize=256)
+def close_points(skin: LinkSkin, apart: float) -> Bool[np.ndarray, "P P"]:
+    """Return which points of a skin are less than `apart` from each other [m], and not to be chosen both."""
+    return np.linalg.norm(skin.points[:, None] - skin.points[None], axis=2) < apart
 
-    Args:
-        link: The link and the object.
-        patches: Of the link's skin.
-        frames: Frames of the trajectory.
-        near: Skin that is further away is not looked at [m].
-    """
+
+def near_distances(link: LinkAtObject) -> Float[np.ndarray, "P F"]:
+    """Return the distances of the nearest skin points in near frames [m]; `FAR` for points that are not looked at."""
+    frames, rough, patches = link.near_frames, link.rough, patches_of(link.skin)
     distances = np.full((len(link.skin.points), len(frames)), FAR)
     if not frames.size:
         return distances
-    patch, column = np.indices((len(patches.count), len(frames))).reshape(2, -1)
-    rough = link.distances(patch, column, frames).reshape(len(patches.count), len(frames))
-    closely = rough - patches.radius[:, None] < np.minimum(rough.min(axis=0) + SPREAD, near)
+    closely = rough - patches.radius[:, None] < np.minimum(rough.min(axis=0) + SPREAD, NEAR)
     patch, column = np.nonzero(closely)
     count = patches.count[patch]
     within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
@@ -254,12 +275,14 @@ def near_distances(
     return distances
 
 
-def nearest_spread(distances: Float[np.ndarray, "P F"], patches: Patches, count: int) -> Int[np.ndarray, "K F"]:
+def nearest_spread(
+    distances: Float[np.ndarray, "P F"], close: Bool[np.ndarray, "P P"], count: int
+) -> Int[np.ndarray, "K F"]:
     """Return, in every frame, the point with the least distance, then the next one that is not close to these, ..."""
     # Most of a skin is never looked at.
     seen = np.flatnonzero((distances < FAR).any(axis=1))
     seen = seen if seen.size else np.arange(min(count, len(distances)))
-    left, close, chosen = distances[seen], patches.close[np.ix_(seen, seen)], []
+    left, close, chosen = distances[seen], close[np.ix_(seen, seen)], []
     for _ in range(min(count, len(seen))):
         chosen.append(left.argmin(axis=0))
         left += np.where(close[:, chosen[-1]], FAR, 0.0)

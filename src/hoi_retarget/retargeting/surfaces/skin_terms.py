@@ -9,15 +9,17 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hoi_retarget.retargeting.surfaces.skin_points import (
+    FAR,
+    NEAR,
     LinkAtObject,
     MovingObject,
     at_points,
+    close_points,
     hinge_rows,
     levers,
     moments,
     near_distances,
     nearest_spread,
-    patches_of,
     softened,
 )
 from hoi_retarget.retargeting.trajopt.problem import FrameRows
@@ -79,17 +81,15 @@ def object_outside_link(
         apart: Least distance between two of them [m].
     """
     skin, moving_object = link.skin, link.moving_object
-    near = np.flatnonzero(np.abs(moving_object.distances(link.centres)) < skin.radius + OUTSIDE_RANGE)
+    near = link.near_frames[link.least < OUTSIDE_RANGE]
+    near = near[np.abs(link.around[near]) < skin.radius + OUTSIDE_RANGE]
     if not near.size:
         return None
     # One frame in the middle of each group speaks for all of the group.
     group = _groups(link, near)
     ends = np.searchsorted(group, np.arange(group[-1] + 2))
     middles = near[(ends[:-1] + ends[1:]) // 2]
-    around = moving_object.samples.query_ball_point(link.centres[:, middles].T, skin.radius + OUTSIDE_RANGE)
-    chosen = [
-        _nearest(link, samples, frame, count, apart) for frame, samples in zip(middles.tolist(), around, strict=True)
-    ]
+    chosen = _nearest(link, middles, count, apart)
     kept = np.array([bool(len(samples)) for samples in chosen])[group]
     frames = near[kept]
     if not frames.size:
@@ -119,28 +119,41 @@ def _groups(link: LinkAtObject, frames: Int[np.ndarray, "F"]) -> Int[np.ndarray,
     return group
 
 
-def _nearest(link: LinkAtObject, samples: list[int], frame: int, count: int, apart: float) -> list[int]:
-    """Return the samples nearest to a link's solid in one frame, spread."""
-    if not samples:
-        return []
-    skin, moving_object, start = link.skin, link.moving_object, link.start
-    found = np.array(samples)
-    places = np.asarray(moving_object.samples.data)[found]
-    world = moving_object.rotation[:, :, frame] @ places.T + moving_object.position[:, frame, None]
-    rotation = start.orientation(skin.frame)[:, :, frame]
-    distances = skin.solid.nearest_distances((rotation.T @ (world - start.point(skin.frame)[:, frame, None])).T)
-    order = np.argsort(distances, kind="stable")
-    left = order[: np.searchsorted(distances[order], OUTSIDE_RANGE)]
-    chosen: list[int] = []
-    while left.size and len(chosen) < count:
-        chosen.append(int(found[left[0]]))
-        away = places[left] - places[left[0]]
-        left = left[np.einsum("ki,ki->k", away, away) >= apart**2]
+def _nearest(
+    link: LinkAtObject, frames: Int[np.ndarray, "F"], count: int, apart: float
+) -> list[list[int]]:
+    """Return the samples nearest to a link's solid in each frame, spread."""
+    skin, moving_object = link.skin, link.moving_object
+    surface = np.asarray(moving_object.samples.data)
+    around = moving_object.samples.query_ball_point(link.centres[:, frames].T, skin.radius + OUTSIDE_RANGE)
+    turns, centres = link.turns(frames), link.centres[:, frames].T
+    # The link's origin is where its middle is, less the lever between them.
+    seen = [
+        (surface[samples] - centre) @ turn
+        for samples, centre, turn in zip(around, centres, turns, strict=True)
+    ]
+    distances = skin.solid.nearest_distances(np.concatenate(seen) + skin.centre)
+    chosen, first = [], 0
+    for samples in around:
+        own = distances[first : first + len(samples)]
+        first += len(samples)
+        near = np.flatnonzero(own < OUTSIDE_RANGE)
+        left = np.array(samples, dtype=int)[near[np.argsort(own[near], kind="stable")]]
+        chosen.append(_spread(surface[left], left, count, apart))
     return chosen
 
 
-NEAR = 0.03
-"""[m]; skin that is further away is left out."""
+def _spread(places: Float[np.ndarray, "K 3"], indices: Int[np.ndarray, "K"], count: int, apart: float) -> list[int]:
+    """Return the first of some points, then the next one that is not near to these, ..."""
+    chosen: list[int] = []
+    while len(indices) and len(chosen) < count:
+        chosen.append(int(indices[0]))
+        away = places - places[0]
+        left = np.einsum("ki,ki->k", away, away) >= apart**2
+        places, indices = places[left], indices[left]
+    return chosen
+
+
 MARGIN = 0.0005
 """[m] of clearance: the surface between two skin points."""
 TOUCHING = 0.001
@@ -219,15 +232,16 @@ def skin_contact(  # noqa: PLR0913, PLR0917  # the parts of a term
         count: Points in each frame.
         apart: Least distance between two of them [m].
     """
-    skin, around = link.skin, link.moving_object.distances(link.centres)
-    wanted = np.zeros(len(around), dtype=bool) if touch_weights is None else touch_weights > 0
-    frames = np.flatnonzero(wanted | (around < skin.radius + NEAR))
-    patches = patches_of(skin, apart)
-    distances = near_distances(link, patches, frames, NEAR)
-    near = wanted[frames] | (distances.min(axis=0, initial=np.inf) < NEAR)
-    frames, distances = frames[near], distances[:, near]
+    skin = link.skin
+    looked_at = near_distances(link)
+    seen = looked_at.min(axis=0, initial=np.inf) < NEAR
+    near = np.zeros(len(link.around), dtype=bool) if touch_weights is None else touch_weights > 0
+    near[link.near_frames[seen]] = True
+    frames = np.flatnonzero(near)
     if not frames.size:
         return None
-    points = skin.points[nearest_spread(distances, patches, count)].transpose(2, 0, 1)
+    distances = np.full((len(skin.points), len(frames)), FAR)
+    distances[:, np.searchsorted(frames, link.near_frames[seen])] = looked_at[:, seen]
+    points = skin.points[nearest_spread(distances, close_points(skin, apart), count)].transpose(2, 0, 1)
     touching = None if touch_weights is None else touch_weights[frames]
     return SkinContact(name, skin, link.moving_object, frames, points, np.full(len(frames), weight), touching)
