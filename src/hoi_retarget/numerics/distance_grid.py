@@ -7,6 +7,8 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.kernels.library import COMPILED, Shape
+
 
 def interpolate(corners: Float[np.ndarray, "8 K"], place: Float[np.ndarray, "3 K"]) -> Float[np.ndarray, "K"]:
     """Return the values, in the unit of the corners, at places within cells.
@@ -58,6 +60,8 @@ class DistanceGrid:
 
     def distances(self, points: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K"]:
         """Return signed distances [m], trilinear; beyond the grid, the way to it is added."""
+        if COMPILED:
+            return self.compiled.query(points, slopes=False)[0]
         corners, place, beyond = self._cells(points)
         return interpolate(corners, place) + _norms(beyond)
 
@@ -65,6 +69,8 @@ class DistanceGrid:
         self, points: Float[np.ndarray, "K 3"]
     ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
         """Return `distances` [m], and their derivatives by the points [unitless]."""
+        if COMPILED:
+            return self.compiled.query(points, slopes=True)
         corners, place, beyond = self._cells(points)
         distances, slopes = with_slopes(corners, place)
         away = _norms(beyond)
@@ -96,6 +102,11 @@ class DistanceGrid:
         first = np.minimum(inside.astype(np.int64), last - 1)
         corners = self._strides @ first + (_CORNERS @ self._strides)[:, None]
         return self._flat[corners], inside - first, (at - inside) * self.step
+
+    @cached_property
+    def compiled(self) -> Shape:
+        """The grid for the compiled library."""
+        return Shape.of_grid(self.origin, self.step, self.values)
 
     @cached_property
     def _flat(self) -> np.ndarray:

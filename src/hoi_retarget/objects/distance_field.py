@@ -17,6 +17,7 @@ import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float, Int
 
 from hoi_retarget.files import user_cache
+from hoi_retarget.kernels.library import COMPILED, Shape
 from hoi_retarget.numerics.distance_grid import directions, interpolate, with_slopes
 from hoi_retarget.objects.mesh import Surface, surface_of
 from hoi_retarget.objects.track import ObjectGeometry
@@ -217,12 +218,16 @@ class DistanceField:
         Beyond the cells, which reach past the object by their edge or more, it is a lower bound: at least 0.7 of
         the distance.
         """
+        if COMPILED:
+            return self.compiled.query(points, slopes=False)[0]
         return np.concatenate([self._distances(block) for block in _blocks(points)])
 
     def distances_and_slopes(
         self, points: Float[np.ndarray, "K 3"]
     ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
         """Return the distances of points [m], and their derivatives by the points."""
+        if COMPILED:
+            return self.compiled.query(points, slopes=True)
         distances, slopes = zip(*(self._distances_and_slopes(block) for block in _blocks(points)), strict=True)
         return np.concatenate(distances), np.concatenate(slopes)
 
@@ -266,6 +271,12 @@ class DistanceField:
         nodes = steps + 1
         first = self._starts[index] + (local[0] * nodes + local[1]) * nodes + local[2]
         return cells.samples[first + _CORNERS[:, level]], place - local, steps, beyond
+
+    @cached_property
+    def compiled(self) -> Shape:
+        """The field for the compiled library."""
+        cells = self.cells
+        return Shape.of_cells(cells.origin, cells.edge, cells.levels, self._starts, cells.samples)
 
     @cached_property
     def _starts(self) -> Int[np.ndarray, "C"]:

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.errors import RobotError
+from hoi_retarget.kernels import library
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.robots.frames import (
@@ -118,6 +119,15 @@ class RobotModel:
         return fixed
 
     @cached_property
+    def moving_columns(self) -> tuple[Int[np.ndarray, "nv nv"], Int[np.ndarray, "nv"]]:
+        """Return, for each tangent coordinate, the ones that move its node, up to itself, and how many these are."""
+        rows, columns = self.coupled_columns
+        count = np.bincount(rows, minlength=self.nv)
+        table = np.zeros((self.nv, self.nv), dtype=int)
+        table[rows, np.arange(len(rows)) - np.repeat(np.cumsum(count) - count, count)] = columns
+        return table, count
+
+    @cached_property
     def coupled_columns(self) -> tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]:
         """Return (row, column) of the lower triangle of one frame's normal matrix that sites can fill."""
         nodes = self.column_nodes
@@ -132,6 +142,9 @@ class RobotModel:
         position = np.empty((3, self.n + 1, len(qpos)))
         rotation[:, :, 0] = se3.quat_to_matrix(qpos[:, 3:7]).transpose(1, 2, 0)
         position[:, 0] = qpos[:, :3].T
+        if library.COMPILED:
+            library.forward(self.parents, self.offsets, self.hinge_rotations, theta, rotation, position)
+            return Kinematics(self, qpos, position, rotation)
         constant, cosine, sine = self.hinge_rotations[..., None]
         local = constant + cosine * np.cos(theta) + sine * np.sin(theta)
         for hinges in self.levels:

@@ -11,6 +11,7 @@ import numpy as np
 import scipy  # its modules are loaded where they are first used
 from jaxtyping import Bool, Float, Int
 
+from hoi_retarget.kernels import library
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.distance_field import DistanceField, Region, distance_field, is_large, surface_samples
 from hoi_retarget.objects.mesh import surface_of
@@ -69,6 +70,8 @@ def hinge_rows(  # noqa: PLR0913, PLR0917  # the parts of rows
         weight: [1/m^2]
         frames: Of the rows.
     """
+    if library.COMPILED:
+        return FrameRows(frame, *library.hinge(lever, distances, normals, margin, LINEAR_BEYOND), weight, frames)
     residual, slope = softened(np.minimum(distances - margin, 0.0), LINEAR_BEYOND)
     along = np.where(residual < 0.0, slope, 0.0) * normals
     by_linear, by_angular = along.transpose(1, 0, 2), moments(lever, along).transpose(1, 0, 2)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from hoi_retarget.kernels import library
 from hoi_retarget.retargeting.surfaces.skin_points import (
     FAR,
     NEAR,
@@ -49,23 +50,25 @@ class ObjectOutsideLink:
     def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
         """Return one row a sample."""
         frame = self.skin.frame
-        distances, away = self._at(kinematics)
-        lever = self.points - kinematics.point(frame)[:, None, self.frames]
+        lever, distances, away = self._at(kinematics)
         rows = hinge_rows(frame, lever, distances, away, self.margins, self.weights, self.frames)
         return (rows,) if rows.residual.any() else ()
 
     def depths(self, kinematics: Kinematics) -> Float[np.ndarray, "F"]:
         """Return the depth of the deepest sample in each frame [m]; negative outside."""
-        return -np.where(np.isfinite(self.margins), self._at(kinematics)[0], np.inf).min(axis=0)
+        return -np.where(np.isfinite(self.margins), self._at(kinematics)[1], np.inf).min(axis=0)
 
-    def _at(self, kinematics: Kinematics) -> tuple[Float[np.ndarray, "K F"], Float[np.ndarray, "3 K F"]]:
-        """Return the samples' distances from the solid [m], and in which direction it must move for them to grow."""
+    def _at(self, kinematics: Kinematics) -> library.AtPoints:
+        """Return the samples' levers and distances from the solid [m], and how it must move for these to grow."""
         frame = self.skin.frame
+        if library.COMPILED:
+            link = kinematics.orientation(frame), kinematics.point(frame)
+            return library.solid_points(self.skin.solid.compiled, link, self.frames, self.points)
         rotation = kinematics.orientation(frame)[:, :, self.frames]
         lever = self.points - kinematics.point(frame)[:, None, self.frames]
         inside = np.einsum("jif,jkf->ikf", rotation, lever)
         distances, slopes = at_points(self.skin.solid.distances_and_slopes, inside)
-        return distances, -np.einsum("ijf,jkf->ikf", rotation, slopes)
+        return lever, distances, -np.einsum("ijf,jkf->ikf", rotation, slopes)
 
 
 def object_outside_link(
@@ -185,7 +188,6 @@ class SkinContact:
     def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
         """Return one row a point for clearance, and one for touch."""
         lever, distances, normals = self._at(kinematics)
-        normals = np.einsum("ijf,jkf->ikf", self.moving_object.rotation[:, :, self.frames], normals)
         clearance = hinge_rows(self.skin.frame, lever, distances, normals, MARGIN, self.weights, self.frames)
         if self.touch_weights is None:
             return (clearance,)
@@ -195,12 +197,18 @@ class SkinContact:
         """Return the depth of the deepest point in each frame [m]; negative outside."""
         return -self._at(kinematics)[1].min(axis=0)
 
-    def _at(self, kinematics: Kinematics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return levers and distances of the points, and normals in the object's frame."""
+    def _at(self, kinematics: Kinematics) -> library.AtPoints:
+        """Return levers and distances of the points [m], and normals in world axes."""
+        if library.COMPILED:
+            link = kinematics.orientation(self.skin.frame), kinematics.point(self.skin.frame)
+            surface, moving = self.moving_object.field.compiled, self.moving_object
+            return library.skin_points(surface, link, (moving.rotation, moving.position), self.frames, self.points)
         lever = levers(kinematics, self.skin.frame, self.points, self.frames)
         points = kinematics.point(self.skin.frame)[:, None, self.frames] + lever
         inside = self.moving_object.inside(points, self.frames)
-        return lever, *at_points(self.moving_object.field.distances_and_slopes, inside)
+        distances, slopes = at_points(self.moving_object.field.distances_and_slopes, inside)
+        rotation = self.moving_object.rotation[:, :, self.frames]
+        return lever, distances, np.einsum("ijf,jkf->ikf", rotation, slopes)
 
     def _touch(self, lever: np.ndarray, distances: np.ndarray, normals: np.ndarray, weights: np.ndarray) -> FrameRows:
         shares = np.exp((distances.min(axis=0) - distances) / SHARPNESS)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from hoi_retarget.kernels import library
 from hoi_retarget.retargeting.trajopt.problem import FrameRows, PairRows, Rows, StencilRows, TangentRows
 from hoi_retarget.robots.model import Kinematics
 
@@ -70,6 +71,15 @@ def _add_frame_rows(band: np.ndarray, gradient: np.ndarray, kinematics: Kinemati
     if not parts:
         return
     model = kinematics.model
+    if library.COMPILED:
+        sums = library.Rows(len(gradient), model.n + 1)
+        for part in parts:
+            lever = kinematics.point(part.frame) - kinematics.node_position[:, 0]
+            by = part.by_linear, part.by_angular
+            sums.add(part.frame.node, part.residual, *by, lever, part.weight, part.frames)
+        tree = model.parents, kinematics.motion_axes, model.column_nodes, model.moving_columns
+        sums.to_band(*tree, band, gradient)
+        return
     nodes, matrices, forces = _twist_space(kinematics, parts)
     frames = len(gradient)
     carried = model.supports[:, nodes]
