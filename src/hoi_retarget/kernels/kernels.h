@@ -29,6 +29,14 @@ typedef struct {
     const float *samples;
 } Field;
 
+/* Points of a surface, sorted by cubic cells, z running fastest; `indices` tell their places before. */
+typedef struct {
+    double origin[3], edge;
+    whole counts[3], total;
+    const whole *starts, *indices;
+    const double *points;
+} Samples;
+
 /* Distance of one point [m]; its derivatives by the point, where `slope` is not NULL. */
 double grid_distance(const Grid *grid, const double *point, double *slope);
 double field_distance(const Field *field, const double *point, double *slope);

@@ -14,6 +14,7 @@ from hoi_retarget.errors import ArgumentError
 NAME = {"win32": "kernels.dll", "darwin": "kernels.dylib"}.get(sys.platform, "kernels.so")
 _WHOLE, _REAL = ctypes.c_int64, ctypes.c_double
 _ARGUMENTS = {"p": ctypes.c_void_p, "i": _WHOLE, "d": _REAL}
+_CELL, _MOST_CELLS = 0.03, 200  # [m] of a cell of points; along an edge.
 _MOST_COORDINATES = 256  # Of a robot: the size of an array in `tree.c`.
 
 
@@ -36,6 +37,20 @@ class Field(ctypes.Structure):
     )
 
 
+class Samples(ctypes.Structure):
+    """`Samples` of `kernels.h`."""
+
+    _fields_ = (
+        ("origin", 3 * _REAL),
+        ("edge", _REAL),
+        ("counts", 3 * _WHOLE),
+        ("total", _WHOLE),
+        ("starts", ctypes.c_void_p),
+        ("indices", ctypes.c_void_p),
+        ("points", ctypes.c_void_p),
+    )
+
+
 def _library() -> ctypes.CDLL | None:
     path = Path(__file__).with_name(NAME)
     return ctypes.CDLL(str(path)) if path.exists() else None
@@ -46,12 +61,20 @@ COMPILED = _LIBRARY is not None
 """Whether this installation has the library."""
 
 
-def _function(name: str, arguments: str) -> Callable[..., None]:
+def _function(name: str, arguments: str, *, allocates: bool = False) -> Callable[..., None]:
     function = getattr(_LIBRARY, name, None)
     if function is None:
         return _missing
-    function.argtypes, function.restype = [_ARGUMENTS[kind] for kind in arguments], None
+    function.argtypes = [_ARGUMENTS[kind] for kind in arguments]
+    function.restype = None
+    if allocates:
+        function.restype, function.errcheck = ctypes.c_int, _checked
     return function
+
+
+def _checked(short_of_memory: int, function: object, arguments: object) -> None:  # noqa: ARG001  # as ctypes calls it
+    if short_of_memory:
+        raise MemoryError
 
 
 def _missing(*_: Any) -> None:
@@ -65,6 +88,12 @@ _HINGE = _function("hinge", "ppppddiippp")
 _FORWARD = _function("forward", "pppppiipp")
 _ADD_ROWS = _function("add_rows", "ppiippppippdii")
 _ADD_TREE = _function("add_tree", "pppippppiiipp")
+
+
+_NEAREST_SAMPLES = _function("nearest_samples", "pppppiddidpp", allocates=True)
+_DEEPEST_SAMPLES = _function("deepest_samples", "pppppidp")
+_INSIDE_SUMS = _function("inside_sums", "ppppppidpp")
+_NEAREST_SKIN = _function("nearest_skin", "ppippppippidddidppp", allocates=True)
 
 
 def _at(array: np.ndarray | None) -> int | None:
@@ -234,3 +263,98 @@ class Rows:
             _at(self.matrices), _at(self.forces), before, self.matrices.shape[1], _at(axes), *after,
             len(column_nodes), len(self.matrices), band.shape[2], _at(band), _at(gradient),
         )  # fmt: skip
+
+
+class PointCells:
+    """Points of a surface sorted by cubic cells, as the library sees them."""
+
+    def __init__(self, structure: Samples, arrays: Sequence[np.ndarray]) -> None:
+        self._structure, self._arrays = structure, tuple(arrays)
+        self._address = ctypes.addressof(structure)
+
+    @classmethod
+    def of(cls, points: Float[np.ndarray, "K 3"]) -> "PointCells":
+        """Return the points [m] in cells."""
+        lowest = points.min(axis=0) if len(points) else np.zeros(3)
+        size = np.ptp(points, axis=0) if len(points) else np.zeros(3)
+        edge = max(_CELL, float(size.max()) / _MOST_CELLS)
+        counts = (size / edge).astype(np.int64) + 1
+        cell = np.ravel_multi_index(tuple(((points - lowest) / edge).astype(np.int64).T), tuple(counts))
+        order = np.argsort(cell, kind="stable")
+        starts = np.searchsorted(cell[order], np.arange(counts.prod() + 1))
+        arrays = starts.astype(np.int64), order.astype(np.int64), _real(points[order])
+        place = (3 * _REAL)(*lowest), edge, (3 * _WHOLE)(*counts), len(points)
+        return cls(Samples(*place, *map(_at, arrays)), arrays)
+
+    def nearest(  # noqa: PLR0913, PLR0917  # poses of a solid, and what is asked of them
+        self,
+        solid: Shape,
+        rotations: Float[np.ndarray, "N 3 3"],
+        origins: Float[np.ndarray, "N 3"],
+        centres: Float[np.ndarray, "N 3"],
+        radius: float,
+        near: float,
+        count: int,
+        apart: float,
+    ) -> tuple[Int[np.ndarray, "N K"], Int[np.ndarray, "N"]]:
+        """Return the points nearest to a solid in each pose, spread, and how many they are."""
+        own = [_real(part) for part in (rotations, origins, centres)]
+        chosen, number = np.zeros((len(origins), count), dtype=np.int64), np.zeros(len(origins), dtype=np.int64)
+        _NEAREST_SAMPLES(
+            self._address, solid.address, *map(_at, own), len(origins), radius, near, count, apart, _at(chosen),
+            _at(number),
+        )  # fmt: skip
+        return chosen, number
+
+    def deepest(
+        self,
+        solid: Shape,
+        rotations: Float[np.ndarray, "N 3 3"],
+        origins: Float[np.ndarray, "N 3"],
+        centres: Float[np.ndarray, "N 3"],
+        radius: float,
+    ) -> Float[np.ndarray, "N"]:
+        """Return the least of the distances from a solid in each pose [m]."""
+        own, least = [_real(part) for part in (rotations, origins, centres)], np.empty(len(origins))
+        _DEEPEST_SAMPLES(self._address, solid.address, *map(_at, own), len(origins), radius, _at(least))
+        return least
+
+    def inside(  # noqa: PLR0913, PLR0917  # poses of a solid, and what is asked of them
+        self,
+        solid: Shape,
+        rotations: Float[np.ndarray, "N 3 3"],
+        origins: Float[np.ndarray, "N 3"],
+        centres: Float[np.ndarray, "N 3"],
+        radius: float,
+        pivots: Float[np.ndarray, "N 3"],
+    ) -> tuple[Float[np.ndarray, "N 6 6"], Float[np.ndarray, "N 6"]]:
+        """Return squares and products of the distances of points inside a solid."""
+        own = [_real(part) for part in (rotations, origins, centres, pivots)]
+        squares, products = np.zeros((len(origins), 6, 6)), np.zeros((len(origins), 6))
+        _INSIDE_SUMS(
+            self._address, solid.address, *map(_at, own), len(origins), radius, _at(squares), _at(products)
+        )
+        return squares, products
+
+
+def nearest_skin(  # noqa: PLR0913  # the parts of a skin, and what is asked of it
+    surface: Shape,
+    points: Float[np.ndarray, "P 3"],
+    patches: tuple[Int[np.ndarray, "P"], Int[np.ndarray, "C"], Int[np.ndarray, "C"], Float[np.ndarray, "C"]],
+    poses: tuple[Float[np.ndarray, "F 3 3"], Float[np.ndarray, "F 3"]],
+    *,
+    near: float,
+    spread: float,
+    far: float,
+    count: int,
+    apart: float,
+) -> tuple[Int[np.ndarray, "F K"], Float[np.ndarray, "F"], Float[np.ndarray, "F"]]:
+    """Return the points of a skin that are nearest to a surface, spread; their least distance, and a lower bound."""
+    points, order, firsts, counts = _real(points), *(np.ascontiguousarray(part, np.int64) for part in patches[:3])
+    own, radii = [_real(part) for part in poses], _real(patches[3])
+    chosen, found = np.empty((len(own[1]), count), dtype=np.int64), np.empty((2, len(own[1])))
+    _NEAREST_SKIN(
+        surface.address, _at(points), len(points), *map(_at, (order, firsts, counts, radii)), len(counts),
+        *map(_at, own), len(own[1]), near, spread, far, count, apart, _at(chosen), _at(found[0]), _at(found[1]),
+    )  # fmt: skip
+    return chosen, found[0], found[1]

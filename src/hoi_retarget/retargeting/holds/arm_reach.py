@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hoi_retarget.numerics import se3
+from hoi_retarget.objects.surface_samples import SolidPoses
 from hoi_retarget.retargeting.holds.hand_shape import HandPoses
 from hoi_retarget.retargeting.surfaces.skin_points import MovingObject
 from hoi_retarget.robots.model import Kinematics, RobotModel
@@ -96,12 +97,7 @@ def _depths(
     model = kinematics.model
     hinges, first = _hinges(model, site)
     hand = {skin.link for skin in skins_from(model, site)}
-    deepest, turned, place = (
-        np.zeros(len(frames)),
-        moving_object.rotation[:, :, frames],
-        moving_object.position[:, frames],
-    )
-    surface = np.asarray(moving_object.samples.data)
+    deepest, turned = np.zeros(len(frames)), moving_object.rotation[:, :, frames]
     for skin in skin_of(model).links:
         # The first link of an arm is the shoulder, which does not reach the object.
         if skin.link in hand or skin.frame.node - 1 not in hinges or skin.frame.node - 1 <= first:
@@ -110,10 +106,8 @@ def _depths(
         points = np.einsum("ijt,kj->ikt", turn, skin.points[:LINK_POINTS]) + origin[:, None]
         deepest = np.maximum(deepest, -moving_object.distances(moving_object.inside(points, frames)).min(axis=0))
         # Rods and boards pass between the points of the skin: their own points are seen from the link.
-        centres = moving_object.inside((origin + np.einsum("ijt,j->it", turn, skin.centre))[:, None], frames)[:, 0].T
-        for at, near in enumerate(moving_object.samples.query_ball_point(centres, skin.radius)):
-            if near:
-                world = surface[near] @ turned[:, :, at].T + place[:, at]
-                seen = (world - origin[:, at]) @ turn[:, :, at]
-                deepest[at] = max(deepest[at], -skin.solid.distances(seen).min())
+        turns = turned.transpose(2, 1, 0) @ turn.transpose(2, 0, 1)
+        origins = moving_object.inside(origin[:, None], frames)[:, 0].T
+        poses = SolidPoses(skin.solid, turns, origins, skin.centre, skin.radius)
+        deepest = np.maximum(deepest, -moving_object.samples.least_distances(poses))
     return deepest

@@ -4,11 +4,10 @@ Gauss-Newton steps of all poses at once. Palmar skin is drawn by a cost that sat
 and then from near (Geman and McClure, 1987), so that what cannot touch gives up.
 """
 
-from collections.abc import Iterator
-
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.objects.surface_samples import SolidPoses
 from hoi_retarget.retargeting.holds.hand_shape import HandPart, HandPoses, HandShape
 from hoi_retarget.retargeting.surfaces.skin_points import MovingObject
 
@@ -68,10 +67,10 @@ def settled(  # noqa: PLR0913, PLR0917  # the parts of a search
         matrix = weighted.transpose(0, 2, 1) @ rows + stiffness
         gradient = np.einsum("nki,nk->ni", weighted, residuals) + poses.away_from(wanted) @ stiffness
         if reach <= SOLID_FROM:
-            for index in range(len(points)):
-                inner, along = _inside_hand(hand, moving_object, poses, index)
-                matrix[index] += HARD * along.T @ along
-                gradient[index] += HARD * along.T @ inner
+            for part in hand.parts:
+                squares, products = moving_object.samples.inside(_part_poses(part, poses), poses.positions)
+                matrix += HARD * squares
+                gradient += HARD * products
         poses = poses.moved(_limited(-np.linalg.solve(matrix, gradient[:, :, None])[:, :, 0]))
     return poses
 
@@ -101,32 +100,10 @@ def touching(hand: HandShape, moving_object: MovingObject, poses: HandPoses) -> 
     return poses
 
 
-def _inside_hand(
-    hand: HandShape, moving_object: MovingObject, poses: HandPoses, index: int
-) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 6"]]:
-    """Return the distances of the object's points in one hand, negative [m], and their slopes by the hand's twist."""
-    found, along = [np.zeros(0)], [np.zeros((0, 6))]
-    for part, seen, points, turn in _near_parts(hand, moving_object, poses, index):
-        deep = np.flatnonzero(part.skin.solid.distances(seen) < 0.0)
-        if deep.size:
-            distances, slopes = part.skin.solid.distances_and_slopes(seen[deep])
-            away = -slopes @ turn.T
-            found.append(distances)
-            along.append(np.concatenate([away, np.cross(points[deep] - poses.positions[index], away)], axis=1))
-    return np.concatenate(found), np.concatenate(along)
-
-
-def _near_parts(
-    hand: HandShape, moving_object: MovingObject, poses: HandPoses, index: int
-) -> Iterator[tuple[HandPart, Float[np.ndarray, "K 3"], Float[np.ndarray, "K 3"], Float[np.ndarray, "3 3"]]]:
-    """Yield each part near the surface: points of the surface in its frame and the object's [m], and its rotation."""
-    surface = np.asarray(moving_object.samples.data)
-    for part in hand.parts:
-        turn = poses.rotations[index] @ part.rotation
-        origin = poses.rotations[index] @ part.origin + poses.positions[index]
-        near = moving_object.samples.query_ball_point(origin + turn @ part.skin.centre, part.skin.radius)
-        if near:
-            yield part, (surface[near] - origin) @ turn, surface[near], turn
+def _part_poses(part: HandPart, poses: HandPoses) -> SolidPoses:
+    """Return the poses of a link of the hand on the object."""
+    origins = poses.rotations @ part.origin + poses.positions
+    return SolidPoses(part.skin.solid, poses.rotations @ part.rotation, origins, part.skin.centre, part.skin.radius)
 
 
 def skin_depths(hand: HandShape, moving_object: MovingObject, poses: HandPoses) -> Float[np.ndarray, "N"]:
@@ -138,9 +115,8 @@ def skin_depths(hand: HandShape, moving_object: MovingObject, poses: HandPoses) 
 def depths(hand: HandShape, moving_object: MovingObject, poses: HandPoses) -> Float[np.ndarray, "N"]:
     """Return the depth of hands and object in each other [m]; negative where they are apart."""
     deepest = skin_depths(hand, moving_object, poses)
-    for index in range(len(deepest)):
-        for part, seen, _, _ in _near_parts(hand, moving_object, poses, index):
-            deepest[index] = max(deepest[index], -part.skin.solid.distances(seen).min())
+    for part in hand.parts:
+        deepest = np.maximum(deepest, -moving_object.samples.least_distances(_part_poses(part, poses)))
     return deepest
 
 

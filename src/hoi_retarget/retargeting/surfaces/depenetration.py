@@ -234,8 +234,8 @@ class _PenetratedLink(LinkAtObject):
     def _samples(self, frame: int, beyond: float) -> tuple[Float[np.ndarray, "N 3"], Float[np.ndarray, "N 3"]]:
         """Return the object's samples around the link, in the object's frame and in the link's [m]."""
         centre = self.centres[:, frame]
-        samples = np.asarray(self.moving_object.samples.data)[
-            self.moving_object.samples.query_ball_point(centre, self.skin.radius + beyond)
+        samples = self.moving_object.samples.points[
+            self.moving_object.samples.tree.query_ball_point(centre, self.skin.radius + beyond)
         ]
         # The link's origin is where its middle is, less the lever between them.
         return samples, (samples - centre) @ self._turn(frame) + self.skin.centre

@@ -15,6 +15,7 @@ from hoi_retarget.kernels import library
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.distance_field import DistanceField, Region, distance_field, is_large, surface_samples
 from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.objects.surface_samples import SolidPoses, SurfaceSamples
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import FrameRows
@@ -102,8 +103,7 @@ class MovingObject:
 
     name: str
     field: DistanceField
-    samples: "scipy.spatial.KDTree"
-    """Points of the surface, in the object's frame [m]."""
+    samples: SurfaceSamples
     position: Float[np.ndarray, "3 T"]
     """[m]"""
     rotation: Float[np.ndarray, "3 3 T"]
@@ -147,7 +147,7 @@ def moving_objects(targets: Targets, shell_spacing: float = SPACING) -> tuple[Mo
 
 def _shape_near(
     geometry: ObjectGeometry, scale: float, targets: Targets, index: int, shell_spacing: float
-) -> tuple[DistanceField, "scipy.spatial.KDTree"]:
+) -> tuple[DistanceField, SurfaceSamples]:
     """Return the same as `_shape_of`; of a large object, the samples that the robot can get to."""
     if not is_large(surface_of(geometry), SPACING / scale):
         return _shape_of(geometry, scale, shell_spacing)
@@ -159,17 +159,17 @@ def _shape_near(
 @lru_cache(maxsize=16)
 def _shape_of(
     geometry: ObjectGeometry, scale: float, shell_spacing: float
-) -> tuple[DistanceField, "scipy.spatial.KDTree"]:
+) -> tuple[DistanceField, SurfaceSamples]:
     """Return the distances and samples of an object's surface at another size; geometries are known by identity."""
     return _sampled(geometry, scale, shell_spacing, None)
 
 
 def _sampled(
     geometry: ObjectGeometry, scale: float, shell_spacing: float, region: Region | None
-) -> tuple[DistanceField, "scipy.spatial.KDTree"]:
+) -> tuple[DistanceField, SurfaceSamples]:
     field = distance_field(geometry)
     samples = surface_samples(surface_of(geometry), (shell_spacing if field.shell else SPACING) / scale, region)
-    return field.scaled(scale), scipy.spatial.KDTree(scale * samples)
+    return field.scaled(scale), SurfaceSamples(scale * samples)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,6 +207,11 @@ class LinkAtObject:
     def least(self) -> Float[np.ndarray, "F"]:
         """Distances in these frames that no point of the skin is nearer than [m]."""
         return (self.rough - patches_of(self.skin).radius[:, None]).min(axis=0, initial=np.inf)
+
+    def poses(self, frames: Int[np.ndarray, "F"]) -> SolidPoses:
+        """Return the link's poses on the object."""
+        origins = self.moving_object.inside(self.start.point(self.skin.frame)[:, None, frames], frames)[:, 0].T
+        return SolidPoses(self.skin.solid, self.turns(frames), origins, self.skin.centre, self.skin.radius)
 
     def turns(self, frames: Int[np.ndarray, "F"]) -> Float[np.ndarray, "F 3 3"]:
         """Return the rotations of the link in the object's frame."""

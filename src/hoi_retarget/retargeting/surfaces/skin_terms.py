@@ -92,16 +92,14 @@ def object_outside_link(
     group = _groups(link, near)
     ends = np.searchsorted(group, np.arange(group[-1] + 2))
     middles = near[(ends[:-1] + ends[1:]) // 2]
-    chosen = _nearest(link, middles, count, apart)
-    kept = np.array([bool(len(samples)) for samples in chosen])[group]
+    chosen, number = moving_object.samples.nearest(link.poses(middles), OUTSIDE_RANGE, count, apart)
+    kept = number[group] > 0
     frames = near[kept]
     if not frames.size:
         return None
-    most = max(map(len, chosen))
-    index, margins = np.zeros((most, len(chosen)), dtype=int), np.full((most, len(chosen)), -np.inf)
-    for column, samples in enumerate(chosen):
-        index[: len(samples), column], margins[: len(samples), column] = samples, 0.0
-    places = np.moveaxis(moving_object.samples.data[index[:, group[kept]]], 2, 0)
+    most = number.max()
+    margins = np.where(np.arange(most)[:, None] < number, 0.0, -np.inf)
+    places = np.moveaxis(moving_object.samples.points[chosen[group[kept], :most].T], 2, 0)
     world = (
         np.einsum("ijf,jkf->ikf", moving_object.rotation[:, :, frames], places)
         + moving_object.position[:, None, frames]
@@ -120,41 +118,6 @@ def _groups(link: LinkAtObject, frames: Int[np.ndarray, "F"]) -> Int[np.ndarray,
         first = index if apart else first
         group[index] = group[index - 1] + apart
     return group
-
-
-def _nearest(
-    link: LinkAtObject, frames: Int[np.ndarray, "F"], count: int, apart: float
-) -> list[list[int]]:
-    """Return the samples nearest to a link's solid in each frame, spread."""
-    skin, moving_object = link.skin, link.moving_object
-    surface = np.asarray(moving_object.samples.data)
-    around = moving_object.samples.query_ball_point(link.centres[:, frames].T, skin.radius + OUTSIDE_RANGE)
-    turns, centres = link.turns(frames), link.centres[:, frames].T
-    # The link's origin is where its middle is, less the lever between them.
-    seen = [
-        (surface[samples] - centre) @ turn
-        for samples, centre, turn in zip(around, centres, turns, strict=True)
-    ]
-    distances = skin.solid.nearest_distances(np.concatenate(seen) + skin.centre)
-    chosen, first = [], 0
-    for samples in around:
-        own = distances[first : first + len(samples)]
-        first += len(samples)
-        near = np.flatnonzero(own < OUTSIDE_RANGE)
-        left = np.array(samples, dtype=int)[near[np.argsort(own[near], kind="stable")]]
-        chosen.append(_spread(surface[left], left, count, apart))
-    return chosen
-
-
-def _spread(places: Float[np.ndarray, "K 3"], indices: Int[np.ndarray, "K"], count: int, apart: float) -> list[int]:
-    """Return the first of some points, then the next one that is not near to these, ..."""
-    chosen: list[int] = []
-    while len(indices) and len(chosen) < count:
-        chosen.append(int(indices[0]))
-        away = places - places[0]
-        left = np.einsum("ki,ki->k", away, away) >= apart**2
-        places, indices = places[left], indices[left]
-    return chosen
 
 
 MARGIN = 0.0005

@@ -1,0 +1,112 @@
+"""Samples of an object's surface, and those of them that are near a solid, or in it.
+
+Rods and edges pass between the points of a skin. Their own points are seen from the solid of the link.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy  # its modules are loaded where they are first used
+from jaxtyping import Float, Int
+
+from hoi_retarget.kernels.library import COMPILED, PointCells
+from hoi_retarget.numerics.distance_grid import DistanceGrid
+
+
+@dataclass(frozen=True, eq=False)
+class SolidPoses:
+    """One solid in N poses in the frame of a surface, and a ball around it."""
+
+    solid: DistanceGrid
+    rotations: Float[np.ndarray, "N 3 3"]
+    origins: Float[np.ndarray, "N 3"]
+    """[m]"""
+    middle: Float[np.ndarray, "3"]
+    """Of the ball, in the solid's frame [m]."""
+    radius: float
+    """[m]"""
+
+    @cached_property
+    def centres(self) -> Float[np.ndarray, "N 3"]:
+        """The middles in the frame of the surface [m]."""
+        return self.rotations @ self.middle + self.origins
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceSamples:
+    """Points all over a surface, in its frame."""
+
+    points: Float[np.ndarray, "K 3"]
+    """[m]"""
+
+    @cached_property
+    def tree(self) -> "scipy.spatial.KDTree":
+        """The points, to be searched."""
+        return scipy.spatial.KDTree(self.points)
+
+    @cached_property
+    def _cells(self) -> PointCells:
+        return PointCells.of(self.points)
+
+    def nearest(
+        self, poses: SolidPoses, near: float, count: int, apart: float
+    ) -> tuple[Int[np.ndarray, "N K"], Int[np.ndarray, "N"]]:
+        """Return the samples nearest to a solid in each pose, spread, and how many they are.
+
+        Args:
+            poses: Of the solid.
+            near: Samples that are further away are left out [m].
+            count: Most samples.
+            apart: Least distance between two of them [m].
+        """
+        if COMPILED:
+            return self._cells.nearest(*_compiled(poses), near, count, apart)
+        chosen, number = np.zeros((len(poses.origins), count), dtype=int), np.zeros(len(poses.origins), dtype=int)
+        for pose, (index, seen) in enumerate(self._seen(poses, near)):
+            distances = poses.solid.nearest_distances(seen)
+            order = np.argsort(distances, kind="stable")
+            left = index[order[: np.searchsorted(distances[order], near)]]
+            while left.size and number[pose] < count:
+                chosen[pose, number[pose]] = left[0]
+                number[pose] += 1
+                away = self.points[left] - self.points[left[0]]
+                left = left[np.einsum("ki,ki->k", away, away) >= apart**2]
+        return chosen, number
+
+    def least_distances(self, poses: SolidPoses) -> Float[np.ndarray, "N"]:
+        """Return the least of the distances of samples in the ball from the solid [m]; infinite without any."""
+        if COMPILED:
+            return self._cells.deepest(*_compiled(poses))
+        return np.array([poses.solid.distances(seen).min(initial=np.inf) for _, seen in self._seen(poses, 0.0)])
+
+    def inside(
+        self, poses: SolidPoses, pivots: Float[np.ndarray, "N 3"]
+    ) -> tuple[Float[np.ndarray, "N 6 6"], Float[np.ndarray, "N 6"]]:
+        """Return `J^T J` and `J^T d` of the distances of all samples inside the solid, by a shift and a turn of it.
+
+        Args:
+            poses: Of the solid.
+            pivots: Points about which it turns, in the frame of the surface [m].
+        """
+        if COMPILED:
+            return self._cells.inside(*_compiled(poses), pivots)
+        squares, products = np.zeros((len(pivots), 6, 6)), np.zeros((len(pivots), 6))
+        for pose, (index, seen) in enumerate(self._seen(poses, 0.0)):
+            distances, slopes = poses.solid.distances_and_slopes(seen)
+            deep = distances < 0.0
+            away = -slopes[deep] @ poses.rotations[pose].T
+            along = np.concatenate([away, np.cross(self.points[index[deep]] - pivots[pose], away)], axis=1)
+            squares[pose], products[pose] = along.T @ along, along.T @ distances[deep]
+        return squares, products
+
+    def _seen(self, poses: SolidPoses, beyond: float) -> list[tuple[Int[np.ndarray, "K"], Float[np.ndarray, "K 3"]]]:
+        """Return the samples around the solid in each pose, and where they are in its frame [m]."""
+        around = self.tree.query_ball_point(poses.centres, poses.radius + beyond)
+        found = [np.array(sorted(index), dtype=int) for index in around]
+        every = zip(found, poses.rotations, poses.origins, strict=True)
+        return [(index, (self.points[index] - origin) @ turn) for index, turn, origin in every]
+
+
+def _compiled(poses: SolidPoses) -> tuple:
+    return poses.solid.compiled, poses.rotations, poses.origins, poses.centres, poses.radius
