@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from scipy.spatial import KDTree
 
 from hoi_retarget.human.skeleton import LIMBS
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.distance_field import field_of, surface_samples
 from hoi_retarget.objects.mesh import Surface
+from hoi_retarget.objects.surface_samples import SurfaceSamples
 from hoi_retarget.retargeting.surfaces.depenetration import escape_paths, limb_of_link, paths_within
 from hoi_retarget.retargeting.surfaces.skin_points import MovingObject
 from hoi_retarget.robots.skin import Skin, skin_of
@@ -39,7 +39,7 @@ def bar_through_the_forearm(kinematics, away: float = 0.0) -> MovingObject:
     centre = kinematics.point(skin.frame.of(skin.centre, np.eye(3))) + np.array([[0.0], [away], [0.0]])
     centre[1] += 0.004 * np.sin(np.arange(FRAMES))
     rotation = np.repeat(se3.quat_to_matrix(np.array([1.0, 0.0, 0.0, 0.0]))[:, :, None], FRAMES, axis=2)
-    return MovingObject("bar", field_of(surface), KDTree(surface_samples(surface, 0.005)), centre, rotation)
+    return MovingObject("bar", field_of(surface), SurfaceSamples(surface_samples(surface, 0.005)), centre, rotation)
 
 
 def human_beside(side: float) -> np.ndarray:
@@ -64,7 +64,7 @@ def test_a_link_goes_out_on_the_humans_side_and_as_far_as_it_must(model, side):
     assert (rows.residual < -0.01).all()
     skin = way.skin
     for frame in range(0, FRAMES, 5):
-        samples = np.asarray(bar.samples.data) + bar.position[:, frame]
+        samples = bar.samples.points + bar.position[:, frame]
         origin = kinematics.point(skin.frame)[:, frame]
         begin = origin + kinematics.orientation(skin.frame)[:, :, frame] @ way.points[:, 0, frame]
         step = way.goals[0, frame] - way.outward[:, 0, frame] @ begin

@@ -8,7 +8,6 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial import KDTree
 
 from hoi_retarget.clip.augment import mirrored
 from hoi_retarget.clip.clip import Clip
@@ -20,6 +19,7 @@ from hoi_retarget.evaluation.hand_slip import slip_curves
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.distance_field import field_of, surface_samples
 from hoi_retarget.objects.mesh import Surface
+from hoi_retarget.objects.surface_samples import SurfaceSamples
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.holds.arm_reach import reach
@@ -44,7 +44,7 @@ def standing_box(size, frames: int = 1) -> MovingObject:
     """Return a box around the origin."""
     mesh = trimesh.creation.box(size)
     surface = Surface(np.asarray(mesh.vertices), np.asarray(mesh.faces))
-    samples = KDTree(surface_samples(surface, 0.005))
+    samples = SurfaceSamples(surface_samples(surface, 0.005))
     return MovingObject(
         "box", field_of(surface), samples, np.zeros((3, frames)), np.tile(np.eye(3)[:, :, None], frames)
     )

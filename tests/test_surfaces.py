@@ -7,7 +7,6 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial import KDTree
 
 import hoi_retarget.retargeting.solve as solve_module
 from hoi_retarget.clip.edits import ContactEdits, Move, apply
@@ -16,6 +15,7 @@ from hoi_retarget.evaluation.motion_figures import trunk_deviations
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.distance_field import field_of, surface_samples
 from hoi_retarget.objects.mesh import Surface
+from hoi_retarget.objects.surface_samples import SurfaceSamples
 from hoi_retarget.retargeting.config import Config, Horizon, Scaling
 from hoi_retarget.retargeting.local_resolve import resolve_locally
 from hoi_retarget.retargeting.retarget import judge, retarget
@@ -28,6 +28,7 @@ from hoi_retarget.retargeting.surfaces.skin_points import (
     LinkAtObject,
     MovingObject,
     moving_objects,
+    near_skin,
     softened,
 )
 from hoi_retarget.retargeting.surfaces.skin_terms import (
@@ -60,7 +61,7 @@ def solid_box(size, centre=(0.0, 0.0, 0.0), frames=FRAMES, quat=(1.0, 0.0, 0.0, 
     surface = Surface(np.asarray(mesh.vertices), np.asarray(mesh.faces))
     rotation = np.repeat(se3.quat_to_matrix(np.array(quat))[:, :, None], frames, axis=2)
     place = np.repeat(np.array(centre)[:, None], frames, axis=1)
-    return MovingObject("box", field_of(surface), KDTree(surface_samples(surface, 0.006)), place, rotation)
+    return MovingObject("box", field_of(surface), SurfaceSamples(surface_samples(surface, 0.006)), place, rotation)
 
 
 def slab_at_hand(kinematics: Kinematics, depth: float, rng: np.random.Generator) -> MovingObject:
@@ -95,13 +96,21 @@ def along(rows: tuple[FrameRows, ...], kinematics: Kinematics, direction: np.nda
     return np.concatenate(found)
 
 
+def contact_of(link, weight, touch_weights, count, apart):
+    return skin_contact("hand", link, near_skin(link, count, apart), weight, touch_weights)
+
+
+def samples_of(link, weight, count, apart):
+    return object_outside_link("hand", link, near_skin(link, count, apart), weight, count, apart)
+
+
 @pytest.mark.parametrize("depth", [0.004, 0.03])
 def test_skin_rows_agree_with_finite_differences(model, depth):
     rng = np.random.default_rng(0)
     kinematics = model.forward(wandering(model, rng))
     thing = slab_at_hand(kinematics, depth, rng)
     skin = skin_of(model).by_link["left_wrist_yaw_link"]
-    term = skin_contact("hand", LinkAtObject(skin, thing, kinematics), 2e4, None, 8, 0.012)
+    term = contact_of(LinkAtObject(skin, thing, kinematics), 2e4, None, 8, 0.012)
     assert_derivative(term, model, kinematics, rng)
 
 
@@ -111,7 +120,7 @@ def test_touch_rows_agree_with_finite_differences(model):
     thing = slab_at_hand(kinematics, -0.01, rng)
     skin = skin_of(model).by_link["left_wrist_yaw_link"]
     weights = np.linspace(0.0, 5e3, FRAMES)
-    term = skin_contact("hand", LinkAtObject(skin, thing, kinematics), 2e4, weights, 8, 0.012)
+    term = contact_of(LinkAtObject(skin, thing, kinematics), 2e4, weights, 8, 0.012)
     assert_derivative(term, model, kinematics, rng)
 
 
@@ -120,7 +129,7 @@ def test_rows_of_an_object_in_a_link_agree_with_finite_differences(model):
     kinematics = model.forward(wandering(model, rng))
     thing = slab_at_hand(kinematics, 0.006, rng)
     skin = skin_of(model).by_link["left_wrist_yaw_link"]
-    term = object_outside_link("hand", LinkAtObject(skin, thing, kinematics), 2e4, 6, 0.012)
+    term = samples_of(LinkAtObject(skin, thing, kinematics), 2e4, 6, 0.012)
     assert_derivative(term, model, kinematics, rng)
 
 
@@ -132,9 +141,7 @@ def test_rows_deep_in_a_thin_board_agree_with_finite_differences(model, wanted):
     skin = skin_of(model).by_link["left_wrist_yaw_link"]
     quat = se3.exp(rng.normal(size=3))
     thing = solid_box((0.8, 0.8, 0.02), kinematics.point(skin.frame.of(skin.centre, np.eye(3)))[:, 0], FRAMES, quat)
-    term = skin_contact(
-        "hand", LinkAtObject(skin, thing, kinematics), 2e4, np.ones(FRAMES) if wanted else None, 24, 0.008
-    )
+    term = contact_of(LinkAtObject(skin, thing, kinematics), 2e4, np.ones(FRAMES) if wanted else None, 24, 0.008)
     assert_derivative(term, model, kinematics, rng)
 
 
@@ -155,7 +162,7 @@ def test_a_hand_at_a_known_distance_costs_what_that_distance_costs(model):
     skin = skin_of(model).by_link["left_wrist_yaw_link"]
     for depth in (-0.01, -0.0008, 0.002, 0.008):
         thing = slab_at_hand(kinematics, depth, rng)
-        term = skin_contact("hand", LinkAtObject(skin, thing, kinematics), 1.0, np.ones(FRAMES), 12, 0.012)
+        term = contact_of(LinkAtObject(skin, thing, kinematics), 1.0, np.ones(FRAMES), 12, 0.012)
         clearance, touch = term.rows(kinematics)
         assert -clearance.residual.min() == pytest.approx(max(0.0, depth + MARGIN), abs=1e-4)
         assert touch.residual.min() >= max(0.0, -depth - TOUCHING) - 1e-4
@@ -166,8 +173,8 @@ def test_far_links_have_no_terms(model):
     kinematics = model.forward(np.repeat(model.home_qpos[None], FRAMES, axis=0))
     thing = solid_box((0.2, 0.2, 0.2), (5.0, 0.0, 0.0))
     for skin in skin_of(model).links:
-        assert skin_contact("link", LinkAtObject(skin, thing, kinematics), 1.0, None, 6, 0.03) is None
-        assert object_outside_link("link", LinkAtObject(skin, thing, kinematics), 1.0, 6, 0.03) is None
+        assert contact_of(LinkAtObject(skin, thing, kinematics), 1.0, None, 6, 0.03) is None
+        assert samples_of(LinkAtObject(skin, thing, kinematics), 1.0, 6, 0.03) is None
 
 
 def test_chosen_points_hold_the_deepest_one(model):
@@ -175,7 +182,7 @@ def test_chosen_points_hold_the_deepest_one(model):
     kinematics = model.forward(wandering(model, rng, 5e-4))
     thing = slab_at_hand(kinematics, 0.003, rng)
     skin = skin_of(model).by_link["left_wrist_yaw_link"]
-    term = skin_contact("hand", LinkAtObject(skin, thing, kinematics), 1.0, None, 4, 0.012)
+    term = contact_of(LinkAtObject(skin, thing, kinematics), 1.0, None, 4, 0.012)
     assert isinstance(term, SkinContact)
     points = kinematics.point(skin.frame)[:, None] + np.einsum(
         "ijt,kj->ikt", kinematics.orientation(skin.frame), skin.points
@@ -192,11 +199,11 @@ def test_a_hand_that_passes_a_row_of_bars_sees_the_one_in_it_in_every_frame(mode
     qpos[:, 0] += way * np.arange(12)
     kinematics, skin = model.forward(qpos), skin_of(model).by_link["left_wrist_yaw_link"]
     thing = solid_box((1.4, 0.4, 0.01), kinematics.point(skin.middle)[:, 0], 12)
-    bars = np.abs((thing.samples.data[:, 0] + 0.7) % 0.04 - 0.02) > 0.014
-    thing = replace(thing, samples=KDTree(thing.samples.data[bars]))
-    term = object_outside_link("hand", LinkAtObject(skin, thing, kinematics), 1.0, 14, 0.008)
+    bars = np.abs((thing.samples.points[:, 0] + 0.7) % 0.04 - 0.02) > 0.014
+    thing = replace(thing, samples=SurfaceSamples(thing.samples.points[bars]))
+    term = samples_of(LinkAtObject(skin, thing, kinematics), 1.0, 14, 0.008)
     assert term is not None and term.frames.tolist() == list(range(12))
-    world = (thing.samples.data.T[:, :, None] + thing.position[:, None]) - kinematics.point(skin.frame)[:, None]
+    world = (thing.samples.points.T[:, :, None] + thing.position[:, None]) - kinematics.point(skin.frame)[:, None]
     seen = np.einsum("jif,jkf->ikf", kinematics.orientation(skin.frame), world)
     depths = -skin.solid.distances(seen.reshape(3, -1).T).reshape(-1, 12).min(axis=0)
     np.testing.assert_allclose(term.depths(kinematics), depths, atol=2e-3)

@@ -196,18 +196,6 @@ class LinkAtObject:
         """Frames in which skin may be nearer than `NEAR`."""
         return np.flatnonzero(self.around < self.skin.radius + NEAR)
 
-    @cached_property
-    def rough(self) -> Float[np.ndarray, "C F"]:
-        """Distances of the coarser skin from the object in these frames [m]."""
-        count = len(patches_of(self.skin).count)
-        patch, column = np.indices((count, len(self.near_frames))).reshape(2, -1)
-        return self.distances(patch, column, self.near_frames).reshape(count, -1)
-
-    @property
-    def least(self) -> Float[np.ndarray, "F"]:
-        """Distances in these frames that no point of the skin is nearer than [m]."""
-        return (self.rough - patches_of(self.skin).radius[:, None]).min(axis=0, initial=np.inf)
-
     def poses(self, frames: Int[np.ndarray, "F"]) -> SolidPoses:
         """Return the link's poses on the object."""
         origins = self.moving_object.inside(self.start.point(self.skin.frame)[:, None, frames], frames)[:, 0].T
@@ -217,16 +205,6 @@ class LinkAtObject:
         """Return the rotations of the link in the object's frame."""
         turn = self.moving_object.rotation[:, :, frames].transpose(2, 1, 0)
         return turn @ self.start.orientation(self.skin.frame)[:, :, frames].transpose(2, 0, 1)
-
-    def distances(
-        self, point: Int[np.ndarray, "N"], column: Int[np.ndarray, "N"], frames: Int[np.ndarray, "F"]
-    ) -> Float[np.ndarray, "N"]:
-        """Return the distances of single skin points from the object [m], each in the frame of its column."""
-        # The link's pose in the object's frame, frame by frame, then once for each point.
-        rotation = self.turns(frames)
-        origin = self.moving_object.inside(self.start.point(self.skin.frame)[:, None, frames], frames)[:, 0].T
-        places = np.einsum("nij,nj->ni", rotation[column], self.skin.points[point]) + origin[column]
-        return self.moving_object.field.distances(places)
 
 
 COARSE = 100
@@ -261,37 +239,53 @@ def patches_of(skin: LinkSkin) -> Patches:
     return Patches(order, np.cumsum(count) - count, count, radius)
 
 
-@lru_cache(maxsize=256)
-def close_points(skin: LinkSkin, apart: float) -> Bool[np.ndarray, "P P"]:
-    """Return which points of a skin are less than `apart` from each other [m], and not to be chosen both."""
-    return np.linalg.norm(skin.points[:, None] - skin.points[None], axis=2) < apart
+@dataclass(frozen=True, eq=False)
+class NearSkin:
+    """The points of a link's skin that are nearest to an object, in the frames in which any may be near."""
+
+    frames: Int[np.ndarray, "F"]
+    chosen: Int[np.ndarray, "F K"]
+    """The nearest point, then the nearest that is not close to it, and so on."""
+    nearest: Float[np.ndarray, "F"]
+    """Distance of the nearest point [m]; infinite where none is near."""
+    least: Float[np.ndarray, "F"]
+    """Distance that no point is nearer than [m]."""
 
 
-def near_distances(link: LinkAtObject) -> Float[np.ndarray, "P F"]:
-    """Return the distances of the nearest skin points in near frames [m]; `FAR` for points that are not looked at."""
-    frames, rough, patches = link.near_frames, link.rough, patches_of(link.skin)
-    distances = np.full((len(link.skin.points), len(frames)), FAR)
-    if not frames.size:
-        return distances
-    closely = rough - patches.radius[:, None] < np.minimum(rough.min(axis=0) + SPREAD, NEAR)
-    patch, column = np.nonzero(closely)
-    count = patches.count[patch]
-    within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    point = patches.order[np.repeat(patches.first[patch], count) + within]
-    column = np.repeat(column, count)
-    distances[point, column] = link.distances(point, column, frames)
-    return distances
+def near_skin(link: LinkAtObject, count: int, apart: float) -> NearSkin:
+    """Return the nearest points of a link's skin.
+
+    Args:
+        link: The link and the object.
+        count: Points in each frame.
+        apart: Two points that are less from each other [m] are not chosen both.
+    """
+    points, patches, frames = link.skin.points, patches_of(link.skin), link.near_frames
+    count, poses = min(count, len(points)), link.poses(frames)
+    if library.COMPILED:
+        parts = patches.order, patches.first, patches.count, patches.radius
+        options = {"near": NEAR, "spread": SPREAD, "far": FAR, "count": count, "apart": apart}
+        surface, own = link.moving_object.field.compiled, (poses.rotations, poses.origins)
+        return NearSkin(frames, *library.nearest_skin(surface, points, parts, own, **options))
+    placed = np.einsum("fij,pj->fpi", poses.rotations, points) + poses.origins[:, None]
+    distances = link.moving_object.field.distances(placed.reshape(-1, 3)).reshape(placed.shape[:2])
+    rough = distances[:, : len(patches.count)]
+    looked_at = rough - patches.radius < np.minimum(rough.min(axis=1, keepdims=True, initial=FAR) + SPREAD, NEAR)
+    patch = np.empty(len(points), dtype=int)
+    patch[patches.order] = np.repeat(np.arange(len(patches.count)), patches.count)
+    distances = np.where(looked_at[:, patch], distances, FAR)
+    nearest = distances.min(axis=1, initial=FAR)
+    least = (rough - patches.radius).min(axis=1, initial=FAR)
+    return NearSkin(frames, spread(distances, points, count, apart), np.where(nearest < FAR, nearest, np.inf), least)
 
 
-def nearest_spread(
-    distances: Float[np.ndarray, "P F"], close: Bool[np.ndarray, "P P"], count: int
-) -> Int[np.ndarray, "K F"]:
+def spread(
+    distances: Float[np.ndarray, "F P"], points: Float[np.ndarray, "P 3"], count: int, apart: float
+) -> Int[np.ndarray, "F K"]:
     """Return, in every frame, the point with the least distance, then the next one that is not close to these, ..."""
-    # Most of a skin is never looked at.
-    seen = np.flatnonzero((distances < FAR).any(axis=1))
-    seen = seen if seen.size else np.arange(min(count, len(distances)))
-    left, close, chosen = distances[seen], close[np.ix_(seen, seen)], []
-    for _ in range(min(count, len(seen))):
-        chosen.append(left.argmin(axis=0))
-        left += np.where(close[:, chosen[-1]], FAR, 0.0)
-    return seen[np.array(chosen)]
+    left, chosen = distances.copy(), np.empty((len(distances), count), dtype=int)
+    for index in range(count):
+        chosen[:, index] = left.argmin(axis=1)
+        away = points - points[chosen[:, index], None]
+        left += np.where(np.einsum("fpi,fpi->fp", away, away) < apart**2, FAR, 0.0)
+    return chosen

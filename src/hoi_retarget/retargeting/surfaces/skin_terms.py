@@ -10,17 +10,14 @@ from jaxtyping import Float, Int
 
 from hoi_retarget.kernels import library
 from hoi_retarget.retargeting.surfaces.skin_points import (
-    FAR,
     NEAR,
     LinkAtObject,
     MovingObject,
+    NearSkin,
     at_points,
-    close_points,
     hinge_rows,
     levers,
     moments,
-    near_distances,
-    nearest_spread,
     softened,
 )
 from hoi_retarget.retargeting.trajopt.problem import FrameRows
@@ -71,30 +68,31 @@ class ObjectOutsideLink:
         return lever, distances, -np.einsum("ijf,jkf->ikf", rotation, slopes)
 
 
-def object_outside_link(
-    name: str, link: LinkAtObject, weight: float, count: int, apart: float
+def object_outside_link(  # noqa: PLR0913, PLR0917  # the parts of a term
+    name: str, link: LinkAtObject, near: NearSkin, weight: float, count: int, apart: float
 ) -> ObjectOutsideLink | None:
     """Return the term with the samples that are near the link at a start; None where none ever is.
 
     Args:
         name: Of the term.
         link: The link and the object.
+        near: Its points at a start.
         weight: [1/m^2]
         count: Most samples in a frame.
         apart: Least distance between two of them [m].
     """
     skin, moving_object = link.skin, link.moving_object
-    near = link.near_frames[link.least < OUTSIDE_RANGE]
-    near = near[np.abs(link.around[near]) < skin.radius + OUTSIDE_RANGE]
-    if not near.size:
+    frames = near.frames[near.least < OUTSIDE_RANGE]
+    frames = frames[np.abs(link.around[frames]) < skin.radius + OUTSIDE_RANGE]
+    if not frames.size:
         return None
     # One frame in the middle of each group speaks for all of the group.
-    group = _groups(link, near)
+    group = _groups(link, frames)
     ends = np.searchsorted(group, np.arange(group[-1] + 2))
-    middles = near[(ends[:-1] + ends[1:]) // 2]
+    middles = frames[(ends[:-1] + ends[1:]) // 2]
     chosen, number = moving_object.samples.nearest(link.poses(middles), OUTSIDE_RANGE, count, apart)
     kept = number[group] > 0
-    frames = near[kept]
+    frames = frames[kept]
     if not frames.size:
         return None
     most = number.max()
@@ -185,34 +183,28 @@ class SkinContact:
         return FrameRows(self.skin.frame, residual[None], by_linear[None], by_angular[None], weights, self.frames)
 
 
-def skin_contact(  # noqa: PLR0913, PLR0917  # the parts of a term
-    name: str,
-    link: LinkAtObject,
-    weight: float,
-    touch_weights: Float[np.ndarray, "T"] | None,
-    count: int,
-    apart: float,
+def skin_contact(
+    name: str, link: LinkAtObject, near: NearSkin, weight: float, touch_weights: Float[np.ndarray, "T"] | None
 ) -> SkinContact | None:
     """Return the term with the skin points that are near at a start; None where no skin ever is, nor is to touch.
 
     Args:
         name: Of the term.
         link: The link and the object.
+        near: Its points at a start.
         weight: Of the clearance [1/m^2].
         touch_weights: In every frame [1/m^2]; None where the link never touches the object.
-        count: Points in each frame.
-        apart: Least distance between two of them [m].
     """
-    skin = link.skin
-    looked_at = near_distances(link)
-    seen = looked_at.min(axis=0, initial=np.inf) < NEAR
-    near = np.zeros(len(link.around), dtype=bool) if touch_weights is None else touch_weights > 0
-    near[link.near_frames[seen]] = True
-    frames = np.flatnonzero(near)
+    points, count = link.skin.points, near.chosen.shape[1]
+    seen = near.nearest < NEAR
+    wanted = np.zeros(len(link.around), dtype=bool) if touch_weights is None else touch_weights > 0
+    wanted[near.frames[seen]] = True
+    frames = np.flatnonzero(wanted)
     if not frames.size:
         return None
-    distances = np.full((len(skin.points), len(frames)), FAR)
-    distances[:, np.searchsorted(frames, link.near_frames[seen])] = looked_at[:, seen]
-    points = skin.points[nearest_spread(distances, close_points(skin, apart), count)].transpose(2, 0, 1)
+    # Where none is near, any that are spread.
+    chosen = np.repeat(np.arange(count)[None], len(frames), axis=0)
+    chosen[np.searchsorted(frames, near.frames[seen])] = near.chosen[seen]
     touching = None if touch_weights is None else touch_weights[frames]
-    return SkinContact(name, skin, link.moving_object, frames, points, np.full(len(frames), weight), touching)
+    placed = np.ascontiguousarray(points[chosen].transpose(2, 1, 0))
+    return SkinContact(name, link.skin, link.moving_object, frames, placed, np.full(len(frames), weight), touching)

@@ -11,7 +11,7 @@ from hoi_retarget.numerics.filters import seconds_to_frames, smoothstep_around
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.surfaces.contact_targets import RESTING_SITES
 from hoi_retarget.retargeting.surfaces.depenetration import EscapePath
-from hoi_retarget.retargeting.surfaces.skin_points import LinkAtObject, MovingObject, levers
+from hoi_retarget.retargeting.surfaces.skin_points import LinkAtObject, MovingObject, levers, near_skin
 from hoi_retarget.retargeting.surfaces.skin_terms import (
     ObjectOutsideLink,
     SkinContact,
@@ -145,9 +145,10 @@ def _clearances(weights: Weights, targets: Targets, start: Kinematics, surfaces:
                 touch = touch * _nearest_of(skins, skin, moving_object, start, touch > 0.0)
             count, apart = (LINK_POINTS, LINK_SPREAD) if column is None else (HAND_POINTS, HAND_SPREAD)
             name, link = f"{skin.link}_{moving_object.name}", LinkAtObject(skin, moving_object, start)
+            near = near_skin(link, count, apart)
             terms = (
-                skin_contact(f"{name}_contact", link, weights.clearance, touch, count, apart),
-                object_outside_link(f"{name}_inside", link, weights.clearance, SAMPLES, apart),
+                skin_contact(f"{name}_contact", link, near, weights.clearance, touch),
+                object_outside_link(f"{name}_inside", link, near, weights.clearance, SAMPLES, apart),
             )
             yield from (term for term in terms if term is not None)
 
