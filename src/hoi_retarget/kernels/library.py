@@ -93,6 +93,7 @@ _ADD_TREE = _function("add_tree", "pppippppiiipp")
 _NEAREST_SAMPLES = _function("nearest_samples", "pppppiddidpp", allocates=True)
 _DEEPEST_SAMPLES = _function("deepest_samples", "pppppidp")
 _INSIDE_SUMS = _function("inside_sums", "ppppppidpp")
+_WAYS_OUT = _function("ways_out", "ppppppidpdddpp", allocates=True)
 _NEAREST_SKIN = _function("nearest_skin", "ppippppippidddidppp", allocates=True)
 
 
@@ -335,6 +336,29 @@ class PointCells:
             self._address, solid.address, *map(_at, own), len(origins), radius, _at(squares), _at(products)
         )
         return squares, products
+
+
+    def ways_out(  # noqa: PLR0913, PLR0917  # poses of a solid, and what is asked of them
+        self,
+        solid: Shape,
+        rotations: Float[np.ndarray, "N 3 3"],
+        origins: Float[np.ndarray, "N 3"],
+        centres: Float[np.ndarray, "N 3"],
+        radius: float,
+        middle: Float[np.ndarray, "3"],
+        directions: Float[np.ndarray, "N 3"],
+        most: float,
+        least_step: float,
+        overrated: float,
+    ) -> tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N 3"]]:
+        """Return the lengths [m] of the ways of a solid along directions until no point is in it, and its nearest."""
+        own = [_real(part) for part in (rotations, origins, centres, middle)]
+        along, ways, nearest = _real(directions), np.empty(len(origins)), np.empty((len(origins), 3))
+        _WAYS_OUT(
+            self._address, solid.address, *map(_at, own), len(origins), radius, _at(along), most, least_step, overrated,
+            _at(ways), _at(nearest),
+        )  # fmt: skip
+        return ways, nearest
 
 
 def nearest_skin(  # noqa: PLR0913  # the parts of a skin, and what is asked of it

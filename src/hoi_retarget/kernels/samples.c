@@ -226,3 +226,51 @@ EXPORTED int nearest_skin(const Field *surface, const double *points, whole tota
     free(distances);
     return 0;
 }
+
+/* For each of N poses, the way of a solid along a direction until no sample is inside it, up to `most`, in steps of at
+   least `least_step`; and the sample nearest to it before, in its frame (N, 3), its middle where there is none. Samples
+   within `radius` are seen. A solid may overrate distances beyond its grid by a factor of `overrated`. Returns 0, or 1
+   where memory is short. */
+EXPORTED int ways_out(const Samples *samples, const Grid *solid, const double *rotations, const double *origins,
+                      const double *centres, const double *middle, whole poses, double radius, const double *directions,
+                      double most, double least_step, double overrated, double *ways, double *nearest)
+{
+    double *seen = malloc(sizeof(double) * 4 * (size_t)(samples->total ? samples->total : 1));
+    if (!seen) return 1;
+    for (whole n = 0; n < poses; n++) {
+        const double *r = rotations + 9 * n, *along = directions + 3 * n;
+        Walk around = walk(samples, r, origins + 3 * n, centres + 3 * n, radius);
+        double back[3], least = INFINITY;
+        whole count = 0;
+        for (int i = 0; i < 3; i++) {
+            back[i] = r[i] * along[0] + r[3 + i] * along[1] + r[6 + i] * along[2];
+            nearest[3 * n + i] = middle[i];
+        }
+        while (next(&around)) {
+            if (way_to_grid(solid, around.seen) > (least > most ? least : most)) continue;
+            double distance = grid_distance(solid, around.seen, NULL);
+            if (distance < least) {
+                least = distance;
+                for (int i = 0; i < 3; i++) nearest[3 * n + i] = around.seen[i];
+            }
+            if (distance >= most) continue;
+            for (int i = 0; i < 3; i++) seen[4 * count + i] = around.seen[i];
+            seen[4 * count++ + 3] = distance;
+        }
+        for (ways[n] = 0.0; ways[n] < most;) {
+            double depth = 0.0;
+            for (whole k = 0; k < count; k++) {
+                if (seen[4 * k + 3] > overrated * ways[n]) continue;
+                double place[3];
+                for (int i = 0; i < 3; i++) place[i] = seen[4 * k + i] - ways[n] * back[i];
+                double distance = grid_distance(solid, place, NULL);
+                if (-distance > depth) depth = -distance;
+            }
+            if (depth <= 0.0) break;
+            ways[n] += depth > least_step ? depth : least_step;
+        }
+        if (ways[n] > most) ways[n] = most;
+    }
+    free(seen);
+    return 0;
+}

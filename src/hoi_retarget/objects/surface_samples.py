@@ -3,7 +3,7 @@
 Rods and edges pass between the points of a skin. Their own points are seen from the solid of the link.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +12,10 @@ from jaxtyping import Float, Int
 
 from hoi_retarget.kernels.library import COMPILED, PointCells
 from hoi_retarget.numerics.distance_grid import DistanceGrid
+
+
+OVERRATED = 1.5
+"""Beyond its grid, a solid may seem further away than it is by a factor of up to the root of 2."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +103,40 @@ class SurfaceSamples:
             along = np.concatenate([away, np.cross(self.points[index[deep]] - pivots[pose], away)], axis=1)
             squares[pose], products[pose] = along.T @ along, along.T @ distances[deep]
         return squares, products
+
+    def ways_out(
+        self, poses: SolidPoses, directions: Float[np.ndarray, "N 3"], most: float, least_step: float
+    ) -> tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N 3"]]:
+        """Return how far the solid must go along directions until no sample is in it [m], and its nearest sample.
+
+        Args:
+            poses: Of the solid.
+            directions: In the frame of the surface.
+            most: Longest way that is tried [m].
+            least_step: Of the search [m].
+        """
+        wider = replace(poses, radius=poses.radius + most)
+        if COMPILED:
+            options = most, least_step, OVERRATED
+            return self._cells.ways_out(*_compiled(wider), poses.middle, directions, *options)
+        ways, nearest = np.zeros(len(directions)), np.repeat(poses.middle[None], len(directions), axis=0)
+        for pose, (_, seen) in enumerate(self._seen(wider, 0.0)):
+            back, distances = directions[pose] @ poses.rotations[pose], poses.solid.distances(seen)
+            if len(seen):
+                nearest[pose] = seen[distances.argmin()]
+            while ways[pose] < most:
+                # Only what is as near as the way so far may be inside after it.
+                left = seen[distances <= min(OVERRATED * ways[pose], most)]
+                depth = -poses.solid.distances(left - ways[pose] * back).min(initial=0.0)
+                if depth <= 0.0:
+                    break
+                ways[pose] += max(depth, least_step)
+        return np.minimum(ways, most), nearest
+
+    def around(self, poses: SolidPoses, pose: int) -> tuple[Float[np.ndarray, "K 3"], Float[np.ndarray, "K 3"]]:
+        """Return the samples in the ball of one pose, in the frame of the surface and in the solid's [m]."""
+        found = self.points[self.tree.query_ball_point(poses.centres[pose], poses.radius)]
+        return found, (found - poses.origins[pose]) @ poses.rotations[pose]
 
     def _seen(self, poses: SolidPoses, beyond: float) -> list[tuple[Int[np.ndarray, "K"], Float[np.ndarray, "K 3"]]]:
         """Return the samples around the solid in each pose, and where they are in its frame [m]."""

@@ -24,8 +24,6 @@ MIN_DEPTH_M = 0.006
 """[m]; less deep links leave without a path."""
 MAX_ESCAPE_M, MIN_STEP_M = 0.12, 0.004
 """Length of a path, and of one step of the search for it."""
-OVERRATED = 1.5
-"""Beyond its grid, a solid may seem further away than it is by a factor of up to the root of 2."""
 AROUND_SECONDS = 0.4
 """A path begins and ends so long before and after the link is deep."""
 SIDE_SECONDS, SMOOTHING_SECONDS = 0.3, 0.15
@@ -177,12 +175,13 @@ class _PenetratedLink(LinkAtObject):
             sides, SIDE_SECONDS * rate, axis=0, mode="nearest"
         ) + WHOLE_RUN * sides.sum(axis=0)
         mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-12)
-        found = [self._escape_length(frame, side) for frame, side in zip(keys.tolist(), mean, strict=True)]
-        lengths = scipy.ndimage.maximum_filter1d([length for length, _ in found], seconds_to_frames(PEAK_SECONDS, rate))
+        samples = self.moving_object.samples
+        lengths, deepest = samples.ways_out(self.poses(keys), mean, MAX_ESCAPE_M, MIN_STEP_M)
+        lengths = scipy.ndimage.maximum_filter1d(lengths, seconds_to_frames(PEAK_SECONDS, rate))
         frames = np.arange(keys[0], keys[-1] + 1)
         sides = np.stack([np.interp(frames, keys, along) for along in mean.T])
         outward = np.einsum("ijt,jt->it", self.moving_object.rotation[:, :, frames], sides)[:, None]
-        points = np.array([point for _, point in found])[np.searchsorted(keys, frames)].T[:, None]
+        points = deepest[np.searchsorted(keys, frames)].T[:, None]
         begin = self.start.point(self.skin.frame)[:, None, frames] + levers(self.start, self.skin.frame, points, frames)
         way = scipy.ndimage.gaussian_filter1d(
             np.interp(frames, keys, lengths), SMOOTHING_SECONDS * self.fps, mode="nearest"
@@ -197,45 +196,16 @@ class _PenetratedLink(LinkAtObject):
     def _depths_and_sides(self, keys: Int[np.ndarray, "K"]) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
         """Return the object's depth in the link [m], and the vector from its points inside to the human's limb."""
         depths, sides = np.zeros(len(keys)), np.zeros((len(keys), 3))
-        near = np.abs(self.around[keys]) < self.skin.radius
-        for key in np.flatnonzero(near).tolist():
-            frame = int(keys[key])
-            samples, seen = self._samples(frame, 0.0)
+        near = np.flatnonzero(np.abs(self.around[keys]) < self.skin.radius)
+        poses = self.poses(keys[near])
+        least = self.moving_object.samples.least_distances(poses)
+        for key, pose in zip(near[least < 0.0].tolist(), np.flatnonzero(least < 0.0).tolist(), strict=True):
+            samples, seen = self.moving_object.samples.around(poses, pose)
             distances = self.skin.solid.distances(seen)
             inside = distances < 0
-            if inside.any():
-                depths[key] = -distances.min()
-                start, end = self.limb[frame]
-                beside = _beside(np.stack([start, start + NEXT_TO_BODY * (end - start)]), samples[inside])
-                beside /= np.maximum(np.linalg.norm(beside, axis=1, keepdims=True), 1e-9)
-                sides[key] = -distances[inside] @ beside
+            depths[key] = -distances.min()
+            start, end = self.limb[keys[key]]
+            beside = _beside(np.stack([start, start + NEXT_TO_BODY * (end - start)]), samples[inside])
+            beside /= np.maximum(np.linalg.norm(beside, axis=1, keepdims=True), 1e-9)
+            sides[key] = -distances[inside] @ beside
         return depths, sides
-
-    def _escape_length(self, frame: int, side: Float[np.ndarray, "3"]) -> tuple[float, Float[np.ndarray, "3"]]:
-        """Return the length of the link's path out of the object [m], and its deepest point at the start."""
-        _, seen = self._samples(frame, MAX_ESCAPE_M)
-        back = self._turn(frame).T @ side
-        distances = self.skin.solid.distances(seen)
-        deepest, way = seen[distances.argmin()] if len(seen) else self.skin.centre, 0.0
-        order = np.argsort(distances)
-        seen, distances = seen[order], distances[order]
-        while way < MAX_ESCAPE_M:
-            # Only what is as near as the way so far may be inside after it.
-            inside = np.searchsorted(distances, OVERRATED * way) or len(seen[:1])
-            depth = -self.skin.solid.distances(seen[:inside] - way * back).min(initial=0.0)
-            if depth <= 0.0:
-                break
-            way += max(depth, MIN_STEP_M)
-        return min(way, MAX_ESCAPE_M), deepest
-
-    def _turn(self, frame: int) -> Float[np.ndarray, "3 3"]:
-        return self.moving_object.rotation[:, :, frame].T @ self.start.orientation(self.skin.frame)[:, :, frame]
-
-    def _samples(self, frame: int, beyond: float) -> tuple[Float[np.ndarray, "N 3"], Float[np.ndarray, "N 3"]]:
-        """Return the object's samples around the link, in the object's frame and in the link's [m]."""
-        centre = self.centres[:, frame]
-        samples = self.moving_object.samples.points[
-            self.moving_object.samples.tree.query_ball_point(centre, self.skin.radius + beyond)
-        ]
-        # The link's origin is where its middle is, less the lever between them.
-        return samples, (samples - centre) @ self._turn(frame) + self.skin.centre

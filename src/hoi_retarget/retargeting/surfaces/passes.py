@@ -6,7 +6,8 @@ points, which each pass chooses anew at the end of the pass before it.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -16,14 +17,14 @@ from hoi_retarget.retargeting.orientation_flips import orientation_flips, rotati
 from hoi_retarget.retargeting.surfaces.contact_targets import RESTING_SITES, contact_sides, touching_targets
 from hoi_retarget.retargeting.surfaces.depenetration import EscapePath, escape_paths, paths_within
 from hoi_retarget.retargeting.surfaces.skin_points import moving_objects
-from hoi_retarget.retargeting.surfaces.surface_terms import Surfaces, free_depth, surface_terms
+from hoi_retarget.retargeting.surfaces.surface_terms import Clearance, Surfaces, clearances, free_depth, surface_terms
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import Problem
 from hoi_retarget.retargeting.trajopt.solvers.solver import Effort
 from hoi_retarget.retargeting.trajopt.terms.self_clearance import self_depth
 from hoi_retarget.retargeting.trajopt.trajectory_terms import trajectory_terms
 from hoi_retarget.retargeting.trajopt.windows import FrameRange, ProblemOf
-from hoi_retarget.robots.model import RobotModel
+from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.skin import contact_skins, skin_of
 
 NEAR = 3e-3
@@ -41,6 +42,8 @@ ROUNDS = 3
 COARSE_FRAMES = 3
 """Wrong frames that later passes may mend; with more after a coarse pass, ways out of an object are given up."""
 
+LONG = 2000
+"""[frames]; what is near along more of them is found piece by piece, and forgotten."""
 LOST_DISTANCE = 0.12
 """[m]; a hand farther from its contact point has let go of the object."""
 
@@ -111,18 +114,12 @@ class SurfaceProblems:
         touching = self._touching(qpos)
         # Skin that was far from the surface before a pass may have sunk in: each pass chooses its points anew.
         for effort, last in ((FINE, False), (FINAL, True)):
-            qpos = solve_pass(self._with_surfaces(touching, qpos, paths, relaxed=last), qpos, effort, last)
-        met = self._met_depth(touching, qpos)
-        if met < MET_DEPTH_M:
+            qpos = solve_pass(self._with_surfaces(_Start(self, touching, qpos), paths, relaxed=last), qpos, effort, last)
+        start = _Start(self, touching, qpos)
+        if start.met_depth < MET_DEPTH_M:
             return qpos
-        again = solve_pass(self._with_surfaces(touching, qpos, paths, relaxed=True), qpos, FINAL, True)
-        return again if self._met_depth(touching, again) < met else qpos
-
-    def _met_depth(self, touching: Targets, qpos: np.ndarray) -> float:
-        """Return the largest depth of links in each other and in objects [m], trapped ones left out."""
-        kinematics, weights = self.model.forward(qpos), self.config.weights.with_surfaces
-        in_links = self_depth(kinematics) if weights.self_clearance else 0.0
-        return max(in_links, free_depth(weights, touching, kinematics, self.surfaces))
+        again = solve_pass(self._with_surfaces(start, paths, relaxed=True), qpos, FINAL, True)
+        return again if _Start(self, touching, again).met_depth < start.met_depth else qpos
 
     def _wrong_frames(self, qpos: np.ndarray) -> int:
         """Return the number of frames of links that point away from the human's, of turned trunks and of lost hands."""
@@ -140,7 +137,7 @@ class SurfaceProblems:
 
     def last(self, qpos: Float[np.ndarray, "T nq"]) -> ProblemOf:
         """Return the problem of the last pass, for a trajectory that has been through all of them."""
-        return self._with_surfaces(self._touching(qpos), qpos, (), relaxed=True)
+        return self._with_surfaces(_Start(self, self._touching(qpos), qpos), (), relaxed=True)
 
     def _escape_paths(self, qpos: np.ndarray, earlier: tuple[EscapePath, ...]) -> tuple[EscapePath, ...]:
         """Return paths for links that are deep in an object, except for links in contact, and in its frames."""
@@ -166,20 +163,53 @@ class SurfaceProblems:
 
         return problem_of
 
-    def _with_surfaces(
-        self, targets: Targets, qpos: np.ndarray, paths: tuple[EscapePath, ...], *, relaxed: bool
-    ) -> ProblemOf:
+    def _with_surfaces(self, start: "_Start", paths: tuple[EscapePath, ...], *, relaxed: bool) -> ProblemOf:
         def problem_of(window: FrameRange) -> Problem:
             first, stop = window.first, window.stop
+            begin = start if stop - first == len(start.qpos) else start.window(first, stop)
             terms = surface_terms(
                 self.config.weights.with_surfaces,
-                targets.window(first, stop),
+                begin.touching,
                 self.model.forward(self.ik_qpos[first:stop]),
-                self.model.forward(qpos[first:stop]),
-                self.surfaces.window(first, stop),
+                begin.kinematics,
+                begin.problems.surfaces,
+                begin.near,
                 paths_within(paths, first, stop),
                 relaxed=relaxed,
             )
-            return Problem(self.model, terms, targets.fps, window.pinned, window.pinned_after)
+            return Problem(self.model, terms, begin.touching.fps, window.pinned, window.pinned_after)
 
         return problem_of
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """A trajectory that a pass starts from or ends with, and what is near along it, found once."""
+
+    problems: SurfaceProblems
+    touching: Targets
+    qpos: Float[np.ndarray, "T nq"]
+
+    def window(self, first: int, stop: int) -> "_Start":
+        """Return it in some consecutive frames."""
+        problems = replace(self.problems, surfaces=self.problems.surfaces.window(first, stop))
+        return _Start(problems, self.touching.window(first, stop), self.qpos[first:stop])
+
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        return self.problems.model.forward(self.qpos)
+
+    @cached_property
+    def near(self) -> tuple[Clearance, ...]:
+        return clearances(
+            self.problems.config.weights.with_surfaces, self.touching, self.kinematics, self.problems.surfaces
+        )
+
+    @cached_property
+    def met_depth(self) -> float:
+        """The largest depth of links in each other and in objects [m], trapped ones left out."""
+        frames = len(self.qpos)
+        if frames > LONG:
+            return max(self.window(first, min(first + LONG, frames)).met_depth for first in range(0, frames, LONG))
+        in_links = self_depth(self.kinematics) if self.problems.config.weights.with_surfaces.self_clearance else 0.0
+        return max(in_links, free_depth(self.near, self.kinematics))

@@ -72,6 +72,7 @@ def surface_terms(  # noqa: PLR0913, PLR0917  # the parts of the terms
     reference: Kinematics,
     start: Kinematics,
     surfaces: Surfaces,
+    near: tuple[Clearance, ...],
     paths: tuple[EscapePath, ...] = (),
     *,
     relaxed: bool = False,
@@ -84,6 +85,7 @@ def surface_terms(  # noqa: PLR0913, PLR0917  # the parts of the terms
         reference: The IK trajectory.
         start: The trajectory that the solve starts from, by which points are chosen.
         surfaces: Of the same frames.
+        near: `clearances` at the start.
         paths: Of links out of objects; the clearance of these links hardly weighs, as its nearest way may differ.
         relaxed: Whether links trapped in an object at the start may stay there.
     """
@@ -91,15 +93,22 @@ def surface_terms(  # noqa: PLR0913, PLR0917  # the parts of the terms
         _along_surface(term, targets, surfaces) if isinstance(term, ObjectContact) and term.site not in PALMS else term
         for term in trajectory_terms(weights, targets, reference)
     )
-    clearances = tuple(_relaxed_on_escapes(term, paths) for term in _clearances(weights, targets, start, surfaces))
+    kept_apart = tuple(_relaxed_on_escapes(term, paths) for term in near)
     if relaxed:
-        clearances = _relaxed_around_trapped_links(clearances, start, seconds_to_frames(RELAXED_SECONDS, targets.fps))
-    return (*table, *clearances, *paths, *self_clearance_terms(weights, start))
+        kept_apart = _relaxed_around_trapped_links(kept_apart, start, seconds_to_frames(RELAXED_SECONDS, targets.fps))
+    return (*table, *kept_apart, *paths, *self_clearance_terms(weights, start))
 
 
-def free_depth(weights: Weights, targets: Targets, kinematics: Kinematics, surfaces: Surfaces) -> float:
+def clearances(
+    weights: Weights, targets: Targets, start: Kinematics, surfaces: Surfaces
+) -> tuple[Clearance, ...]:
+    """Return the terms of links and objects that are near each other along a trajectory."""
+    return tuple(_clearances(weights, targets, start, surfaces))
+
+
+def free_depth(near: tuple[Clearance, ...], kinematics: Kinematics) -> float:
     """Return the largest depth of links and objects in each other [m], where they are not trapped."""
-    depths = (term.depths(kinematics) for term in _clearances(weights, targets, kinematics, surfaces))
+    depths = (term.depths(kinematics) for term in near)
     return max((float(found[found < TRAPPED_DEPTH_M].max(initial=0.0)) for found in depths), default=0.0)
 
 
