@@ -61,12 +61,12 @@ COMPILED = _LIBRARY is not None
 """Whether this installation has the library."""
 
 
-def _function(name: str, arguments: str, *, allocates: bool = False) -> Callable[..., None]:
+def _function(name: str, arguments: str, *, allocates: bool = False, counts: bool = False) -> Callable[..., Any]:
     function = getattr(_LIBRARY, name, None)
     if function is None:
         return _missing
     function.argtypes = [_ARGUMENTS[kind] for kind in arguments]
-    function.restype = None
+    function.restype = _WHOLE if counts else None
     if allocates:
         function.restype, function.errcheck = ctypes.c_int, _checked
     return function
@@ -84,6 +84,7 @@ def _missing(*_: Any) -> None:
 _GRID_QUERY, _FIELD_QUERY = (_function(name, "ppiiipp") for name in ("grid_query", "field_query"))
 _SKIN_POINTS = _function("skin_points", "pppppipipippp")
 _SOLID_POINTS = _function("solid_points", "pppipipippp")
+_MEETING = _function("meeting", "ppiippdppppipiddpppp", counts=True)
 _HINGE = _function("hinge", "ppppddiippp")
 _FORWARD = _function("forward", "pppppiipp")
 _ADD_ROWS = _function("add_rows", "ppiippppippdii")
@@ -185,6 +186,43 @@ def solid_points(
         _at(levers), _at(distances), _at(away),
     )  # fmt: skip
     return levers, distances, away
+
+
+def meeting(  # noqa: PLR0913  # two links and what is asked of them
+    solid: Shape,
+    points: Float[np.ndarray, "K 3"],
+    neighbours: tuple[int, Int[np.ndarray, "K"], Float[np.ndarray, "K"], float],
+    link: Moving,
+    other: Moving,
+    frames: Int[np.ndarray, "F"],
+    *,
+    margin: float,
+    overrated: float,
+) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N 3"], Float[np.ndarray, "N"], Float[np.ndarray, "N 3"]]:
+    """Return the points of a link in another's solid: indices of frames, places, depths [m], slopes of distances.
+
+    Args:
+        solid: Of the other link.
+        points: Of the link, in its frame [m].
+        neighbours: Number of coarse points; for each point the nearest of these and how far that is, at most how far [m].
+        link: Pose of the link.
+        other: Pose of the other link.
+        frames: Frames that are looked at.
+        margin: Distance that counts as inside [m].
+        overrated: Factor by which the solid may overrate distances.
+    """
+    coarse, nearest, away, farthest = neighbours
+    points, own, others = _real(points), [_real(part) for part in link], [_real(part) for part in other]
+    chosen, nearest = (np.ascontiguousarray(part, dtype=np.int64) for part in (frames, nearest))
+    most = max(len(points) * len(frames), 1)
+    times, places, slopes = np.empty(most, dtype=np.int64), np.empty((most + 1, 3)), np.empty((most + 1, 3))
+    depths = np.empty(most + coarse)
+    found = _MEETING(
+        solid.address, _at(points), len(points), coarse, _at(nearest), _at(_real(away)), farthest,
+        *map(_at, (*own, *others)), own[1].shape[1], _at(chosen), len(frames), margin, overrated,
+        *map(_at, (times, places, depths, slopes)),
+    )  # fmt: skip
+    return times[:found].copy(), places[:found].copy(), depths[:found].copy(), slopes[:found].copy()
 
 
 def hinge(

@@ -124,3 +124,46 @@ EXPORTED void hinge(const double *levers, const double *distances, const double 
             angular[0] = y * c - z * b, angular[count] = z * a - x * c, angular[2 * count] = x * b - y * a;
         }
 }
+
+/* Points (K, 3) of one link in the solid of another, or not as far from it as `margin`, in the F `chosen` of T frames:
+   frame (an index into `chosen`), place in the solid's frame, depth, and slopes of the distance. Each point has one of the
+   first `coarse` of them as its neighbour, `away` from it: where that is far, so is the point. Beyond its grid a solid may
+   overrate distances by a factor of `overrated`. Returns their number. */
+EXPORTED whole meeting(const Grid *solid, const double *points, whole total, whole coarse, const whole *neighbour,
+                       const double *away, double farthest, const double *link_rotation, const double *link_position,
+                       const double *other_rotation, const double *other_position, whole frames, const whole *chosen,
+                       whole count, double margin, double overrated, whole *times, double *places, double *depths,
+                       double *slopes)
+{
+    whole found = 0;
+    double *rough = depths + count * total; /* Behind all that may be found. */
+    for (whole f = 0; f < count; f++) {
+        Pose link = pose_at(link_rotation, link_position, frames, chosen[f]);
+        Pose other = pose_at(other_rotation, other_position, frames, chosen[f]);
+        double turn[9], offset[3], way[3], least = INFINITY;
+        for (int i = 0; i < 3; i++) way[i] = link.position[i] - other.position[i];
+        turned_back(&other, way, offset);
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                turn[3 * i + j] = other.rotation[i] * link.rotation[j] + other.rotation[3 + i] * link.rotation[3 + j] +
+                                  other.rotation[6 + i] * link.rotation[6 + j];
+        for (whole k = 0; k < total; k++) {
+            if (k >= coarse && (least >= margin + overrated * farthest ||
+                                rough[neighbour[k]] >= margin + overrated * away[k]))
+                continue;
+            double *place = places + 3 * found;
+            const double *p = points + 3 * k;
+            for (int i = 0; i < 3; i++)
+                place[i] = turn[3 * i] * p[0] + turn[3 * i + 1] * p[1] + turn[3 * i + 2] * p[2] + offset[i];
+            double distance = grid_distance(solid, place, slopes + 3 * found);
+            if (k < coarse) {
+                rough[k] = distance;
+                if (distance < least) least = distance;
+            }
+            if (margin - distance <= 0.0) continue;
+            depths[found] = margin - distance;
+            times[found++] = f;
+        }
+    }
+    return found;
+}

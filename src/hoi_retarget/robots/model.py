@@ -35,6 +35,9 @@ from hoi_retarget.robots.mjcf import compile_mjcf
 from hoi_retarget.robots.spec import SIDES, SITES, SOLE_CORNERS, RobotSpec
 
 
+_KEPT_FRAMES = 2000  # Of longer trajectories, orientations would take more memory than time.
+
+
 @dataclass(frozen=True, eq=False)
 class RobotModel:
     """The kinematic tree of one robot with its limits; n hinges, N = n + 1 nodes."""
@@ -179,6 +182,7 @@ class Kinematics:
     node_position: Float[np.ndarray, "3 N T"]
     node_rotation: Float[np.ndarray, "3 3 N T"]
     _points: dict[Frame, np.ndarray] = field(default_factory=dict, init=False, repr=False)
+    _orientations: dict[Frame, np.ndarray] = field(default_factory=dict, init=False, repr=False)
 
     def frame(self, site: str | Frame) -> Frame:
         """Return a site's frame by its name, or the given frame; raises `RobotError` when there is no such site."""
@@ -202,7 +206,12 @@ class Kinematics:
     def orientation(self, site: str | Frame) -> Float[np.ndarray, "3 3 T"]:
         """Return the world rotation matrices of a site or another frame, time last."""
         frame = self.frame(site)
-        return np.einsum("ijt,jk->ikt", self.node_rotation[:, :, frame.node], frame.rotation)
+        if frame in self._orientations:
+            return self._orientations[frame]
+        turn = np.einsum("ijt,jk->ikt", self.node_rotation[:, :, frame.node], frame.rotation)
+        if len(self.qpos) <= _KEPT_FRAMES:
+            self._orientations[frame] = turn
+        return turn
 
     def site_position(self, site: str) -> Float[np.ndarray, "T 3"]:
         """Return a site's world position [m]."""

@@ -13,6 +13,7 @@ import numpy as np
 import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float, Int
 
+from hoi_retarget.kernels import library
 from hoi_retarget.numerics.distance_grid import DistanceGrid
 from hoi_retarget.robots.frames import Frame
 from hoi_retarget.robots.model import Kinematics
@@ -58,18 +59,10 @@ class LinkPair:
 
         The link has the trajectory `here` and the other `there`: the same one, or those of two robots.
         """
-        position, rotation = _pose(here, self.link, self.frames)
-        other_position, turn = _pose(there, self.other, self.frames)
-        relative = np.einsum("jit,jkt->ikt", turn, rotation)
-        offset = np.einsum("jit,jt->it", turn, position - other_position)
-        times, points = self._near(relative, offset, margin)
-        seen = np.einsum("ijk,kj->ki", relative[:, :, times], self.skin.points[points]) + offset[:, times].T
-        depths = margin - self.solid.distances(seen)
-        inside = depths > 0
-        if not inside.any():
+        times, seen, depths, slopes = self._inside(here, there, margin)
+        if not times.size:
             return None
-        times, seen, depths = times[inside], seen[inside], depths[inside]
-        _, slopes = self.solid.distances_and_slopes(seen)
+        turn = there.orientation(self.other)[:, :, self.frames]
         slopes[depths > self.deepest] = 0.0
         if self.side is not None:
             away = np.einsum("jik,jk->ki", turn[:, :, times], self.side[:, self.frames[times]])
@@ -82,8 +75,28 @@ class LinkPair:
         inwards, levers = np.zeros((2, len(found), 3, len(active)))
         found[row, column] = np.minimum(depths, self.deepest)
         inwards[row, :, column] = -np.einsum("ijk,kj->ki", turn[:, :, times], slopes)
-        levers[row, :, column] = np.einsum("ijk,kj->ki", turn[:, :, times], seen - offset[:, times].T)
+        offset = there.point(self.other)[:, self.frames] - here.point(self.link)[:, self.frames]
+        levers[row, :, column] = np.einsum("ijk,kj->ki", turn[:, :, times], seen) + offset[:, times].T
         return Meeting(self.frames[active], found, inwards, levers)
+
+    def _inside(
+        self, here: Kinematics, there: Kinematics, margin: float
+    ) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N 3"], Float[np.ndarray, "N"], Float[np.ndarray, "N 3"]]:
+        """Return index of the frame, place in the solid's frame and depth [m] of points inside; slopes of distances."""
+        link, other = ((own.orientation(at), own.point(at)) for own, at in ((here, self.link), (there, self.other)))
+        if library.COMPILED:
+            neighbours = self.skin.coarse, self.skin.nearest, self.skin.away, COARSE
+            factors = {"margin": margin, "overrated": _OVERRATED}
+            solid = self.solid.compiled
+            return library.meeting(solid, self.skin.points, neighbours, link, other, self.frames, **factors)
+        rotation, turn = link[0][:, :, self.frames], other[0][:, :, self.frames]
+        relative = np.einsum("jit,jkt->ikt", turn, rotation)
+        offset = np.einsum("jit,jt->it", turn, (link[1] - other[1])[:, self.frames])
+        times, points = self._near(relative, offset, margin)
+        seen = np.einsum("ijk,kj->ki", relative[:, :, times], self.skin.points[points]) + offset[:, times].T
+        distances, slopes = self.solid.distances_and_slopes(seen)
+        inside = distances < margin
+        return times[inside], seen[inside], margin - distances[inside], slopes[inside]
 
     def _ways_out(
         self, points: Float[np.ndarray, "K 3"], away: Float[np.ndarray, "K 3"], margin: float
