@@ -95,7 +95,7 @@ _NEAREST_SAMPLES = _function("nearest_samples", "pppppiddidpp", allocates=True)
 _DEEPEST_SAMPLES = _function("deepest_samples", "pppppidp")
 _INSIDE_SUMS = _function("inside_sums", "ppppppidpp")
 _WAYS_OUT = _function("ways_out", "ppppppidpdddpp", allocates=True)
-_NEAREST_SKIN = _function("nearest_skin", "ppippppippidddidppp", allocates=True)
+_NEAREST_SKIN = _function("nearest_skin", "ppippppippiddidppp", allocates=True)
 
 
 def _at(array: np.ndarray | None) -> int | None:
@@ -407,7 +407,6 @@ def nearest_skin(  # noqa: PLR0913  # the parts of a skin, and what is asked of 
     *,
     near: float,
     spread: float,
-    far: float,
     count: int,
     apart: float,
 ) -> tuple[Int[np.ndarray, "F K"], Float[np.ndarray, "F"], Float[np.ndarray, "F"]]:
@@ -417,6 +416,6 @@ def nearest_skin(  # noqa: PLR0913  # the parts of a skin, and what is asked of 
     chosen, found = np.empty((len(own[1]), count), dtype=np.int64), np.empty((2, len(own[1])))
     _NEAREST_SKIN(
         surface.address, _at(points), len(points), *map(_at, (order, firsts, counts, radii)), len(counts),
-        *map(_at, own), len(own[1]), near, spread, far, count, apart, _at(chosen), _at(found[0]), _at(found[1]),
+        *map(_at, own), len(own[1]), near, spread, count, apart, _at(chosen), _at(found[0]), _at(found[1]),
     )  # fmt: skip
     return chosen, found[0], found[1]

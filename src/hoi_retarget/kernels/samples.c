@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 #include "kernels.h"
 
 /* A walk over the samples within a radius of a link's middle, cell by cell. */
@@ -178,20 +179,32 @@ static double placed_distance(const Field *surface, const double *rotation, cons
     return field_distance(surface, place, NULL);
 }
 
+static int close_to_any(const double *points, const whole *chosen, whole count, whole point, double apart)
+{
+    const double *p = points + 3 * point;
+    for (whole k = 0; k < count; k++) {
+        const double *q = points + 3 * chosen[k];
+        double x = p[0] - q[0], y = p[1] - q[1], z = p[2] - q[2];
+        if (x * x + y * y + z * z < apart * apart) return 1;
+    }
+    return 0;
+}
+
 /* For each of N poses of a link on a surface: `each` points (P, 3) of its skin that are near, the nearest one, then the
    nearest that is not closer than `apart` to those before, and so on; the distance of the nearest, and one that no point
    is nearer than. Skin comes in patches around its first points: patch c has `counts[c]` points, `order[firsts[c]]` and
-   following, within `radii[c]`. Those further than `near`, or `spread` further than the nearest, are not looked at and
-   count as `far`. Returns 0, or 1 where memory is short. */
+   following, within `radii[c]`. Those further than `near`, or `spread` further than the nearest, are not looked at: they
+   are chosen, in their order, when none of the others is left. Returns 0, or 1 where memory is short. */
 EXPORTED int nearest_skin(const Field *surface, const double *points, whole total, const whole *order,
                           const whole *firsts, const whole *counts, const double *radii, whole patches,
                           const double *rotations, const double *origins, whole poses, double near, double spread,
-                          double far, whole each, double apart, whole *chosen, double *nearest, double *least)
+                          whole each, double apart, whole *chosen, double *nearest, double *least)
 {
-    double *distances = malloc(sizeof(double) * (size_t)(total + patches));
-    if (!distances) return 1;
-    double *rough = distances + total;
-    for (whole n = 0; n < poses; n++) {
+    double *rough = malloc(sizeof(double) * (size_t)patches);
+    Candidate *found = malloc(sizeof(Candidate) * (size_t)total);
+    char *seen = malloc((size_t)total);
+    int failed = !rough || !found || !seen;
+    for (whole n = 0; n < poses && !failed; n++) {
         const double *r = rotations + 9 * n, *o = origins + 3 * n;
         double smallest = INFINITY;
         least[n] = nearest[n] = INFINITY;
@@ -200,31 +213,38 @@ EXPORTED int nearest_skin(const Field *surface, const double *points, whole tota
             if (rough[c] < smallest) smallest = rough[c];
             if (rough[c] - radii[c] < least[n]) least[n] = rough[c] - radii[c];
         }
-        for (whole k = 0; k < total; k++) distances[k] = far;
+        whole count = 0, *own = chosen + n * each, next_one = 0;
+        memset(seen, 0, (size_t)total);
         double limit = smallest + spread < near ? smallest + spread : near;
         for (whole c = 0; c < patches; c++) {
             if (!(rough[c] - radii[c] < limit)) continue;
             for (whole k = firsts[c]; k < firsts[c] + counts[c]; k++) {
-                double distance = placed_distance(surface, r, o, points + 3 * order[k]);
-                distances[order[k]] = distance;
-                if (distance < nearest[n]) nearest[n] = distance;
+                const double *place = points + 3 * order[k];
+                found[count++] = (Candidate){placed_distance(surface, r, o, place), place, order[k]};
+                seen[order[k]] = 1;
             }
         }
         for (whole e = 0; e < each; e++) {
-            whole best = 0;
-            for (whole k = 1; k < total; k++)
-                if (distances[k] < distances[best]) best = k;
-            chosen[n * each + e] = best;
-            const double *b = points + 3 * best;
-            for (whole k = 0; k < total; k++) {
-                const double *q = points + 3 * k;
-                double x = q[0] - b[0], y = q[1] - b[1], z = q[2] - b[2];
-                if (x * x + y * y + z * z < apart * apart) distances[k] += far;
+            if (count) {
+                Candidate first = found[0];
+                for (whole k = 1; k < count; k++)
+                    if (found[k].distance < first.distance ||
+                        (found[k].distance == first.distance && found[k].index < first.index))
+                        first = found[k];
+                own[e] = first.index;
+                if (e == 0) nearest[n] = first.distance;
+                whole left = 0;
+                for (whole k = 0; k < count; k++)
+                    if (!close_to_any(points, own + e, 1, found[k].index, apart)) found[left++] = found[k];
+                count = left;
+                continue;
             }
+            while (next_one < total && (seen[next_one] || close_to_any(points, own, e, next_one, apart))) next_one++;
+            own[e] = next_one < total ? next_one : own[0];
         }
     }
-    free(distances);
-    return 0;
+    free(rough), free(found), free(seen);
+    return failed;
 }
 
 /* For each of N poses, the way of a solid along a direction until no sample is inside it, up to `most`, in steps of at

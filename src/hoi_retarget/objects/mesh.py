@@ -24,6 +24,7 @@ from hoi_retarget.objects.track import ObjectGeometry
 _MAX_THIN_SINE = 1e-3  # Sine of a triangle's smallest angle.
 _EDGES = ((0, 1), (1, 2), (2, 0))
 _HALF_A_TURN = 0.5  # Between the winding numbers of outside, 0, and inside, 1 or -1.
+_IN_BALL = 1.0 + 1e-6  # How much larger a ball must be than the way to its middle, to hold the point.
 _EXACT_DISTANCE = 1e-5  # Of the surface's size; below it, a point's side is decided in double precision.
 
 # What trimesh raises for files that are no meshes.
@@ -120,7 +121,26 @@ class Surface:
 
     def encloses(self, points: Float[np.ndarray, "K 3"], distances: Float[np.ndarray, "K"]) -> Bool[np.ndarray, "K"]:
         """Return which points are inside, as for `signed_distances`, given their distances from the surface [m]."""
-        return np.abs(self.winding_numbers(points, distances)) > _HALF_A_TURN
+        return np.abs(self.winding_numbers(*self._moved_off(points, distances))) > _HALF_A_TURN
+
+    def _moved_off(
+        self, points: Float[np.ndarray, "K 3"], distances: Float[np.ndarray, "K"]
+    ) -> tuple[Float[np.ndarray, "K 3"], Float[np.ndarray, "K"]]:
+        """Return points and distances, those very near to the surface moved away from it on their side [m].
+
+        Within a ball that holds no surface all is on one side: a point has that of the middle.
+        """
+        way = 2.0 * _EXACT_DISTANCE * float(np.ptp(self.vertices, axis=0).max())
+        near = np.flatnonzero((distances < 0.5 * way) & (distances > 0.0))
+        if not near.size:
+            return points, distances
+        away = points[near] - self.closest_points(points[near])
+        there = points[near] + way * away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-300)
+        apart = self.distances(there)
+        free = apart > _IN_BALL * way
+        points, distances = points.copy(), distances.copy()
+        points[near[free]], distances[near[free]] = there[free], apart[free]
+        return points, distances
 
     @functools.cached_property
     def closed(self) -> bool:

@@ -264,7 +264,7 @@ def near_skin(link: LinkAtObject, count: int, apart: float) -> NearSkin:
     count, poses = min(count, len(points)), link.poses(frames)
     if library.COMPILED:
         parts = patches.order, patches.first, patches.count, patches.radius
-        options = {"near": NEAR, "spread": SPREAD, "far": FAR, "count": count, "apart": apart}
+        options = {"near": NEAR, "spread": SPREAD, "count": count, "apart": apart}
         surface, own = link.moving_object.field.compiled, (poses.rotations, poses.origins)
         return NearSkin(frames, *library.nearest_skin(surface, points, parts, own, **options))
     placed = np.einsum("fij,pj->fpi", poses.rotations, points) + poses.origins[:, None]
@@ -287,5 +287,5 @@ def spread(
     for index in range(count):
         chosen[:, index] = left.argmin(axis=1)
         away = points - points[chosen[:, index], None]
-        left += np.where(np.einsum("fpi,fpi->fp", away, away) < apart**2, FAR, 0.0)
+        left += np.where(np.einsum("fpi,fpi->fp", away, away) < apart**2, 2.0 * FAR, 0.0)
     return chosen
