@@ -17,12 +17,15 @@ import scipy  # its modules are loaded where they are first used
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.errors import GeometryError, MeshError, ReadError
+from hoi_retarget.files import user_cache
 from hoi_retarget.files.reading import check_file
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.objects.track import ObjectGeometry
 
 _MAX_THIN_SINE = 1e-3  # Sine of a triangle's smallest angle.
 _EDGES = ((0, 1), (1, 2), (2, 0))
+_ALONE = {".obj", ".ply", ".stl", ".off"}  # Such a file is a whole mesh: what was parsed is kept in the user's cache.
+_VERSION = 1  # Of what is kept.
 _HALF_A_TURN = 0.5  # Between the winding numbers of outside, 0, and inside, 1 or -1.
 _IN_BALL = 1.0 + 1e-6  # How much larger a ball must be than the way to its middle, to hold the point.
 _EXACT_DISTANCE = 1e-5  # Of the surface's size; below it, a point's side is decided in double precision.
@@ -248,18 +251,26 @@ def _own(geometry: ObjectGeometry) -> Surface:
 @functools.lru_cache(maxsize=32)
 def _load(path: Path, _modified: int, _size: int) -> Surface:
     """Read one mesh; the time and the size only tell a changed file from a known one."""
-    import trimesh  # noqa: PLC0415  # takes a third of a second, and only surfaces need it
-
     try:
         check_file(path)
-        # Materials would open other files, which nothing here looks at.
-        options: Any = {"skip_materials": True} if path.suffix.lower() == ".obj" else {}
-        mesh: Any = trimesh.load(path, process=False, force="mesh", **options)
-        return Surface(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+        if path.suffix.lower() not in _ALONE:
+            return Surface(*_parsed(path).values())
+        name = f"mesh-{hashlib.sha256(path.read_bytes()).hexdigest()[:32]}{path.suffix.lower()}.{_VERSION}.npz"
+        kinds = {"vertices": "f", "faces": "iu"}
+        return Surface(*user_cache.cached_arrays(name, kinds, lambda: _parsed(path)).values())
     except ReadError as error:
         raise MeshError(str(error)) from error
     except (*_MESH_ERRORS, GeometryError) as error:
         raise MeshError(f"{path}: no mesh with triangles can be read from it ({error}). Export it again.") from error
+
+
+def _parsed(path: Path) -> dict[str, np.ndarray]:
+    import trimesh  # noqa: PLC0415  # takes a third of a second, and only meshes that are not known by now need it
+
+    # Materials would open other files, which nothing here looks at.
+    options: Any = {"skip_materials": True} if path.suffix.lower() == ".obj" else {}
+    mesh: Any = trimesh.load(path, process=False, force="mesh", **options)
+    return {"vertices": np.asarray(mesh.vertices, dtype=float), "faces": np.asarray(mesh.faces)}
 
 
 def _hull(points: Float[np.ndarray, "P 3"]) -> Surface:
