@@ -155,12 +155,13 @@ EXPORTED whole meeting(const Grid *solid, const double *points, whole total, who
             const double *p = points + 3 * k;
             for (int i = 0; i < 3; i++)
                 place[i] = turn[3 * i] * p[0] + turn[3 * i + 1] * p[1] + turn[3 * i + 2] * p[2] + offset[i];
-            double distance = grid_distance(solid, place, slopes + 3 * found);
+            double distance = grid_distance(solid, place, NULL);
             if (k < coarse) {
                 rough[k] = distance;
                 if (distance < least) least = distance;
             }
             if (margin - distance <= 0.0) continue;
+            grid_distance(solid, place, slopes + 3 * found);
             depths[found] = margin - distance;
             times[found++] = f;
         }

@@ -1,6 +1,6 @@
 /* Forward kinematics, and normal equations of rows that depend on the poses of frames. */
 
-#include <string.h>
+#include <math.h>
 #include "kernels.h"
 
 /* Poses (3, 3, N, T) and (3, N, T) of all nodes; those of the root are given. `turns` are `hinge_rotations` (3, 3, 3, n). */
@@ -54,6 +54,9 @@ EXPORTED void add_rows(double *matrices, double *forces, whole nodes, whole node
             }
             if (by_angular)
                 for (int i = 0; i < 3; i++) jacobian[3 + i] += by_angular[(3 * m + i) * count + f];
+            double any = 0.0;
+            for (int i = 0; i < 6; i++) any += fabs(jacobian[i]);
+            if (any == 0.0) continue; /* A hinge that is not reached. */
             double pull = own * residual[m * count + f];
             for (int a = 0; a < 6; a++) {
                 double weighted = own * jacobian[a];

@@ -33,15 +33,21 @@ class LinkFloor:
     weight: float
 
     def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
-        """Return one row a point."""
-        lever = np.einsum("ijf,jkf->kif", kinematics.orientation(self.frame)[:, :, self.frames], self.points)
-        height = kinematics.point(self.frame)[2, self.frames] + lever[:, 2]
+        """Return one row a point, in the frames in which any is below."""
+        turn = kinematics.orientation(self.frame)
+        height = np.einsum("jf,jkf->kf", turn[2][:, self.frames], self.points)
+        height += kinematics.point(self.frame)[2, self.frames]
+        sunk = np.flatnonzero(height.min(axis=0, initial=0.0) < 0.0)
+        if not sunk.size:
+            return ()
+        height, frames = height[:, sunk], self.frames[sunk]
+        lever = np.einsum("ijf,jkf->kif", turn[:2][:, :, frames], self.points[:, :, sunk])
         below = height < 0.0
         zero, one = np.zeros_like(height), below.astype(float)
         # z of a point moves with v_z + (omega x lever)_z.
         by_linear = np.stack([zero, zero, one], axis=1)
         by_angular = np.stack([below * lever[:, 1], below * -lever[:, 0], zero], axis=1)
-        return (FrameRows(self.frame, below * height, by_linear, by_angular, self.weight, self.frames),)
+        return (FrameRows(self.frame, below * height, by_linear, by_angular, self.weight, frames),)
 
 
 def link_floor_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[LinkFloor]:
