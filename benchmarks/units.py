@@ -118,7 +118,9 @@ def main(arguments: Arguments) -> None:
         if arguments.gmr is not None:
             with tempfile.TemporaryDirectory() as folder:
                 given = arguments.gmr.absolute(), arguments.gmr_script.resolve()
-                each = [by_gmr(*given, file, arguments.objects, Path(folder) / f"{file.stem}.npz") for file in files[:5]]
+                each = [
+                    by_gmr(*given, file, arguments.objects, Path(folder) / f"{file.stem}.npz") for file in files[:5]
+                ]
                 others.append(float(np.mean(each)))
         for robot in arguments.robots:
             for mode in arguments.modes:

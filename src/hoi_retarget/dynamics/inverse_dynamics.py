@@ -9,12 +9,12 @@ from functools import lru_cache
 
 import mujoco
 import numpy as np
-import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float
 
 from hoi_retarget.dynamics.actuators import actuators_of
 from hoi_retarget.dynamics.object_bodies import ObjectBody
 from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.filters import savitzky_golay
 from hoi_retarget.robots.mjcf import compile_mjcf
 from hoi_retarget.robots.model import Kinematics, RobotModel
 
@@ -131,7 +131,7 @@ def _fitted(path: np.ndarray, fps: float, seconds: float, derivative: int) -> np
     if window < 3:
         return path.copy() if derivative == 0 else np.zeros_like(path)
     order = min(_CUBIC, window - 1)
-    return np.asarray(scipy.signal.savgol_filter(path, window, order, deriv=derivative, delta=1.0 / fps, axis=0))
+    return savitzky_golay(path, window, order, derivative, 1.0 / fps)
 
 
 @lru_cache(maxsize=8)

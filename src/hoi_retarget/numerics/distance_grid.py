@@ -7,7 +7,8 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float
 
-from hoi_retarget.kernels.library import COMPILED, Shape
+from hoi_retarget.kernels.library import COMPILED
+from hoi_retarget.kernels.shape import Shape
 
 
 def interpolate(corners: Float[np.ndarray, "8 K"], place: Float[np.ndarray, "3 K"]) -> Float[np.ndarray, "K"]:
@@ -56,12 +57,12 @@ class DistanceGrid:
     step: float
     """[m]"""
     values: Float[np.ndarray, "X Y Z"]
-    """[m]"""
+    """[m], in single precision."""
 
     def distances(self, points: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K"]:
         """Return signed distances [m], trilinear; beyond the grid, the way to it is added."""
         if COMPILED:
-            return self.compiled.query(points, slopes=False)[0]
+            return self.compiled.distances(points)
         corners, place, beyond = self._cells(points)
         return interpolate(corners, place) + _norms(beyond)
 
@@ -70,7 +71,7 @@ class DistanceGrid:
     ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
         """Return `distances` [m], and their derivatives by the points [unitless]."""
         if COMPILED:
-            return self.compiled.query(points, slopes=True)
+            return self.compiled.distances_and_slopes(points)
         corners, place, beyond = self._cells(points)
         distances, slopes = with_slopes(corners, place)
         away = _norms(beyond)

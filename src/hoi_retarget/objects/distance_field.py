@@ -17,7 +17,8 @@ import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float, Int
 
 from hoi_retarget.files import user_cache
-from hoi_retarget.kernels.library import COMPILED, Shape
+from hoi_retarget.kernels.library import COMPILED
+from hoi_retarget.kernels.shape import Shape
 from hoi_retarget.numerics.distance_grid import directions, interpolate, with_slopes
 from hoi_retarget.objects.mesh import Surface, surface_of
 from hoi_retarget.objects.track import ObjectGeometry
@@ -219,7 +220,7 @@ class DistanceField:
         the distance.
         """
         if COMPILED:
-            return self.compiled.query(points, slopes=False)[0]
+            return self.compiled.distances(points)
         return np.concatenate([self._distances(block) for block in _blocks(points)])
 
     def distances_and_slopes(
@@ -227,7 +228,7 @@ class DistanceField:
     ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
         """Return the distances of points [m], and their derivatives by the points."""
         if COMPILED:
-            return self.compiled.query(points, slopes=True)
+            return self.compiled.distances_and_slopes(points)
         distances, slopes = zip(*(self._distances_and_slopes(block) for block in _blocks(points)), strict=True)
         return np.concatenate(distances), np.concatenate(slopes)
 

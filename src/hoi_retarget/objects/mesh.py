@@ -254,10 +254,12 @@ def _load(path: Path, _modified: int, _size: int) -> Surface:
     try:
         check_file(path)
         if path.suffix.lower() not in _ALONE:
-            return Surface(*_parsed(path).values())
+            parsed = _parsed(path)
+            return Surface(parsed["vertices"], parsed["faces"])
         name = f"mesh-{hashlib.sha256(path.read_bytes()).hexdigest()[:32]}{path.suffix.lower()}.{_VERSION}.npz"
         kinds = {"vertices": "f", "faces": "iu"}
-        return Surface(*user_cache.cached_arrays(name, kinds, lambda: _parsed(path)).values())
+        found = user_cache.cached_arrays(name, kinds, lambda: _parsed(path))
+        return Surface(found["vertices"], found["faces"])
     except ReadError as error:
         raise MeshError(str(error)) from error
     except (*_MESH_ERRORS, GeometryError) as error:

@@ -10,9 +10,9 @@ import numpy as np
 import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float, Int
 
-from hoi_retarget.kernels.library import COMPILED, PointCells
+from hoi_retarget.kernels.library import COMPILED
+from hoi_retarget.kernels.point_cells import Placed, PointCells
 from hoi_retarget.numerics.distance_grid import DistanceGrid
-
 
 OVERRATED = 1.5
 """Beyond its grid, a solid may seem further away than it is by a factor of up to the root of 2."""
@@ -56,7 +56,7 @@ class SurfaceSamples:
     def nearest(
         self, poses: SolidPoses, near: float, count: int, apart: float
     ) -> tuple[Int[np.ndarray, "N K"], Int[np.ndarray, "N"]]:
-        """Return the samples nearest to a solid in each pose, spread, and how many they are.
+        """Return the samples nearest to a solid in each pose, spread, and their number.
 
         Args:
             poses: Of the solid.
@@ -65,7 +65,7 @@ class SurfaceSamples:
             apart: Least distance between two of them [m].
         """
         if COMPILED:
-            return self._cells.nearest(*_compiled(poses), near, count, apart)
+            return self._cells.nearest(_placed(poses), near, count, apart)
         chosen, number = np.zeros((len(poses.origins), count), dtype=int), np.zeros(len(poses.origins), dtype=int)
         for pose, (index, seen) in enumerate(self._seen(poses, near)):
             distances = poses.solid.nearest_distances(seen)
@@ -81,7 +81,7 @@ class SurfaceSamples:
     def least_distances(self, poses: SolidPoses) -> Float[np.ndarray, "N"]:
         """Return the least of the distances of samples in the ball from the solid [m]; infinite without any."""
         if COMPILED:
-            return self._cells.deepest(*_compiled(poses))
+            return self._cells.deepest(_placed(poses))
         return np.array([poses.solid.distances(seen).min(initial=np.inf) for _, seen in self._seen(poses, 0.0)])
 
     def inside(
@@ -94,7 +94,7 @@ class SurfaceSamples:
             pivots: Points about which it turns, in the frame of the surface [m].
         """
         if COMPILED:
-            return self._cells.inside(*_compiled(poses), pivots)
+            return self._cells.inside(_placed(poses), pivots)
         squares, products = np.zeros((len(pivots), 6, 6)), np.zeros((len(pivots), 6))
         for pose, (index, seen) in enumerate(self._seen(poses, 0.0)):
             distances, slopes = poses.solid.distances_and_slopes(seen)
@@ -107,7 +107,7 @@ class SurfaceSamples:
     def ways_out(
         self, poses: SolidPoses, directions: Float[np.ndarray, "N 3"], most: float, least_step: float
     ) -> tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N 3"]]:
-        """Return how far the solid must go along directions until no sample is in it [m], and its nearest sample.
+        """Return the ways of the solid along directions until no sample is in it [m], and its nearest sample before.
 
         Args:
             poses: Of the solid.
@@ -117,8 +117,8 @@ class SurfaceSamples:
         """
         wider = replace(poses, radius=poses.radius + most)
         if COMPILED:
-            options = most, least_step, OVERRATED
-            return self._cells.ways_out(*_compiled(wider), poses.middle, directions, *options)
+            limits = most, least_step, OVERRATED
+            return self._cells.ways_out(_placed(wider), poses.middle, directions, limits)
         ways, nearest = np.zeros(len(directions)), np.repeat(poses.middle[None], len(directions), axis=0)
         for pose, (_, seen) in enumerate(self._seen(wider, 0.0)):
             back, distances = directions[pose] @ poses.rotations[pose], poses.solid.distances(seen)
@@ -146,5 +146,5 @@ class SurfaceSamples:
         return [(index, (self.points[index] - origin) @ turn) for index, turn, origin in every]
 
 
-def _compiled(poses: SolidPoses) -> tuple:
-    return poses.solid.compiled, poses.rotations, poses.origins, poses.centres, poses.radius
+def _placed(poses: SolidPoses) -> Placed:
+    return Placed(poses.solid.compiled, poses.rotations, poses.origins, poses.centres, poses.radius)

@@ -17,7 +17,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.errors import RobotError
-from hoi_retarget.kernels import library
+from hoi_retarget.kernels import tree_sums
+from hoi_retarget.kernels.library import COMPILED
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.robots.frames import (
@@ -33,7 +34,6 @@ from hoi_retarget.robots.frames import (
 )
 from hoi_retarget.robots.mjcf import compile_mjcf
 from hoi_retarget.robots.spec import SIDES, SITES, SOLE_CORNERS, RobotSpec
-
 
 _KEPT_FRAMES = 2000  # Of longer trajectories, orientations would take more memory than time.
 
@@ -123,7 +123,7 @@ class RobotModel:
 
     @cached_property
     def moving_columns(self) -> tuple[Int[np.ndarray, "nv nv"], Int[np.ndarray, "nv"]]:
-        """Return, for each tangent coordinate, the ones that move its node, up to itself, and how many these are."""
+        """Return, for each tangent coordinate, the coordinates that move its node, up to itself, and their number."""
         rows, columns = self.coupled_columns
         count = np.bincount(rows, minlength=self.nv)
         table = np.zeros((self.nv, self.nv), dtype=int)
@@ -145,8 +145,8 @@ class RobotModel:
         position = np.empty((3, self.n + 1, len(qpos)))
         rotation[:, :, 0] = se3.quat_to_matrix(qpos[:, 3:7]).transpose(1, 2, 0)
         position[:, 0] = qpos[:, :3].T
-        if library.COMPILED:
-            library.forward(self.parents, self.offsets, self.hinge_rotations, theta, rotation, position)
+        if COMPILED:
+            tree_sums.forward(self.parents, self.offsets, self.hinge_rotations, theta, rotation, position)
             return Kinematics(self, qpos, position, rotation)
         constant, cosine, sine = self.hinge_rotations[..., None]
         local = constant + cosine * np.cos(theta) + sine * np.sin(theta)

@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 from jaxtyping import Float
-from scipy.signal import savgol_filter
 
 from hoi_retarget.dynamics.inverse_dynamics import movement_of
 from hoi_retarget.dynamics.physics_scene import PhysicsScene, compiled
 from hoi_retarget.dynamics.physics_settings import Refinement
 from hoi_retarget.numerics.arrays import frozen
+from hoi_retarget.numerics.filters import savitzky_golay
 from hoi_retarget.simulation.balance_transition import with_lead_in_and_out
 from hoi_retarget.simulation.control import (
     KNOT,
@@ -345,5 +345,5 @@ def _paths(scene: PhysicsScene, reference: Reference, rollout: Rollout) -> Itera
         window = 2 * round(0.5 * (of_targets / TICK - 1.0)) + 1
         targets = rollout.targets
         if len(targets) > window > _CUBIC:
-            targets = np.asarray(savgol_filter(targets, window, _CUBIC, axis=0))
+            targets = savitzky_golay(targets, window, _CUBIC)
         yield replace(reference, qpos=frozen(qpos), qvel=frozen(qvel)), targets

@@ -114,7 +114,9 @@ class SurfaceProblems:
         touching = self._touching(qpos)
         # Skin that was far from the surface before a pass may have sunk in: each pass chooses its points anew.
         for effort, last in ((FINE, False), (FINAL, True)):
-            qpos = solve_pass(self._with_surfaces(_Start(self, touching, qpos), paths, relaxed=last), qpos, effort, last)
+            qpos = solve_pass(
+                self._with_surfaces(_Start(self, touching, qpos), paths, relaxed=last), qpos, effort, last
+            )
         start = _Start(self, touching, qpos)
         if start.met_depth < MET_DEPTH_M:
             return qpos
@@ -184,7 +186,7 @@ class SurfaceProblems:
 
 @dataclass(frozen=True, eq=False)
 class _Start:
-    """A trajectory that a pass starts from or ends with, and what is near along it, found once."""
+    """A trajectory that a pass starts from or ends with, and terms of things that are near along it, made once."""
 
     problems: SurfaceProblems
     touching: Targets

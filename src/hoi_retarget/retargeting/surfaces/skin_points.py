@@ -9,9 +9,11 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy  # its modules are loaded where they are first used
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
-from hoi_retarget.kernels import library
+from hoi_retarget.kernels import moving_points
+from hoi_retarget.kernels.library import COMPILED
+from hoi_retarget.kernels.point_cells import nearest_skin
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.distance_field import DistanceField, Region, distance_field, is_large, surface_samples
 from hoi_retarget.objects.mesh import surface_of
@@ -71,8 +73,8 @@ def hinge_rows(  # noqa: PLR0913, PLR0917  # the parts of rows
         weight: [1/m^2]
         frames: Of the rows.
     """
-    if library.COMPILED:
-        return FrameRows(frame, *library.hinge(lever, distances, normals, margin, LINEAR_BEYOND), weight, frames)
+    if COMPILED:
+        return FrameRows(frame, *moving_points.hinge(lever, distances, normals, margin, LINEAR_BEYOND), weight, frames)
     residual, slope = softened(np.minimum(distances - margin, 0.0), LINEAR_BEYOND)
     along = np.where(residual < 0.0, slope, 0.0) * normals
     by_linear, by_angular = along.transpose(1, 0, 2), moments(lever, along).transpose(1, 0, 2)
@@ -157,9 +159,7 @@ def _shape_near(
 
 
 @lru_cache(maxsize=16)
-def _shape_of(
-    geometry: ObjectGeometry, scale: float, shell_spacing: float
-) -> tuple[DistanceField, SurfaceSamples]:
+def _shape_of(geometry: ObjectGeometry, scale: float, shell_spacing: float) -> tuple[DistanceField, SurfaceSamples]:
     """Return the distances and samples of an object's surface at another size; geometries are known by identity."""
     return _sampled(geometry, scale, shell_spacing, None)
 
@@ -262,11 +262,11 @@ def near_skin(link: LinkAtObject, count: int, apart: float) -> NearSkin:
     """
     points, patches, frames = link.skin.points, patches_of(link.skin), link.near_frames
     count, poses = min(count, len(points)), link.poses(frames)
-    if library.COMPILED:
+    if COMPILED:
         parts = patches.order, patches.first, patches.count, patches.radius
         options = {"near": NEAR, "spread": SPREAD, "count": count, "apart": apart}
         surface, own = link.moving_object.field.compiled, (poses.rotations, poses.origins)
-        return NearSkin(frames, *library.nearest_skin(surface, points, parts, own, **options))
+        return NearSkin(frames, *nearest_skin(surface, points, parts, own, **options))
     placed = np.einsum("fij,pj->fpi", poses.rotations, points) + poses.origins[:, None]
     distances = link.moving_object.field.distances(placed.reshape(-1, 3)).reshape(placed.shape[:2])
     rough = distances[:, : len(patches.count)]

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from hoi_retarget.kernels import library
+from hoi_retarget.kernels import moving_points
+from hoi_retarget.kernels.library import COMPILED
 from hoi_retarget.retargeting.surfaces.skin_points import (
     NEAR,
     LinkAtObject,
@@ -55,12 +56,12 @@ class ObjectOutsideLink:
         """Return the depth of the deepest sample in each frame [m]; negative outside."""
         return -np.where(np.isfinite(self.margins), self._at(kinematics)[1], np.inf).min(axis=0)
 
-    def _at(self, kinematics: Kinematics) -> library.AtPoints:
-        """Return the samples' levers and distances from the solid [m], and how it must move for these to grow."""
+    def _at(self, kinematics: Kinematics) -> moving_points.AtPoints:
+        """Return the samples' levers and distances from the solid [m], and its ways along which these grow."""
         frame = self.skin.frame
-        if library.COMPILED:
+        if COMPILED:
             link = kinematics.orientation(frame), kinematics.point(frame)
-            return library.solid_points(self.skin.solid.compiled, link, self.frames, self.points)
+            return moving_points.solid_points(self.skin.solid.compiled, link, self.frames, self.points)
         rotation = kinematics.orientation(frame)[:, :, self.frames]
         lever = self.points - kinematics.point(frame)[:, None, self.frames]
         inside = np.einsum("jif,jkf->ikf", rotation, lever)
@@ -158,12 +159,14 @@ class SkinContact:
         """Return the depth of the deepest point in each frame [m]; negative outside."""
         return -self._at(kinematics)[1].min(axis=0)
 
-    def _at(self, kinematics: Kinematics) -> library.AtPoints:
+    def _at(self, kinematics: Kinematics) -> moving_points.AtPoints:
         """Return levers and distances of the points [m], and normals in world axes."""
-        if library.COMPILED:
+        if COMPILED:
             link = kinematics.orientation(self.skin.frame), kinematics.point(self.skin.frame)
             surface, moving = self.moving_object.field.compiled, self.moving_object
-            return library.skin_points(surface, link, (moving.rotation, moving.position), self.frames, self.points)
+            return moving_points.skin_points(
+                surface, link, (moving.rotation, moving.position), self.frames, self.points
+            )
         lever = levers(kinematics, self.skin.frame, self.points, self.frames)
         points = kinematics.point(self.skin.frame)[:, None, self.frames] + lever
         inside = self.moving_object.inside(points, self.frames)

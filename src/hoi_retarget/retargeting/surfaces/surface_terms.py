@@ -99,9 +99,7 @@ def surface_terms(  # noqa: PLR0913, PLR0917  # the parts of the terms
     return (*table, *kept_apart, *paths, *self_clearance_terms(weights, start))
 
 
-def clearances(
-    weights: Weights, targets: Targets, start: Kinematics, surfaces: Surfaces
-) -> tuple[Clearance, ...]:
+def clearances(weights: Weights, targets: Targets, start: Kinematics, surfaces: Surfaces) -> tuple[Clearance, ...]:
     """Return the terms of links and objects that are near each other along a trajectory."""
     return tuple(_clearances(weights, targets, start, surfaces))
 

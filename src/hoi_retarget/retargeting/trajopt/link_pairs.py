@@ -13,7 +13,8 @@ import numpy as np
 import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float, Int
 
-from hoi_retarget.kernels import library
+from hoi_retarget.kernels import moving_points
+from hoi_retarget.kernels.library import COMPILED
 from hoi_retarget.numerics.distance_grid import DistanceGrid
 from hoi_retarget.robots.frames import Frame
 from hoi_retarget.robots.model import Kinematics
@@ -84,11 +85,11 @@ class LinkPair:
     ) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N 3"], Float[np.ndarray, "N"], Float[np.ndarray, "N 3"]]:
         """Return index of the frame, place in the solid's frame and depth [m] of points inside; slopes of distances."""
         link, other = ((own.orientation(at), own.point(at)) for own, at in ((here, self.link), (there, self.other)))
-        if library.COMPILED:
+        if COMPILED:
             neighbours = self.skin.coarse, self.skin.nearest, self.skin.away, COARSE
             factors = {"margin": margin, "overrated": _OVERRATED}
             solid = self.solid.compiled
-            return library.meeting(solid, self.skin.points, neighbours, link, other, self.frames, **factors)
+            return moving_points.meeting(solid, self.skin.points, neighbours, link, other, self.frames, **factors)
         rotation, turn = link[0][:, :, self.frames], other[0][:, :, self.frames]
         relative = np.einsum("jit,jkt->ikt", turn, rotation)
         offset = np.einsum("jit,jt->it", turn, (link[1] - other[1])[:, self.frames])

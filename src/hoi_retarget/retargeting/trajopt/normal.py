@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hoi_retarget.kernels import library
+from hoi_retarget.kernels.library import COMPILED
+from hoi_retarget.kernels.tree_sums import RowSums
 from hoi_retarget.retargeting.trajopt.problem import FrameRows, PairRows, Rows, StencilRows, TangentRows
 from hoi_retarget.robots.model import Kinematics
 
@@ -71,8 +72,8 @@ def _add_frame_rows(band: np.ndarray, gradient: np.ndarray, kinematics: Kinemati
     if not parts:
         return
     model = kinematics.model
-    if library.COMPILED:
-        sums = library.Rows(len(gradient), model.n + 1)
+    if COMPILED:
+        sums = RowSums(len(gradient), model.n + 1)
         for part in parts:
             lever = kinematics.point(part.frame) - kinematics.node_position[:, 0]
             by = part.by_linear, part.by_angular

@@ -1,0 +1,93 @@
+"""Solids and surfaces as the compiled library sees them, and the distances of points from them."""
+
+import ctypes
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from hoi_retarget.kernels.library import REAL, WHOLE, at, function, real, whole
+
+
+class Grid(ctypes.Structure):
+    """`Grid` of `kernels.h`."""
+
+    _fields_ = (("origin", 3 * REAL), ("step", REAL), ("shape", 3 * WHOLE), ("values", ctypes.c_void_p))
+
+
+class Field(ctypes.Structure):
+    """`Field` of `kernels.h`."""
+
+    _fields_ = (
+        ("origin", 3 * REAL),
+        ("edge", REAL),
+        ("counts", 3 * WHOLE),
+        ("levels", ctypes.c_void_p),
+        ("starts", ctypes.c_void_p),
+        ("samples", ctypes.c_void_p),
+    )
+
+
+_GRID_QUERY, _FIELD_QUERY = (function(name, "ppiiipp") for name in ("grid_query", "field_query"))
+
+
+class Shape:
+    """A solid or a surface with its samples, as the library sees it; the arrays stay alive with it."""
+
+    def __init__(self, structure: Grid | Field, arrays: Sequence[np.ndarray]) -> None:
+        self.structure, self._arrays = structure, tuple(arrays)
+        self.address = ctypes.addressof(structure)
+
+    @classmethod
+    def of_grid(cls, origin: Float[np.ndarray, "3"], step: float, values: Float[np.ndarray, "X Y Z"]) -> "Shape":
+        """Return a solid on a regular grid [m]."""
+        values = np.ascontiguousarray(values, dtype=np.float32)
+        structure = Grid((3 * REAL)(*origin), step, (3 * WHOLE)(*values.shape), at(values))
+        return cls(structure, [values])
+
+    @classmethod
+    def of_cells(
+        cls,
+        origin: Float[np.ndarray, "3"],
+        edge: float,
+        levels: Int[np.ndarray, "X Y Z"],
+        starts: Int[np.ndarray, "C"],
+        samples: Float[np.ndarray, "S"],
+    ) -> "Shape":
+        """Return a surface in cells.
+
+        Args:
+            origin: Lowest corner of the first cell [m].
+            edge: Of a cell [m].
+            levels: Of the cells, as `Cells` has them.
+            starts: First sample of each cell.
+            samples: Distances [m].
+        """
+        own = (
+            np.ascontiguousarray(levels, dtype=np.int8),
+            whole(starts),
+            np.ascontiguousarray(samples, dtype=np.float32),
+        )
+        structure = Field((3 * REAL)(*origin), edge, (3 * WHOLE)(*levels.shape), *map(at, own))
+        return cls(structure, own)
+
+    def distances(self, points: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K"]:
+        """Return the distances of points [m]."""
+        return self._query(points, None)
+
+    def distances_and_slopes(
+        self, points: Float[np.ndarray, "K 3"]
+    ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
+        """Return the distances of points [m], and their derivatives by the points."""
+        slopes = np.empty((3, len(points)))
+        return self._query(points, slopes), slopes.T
+
+    def _query(self, points: Float[np.ndarray, "K 3"], slopes: np.ndarray | None) -> Float[np.ndarray, "K"]:
+        points = np.asarray(points, dtype=np.float64)
+        if any(stride % points.itemsize for stride in points.strides):
+            points = real(points)
+        distances = np.empty(len(points))
+        along, across = (stride // points.itemsize for stride in points.strides)
+        query = _GRID_QUERY if isinstance(self.structure, Grid) else _FIELD_QUERY
+        query(self.address, at(points), along, across, len(points), at(distances), at(slopes))
+        return distances
