@@ -105,7 +105,7 @@ def surface_kind(geometry: ObjectGeometry) -> ObjectSurface:
     return "shell" if distance_field(geometry).shell else "solid"
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=3)
 def shape_of(geometry: ObjectGeometry) -> ObjectShape:
     """Return an object's shape, made once; raises `GeometryError` when its mesh cannot be read."""
     return ObjectShape(surface_of(geometry), distance_field(geometry))

@@ -319,7 +319,7 @@ class _Named:
     surface: Surface = field(compare=False)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=6)
 def _cached(named: _Named) -> DistanceField:
     kinds = {"place": "f", "levels": "i", "samples": "f", "shell": "i"}
     arrays = user_cache.cached_arrays(named.name, kinds, lambda: _arrays(field_of(named.surface)))

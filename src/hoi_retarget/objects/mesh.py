@@ -248,7 +248,7 @@ def _own(geometry: ObjectGeometry) -> Surface:
     return Surface(geometry.points, geometry.faces)
 
 
-@functools.lru_cache(maxsize=32)
+@functools.lru_cache(maxsize=6)
 def _load(path: Path, _modified: int, _size: int) -> Surface:
     """Read one mesh; the time and the size only tell a changed file from a known one."""
     try:

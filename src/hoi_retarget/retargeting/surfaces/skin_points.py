@@ -158,7 +158,7 @@ def _shape_near(
     return _sampled(geometry, scale, shell_spacing, Region(local, _REACH / scale))
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=6)
 def _shape_of(geometry: ObjectGeometry, scale: float, shell_spacing: float) -> tuple[DistanceField, SurfaceSamples]:
     """Return the distances and samples of an object's surface at another size; geometries are known by identity."""
     return _sampled(geometry, scale, shell_spacing, None)
