@@ -142,9 +142,10 @@ def nearest_to(balls: Spheres, track: ObjectTrack, surface: Surface) -> _Near:
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     outside = np.linalg.norm(np.maximum(np.maximum(low - middles, middles - high), 0.0), axis=-1)
     least = outside - radii  # What a distance is at least: few spheres can be nearer than one of the nearest is.
-    first = least.argmin(axis=1)[:, None]
-    one = np.take_along_axis(middles, first[..., None], axis=1)[:, 0]
-    most = np.linalg.norm(one - surface.closest_points(one), axis=1) - np.take_along_axis(radii, first, axis=1)[:, 0]
+    first, most = least.argmin(axis=1), np.full(len(least), -np.inf)
+    may = np.flatnonzero(least.min(axis=1) <= FAR)
+    one = middles[may, first[may]]
+    most[may] = np.linalg.norm(one - surface.closest_points(one), axis=1) - radii[may, first[may]]
     near = least <= np.minimum(most, FAR)[:, None]
     gaps = np.full(radii.shape, np.inf)
     gaps[near] = surface.distances(middles[near]) - radii[near]

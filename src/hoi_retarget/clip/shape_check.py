@@ -5,6 +5,7 @@ shapes from elsewhere. In 38 recordings labelled hands are at most 7 cm off the 
 """
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
@@ -134,15 +135,22 @@ def _offset(surface: Surface, hands: list[np.ndarray]) -> Float[np.ndarray, "3"]
     return moved
 
 
+@lru_cache(maxsize=2)
+def _winding_beside(surface: Surface) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
+    """Return the winding numbers of places just behind a surface and just before it."""
+    points, normals = surface.random_points(_SAMPLES)
+    distances = np.full(len(points), _BESIDE_M)
+    behind, ahead = (surface.winding_numbers(points + side * _BESIDE_M * normals, distances) for side in (-1.0, 1.0))
+    return behind, ahead
+
+
 def _openness(name: str, surface: Surface) -> Iterator[str]:
     """Yield the consequences for touch of a surface with holes, or inside out."""
     if not surface.exact:
         return
-    points, normals = surface.random_points(_SAMPLES)
-    if not len(points):
+    behind, ahead = _winding_beside(surface)
+    if not len(behind):
         return
-    distances = np.full(_SAMPLES, _BESIDE_M)
-    behind, ahead = (surface.winding_numbers(points + side * _BESIDE_M * normals, distances) for side in (-1.0, 1.0))
     if np.median(ahead) < -0.5:
         yield f"{name}: its triangles face inwards. Touch is measured alike; programs that shade it show it dark."
     elif np.median(behind) < _MIN_WINDING and np.quantile(behind, 0.95) > _MIN_OPEN_WINDING:
