@@ -4,7 +4,11 @@ What counts is the area of touch, the distance from the person's place and pose,
 do not: `simulated_holds` tries whether holds keep an object.
 """
 
+import hashlib
+from collections import OrderedDict
 from collections.abc import Sequence
+from dataclasses import replace
+from weakref import ReferenceType, ref
 
 import numpy as np
 from jaxtyping import Float
@@ -12,6 +16,7 @@ from jaxtyping import Float
 from hoi_retarget.dynamics.free_hands import palm_skin, touch_of
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import evenly_spaced
+from hoi_retarget.objects.distance_field import DistanceField
 from hoi_retarget.retargeting.holds.arm_reach import reach
 from hoi_retarget.retargeting.holds.hand_settling import (
     FAR_REACHES,
@@ -81,8 +86,31 @@ def chosen_holds(
     """
     hands = [hand_shape(start.model, targets.contact_links[held.episode.link]) for held in persons]
     return tuple(
-        best_hold(held, hand, objects[held.episode.object], start) for held, hand in zip(persons, hands, strict=True)
+        _remembered(held, hand, objects[held.episode.object], start) for held, hand in zip(persons, hands, strict=True)
     )
+
+
+_KNOWN: OrderedDict[bytes, tuple[ReferenceType[DistanceField], Hold]] = OrderedDict()
+"""Last holds that were chosen, by all that they depend on: an edit changes one of many."""
+_MOST_KNOWN = 32
+
+
+def _remembered(held: PersonHold, hand: HandShape, moving_object: MovingObject, start: Kinematics) -> Hold:
+    """Return the same as `best_hold`, looked for once."""
+    frames = held.episode.frames
+    wanted = held.asked.positions, held.asked.rotations, np.array([held.rank, held.edited, *held.turn, frames.start])
+    there = moving_object.position[:, frames], moving_object.rotation[:, :, frames], start.qpos[frames]
+    key = hashlib.sha256(f"{id(start.model)} {id(moving_object.field)} {hand.site}".encode())
+    for part in (*wanted, *there):
+        key.update(np.ascontiguousarray(part, dtype=float).data)
+    field, known = _KNOWN.get(key.digest(), (None, None))
+    # Another field may have come to be where the known one was.
+    if field is None or known is None or field() is not moving_object.field:
+        known = best_hold(held, hand, moving_object, start)
+        _KNOWN[key.digest()] = ref(moving_object.field), known
+        if len(_KNOWN) > _MOST_KNOWN:
+            _KNOWN.popitem(last=False)
+    return replace(known, person=held)
 
 
 def best_hold(held: PersonHold, hand: HandShape, moving_object: MovingObject, start: Kinematics) -> Hold:
