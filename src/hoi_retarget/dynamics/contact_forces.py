@@ -43,7 +43,7 @@ _LIMIT_WEIGHT = 10.0
 """Weight of a torque of twice its limit against that of a missing weight."""
 _MAX_TORQUE_SHARE = 1.0 - 1e-3
 _MAX_ROUNDS = 6  # Of finding the joints at their limits.
-_BLOCK_FRAMES = 500  # Frames at once: 100 MB.
+_BLOCK_FRAMES = 200  # Frames at once: 40 MB.
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,9 +174,10 @@ class _Levers:
     def of(cls, points: Sequence[ContactPoint], kinematics: Kinematics, frames: slice) -> "_Levers":
         """Return the levers in some frames."""
         n, links = kinematics.model.n, dict.fromkeys(point.link for point in points if point.link is not None)
-        jacobians = {link: kinematics.jacobian(link)[frames, :, 6:] for link in links}
-        origins = {link: kinematics.point(link).T[frames] for link in links}
-        count = len(range(*frames.indices(len(kinematics.qpos))))
+        there = kinematics.window(frames)
+        jacobians = {link: there.jacobian(link)[:, :, 6:] for link in links}
+        origins = {link: there.point(link).T for link in links}
+        count = len(there.qpos)
         jacobian = np.zeros((count, len(points), 3, n))
         for number, point in enumerate(points):
             if point.link is not None:

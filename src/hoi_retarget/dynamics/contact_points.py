@@ -20,11 +20,11 @@ from hoi_retarget.dynamics.object_support import braking_directions
 from hoi_retarget.errors import RobotError
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
-from hoi_retarget.objects.distance_field import distance_field
+from hoi_retarget.objects.distance_field import DistanceField, distance_field
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots.frames import Frame
 from hoi_retarget.robots.model import Kinematics
-from hoi_retarget.robots.skin import extreme_points, skin_of, skins_from
+from hoi_retarget.robots.skin import LinkSkin, extreme_points, skin_of, skins_from
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 
 REACH = 0.02
@@ -35,6 +35,7 @@ _MAX_OBJECT_HEIGHT = 0.015  # The same of an object, whose shape is known less w
 _PATCH_DEPTH = 0.008  # Skin that is so much further off than the nearest is in contact, too [m].
 _SKIN_POINTS = 150  # Of a link: 7 mm apart on a hand.
 _HAND_POINTS, _OBJECT_POINTS = 4, 6
+_FRAMES_AT_ONCE = 500
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -104,15 +105,23 @@ def _links_on_floor(kinematics: Kinematics) -> Iterator[ContactPoint]:
 def _objects_on_floor(motion: Motion, geometries: Sequence[ObjectGeometry]) -> Iterator[ContactPoint]:
     for index, name in enumerate(motion.object_names):
         corners = motion.object_scale[index] * extreme_points(geometries[index].points)
-        rotations = se3.quat_to_matrix(motion.object_quat[:, index])
-        placed = motion.object_pos[:, index, None] + np.einsum("tij,kj->tki", rotations, corners)
-        height = placed[:, :, 2]
-        velocities = motion.fps * np.gradient(placed, axis=0) if len(placed) > 1 else np.zeros_like(placed)
-        near = height < np.minimum(_MAX_OBJECT_HEIGHT, height.min(axis=1, keepdims=True) + _MAX_FLOOR_HEIGHT)
-        for chosen in _spread(placed, near, height, _OBJECT_POINTS):
-            active = chosen >= 0
-            position, velocity = (values[np.arange(len(placed)), chosen] for values in (placed, velocities))
-            yield ContactPoint(name, None, index, active, position, _upward(active), braking_directions(velocity))
+        places, rotations = motion.object_pos[:, index], se3.quat_to_matrix(motion.object_quat[:, index])
+        found = []
+        for first in range(0, motion.frames, _FRAMES_AT_ONCE):
+            frames = slice(first, first + _FRAMES_AT_ONCE)
+            placed = places[frames, None] + np.einsum("tij,kj->tki", rotations[frames], corners)
+            height = placed[:, :, 2]
+            near = height < np.minimum(_MAX_OBJECT_HEIGHT, height.min(axis=1, keepdims=True) + _MAX_FLOOR_HEIGHT)
+            found.append(_spread(placed, near, height, _OBJECT_POINTS))
+        before, after = np.arange(-1, motion.frames - 1).clip(0), np.arange(1, motion.frames + 1)
+        after = after.clip(0, motion.frames - 1)
+        for chosen in map(np.concatenate, zip(*found, strict=True)):
+            active, own = chosen >= 0, corners[chosen]
+            here, back, ahead = (
+                places[at] + np.einsum("tij,tj->ti", rotations[at], own) for at in (np.arange(len(own)), before, after)
+            )
+            velocity = motion.fps * (ahead - back) / np.maximum(after - before, 1)[:, None]
+            yield ContactPoint(name, None, index, active, here, _upward(active), braking_directions(velocity))
 
 
 def _touching(motion: Motion, kinematics: Kinematics, geometries: Sequence[ObjectGeometry]) -> Iterator[ContactPoint]:
@@ -133,10 +142,33 @@ def _patch(
     """Yield the points of one contact link and one object that touch in some of the labelled frames."""
     column, index = pair
     site, frames = motion.contact_links[column], np.flatnonzero(labelled)
-    field, scale = distance_field(geometry), float(motion.object_scale[index])
     skins = skins_from(kinematics.model, site)
     if not skins:
         raise RobotError(f"{motion.robot}: the link of {site} has no shape, so nothing tells where it touches.")
+    shape = distance_field(geometry), float(motion.object_scale[index])
+    blocks = [frames[first : first + _FRAMES_AT_ONCE] for first in range(0, len(frames), _FRAMES_AT_ONCE)]
+    found = [_patch_in(motion, kinematics, skins, shape, index, block) for block in blocks]
+    for number in range(_HAND_POINTS):
+        link, surface, outward = (
+            np.concatenate(parts) for parts in zip(*(item[number] for item in found), strict=True)
+        )
+        for which, skin in enumerate(skins):
+            active, position = np.zeros(motion.frames, dtype=bool), np.zeros((motion.frames, 3))
+            normal = _upward(active)
+            active[frames], position[frames], normal[frames] = link == which, surface, outward
+            yield ContactPoint(site, skin.frame, index, active, position, normal)
+
+
+def _patch_in(  # noqa: PLR0913, PLR0917  # the parts of a patch
+    motion: Motion,
+    kinematics: Kinematics,
+    skins: tuple[LinkSkin, ...],
+    shape: tuple[DistanceField, float],
+    index: int,
+    frames: Int[np.ndarray, "F"],
+) -> list[tuple[Int[np.ndarray, "F"], Float[np.ndarray, "F 3"], Float[np.ndarray, "F 3"]]]:
+    """Return the points of a patch in some frames: the skin of each, or -1, its place and its normal in the world."""
+    field, scale = shape
     placed = np.concatenate(
         [
             kinematics.point(skin.frame).T[frames, None]
@@ -150,18 +182,13 @@ def _patch(
     inside = (placed - origin) @ rotations
     distance = scale * field.distances(inside.reshape(-1, 3) / scale).reshape(inside.shape[:2])
     near = distance < np.minimum(REACH, distance.min(axis=1, keepdims=True) + _PATCH_DEPTH)
-    rows = np.arange(len(frames))
+    rows, found = np.arange(len(frames)), []
     for chosen in _spread(inside, near, distance, _HAND_POINTS):
         away, outward = field.distances_and_normals(inside[rows, chosen] / scale)
         surface = inside[rows, chosen] - scale * away[:, None] * outward
-        for number, skin in enumerate(skins):
-            held = (chosen >= 0) & (links[chosen] == number)
-            active, position = np.zeros(motion.frames, dtype=bool), np.zeros((motion.frames, 3))
-            normal = _upward(active)
-            active[frames] = held
-            position[frames] = origin[:, 0] + np.einsum("tij,tj->ti", rotations, surface)
-            normal[frames] = np.einsum("tij,tj->ti", rotations, outward)
-            yield ContactPoint(site, skin.frame, index, active, position, normal)
+        place, normal = (np.einsum("tij,tj->ti", rotations, part) for part in (surface, outward))
+        found.append((np.where(chosen >= 0, links[chosen], -1), origin[:, 0] + place, normal))
+    return found
 
 
 def _spread(

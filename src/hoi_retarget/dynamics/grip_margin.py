@@ -20,7 +20,7 @@ from hoi_retarget.human.capsules import PART_CAPSULES, spheres
 from hoi_retarget.human.person import Person
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
-from hoi_retarget.numerics.filters import seconds_to_frames
+from hoi_retarget.numerics.filters import nearest_active, seconds_to_frames
 from hoi_retarget.numerics.linear_program import least_costs
 from hoi_retarget.objects.distance_field import distance_field
 from hoi_retarget.objects.track import ObjectTrack
@@ -33,6 +33,8 @@ LARGEST_MARGIN = 2.0
 """More does not count [g]."""
 STRIDE_SECONDS = 1 / 3
 """Between frames that are looked at; others have the margin of the nearest one."""
+FRAMES_AT_ONCE = 40
+"""That are looked at together: their memory does not grow with the clip's length."""
 FORCE_COST, MISSING_COST = 1e-5, 100.0
 """Of forces and of what is missing, both in weights of the object, against a margin of 1 g."""
 HELD_SHARE = 1e-3
@@ -114,12 +116,17 @@ def _margin(
     """Return the margin of hands in the frames in which they are labelled [g]; NaN in others."""
     frames = np.flatnonzero(labelled.any(axis=1))
     looked = frames[:: seconds_to_frames(STRIDE_SECONDS, fps)]
-    touching = [
-        [at(frame) if labelled[frame, hand] else NOWHERE for frame in looked.tolist()] for hand, at in enumerate(hands)
-    ]
-    margin = np.full(len(labelled), np.nan)
-    nearest = np.abs(frames[:, None] - looked).argmin(axis=1)
-    margin[frames] = grip_margin(load, looked, touching, friction)[nearest]
+    found = []
+    for first in range(0, len(looked), FRAMES_AT_ONCE):
+        block = looked[first : first + FRAMES_AT_ONCE]
+        touching = [
+            [at(frame) if labelled[frame, hand] else NOWHERE for frame in block.tolist()]
+            for hand, at in enumerate(hands)
+        ]
+        found.append(grip_margin(load, block, touching, friction))
+    margin, seen = np.full(len(labelled), np.nan), np.zeros(len(labelled), dtype=bool)
+    margin[looked], seen[looked] = np.concatenate(found), True
+    margin[frames] = margin[nearest_active(seen)[frames]]
     return margin
 
 

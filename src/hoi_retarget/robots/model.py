@@ -184,6 +184,11 @@ class Kinematics:
     _points: dict[Frame, np.ndarray] = field(default_factory=dict, init=False, repr=False)
     _orientations: dict[Frame, np.ndarray] = field(default_factory=dict, init=False, repr=False)
 
+    def window(self, frames: slice) -> "Kinematics":
+        """Return the poses in some frames."""
+        places, turns = self.node_position[..., frames], self.node_rotation[..., frames]
+        return Kinematics(self.model, self.qpos[frames], places, turns)
+
     def frame(self, site: str | Frame) -> Frame:
         """Return a site's frame by its name, or the given frame; raises `RobotError` when there is no such site."""
         if isinstance(site, Frame):
