@@ -49,6 +49,8 @@ OUT_OF_REACH = 0.02
 """[m]; a hold that the arm misses by this has half of its weight: more would turn the arm over."""
 WAY_RAMP = 3
 """[frames]"""
+POSES_AT_ONCE = 400
+"""Of hands on their way: their skins take memory."""
 APPROACH_SECONDS, APPROACH_POWER = 0.12, 4
 """In which a hold's weight grows before and falls after contact, and the power of that ramp."""
 APPROACH_MPS2 = 4.0
@@ -195,14 +197,14 @@ def _held_path(
     for index, moving_object in enumerate(objects):
         at = np.flatnonzero(moving & (touched == index))
         if at.size:
-            wanted = HandPoses(positions[at], se3.quat_to_matrix(quats[at]))
-            hand = hand_shape(model, targets.contact_links[column])
-            placed = settled(hand, moving_object, wanted, wanted, pull(ON_ITS_WAY), PLACED_REACHES)
-            placed = touching(hand, moving_object, placed)
-            shifts = np.zeros((targets.frames, 6))
-            shifts[at, :3] = placed.positions - wanted.positions
-            turned = placed.rotations @ wanted.rotations.transpose(0, 2, 1)
-            shifts[at, 3:] = se3.log(se3.matrix_to_quat(turned))
+            hand, shifts = hand_shape(model, targets.contact_links[column]), np.zeros((targets.frames, 6))
+            for block in np.split(at, range(POSES_AT_ONCE, len(at), POSES_AT_ONCE)):
+                wanted = HandPoses(positions[block], se3.quat_to_matrix(quats[block]))
+                placed = settled(hand, moving_object, wanted, wanted, pull(ON_ITS_WAY), PLACED_REACHES)
+                placed = touching(hand, moving_object, placed)
+                shifts[block, :3] = placed.positions - wanted.positions
+                turned = placed.rotations @ wanted.rotations.transpose(0, 2, 1)
+                shifts[block, 3:] = se3.log(se3.matrix_to_quat(turned))
             _smooth_runs(shifts, active, WAY_RAMP)
             positions[at] += shifts[at, :3]
             quats[at] = se3.quat_multiply(se3.exp(shifts[at, 3:]), quats[at])

@@ -33,6 +33,7 @@ SHIFT_COST, TURN_COST = 0.05, 1.0
 """Of 1 m and of 1 rad, against 1 m by which an arm misses its hold."""
 SMALLEST, TOLD = 0.005, (0.001, 0.1)
 """A path that would move by less stays as recorded [m]; frames that move or turn by less are not told [m, deg]."""
+FRAMES_AT_ONCE = 500
 
 
 def given_way(targets: Targets, moving_object: MovingObject, holds: Sequence[Hold], start: Kinematics) -> Targets:
@@ -45,7 +46,8 @@ def given_way(targets: Targets, moving_object: MovingObject, holds: Sequence[Hol
         start: Where the body is about.
     """
     twists = _limited(_wanted(targets, moving_object, holds, start))
-    twists *= _free_share(targets, twists, moving_object)[:, None]
+    if np.linalg.norm(twists[:, :3], axis=1).max() >= SMALLEST:
+        twists *= _free_share(targets, twists, moving_object)[:, None]
     if np.linalg.norm(twists[:, :3], axis=1).max() < SMALLEST:
         return targets
     positions = targets.object_pos[:, 0] + twists[:, :3]
@@ -89,10 +91,14 @@ def _free_share(
 ) -> Float[np.ndarray, "T"]:
     """Return the share of moves with which an object stays on the floor and above it; it changes smoothly."""
     corners = targets.object_scale[0] * extreme_points(targets.object_geometry[0].points)
-    placed = np.einsum("ijt,kj->tki", moving_object.rotation, corners)
-    lowest = (placed[:, :, 2] + targets.object_pos[:, 0, 2, None]).min(axis=1)
-    turned = placed + np.cross(twists[:, None, 3:], placed) + twists[:, None, :3]
-    drop = lowest - (turned[:, :, 2] + targets.object_pos[:, 0, 2, None]).min(axis=1)
+    lowest, drop = np.zeros((2, targets.frames))
+    for first in range(0, targets.frames, FRAMES_AT_ONCE):
+        frames = slice(first, first + FRAMES_AT_ONCE)
+        placed = np.einsum("ijt,kj->tki", moving_object.rotation[:, :, frames], corners)
+        height, own = targets.object_pos[frames, 0, 2], twists[frames, None]
+        lowest[frames] = height + placed[:, :, 2].min(axis=1)
+        turned = placed + np.cross(own[:, :, 3:], placed) + own[:, :, :3]
+        drop[frames] = lowest[frames] - height - turned[:, :, 2].min(axis=1)
     share = np.clip((lowest - CLEARANCE) / np.maximum(drop, LIFTED), 0.0, 1.0)
     around = seconds_to_frames(SMOOTHING_SECONDS, targets.fps)
     least = scipy.ndimage.minimum_filter1d(share, 4 * around + 1, mode="nearest")
