@@ -1,6 +1,6 @@
 r"""CPU time of whole runs, from file to file, in units of one differential IK solve by mink with daqp on the G1.
 
-A unit is a solve for 14 frames of the body, measured in the same run; so is GMR's IK alone, where its Python is given:
+A unit is a solve for 14 frames of the body without joint limits, measured in the same run; so is GMR's IK alone, where its Python is given:
 
     python3.11 -m venv ik && ik/bin/pip install mink==1.3.0 daqp==0.11.0
     python3.11 -m venv gmr && gmr/bin/pip install mink daqp mujoco scipy rich torch
@@ -118,10 +118,10 @@ def main(arguments: Arguments) -> None:
         if arguments.gmr is not None:
             with tempfile.TemporaryDirectory() as folder:
                 given = arguments.gmr.absolute(), arguments.gmr_script.resolve()
-                each = [
-                    by_gmr(*given, file, arguments.objects, Path(folder) / f"{file.stem}.npz") for file in files[:5]
-                ]
-                others.append(float(np.mean(each)))
+                outs = [Path(folder) / f"{file.stem}.npz" for file in files[:5]]
+                pairs = zip(files, outs, strict=False)
+                seconds = sum(by_gmr(*given, file, arguments.objects, out) for file, out in pairs)
+                others.append(1e3 * seconds / sum(len(np.load(out)["qpos"]) for out in outs))
         for robot in arguments.robots:
             for mode in arguments.modes:
                 row = run_fresh(measured, robot, mode, files, arguments.objects)

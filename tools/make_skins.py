@@ -12,8 +12,8 @@ import mujoco
 import numpy as np
 from scipy import ndimage
 
+from hoi_retarget.kernels.shape import DistanceGrid
 from hoi_retarget.numerics import se3
-from hoi_retarget.numerics.distance_grid import DistanceGrid
 from hoi_retarget.robots import load_robot, robot
 from hoi_retarget.robots.mjcf import read_mjcf
 from hoi_retarget.robots.outer_skin import (

@@ -31,7 +31,7 @@ CORE = [
     *("evaluation/*.py", "motion/*.py", "motion/check/*.py", "motion/formats/*.py"),
 ]
 NEAREST = {
-    "numerics/distance_grid.py": "skin",
+    "kernels/shape.py": "skin",
     "numerics/filters.py": "feet",
     "numerics/point_tree.py": "surface_distances",
     "retargeting/trajopt/*.py": "terms solver self_clearance upper_body",

@@ -1,7 +1,6 @@
 /* Distances from sampled solids and surfaces, trilinear between their samples.
 
-   Each operation is that of `numerics/distance_grid.py` and `objects/distance_field.py`, in the same order and
-   precision: differences of samples are single, all else is double. */
+   Differences of samples are single, as the samples are; all else is double. */
 
 #include <math.h>
 #include <stdint.h>

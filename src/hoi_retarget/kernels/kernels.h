@@ -13,7 +13,7 @@
 
 typedef int64_t whole;
 
-/* A solid on a regular grid (`numerics/distance_grid.py`). */
+/* A solid on a regular grid (`DistanceGrid`). */
 typedef struct {
     double origin[3], step;
     whole shape[3];

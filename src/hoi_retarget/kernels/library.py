@@ -13,18 +13,18 @@ WHOLE, REAL = ctypes.c_int64, ctypes.c_double
 _ARGUMENTS = {"p": ctypes.c_void_p, "i": WHOLE, "d": REAL}
 
 
-def _library() -> ctypes.CDLL | None:
+def _library() -> ctypes.CDLL:
     path = Path(__file__).with_name(NAME)
-    return ctypes.CDLL(str(path)) if path.exists() else None
+    if not path.exists():
+        raise ImportError(f"{path} is missing: install hoi-retarget with pip, which compiles it.")
+    return ctypes.CDLL(str(path))
 
 
 _LIBRARY = _library()
-COMPILED = _LIBRARY is not None
-"""Whether this installation has the library."""
 
 
 def function(name: str, arguments: str, *, allocates: bool = False, counts: bool = False) -> Callable[..., Any]:
-    """Return a function of the library; without one, a function that nothing is to call.
+    """Return a function of the library.
 
     Args:
         name: Of the function.
@@ -32,9 +32,7 @@ def function(name: str, arguments: str, *, allocates: bool = False, counts: bool
         allocates: Whether it returns whether memory is short, which is then an error.
         counts: Whether it returns a whole number.
     """
-    found = getattr(_LIBRARY, name, None)
-    if found is None:
-        return _missing
+    found = getattr(_LIBRARY, name)
     found.argtypes = [_ARGUMENTS[kind] for kind in arguments]
     found.restype = WHOLE if counts else None
     if allocates:
@@ -45,10 +43,6 @@ def function(name: str, arguments: str, *, allocates: bool = False, counts: bool
 def _checked(short_of_memory: int, *_: object) -> None:
     if short_of_memory:
         raise MemoryError
-
-
-def _missing(*_: Any) -> None:
-    raise NotImplementedError("this installation has no compiled kernels")
 
 
 def at(array: np.ndarray | None) -> int | None:

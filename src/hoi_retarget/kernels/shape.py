@@ -2,6 +2,8 @@
 
 import ctypes
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -91,3 +93,43 @@ class Shape:
         query = _GRID_QUERY if isinstance(self.structure, Grid) else _FIELD_QUERY
         query(self.address, at(points), along, across, len(points), at(distances), at(slopes))
         return distances
+
+
+def directions(slopes: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K 3"]:
+    """Return slopes at unit length; upwards where there is none."""
+    lengths = np.sqrt((slopes**2).sum(axis=1, keepdims=True))
+    return np.where(lengths > 1e-9, slopes / np.maximum(lengths, 1e-9), [0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class DistanceGrid:
+    """Distances [m] from one solid, negative inside, at the nodes of a grid that encloses it."""
+
+    origin: Float[np.ndarray, "3"]
+    """First node [m]."""
+    step: float
+    """[m]"""
+    values: Float[np.ndarray, "X Y Z"]
+    """[m], in single precision."""
+
+    def distances(self, points: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K"]:
+        """Return signed distances [m], trilinear; beyond the grid, the way to it is added."""
+        return self.compiled.distances(points)
+
+    def distances_and_slopes(
+        self, points: Float[np.ndarray, "K 3"]
+    ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
+        """Return `distances` [m], and their derivatives by the points [unitless]."""
+        return self.compiled.distances_and_slopes(points)
+
+    def distances_and_normals(
+        self, points: Float[np.ndarray, "K 3"]
+    ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
+        """Return `distances`, and the directions in which they grow: unit vectors, which point out of the solid."""
+        distances, slopes = self.distances_and_slopes(points)
+        return distances, directions(slopes)
+
+    @cached_property
+    def compiled(self) -> Shape:
+        """The grid for the compiled library."""
+        return Shape.of_grid(self.origin, self.step, self.values)

@@ -17,9 +17,7 @@ import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float, Int
 
 from hoi_retarget.files import user_cache
-from hoi_retarget.kernels.library import COMPILED
-from hoi_retarget.kernels.shape import Shape
-from hoi_retarget.numerics.distance_grid import directions, interpolate, with_slopes
+from hoi_retarget.kernels.shape import Shape, directions
 from hoi_retarget.objects.mesh import Surface, surface_of
 from hoi_retarget.objects.track import ObjectGeometry
 
@@ -183,9 +181,6 @@ _VERSION = 1  # Of what the builder makes of the same triangles: fields of other
 _PROBES = 2000  # Places on the surface that tell its sides and the field's error.
 _PROBE_DEPTH = 5e-4  # [m]
 _PARTED = 0.5  # A surface that parts its sides at fewer of these places is a shell.
-_BLOCK = 1 << 16  # Points of a query at once.
-_LAST_PLACE = 1.0 - 1e-12  # Of the cells' extent: the last place that is in a cell.
-_CORNERS = np.array([[(x * (n + 1) + y) * (n + 1) + z for n in STEPS] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,18 +214,13 @@ class DistanceField:
         Beyond the cells, which reach past the object by their edge or more, it is a lower bound: at least 0.7 of
         the distance.
         """
-        if COMPILED:
-            return self.compiled.distances(points)
-        return np.concatenate([self._distances(block) for block in _blocks(points)])
+        return self.compiled.distances(points)
 
     def distances_and_slopes(
         self, points: Float[np.ndarray, "K 3"]
     ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
         """Return the distances of points [m], and their derivatives by the points."""
-        if COMPILED:
-            return self.compiled.distances_and_slopes(points)
-        distances, slopes = zip(*(self._distances_and_slopes(block) for block in _blocks(points)), strict=True)
-        return np.concatenate(distances), np.concatenate(slopes)
+        return self.compiled.distances_and_slopes(points)
 
     def distances_and_normals(
         self, points: Float[np.ndarray, "K 3"]
@@ -238,40 +228,6 @@ class DistanceField:
         """Return the distances of points [m], and the directions in which they grow: unit vectors."""
         distances, slopes = self.distances_and_slopes(points)
         return distances, directions(slopes)
-
-    def _distances(self, points: np.ndarray) -> np.ndarray:
-        corners, place, _, beyond = self._located(points)
-        distances = interpolate(corners, place)
-        return distances if beyond is None else _lengthened(distances, beyond)
-
-    def _distances_and_slopes(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        corners, place, steps, beyond = self._located(points)
-        distances, slopes = with_slopes(corners, place)
-        slopes *= steps / self.cells.edge
-        if beyond is not None:
-            # Along an axis in which a point is beyond the cells, the distance within them does not change.
-            longer = _lengthened(distances, beyond)
-            outside = beyond.any(axis=0)
-            way = np.where(beyond == 0, distances * slopes, beyond) / np.where(outside, longer, 1.0)
-            distances, slopes = longer, np.where(outside, way, slopes)
-        return distances, slopes.T
-
-    def _located(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
-        """Return the samples around points, where between them, steps along a cell's edge, and the way to the cells."""
-        cells = self.cells
-        at = (points.T - cells.origin[:, None]) / cells.edge
-        counts = np.array(cells.levels.shape)
-        inside = np.clip(at, 0.0, counts[:, None] * _LAST_PLACE)
-        beyond = (at - inside) * cells.edge if (at != inside).any() else None
-        cell = inside.astype(np.int64)
-        index = (cell[0] * counts[1] + cell[1]) * counts[2] + cell[2]
-        level = cells.levels.reshape(-1)[index]
-        steps = STEPS[level]
-        place = (inside - cell) * steps
-        local = place.astype(np.int64)
-        nodes = steps + 1
-        first = self._starts[index] + (local[0] * nodes + local[1]) * nodes + local[2]
-        return cells.samples[first + _CORNERS[:, level]], place - local, steps, beyond
 
     @cached_property
     def compiled(self) -> Shape:
@@ -336,16 +292,6 @@ def _arrays(built: DistanceField) -> dict[str, np.ndarray]:
         "samples": cells.samples,
         "shell": np.array([built.shell], dtype=np.int8),
     }
-
-
-def _lengthened(distances: np.ndarray, beyond: np.ndarray) -> np.ndarray:
-    """Return distances with the way to the cells, for the points that are beyond these."""
-    return np.where(beyond.any(axis=0), np.sqrt(distances**2 + (beyond**2).sum(axis=0)), distances)
-
-
-def _blocks(points: np.ndarray) -> list[np.ndarray]:
-    points = np.asarray(points, dtype=float)
-    return [points[first : first + _BLOCK] for first in range(0, max(len(points), 1), _BLOCK)]
 
 
 # Multiples of these two numbers, without their whole parts, fill a square evenly (Roberts, 2018).

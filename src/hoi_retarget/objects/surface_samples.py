@@ -10,9 +10,8 @@ import numpy as np
 import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float, Int
 
-from hoi_retarget.kernels.library import COMPILED
 from hoi_retarget.kernels.point_cells import Placed, PointCells
-from hoi_retarget.numerics.distance_grid import DistanceGrid
+from hoi_retarget.kernels.shape import DistanceGrid
 
 OVERRATED = 1.5
 """Beyond its grid, a solid may seem further away than it is by a factor of up to the root of 2."""
@@ -64,25 +63,11 @@ class SurfaceSamples:
             count: Most samples.
             apart: Least distance between two of them [m].
         """
-        if COMPILED:
-            return self._cells.nearest(_placed(poses), near, count, apart)
-        chosen, number = np.zeros((len(poses.origins), count), dtype=int), np.zeros(len(poses.origins), dtype=int)
-        for pose, (index, seen) in enumerate(self._seen(poses, near)):
-            distances = poses.solid.nearest_distances(seen)
-            order = np.argsort(distances, kind="stable")
-            left = index[order[: np.searchsorted(distances[order], near)]]
-            while left.size and number[pose] < count:
-                chosen[pose, number[pose]] = left[0]
-                number[pose] += 1
-                away = self.points[left] - self.points[left[0]]
-                left = left[np.einsum("ki,ki->k", away, away) >= apart**2]
-        return chosen, number
+        return self._cells.nearest(_placed(poses), near, count, apart)
 
     def least_distances(self, poses: SolidPoses) -> Float[np.ndarray, "N"]:
         """Return the least of the distances of samples in the ball from the solid [m]; infinite without any."""
-        if COMPILED:
-            return self._cells.deepest(_placed(poses))
-        return np.array([poses.solid.distances(seen).min(initial=np.inf) for _, seen in self._seen(poses, 0.0)])
+        return self._cells.deepest(_placed(poses))
 
     def inside(
         self, poses: SolidPoses, pivots: Float[np.ndarray, "N 3"]
@@ -93,16 +78,7 @@ class SurfaceSamples:
             poses: Of the solid.
             pivots: Points about which it turns, in the frame of the surface [m].
         """
-        if COMPILED:
-            return self._cells.inside(_placed(poses), pivots)
-        squares, products = np.zeros((len(pivots), 6, 6)), np.zeros((len(pivots), 6))
-        for pose, (index, seen) in enumerate(self._seen(poses, 0.0)):
-            distances, slopes = poses.solid.distances_and_slopes(seen)
-            deep = distances < 0.0
-            away = -slopes[deep] @ poses.rotations[pose].T
-            along = np.concatenate([away, np.cross(self.points[index[deep]] - pivots[pose], away)], axis=1)
-            squares[pose], products[pose] = along.T @ along, along.T @ distances[deep]
-        return squares, products
+        return self._cells.inside(_placed(poses), pivots)
 
     def ways_out(
         self, poses: SolidPoses, directions: Float[np.ndarray, "N 3"], most: float, least_step: float
@@ -116,34 +92,12 @@ class SurfaceSamples:
             least_step: Of the search [m].
         """
         wider = replace(poses, radius=poses.radius + most)
-        if COMPILED:
-            limits = most, least_step, OVERRATED
-            return self._cells.ways_out(_placed(wider), poses.middle, directions, limits)
-        ways, nearest = np.zeros(len(directions)), np.repeat(poses.middle[None], len(directions), axis=0)
-        for pose, (_, seen) in enumerate(self._seen(wider, 0.0)):
-            back, distances = directions[pose] @ poses.rotations[pose], poses.solid.distances(seen)
-            if len(seen):
-                nearest[pose] = seen[distances.argmin()]
-            while ways[pose] < most:
-                # Only what is as near as the way so far may be inside after it.
-                left = seen[distances <= min(OVERRATED * ways[pose], most)]
-                depth = -poses.solid.distances(left - ways[pose] * back).min(initial=0.0)
-                if depth <= 0.0:
-                    break
-                ways[pose] += max(depth, least_step)
-        return np.minimum(ways, most), nearest
+        return self._cells.ways_out(_placed(wider), poses.middle, directions, (most, least_step, OVERRATED))
 
     def around(self, poses: SolidPoses, pose: int) -> tuple[Float[np.ndarray, "K 3"], Float[np.ndarray, "K 3"]]:
         """Return the samples in the ball of one pose, in the frame of the surface and in the solid's [m]."""
         found = self.points[self.tree.query_ball_point(poses.centres[pose], poses.radius)]
         return found, (found - poses.origins[pose]) @ poses.rotations[pose]
-
-    def _seen(self, poses: SolidPoses, beyond: float) -> list[tuple[Int[np.ndarray, "K"], Float[np.ndarray, "K 3"]]]:
-        """Return the samples around the solid in each pose, and where they are in its frame [m]."""
-        around = self.tree.query_ball_point(poses.centres, poses.radius + beyond)
-        found = [np.array(sorted(index), dtype=int) for index in around]
-        every = zip(found, poses.rotations, poses.origins, strict=True)
-        return [(index, (self.points[index] - origin) @ turn) for index, turn, origin in every]
 
 
 def _placed(poses: SolidPoses) -> Placed:

@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.kernels.shape import DistanceGrid
 from hoi_retarget.numerics import se3
-from hoi_retarget.numerics.distance_grid import DistanceGrid
 from hoi_retarget.robots.mjcf import compile_mjcf, mesh_of
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.outer_skin import (

@@ -18,7 +18,6 @@ from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.errors import RobotError
 from hoi_retarget.kernels import tree_sums
-from hoi_retarget.kernels.library import COMPILED
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.robots.frames import (
@@ -145,18 +144,7 @@ class RobotModel:
         position = np.empty((3, self.n + 1, len(qpos)))
         rotation[:, :, 0] = se3.quat_to_matrix(qpos[:, 3:7]).transpose(1, 2, 0)
         position[:, 0] = qpos[:, :3].T
-        if COMPILED:
-            tree_sums.forward(self.parents, self.offsets, self.hinge_rotations, theta, rotation, position)
-            return Kinematics(self, qpos, position, rotation)
-        constant, cosine, sine = self.hinge_rotations[..., None]
-        local = constant + cosine * np.cos(theta) + sine * np.sin(theta)
-        for hinges in self.levels:
-            parents = self.parents[hinges]
-            parent_rotation = rotation[:, :, parents]
-            rotation[:, :, hinges + 1] = np.einsum("ijkt,jlkt->ilkt", parent_rotation, local[:, :, hinges])
-            position[:, hinges + 1] = position[:, parents] + np.einsum(
-                "ijkt,jk->ikt", parent_rotation, self.offsets[:, hinges]
-            )
+        tree_sums.forward(self.parents, self.offsets, self.hinge_rotations, theta, rotation, position)
         return Kinematics(self, qpos, position, rotation)
 
     def integrate(

@@ -11,7 +11,7 @@ import numpy as np
 import scipy  # its modules are loaded where they are first used
 from jaxtyping import Bool, Float, Int
 
-from hoi_retarget.numerics.distance_grid import DistanceGrid
+from hoi_retarget.kernels.shape import DistanceGrid
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
 

@@ -17,8 +17,8 @@ from jaxtyping import Float, Int
 
 from hoi_retarget.errors import RobotError
 from hoi_retarget.files import npz
+from hoi_retarget.kernels.shape import DistanceGrid
 from hoi_retarget.numerics.arrays import frozen
-from hoi_retarget.numerics.distance_grid import DistanceGrid
 from hoi_retarget.robots.collision_skin import collision_skins
 from hoi_retarget.robots.frames import Frame
 from hoi_retarget.robots.model import Kinematics, RobotModel

@@ -12,7 +12,6 @@ import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float, Int
 
 from hoi_retarget.kernels import moving_points
-from hoi_retarget.kernels.library import COMPILED
 from hoi_retarget.kernels.point_cells import nearest_skin
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.distance_field import DistanceField, Region, distance_field, is_large, surface_samples
@@ -73,12 +72,7 @@ def hinge_rows(  # noqa: PLR0913, PLR0917  # the parts of rows
         weight: [1/m^2]
         frames: Of the rows.
     """
-    if COMPILED:
-        return FrameRows(frame, *moving_points.hinge(lever, distances, normals, margin, LINEAR_BEYOND), weight, frames)
-    residual, slope = softened(np.minimum(distances - margin, 0.0), LINEAR_BEYOND)
-    along = np.where(residual < 0.0, slope, 0.0) * normals
-    by_linear, by_angular = along.transpose(1, 0, 2), moments(lever, along).transpose(1, 0, 2)
-    return FrameRows(frame, residual, by_linear, by_angular, weight, frames)
+    return FrameRows(frame, *moving_points.hinge(lever, distances, normals, margin, LINEAR_BEYOND), weight, frames)
 
 
 def softened(
@@ -211,8 +205,6 @@ COARSE = 100
 """Points of the coarser skin."""
 SPREAD = 0.01
 """[m]; patches of skin that may hold a point less than this further than the nearest one are looked at closely."""
-FAR = 10.0
-"""More than any distance of a near point [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,30 +254,7 @@ def near_skin(link: LinkAtObject, count: int, apart: float) -> NearSkin:
     """
     points, patches, frames = link.skin.points, patches_of(link.skin), link.near_frames
     count, poses = min(count, len(points)), link.poses(frames)
-    if COMPILED:
-        parts = patches.order, patches.first, patches.count, patches.radius
-        options = {"near": NEAR, "spread": SPREAD, "count": count, "apart": apart}
-        surface, own = link.moving_object.field.compiled, (poses.rotations, poses.origins)
-        return NearSkin(frames, *nearest_skin(surface, points, parts, own, **options))
-    placed = np.einsum("fij,pj->fpi", poses.rotations, points) + poses.origins[:, None]
-    distances = link.moving_object.field.distances(placed.reshape(-1, 3)).reshape(placed.shape[:2])
-    rough = distances[:, : len(patches.count)]
-    looked_at = rough - patches.radius < np.minimum(rough.min(axis=1, keepdims=True, initial=FAR) + SPREAD, NEAR)
-    patch = np.empty(len(points), dtype=int)
-    patch[patches.order] = np.repeat(np.arange(len(patches.count)), patches.count)
-    distances = np.where(looked_at[:, patch], distances, FAR)
-    nearest = distances.min(axis=1, initial=FAR)
-    least = (rough - patches.radius).min(axis=1, initial=FAR)
-    return NearSkin(frames, spread(distances, points, count, apart), np.where(nearest < FAR, nearest, np.inf), least)
-
-
-def spread(
-    distances: Float[np.ndarray, "F P"], points: Float[np.ndarray, "P 3"], count: int, apart: float
-) -> Int[np.ndarray, "F K"]:
-    """Return, in every frame, the point with the least distance, then the next one that is not close to these, ..."""
-    left, chosen = distances.copy(), np.empty((len(distances), count), dtype=int)
-    for index in range(count):
-        chosen[:, index] = left.argmin(axis=1)
-        away = points - points[chosen[:, index], None]
-        left += np.where(np.einsum("fpi,fpi->fp", away, away) < apart**2, 2.0 * FAR, 0.0)
-    return chosen
+    parts = patches.order, patches.first, patches.count, patches.radius
+    options = {"near": NEAR, "spread": SPREAD, "count": count, "apart": apart}
+    surface, own = link.moving_object.field.compiled, (poses.rotations, poses.origins)
+    return NearSkin(frames, *nearest_skin(surface, points, parts, own, **options))

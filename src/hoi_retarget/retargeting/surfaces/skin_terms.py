@@ -9,13 +9,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hoi_retarget.kernels import moving_points
-from hoi_retarget.kernels.library import COMPILED
 from hoi_retarget.retargeting.surfaces.skin_points import (
     NEAR,
     LinkAtObject,
     MovingObject,
     NearSkin,
-    at_points,
     hinge_rows,
     levers,
     moments,
@@ -59,14 +57,8 @@ class ObjectOutsideLink:
     def _at(self, kinematics: Kinematics) -> moving_points.AtPoints:
         """Return the samples' levers and distances from the solid [m], and its ways along which these grow."""
         frame = self.skin.frame
-        if COMPILED:
-            link = kinematics.orientation(frame), kinematics.point(frame)
-            return moving_points.solid_points(self.skin.solid.compiled, link, self.frames, self.points)
-        rotation = kinematics.orientation(frame)[:, :, self.frames]
-        lever = self.points - kinematics.point(frame)[:, None, self.frames]
-        inside = np.einsum("jif,jkf->ikf", rotation, lever)
-        distances, slopes = at_points(self.skin.solid.distances_and_slopes, inside)
-        return lever, distances, -np.einsum("ijf,jkf->ikf", rotation, slopes)
+        link = kinematics.orientation(frame), kinematics.point(frame)
+        return moving_points.solid_points(self.skin.solid.compiled, link, self.frames, self.points)
 
 
 def object_outside_link(  # noqa: PLR0913, PLR0917  # the parts of a term
@@ -161,18 +153,9 @@ class SkinContact:
 
     def _at(self, kinematics: Kinematics) -> moving_points.AtPoints:
         """Return levers and distances of the points [m], and normals in world axes."""
-        if COMPILED:
-            link = kinematics.orientation(self.skin.frame), kinematics.point(self.skin.frame)
-            surface, moving = self.moving_object.field.compiled, self.moving_object
-            return moving_points.skin_points(
-                surface, link, (moving.rotation, moving.position), self.frames, self.points
-            )
-        lever = levers(kinematics, self.skin.frame, self.points, self.frames)
-        points = kinematics.point(self.skin.frame)[:, None, self.frames] + lever
-        inside = self.moving_object.inside(points, self.frames)
-        distances, slopes = at_points(self.moving_object.field.distances_and_slopes, inside)
-        rotation = self.moving_object.rotation[:, :, self.frames]
-        return lever, distances, np.einsum("ijf,jkf->ikf", rotation, slopes)
+        link = kinematics.orientation(self.skin.frame), kinematics.point(self.skin.frame)
+        surface, moving = self.moving_object.field.compiled, self.moving_object
+        return moving_points.skin_points(surface, link, (moving.rotation, moving.position), self.frames, self.points)
 
     def _touch(self, lever: np.ndarray, distances: np.ndarray, normals: np.ndarray, weights: np.ndarray) -> FrameRows:
         shares = np.exp((distances.min(axis=0) - distances) / SHARPNESS)

@@ -14,8 +14,7 @@ import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float, Int
 
 from hoi_retarget.kernels import moving_points
-from hoi_retarget.kernels.library import COMPILED
-from hoi_retarget.numerics.distance_grid import DistanceGrid
+from hoi_retarget.kernels.shape import DistanceGrid
 from hoi_retarget.robots.frames import Frame
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.skin import LinkSkin
@@ -85,19 +84,10 @@ class LinkPair:
     ) -> tuple[Int[np.ndarray, "N"], Float[np.ndarray, "N 3"], Float[np.ndarray, "N"], Float[np.ndarray, "N 3"]]:
         """Return index of the frame, place in the solid's frame and depth [m] of points inside; slopes of distances."""
         link, other = ((own.orientation(at), own.point(at)) for own, at in ((here, self.link), (there, self.other)))
-        if COMPILED:
-            neighbours = self.skin.coarse, self.skin.nearest, self.skin.away, COARSE
-            factors = {"margin": margin, "overrated": _OVERRATED}
-            solid = self.solid.compiled
-            return moving_points.meeting(solid, self.skin.points, neighbours, link, other, self.frames, **factors)
-        rotation, turn = link[0][:, :, self.frames], other[0][:, :, self.frames]
-        relative = np.einsum("jit,jkt->ikt", turn, rotation)
-        offset = np.einsum("jit,jt->it", turn, (link[1] - other[1])[:, self.frames])
-        times, points = self._near(relative, offset, margin)
-        seen = np.einsum("ijk,kj->ki", relative[:, :, times], self.skin.points[points]) + offset[:, times].T
-        distances, slopes = self.solid.distances_and_slopes(seen)
-        inside = distances < margin
-        return times[inside], seen[inside], margin - distances[inside], slopes[inside]
+        neighbours = self.skin.coarse, self.skin.nearest, self.skin.away, COARSE
+        factors = {"margin": margin, "overrated": _OVERRATED}
+        solid = self.solid.compiled
+        return moving_points.meeting(solid, self.skin.points, neighbours, link, other, self.frames, **factors)
 
     def _ways_out(
         self, points: Float[np.ndarray, "K 3"], away: Float[np.ndarray, "K 3"], margin: float
@@ -114,16 +104,6 @@ class LinkPair:
         other_position, turn = _pose(there, self.other, self.frames)
         offset = np.einsum("jit,jt->it", turn, position - other_position)
         return self._coarse(np.einsum("jit,jkt->ikt", turn, rotation), offset).min(axis=1, initial=np.inf)
-
-    def _near(
-        self, rotation: np.ndarray, offset: np.ndarray, margin: float
-    ) -> tuple[Int[np.ndarray, "N"], Int[np.ndarray, "N"]]:
-        """Return frame and point, by frames, except for points that their coarse neighbour proves far."""
-        distances = self._coarse(rotation, offset)
-        frames = np.flatnonzero(distances.min(axis=1) < margin + _OVERRATED * COARSE)
-        near = distances[frames[:, None], self.skin.nearest] < margin + _OVERRATED * self.skin.away
-        times, points = np.nonzero(near)
-        return frames[times], points
 
     def _coarse(self, rotation: np.ndarray, offset: np.ndarray) -> Float[np.ndarray, "F C"]:
         seen = np.matmul(self.skin.points[: self.skin.coarse], rotation.transpose(2, 1, 0)) + offset.T[:, None]

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hoi_retarget.kernels.library import COMPILED
 from hoi_retarget.kernels.tree_sums import RowSums
 from hoi_retarget.retargeting.trajopt.problem import FrameRows, PairRows, Rows, StencilRows, TangentRows
 from hoi_retarget.robots.model import Kinematics
@@ -72,43 +71,13 @@ def _add_frame_rows(band: np.ndarray, gradient: np.ndarray, kinematics: Kinemati
     if not parts:
         return
     model = kinematics.model
-    if COMPILED:
-        sums = RowSums(len(gradient), model.n + 1)
-        for part in parts:
-            lever = kinematics.point(part.frame) - kinematics.node_position[:, 0]
-            by = part.by_linear, part.by_angular
-            sums.add(part.frame.node, part.residual, *by, lever, part.weight, part.frames)
-        tree = model.parents, kinematics.motion_axes, model.column_nodes, model.moving_columns
-        sums.to_band(*tree, band, gradient)
-        return
-    nodes, matrices, forces = _twist_space(kinematics, parts)
-    frames = len(gradient)
-    carried = model.supports[:, nodes]
-    composite = (carried @ matrices.reshape(len(nodes), -1)).reshape(-1, 6, 6, frames)
-    wrench = (carried @ forces.reshape(len(nodes), -1)).reshape(-1, 6, frames)
-    column_nodes = model.column_nodes
-    axes = kinematics.motion_axes
-    gradient += np.einsum("act,cat->tc", axes, wrench[column_nodes])
-    momentum = np.einsum("cabt,bct->tac", composite[column_nodes], axes)
-    products = np.matmul(np.ascontiguousarray(axes.transpose(2, 1, 0)), momentum)
-    row, column = model.coupled_columns
-    band[:, column, row - column] += products[:, column, row]
-
-
-def _twist_space(kinematics: Kinematics, parts: list[FrameRows]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the nodes with rows, their 6 x 6 matrices and their generalized forces at the root."""
-    frames = len(kinematics.qpos)
-    nodes = sorted({part.frame.node for part in parts})
-    matrices, forces = np.zeros((len(nodes), 6, 6, frames)), np.zeros((len(nodes), 6, frames))
+    sums = RowSums(len(gradient), model.n + 1)
     for part in parts:
-        place = nodes.index(part.frame.node)
-        columns, jacobian = _at_root(part, kinematics)
-        weighted = jacobian * part.weight
-        at = slice(None) if part.frames is None else part.frames
-        matrix, force = matrices[place], forces[place]
-        matrix[columns, columns, at] += np.einsum("mat,mbt->abt", weighted, jacobian)
-        force[columns, at] += np.einsum("mat,mt->at", weighted, part.residual)
-    return np.array(nodes), matrices, forces
+        lever = kinematics.point(part.frame) - kinematics.node_position[:, 0]
+        by = part.by_linear, part.by_angular
+        sums.add(part.frame.node, part.residual, *by, lever, part.weight, part.frames)
+    tree = model.parents, kinematics.motion_axes, model.column_nodes, model.moving_columns
+    sums.to_band(*tree, band, gradient)
 
 
 def _at_root(part: FrameRows, kinematics: Kinematics) -> tuple[slice, np.ndarray]:
