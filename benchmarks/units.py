@@ -1,6 +1,7 @@
 r"""CPU time of whole runs, from file to file, in units of one differential IK solve by mink with daqp on the G1.
 
-A unit is a solve for 14 frames of the body without joint limits, measured in the same run; so is GMR's IK alone, where its Python is given:
+A unit is a solve for 14 frames of the body without joint limits, measured in the same run; so is GMR's IK alone, where
+its Python is given:
 
     python3.11 -m venv ik && ik/bin/pip install mink==1.3.0 daqp==0.11.0
     python3.11 -m venv gmr && gmr/bin/pip install mink daqp mujoco scipy rich torch
