@@ -11,7 +11,7 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 FOLDER = Path(__file__).parent / "src" / "hoi_retarget" / "kernels"
-# Sums keep their order and products are rounded: numpy's figures, to the bit, on every processor.
+# Products are rounded before they are summed: the same figures by every compiler.
 FLAGS = ["-O3", "-ffp-contract=off", "-shared", "-fvisibility=hidden"]
 
 

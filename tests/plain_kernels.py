@@ -5,9 +5,9 @@ from itertools import product
 import numpy as np
 from scipy.spatial import KDTree
 
-from hoi_retarget.kernels.shape import DistanceGrid
+from hoi_retarget.kernels.shape import OVERRATED, DistanceGrid
 from hoi_retarget.objects.distance_field import STEPS, DistanceField, starts_of
-from hoi_retarget.objects.surface_samples import OVERRATED, SolidPoses
+from hoi_retarget.objects.surface_samples import SolidPoses
 
 CORNERS = np.array(list(product((0, 1), repeat=3)))
 LAST_PLACE = 1.0 - 1e-12  # Of the cells' extent: the last place that is in a cell.

@@ -4,9 +4,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import savgol_filter
 
 from hoi_retarget.numerics import se3
-from hoi_retarget.numerics.filters import nearest_active, seconds_to_frames, smooth, smooth_quats, smoothstep_around
+from hoi_retarget.numerics.filters import (
+    nearest_active,
+    savitzky_golay,
+    seconds_to_frames,
+    smooth,
+    smooth_quats,
+    smoothstep_around,
+)
 
 FPS, WINDOW = 30.0, 11  # At 30 frames a second the filter sees 11 frames.
 
@@ -133,3 +141,14 @@ def test_a_constant_turn_is_not_smoothed_away():
 )
 def test_durations_take_at_least_one_frame(seconds, fps, frames):
     assert seconds_to_frames(seconds, fps) == frames
+
+
+@LAWS
+@given(seed=st.integers(0, 10_000), half=st.integers(1, 8), derivative=st.integers(0, 2))
+def test_the_filter_is_that_of_scipy(seed, half, derivative):
+    rng = np.random.default_rng(seed)
+    window = 2 * half + 1
+    order = int(rng.integers(derivative, min(window, 5)))
+    path = rng.normal(size=(window + int(rng.integers(0, 30)), 3))
+    expected = savgol_filter(path, window, order, deriv=derivative, delta=0.1, axis=0)
+    np.testing.assert_allclose(savitzky_golay(path, window, order, derivative, 0.1), expected, atol=1e-7)

@@ -1,5 +1,6 @@
 """Holds: episodes, hands laid onto objects, reach, what hands and floor can give, and bodies that keep their holds."""
 
+from collections import OrderedDict
 from dataclasses import replace
 from itertools import combinations, pairwise
 
@@ -22,6 +23,7 @@ from hoi_retarget.objects.mesh import Surface
 from hoi_retarget.objects.surface_samples import SurfaceSamples
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.holds import hold_choice
 from hoi_retarget.retargeting.holds.arm_reach import reach
 from hoi_retarget.retargeting.holds.episodes import Episode, episodes, joined, steps
 from hoi_retarget.retargeting.holds.hand_settling import depths, touching_areas
@@ -307,6 +309,27 @@ def test_holds_are_ranked_they_differ_and_after_the_last_comes_the_first(beside_
         assert away > 0.0099 or np.degrees(turned) > 14.9
     again = best_hold(replace(person, rank=best.ranks), hand, box, start)
     np.testing.assert_array_equal(again.touch.position, best.touch.position)
+
+
+def test_a_hold_is_chosen_once_and_again_when_anything_that_counts_changes(beside_a_box, monkeypatch):
+    hand, box, start, person = beside_a_box
+    chosen = []
+    monkeypatch.setattr(hold_choice, "_KNOWN", OrderedDict())
+    monkeypatch.setattr(hold_choice, "best_hold", lambda *given: chosen.append(given) or best_hold(*given))
+    first = hold_choice._remembered(person, hand, box, start)
+    again = hold_choice._remembered(replace(person), hand, replace(box), start)
+    assert len(chosen) == 1 and again.touch is first.touch
+    qpos = start.qpos.copy()
+    qpos[1, 20] += 0.1
+    for other in (
+        (replace(person, rank=1), hand, box, start),
+        (person, hand, replace(box, position=box.position + 0.01), start),
+        (person, hand, replace(box, field=replace(box.field)), start),
+        (person, hand, box, start.model.forward(qpos)),
+    ):
+        before = len(chosen)
+        hold_choice._remembered(*other)
+        assert len(chosen) == before + 1
 
 
 @pytest.mark.parametrize("angle", [-40.0, 30.0])

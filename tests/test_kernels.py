@@ -11,7 +11,14 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.distance_field import field_of, surface_samples
 from hoi_retarget.objects.mesh import Surface
 from hoi_retarget.objects.surface_samples import SolidPoses, SurfaceSamples
-from hoi_retarget.retargeting.surfaces.skin_points import NEAR, SPREAD, LinkAtObject, MovingObject, near_skin
+from hoi_retarget.retargeting.surfaces.skin_points import (
+    NEAR,
+    SPREAD,
+    LinkAtObject,
+    MovingObject,
+    near_skin,
+    patches_of,
+)
 from hoi_retarget.retargeting.trajopt.normal import assemble
 from hoi_retarget.retargeting.trajopt.problem import FrameRows
 from hoi_retarget.robots.skin import skin_of
@@ -102,13 +109,22 @@ def test_skin_near_an_object(seed):
     least = distances.min(axis=0)
     assert (near.least <= least + 1e-12).all()
     np.testing.assert_allclose(near.nearest[least < NEAR], least[least < NEAR], atol=1e-12)
-    for chosen, own in zip(near.chosen, distances.T, strict=True):
-        # Skin that is as near as this is looked at for certain.
-        limit = min(own.min() + SPREAD, NEAR)
-        certain = plain.spread(np.where(own < limit, own, np.inf), HAND.points, 24, 0.008)
-        for index, (one, other) in enumerate(zip(chosen.tolist(), certain, strict=False)):
-            assert one == other or own[one] < limit or index > 0
-        assert not certain or chosen[0] == certain[0]
+    patches, points = patches_of(HAND), HAND.points
+    patch = np.empty(len(points), dtype=int)
+    patch[patches.order] = np.repeat(np.arange(len(patches.count)), patches.count)
+    counts = []
+    for chosen, own in zip(near.chosen.tolist(), distances.T, strict=True):
+        rough = own[: len(patches.count)]
+        looked_at = rough - patches.radius < min(rough.min() + SPREAD, NEAR)
+        expected = plain.spread(np.where(looked_at[patch], own, np.inf), points, 24, 0.008)
+        assert chosen[: len(expected)] == expected
+        # Then those that were not looked at, in their order, while any is apart from all before.
+        for index in range(len(expected), 24):
+            away = np.linalg.norm(points[:, None] - points[chosen[:index]], axis=2)
+            free = np.flatnonzero(~looked_at[patch] & (away >= 0.008).all(axis=1))
+            assert chosen[index] == (free[0] if free.size else chosen[0])
+        counts.append(len(expected))
+    assert max(counts) > 5
 
 
 @pytest.mark.parametrize("name", list(MODELS))

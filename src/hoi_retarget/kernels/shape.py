@@ -101,9 +101,39 @@ def directions(slopes: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K 3"]:
     return np.where(lengths > 1e-9, slopes / np.maximum(lengths, 1e-9), [0.0, 0.0, 1.0])
 
 
+class SampledDistances:
+    """Signed distances [m] that the compiled library interpolates between samples."""
+
+    @cached_property
+    def compiled(self) -> Shape:
+        """The samples as the library sees them: each kind says its own."""
+        raise NotImplementedError
+
+    def distances(self, points: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K"]:
+        """Return the distances of points [m], negative inside."""
+        return self.compiled.distances(points)
+
+    def distances_and_slopes(
+        self, points: Float[np.ndarray, "K 3"]
+    ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
+        """Return the distances of points [m], and their derivatives by the points."""
+        return self.compiled.distances_and_slopes(points)
+
+    def distances_and_normals(
+        self, points: Float[np.ndarray, "K 3"]
+    ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
+        """Return the distances of points [m], and the directions in which they grow: unit vectors, outwards."""
+        distances, slopes = self.distances_and_slopes(points)
+        return distances, directions(slopes)
+
+
+OVERRATED = 1.5
+"""Beyond its grid, a solid may seem further away than it is by a factor of up to the root of 2."""
+
+
 @dataclass(frozen=True, eq=False)
-class DistanceGrid:
-    """Distances [m] from one solid, negative inside, at the nodes of a grid that encloses it."""
+class DistanceGrid(SampledDistances):
+    """Distances [m] from one solid at the nodes of a grid around it; beyond the grid, the way to it is added."""
 
     origin: Float[np.ndarray, "3"]
     """First node [m]."""
@@ -111,23 +141,6 @@ class DistanceGrid:
     """[m]"""
     values: Float[np.ndarray, "X Y Z"]
     """[m], in single precision."""
-
-    def distances(self, points: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K"]:
-        """Return signed distances [m], trilinear; beyond the grid, the way to it is added."""
-        return self.compiled.distances(points)
-
-    def distances_and_slopes(
-        self, points: Float[np.ndarray, "K 3"]
-    ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
-        """Return `distances` [m], and their derivatives by the points [unitless]."""
-        return self.compiled.distances_and_slopes(points)
-
-    def distances_and_normals(
-        self, points: Float[np.ndarray, "K 3"]
-    ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
-        """Return `distances`, and the directions in which they grow: unit vectors, which point out of the solid."""
-        distances, slopes = self.distances_and_slopes(points)
-        return distances, directions(slopes)
 
     @cached_property
     def compiled(self) -> Shape:

@@ -17,7 +17,7 @@ import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float, Int
 
 from hoi_retarget.files import user_cache
-from hoi_retarget.kernels.shape import Shape, directions
+from hoi_retarget.kernels.shape import SampledDistances, Shape
 from hoi_retarget.objects.mesh import Surface, surface_of
 from hoi_retarget.objects.track import ObjectGeometry
 
@@ -184,8 +184,12 @@ _PARTED = 0.5  # A surface that parts its sides at fewer of these places is a sh
 
 
 @dataclass(frozen=True, eq=False)
-class DistanceField:
-    """Signed distance from one surface in the object's frame at captured size; negative inside."""
+class DistanceField(SampledDistances):
+    """Signed distance from one surface in the object's frame at captured size; negative inside.
+
+    Beyond the cells, which reach past the object by their edge or more, it is a lower bound: at least 0.7 of the
+    distance.
+    """
 
     cells: Cells
     shell: bool
@@ -207,27 +211,6 @@ class DistanceField:
             samples=self.cells.samples * np.float32(factor),
         )
         return replace(self, cells=cells, error=self.error * factor)
-
-    def distances(self, points: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "K"]:
-        """Return the distances of points [m].
-
-        Beyond the cells, which reach past the object by their edge or more, it is a lower bound: at least 0.7 of
-        the distance.
-        """
-        return self.compiled.distances(points)
-
-    def distances_and_slopes(
-        self, points: Float[np.ndarray, "K 3"]
-    ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
-        """Return the distances of points [m], and their derivatives by the points."""
-        return self.compiled.distances_and_slopes(points)
-
-    def distances_and_normals(
-        self, points: Float[np.ndarray, "K 3"]
-    ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
-        """Return the distances of points [m], and the directions in which they grow: unit vectors."""
-        distances, slopes = self.distances_and_slopes(points)
-        return distances, directions(slopes)
 
     @cached_property
     def compiled(self) -> Shape:

@@ -11,10 +11,7 @@ import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float, Int
 
 from hoi_retarget.kernels.point_cells import Placed, PointCells
-from hoi_retarget.kernels.shape import DistanceGrid
-
-OVERRATED = 1.5
-"""Beyond its grid, a solid may seem further away than it is by a factor of up to the root of 2."""
+from hoi_retarget.kernels.shape import OVERRATED, DistanceGrid
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,7 +32,7 @@ from hoi_retarget.retargeting.holds.hand_shape import HandPoses, HandShape, hand
 from hoi_retarget.retargeting.holds.hold import Hold, PersonHold
 from hoi_retarget.retargeting.surfaces.skin_points import MovingObject
 from hoi_retarget.retargeting.targets import Targets
-from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.robots.model import Kinematics, RobotModel
 
 TURNED_TO_SURFACE = (0.0, 0.35, 0.7, 1.0)
 """Shares of the turn that lays the palm onto the surface: the first candidates."""
@@ -90,7 +90,7 @@ def chosen_holds(
     )
 
 
-_KNOWN: OrderedDict[bytes, tuple[ReferenceType[DistanceField], Hold]] = OrderedDict()
+_KNOWN: OrderedDict[bytes, tuple[ReferenceType[DistanceField], ReferenceType[RobotModel], Hold]] = OrderedDict()
 """Last holds that were chosen, by all that they depend on: an edit changes one of many."""
 _MOST_KNOWN = 32
 
@@ -100,17 +100,19 @@ def _remembered(held: PersonHold, hand: HandShape, moving_object: MovingObject, 
     frames = held.episode.frames
     wanted = held.asked.positions, held.asked.rotations, np.array([held.rank, held.edited, *held.turn, frames.start])
     there = moving_object.position[:, frames], moving_object.rotation[:, :, frames], start.qpos[frames]
-    key = hashlib.sha256(f"{id(start.model)} {id(moving_object.field)} {hand.site}".encode())
+    key = hashlib.sha256(f"{id(start.model)} {id(moving_object.field)} {hand.site} {frames.stop}".encode())
     for part in (*wanted, *there):
         key.update(np.ascontiguousarray(part, dtype=float).data)
-    field, known = _KNOWN.get(key.digest(), (None, None))
-    # Another field may have come to be where the known one was.
-    if field is None or known is None or field() is not moving_object.field:
-        known = best_hold(held, hand, moving_object, start)
-        _KNOWN[key.digest()] = ref(moving_object.field), known
-        if len(_KNOWN) > _MOST_KNOWN:
-            _KNOWN.popitem(last=False)
-    return replace(known, person=held)
+    if found := _KNOWN.get(key.digest()):
+        field, model, known = found
+        # Another object or robot may have come to be where the known one was.
+        if field() is moving_object.field and model() is start.model:
+            return replace(known, person=held)
+    best = best_hold(held, hand, moving_object, start)
+    _KNOWN[key.digest()] = ref(moving_object.field), ref(start.model), best
+    if len(_KNOWN) > _MOST_KNOWN:
+        _KNOWN.popitem(last=False)
+    return best
 
 
 def best_hold(held: PersonHold, hand: HandShape, moving_object: MovingObject, start: Kinematics) -> Hold:

@@ -14,7 +14,7 @@ import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float, Int
 
 from hoi_retarget.kernels import moving_points
-from hoi_retarget.kernels.shape import DistanceGrid
+from hoi_retarget.kernels.shape import OVERRATED, DistanceGrid
 from hoi_retarget.robots.frames import Frame
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.skin import LinkSkin
@@ -24,7 +24,6 @@ REACH = 0.02  # [m]: links that are further apart do not meet in one solve.
 MAX_EXIT_M, EXIT_STEPS = 0.1, 12
 """[m]; a link that is longer than this in a direction is left another way. Steps to its surface."""
 SPACING, COARSE = 0.006, 0.035  # [m] between a link's points; between the coarse ones of them.
-_OVERRATED = 1.5  # Beyond its grid, a solid may seem further away than it is by a factor of up to the root of 2.
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +84,7 @@ class LinkPair:
         """Return index of the frame, place in the solid's frame and depth [m] of points inside; slopes of distances."""
         link, other = ((own.orientation(at), own.point(at)) for own, at in ((here, self.link), (there, self.other)))
         neighbours = self.skin.coarse, self.skin.nearest, self.skin.away, COARSE
-        factors = {"margin": margin, "overrated": _OVERRATED}
+        factors = {"margin": margin, "overrated": OVERRATED}
         solid = self.solid.compiled
         return moving_points.meeting(solid, self.skin.points, neighbours, link, other, self.frames, **factors)
 
@@ -167,7 +166,7 @@ def _beside(first: LinkSkin, second: LinkSkin, here: Kinematics, there: Kinemati
     frames = np.flatnonzero(((centre - around) ** 2).sum(axis=0) < (first.radius + second.radius + REACH) ** 2)
     position, turn = _pose(there, second.frame, frames)
     seen = np.einsum("jit,jt->ti", turn, centre[:, frames] - position)
-    return frames[second.solid.distances(seen) < _OVERRATED * (first.radius + REACH)]
+    return frames[second.solid.distances(seen) < OVERRATED * (first.radius + REACH)]
 
 
 @lru_cache(maxsize=256)
