@@ -66,18 +66,17 @@ def with_contacts(
     return found.with_warnings("unheld_object", unheld) if unheld else _with_untouched(found)
 
 
-def _resting(clip: Clip) -> tuple[ContactTrack, ...]:
-    return resting_contacts(clip, [~is_moving(track, clip.fps) for track in clip.objects])
+def _resting(clip: Clip, *, seats_only: bool = False) -> tuple[ContactTrack, ...]:
+    return resting_contacts(clip, [~is_moving(track, clip.fps) for track in clip.objects], seats_only=seats_only)
 
 
 def _with_seat(clip: Clip) -> Clip:
     """Return a clip with contacts of people who sit, beside those of its source, which labels hands and feet alone."""
-    resting = _resting(clip)
-    seats = {(track.person, track.object) for track in resting if track.part == PELVIS}
-    found = tuple(track for track in resting if (track.person, track.object) in seats)
+    found = _resting(clip, seats_only=True)
     if not found:
         return clip
-    names = " and ".join(dict.fromkeys(clip.objects[index].name for _, index in sorted(seats)))
+    seats = sorted({(track.person, track.object) for track in found})
+    names = " and ".join(dict.fromkeys(clip.objects[index].name for _, index in seats))
     note = f"Somebody sits on {names}, which is found from distances; the source labels no seats."
     return replace(clip, contacts=(*clip.contacts, *found)).with_note(note)
 

@@ -5,13 +5,14 @@ what is beside or over a part, such as a back or a table top over the knees, doe
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hoi_retarget.clip.clip import Clip, ContactTrack
+from hoi_retarget.clip.clip import PELVIS, Clip, ContactTrack
 from hoi_retarget.clip.label_contacts import FAR, PartObjectDistance, Proximity, nearest_to, of_part, touching
-from hoi_retarget.human.capsules import RESTING_CAPSULES, spheres
+from hoi_retarget.human.capsules import RESTING_CAPSULES, Spheres, spheres
 from hoi_retarget.human.person import Person
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
@@ -23,7 +24,9 @@ STEEPEST = np.radians(45.0)
 """Of the way from the place that bears a part up to its bone, against the vertical."""
 
 
-def resting_contacts(clip: Clip, still: Sequence[Bool[np.ndarray, "T"]]) -> tuple[ContactTrack, ...]:
+def resting_contacts(
+    clip: Clip, still: Sequence[Bool[np.ndarray, "T"]], *, seats_only: bool = False
+) -> tuple[ContactTrack, ...]:
     """Return a track for each person, object and part that rests on it in some frame.
 
     Raises `GeometryError` where an object's mesh cannot be read.
@@ -31,13 +34,18 @@ def resting_contacts(clip: Clip, still: Sequence[Bool[np.ndarray, "T"]]) -> tupl
     Args:
         clip: Its own contacts are not looked at.
         still: When each object stands still.
+        seats_only: Whether other parts than the pelvis count only on what this one rests on.
     """
     found = []
     for person, human in enumerate(clip.people):
         for index, (track, stands) in enumerate(zip(clip.objects, still, strict=True)):
-            surface = surface_of(track.geometry)
+            resting, stays = [], _in_frames(track, stands)
             for part, capsules in RESTING_CAPSULES.items():
-                if not np.isfinite(nearest_to(spheres(human, capsules), track, surface)[0][stands]).any():
+                if seats_only and part != PELVIS and not resting:
+                    break
+                balls = spheres(human, capsules)
+                some = Spheres(balls.middles[stands], balls.radii)
+                if not np.isfinite(nearest_to(some, stays, surface_of(track.geometry))[0]).any():
                     continue  # Most parts never come near: their skin is not made.
                 ((distances, points),) = of_part(human, part, (track,))
                 bears = stands & (distances <= FAR) & _below(human, part, track, points)
@@ -45,8 +53,13 @@ def resting_contacts(clip: Clip, still: Sequence[Bool[np.ndarray, "T"]]) -> tupl
                 (active,) = touching(clip, (near,), RESTING)
                 if active.any():
                     places = track.to_object(human.part_position(part))
-                    found.append(ContactTrack(person, index, part, active, places))
+                    resting.append(ContactTrack(person, index, part, active, places))
+            found += resting
     return tuple(found)
+
+
+def _in_frames(track: ObjectTrack, frames: Bool[np.ndarray, "T"]) -> ObjectTrack:
+    return replace(track, positions=track.positions[frames], quats=track.quats[frames])
 
 
 def _below(human: Person, part: str, track: ObjectTrack, points: Float[np.ndarray, "T 3"]) -> Bool[np.ndarray, "T"]:

@@ -74,12 +74,18 @@ def with_shape_warnings(clip: Clip, grasps: Grasps) -> Clip:
 
 def _off_centre(name: str, surface: Surface) -> str:
     """Return the distance of the mean of a shape's vertices from its origin, in words with advice; empty where none."""
-    mean = np.unique(surface.vertices, axis=0).mean(axis=0)
+    mean = _mean_vertex(surface)
     if np.linalg.norm(mean) < _MAX_OFF_CENTRE_M:
         return ""
     by = ", ".join(f"{-value:.3f}" for value in mean)
     off = f"{np.linalg.norm(mean):.2f} m from the origin, and the poses are of that mean"
     return f"{name}: the mean of its vertices is {off}: the origin is wrong. Move its vertices by ({by}) m."
+
+
+@lru_cache(maxsize=6)
+def _mean_vertex(surface: Surface) -> Float[np.ndarray, "3"]:
+    """Return the mean of different vertices [m]."""
+    return np.unique(surface.vertices, axis=0).mean(axis=0)
 
 
 def _touching_hands(clip: Clip, index: int, track: ObjectTrack) -> Iterator[Float[np.ndarray, "K 3"]]:
@@ -100,7 +106,7 @@ def _off(surface: Surface, hands: list[np.ndarray]) -> float:
 
 def _fault(name: str, surface: Surface, hands: list[np.ndarray]) -> tuple[str, bool]:
     """Return the fault of a shape with advice, a sentence or two, and whether it is its unit."""
-    off, size = _off(surface, hands), float(np.ptp(surface.vertices, axis=0).max())
+    off, size = _off(surface, hands), surface.size
     if off <= _MAX_OFF_M:
         return "", False
     start = f"{name}: hands that touch it are {off:.2f} m from all of its surface, and it is {size:.3g} m large"
@@ -135,7 +141,7 @@ def _offset(surface: Surface, hands: list[np.ndarray]) -> Float[np.ndarray, "3"]
     return moved
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=6)
 def _winding_beside(surface: Surface) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
     """Return the winding numbers of places just behind a surface and just before it."""
     points, normals = surface.random_points(_SAMPLES)

@@ -4,6 +4,7 @@ World frame: z up, floor at z = 0, metres, seconds. All arrays are read-only cop
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -59,7 +60,7 @@ class Person:
         """Return the world rotation of a part (quaternion, wxyz)."""
         return self.quat(ALL_PARTS[part].rotation_joint)
 
-    @property
+    @cached_property
     def height(self) -> float:
         """Standing height [m]: the source's, or estimated from the skeleton's legs, their mean, and its trunk."""
         if self.stature is not None:

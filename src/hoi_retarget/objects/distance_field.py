@@ -245,7 +245,7 @@ def field_of(surface: Surface, step: float | None = None) -> DistanceField:
 
 def _parts_its_sides(surface: Surface, points: np.ndarray, normals: np.ndarray) -> bool:
     """Return whether one side of a surface is inside and the other is not, at most of these points."""
-    depth = np.full(len(points), min(_PROBE_DEPTH, 1e-2 * float(np.ptp(surface.vertices, axis=0).max())))
+    depth = np.full(len(points), min(_PROBE_DEPTH, 1e-2 * surface.size))
     sides = [surface.encloses(points + sign * depth[:, None] * normals, depth) for sign in (-1, 1)]
     return len(points) > 0 and float(np.mean(sides[0] != sides[1])) > _PARTED
 

@@ -81,6 +81,11 @@ class Surface:
         a, b, c = np.moveaxis(self.triangles, 1, 0)
         return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
+    @functools.cached_property
+    def size(self) -> float:
+        """Longest side of the box around it [m]."""
+        return float(np.ptp(self.vertices, axis=0).max())
+
     def digest(self, settings: str) -> str:
         """Return a name for anything made of these triangles with some settings."""
         digest = hashlib.sha256(settings.encode())
@@ -133,7 +138,7 @@ class Surface:
 
         Within a ball that holds no surface all is on one side: a point has that of the middle.
         """
-        way = 2.0 * _EXACT_DISTANCE * float(np.ptp(self.vertices, axis=0).max())
+        way = 2.0 * _EXACT_DISTANCE * self.size
         near = np.flatnonzero((distances < 0.5 * way) & (distances > 0.0))
         if not near.size:
             return points, distances
@@ -182,7 +187,7 @@ class Surface:
             return np.zeros(0)
         numbers = self._winding_tree.winding_number(np.asarray(points, dtype=float))
         # The tree has single precision, which tells no side this near to the surface.
-        near = distances < _EXACT_DISTANCE * float(np.ptp(self.vertices, axis=0).max())
+        near = distances < _EXACT_DISTANCE * self.size
         if near.any():
             numbers[near] = igl.winding_number(self.vertices, self._wound_faces, points[near])
         return numbers
