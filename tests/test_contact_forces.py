@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
 from hoi_retarget.cli import main
-from hoi_retarget.dynamics.contact_forces import forces_of, least_force_norms
+from hoi_retarget.dynamics.contact_forces import forces_of
 from hoi_retarget.dynamics.feasibility import infeasibilities
 from hoi_retarget.dynamics.inverse_dynamics import GRAVITY, movement_of
 from hoi_retarget.dynamics.physics_settings import Physics
@@ -308,20 +308,6 @@ def test_a_motion_longer_than_a_block_is_the_same_everywhere():
 def test_short_motions_have_forces(frames):
     model = MODELS["unitree_g1"]
     assert alone(model, standing_qpos(model, frames)).missing_share.max() < 1e-9
-
-
-@settings(deadline=None, max_examples=30)
-@given(seed=st.integers(0, 10_000))
-def test_sizes_reach_what_can_be_reached_within_limits(seed):
-    generator = np.random.default_rng(seed)
-    hard, effort = generator.normal(size=(12, 40)), generator.normal(size=(20, 40))
-    sizes = np.maximum(generator.normal(size=40), 0.0)
-    held = effort @ sizes + generator.uniform(-0.9, 0.9, 20)
-    limited, unlimited = least_force_norms(hard, hard @ sizes, effort, held)
-    for found in (limited, unlimited):
-        assert (found >= 0.0).all()
-        np.testing.assert_allclose(hard @ found, hard @ sizes, atol=1e-8)
-    assert np.abs(held - effort @ limited).max() < 1.0 + 1e-6
 
 
 @settings(deadline=None, max_examples=20)

@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
+import scipy
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import plain_kernels as plain
+from hoi_retarget.dynamics.contact_forces import least_forces
+from hoi_retarget.kernels.point_tree import Accuracy, PointTree
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.distance_field import field_of, surface_samples
 from hoi_retarget.objects.mesh import Surface
@@ -153,3 +156,61 @@ def test_normal_equations_are_those_of_the_whole_jacobian(name):
     lower = np.array([[[square[t, c + k, c] if c + k < model.nv else 0.0 for k in range(model.nv)]
                        for c in range(model.nv)] for t in range(count)])  # fmt: skip
     np.testing.assert_allclose(normal.band[:, :, : model.nv], lower, atol=1e-9)
+
+
+@given(seeds)
+@SETTINGS
+def test_a_tree_finds_what_all_points_have(seed):
+    rng = np.random.default_rng(seed)
+    points = SAMPLES.points[rng.permutation(len(SAMPLES.points))[:3000]]
+    placed, limit = poses(rng, 5), rng.uniform(-0.01, 0.2, 5)
+    back = placed.rotations.transpose(0, 2, 1)
+    origins = -np.einsum("kij,kj->ki", back, placed.origins)
+    for shape, scale in ((HAND.solid, 1.0), (FIELD, 0.7)):
+        accuracy = Accuracy(0.001, 0.06, 0.25, 0.45, 0.02)
+        tree = PointTree.of(points)
+        asked = {"limit": limit, "accuracy": accuracy, "scale": scale}
+        found = tree.nearest(shape.compiled, back, origins, **asked)
+        for place in range(5):
+            there = (points @ back[place].T + origins[place])[tree.order]
+            lower, upper = accuracy.bounds(scale * shape.distances(there / scale))
+            can_be = lower <= min(limit[place], upper.min())
+            own = found.place == place
+            # Balls may hide some that can be, but none of which all others are sure to be farther.
+            assert set(found.point[own]) <= set(np.flatnonzero(can_be)) and own.any() == can_be.any()
+            np.testing.assert_allclose(found.upper[own].min(initial=np.inf), np.where(can_be, upper, np.inf).min())
+            np.testing.assert_allclose(found.lower[own], lower[found.point[own]], atol=1e-12)
+
+
+@given(seeds)
+@SETTINGS
+def test_forces_are_the_least_squares_of_those_that_are_there(seed):
+    rng = np.random.default_rng(seed)
+    effects, efforts = rng.normal(size=(6, 30, 12)), rng.normal(size=(6, 30, 20))
+    effects[:, 20:] = effects[:, :10]  # Some that do the same.
+    effects[3:, :, 6:] = 0.0
+    targets, free = rng.normal(size=(6, 12)), 0.1 * rng.normal(size=(6, 20))
+    targets[3:, 6:] = 0.0
+    active = rng.random((6, 30)) < 0.8
+    _, found = least_forces(effects, targets, 1e-3 * efforts, free, active)
+    assert not found[~active].any() and found.min() == 0.0
+    for frame, there in enumerate(active):
+        rows = np.concatenate([effects[frame][there].T, 1e-6 * efforts[frame][there].T, 1e-4 * np.eye(there.sum())])
+        aims = np.concatenate([targets[frame], 1e-3 * free[frame], np.zeros(there.sum())])
+        best = rows @ scipy.optimize.nnls(rows, aims)[0] - aims
+        np.testing.assert_allclose(rows @ found[frame][there] - aims, best, atol=1e-5)
+
+
+@given(seeds)
+@SETTINGS
+def test_forces_reach_what_can_be_reached_within_limits(seed):
+    rng = np.random.default_rng(seed)
+    effects, efforts = rng.normal(size=(4, 40, 12)), rng.normal(size=(4, 40, 20))
+    forces = np.maximum(rng.normal(size=(4, 40)), 0.0)
+    targets = np.einsum("fnh,fn->fh", effects, forces)
+    free = np.einsum("fni,fn->fi", efforts, forces) + rng.uniform(-0.9, 0.9, (4, 20))
+    limited, unlimited = least_forces(effects, targets, efforts, free, np.ones((4, 40), dtype=bool))
+    for found in (limited, unlimited):
+        assert found.min() >= 0.0
+        np.testing.assert_allclose(np.einsum("fnh,fn->fh", effects, found), targets, atol=1e-8)
+    assert np.abs(free - np.einsum("fni,fn->fi", efforts, limited)).max() < 1.0 + 1e-6

@@ -15,7 +15,6 @@ from hoi_retarget.evaluation.surface_distances import (
     surface_kind,
 )
 from hoi_retarget.numerics import se3
-from hoi_retarget.numerics.point_tree import PointTree
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.link_depths import PosedLink, RigidPoses, pair_depths
@@ -52,31 +51,6 @@ def test_frames_measured_in_blocks_are_those_measured_at_once(hand, monkeypatch)
     for name in ("skin", "point", "object"):
         np.testing.assert_array_equal(*(getattr(distances, name) for distances in found))
     assert (found[0].depth > 0.0).any() and np.isinf(found[0].skin).any()
-
-
-@pytest.mark.parametrize("seed", [0, 1])
-def test_a_tree_finds_what_all_points_have(seed):
-    random = np.random.default_rng(seed)
-    points, centre = random.normal(size=(700, 3)), np.array([2.0, 0.5, 0.0])
-    tree = PointTree.of(points)
-    quats = random.normal(size=(5, 4))
-    rotations, translations = (
-        se3.quat_to_matrix(quats / np.linalg.norm(quats, axis=1)[:, None]),
-        random.normal(size=(5, 3)),
-    )
-
-    def bounds(places):
-        distances = np.linalg.norm(places - centre, axis=1) - 1.5
-        return distances - 0.05, distances + 0.05
-
-    found = tree.nearest(rotations, translations, bounds)
-    for place in range(5):
-        distances = np.linalg.norm(points @ rotations[place].T + translations[place] - centre, axis=1) - 1.5
-        own = found.place == place
-        assert distances.argmin() in tree.order[found.point[own]]
-        np.testing.assert_allclose(found.lower[own].min(), distances.min() - 0.05, atol=1e-9)
-    beyond = tree.nearest(rotations, translations + 10.0, bounds, limit=0.0)
-    assert not len(beyond.place)
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.7])

@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 from jaxtyping import Bool
 
-from hoi_retarget.clip.clip import PELVIS, Clip, ContactTrack
+from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.clip.grasp_check import ADVICE, READINGS
 from hoi_retarget.clip.label_contacts import (
     FAR,

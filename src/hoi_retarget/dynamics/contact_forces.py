@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy  # its modules are loaded where they are first used
 from jaxtyping import Bool, Float
 
 from hoi_retarget.dynamics.actuators import actuators_of
@@ -31,18 +30,14 @@ from hoi_retarget.dynamics.inverse_dynamics import (
 from hoi_retarget.dynamics.object_bodies import ObjectBody, object_body
 from hoi_retarget.dynamics.object_support import PYRAMID_EDGES, friction_edges
 from hoi_retarget.dynamics.physics_settings import Physics
+from hoi_retarget.kernels.library import at, function, real
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots.model import Kinematics, RobotModel
 
-_TORQUE_WEIGHT, _FORCE_WEIGHT = 1e-3, 1e-4
-"""Weights of a torque at its limit, and of a force of the robot's weight, against that of a missing weight."""
-_LIMIT_WEIGHT = 10.0
-"""Weight of a torque of twice its limit against that of a missing weight."""
-_MAX_TORQUE_SHARE = 1.0 - 1e-3
-_MAX_ROUNDS = 6  # Of finding the joints at their limits.
+_LEAST_FORCES = function("least_forces", "pppppiiiip", allocates=True)
 _BLOCK_FRAMES = 200  # Frames at once: 40 MB.
 
 
@@ -229,21 +224,18 @@ class _Problem:
         given = [_scaled(wrench, body.mass, length) for wrench, (body, length) in zip(wrenches, bodies, strict=True)]
         required = [_scaled(body.wrench[levers.frames], body.mass, length) for body, length in bodies]
         effort = np.einsum("fkin,fkei->fken", levers.jacobian, edges) / self.limits
-        free_torques = self.robot.torques[levers.frames] / self.limits
-        weight = self.robot.mass * GRAVITY
-        found = np.zeros((2, *levers.position.shape))
-        for frame, active in enumerate(levers.active):
-            if not active.any():
-                continue
-            counted = [0, *(1 + np.flatnonzero(self.judged[levers.frames][frame]))]
-            effects = np.concatenate([given[body][frame, active].reshape(-1, 6) for body in counted], axis=1).T
-            targets = np.concatenate([required[body][frame] for body in counted])
-            spent = effort[frame, active].reshape(-1, len(self.limits)).T
-            both = least_force_norms(weight * effects, targets, weight * spent, free_torques[frame])
-            for kind, norms in enumerate(both):
-                of_edges = weight * norms.reshape(-1, PYRAMID_EDGES)
-                found[kind, frame, active] = np.einsum("ke,kei->ki", of_edges, edges[frame, active])
-        return found[0], found[1]
+        counted = np.insert(self.judged[levers.frames], 0, values=True, axis=1).repeat(6, axis=1)
+        frames, weight = len(edges), self.robot.mass * GRAVITY
+        effects = weight * np.concatenate(given, axis=-1).reshape(frames, -1, counted.shape[1]) * counted[:, None]
+        norms = least_forces(
+            effects,
+            np.where(counted, np.concatenate(required, axis=-1), 0.0),
+            weight * effort.reshape(frames, effects.shape[1], len(self.limits)),
+            self.robot.torques[levers.frames] / self.limits,
+            levers.active.repeat(PYRAMID_EDGES, axis=1),
+        )
+        limited, unlimited = np.einsum("sfke,fkei->sfki", weight * norms.reshape(2, *edges.shape[:3]), edges)
+        return limited, unlimited
 
     def _edges(self, levers: _Levers) -> Float[np.ndarray, "F K 4 3"]:
         """Return the edges of friction pyramids: forces of which the normal part is one; alike where a point slides."""
@@ -292,50 +284,28 @@ def _share(wrench: Float[np.ndarray, "T 6"], mass: float, length: float) -> Floa
     return np.linalg.norm(_scaled(wrench, mass, length), axis=1)
 
 
-def least_force_norms(
-    wrenches: Float[np.ndarray, "H N"],
-    targets: Float[np.ndarray, "H"],
-    effort: Float[np.ndarray, "n N"],
-    free_torques: Float[np.ndarray, "n"],
-) -> tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N"]]:
-    """Return the norms of forces, none negative, with limits on torques and without, in units of the robot's weight.
+def least_forces(
+    effects: Float[np.ndarray, "F N H"],
+    targets: Float[np.ndarray, "F H"],
+    efforts: Float[np.ndarray, "F N n"],
+    free_torques: Float[np.ndarray, "F n"],
+    active: Bool[np.ndarray, "F N"],
+) -> Float[np.ndarray, "2 F N"]:
+    """Return norms of forces, none negative, with limits on torques and without, in units of the robot's weight.
 
-    They come nearest to `wrenches x = targets`, with `free_torques - effort x` between -1 and 1 where that is possible;
-    of all such norms they are those of least effort.
+    They come nearest to the targets, with torques between -1 and 1 where that is possible; of all such forces they are
+    those of least effort: a torque at its limit counts a thousandth of a missing weight, a force of the robot's weight
+    a tenth of that.
 
     Args:
-        wrenches: Effects of the N forces on the bodies.
+        effects: Of a unit of each of N forces on the bodies.
         targets: Required wrenches of the bodies.
-        effort: Effects of the forces on the joints, relative to the limits of the torques.
-        free_torques: Torques without the forces, relative to their limits.
+        efforts: What a unit of each force takes from the torques, relative to their limits.
+        free_torques: Torques without forces, relative to their limits.
+        active: Which forces there are.
     """
-    rows, aims = wrenches, targets
-    unlimited = norms = _of_least_effort(rows, aims, effort, free_torques)
-    for _ in range(_MAX_ROUNDS):
-        share = free_torques - effort @ norms
-        over = np.abs(share) > _MAX_TORQUE_SHARE
-        signs = np.sign(share[over])
-        changed = np.concatenate([wrenches, _LIMIT_WEIGHT * effort[over]])
-        if changed.shape == rows.shape and (changed == rows).all():
-            break
-        rows, aims = changed, np.concatenate([targets, _LIMIT_WEIGHT * (free_torques[over] - signs)])
-        norms = _of_least_effort(rows, aims, effort, free_torques)
-    return norms, unlimited
-
-
-def _of_least_effort(
-    rows: Float[np.ndarray, "H N"],
-    targets: Float[np.ndarray, "H"],
-    effort: Float[np.ndarray, "n N"],
-    free_torques: Float[np.ndarray, "n"],
-) -> Float[np.ndarray, "N"]:
-    columns = rows.shape[1]
-    weak = np.concatenate([rows, _TORQUE_WEIGHT * effort, _FORCE_WEIGHT * np.eye(columns)])
-    weak_targets = np.concatenate([targets, _TORQUE_WEIGHT * free_torques, np.zeros(columns)])
-    norms, _ = scipy.optimize.nnls(weak, weak_targets, maxiter=30 * columns)
-    # The targets gave way a little to effort: corrected where possible, in proportion to each force.
-    used = norms > 0.0
-    change = np.linalg.lstsq(rows[:, used] * norms[used], targets - rows @ norms, rcond=1e-9)[0]
-    if (np.abs(change) < 1.0).all():
-        norms[used] *= 1.0 + change
-    return norms
+    parts = [real(part) for part in (effects, targets, efforts, free_torques)]
+    there = np.ascontiguousarray(active, dtype=np.int8)
+    found = np.empty((2, *there.shape))
+    _LEAST_FORCES(*map(at, (*parts, there)), *effects.shape, parts[2].shape[2], at(found))
+    return found

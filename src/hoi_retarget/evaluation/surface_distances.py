@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.evaluation.comparison import FOOT_SITES, HAND_SITES, object_poses
+from hoi_retarget.kernels.point_tree import Accuracy, Nearest, PointTree
 from hoi_retarget.motion.motion import Motion
-from hoi_retarget.numerics.point_tree import Nearest, PointTree
 from hoi_retarget.objects.distance_field import (
     SHELL_THICKNESS,
     DistanceField,
@@ -71,13 +71,14 @@ class ObjectShape:
         """Radius of a ball that holds it, where its box has its middle [m]."""
         return 0.5 * float(np.linalg.norm(np.ptp(self.surface.vertices, axis=0)))
 
+    @property
+    def accuracy(self) -> Accuracy:
+        """Of the field's distances."""
+        return Accuracy(self.field.error, _OUTSIDE_ERROR, _INSIDE_ERROR, _FAR_ERROR, _FAR_M)
+
     def bounds(self, points: Float[np.ndarray, "K 3"]) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
         """Return a lower and an upper bound of the distances of points [m]."""
-        found = self.field.distances(points)
-        size = np.abs(found)
-        share = np.where(found < 0.0, _INSIDE_ERROR, _OUTSIDE_ERROR)
-        lower = found - self.field.error - share * size
-        return lower, found + self.field.error + np.where(found > _FAR_M, _FAR_ERROR, share) * size
+        return self.accuracy.bounds(self.field.distances(points))
 
     def distances(
         self, points: Float[np.ndarray, "K 3"], lower: Float[np.ndarray, "K"], upper: Float[np.ndarray, "K"]
@@ -191,12 +192,9 @@ def _link_distances(
     if not len(near):
         return LinkDistances(least, point, sunk)
 
-    def bounds(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        lower, upper = shape.bounds(points / scale)
-        return scale * lower, scale * upper
-
-    own, tree = inside.at(near), tree_of(skin)
-    found = tree.nearest(own.rotations, own.positions, bounds, limit[near])
+    own, tree, accuracy = inside.at(near), tree_of(skin), shape.accuracy.at(scale)
+    field, poses = shape.field.compiled, (own.rotations, own.positions)
+    found = tree.nearest(field, *poses, limit=limit[near], accuracy=accuracy, scale=scale)
     least[near], point[near] = _exact(found, tree, own, shape, scale)
     swallowed = scale * shape.radius <= skin.radius
     hit = near if swallowed else np.flatnonzero(least <= REACH)

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float, Int
 
-from hoi_retarget.numerics.point_tree import PointTree
+from hoi_retarget.kernels.point_tree import PointTree
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.skin import LinkSkin, skin_of
 
@@ -140,12 +140,7 @@ def least_in_solid(
         pose: Poses of the points' owner in the link's frame.
         scale: Size of the object over captured size.
     """
-
-    def bounds(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        distances = skin.solid.distances(scale * points) / scale
-        return distances, distances
-
-    found = tree.nearest(pose.rotations, pose.positions / scale, bounds, 0.0)
+    found = tree.nearest(skin.solid.compiled, pose.rotations, pose.positions / scale, limit=0.0, scale=1.0 / scale)
     least, points = np.zeros(len(pose.positions)), np.zeros((len(pose.positions), 3))
     np.minimum.at(least, found.place, found.lower)
     deepest = (found.lower == least[found.place]) & (found.lower < 0.0)
