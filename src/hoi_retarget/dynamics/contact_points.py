@@ -24,7 +24,7 @@ from hoi_retarget.objects.distance_field import DistanceField, distance_field
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots.frames import Frame
 from hoi_retarget.robots.model import Kinematics
-from hoi_retarget.robots.skin import LinkSkin, extreme_points, skin_of, skins_from
+from hoi_retarget.robots.skin import LinkSkin, extreme_points, lowest_skin, skin_of, skins_from
 from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
 
 REACH = 0.02
@@ -91,14 +91,11 @@ def _soles(motion: Motion, kinematics: Kinematics) -> Iterator[ContactPoint]:
 
 def _links_on_floor(kinematics: Kinematics) -> Iterator[ContactPoint]:
     feet = {kinematics.frame(f"{side}_foot").node for side in SIDES}
-    for skin in skin_of(kinematics.model).links:
-        if skin.frame.node in feet:
-            continue
-        rotation, origin = kinematics.orientation(skin.frame), kinematics.point(skin.frame)
-        heights = skin.extreme_points @ rotation[2] + origin[2]
-        lowest = heights.argmin(axis=0)
-        active = heights.min(axis=0) < _MAX_FLOOR_HEIGHT
-        position = origin.T + np.einsum("ijt,tj->ti", rotation, skin.extreme_points[lowest])
+    links = [skin for skin in skin_of(kinematics.model).links if skin.frame.node not in feet]
+    places = [[lowest_skin(part, skin) for skin in links] for part in kinematics.parts()]
+    for skin, *parts in zip(links, *places, strict=True):
+        position = np.concatenate(parts, axis=1).T
+        active = position[:, 2] < _MAX_FLOOR_HEIGHT
         yield ContactPoint(skin.link, skin.frame, None, active, position, _upward(active))
 
 

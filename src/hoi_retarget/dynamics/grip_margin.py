@@ -6,6 +6,7 @@ helps. Directions are the corners of an icosahedron; an object that cannot be mo
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -16,7 +17,7 @@ from hoi_retarget.dynamics.free_hands import LARGEST_GAP, PATCH_DEPTH, PATCH_POI
 from hoi_retarget.dynamics.inverse_dynamics import GRAVITY
 from hoi_retarget.dynamics.object_support import PYRAMID_EDGES, ObjectLoad, friction_edges, object_load
 from hoi_retarget.dynamics.physics_settings import Physics
-from hoi_retarget.human.capsules import PART_CAPSULES, spheres
+from hoi_retarget.human.capsules import PART_CAPSULES, Spheres, spheres
 from hoi_retarget.human.person import Person
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
@@ -35,6 +36,8 @@ STRIDE_SECONDS = 1 / 3
 """Between frames that are looked at; others have the margin of the nearest one."""
 FRAMES_AT_ONCE = 40
 """That are looked at together: their memory does not grow with the clip's length."""
+BLOCK_FRAMES = 1000
+"""Of a person whose hand is made of spheres at once."""
 FORCE_COST, MISSING_COST = 1e-5, 100.0
 """Of forces and of what is missing, both in weights of the object, against a margin of 1 g."""
 HELD_SHARE = 1e-3
@@ -148,11 +151,16 @@ def _robot_touching(
 
 def _human_touching(person: Person, track: ObjectTrack, site: str) -> Callable[[int], Touching]:
     """Return where a person's palm and fingers touch in a frame, in the world."""
-    hand, field = spheres(person, PART_CAPSULES[site.replace("palm", "hand")]), distance_field(track.geometry)
+    capsules, field = PART_CAPSULES[site.replace("palm", "hand")], distance_field(track.geometry)
+
+    @lru_cache(maxsize=1)
+    def hand_in(block: int) -> Spheres:
+        return spheres(person.window(block * BLOCK_FRAMES, (block + 1) * BLOCK_FRAMES), capsules)
 
     def at(frame: int) -> Touching:
         turn, origin = se3.quat_to_matrix(track.quats[frame]), track.positions[frame]
-        middles = (hand.middles[frame] - origin) @ turn
+        hand = hand_in(frame // BLOCK_FRAMES)
+        middles = (hand.middles[frame % BLOCK_FRAMES] - origin) @ turn
         away, normals = field.distances_and_normals(middles)
         gaps = away - hand.radii
         near = np.flatnonzero(gaps < PATCH_DEPTH + np.clip(gaps.min(), 0.0, LARGEST_GAP))

@@ -21,6 +21,7 @@ SLIDING_MPS = 0.04
 FLOOR_HEIGHT, LOWEST_RANGE = 0.015, 0.005
 """A point is on the floor up to this height, and so far above the lowest one [m]."""
 FLOOR_POINTS, PYRAMID_EDGES = 6, 4
+_FRAMES_AT_ONCE = 500
 EFFORT = 1e-3
 """Of forces of the object's weight, against that of a missing weight."""
 
@@ -87,9 +88,9 @@ def object_load(  # noqa: PLR0913, PLR0917  # the parts of a load
     corners = scale * extreme_points(geometry.points)
     length = float(np.linalg.norm(corners - body.centre, axis=1).max())
     rotations = se3.quat_to_matrix(movement.qpos[:, 3:7])
-    height = movement.qpos[:, 2, None] + rotations[:, 2] @ corners.T
-    lowest = np.argsort(height, axis=1, kind="stable")[:, :FLOOR_POINTS]
-    own = np.take_along_axis(height, lowest, axis=1)
+    blocks = np.split(rotations[:, 2], range(_FRAMES_AT_ONCE, len(rotations), _FRAMES_AT_ONCE))
+    lowest = np.concatenate([np.argsort(up @ corners.T, axis=1, kind="stable")[:, :FLOOR_POINTS] for up in blocks])
+    own = movement.qpos[:, 2, None] + np.einsum("tj,tkj->tk", rotations[:, 2], corners[lowest])
     on_floor = own < np.minimum(FLOOR_HEIGHT, own[:, :1] + LOWEST_RANGE)
     arms = np.einsum("tij,tkj->tki", rotations, corners[lowest])
     turning = se3.rotate(movement.qpos[:, 3:7], movement.qvel[:, 3:6])

@@ -3,7 +3,7 @@
 World frame: z up, floor at z = 0, metres, seconds. All arrays are read-only copies.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -43,6 +43,12 @@ class Person:
         check_shape(f"person {self.name!r}", "joint_quats", np.asarray(self.joint_quats), (frames, len(JOINTS), 4))
         check_finite(f"person {self.name!r}", {"joint_positions": self.joint_positions})
         object.__setattr__(self, "joint_quats", unit_quats(f"person {self.name!r}", "joint_quats", self.joint_quats))
+
+    def window(self, start: int, stop: int) -> "Person":
+        """Return the person in some consecutive frames, as tall as in all of them."""
+        frames = slice(start, stop)
+        joints = {"joint_positions": self.joint_positions[frames], "joint_quats": self.joint_quats[frames]}
+        return replace(self, **joints, stature=self.height)
 
     def position(self, joint: str) -> Float[np.ndarray, "T 3"]:
         """Return the world position of a joint [m]."""

@@ -148,9 +148,8 @@ EXPORTED whole meeting(const Grid *solid, const double *points, whole total, who
                 turn[3 * i + j] = other.rotation[i] * link.rotation[j] + other.rotation[3 + i] * link.rotation[3 + j] +
                                   other.rotation[6 + i] * link.rotation[6 + j];
         for (whole k = 0; k < total; k++) {
-            if (k >= coarse && (least >= margin + overrated * farthest ||
-                                rough[neighbour[k]] >= margin + overrated * away[k]))
-                continue;
+            if (k == coarse && least >= margin + overrated * farthest) break;
+            if (k >= coarse && rough[neighbour[k]] >= margin + overrated * away[k]) continue;
             double *place = places + 3 * found;
             const double *p = points + 3 * k;
             for (int i = 0; i < 3; i++)

@@ -9,6 +9,7 @@ node by a constant transform. A configuration is `q = (p_b, R_b, theta)`, stored
 its tangent is `(dp_world, dphi_body, dtheta)` with `6 + n` numbers (paper Sec. III).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -176,6 +177,11 @@ class Kinematics:
         """Return the poses in some frames."""
         places, turns = self.node_position[..., frames], self.node_rotation[..., frames]
         return Kinematics(self.model, self.qpos[frames], places, turns)
+
+    def parts(self, first: int = 0) -> Iterator["Kinematics"]:
+        """Yield the poses from one frame on, some frames after the other: what is made of them needs little memory."""
+        for start in range(first, len(self.qpos), _KEPT_FRAMES):
+            yield self.window(slice(start, start + _KEPT_FRAMES))
 
     def frame(self, site: str | Frame) -> Frame:
         """Return a site's frame by its name, or the given frame; raises `RobotError` when there is no such site."""

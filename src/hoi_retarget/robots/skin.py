@@ -307,8 +307,15 @@ def _limbs(model: RobotModel, end: str) -> list[set[int]]:
 
 def link_heights(kinematics: Kinematics, first: int = 0) -> Float[np.ndarray, "L F"]:
     """Return the height of the lowest skin point of each link of the skin [m], from one frame on."""
-    heights = []
-    for skin in skin_of(kinematics.model).links:
-        up = kinematics.orientation(skin.frame)[2, :, first:]
-        heights.append((skin.extreme_points @ up).min(axis=0) + kinematics.point(skin.frame)[2, first:])
-    return np.reshape(heights, (-1, len(kinematics.qpos) - first))
+    skins = skin_of(kinematics.model).links
+    found = [
+        np.reshape([lowest_skin(part, skin)[2] for skin in skins], (len(skins), -1)) for part in kinematics.parts(first)
+    ]
+    return np.concatenate([np.zeros((len(skins), 0)), *found], axis=1)
+
+
+def lowest_skin(kinematics: Kinematics, skin: LinkSkin) -> Float[np.ndarray, "3 T"]:
+    """Return the lowest skin point of a link in every frame, in the world [m]."""
+    rotation = kinematics.orientation(skin.frame)
+    lowest = (skin.extreme_points @ rotation[2]).argmin(axis=0)
+    return kinematics.point(skin.frame) + np.einsum("ijt,tj->it", rotation, skin.extreme_points[lowest])
