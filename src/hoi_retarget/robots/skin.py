@@ -309,7 +309,8 @@ def link_heights(kinematics: Kinematics, first: int = 0) -> Float[np.ndarray, "L
     """Return the height of the lowest skin point of each link of the skin [m], from one frame on."""
     skins = skin_of(kinematics.model).links
     found = [
-        np.reshape([lowest_skin(part, skin)[2] for skin in skins], (len(skins), -1)) for part in kinematics.parts(first)
+        np.reshape([lowest_skin(part, skin)[2] for skin in skins], (len(skins), len(part.qpos)))
+        for part in kinematics.parts(first)
     ]
     return np.concatenate([np.zeros((len(skins), 0)), *found], axis=1)
 
