@@ -38,7 +38,10 @@ def test_what_is_performed_goes_out_beside_what_a_controller_needs(folder, capsy
     result_file.save(motion, folder / "stands.npz")
     assert main(["refine", "stands.npz", "--out", "out", "--seed", "3", *QUICK]) == 0
     said = capsys.readouterr().out
-    assert "1 performed whole, 0 fell, 0 failed." in said and "certificate: 6 of 6 replays keep to the motion" in said
+    assert (
+        "1 performed whole, 0 lost, 0 fell, 0 failed." in said
+        and "certificate: 6 of 6 replays keep to the motion" in said
+    )
     performed = result_file.load(folder / "out" / "stands.npz")
     assert [stage.name for stage in performed.stages] == ["trajectory", "physics"]
     assert performed.stages[0].qpos.tobytes() == motion.qpos.tobytes()
@@ -78,7 +81,7 @@ def test_what_falls_is_kept_to_the_fall_in_place_of_what_stood(folder, capsys):
     (folder / "refined" / "glides.npz").write_bytes(b"of an earlier refinement")
     assert main(["refine", "glides.npz", *QUICK]) == 1
     said = capsys.readouterr()
-    assert "0 performed whole, 1 fell, 0 failed." in said.out and "certificate: none, as" in said.out
+    assert "0 performed whole, 0 lost, 1 fell, 0 failed." in said.out and "certificate: none, as" in said.out
     assert "of 46: " in said.err
     assert not (folder / "refined" / "glides.npz").exists()
     performed = result_file.load(folder / "refined" / "glides.npz.failed")

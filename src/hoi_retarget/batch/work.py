@@ -102,7 +102,7 @@ def refinement_tasks(specification: Specification, solved: Iterable[ManifestEntr
 
 
 def refine_result(task: RefineTask) -> ManifestEntry:
-    """Refine a result and write the performed motion; a fall is a failure, its motion written with the reason.
+    """Refine a result and write the performed motion; a fall and a lost object are failures, written with the reason.
 
     Raises `HoiRetargetError` where the result cannot be refined.
     """
@@ -114,10 +114,12 @@ def refine_result(task: RefineTask) -> ManifestEntry:
     motion_path, for_controllers = write_simulated(performed, place)
     performance, frames = performed.performance, performed.motion.frames
     entry = replace(task.entry("solved", ""), frames=frames)
-    if performance.fell:
-        reason = f"the robot falls after {performance.seconds:.1f} s, in frame {frames}: {performance.cause}"
-        fallen = replace(entry, status="failed", reason=reason, error="Fall", frame=frames)
-        return replace(fallen, fell_after=performed.rollout.fell_after)
+    if not performance.whole:
+        how = "falls" if performance.fell else "loses its object"
+        reason = f"the robot {how} after {performance.seconds:.1f} s, in frame {frames}: {performance.cause}"
+        error = "Fall" if performance.fell else "Loss"
+        failed = replace(entry, status="failed", reason=reason, error=error, frame=frames)
+        return replace(failed, fell_after=performed.rollout.fell_after)
     verdict = verdict_of(performed.motion, performed.scene.model)
     result = ManifestResult(
         path=motion_path.relative_to(task.out).as_posix(),

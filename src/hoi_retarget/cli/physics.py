@@ -1,6 +1,7 @@
 """Physics of results: `feasible` computes forces, `refine` simulates a robot, `scene` writes files for MuJoCo."""
 
 import sys
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from hoi_retarget.motion.motion import SIMULATED
 from hoi_retarget.robots import load_robot
 from hoi_retarget.simulation.physics_stage import FOR_CONTROLLERS, add_physics_stage, write_simulated
 from hoi_retarget.simulation.refine import Progress
-from hoi_retarget.simulation.rollout import Reference, base_errors_deg, object_errors
+from hoi_retarget.simulation.rollout import Reference, base_errors_deg
 
 _MAX_SHOWN = 6  # Infeasibilities of a result that are printed.
 
@@ -72,11 +73,13 @@ def execute_feasible(command: Feasible) -> int:
     return exit_code(failures, len(command.results))
 
 
-_HEADER = ("result", "whole", "performed [s]", "of [s]", "object [cm]", "base [cm]", "base [deg]", "CPU [s]")
+_HEADER = (
+    *("result", "outcome", "of [s]", "object [cm]", "object [deg]", "near [%]", "base [cm]", "base [deg]", "CPU [s]"),
+)
 
 
 def execute_refine(command: Refine) -> int:
-    """Refine every result; return 0 when all were performed whole."""
+    """Refine every result; return 0 when all were performed whole, with their objects."""
     check_writable("--out", command.out)
     check_stems(command.results, lambda path: path.stem, f"{command.out}/{{}}.npz. Refine them one after the other.")
     written = [
@@ -85,13 +88,15 @@ def execute_refine(command: Refine) -> int:
     check_inputs_kept("--out", written, command.results)
     rows: list[tuple[str, ...]] = []
     failures = do_for_each("refining", command.results, lambda path: rows.append(_refined(path, command)))
-    fallen = sum(row[1] == "no" for row in rows)
+    fallen, lost = (sum(row[1].startswith(word) for row in rows) for word in ("fell", "lost"))
     if rows:
         say()
         show_table([_HEADER, *rows], words=(0, 1))
         say()
-    say(f"{len(rows) - fallen} performed whole, {fallen} fell, {len(failures)} failed.")
-    return exit_code(failures, len(command.results)) or int(fallen > 0)
+    held, strictly = (sum(row[1].startswith(words) for row in rows) for words in ("held", "held strictly"))
+    how = f" ({strictly} of {held} hold their objects strictly)" if held else ""
+    say(f"{len(rows) - fallen - lost} performed whole{how}, {lost} lost, {fallen} fell, {len(failures)} failed.")
+    return exit_code(failures, len(command.results)) or int(fallen + lost > 0)
 
 
 def _refined(path: Path, command: Refine) -> tuple[str, ...]:
@@ -107,21 +112,28 @@ def _refined(path: Path, command: Refine) -> tuple[str, ...]:
     frames, performance = performed.motion.frames, performed.performance
     cpu = performed.motion.report.cpu_seconds[SIMULATED]
     written, for_controllers = write_simulated(performed, command.out / f"{path.stem}.npz")
-    if performance.fell:
-        warn(f"{path.name}: falls in frame {frames} of {motion.frames}: {performance.cause}.")
+    if not performance.whole:
+        how = "falls" if performance.fell else "loses its object"
+        warn(f"{path.name}: {how} in frame {frames} of {motion.frames}: {performance.cause}.")
     if performance.let_go_after is not None:
         when = f"after {performance.let_go_after:.1f} s"
         warn(f"{path.name}: the robot fell over its object, which counts little {when}.")
     say(f"  {written}  ({frames} frames, {cpu:.0f} s of CPU; for controllers: {for_controllers})")
     say(f"  certificate: {performance.robustness}")
-    reference, rollout = performed.reference, performed.rollout
-    errors = object_errors(rollout, reference, performed.scene.model.n)
+    reference, rollout, holds = performed.reference, performed.rollout, performed.holds
+    strictly = " strictly" if performance.outcome == "held" and all(hold.strict for hold in holds) else ""
     base = np.linalg.norm(rollout.qpos[:, :3] - reference.qpos[: len(rollout.qpos), :3], axis=1)
     return (
-        *(path.stem, "no" if performance.fell else "yes", f"{rollout.seconds:.1f}", f"{reference.seconds:.1f}"),
-        f"{100 * errors.mean():.1f}" if errors.size else "-",
+        *(path.stem, performance.outcome + strictly, f"{reference.seconds:.1f}"),
+        _listed(f"{100 * hold.mean_m:.1f}" for hold in holds),
+        _listed(f"{hold.mean_deg:.1f}" for hold in holds),
+        _listed(f"{100 * hold.kept_share:.0f}" for hold in holds),
         *(f"{100 * base.mean():.1f}", f"{base_errors_deg(rollout, reference).mean():.1f}", f"{cpu:.0f}"),
     )
+
+
+def _listed(numbers: Iterable[str]) -> str:
+    return ", ".join(numbers) or "-"
 
 
 def execute_scene(command: Scene) -> int:

@@ -18,8 +18,16 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.dynamics.feasibility import held_by_others
 from hoi_retarget.dynamics.inverse_dynamics import movement_of
 from hoi_retarget.dynamics.object_support import ObjectLoad, object_load
-from hoi_retarget.dynamics.physics_scene import SceneObject, add_object, floor_contacts, hand_contacts, scene_objects
+from hoi_retarget.dynamics.physics_scene import (
+    FRICTION_STIFFNESS,
+    SceneObject,
+    add_object,
+    floor_contacts,
+    hand_contacts,
+    scene_objects,
+)
 from hoi_retarget.dynamics.physics_settings import Physics
+from hoi_retarget.dynamics.robot_parts import LINK_PARTS, convex_parts
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import closed_and_opened, nearest_active, seconds_to_frames, smoothstep_around
@@ -46,14 +54,14 @@ AWAY = 10.0
 """Height of a hand that touches nothing [m]."""
 FRICTION_SHARE, LARGEST_GIVEN = 0.5, 40.0
 """Of the friction, with which given forces are found, and the largest of a hand [N]."""
-TIMESTEP, FRICTION_STIFFNESS, ITERATIONS = 0.004, 10.0, 50
-"""Of the simulation [s, MuJoCo's impratio, of its solver]: held objects must not creep by the simulator's own slip."""
+TIMESTEP, ITERATIONS = 0.004, 50
+"""Of the simulation [s], of its solver."""
 SKIN_POINTS, PATCH_POINTS, PATCH_DEPTH, LARGEST_GAP = 400, 6, 0.005, 0.01
 """Of a hand, of those that touch, how much farther off than the nearest these may be, and that one at most [m]."""
 FACING = 0.5
 """Cosine between skin and surface from which on they face each other."""
-HAND_PARTS, LINK_PARTS, CLUSTERED_CELLS, PART_MARGIN = 18, 3, 4000, 1e-3
-"""Convex parts of a hand that is one link, and of each link of others; cells that are clustered, so deep [m]."""
+HAND_PARTS = 18
+"""Convex parts of a hand that is one link."""
 
 
 @dataclass(frozen=True)
@@ -316,28 +324,13 @@ class FreeHands:
         return description.compile()
 
 
-@lru_cache(maxsize=16)
 def hand_parts(model: RobotModel, site: str) -> tuple[Float[np.ndarray, "_ 3"], ...]:
-    """Return the corners of a hand's convex parts in its palm's frame [m], as in the home pose.
-
-    The solids of its links' skins are cut into clusters of cells, and each becomes its convex hull.
-    """
+    """Return the corners of a hand's convex parts in its palm's frame [m], as in the home pose."""
     skins, found = skins_from(model, site), []
     for skin in skins:
-        grid = skin.solid
-        cells = grid.origin + grid.step * np.argwhere(grid.values < -PART_MARGIN)
-        count = min(HAND_PARTS if len(skins) == 1 else LINK_PARTS, max(1, len(cells) // 8))
-        every = max(1, len(cells) // CLUSTERED_CELLS)
-        random = np.random.default_rng(0)
-        centres, _ = scipy.cluster.vq.kmeans2(cells[::every], count, minit="++", rng=random)
-        tree = scipy.spatial.KDTree(centres)
-        points = np.concatenate([skin.points, cells])
-        own = tree.query(points)[1]
         turn, origin = pose_at_home(model, site, skin.frame)
-        for part in (points[own == number] for number in range(len(centres))):
-            if len(part) > 8:
-                corners = part[scipy.spatial.ConvexHull(part, qhull_options="QJ").vertices]
-                found.append(corners @ turn.T + origin)
+        parts = convex_parts(skin, HAND_PARTS if len(skins) == 1 else LINK_PARTS)
+        found += [corners @ turn.T + origin for corners in parts]
     return tuple(found)
 
 

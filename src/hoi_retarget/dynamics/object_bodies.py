@@ -3,10 +3,11 @@
 No recording tells an object's weight. By default it is its convex hull filled with the mean density of objects of its
 kind, which counts the air in them; so an object that is made smaller is lighter.
 
-A simulator collides convex shapes only: an oriented box where one fits, else convex parts. A box fits where the
-object's surface is near all of the box's, so that open bins and tables are none. Convex parts are CoACD's (Wei et al.,
-2022), where the extra `physics` is installed: tens of seconds for a chair, so they are kept in the user's cache folder
-by the mesh's digest. Without it, the convex hull stands for the object, and `kind` says so.
+A simulator collides convex shapes only: an oriented box or the convex hull where they fit, else convex parts. They fit
+where the object's surface is within millimetres of theirs: hands touch the surface, and what is in a shape is thrown.
+Convex parts are CoACD's (Wei et al., 2022), where the extra `physics` is installed: tens of seconds for a chair, so
+they are kept in the user's cache folder by the mesh's digest. Without it, the hull stands for the object, and `text`
+says so.
 """
 
 from dataclasses import dataclass
@@ -26,10 +27,10 @@ from hoi_retarget.objects.track import ObjectGeometry
 
 Kind = Literal["box", "convex parts", "convex hull"]
 
-_MAX_GAP_SHARE = 0.1
-"""Share of the box's shortest edge: a box fits when each of its faces is on average nearer to the surface than this.
-The boxes and suitcases of OMOMO have 0.09 at most, a bin without a lid 0.2, tables 0.3."""
+_BOX_GAP_M, _HULL_GAP_M = 0.002, 0.003
+"""Mean distances between the object's surface and each face of a box, or all of its hull, with which these fit [m]."""
 _POINTS_PER_EDGE = 24  # Points along a face's edge from which distances are taken.
+_HULL_POINTS = 2000  # On a hull.
 _PARTS_VERSION = 1  # Of the parts of the same triangles.
 _CONCAVITY, _MAX_PARTS = 0.05, 32  # CoACD's concavity, and the number of parts.
 
@@ -60,13 +61,15 @@ class CollisionShape:
     box: Box | None = None
     parts: tuple[Float[np.ndarray, "_ 3"], ...] = ()
     """Corners of the convex parts [m]; none for a box."""
+    fits: bool = True
+    """Whether a hull is near the surface."""
 
     @property
     def text(self) -> str:
         """The shape in words."""
         if self.kind == "convex parts":
             return f"{len(self.parts)} convex parts"
-        hint = " (no box fits; install hoi-retarget[physics] for convex parts)" if self.kind == "convex hull" else ""
+        hint = "" if self.fits else " (it does not fit; install hoi-retarget[physics] for convex parts)"
         return f"a {self.kind}{hint}"
 
 
@@ -76,9 +79,12 @@ def collision_shape(geometry: ObjectGeometry) -> CollisionShape:
     box = oriented_box(surface.vertices)
     if _fits(box, surface):
         return CollisionShape("box", box=box)
-    if surface.exact and find_spec("coacd") is not None:
-        return CollisionShape("convex parts", parts=_cached_parts(surface))
-    return CollisionShape("convex hull", parts=(frozen(_hull_corners(surface.vertices)),))
+    hull = frozen(_hull_corners(surface.vertices))
+    if surface.exact and not _fits_hull(hull, surface):
+        if find_spec("coacd") is not None:
+            return CollisionShape("convex parts", parts=_cached_parts(surface))
+        return CollisionShape("convex hull", parts=(hull,), fits=False)
+    return CollisionShape("convex hull", parts=(hull,))
 
 
 def oriented_box(points: Float[np.ndarray, "P 3"]) -> Box:
@@ -96,7 +102,13 @@ def _fits(box: Box, surface: Surface) -> bool:
     plane = np.stack([first, second], axis=1)
     faces = [np.insert(plane, axis, side, axis=1) for axis in range(3) for side in (-1.0, 1.0)]
     places = [box.centre + (box.half * face) @ box.rotation.T for face in faces]
-    return bool(max(surface.distances(place).mean() for place in places) < 2.0 * _MAX_GAP_SHARE * box.half.min())
+    return bool(max(surface.distances(place).mean() for place in places) < _BOX_GAP_M)
+
+
+def _fits_hull(corners: Float[np.ndarray, "V 3"], surface: Surface) -> bool:
+    faces = scipy.spatial.ConvexHull(corners, qhull_options="QJ").simplices
+    points, _ = Surface(corners, faces, exact=False).random_points(_HULL_POINTS)
+    return bool(surface.distances(points).mean() < _HULL_GAP_M)
 
 
 def _hull_corners(points: np.ndarray) -> Float[np.ndarray, "V 3"]:

@@ -24,7 +24,7 @@ _ROOM = 64
 
 
 class Accuracy(NamedTuple):
-    """How far a distance may be from that of samples."""
+    """Bounds of a distance around that of samples."""
 
     error: float = 0.0
     """[m]"""

@@ -1,4 +1,4 @@
-"""A simulated robot's performance of a motion, to the end or to a fall, with its certificate."""
+"""A simulated robot's performance of a motion, to the end, a fall or the loss of its object, with its certificate."""
 
 from dataclasses import dataclass
 
@@ -56,20 +56,37 @@ class Certificate:
 
 @dataclass(frozen=True)
 class Performance:
-    """The performance of a motion: its length, and the fall if there was one."""
+    """The performance of a motion: its length, and the fall or the loss of an object if there was one."""
 
     seconds: float
-    """How long the robot stood [s]."""
+    """How long the robot stood, with its object at hand [s]."""
     fell: bool
     cause: str = ""
-    """Why it fell, as far as known."""
+    """Why it fell or lost its object, as far as known."""
     certificate: Certificate | None = None
     let_go_after: float | None = None
     """When its objects began to count little, because the robot fell over them [s]; None where it did not."""
+    lost: bool = False
+    kept_share: float | None = None
+    """Share of the touched time in which objects are near their paths; None where none is touched."""
+
+    @property
+    def whole(self) -> bool:
+        """Whether the robot stood to the end and lost no object."""
+        return not self.fell and not self.lost
+
+    @property
+    def outcome(self) -> str:
+        """In words: held, stood (where nothing is touched), lost or fell, and when."""
+        if not self.whole:
+            return f"{'fell' if self.fell else 'lost'} at {self.seconds:.1f} s"
+        return "stood" if self.kept_share is None else "held"
 
     @property
     def robustness(self) -> str:
         """The certificate in words."""
         if self.certificate is not None:
             return str(self.certificate)
-        return "none, as the robot falls" if self.fell else "none"
+        if self.whole:
+            return "none"
+        return "none, as the robot falls" if self.fell else "none, as the object is lost"

@@ -179,7 +179,7 @@ class Kinematics:
         return Kinematics(self.model, self.qpos[frames], places, turns)
 
     def parts(self, first: int = 0) -> Iterator["Kinematics"]:
-        """Yield the poses from one frame on, some frames after the other: what is made of them needs little memory."""
+        """Yield the poses from one frame on, some frames after the other, for work in little memory."""
         for start in range(first, len(self.qpos), _KEPT_FRAMES):
             yield self.window(slice(start, start + _KEPT_FRAMES))
 

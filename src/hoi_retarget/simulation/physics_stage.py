@@ -19,17 +19,20 @@ from hoi_retarget.motion.performance import Performance
 from hoi_retarget.motion.result_file import encode, set_aside
 from hoi_retarget.robots import load_robot
 from hoi_retarget.simulation.certificate import certificate_of
+from hoi_retarget.simulation.object_hold import ObjectHold, object_holds, up_to
 from hoi_retarget.simulation.refine import Progress, refine
 from hoi_retarget.simulation.rollout import Reference, Rollout, reference_of, with_weaker_grip
-from hoi_retarget.simulation.tracking_result import controller_file, simulated_motion, why_it_fell
+from hoi_retarget.simulation.tracking_result import controller_file, simulated_motion, why_it_ended
 
 FOR_CONTROLLERS = "physics"
 """Folder beside results with files of their names."""
+SEEN_SECONDS = 1.0
+"""After the loss of an object, in which causes are looked for."""
 
 
 @dataclass(frozen=True, eq=False)
 class SimulatedMotion:
-    """A result with the physics stage, whole or up to a fall."""
+    """A result with the physics stage, whole or up to a fall or the loss of an object."""
 
     motion: Motion
     for_controllers: bytes
@@ -37,6 +40,8 @@ class SimulatedMotion:
     scene: PhysicsScene
     reference: Reference
     rollout: Rollout
+    """Up to the end or a fall, beyond the loss of an object."""
+    holds: tuple[ObjectHold, ...]
     performance: Performance
 
 
@@ -75,42 +80,51 @@ def add_physics_stage(  # noqa: PLR0913  # the last three are options
     refined = refine(
         scene, reference, settings, seed=seed, on_progress=lambda progress: on_progress(progress, reference)
     )
+    holds = object_holds(reference, refined.rollout, model.n)
+    lost_after = min((hold.lost_after for hold in holds if hold.lost_after is not None), default=None)
+    simulated, fell, lost = refined.rollout, refined.rollout.fell_after is not None, False
+    seen = simulated  # In which causes are looked for.
+    if lost_after is not None and not fell:
+        rollout, lost, seen = up_to(simulated, lost_after), True, up_to(simulated, lost_after + SEEN_SECONDS)
+        refined = replace(refined, rollout=rollout, gains=refined.gains[: len(rollout.qpos)], lead_out=None)
     rollout = refined.rollout
-    fell = rollout.fell_after is not None
+    missing = infeasibilities(forces, motion)
     performance = Performance(
         rollout.seconds,
         fell,
-        why_it_fell(scene, reference, rollout, motion.fps, infeasibilities(forces, motion)) if fell else "",
-        None if fell else certificate_of(scene, rollout, refined.gains),
+        why_it_ended(scene, reference, seen, motion.fps, missing) if fell or lost else "",
+        None if fell or lost else certificate_of(scene, rollout, refined.gains),
         refined.object_cost_relaxed_after,
+        lost,
+        min((hold.kept_share for hold in holds), default=None),
     )
     content = controller_file(motion, scene, refined, performance, settings=settings, seed=seed)
     seconds = {**motion.report.cpu_seconds, SIMULATED: time.process_time() - start}
-    simulated = simulated_motion(motion, scene, rollout)
-    simulated = replace(simulated, report=replace(simulated.report, performance=performance, cpu_seconds=seconds))
-    if fell or clip is None:
-        figures = performed_figures(simulated)
+    performed = simulated_motion(motion, scene, rollout)
+    performed = replace(performed, report=replace(performed.report, performance=performance, cpu_seconds=seconds))
+    if not performance.whole or clip is None:
+        figures = performed_figures(performed)
     else:
-        figures = evaluate(simulated, clip, model, person=motion.person)
-    simulated = replace(simulated, report=replace(simulated.report, figures=figures))
-    return SimulatedMotion(simulated, content, scene, reference, rollout, performance)
+        figures = evaluate(performed, clip, model, person=motion.person)
+    performed = replace(performed, report=replace(performed.report, figures=figures))
+    return SimulatedMotion(performed, content, scene, reference, simulated, holds, performance)
 
 
 def write_simulated(simulated: SimulatedMotion, place: Path) -> tuple[Path, Path]:
-    """Write a result to a path, or beside it where the robot fell, and the file for controllers; return both paths.
+    """Write a result to a path, or beside it where it is not whole, and the file for controllers; return both paths.
 
     A file of an earlier attempt in the other place is removed.
 
     Raises:
-        SolveError: The robot stands, but the verdict on the motion has a fatal reason. It is beside the path, too.
+        SolveError: It is whole, but the verdict on the motion has a fatal reason. It is beside the path, too.
         WriteError: A file cannot be written.
     """
     aside, fault = set_aside(place), fatal_fault(simulated.motion)
-    kept, outdated = (aside, place) if fault or simulated.performance.fell else (place, aside)
+    kept, outdated = (aside, place) if fault or not simulated.performance.whole else (place, aside)
     for_controllers = place.parent / FOR_CONTROLLERS / place.name
     write_together({kept: encode(simulated.motion), for_controllers: simulated.for_controllers})
     remove([outdated])
-    if fault and not simulated.performance.fell:
+    if fault and simulated.performance.whole:
         raise SolveError(f"{fault} To look at, not to use: {aside.name}.")
     return kept, for_controllers
 

@@ -29,11 +29,11 @@ _MIN_FORCE = 1e-9  # [N]
 def simulated_motion(motion: Motion, scene: PhysicsScene, rollout: Rollout) -> Motion:
     """Return a motion with the simulated one as one more stage, at its own frames, and the simulated objects.
 
-    Frames after a fall are left out. The last frame may be less than a tick after the last simulated one. Figures and
-    warnings, which are those of the reference, are left out.
+    Frames after its end, as after a fall, are left out. The last frame may be less than a tick after the last simulated
+    one. Figures and warnings, which are those of the reference, are left out.
     """
     n, frames = scene.model.n, motion.frames
-    if rollout.fell_after is not None:
+    if len(rollout.qpos) <= int((frames - 1) / motion.fps / TICK + 1e-9):
         frames = int(TICK * (len(rollout.qpos) - 1) * motion.fps + 1e-9) + 1
     times = np.arange(frames) / motion.fps
     robot = _at(rollout.qpos[:, : 7 + n], rollout.qvel[:, : 6 + n], times)
@@ -59,15 +59,15 @@ def simulated_motion(motion: Motion, scene: PhysicsScene, rollout: Rollout) -> M
     return replace(motion, stages=(*earlier, performed), report=report, **kept)
 
 
-def why_it_fell(
+def why_it_ended(
     scene: PhysicsScene, reference: Reference, rollout: Rollout, fps: float, found: tuple[Infeasibility, ...]
 ) -> str:
-    """Return possible causes of a fall in words: lost objects, torques at their limits, shortcomings of the motion.
+    """Return possible causes of a fall, or of a loss, in words: lost objects, torques at limits, missing forces.
 
     Args:
         scene: Robot and objects.
         reference: The reference.
-        rollout: The simulated motion, up to the fall.
+        rollout: The simulated motion, up to the fall, or soon after the loss.
         fps: Frames a second of the motion, for the frames in words.
         found: Shortcomings of the motion by inverse dynamics.
     """
@@ -75,7 +75,8 @@ def why_it_fell(
     fall = len(rollout.qpos) * TICK * fps
     begin = fall - _CAUSE_S * fps
     reasons += [str(item) for item in found if item.first_frame <= fall and item.last_frame >= begin][:2]
-    return "; ".join(reasons) or "no single cause is seen: the robot lost its balance"
+    slipped = "the object slipped" if rollout.fell_after is None else "the robot lost its balance"
+    return "; ".join(reasons) or f"no single cause is seen: {slipped}"
 
 
 def controller_file(  # noqa: PLR0913  # each is a part of the file
