@@ -38,6 +38,7 @@ COLUMNS = {
     "object_cm": "object [cm]",
     "object_max_cm": "max [cm]",
     "object_deg": "object [deg]",
+    "near_share": "near its path",
     "base_cm": "base [cm]",
     "base_deg": "base [deg]",
     "joint_rad": "joint [rad]",
@@ -101,7 +102,10 @@ def measured(file: Path, arguments: Arguments) -> dict[str, Any]:
     return {
         "clip": file.stem,
         "robot": motion.robot,
-        "whole": rollout.fell_after is None,
+        "outcome": found.performance.outcome,
+        "whole": found.performance.whole,
+        "strict": found.performance.whole and all(hold.strict for hold in found.holds),
+        "near_share": found.performance.kept_share,
         "starts_standing": before == 0,
         "ends_standing": after == 0,
         "performed_s": rollout.seconds,
@@ -140,7 +144,7 @@ def deviations_of(scene: PhysicsScene, reference: Reference, rollout: Rollout) -
 
 
 def main(arguments: Arguments) -> None:
-    """Measure every motion of two hands, and print each, and the means of those that are performed whole."""
+    """Measure every motion of two hands, and print each, and the means of those that are performed whole with their objects."""
     reasons = {file: one_handed(load(file)) for file in arguments.results}
     with ProcessPoolExecutor(arguments.jobs, mp_context=get_context("spawn")) as pool:
         futures = [pool.submit(measured, file, arguments) for file, reason in reasons.items() if not reason]
@@ -155,16 +159,17 @@ def main(arguments: Arguments) -> None:
 def show_rows(results: list[dict[str, Any]]) -> None:
     """Print the tables of measured motions."""
     whole = [result for result in results if result["whole"]]
-    rows = [[result["clip"], result["robot"], "yes" if result["whole"] else "no", *cells(result)] for result in results]
+    rows = [[result["clip"], result["robot"], result["outcome"], *cells(result)] for result in results]
     if whole:
         means: dict[str, float | None] = {}
         for name in COLUMNS:
             values = [result[name] for result in whole if result[name] is not None]
             means[name] = float(np.mean(values)) if values else None
         rows.append([f"mean of {len(whole)} whole", "", f"{len(whole)} of {len(results)}", *cells(means)])
-    show("refinement", ["clip", "robot", "whole", *COLUMNS.values()], rows)
-    standing = [result for result in results if result["starts_standing"]]
-    print(f"{sum(result['whole'] for result in standing)} of {len(standing)} that start standing are performed whole")
+    show("refinement", ["clip", "robot", "outcome", *COLUMNS.values()], rows)
+    strict = sum(result["strict"] for result in results)
+    fell = sum(result["outcome"].startswith("fell") for result in results)
+    print(f"of {len(results)}: {len(whole)} performed whole, {strict} of them with objects held strictly, {fell} fell")
     for result in results:
         print(f"{result['clip']}: {result['cause'] or result['certificate']}")
     if len(results) > 2:
@@ -179,7 +184,8 @@ def show_rows(results: list[dict[str, Any]]) -> None:
 
 def cells(values: dict[str, Any]) -> list[str]:
     """Return the numbers of a row as text."""
-    return ["-" if values[name] is None else f"{values[name]:.{2 if name == 'joint_rad' else 1}f}" for name in COLUMNS]
+    digits = dict.fromkeys(("joint_rad", "near_share"), 2)
+    return ["-" if values[name] is None else f"{values[name]:.{digits.get(name, 1)}f}" for name in COLUMNS]
 
 
 if __name__ == "__main__":

@@ -1,5 +1,7 @@
 """Holds on objects in simulated motions, and the shapes and friction that they depend on."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hoi_retarget.dynamics.contact_forces import forces_of
 from hoi_retarget.dynamics.physics_scene import add_object, compiled, hand_contacts, scene_objects, scene_of
 from hoi_retarget.dynamics.physics_settings import Physics
 from hoi_retarget.dynamics.robot_parts import HAND_PARTS, parts_by_body
@@ -14,7 +17,7 @@ from hoi_retarget.motion.performance import Performance
 from hoi_retarget.numerics import se3
 from hoi_retarget.robots.skin import skin_of
 from hoi_retarget.simulation.object_hold import NEAR_M, STRICT_SHARE, object_holds, up_to
-from hoi_retarget.simulation.rollout import TICK, Reference, Rollout
+from hoi_retarget.simulation.rollout import TICK, Reference, Rollout, object_poses, reference_of
 from plain_motions import plain_motion, standing_qpos
 from synthetic import make
 from trajectories import MODELS
@@ -131,3 +134,14 @@ def creep(held):
         mujoco.mj_step(held, data)
         heights.append(data.qpos[2])
     return abs(heights[-1] - heights[99]) / (200 * held.opt.timestep)
+
+
+def test_a_simulation_begins_with_its_object_on_the_floor():
+    model, clip = MODELS["unitree_g1"], make("carry_box")
+    motion = plain_motion(model, standing_qpos(model, clip.frames))
+    places = np.tile([1.0, 0.0, 0.0], (clip.frames, 1, 1))
+    motion = replace(motion, object_pos=places, object_quat=np.tile(se3.IDENTITY_QUAT, (clip.frames, 1, 1)))
+    scene = scene_of(motion, model, [track.geometry for track in clip.objects], Physics(object_mass=1.0))
+    reference = reference_of(scene, motion, forces_of(motion, model, [track.geometry for track in clip.objects]))
+    heights = [scene.objects[0].height(pose) for pose in object_poses(reference.qpos[:2], model.n)[:, 0]]
+    assert heights[0] == pytest.approx(0.0, abs=1e-12) and heights[1] < -0.01

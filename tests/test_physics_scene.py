@@ -1,6 +1,7 @@
 """Laws of the scene: kinematics as ours, masses of solids, gains as published, files that open anywhere."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -153,6 +154,19 @@ def test_files_open_from_elsewhere_and_keyframes_are_frames_of_the_motion(staged
     ours = compiled(scene)
     for name in ("body_mass", "body_inertia", "geom_size", "geom_friction", "actuator_gainprm", "dof_armature"):
         np.testing.assert_allclose(getattr(opened, name), getattr(ours, name), rtol=1e-5, atol=1e-6)
+
+
+def test_the_binary_file_simulates_as_the_scene_to_the_bit(staged, tmp_path):
+    motion, _, scene = staged
+    (tmp_path / "scene.mjb").write_bytes(scene_files(scene, motion)[Path("scene.mjb")])
+    paths = []
+    for simulated in (compiled(scene), mujoco.MjModel.from_binary_path(str(tmp_path / "scene.mjb"))):
+        data = mujoco.MjData(simulated)
+        data.qpos[:] = scene.qpos(motion)[0]
+        data.ctrl[:] = motion.qpos[0, 7:]
+        mujoco.mj_step(simulated, data, 50)
+        paths.append(data.qpos.tobytes())
+    assert paths[0] == paths[1]
 
 
 def test_a_robot_that_is_set_on_the_floor_is_carried_by_its_soles(staged):

@@ -6,8 +6,8 @@ the objects' on the floor and on each other. The robot does not collide with its
 their soles' corners only, as in the manufacturer's own model. Cones are elliptic, and friction is ten times as stiff as
 what keeps things apart: with pyramids, held boxes creep by 4 to 16 mm a second.
 
-In files, MuJoCo writes six digits. Places of bodies, joints' axes and keyframes are put in again with all digits, so
-that kinematics of the file are those of the motion.
+In MJCF, MuJoCo writes six digits. Places of bodies, joints' axes and keyframes are put in again with all digits, so
+that kinematics of the file are those of the motion. Dynamics to the bit are in the binary file beside it.
 """
 
 import re
@@ -44,7 +44,7 @@ SOLES = frozenset(f"{side}_sole_{corner}" for side in SIDES for corner in SOLE_C
 FRICTION_STIFFNESS = 10.0
 """Of friction over that of what keeps things apart (MuJoCo's `impratio`): held objects must not creep."""
 _ITERATIONS = 20  # Of the constraint solver: more change nothing that is seen, and cost time.
-FILE, MESHES = "scene.xml", "meshes"
+FILE, BINARY, MESHES = "scene.xml", "scene.mjb", "meshes"
 KEYFRAMES = 11
 """Number of keyframes over a motion, the first and the last frame included."""
 
@@ -64,6 +64,10 @@ class SceneObject:
     def corners(self) -> Float[np.ndarray, "V 3"]:
         """Corners of the colliding shape, in the object's frame [m]."""
         return self.scale * np.concatenate([self.shape.box.corners] if self.shape.box else self.shape.parts)
+
+    def height(self, pose: Float[np.ndarray, "7"]) -> float:
+        """Return the height of the lowest corner in a pose [m]."""
+        return float(pose[2] + (self.corners @ se3.quat_to_matrix(pose[3:])[2]).min())
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,6 +307,7 @@ def scene_files(scene: PhysicsScene, motion: Motion) -> Mapping[Path, bytes]:
     _add_keyframes(root, scene.qpos(motion), scene.model.n)
     return {
         Path(FILE): to_bytes(root),
+        Path(BINARY): _binary(compiled(scene)),
         **{Path(MESHES) / name: content for name, content in meshes.items()},
     }
 
@@ -333,6 +338,13 @@ def to_bytes(root: ElementTree.Element) -> bytes:
     """Return MJCF as the content of a file."""
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="utf-8") + b"\n"
+
+
+def _binary(simulated: mujoco.MjModel) -> bytes:
+    """Return a compiled model as this version of MuJoCo loads it."""
+    content = np.empty(mujoco.mj_sizeModel(simulated), dtype=np.uint8)
+    mujoco.mj_saveModel(simulated, None, content)
+    return content.tobytes()
 
 
 def _add_keyframes(root: ElementTree.Element, qpos: Float[np.ndarray, "T nq"], joints: int) -> None:

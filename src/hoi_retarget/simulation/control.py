@@ -12,7 +12,6 @@ from jaxtyping import Float
 from mujoco import rollout
 
 from hoi_retarget.dynamics.physics_scene import SOLES, PhysicsScene
-from hoi_retarget.numerics import se3
 from hoi_retarget.robots.mjcf import quiet
 from hoi_retarget.simulation.rollout import Reference, Rollout, TrackingCost, deviations, steps_of
 
@@ -186,8 +185,7 @@ def _linearized(
         data.qpos[2] -= lowest + _SUNK
         for index, item in enumerate(scene.objects):
             pose = data.qpos[7 * (index + 1) + scene.model.n :][:7]
-            height = pose[2] + (item.corners @ se3.quat_to_matrix(pose[3:])[2]).min()
-            if height < _ON_FLOOR:
+            if (height := item.height(pose)) < _ON_FLOOR:
                 pose[2] -= height + _SUNK
         data.ctrl[:] = reference.qpos[tick, 7 : 7 + simulated.nu]
         mujoco.mj_forward(simulated, data)

@@ -73,6 +73,11 @@ def reference_of(scene: PhysicsScene, motion: Motion, forces: Forces) -> Referen
     # The scene has the robot's coordinates first, then each object's.
     qpos = np.concatenate([body[0] for body in bodies], axis=1)
     qvel = np.concatenate([body[1] for body in bodies], axis=1)
+    for index, item in enumerate(
+        scene.objects
+    ):  # Recorded objects stand some millimetres in the floor: it throws them.
+        place = 7 * (index + 1) + scene.model.n
+        qpos[0, place + 2] -= min(0.0, item.height(qpos[0, place : place + 7]))
     torques = CubicSpline(times, forces.torques)(ticks)
     touched = np.where(motion.contact_flags, motion.contact_object, -1)[np.round(ticks * motion.fps).astype(int)]
     return Reference(frozen(qpos), frozen(qvel), frozen(torques), motion.contact_links, frozen(touched, int))
