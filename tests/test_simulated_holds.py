@@ -96,7 +96,7 @@ def test_bodies_keep_simulated_holds_and_reports_tell_so():
 
 def test_an_object_without_convex_parts_is_named(monkeypatch):
     targets, objects, holds, start = chosen()
-    hull = CollisionShape("convex hull", parts=(np.eye(3),))
+    hull = CollisionShape("convex hull", parts=(np.eye(3),), fits=False)
     monkeypatch.setattr("hoi_retarget.retargeting.holds.simulated_holds.collision_shape", lambda _: hull)
     with pytest.raises(GeometryError, match=r"box: .*hoi-retarget\[physics\]"):
         simulated_holds(targets, objects, holds, start, PHYSICS, 0)

@@ -85,7 +85,7 @@ def simulated_holds(  # noqa: PLR0913, PLR0917  # the parts of a choice
     """
     name, scale = targets.object_names[index], float(targets.object_scale[index])
     shape = collision_shape(geometry := targets.object_geometry[index])
-    if shape.kind == "convex hull":
+    if not shape.fits:
         raise GeometryError(
             f"{name}: holds are simulated on an object's convex parts, and nothing finds them here. Install "
             'hoi-retarget[physics] (in a clone: pip install ".[physics]"), or leave --holds simulated out.'
