@@ -335,7 +335,7 @@ def refinement(found: Measured) -> str:
     cpu = float(np.mean([row["cpu_per_s"] for row in found["clips"]]))
     return (
         f"Table IV of the paper: 68 clips by a policy per clip (RL) and by sampling (SBTO). Ours: [`refine`](physics.md#refinement) on a CPU, {len(found['clips'])} "
-        f"clips of two hands, one per kind of object, with the settings of [physics.md](physics.md#performed-motions); {len(whole)} are performed without a fall, {sum(row['whole'] for row in standing)} of the "
+        f"clips of two hands, one per kind of object, in the scene before [today's](physics.md#performed-motions); {len(whole)} are performed without a fall, {sum(row['whole'] for row in standing)} of the "
         f"{len(standing)} that start standing. {cpu:.1f} CPU seconds per second of motion, {max(row['memory_mb'] for row in found['clips']):.0f} MB. The paper's "
         "path error is against the human's object, ours against the reference's.\n\n"
         + table(["", "mean", "median", "the paper, RL", "the paper, SBTO"], rows)

@@ -104,7 +104,7 @@ def task_of(result: Result, scene: PhysicsScene) -> TrainingTask:
         files[folder / f"object_{number}.xml"] = to_bytes(exact_xml(scene, description))
     files[folder / "motion.npz"] = npz.encode(_arrays(resampled, states))
     facts = _description(result, scene, resampled, states, f"Hoi-{name}")
-    geoms = [geom.name for body in facts["contact_bodies"] for geom in robot.body(body).geoms]
+    geoms = [geom.name for body in facts["contact_bodies"] for geom in robot.body(body).geoms if geom.contype]
     facts["touching"] = [name for name in geoms if name not in SOLES]
     files[folder / "task.json"] = to_json(facts)
     return TrainingTask(f"Hoi-{name}", files, resampled.frames)
