@@ -144,7 +144,7 @@ def deviations_of(scene: PhysicsScene, reference: Reference, rollout: Rollout) -
 
 
 def main(arguments: Arguments) -> None:
-    """Measure every motion of two hands, and print each, and the means of those that are performed whole with their objects."""
+    """Measure every motion of two hands; print each, and means of those that are performed whole with their objects."""
     reasons = {file: one_handed(load(file)) for file in arguments.results}
     with ProcessPoolExecutor(arguments.jobs, mp_context=get_context("spawn")) as pool:
         futures = [pool.submit(measured, file, arguments) for file, reason in reasons.items() if not reason]

@@ -186,5 +186,8 @@ def test_scene_of_a_robot_with_meshes_opens_and_is_the_robot(tmp_path, monkeypat
     for site in model.site_names:
         np.testing.assert_allclose(data.site(site).xpos, posed.site_position(site)[0], atol=1e-9)
     own = mujoco.MjModel.from_xml_string(built.mjcf)
-    assert sum(opened.geom_type == mujoco.mjtGeom.mjGEOM_MESH) == sum(own.geom_type == mujoco.mjtGeom.mjGEOM_MESH) > 0
+    drawn, parts = ((opened.geom_group == 3) == colliding for colliding in (False, True))
+    meshes = opened.geom_type == mujoco.mjtGeom.mjGEOM_MESH
+    assert sum(meshes & drawn) == sum(own.geom_type == mujoco.mjtGeom.mjGEOM_MESH) > 0
+    assert sum(meshes & parts) > len(model.body_frames.names) / 2
     assert sum(opened.body(name).mass[0] for name in model.body_names) == pytest.approx(own.body_mass.sum())
