@@ -104,7 +104,6 @@ def measured(file: Path, arguments: Arguments) -> dict[str, Any]:
         "robot": motion.robot,
         "outcome": found.performance.outcome,
         "whole": found.performance.whole,
-        "strict": found.performance.whole and all(hold.strict for hold in found.holds),
         "near_share": found.performance.kept_share,
         "starts_standing": before == 0,
         "ends_standing": after == 0,
@@ -167,7 +166,7 @@ def show_rows(results: list[dict[str, Any]]) -> None:
             means[name] = float(np.mean(values)) if values else None
         rows.append([f"mean of {len(whole)} whole", "", f"{len(whole)} of {len(results)}", *cells(means)])
     show("refinement", ["clip", "robot", "outcome", *COLUMNS.values()], rows)
-    strict = sum(result["strict"] for result in results)
+    strict = sum(result["outcome"] == "held strictly" for result in results)
     fell = sum(result["outcome"].startswith("fell") for result in results)
     print(f"of {len(results)}: {len(whole)} performed whole, {strict} of them with objects held strictly, {fell} fell")
     for result in results:

@@ -121,10 +121,9 @@ def _refined(path: Path, command: Refine) -> tuple[str, ...]:
     say(f"  {written}  ({frames} frames, {cpu:.0f} s of CPU; for controllers: {for_controllers})")
     say(f"  certificate: {performance.robustness}")
     reference, rollout, holds = performed.reference, performed.rollout, performed.holds
-    strictly = " strictly" if performance.outcome == "held" and all(hold.strict for hold in holds) else ""
     base = np.linalg.norm(rollout.qpos[:, :3] - reference.qpos[: len(rollout.qpos), :3], axis=1)
     return (
-        *(path.stem, performance.outcome + strictly, f"{reference.seconds:.1f}"),
+        *(path.stem, performance.outcome, f"{reference.seconds:.1f}"),
         _listed(f"{100 * hold.mean_m:.1f}" for hold in holds),
         _listed(f"{hold.mean_deg:.1f}" for hold in holds),
         _listed(f"{100 * hold.kept_share:.0f}" for hold in holds),

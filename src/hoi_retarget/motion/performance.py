@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 MAX_OBJECT_DISTANCE_M, MAX_BASE_DISTANCE_M = 0.1, 0.15
 """Bounds of the distance of objects and base from the performed motion in a replay that keeps to it."""
+STRICT_SHARE = 0.95
+"""Of the touched time, in which an object that is held strictly is near its path."""
 
 
 @dataclass(frozen=True)
@@ -77,10 +79,12 @@ class Performance:
 
     @property
     def outcome(self) -> str:
-        """In words: held, stood (where nothing is touched), lost or fell, and when."""
+        """In words: held, held strictly, stood (where nothing is touched), lost or fell, and when."""
         if not self.whole:
             return f"{'fell' if self.fell else 'lost'} at {self.seconds:.1f} s"
-        return "stood" if self.kept_share is None else "held"
+        if self.kept_share is None:
+            return "stood"
+        return "held strictly" if self.kept_share >= STRICT_SHARE else "held"
 
     @property
     def robustness(self) -> str:

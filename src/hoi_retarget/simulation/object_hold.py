@@ -1,8 +1,8 @@
 """The hold on objects in a simulated motion: how near these stay to their paths, and when one is lost.
 
 An object is near its path within 10 cm and 20 degrees. It is held if it is so near on average, over the whole motion
-(10 cm and 25 degrees, the rule by which others count successes), and at the end; a stricter rule, near in 95 % of the
-time in which it is touched, is told beside it.
+(10 cm and 25 degrees, the rule by which others count successes), and at the end. A stricter rule counts the share of
+the touched time in which it is near.
 """
 
 from dataclasses import dataclass
@@ -18,8 +18,6 @@ NEAR_M, NEAR_DEG = 0.1, 20.0
 """Of its path."""
 MEAN_M, MEAN_DEG = 0.1, 25.0
 """On average, of a held object."""
-STRICT_SHARE = 0.95
-"""Of the touched time, in which an object that is held strictly is near its path."""
 LOST_SECONDS = 0.25
 """An object that is away from its path for longer is lost there, if it is lost at all."""
 
@@ -37,11 +35,6 @@ class ObjectHold:
     """Angle from it [deg]."""
     lost_after: float | None
     """[s]; None where it is held."""
-
-    @property
-    def strict(self) -> bool:
-        """Whether it is held by the stricter rule, too."""
-        return self.lost_after is None and self.kept_share >= STRICT_SHARE
 
 
 def object_holds(reference: Reference, rollout: Rollout, joints: int) -> tuple[ObjectHold, ...]:

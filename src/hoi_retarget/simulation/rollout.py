@@ -73,9 +73,8 @@ def reference_of(scene: PhysicsScene, motion: Motion, forces: Forces) -> Referen
     # The scene has the robot's coordinates first, then each object's.
     qpos = np.concatenate([body[0] for body in bodies], axis=1)
     qvel = np.concatenate([body[1] for body in bodies], axis=1)
-    for index, item in enumerate(
-        scene.objects
-    ):  # Recorded objects stand some millimetres in the floor: it throws them.
+    # Recorded objects stand some millimetres in the floor, which would throw them.
+    for index, item in enumerate(scene.objects):
         place = 7 * (index + 1) + scene.model.n
         qpos[0, place + 2] -= min(0.0, item.height(qpos[0, place : place + 7]))
     torques = CubicSpline(times, forces.torques)(ticks)

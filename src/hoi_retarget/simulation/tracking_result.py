@@ -106,6 +106,7 @@ def controller_file(  # noqa: PLR0913  # each is a part of the file
             {"name": item.body.name, "body": item.body_name, "mass": item.body.mass, "shape": item.shape.text}
             for item in scene.objects
         ],
+        "outcome": performance.outcome,
         "fell_after": rollout.fell_after,
         "let_go_after": refined.object_cost_relaxed_after,
         "cause": performance.cause,
