@@ -115,9 +115,6 @@ def _refined(path: Path, command: Refine) -> tuple[str, ...]:
     if not performance.whole:
         how = "falls" if performance.fell else "loses its object"
         warn(f"{path.name}: {how} in frame {frames} of {motion.frames}: {performance.cause}.")
-    if performance.let_go_after is not None:
-        when = f"after {performance.let_go_after:.1f} s"
-        warn(f"{path.name}: the robot fell over its object, which counts little {when}.")
     say(f"  {written}  ({frames} frames, {cpu:.0f} s of CPU; for controllers: {for_controllers})")
     say(f"  certificate: {performance.robustness}")
     reference, rollout, holds = performed.reference, performed.rollout, performed.holds

@@ -41,10 +41,10 @@ class Refinement:
     """How far ahead plans look [s]."""
     iterations: int = 3
     """Rounds of samples of each plan."""
-    samples: int = 48
+    samples: int = 128
     """In each round."""
-    most_samples: int = 192
-    """In each round where the robot is about to fall."""
+    most_samples: int = 256
+    """In each round where the robot is about to fall, or an object to be lost."""
     noise: float = 1.0
     """Of the samples; 1 is 0.1 rad at the arms' joints, 0.04 at the others, 3 cm of the base."""
 

@@ -66,8 +66,6 @@ class Performance:
     cause: str = ""
     """Why it fell or lost its object, as far as known."""
     certificate: Certificate | None = None
-    let_go_after: float | None = None
-    """When its objects began to count little, because the robot fell over them [s]; None where it did not."""
     lost: bool = False
     kept_share: float | None = None
     """Share of the touched time in which objects are near their paths; None where none is touched."""

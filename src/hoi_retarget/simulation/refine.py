@@ -2,9 +2,8 @@
 
 Every fifth of a second, changes of the drives' targets for the next second are sampled, simulated with feedback, and
 drawn towards those of least cost, three times over. Until the next plan, their mean is simulated, or the best of them
-where it costs much less. Where costs run away, the last second is planned again with more samples; where the robot
-falls even so, the last two seconds, with little cost of objects from there on. Leads are added first
-(`balance_transition.py`), and a motion that did not fall is smoothed last.
+where it costs much less. Where costs run away, the robot falls, or an object begins to go astray, the last second is
+planned again with more samples. Leads are added first (`balance_transition.py`), and a whole motion is smoothed last.
 """
 
 from collections.abc import Callable, Iterator
@@ -17,8 +16,11 @@ from jaxtyping import Float
 from hoi_retarget.dynamics.inverse_dynamics import movement_of
 from hoi_retarget.dynamics.physics_scene import PhysicsScene, compiled
 from hoi_retarget.dynamics.physics_settings import Refinement
+from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.numerics.filters import savitzky_golay
+from hoi_retarget.robots.spec import PALMS
+from hoi_retarget.simulation.approach import arm_joints
 from hoi_retarget.simulation.balance_transition import with_lead_in_and_out
 from hoi_retarget.simulation.control import (
     KNOT,
@@ -28,6 +30,7 @@ from hoi_retarget.simulation.control import (
     rollout_gains,
     simulated_costs,
 )
+from hoi_retarget.simulation.object_hold import MEAN_M
 from hoi_retarget.simulation.rollout import (
     TICK,
     Reference,
@@ -52,10 +55,10 @@ _MIN_SPREAD = 0.3  # After narrowing, as a share of the noise at first.
 _ELITE = 0.15  # Share of the samples that are averaged.
 _SMOOTH_COST_FACTOR = 1.1  # Up to which a smoother plan may cost more than a rougher one.
 _SIZE, _ROUGH = 0.005, 0.02  # Cost of changes as large as the noise, and of such steps from knot to knot.
+_STRAY_M, _STRAY_DEG = 0.06, 12.0  # Of an object from its path: plans are made again.
 _RUNAWAY = 7.0  # Cost of a robot about to fall, or of a lost object.
 _BACKTRACK = 5  # Plans that are made again.
-_RELAXED_OBJECT_COST = 0.5  # Bound of an object's cost after the robot fell over it.
-_BUDGET = 1.6  # Of steps, over those of a refinement that never plans again.
+_BUDGET = 1.5  # Of steps, over those of a refinement that never plans again.
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +76,6 @@ class Refined(ControlledRollout):
 
     steps: int
     """Number of simulated steps."""
-    object_cost_relaxed_after: float | None = None
-    """Time from which objects count little, because the robot fell over them [s]; None where it did not."""
     lead_in: ControlledRollout | None = None
     """From a stance at rest to the first tick, where the reference begins off balance."""
     lead_out: ControlledRollout | None = None
@@ -110,7 +111,7 @@ def refine(
     seed: int = 0,
     on_progress: Callable[[Progress], None] = lambda _: None,
 ) -> Refined:
-    """Return a motion near a reference that drives perform in simulation, up to its end or a fall.
+    """Return a motion near a reference that drives perform in simulation, up to its end, a fall, or a lost object.
 
     The same arguments give the same bytes, with one version of MuJoCo on one kind of processor.
 
@@ -138,7 +139,6 @@ class _Refinement:
         self.settings, self.random = settings, np.random.default_rng(seed)
         self.noise = settings.noise * _noise(scene)
         self.data = mujoco.MjData(simulated)
-        self.object_cost_relaxed_after: float | None = None
         self.last = len(reference.qpos) - 1
         self.qpos, self.qvel = np.empty_like(reference.qpos), np.empty_like(reference.qvel)
         self.applied = np.empty_like(reference.torques)
@@ -163,28 +163,38 @@ class _Refinement:
             on_progress(
                 Progress(float(np.clip(TICK * (tick - self.first), 0.0, self.unextended.seconds)), cost, samples)
             )
-            if (fell or cost > _RUNAWAY) and samples < self.settings.most_samples and self.steps < self.budget:
-                until = max(until, tick + KNOT)  # It never shrinks, so that there is an end.
-                samples, fell = min(2 * samples, self.settings.most_samples), False
-                states = self._backtrack(states, _BACKTRACK)
-            elif fell and self.object_cost_relaxed_after is None and self.problem.scene.objects:
-                until, fell = 0, False
-                states = self._backtrack(states, 2 * _BACKTRACK)
-                self._relax_object_cost(states[-1].tick)
-            elif not fell:
-                states.append(self._saved_state(tick, np.concatenate([knots[1:], 0.8 * knots[-1:]])))
-        return self._refined()
+            failing = fell or cost > _RUNAWAY or self._strays(tick)
+            if failing and samples < self.settings.most_samples and self.steps < self.budget:
+                kept = states[: max(1, len(states) - _BACKTRACK)]
+                if fell or not self._strays(kept[-1].tick):
+                    until = max(until, tick + KNOT)  # It never shrinks, so that there is an end.
+                    states, samples, fell = kept, min(2 * samples, self.settings.most_samples), False
+                    self._restore(states[-1])
+                    continue
+            if fell or self._is_lost(tick):
+                break
+            states.append(self._saved_state(tick, np.concatenate([knots[1:], 0.8 * knots[-1:]])))
+        return self._refined(fell)
 
-    def _backtrack(self, states: list[_SampledState], plans: int) -> list[_SampledState]:
-        kept = states[: max(1, len(states) - plans)]
-        self._restore(kept[-1])
-        return kept
+    def _off(self, first: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the distances [m] and angles [deg] of objects from their paths in some ticks."""
+        reference, n = self.problem.reference, self.problem.scene.model.n
+        found, wanted = (object_poses(qpos[first:stop], n) for qpos in (self.qpos, reference.qpos))
+        off = np.linalg.norm(found[:, :, :3] - wanted[:, :, :3], axis=2)
+        return off, np.degrees(se3.angle_between(found[:, :, 3:], wanted[:, :, 3:]))
 
-    def _relax_object_cost(self, tick: int) -> None:
-        self.object_cost_relaxed_after = TICK * max(0, tick - self.first)
-        cost = TrackingCost(self.problem.scene, self.problem.reference, max_object_cost=_RELAXED_OBJECT_COST)
-        self.problem = replace(self.problem, cost=cost)
-        self.budget = _BUDGET * max(self.budget, self.steps)
+    def _strays(self, tick: int) -> bool:
+        """Return whether an object that is touched is so far from its path that it may be lost."""
+        off, turned = self._off(tick, tick + 1)
+        touched = [index for index in self.problem.reference.touched[tick] if index >= 0]
+        return bool((off[0, touched] > _STRAY_M).any() or (turned[0, touched] > _STRAY_DEG).any())
+
+    def _is_lost(self, tick: int) -> bool:
+        """Return whether an object that the robot should touch is lost whatever comes."""
+        first, ticks = self.first, len(self.unextended.qpos)
+        means = self._off(first, min(tick, first + ticks))[0].sum(axis=0) / ticks
+        touched = [index for index in np.unique(self.unextended.touched) if index >= 0]
+        return bool((means[touched] > MEAN_M).any())
 
     def _plan(self, state: _SampledState, samples: int) -> tuple[np.ndarray, float]:
         """Return knots of little cost, and the cost: the mean, which is smoother, or the best sample."""
@@ -242,7 +252,7 @@ class _Refinement:
         mujoco.mj_resetData(self.problem.simulated, self.data)
         mujoco.mj_setState(self.problem.simulated, self.data, state.simulation, mujoco.mjtState.mjSTATE_INTEGRATION)
 
-    def _refined(self) -> Refined:
+    def _refined(self, fell: bool) -> Refined:
         problem, ticks = self.problem, self.performed + 1
         self.applied[self.last] = self.applied[self.last - 1]
         qpos, qvel, applied = (item[:ticks] for item in (self.qpos, self.qvel, self.applied))
@@ -250,7 +260,7 @@ class _Refinement:
 
         def part(first: int, stop: int) -> ControlledRollout:
             cut = slice(first, stop)
-            fell_after = TICK * (ticks - first) if ticks < stop else None
+            fell_after = TICK * (ticks - first) if fell and ticks < stop else None
             return ControlledRollout(
                 Rollout(frozen(qpos[cut]), frozen(qvel[cut]), frozen(applied[cut]), fell_after), gains[cut]
             )
@@ -260,13 +270,13 @@ class _Refinement:
         if ticks <= first:
             start = self.unextended
             standing = Rollout(start.qpos[:1], start.qvel[:1], start.qpos[:1, 7 : 7 + gains.shape[1]], TICK)
-            return Refined(standing, np.zeros_like(gains[:1]), self.steps, self.object_cost_relaxed_after, lead_in)
+            return Refined(standing, np.zeros_like(gains[:1]), self.steps, lead_in)
         motion = part(first, stop)
         lead_out = part(stop - 1, self.last + 1) if stop <= min(self.last, ticks) else None
-        if motion.rollout.fell_after is None and self.settings.noise > 0.0:
+        if ticks >= stop and self.settings.noise > 0.0:
             motion = smooth(problem.scene, problem.simulated, self.unextended, motion)
             lead_out = lead_out and self._retrack_lead_out(motion.rollout, lead_out)
-        return Refined(motion.rollout, motion.gains, self.steps, self.object_cost_relaxed_after, lead_in, lead_out)
+        return Refined(motion.rollout, motion.gains, self.steps, lead_in, lead_out)
 
     def _retrack_lead_out(self, motion: Rollout, lead_out: ControlledRollout) -> ControlledRollout:
         """Return a lead-out from where another motion ends."""
@@ -285,9 +295,9 @@ class _Refinement:
 
 def _noise(scene: PhysicsScene) -> Float[np.ndarray, "n"]:
     """Return the noise of each joint's target, then that of the base; an arm's joints move one palm, not both."""
-    model = scene.model
-    left, right = (model.supports[1:, model.sites.frames[f"{side}_palm"].node] for side in ("left", "right"))
-    return np.concatenate([np.where(left != right, _ARM_NOISE, _NOISE), [_BASE_NOISE] * 3, [_BASE_TURN_NOISE] * 3])
+    joints = np.full(scene.model.n, _NOISE)
+    joints[np.concatenate([arm_joints(scene.model, palm) for palm in PALMS])] = _ARM_NOISE
+    return np.concatenate([joints, [_BASE_NOISE] * 3, [_BASE_TURN_NOISE] * 3])
 
 
 def _mean_and_spread(knots: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -28,10 +28,11 @@ FALLEN, LYING_DEG = 0.6, 60.0
 """A robot has fallen with its base below this share of the reference's height, or tilted by more from it [deg]."""
 _BASE, _BASE_TURN, _TURNING, _JOINT, _JOINT_SPEED = 10.0, 2.0, 0.05, 0.3, 0.006  # [1/m^2], [1/rad^2], [s^2/rad^2]
 _OBJECT, _OBJECT_TURN, _OBJECT_SPEED = 60.0, 3.0, 0.3
-_PLACES = {"head": 15.0} | {f"{side}_foot": 10.0 for side in SIDES} | {f"{side}_palm": 3.0 for side in SIDES}
+_PLACES = {"head": 15.0} | {f"{side}_foot": 10.0 for side in SIDES} | {f"{side}_palm": 10.0 for side in SIDES}
 _TILT = 1.0  # Of a foot's axis, a unit vector.
 _CAPTURE = 15.0
-_TOUCH, _SPAN = 30.0, 0.2  # Of three points so far from a link [m], in the frame of the object that it touches.
+_TOUCH, _SPAN = 30.0, 0.2  # Of three points so far from a link [m], in the frame of the object that it touches,
+_SOON = 25  # or will touch within so many ticks: where it lands is where it stays.
 MAX_OBJECT_COST = 8.0
 """Bound of an object's cost, reached in the limit: half of it when it is 26 cm off hands that stay in place."""
 _FALLING = 50.0
@@ -251,14 +252,16 @@ class TrackingCost:
     are labelled to touch. An object's cost is bounded: no robot should fall for a lost object.
     """
 
-    def __init__(self, scene: PhysicsScene, reference: Reference, *, max_object_cost: float = MAX_OBJECT_COST) -> None:
-        self._max_object_cost = max_object_cost
+    def __init__(self, scene: PhysicsScene, reference: Reference) -> None:
         self._model, self._reference, self._n = scene.model, reference, scene.model.n
         heights = mass_centres(scene.model.forward(reference.qpos[:, : 7 + self._n]))[:, 2]
         self._pendulum = np.sqrt(GRAVITY / np.median(heights))
         self._goals = self._postures(reference.qpos, reference.qvel)
         self._weights = np.array(list(_PLACES.values()))
         self._paths = object_poses(reference.qpos, self._n)
+        self._touched = reference.touched.copy()
+        for _ in range(_SOON):
+            self._touched[:-1] = np.where(self._touched[:-1] >= 0, self._touched[:-1], self._touched[1:])
 
     def __call__(
         self, tick: int, qpos: Float[np.ndarray, "N nq"], qvel: Float[np.ndarray, "N nv"]
@@ -288,11 +291,11 @@ class TrackingCost:
             lost = _OBJECT * _squares(pose[:, :3] - goal[:3])
             lost += _OBJECT_TURN * se3.angle_between(goal[None, 3:], pose[:, 3:]) ** 2
             lost += _OBJECT_SPEED * _squares(qvel[:, moving] - expected_speed[moving])
-            touching = self._reference.touched[tick] == index
+            touching = self._touched[tick] == index
             here = se3.rotate_inverse(pose[:, None, None, 3:], found.touching[:, touching] - pose[:, None, None, :3])
             there = se3.rotate_inverse(goal[3:], goals.touching[tick, touching] - goal[:3])
             lost += _TOUCH / 3.0 * _squares((here - there).reshape(len(qpos), -1))
-            cost += self._max_object_cost * lost / (self._max_object_cost + lost)
+            cost += MAX_OBJECT_COST * lost / (MAX_OBJECT_COST + lost)
         return cost + _FALLING * (qpos[:, 2] < FALLEN * expected[2])
 
     def _postures(self, qpos: np.ndarray, qvel: np.ndarray) -> _Postures:

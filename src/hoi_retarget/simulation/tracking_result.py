@@ -108,7 +108,6 @@ def controller_file(  # noqa: PLR0913  # each is a part of the file
         ],
         "outcome": performance.outcome,
         "fell_after": rollout.fell_after,
-        "let_go_after": refined.object_cost_relaxed_after,
         "cause": performance.cause,
         "certificate": performance.certificate and asdict(performance.certificate),
     }

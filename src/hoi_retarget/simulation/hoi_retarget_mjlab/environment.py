@@ -31,6 +31,8 @@ from .command import ObjectMotionCommandCfg
 FORMAT = "hoi-retarget mjlab task 1"
 FLOOR = "terrain"
 """Entity, body and geometry of mjlab's plane."""
+FRICTION_STIFFNESS = 10.0
+"""As in the scene: with pyramidal cones, what is held creeps."""
 OFFSETS = {"x": (-0.03, 0.03), "y": (-0.03, 0.03), "z": (-0.01, 0.01), "roll": (-0.05, 0.05), "pitch": (-0.05, 0.05)}
 OFFSETS["yaw"] = (-0.1, 0.1)
 PUSHES = {"x": (-0.3, 0.3), "y": (-0.3, 0.3), "z": (-0.1, 0.1), "roll": (-0.3, 0.3), "pitch": (-0.3, 0.3)}
@@ -98,6 +100,7 @@ def _set_scene(cfg: ManagerBasedRlEnvCfg, task: dict[str, Any], folder: Path) ->
     )
     cfg.decimation = task["decimation"]
     cfg.sim.mujoco.timestep = task["timestep"]
+    cfg.sim.mujoco.cone, cfg.sim.mujoco.impratio = "elliptic", FRICTION_STIFFNESS
     cfg.sim.nconmax, cfg.sim.njmax = task["most_contacts"], task["most_constraints"]
 
 
