@@ -9,11 +9,20 @@ from hypothesis import strategies as st
 
 from hoi_retarget.dynamics.free_hands import palm_skin
 from hoi_retarget.numerics import se3
+from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.objects.distance_field import distance_field
 from hoi_retarget.objects.track import ObjectGeometry
-from hoi_retarget.simulation.approach import CLEAR, NEAR_SECONDS, arm_joints, wanted_room, with_approaches
+from hoi_retarget.simulation.approach import (
+    BROKEN_SECONDS,
+    CLEAR,
+    NEAR_SECONDS,
+    arm_joints,
+    wanted_room,
+    with_approaches,
+    with_steady_contacts,
+)
 from hoi_retarget.simulation.rollout import TICK
-from plain_motions import standing_qpos
+from plain_motions import plain_motion, standing_qpos
 from test_rollout import CORNERS, G1, staged
 
 GEOMETRY = ObjectGeometry(CORNERS)
@@ -90,3 +99,33 @@ def test_an_arm_moves_one_palm_and_not_the_other():
     names = np.array(G1.joint_names)
     assert len(left) == len(right) == 7 and not left & right
     assert all(name.startswith("left") for name in names[sorted(left)])
+
+
+@given(flags=st.lists(st.tuples(st.booleans(), st.integers(0, 1)), min_size=2, max_size=90))
+def test_contacts_that_break_for_a_moment_go_on_and_no_others(flags):
+    active, which = np.array([flag for flag, _ in flags]), np.array([item for _, item in flags])
+    labels = np.stack([active, np.zeros_like(active)], axis=1)
+    objects = np.where(labels, which[:, None], -1)
+    points = np.where(labels[..., None], np.arange(len(flags))[:, None, None] * np.ones(3), np.nan)
+    motion = plain_motion(
+        G1,
+        standing_qpos(G1, len(flags)),
+        object_names=("box", "table"),
+        contact_flags=labels,
+        contact_object=objects,
+        contact_points=points,
+    )
+    steady = with_steady_contacts(motion)
+    now = steady.contact_flags[:, 0]
+    assert (now >= active).all() and not steady.contact_flags[:, 1].any()
+    for first, stop in runs(~now):
+        inner = first > 0 and stop < len(now)
+        same = inner and steady.contact_object[first - 1, 0] == steady.contact_object[stop, 0]
+        assert not same or (stop - first) / motion.fps >= BROKEN_SECONDS
+    for first, stop in runs(now & ~active):
+        assert (stop - first) / motion.fps < BROKEN_SECONDS and objects[first - 1, 0] == objects[stop, 0]
+        assert (steady.contact_points[first:stop, 0] == points[first - 1, 0]).all()
+    kept = with_steady_contacts(steady)
+    assert all(
+        np.array_equal(getattr(kept, name), getattr(steady, name)) for name in ("contact_flags", "contact_object")
+    )

@@ -1,4 +1,6 @@
-"""Room for hands that come to objects and leave them: without it they skim edges, and land on the wrong side of them.
+"""Contacts as a simulated robot needs them: hands come to objects with room, and labels do not break for a moment.
+
+Without room, hands skim edges and land on the wrong side of them; where one of two labels breaks, an object falls.
 
 A recorded hand comes within millimetres of what it will hold. A simulated one is some centimetres off its path in the
 air, hits an edge, and stays on it. Before and after each contact the arms are bent such that the hand's skin keeps some
@@ -14,9 +16,10 @@ from jaxtyping import Bool, Float
 
 from hoi_retarget.dynamics.free_hands import palm_skin
 from hoi_retarget.dynamics.physics_scene import PhysicsScene
+from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
-from hoi_retarget.numerics.arrays import frozen
-from hoi_retarget.numerics.filters import closed_and_opened, nearest_active
+from hoi_retarget.numerics.arrays import frozen, runs
+from hoi_retarget.numerics.filters import nearest_active
 from hoi_retarget.objects.distance_field import DistanceField, distance_field
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots.model import RobotModel
@@ -30,10 +33,24 @@ LANDING_SECONDS = 0.16
 NEAR_SECONDS, FADING_SECONDS = 0.8, 0.3
 """and keeps for so long before and after a contact [s]; its last part fades."""
 BROKEN_SECONDS = 0.3
-"""A contact that is broken for less has no landing."""
+"""A contact that breaks for less goes on."""
 _ITERATIONS, _LARGEST_STEP, _DAMPING = 6, 0.02, 1e-3  # Of inverse kinematics [m].
 _SMOOTHING = 2.0  # Of the arms' changes, in ticks.
 _LEAST = 1e-3  # [m]
+
+
+def with_steady_contacts(motion: Motion) -> Motion:
+    """Return a motion in which contacts with one object that break for less than 0.3 s go on."""
+    flags, objects, points = (
+        getattr(motion, name).copy() for name in ("contact_flags", "contact_object", "contact_points")
+    )
+    for column, active in enumerate(motion.contact_flags.T):
+        for first, stop in runs(~active):
+            short = first > 0 and stop < motion.frames and (stop - first) / motion.fps < BROKEN_SECONDS
+            if short and objects[first - 1, column] == objects[stop, column]:
+                for values in (flags, objects, points):
+                    values[first:stop, column] = values[first - 1, column]
+    return replace(motion, contact_flags=flags, contact_object=objects, contact_points=points)
 
 
 def with_approaches(scene: PhysicsScene, reference: Reference, geometries: Sequence[ObjectGeometry]) -> Reference:
@@ -62,8 +79,7 @@ def with_approaches(scene: PhysicsScene, reference: Reference, geometries: Seque
 
 def wanted_room(active: Bool[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
     """Return the distance that a hand keeps from what it touches in the active ticks [m]; zero in these."""
-    held = closed_and_opened(active, gap=round(BROKEN_SECONDS / TICK), shortest=1)
-    away = TICK * np.abs(np.arange(len(held)) - nearest_active(held))
+    away = TICK * np.abs(np.arange(len(active)) - nearest_active(active))
     return CLEAR * _risen(away / LANDING_SECONDS) * _risen((NEAR_SECONDS - away) / FADING_SECONDS)
 
 

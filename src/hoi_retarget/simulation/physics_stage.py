@@ -18,7 +18,7 @@ from hoi_retarget.motion.motion import SIMULATED, Motion
 from hoi_retarget.motion.performance import Performance
 from hoi_retarget.motion.result_file import encode, set_aside
 from hoi_retarget.robots import load_robot
-from hoi_retarget.simulation.approach import with_approaches
+from hoi_retarget.simulation.approach import with_approaches, with_steady_contacts
 from hoi_retarget.simulation.certificate import certificate_of
 from hoi_retarget.simulation.object_hold import ObjectHold, object_holds, up_to
 from hoi_retarget.simulation.refine import Progress, refine
@@ -77,8 +77,9 @@ def add_physics_stage(  # noqa: PLR0913  # the last three are options
     geometries = [] if clip is None else [track.geometry for track in clip.objects]
     scene = scene_of(motion, model, geometries, physics)
     forces = forces_on_clip(motion, clip, model, physics)
-    firm = forces_on_clip(motion, clip, model, with_weaker_grip(physics))
-    reference = with_approaches(scene, reference_of(scene, motion, firm), geometries)
+    steady = with_steady_contacts(motion)
+    firm = forces_on_clip(steady, clip, model, with_weaker_grip(physics))
+    reference = with_approaches(scene, reference_of(scene, steady, firm), geometries)
     refined = refine(
         scene, reference, settings, seed=seed, on_progress=lambda progress: on_progress(progress, reference)
     )
