@@ -301,30 +301,6 @@ def test_a_file_in_place_of_the_folder_is_named(tmp_path):
         write_atomically(tmp_path / "out" / "clip.npz", b"x")
 
 
-def as_schema_1(data: bytes) -> tuple[dict[str, np.ndarray], dict]:
-    """Return a result's arrays without the entries of schema 2, and its report in the words of schema 1."""
-    with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-        arrays = dict(archive)
-    del arrays["stage_names"]
-    report = json.loads(str(arrays["report"]))
-    stages = report.pop("stages")
-    source = report["source"]
-    doubts = [warning["text"] for warning in source.pop("warnings")]
-    report |= {"ik_windows": stages["ik"], "windows": stages["trajectory"], "source": {**source, "doubts": doubts}}
-    report |= {"turned_over": report.pop("orientation_flips"), "hand_to_hand": report.pop("inter_robot_hand_errors")}
-    return arrays | {"schema": np.int64(1)}, report
-
-
-@LAWS
-@given(report=reports)
-def test_results_of_the_first_schema_open_as_they_were(tmp_path_factory, report):
-    original = result(report=Report.from_json(report))
-    path = tmp_path_factory.mktemp("motion") / "clip.npz"
-    arrays, old = as_schema_1(encode(original))
-    np.savez(path, **{**arrays, "report": np.str_(json.dumps(old))})
-    assert_same(load(path), original)
-
-
 @pytest.mark.parametrize(
     "damage",
     [
@@ -493,7 +469,7 @@ def test_a_foreign_archive_is_told_by_what_it_holds(tmp_path):
     assert "'poses'" in message and "'trans'" in message
 
 
-@pytest.mark.parametrize("schema", [0, 3, -1, 10**6])
+@pytest.mark.parametrize("schema", [0, 1, 3, -1, 10**6])
 def test_other_schemas_are_refused_with_both_numbers(tmp_path, schema):
     message = refusal(tmp_path / "clip.npz", with_array("schema", schema))
     assert f"schema {schema}" in message and f"reads {result_file.SCHEMA}" in message

@@ -55,13 +55,7 @@ def arguments_of(command: Run) -> dict[str, Any]:
 def to_argv(
     arguments: Mapping[str, Any], config: Mapping[str, Any] | None = None, *, shown: Callable[[str], str] = str
 ) -> list[str]:
-    """Return the words of a `run`; arguments of another version are left out.
-
-    Args:
-        arguments: As `arguments_of` returns them.
-        config: The configuration in the report.
-        shown: How paths are written.
-    """
+    """Return the words of a `run`; arguments of another version are left out."""
     clips = arguments.get("clips")
     words = ["run", *(shown(str(clip)) for clip in (clips if isinstance(clips, list) else ()))]
     for field in fields(Run):

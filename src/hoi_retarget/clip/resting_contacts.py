@@ -30,11 +30,6 @@ def resting_contacts(
     """Return a track for each person, object and part that rests on it in some frame.
 
     Raises `GeometryError` where an object's mesh cannot be read.
-
-    Args:
-        clip: Its own contacts are not looked at.
-        still: When each object stands still.
-        seats_only: Whether other parts than the pelvis count only on what this one rests on.
     """
     found = []
     for person, human in enumerate(clip.people):

@@ -221,12 +221,7 @@ class FreeHands:
         return {index: self._outcome(index, found[:, index], hands) for index in sorted(touched)}
 
     def forces(self, frame: int, touches: Sequence[Touch]) -> tuple[float, list[tuple[np.ndarray, np.ndarray]]]:
-        """Return the share of its weight that an object lacks, and each hand's points [m] and forces on it [N].
-
-        Args:
-            frame: The frame.
-            touches: Of hands on one object, one or more.
-        """
+        """Return the share of its weight that an object lacks, and each hand's points [m] and forces on it [N]."""
         index, ends = touches[0].object, np.cumsum([len(touch.points) for touch in touches])[:-1]
         turn = se3.quat_to_matrix(self.poses[frame, index, None, 3:])[0]
         points = np.concatenate([touch.points for touch in touches]) @ turn.T + self.poses[frame, index, :3]

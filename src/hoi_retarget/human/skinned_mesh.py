@@ -53,12 +53,7 @@ class SkinnedMesh:
 
 
 def vertices_of(owners: Int[np.ndarray, "V"], joints: Iterable[str]) -> Int[np.ndarray, "n"]:
-    """Return the indices of the vertices that one of these joints moves more than any other does.
-
-    Args:
-        owners: The index of the joint that moves each vertex most.
-        joints: Their names.
-    """
+    """Return the indices of the vertices that one of these joints moves more than any other does."""
     return np.flatnonzero(np.isin(owners, [JOINT_INDEX[joint] for joint in joints]))
 
 

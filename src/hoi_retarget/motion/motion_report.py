@@ -331,7 +331,7 @@ class Report:
     @classmethod
     def from_json(cls, values: Any) -> "Report":
         """Return the report that plain JSON values hold, without keys of later versions; raises `ReadError`."""
-        return _typed(cls, _renamed(values))
+        return _typed(cls, _with_events(values))
 
     @property
     def is_foreign(self) -> bool:
@@ -364,28 +364,14 @@ def windows_from_json(values: Any) -> dict[str, tuple[Window, ...]]:
     """Return the windows of every stage by its name, as a report's JSON holds them; raises `ReadError`."""
     if not isinstance(values, Mapping):
         raise ReadError("report is no JSON object.")
-    stages = values.get("stages", {name: values[key] for name, key in _STAGES_BEFORE.items() if key in values})
-    return _typed(dict[str, tuple[Window, ...]], stages)
+    return _typed(dict[str, tuple[Window, ...]], values.get("stages", {}))
 
 
-# Names in results of schema 1.
-_STAGES_BEFORE = {"ik": "ik_windows", "trajectory": "windows"}
-_CONFIG_BEFORE = {"contact": "landmark"}  # All that there was, so that files did not say it.
-_KEYS_BEFORE = {"turned_over": "orientation_flips", "hand_to_hand": "inter_robot_hand_errors"}
-
-
-def _renamed(values: Any) -> Any:
+def _with_events(values: Any) -> Any:
+    """Return a report's JSON with events by the fields of `Event`."""
     if not isinstance(values, Mapping):
         return values
-    renamed = {_KEYS_BEFORE.get(key, key): value for key, value in values.items()}
-    source = renamed.get("source")
-    if isinstance(source, Mapping) and "doubts" in source:
-        doubts = source["doubts"]
-        texts = doubts if isinstance(doubts, list) else [doubts]
-        renamed["source"] = {**source, "warnings": [{"code": "recording", "text": text} for text in texts]}
-    config = renamed.get("config")
-    if isinstance(config, Mapping) and config:
-        renamed["config"] = {**_CONFIG_BEFORE, **config}
+    renamed = dict(values)
     for kind in EVENTS:
         items = renamed.get(f"{kind}s")
         if isinstance(items, list):

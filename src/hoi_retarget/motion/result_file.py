@@ -23,7 +23,6 @@ from hoi_retarget.robots import load_robot, user_robots
 from hoi_retarget.robots.model import RobotModel
 
 SCHEMA = 2
-_READABLE = (1, 2)
 _SET_ASIDE = ".failed"
 _KINDS = {"contact_flags": "b", "stance_flags": "b", "contact_object": "i"}
 _NAMES = ("joint_names", "object_names", "contact_links")
@@ -123,10 +122,9 @@ def _check_entries(path: Path, members: Mapping[str, bytes]) -> None:
         schema = int(_scalar("schema", members["schema"], "i"))
     except ValueError as error:
         raise ReadError(f"{path}: the motion file is damaged ({error}). Run the retarget again.") from error
-    if schema not in _READABLE:
+    if schema != SCHEMA:
         raise ReadError(f"{path}: schema {schema}; this version reads {SCHEMA}. Run the retarget again.")
-    expected = {"qpos", *(_ENTRIES.get(item.name, item.name) for item in fields(Motion))} - {"stages"}
-    expected |= {"stage_names"} if schema > 1 else {"ik_qpos"}
+    expected = {"qpos", "stage_names", *(_ENTRIES.get(item.name, item.name) for item in fields(Motion))} - {"stages"}
     missing = [name for name in sorted(expected) if name not in members]
     if missing:
         raise ReadError(f"{path}: the motion file lacks {', '.join(missing)}. Run the retarget again.")
@@ -152,9 +150,7 @@ def _motion(members: Mapping[str, bytes]) -> Motion:
 
 
 def _stages(members: Mapping[str, bytes], windows: Mapping[str, tuple[Window, ...]]) -> Iterator[Stage]:
-    names = ("ik", "trajectory")  # Of files of schema 1.
-    if "stage_names" in members:
-        names = tuple(npz.array("stage_names", members["stage_names"], "U").ravel().tolist())
+    names = npz.array("stage_names", members["stage_names"], "U").ravel().tolist()
     for name in names:
         entry = "qpos" if name == names[-1] else f"{name}_qpos"
         if entry not in members:

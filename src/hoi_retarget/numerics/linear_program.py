@@ -19,11 +19,6 @@ def least_costs(
 
     Every program must have a solution, and a bounded one. Numbers should be of the order of one. A program that is not
     solved after `ITERATIONS` ends as near as it got.
-
-    Args:
-        costs: Of the unknowns, the same in all programs.
-        matrices: Of independent rows.
-        targets: Of the rows.
     """
     x, slack, prices = np.ones_like(matrices[:, 0]), np.ones_like(matrices[:, 0]), np.zeros_like(targets)
     left, best = np.arange(len(targets)), np.ones_like(matrices[:, 0])

@@ -69,12 +69,7 @@ class SurfaceSamples:
     def inside(
         self, poses: SolidPoses, pivots: Float[np.ndarray, "N 3"]
     ) -> tuple[Float[np.ndarray, "N 6 6"], Float[np.ndarray, "N 6"]]:
-        """Return `J^T J` and `J^T d` of the distances of all samples inside the solid, by a shift and a turn of it.
-
-        Args:
-            poses: Of the solid.
-            pivots: Points about which it turns, in the frame of the surface [m].
-        """
+        """Return `J^T J` and `J^T d` of distances of samples in the solid by its shift and turn about pivots [m]."""
         return self._cells.inside(_placed(poses), pivots)
 
     def ways_out(

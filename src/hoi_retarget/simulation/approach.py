@@ -54,16 +54,7 @@ def with_steady_contacts(motion: Motion) -> Motion:
 
 
 def with_approaches(scene: PhysicsScene, reference: Reference, geometries: Sequence[ObjectGeometry]) -> Reference:
-    """Return a reference in which hands keep off objects until they touch, where arms reach.
-
-    Args:
-        scene: Robot and objects.
-        reference: The reference; torques stay as they are.
-        geometries: Shapes of the objects.
-
-    Raises:
-        GeometryError: An object's mesh cannot be read.
-    """
+    """Return a reference in which hands keep off objects until they touch; raises `GeometryError` without a mesh."""
     model, n = scene.model, scene.model.n
     fields = [distance_field(item).scaled(own.scale) for item, own in zip(geometries, scene.objects, strict=True)]
     changes = np.zeros((len(reference.qpos), n))
@@ -78,7 +69,7 @@ def with_approaches(scene: PhysicsScene, reference: Reference, geometries: Seque
 
 
 def wanted_room(active: Bool[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
-    """Return the distance that a hand keeps from what it touches in the active ticks [m]; zero in these."""
+    """Return the least distance of a hand from the object that it touches in the active ticks [m]; zero in these."""
     away = TICK * np.abs(np.arange(len(active)) - nearest_active(active))
     return CLEAR * _risen(away / LANDING_SECONDS) * _risen((NEAR_SECONDS - away) / FADING_SECONDS)
 

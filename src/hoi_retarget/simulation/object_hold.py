@@ -38,13 +38,7 @@ class ObjectHold:
 
 
 def object_holds(reference: Reference, rollout: Rollout, joints: int) -> tuple[ObjectHold, ...]:
-    """Return the holds on the objects that are labelled to touch.
-
-    Args:
-        reference: With the objects' paths.
-        rollout: The simulated motion, of as many ticks or fewer.
-        joints: Number of the robot's joints.
-    """
+    """Return the holds on the objects that are labelled to touch, in a simulated motion of as many ticks or fewer."""
     ticks, found = len(rollout.qpos), []
     off = object_errors(rollout, reference, joints)
     quats, wanted = (object_poses(qpos[:ticks], joints)[:, :, 3:] for qpos in (rollout.qpos, reference.qpos))

@@ -27,13 +27,7 @@ _MAX_DROPPED_FRAMES, _CATCH_UP_RATIO = 3, 1.5
 def check_continuity(
     context: CheckContext, objects: Sequence[ObjectPath], bodies: Mapping[str, Float[np.ndarray, "T 3"]]
 ) -> Iterator[FormatFinding]:
-    """Yield findings about the steps from frame to frame.
-
-    Args:
-        context: The robot's motion.
-        objects: With their paths.
-        bodies: Positions of bodies by name [m].
-    """
+    """Yield findings about the steps from frame to frame."""
     model, qpos = context.model, context.qpos
     root = np.linalg.norm(np.diff(qpos[:, :3], axis=0), axis=1)
     turn = se3.angle_between(qpos[:-1, 3:7], qpos[1:, 3:7])

@@ -58,14 +58,10 @@ def episodes(
 
 
 def steps(path: Float[np.ndarray, "F k"], price: float) -> Int[np.ndarray, "S"]:
-    """Return the ends of stretches, 0 and F included, of the path that changes in steps and is nearest to a path.
+    """Return the ends of stretches, 0 and F included, of the path that changes in steps and is nearest to a path [m].
 
     The squared distance from the mean of each stretch, summed over its frames, and a price for each stretch are least
     (Potts' functional, by dynamic programming).
-
-    Args:
-        path: Places [m].
-        price: Of a stretch [m^2 frames].
     """
     frames = len(path)
     sums = np.concatenate([np.zeros((1, path.shape[1])), np.cumsum(path, axis=0)])

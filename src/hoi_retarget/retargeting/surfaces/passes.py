@@ -75,19 +75,11 @@ class SurfaceProblems:
         return cls(model, targets, ik_qpos, config, surfaces)
 
     def first_pass(self, solve_pass: SolvePass) -> Float[np.ndarray, "T nq"]:
-        """Return the trajectory [m, rad, quaternions] with hands at their holds, at the end of the first pass alone.
-
-        Args:
-            solve_pass: Solves it.
-        """
+        """Return the trajectory [m, rad, quaternions] with hands at their holds, at the end of the first pass alone."""
         return solve_pass(self._with_points(self._touching(self.ik_qpos), ()), self.ik_qpos, COARSE, True)
 
     def passes(self, solve_pass: SolvePass) -> Float[np.ndarray, "T nq"]:
-        """Return the trajectory [m, rad, quaternions] at the end of all passes.
-
-        Args:
-            solve_pass: Solves one of them.
-        """
+        """Return the trajectory [m, rad, quaternions] at the end of all passes."""
         qpos: np.ndarray = self.ik_qpos
         first = qpos
         paths: tuple[EscapePath, ...] = ()

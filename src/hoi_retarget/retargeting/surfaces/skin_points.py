@@ -123,12 +123,7 @@ def at_points(
 
 
 def moving_objects(targets: Targets, shell_spacing: float = SPACING) -> tuple[MovingObject, ...]:
-    """Return the objects of a robot's targets; raises `GeometryError` when a mesh cannot be read.
-
-    Args:
-        targets: Of the robot.
-        shell_spacing: Between samples of surfaces without an inside [m].
-    """
+    """Return the objects of a robot's targets; raises `GeometryError` when a mesh cannot be read."""
     rotations = se3.quat_to_matrix(targets.object_quat).transpose(1, 2, 3, 0)
     return tuple(
         MovingObject(
