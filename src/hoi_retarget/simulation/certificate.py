@@ -83,5 +83,6 @@ def _changed(scene: PhysicsScene, change: str) -> mujoco.MjModel:
             simulated.geom_friction[:, 0] *= 1.0 - _SHARE
         case "pyramidal cones":
             simulated.opt.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
+            simulated.opt.impratio = 1.0  # MuJoCo advises against more with pyramids.
     mujoco.mj_setConst(simulated, mujoco.MjData(simulated))
     return simulated
