@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hoi_retarget.cli import main
 from hoi_retarget.cli.commands import Run
-from hoi_retarget.cli.run_options import config_in, config_of
+from hoi_retarget.cli.run_options import config_of
 from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.motion.result_file import load, save
 from hoi_retarget.retargeting.config import (
@@ -190,17 +190,6 @@ def test_a_results_own_configuration_makes_it_again(tmp_path, monkeypatch):
         np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
     np.testing.assert_array_equal(first.qpos, again.qpos)
     assert (first.qpos != default.qpos).any()
-
-
-def test_a_result_that_does_not_say_its_contact_asked_for_landmarks(tmp_path):
-    """Earlier versions knew no other."""
-    motion = retarget(make("carry_box", seconds=1.0), MODEL, Config(solver=KeepStart()))
-    save(motion, tmp_path / "now.npz")
-    assert config_in(tmp_path / "now.npz") == Config(solver=KeepStart(), contact="surface")
-    before = {name: value for name, value in motion.report.config.items() if name != "contact"}
-    save(replace(motion, report=replace(motion.report, config=before)), tmp_path / "before.npz")
-    assert config_in(tmp_path / "before.npz") == Config(solver=KeepStart(), contact="landmark")
-    assert not load(tmp_path / "before.npz").report.touches_with_surfaces
 
 
 def test_a_config_file_that_is_wrong_is_one_line(tmp_path, capsys, monkeypatch):
