@@ -13,6 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
 import tyro
 from common import show, write_json
 
@@ -25,7 +26,7 @@ COLUMNS = {
     "whole": (100.0, "whole [%]"),
     "lasted_share": (100.0, "lasts [%]"),
     "object_m": (100.0, "object [cm]"),
-    "object_rad": (57.29578, "object [deg]"),
+    "object_rad": (float(np.degrees(1.0)), "object [deg]"),
     "gap_m": (100.0, "contact gap [cm]"),
 }
 """Factor and heading of each figure."""

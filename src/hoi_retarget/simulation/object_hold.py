@@ -8,11 +8,11 @@ the touched time in which it is near.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
-from hoi_retarget.simulation.rollout import TICK, Reference, Rollout, object_errors, object_poses
+from hoi_retarget.simulation.rollout import TICK, Reference, Rollout, object_poses
 
 NEAR_M, NEAR_DEG = 0.1, 20.0
 """Of its path."""
@@ -40,9 +40,7 @@ class ObjectHold:
 def object_holds(reference: Reference, rollout: Rollout, joints: int) -> tuple[ObjectHold, ...]:
     """Return the holds on the objects that are labelled to touch, in a simulated motion of as many ticks or fewer."""
     ticks, found = len(rollout.qpos), []
-    off = object_errors(rollout, reference, joints)
-    quats, wanted = (object_poses(qpos[:ticks], joints)[:, :, 3:] for qpos in (rollout.qpos, reference.qpos))
-    turned = np.degrees(se3.angle_between(quats, wanted))
+    off, turned = off_path(rollout.qpos, reference.qpos[:ticks], joints)
     for index in range(off.shape[1]):
         touched = (reference.touched[:ticks] == index).any(axis=1)
         if touched.any():
@@ -52,6 +50,15 @@ def object_holds(reference: Reference, rollout: Rollout, joints: int) -> tuple[O
             lost_after = None if held else _lost_after(near)
             found.append(ObjectHold(index, float(near[touched].mean()), *means, lost_after))
     return tuple(found)
+
+
+def off_path(
+    qpos: Float[np.ndarray, "K nq"], wanted: Float[np.ndarray, "K nq"], joints: int
+) -> tuple[Float[np.ndarray, "K O"], Float[np.ndarray, "K O"]]:
+    """Return the distances [m] and the angles [deg] of a scene's objects from where they should be."""
+    poses, goals = object_poses(qpos, joints), object_poses(wanted, joints)
+    turned = np.degrees(se3.angle_between(poses[:, :, 3:], goals[:, :, 3:]))
+    return np.linalg.norm(poses[:, :, :3] - goals[:, :, :3], axis=2), turned
 
 
 def up_to(rollout: Rollout, seconds: float) -> Rollout:

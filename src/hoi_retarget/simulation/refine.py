@@ -16,7 +16,6 @@ from jaxtyping import Float
 from hoi_retarget.dynamics.inverse_dynamics import movement_of
 from hoi_retarget.dynamics.physics_scene import PhysicsScene, compiled
 from hoi_retarget.dynamics.physics_settings import Refinement
-from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.numerics.filters import savitzky_golay
 from hoi_retarget.robots.spec import PALMS
@@ -30,7 +29,7 @@ from hoi_retarget.simulation.control import (
     rollout_gains,
     simulated_costs,
 )
-from hoi_retarget.simulation.object_hold import MEAN_M
+from hoi_retarget.simulation.object_hold import MEAN_M, off_path
 from hoi_retarget.simulation.rollout import (
     TICK,
     Reference,
@@ -177,11 +176,8 @@ class _Refinement:
         return self._refined(fell)
 
     def _off(self, first: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the distances [m] and angles [deg] of objects from their paths in some ticks."""
-        reference, n = self.problem.reference, self.problem.scene.model.n
-        found, wanted = (object_poses(qpos[first:stop], n) for qpos in (self.qpos, reference.qpos))
-        off = np.linalg.norm(found[:, :, :3] - wanted[:, :, :3], axis=2)
-        return off, np.degrees(se3.angle_between(found[:, :, 3:], wanted[:, :, 3:]))
+        problem = self.problem
+        return off_path(self.qpos[first:stop], problem.reference.qpos[first:stop], problem.scene.model.n)
 
     def _strays(self, tick: int) -> bool:
         """Return whether an object that is touched is so far from its path that it may be lost."""
