@@ -134,12 +134,7 @@ def report(result: dict[str, Any]) -> None:
         )
         for cores in CORES
     ]
-    header = (
-        "",
-        "at this pace [h]",
-        "by processor time [h]",
-        "released program [h]",
-    )
+    header = ("", "at this pace [h]", "by processor time [h]", "released program [h]")
     show(f"{CORPUS_SECONDS / 3600:.1f} h of motion at {CORPUS_FPS:g} Hz, one robot", header, rows)
 
 

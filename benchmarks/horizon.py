@@ -119,9 +119,7 @@ def measured(source: Source, model: RobotModel, config: Config) -> dict[str, Any
 def measure(arguments: Arguments, name: str, clearance: float) -> dict[str, Any]:
     """Return what one horizon does with all clips, and the memory it takes, in this process."""
     config = Config(
-        scaling=Scaling(object_scale=arguments.object_scale),
-        horizon=parse_horizon(name),
-        contact="landmark",
+        scaling=Scaling(object_scale=arguments.object_scale), horizon=parse_horizon(name), contact="landmark"
     )
     model = load_robot(arguments.robot)
     with counted(clearance):

@@ -14,13 +14,7 @@ import tyro
 from common import clip_files, pin_threads, show, write_json
 
 from hoi_retarget.clip.clip import Clip, ContactTrack
-from hoi_retarget.clip.label_contacts import (
-    PROXIMITY,
-    Proximity,
-    label_contacts,
-    part_object_distances,
-    touching,
-)
+from hoi_retarget.clip.label_contacts import PROXIMITY, Proximity, label_contacts, part_object_distances, touching
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.human.skeleton import HANDS
 from hoi_retarget.readers import read_clip
@@ -75,10 +69,7 @@ def compare(clip: Clip, *, chosen_on: bool) -> Compared:
         frames=clip.frames,
         seconds=seconds,
         recorded=hands(clip.contacts),
-        by_rule={
-            "ours": ours,
-            **{name: touching(clip, near, rule) for name, rule in rules.items()},
-        },
+        by_rule={"ours": ours, **{name: touching(clip, near, rule) for name, rule in rules.items()}},
     )
 
 

@@ -28,12 +28,7 @@ REFINED = (
     ("jerk", "body jerk [m/s³]"),
 )
 OURS = ("surface", "landmark")
-IN_README = (
-    "touch_share",
-    "relative_hand_rotation_deg",
-    "stance_slide_mps",
-    "body_jerk_mps3",
-)
+IN_README = ("touch_share", "relative_hand_rotation_deg", "stance_slide_mps", "body_jerk_mps3")
 """Figures of README's table; docs/paper.md has all."""
 NAMES = {"surface": "this project", "landmark": "this project, `--contact landmark`"}
 
@@ -219,13 +214,7 @@ def horizon(found: Measured) -> str:
             number(figures["joint_jerk_radps3"], 1, 0),
         )
         rows.append([name, *(f"{mine}, {his}" for mine, his in zip(ours, theirs, strict=True))])
-    header = [
-        "horizon",
-        "time, times the windows'",
-        "memory [MB]",
-        "velocity direction [deg]",
-        "joint jerk [rad/s³]",
-    ]
+    header = ["horizon", "time, times the windows'", "memory [MB]", "velocity direction [deg]", "joint jerk [rad/s³]"]
     first = found["results"][0]
     return (
         f"Table VII of the paper (Appendix B): ours, then the paper's. {first['clips']} OMOMO clips at captured size, {first['frames']} frames, against the ten longest "

@@ -30,13 +30,7 @@ def turning(rng: np.random.Generator, frames: int, fps: float, *shape: int) -> n
 
 
 def smooth_motion(
-    model: RobotModel,
-    *,
-    frames: int = 40,
-    fps: float = 30.0,
-    objects: int = 1,
-    seed: int = 0,
-    **changes: object,
+    model: RobotModel, *, frames: int = 40, fps: float = 30.0, objects: int = 1, seed: int = 0, **changes: object
 ) -> Motion:
     """Return a motion inside the joint ranges, whose hands touch objects for some of the time."""
     rng = np.random.default_rng(seed)

@@ -162,22 +162,12 @@ def humoto(
 
 
 def _body(
-    glb: Glb,
-    world: Clip,
-    times: np.ndarray,
-    bound: Mapping[str, np.ndarray],
-    *,
-    turned: np.ndarray,
-    height: float,
+    glb: Glb, world: Clip, times: np.ndarray, bound: Mapping[str, np.ndarray], *, turned: np.ndarray, height: float
 ) -> None:
     person, frames = world.people[0], world.frames
     own = bind_quats()
     rest = _bound_joints(rest_joints(person, "smplh"), bound)
-    armature = glb.node(
-        "Armature",
-        scale=[CENTIMETRE] * 3,
-        rotation=se3.quat_to_xyzw(turned).tolist(),
-    )
+    armature = glb.node("Armature", scale=[CENTIMETRE] * 3, rotation=se3.quat_to_xyzw(turned).tolist())
     # Bones in the armature's frame: centimetres, turned back.
     quats = {
         joint: se3.quat_multiply(

@@ -73,11 +73,7 @@ def bodies(scene: str = "carry_box", robot: str = "unitree_g1") -> Bodies:
     names = tuple(compiled.body(index).name for index in range(1, compiled.nbody))
     rotations = se3.quat_continuous(np.array(quat))
     return Bodies(
-        names,
-        np.array(pos),
-        rotations,
-        velocity(np.array(pos), source.fps),
-        angular_velocity(rotations, source.fps),
+        names, np.array(pos), rotations, velocity(np.array(pos), source.fps), angular_velocity(rotations, source.fps)
     )
 
 

@@ -46,8 +46,7 @@ def test_runs_hold_all_active_frames_but_those_of_shorter_ones(active, shortest)
 
 
 @pytest.mark.parametrize(
-    ("frames", "text"),
-    [([4], "1 frame (4)"), ([4, 7], "2 frames (4, 7)"), (range(5), "5 frames (0, 1, 2, 3, 4)")],
+    ("frames", "text"), [([4], "1 frame (4)"), ([4, 7], "2 frames (4, 7)"), (range(5), "5 frames (0, 1, 2, 3, 4)")]
 )
 def test_frames_are_listed(frames, text):
     assert describe_frames(np.array(frames)) == text

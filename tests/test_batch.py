@@ -505,11 +505,7 @@ def _without_mesh(track: ObjectTrack) -> ObjectTrack:
 
 @pytest.mark.parametrize(
     ("clip", "match"),
-    [
-        ("clips/**.pt", "no pattern"),
-        ("*/../../clips/*.pt", "no pattern"),
-        (300 * "a", "cannot be looked for"),
-    ],
+    [("clips/**.pt", "no pattern"), ("*/../../clips/*.pt", "no pattern"), (300 * "a", "cannot be looked for")],
 )
 def test_what_cannot_name_clips_is_told_of(quick, clip, match):
     with pytest.raises(ArgumentError, match=match):

@@ -22,8 +22,7 @@ MODEL = MODELS["unitree_g1"]
 FRAMES = 6
 
 needs_casadi = pytest.mark.skipif(
-    importlib.util.find_spec("casadi") is None,
-    reason="casadi is not installed: pip install hoi-retarget[benchmark]",
+    importlib.util.find_spec("casadi") is None, reason="casadi is not installed: pip install hoi-retarget[benchmark]"
 )
 
 

@@ -7,17 +7,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from browser import (
-    box_of,
-    chromium,
-    every_drawing,
-    frame_box,
-    open_page,
-    scene_pixels,
-    shown_frame,
-    still,
-    wait_until,
-)
+from browser import box_of, chromium, every_drawing, frame_box, open_page, scene_pixels, shown_frame, still, wait_until
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget

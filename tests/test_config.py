@@ -45,11 +45,7 @@ horizons = st.integers(2, 10**9).flatmap(
     )
 )
 scalings = st.builds(
-    Scaling,
-    st.just("auto") | positive,
-    st.just("auto") | positive,
-    positive,
-    st.just("root") | positive,
+    Scaling, st.just("auto") | positive, st.just("auto") | positive, positive, st.just("root") | positive
 )
 configs = st.builds(
     Config,

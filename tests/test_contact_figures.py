@@ -197,10 +197,7 @@ def world(
     centre = touched + axes @ [0.0, *(axes[:, 1:].T @ (palm_at - touched))] + outward * (scale * HALF[0] + gap)
     seconds = np.arange(FRAMES) / FPS
     places = centre + np.outer(seconds * speed, along)
-    quats = se3.quat_multiply(
-        se3.exp(np.outer(np.linspace(0.0, turn, FRAMES), outward)),
-        se3.matrix_to_quat(axes),
-    )
+    quats = se3.quat_multiply(se3.exp(np.outer(np.linspace(0.0, turn, FRAMES), outward)), se3.matrix_to_quat(axes))
     active = np.zeros(FRAMES, dtype=bool)
     active[CONTACT] = True
     whole = make("carry_box")

@@ -52,10 +52,7 @@ def test_every_format_is_written_with_its_description(name, demo, export, tmp_pa
     main_files = (
         [f"carry_box.{name}{WRITABLE[name].suffix}"]
         if WRITABLE[name].suffix
-        else [
-            f"carry_box.{name}/meta.json",
-            f"carry_box.{name}/motion.npz",
-        ]
+        else [f"carry_box.{name}/meta.json", f"carry_box.{name}/motion.npz"]
     )
     beside = [] if WRITABLE[name].contacts_inside else [f"carry_box.{name}.contacts.npz"]
     assert files == sorted([*main_files, *beside, f"carry_box.{name}.meta.json"])

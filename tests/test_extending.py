@@ -78,11 +78,7 @@ without_examples = cache(carried)
 
 
 def test_a_cost_term(monkeypatch):
-    module, model, plain = (
-        example("terms/hand_height"),
-        hr.load_robot("unitree_g1"),
-        without_examples(),
-    )
+    module, model, plain = (example("terms/hand_height"), hr.load_robot("unitree_g1"), without_examples())
     term = module.HandHeight("left_palm_height", "left_palm")
     rng = np.random.default_rng(0)
     qpos, direction = plain.qpos[:9], rng.normal(size=(9, model.nv))

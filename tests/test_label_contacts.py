@@ -13,14 +13,7 @@ from scipy.spatial import ConvexHull
 
 from hoi_retarget.clip import label_contacts as contact_labels
 from hoi_retarget.clip.clip import Clip, ContactTrack
-from hoi_retarget.clip.label_contacts import (
-    FAR,
-    PROXIMITY,
-    Proximity,
-    label_contacts,
-    part_object_distances,
-    touching,
-)
+from hoi_retarget.clip.label_contacts import FAR, PROXIMITY, Proximity, label_contacts, part_object_distances, touching
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.human.capsules import PART_CAPSULES, spheres
@@ -67,11 +60,7 @@ def moved(source: Clip, turn: float, shift: np.ndarray) -> Clip:
         for person in source.people
     )
     objects = tuple(
-        replace(
-            track,
-            positions=se3.rotate(quat, track.positions) + shift,
-            quats=se3.quat_multiply(quat, track.quats),
-        )
+        replace(track, positions=se3.rotate(quat, track.positions) + shift, quats=se3.quat_multiply(quat, track.quats))
         for track in source.objects
     )
     return replace(source, people=people, objects=objects)

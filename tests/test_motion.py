@@ -25,14 +25,7 @@ from hoi_retarget.files.atomic import write_atomically
 from hoi_retarget.motion import result_file
 from hoi_retarget.motion.formats import WRITABLE
 from hoi_retarget.motion.motion import Motion, Stage
-from hoi_retarget.motion.motion_report import (
-    Event,
-    InterRobotHandError,
-    Optimality,
-    Report,
-    Status,
-    Window,
-)
+from hoi_retarget.motion.motion_report import Event, InterRobotHandError, Optimality, Report, Status, Window
 from hoi_retarget.motion.performance import Performance
 from hoi_retarget.motion.result_file import encode, load, save
 from hoi_retarget.motion.write_export import write_export

@@ -52,8 +52,7 @@ def test_a_mesh_is_reduced_to_its_extreme_points(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "line",
-    ["v {} {} {}", "v  {}\t{} {} ", "v {} {} {} 1.0", "v {} {} {} 0.5 0.5 0.5", "v\t{} {} {}", "v {} {} {}\r"],
+    "line", ["v {} {} {}", "v  {}\t{} {} ", "v {} {} {} 1.0", "v {} {} {} 0.5 0.5 0.5", "v\t{} {} {}", "v {} {} {}\r"]
 )
 def test_the_ways_to_write_a_vertex(tmp_path, line):
     text = "\n".join(line.format(*corner) for corner in CUBE) + "\nvt 0 0\nf 1/1/1 2/1/1 3/1/1"

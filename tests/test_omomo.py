@@ -170,10 +170,7 @@ MISTAKES: dict[str, tuple[Callable[[dict], object], str]] = {
         lambda it: it.update(rest_offsets=it["rest_offsets"][:, [1, 0, 2]]),
         "knees or elbows elsewhere",
     ),
-    "centimetres": (
-        lambda it: it.update(rest_offsets=100 * it["rest_offsets"]),
-        "another unit than metres",
-    ),
+    "centimetres": (lambda it: it.update(rest_offsets=100 * it["rest_offsets"]), "another unit than metres"),
     "y is up": (
         lambda it: it.update(root_orient=se3.log(se3.quat_multiply(Y_UP, se3.exp(it["root_orient"].astype(float))))),
         "stands along y",

@@ -195,7 +195,7 @@ def test_a_smoother_motion_is_simulated_too_and_keeps_objects_where_they_were(pr
     shaken = rough.rollout.targets + 0.02 * np.random.default_rng(0).standard_normal(rough.rollout.targets.shape)
     rollout = track(problem.simulated, problem.reference, shaken, problem.gains)
     assert rollout.fell_after is None
-    gains = rollout_gains(problem.scene, problem.simulated, rollout)
+    gains = rollout_gains(problem.scene, rollout)
     motion = ControlledRollout(rollout, gains)
     found = smooth(problem.scene, problem.simulated, problem.reference, motion).rollout
     assert jerk(problem.scene, found) < 0.8 * jerk(problem.scene, rollout)

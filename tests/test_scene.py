@@ -510,11 +510,7 @@ def test_only_different_people_with_the_same_objects_share_a_place():
     clip = CLIPS["carry_table"]
     assert group_by_shared_objects(
         [SceneItem("a", clip=clip), SceneItem("b", clip=clip, person=1), SceneItem("c", clip=clip)]
-    ) == (
-        0,
-        0,
-        2,
-    )
+    ) == (0, 0, 2)
 
 
 # what a camera follows

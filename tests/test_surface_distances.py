@@ -7,13 +7,7 @@ import pytest
 import trimesh
 
 from hoi_retarget.evaluation.penetration import self_collision_pairs, self_depths
-from hoi_retarget.evaluation.surface_distances import (
-    ObjectShape,
-    PosedObject,
-    link_distances,
-    shape_of,
-    surface_kind,
-)
+from hoi_retarget.evaluation.surface_distances import ObjectShape, PosedObject, link_distances, shape_of, surface_kind
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots import load_robot

@@ -163,11 +163,7 @@ def test_a_torso_keeps_its_rotation_the_more_the_person_lies(upright, lies):
     kinematics = model.forward(np.tile(model.home_qpos, (20, 1)))
     targets = make_targets(make("carry_box"), model, Scaling(), contact="surface").window(0, 20)
     lean = se3.quat_to_matrix(se3.exp(np.array([0.0, np.arccos(upright), 0.0])))
-    free = replace(
-        targets,
-        trunk_rotations=np.tile(lean, (20, 1, 1)),
-        stance_flags=np.zeros_like(targets.stance_flags),
-    )
+    free = replace(targets, trunk_rotations=np.tile(lean, (20, 1, 1)), stance_flags=np.zeros_like(targets.stance_flags))
     weights = Weights(torso_orientation=3.0, trunk_orientation=7.0)
     term, hips, *lying = trunk_terms(weights, free, kinematics)
     assert term.weight == hips.weight == 7.0

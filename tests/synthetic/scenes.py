@@ -13,17 +13,7 @@ from hoi_retarget.objects.track import ObjectTrack
 from synthetic.acting import Actor, Grip
 from synthetic.human import Scalars
 from synthetic.object_shapes import Shape, shape
-from synthetic.staging import (
-    Span,
-    StagedScene,
-    arc,
-    before,
-    carried,
-    dips,
-    holds,
-    rounded,
-    upright,
-)
+from synthetic.staging import Span, StagedScene, arc, before, carried, dips, holds, rounded, upright
 from synthetic.walking import Place, Times, Walk, keyed
 
 

@@ -219,8 +219,4 @@ def _command(job: Job) -> dict[str, Any]:
     No single `run` makes an augmented clip, so there it names no clips.
     """
     clips = {} if job.augmentation != type(job.augmentation)() else {"clips": [job.clip]}
-    return clips | {
-        "robot": job.robot,
-        **job.reading.as_json(),
-        "edits": None if job.edits is None else str(job.edits),
-    }
+    return clips | {"robot": job.robot, **job.reading.as_json(), "edits": None if job.edits is None else str(job.edits)}

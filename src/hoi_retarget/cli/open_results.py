@@ -68,15 +68,14 @@ def clip_or_warning(
 ) -> Clip | None:
     """Return the clip that a result was made from; None, with a warning, where it is not to be had.
 
+    Raises `HoiRetargetError` where the user names the clip, and it is not to be had.
+
     Args:
         path: The result's file.
         motion: The result.
         options: Where the clip is.
         without: The consequence of the missing clip, for the warning.
         surfaces: Whether the objects' surfaces must be readable, too.
-
-    Raises:
-        HoiRetargetError: The user names the clip, and it is not to be had.
     """
     try:
         clip = clip_of(motion, name=options.clip, objects=options.objects)

@@ -40,13 +40,7 @@ from hoi_retarget.robots.robot_check import check, has_errors
 from hoi_retarget.robots.robot_tables import joint_table, role_table
 from hoi_retarget.robots.skin import make_skin
 from hoi_retarget.robots.spec import RobotSpec
-from hoi_retarget.studio.offscreen.robot_portraits import (
-    jpeg,
-    picture,
-    picture_of,
-    png,
-    representative_frame,
-)
+from hoi_retarget.studio.offscreen.robot_portraits import jpeg, picture, picture_of, png, representative_frame
 from hoi_retarget.studio.report.robot_page import Trial, robot_page
 from hoi_retarget.studio.scene.camera import fit_camera
 from hoi_retarget.studio.scene.drawing import DrawnScene

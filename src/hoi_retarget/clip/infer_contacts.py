@@ -35,11 +35,7 @@ rotations above which these are believed."""
 
 
 def with_contacts(
-    clip: Clip,
-    labels: Labels = "auto",
-    *,
-    readings: Collection[str] = tuple(READINGS),
-    grasps: Grasps = "refuse",
+    clip: Clip, labels: Labels = "auto", *, readings: Collection[str] = tuple(READINGS), grasps: Grasps = "refuse"
 ) -> Clip:
     """Return a clip with the contacts of its source, or where it has none, or others are requested, of geometry.
 

@@ -43,8 +43,7 @@ class Supports:
 def supports(objects: tuple[ObjectTrack, ...], fps: float) -> Supports:
     """Return the carriers of a clip's objects; the same objects are looked at once.
 
-    Raises:
-        GeometryError: an object's mesh cannot be read.
+    Raises `GeometryError` where an object's mesh cannot be read.
     """
     order = _order(objects)
     frames = len(objects[0].positions) if objects else 0

@@ -66,9 +66,5 @@ def actuators_of(model: RobotModel) -> Actuators:
         if motor is not None and motor.gains is not None:
             stiffness[joint], damping[joint] = motor.gains
     return Actuators(
-        frozen(armature),
-        frozen(stiffness),
-        frozen(damping),
-        frozen(torque),
-        all(motor is not None for motor in motors),
+        frozen(armature), frozen(stiffness), frozen(damping), frozen(torque), all(motor is not None for motor in motors)
     )

@@ -160,11 +160,7 @@ def object_description(item: SceneObject, physics: Physics) -> mujoco.MjSpec:
 
 def floor_contacts(physics: Physics) -> dict[str, Any]:
     """Return the contacts of the floor, and its friction with objects, as attributes of its geometry."""
-    return {
-        "contype": _FLOOR,
-        "conaffinity": _ROBOT | _FEET | _OBJECT,
-        "friction": _friction(physics.object_friction),
-    }
+    return {"contype": _FLOOR, "conaffinity": _ROBOT | _FEET | _OBJECT, "friction": _friction(physics.object_friction)}
 
 
 def hand_contacts(physics: Physics) -> dict[str, Any]:

@@ -4,13 +4,7 @@ from collections.abc import Mapping
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.dynamics.physics_settings import FigureSet
-from hoi_retarget.evaluation import (
-    contact_figures,
-    hand_slip,
-    motion_figures,
-    penetration,
-    physics_figures,
-)
+from hoi_retarget.evaluation import contact_figures, hand_slip, motion_figures, penetration, physics_figures
 from hoi_retarget.evaluation.comparison import Comparison, Figure
 from hoi_retarget.evaluation.physics_figures import performed_figures
 from hoi_retarget.motion.motion import Motion, check_robot

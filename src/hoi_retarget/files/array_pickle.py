@@ -87,13 +87,12 @@ def starts_with(path: Path, names: tuple[bytes, ...], size: int) -> bool:
 def unpickle(content: bytes | mmap.mmap, names: Names | None = None, *, encoding: str = "utf-8") -> Any:
     """Return the value of a pickle with stubs in it, which `plain` replaces.
 
+    Raises `RefusedError` where it is damaged, or names something else.
+
     Args:
         content: joblib's arrays in a mapped file are views of it.
         names: Everything that it may name; None for `ARRAYS`.
         encoding: Of the strings of Python 2.
-
-    Raises:
-        RefusedError: It is damaged, or names something else.
     """
     if not content:
         raise RefusedError("the file is empty, expected a pickle")

@@ -13,15 +13,14 @@ from hoi_retarget.errors import ReadError
 def download_wheel(what: str, package: str, version: str, folder: Path, advice: str = "") -> Path:
     """Download a wheel into a folder.
 
+    Raises `ReadError` where pip or the network is missing.
+
     Args:
         what: It is fetched for this, such as `the sample`.
         package: Its name on the index.
         version: Exactly.
         folder: An empty one.
         advice: What needs no network.
-
-    Raises:
-        ReadError: pip or the network is missing.
     """
     command = [
         *(sys.executable, "-m", "pip", "download", f"{package}=={version}", "--no-deps", "--only-binary=:all:"),

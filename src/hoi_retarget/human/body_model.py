@@ -149,10 +149,7 @@ class BodyModel:
         return self.regressor @ self.template + directions @ betas
 
     def joints(
-        self,
-        betas: Float[np.ndarray, "b"],
-        pose: Float[np.ndarray, "T J 3"],
-        translation: Float[np.ndarray, "T 3"],
+        self, betas: Float[np.ndarray, "b"], pose: Float[np.ndarray, "T J 3"], translation: Float[np.ndarray, "T 3"]
     ) -> tuple[Float[np.ndarray, "T J 3"], Float[np.ndarray, "T J 4"]]:
         """Return positions [m] and rotations, wxyz, of all joints.
 

@@ -45,13 +45,18 @@ class Certificate:
     replays: tuple[Replay, ...]
 
     @property
+    def kept(self) -> int:
+        """Number of replays that keep to it."""
+        return sum(replay.kept for replay in self.replays)
+
+    @property
     def passed(self) -> bool:
         """Whether it repeats, and all replays keep to it."""
-        return self.repeats and all(replay.kept for replay in self.replays)
+        return self.repeats and self.kept == len(self.replays)
 
     def __str__(self) -> str:
         lost = [str(replay) for replay in self.replays if not replay.kept]
-        parts = [f"{len(self.replays) - len(lost)} of {len(self.replays)} replays keep to the motion"]
+        parts = [f"{self.kept} of {len(self.replays)} replays keep to the motion"]
         parts += [] if self.repeats else ["its targets alone do not repeat it"]
         return "; ".join([*parts, *lost])
 

@@ -44,7 +44,7 @@ _EXPLAINING = {".pt": "intermimic", ".pth": "intermimic", ".npz": "own_layout", 
 _UNDOCUMENTED = {
     "corolehoi": "CoRoleHOI's own files are documented nowhere, so they are not read. Two ways are open: InterAct's "
     "canonical layout, each of the two people in a folder omomo_corole/sequences_canonical/ID, and clips of two people "
-    "in the layout of your own clips (docs/sources.md).",
+    "in the layout of your own clips (docs/sources.md)."
 }
 """Name of a data set in a path, in small letters -> the reason why its files are not read, and a way out."""
 _MAX_LISTED = 12  # Names of clips.

@@ -117,10 +117,7 @@ def _gender_and_category(file: SourceFile) -> tuple[str, str]:
     named = _NAME.fullmatch(file.path.resolve().name)
     path = file.beside(_INFO)
     info = Fields(path, json_values(file, path) if path.is_file() else {})
-    facts = {
-        "gender": GENDERS.get(named["subject"]) if named else None,
-        "cat": named["category"] if named else None,
-    }
+    facts = {"gender": GENDERS.get(named["subject"]) if named else None, "cat": named["category"] if named else None}
     for key, meaning in (("gender", "the person's gender"), ("cat", "the object's category")):
         stated = info.text(key, meaning) if key in info else None
         if stated and facts[key] and stated != facts[key]:

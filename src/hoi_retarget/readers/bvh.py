@@ -67,10 +67,7 @@ _FLAT_FOOT = np.deg2rad(21.454555)
 _TRUNK = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])
 _LEG = np.array([[0, 0, -1], [-1, 0, 0], [0, 1, 0]])
 _TOE = np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]])
-_ARMS = {
-    "left": np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]),
-    "right": np.array([[-1, 0, 0], [0, 0, -1], [0, -1, 0]]),
-}
+_ARMS = {"left": np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]), "right": np.array([[-1, 0, 0], [0, 0, -1], [0, -1, 0]])}
 """The axes of LAFAN1's bones in the T-pose, one a column."""
 
 

@@ -304,14 +304,13 @@ def poses_of(
 def first_mesh(name: str, candidates: Sequence[Path], *, centred: bool, scale: float = 1.0) -> ObjectGeometry:
     """Return the geometry of the first mesh file that exists, triangles included.
 
+    Raises `GeometryError` where no file exists, or the first that does holds no usable mesh.
+
     Args:
         name: the object's, for errors.
         candidates: where its mesh may be.
         centred: whether poses are of the mesh less the mean of its vertices.
         scale: a factor of its coordinates before that.
-
-    Raises:
-        GeometryError: no file exists, or the first that does holds no usable mesh.
     """
     for path in candidates:
         if path.is_file():

@@ -188,10 +188,7 @@ def _share(value: Any, limits: tuple[float, float]) -> Any:
 
 
 def _carried_on(
-    change: Float[np.ndarray, "T 4"],
-    free: Float[np.ndarray, "T 4"],
-    pieces: tuple[tuple[int, int], ...],
-    ramp: int,
+    change: Float[np.ndarray, "T 4"], free: Float[np.ndarray, "T 4"], pieces: tuple[tuple[int, int], ...], ramp: int
 ) -> Float[np.ndarray, "T 4"]:
     """Return a change that is given inside of runs, faded out around each: the foot departs and arrives at rest."""
     carried, frames = change.copy(), len(change)

@@ -137,15 +137,13 @@ def solve_ik(
     """Return the IK trajectory of a robot for its targets [m, rad], and the report of each window.
 
     Where it does not converge, is turned over or flips, other starts follow; the best result is returned.
+    Raises `SolveError` where a window ends without a usable trajectory.
 
     Args:
         model: The robot.
         targets: Of all frames.
         config: Options of this stage.
         horizon: Frames that are solved at once.
-
-    Raises:
-        SolveError: A window ends without a usable trajectory.
     """
     search = _Search(model, targets, config, horizon)
     found = search.solve(search.coarse(standing))

@@ -32,15 +32,14 @@ _WHOLE_CLIP_FACTOR = (
 def resolve_locally(before: Solution, clip: Clip, config: Config, *, quickly: bool = False) -> Solution:
     """Return the solution for a clip that equals the one before but for its contacts and pins.
 
+    Raises `SolveError` where the frames around a change end without a usable trajectory.
+
     Args:
         before: Of the clip before the change.
         clip: After it.
         config: The configuration of the solution.
         quickly: Hands go to their holds in one rough pass. Otherwise surfaces touch, and pins that change in a short
             clip make the solution that of `solve`, to the bit.
-
-    Raises:
-        SolveError: The frames around a change end without a usable trajectory.
     """
     model, ik_qpos = before.model, before.stages[0].qpos
     with one_thread():

@@ -34,14 +34,13 @@ from hoi_retarget.robots.model import RobotModel
 def retarget(clip: Clip, model: RobotModel, config: Config = Config(), *, person: int = 0) -> Motion:
     """Return the motion of one robot for one person of a clip, with its figures in the report.
 
+    Raises `SolveError` where a window ends without a usable trajectory.
+
     Args:
         clip: The recording.
         model: The robot.
         config: Scales, weights, solvers, figures.
         person: Index of the person that the robot follows.
-
-    Raises:
-        SolveError: A window ends without a usable trajectory.
     """
     return judge(solve(clip, model, config, person=person), config.figures)
 
@@ -120,11 +119,7 @@ def solve_people(clip: Clip, models: Sequence[RobotModel], config: Config = Conf
 
 
 def retarget_people(
-    clip: Clip,
-    models: Sequence[RobotModel],
-    config: Config = Config(),
-    *,
-    command: Mapping[str, Any] | None = None,
+    clip: Clip, models: Sequence[RobotModel], config: Config = Config(), *, command: Mapping[str, Any] | None = None
 ) -> tuple[Motion, ...]:
     """Return one motion per person of a clip, in one world with the same objects, robots outside each other.
 

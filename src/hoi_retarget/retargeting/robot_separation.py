@@ -100,12 +100,7 @@ def _make_room(solutions: Sequence[Solution], config: Config, first: int, stop: 
 
 
 def _problem(  # noqa: PLR0913, PLR0917  # the parts of a problem
-    solution: Solution,
-    config: Config,
-    clearances: Sequence[RobotClearance],
-    start: Kinematics,
-    first: int,
-    stop: int,
+    solution: Solution, config: Config, clearances: Sequence[RobotClearance], start: Kinematics, first: int, stop: int
 ) -> Problem:
     """Return the problem of some frames between pinned ones."""
     targets, reference = solution.targets.window(first, stop), solution.stages[0].qpos[first:stop]

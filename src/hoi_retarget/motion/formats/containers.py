@@ -148,11 +148,7 @@ def _to_folder(content: Mapping[str, Any]) -> dict[str, bytes]:
 
 
 NPZ = Container((".npz",), read_npz, encode=lambda values: {".npz": npz.encode(values)})
-PICKLE = Container(
-    (".pkl", ".pickle", ".joblib"),
-    _read_pickle,
-    encode=lambda values: {".pkl": to_pickle(values)},
-)
+PICKLE = Container((".pkl", ".pickle", ".joblib"), _read_pickle, encode=lambda values: {".pkl": to_pickle(values)})
 TORCH = Container((".motion",), lambda path: parse_torch(read_bytes(path), path))
 CSV = Container((".csv",), read_csv, encode=lambda values: {".csv": _to_csv(values)})
 NPZ_AND_JSON = Container((FOLDER, ".npz"), read_npz, inside=MOTION, encode=_to_folder)

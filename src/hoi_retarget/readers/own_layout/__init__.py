@@ -100,10 +100,5 @@ def mesh_files(path: Path) -> tuple[Path, ...]:
 
 
 READER = Reader(
-    FORMAT,
-    record,
-    holds=holds,
-    floor_at_zero=True,
-    rotation_readings=tuple(READINGS),
-    has_companions=has_parameters,
+    FORMAT, record, holds=holds, floor_at_zero=True, rotation_readings=tuple(READINGS), has_companions=has_parameters
 )

@@ -231,9 +231,7 @@ def _without_start(ways: Float[np.ndarray, "F 6"], most: int, through: bool) -> 
 
 
 def _rests(
-    person: PalmPath,
-    rests: list[tuple[Episode, Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]],
-    fps: float,
+    person: PalmPath, rests: list[tuple[Episode, Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]], fps: float
 ) -> PalmPath:
     """Return a path that rests in each episode, and goes from one to the next about the frame between them."""
     positions, quats = person.positions.copy(), person.quats.copy()

@@ -71,10 +71,7 @@ FINALISTS, FRAMES = 12, 8
 
 
 def chosen_holds(
-    targets: Targets,
-    objects: tuple[MovingObject, ...],
-    persons: Sequence[PersonHold],
-    start: Kinematics,
+    targets: Targets, objects: tuple[MovingObject, ...], persons: Sequence[PersonHold], start: Kinematics
 ) -> tuple[Hold, ...]:
     """Return the holds of episodes.
 

@@ -23,12 +23,7 @@ from hoi_retarget.retargeting.holds.arm_reach import reach
 from hoi_retarget.retargeting.holds.hand_settling import depths, touching_areas
 from hoi_retarget.retargeting.holds.hand_shape import HandPoses, hand_shape
 from hoi_retarget.retargeting.holds.hold import Hold
-from hoi_retarget.retargeting.holds.hold_choice import (
-    DEEPEST,
-    ENOUGH_AREA,
-    MIRRORED,
-    TOUCHING,
-)
+from hoi_retarget.retargeting.holds.hold_choice import DEEPEST, ENOUGH_AREA, MIRRORED, TOUCHING
 from hoi_retarget.retargeting.surfaces.skin_points import MovingObject
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.robots.model import Kinematics
@@ -72,6 +67,8 @@ def simulated_holds(  # noqa: PLR0913, PLR0917  # the parts of a choice
 ) -> tuple[Hold, ...]:
     """Return the holds, with those on one object that keep it, or as they were where none are found.
 
+    Raises `GeometryError` where the object is not convex, and nothing that cuts it into convex parts is installed.
+
     Args:
         targets: Of the robot, of two frames or more.
         objects: Of its world.
@@ -79,9 +76,6 @@ def simulated_holds(  # noqa: PLR0913, PLR0917  # the parts of a choice
         start: The IK trajectory.
         physics: Masses and frictions.
         index: Of the object; no other robot's hands hold it.
-
-    Raises:
-        GeometryError: The object is not convex, and nothing that cuts it into convex parts is installed.
     """
     name, scale = targets.object_names[index], float(targets.object_scale[index])
     shape = collision_shape(geometry := targets.object_geometry[index])

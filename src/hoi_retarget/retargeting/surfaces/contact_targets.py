@@ -80,10 +80,7 @@ LARGEST_MOVE = 0.2
 
 
 def touching_targets(
-    targets: Targets,
-    objects: tuple[MovingObject, ...],
-    sides: Float[np.ndarray, "T C 3"],
-    kinematics: Kinematics,
+    targets: Targets, objects: tuple[MovingObject, ...], sides: Float[np.ndarray, "T C 3"], kinematics: Kinematics
 ) -> Targets:
     """Return the targets with contact points moved for links that are turned as in a trajectory.
 

@@ -67,8 +67,7 @@ class SurfaceProblems:
     ) -> "SurfaceProblems":
         """Return the problems.
 
-        Raises:
-            GeometryError: An object's mesh cannot be read.
+        Raises `GeometryError` where an object's mesh cannot be read.
         """
         objects = moving_objects(targets)
         surfaces = Surfaces(objects, skin_of(model), contact_sides(targets, objects))

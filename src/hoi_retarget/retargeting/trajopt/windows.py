@@ -72,6 +72,8 @@ def solve_windows(  # noqa: PLR0913  # the parts of a solve
 ) -> tuple[Float[np.ndarray, "T nq"], tuple[Window, ...]]:
     """Return the trajectory [m, rad, quaternion] of windows solved one after the other, and their reports.
 
+    Raises `SolveError` where a window fails, or its trajectory breaks a joint range or a joint speed.
+
     Args:
         problem_of: Makes the problem of a window.
         start: The trajectory to start from.
@@ -80,9 +82,6 @@ def solve_windows(  # noqa: PLR0913  # the parts of a solve
         effort: Of each solve.
         first_frame: Frame of the clip in which the trajectory starts, for messages.
         reported: Whether windows are reported and checked; otherwise another solve goes on from the trajectory.
-
-    Raises:
-        SolveError: A window fails, or its trajectory breaks a joint range or a joint speed.
     """
     qpos, solved = start.copy(), 0
     reports = []

@@ -54,6 +54,8 @@ def find_arm(  # noqa: PLR0913  # facts of one arm
 ) -> Arm:
     """Return an arm.
 
+    Raises `UnsuitableRobotError` where it has no elbow.
+
     Args:
         pose: The zero pose.
         chain: The arm.
@@ -61,9 +63,6 @@ def find_arm(  # noqa: PLR0913  # facts of one arm
         inward: Sign of the hand's y axis that points to the other hand: -1 on the left.
         named: The elbow's joint, where the user states it.
         roll: Of the hand about the forearm, where the user states it [rad].
-
-    Raises:
-        UnsuitableRobotError: It has no elbow.
     """
     points = pose.points(*chain.tip)
     hinges = chain.hinges

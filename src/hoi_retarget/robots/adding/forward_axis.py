@@ -42,6 +42,7 @@ def find_forward_axis(
 
     The direction of the knees' flexion, the longer end of the feet, left and right in the joints' names, and the root's
     x axis vote for the forward axis.
+    Raises `UnsuitableRobotError` where the votes do not decide, or `hint` is none of the axes across the legs.
 
     Args:
         pose: The zero pose.
@@ -49,9 +50,6 @@ def find_forward_axis(
         knees: In the order of the legs; none of a robot without legs.
         ankles: Their centres [m], in the same order.
         hint: The forward axis, such as `-x`, where the user states it; otherwise empty.
-
-    Raises:
-        UnsuitableRobotError: The votes do not decide, or `hint` is none of the axes across the legs.
     """
     ahead = np.cross(limbs.lateral, limbs.up)  # If the first limbs are the left ones.
     ahead /= np.linalg.norm(ahead)

@@ -306,15 +306,14 @@ def find_bend_joint(
 ) -> BendJoint:
     """Return the knee or the elbow: the joint far from both ends of the limb, with axes before it that nearly meet.
 
+    Raises `UnsuitableRobotError` where the limb does not bend, or has no joint of the name.
+
     Args:
         pose: The zero pose.
         hinges: The limb's chain.
         end: The limb's end [m].
         called: `knee` or `elbow`: a name decides between joints that are about as likely.
         named: The joint's name, where the user states it.
-
-    Raises:
-        UnsuitableRobotError: The limb does not bend, or has no joint of the name.
     """
     scores: dict[int, tuple[float, float, np.ndarray]] = {}
     driven = [place for place in range(2, len(hinges)) if pose.name(hinges[place]) not in pose.description.passive]

@@ -170,14 +170,13 @@ def find_ankle(pose: ZeroPose, chain: KinematicChain, knee: BendJoint) -> Float[
 def find_leg(pose: ZeroPose, trunk: TrunkAxes, chain: KinematicChain, knee: BendJoint) -> Leg:
     """Return a leg with its ankle and its sole.
 
+    Raises `UnsuitableRobotError` where no joint follows the knee.
+
     Args:
         pose: The zero pose.
         trunk: The trunk's axes.
         chain: The leg.
         knee: Its knee.
-
-    Raises:
-        UnsuitableRobotError: No joint follows the knee.
     """
     axes, ankle = trunk.axes, find_ankle(pose, chain, knee)
     points = (pose.points(*chain.tip, meshes_only=True) - ankle) @ axes

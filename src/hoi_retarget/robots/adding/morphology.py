@@ -117,14 +117,13 @@ def pose_and_limbs(description: Description, hints: Hints, find: Callable[[ZeroP
 def find_both_arms(pose: ZeroPose, limbs: Limbs, trunk: TrunkAxes, hints: Hints) -> tuple[Arm, Arm]:
     """Return the left and the right arm.
 
+    Raises `UnsuitableRobotError` where an arm has no elbow.
+
     Args:
         pose: The zero pose.
         limbs: Its limbs, the left arm first.
         trunk: The trunk's axes.
         hints: They may name the elbows, and turn the hands.
-
-    Raises:
-        UnsuitableRobotError: An arm has no elbow.
     """
     left, right = (
         find_arm(pose, chain, trunk.axes[:, 0], inward, named=limb.elbow, roll=np.radians(hints.hand_roll))

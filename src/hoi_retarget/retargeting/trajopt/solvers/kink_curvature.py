@@ -59,9 +59,7 @@ def add_known_kinks(
 
 
 def kink_curvature(
-    band: Float[np.ndarray, "U nv width"],
-    step: Float[np.ndarray, "U nv"],
-    change: Float[np.ndarray, "U nv"],
+    band: Float[np.ndarray, "U nv width"], step: Float[np.ndarray, "U nv"], change: Float[np.ndarray, "U nv"]
 ) -> Float[np.ndarray, "U nv nv"]:
     """Return the curvature of each frame that explains a gradient's change along a step; zero where it is not positive.
 
