@@ -113,6 +113,7 @@ OF_SURFACES = {
 # Nobody's hand here holds still on an object: tests/test_contact_figures.py has hands that do.
 OF_HOLDS = {figure.name for figure in vars(hand_slip).values() if isinstance(figure, Figure)}
 OF_STACKS = {"support_height_error_m"}  # Of objects that another one carries.
+OF_FINGERS = {"finger_touch_share", "finger_place_m", "finger_depth_max_m"}
 OF_COUPLINGS = {"coupling_error_rad"}  # Of added robots with some.
 
 
@@ -936,9 +937,8 @@ def test_robots_offer_what_the_figures_need(name):
     alone, unedited = penetration.robot_penetration_max_m, contact_figures.recorded_place_m
     feet = contact_figures.foot_touch_share, contact_figures.foot_touch_gap_p95_m
     rests = contact_figures.rest_share, contact_figures.rest_gap_p95_m
-    assert (
-        undefined == {figure.name for figure in (*feet, *rests, alone, unedited)} | OF_HOLDS | OF_STACKS | OF_COUPLINGS
-    )
+    others = {figure.name for figure in (*feet, *rests, alone, unedited)}
+    assert undefined == others | OF_HOLDS | OF_STACKS | OF_COUPLINGS | OF_FINGERS
     assert figures["body_jerk_max_mps3"] == pytest.approx(0.0, abs=1e-8)
     assert figures["stance_slide_mps"] == pytest.approx(0.0, abs=1e-12)
     assert figures["joint_range_margin_rad"] >= 0.0

@@ -13,9 +13,16 @@ from jaxtyping import Bool, Float
 
 from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.human.capsules import BODY_CAPSULES, PART_CAPSULES, RESTING_CAPSULES, Spheres, spheres
+from hoi_retarget.human.capsules import (
+    BODY_CAPSULES,
+    FINGER_CAPSULES,
+    PART_CAPSULES,
+    RESTING_CAPSULES,
+    Spheres,
+    spheres,
+)
 from hoi_retarget.human.person import Person, stance
-from hoi_retarget.human.skeleton import BODY_PARTS, FEET, PARTS
+from hoi_retarget.human.skeleton import BODY_PARTS, FEET, FINGER_PARTS, HANDS, PARTS
 from hoi_retarget.human.skinned_mesh import vertices_of
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
@@ -65,6 +72,8 @@ class Proximity:
 
 
 PROXIMITY = Proximity()
+SKIN_FINGERS, CAPSULE_FINGERS = Proximity(touch=0.004, release=0.006), Proximity(touch=0.008, release=0.010)
+"""Of fingers of a hand that touches, by skin and by capsules."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +113,28 @@ def label_contacts(
         places = _part_points(clip, item) if points == "part" else _surface_points(item, flags)
         tracks.append(ContactTrack(item.person, item.object, item.part, flags, places))
     return tuple(tracks)
+
+
+def finger_contacts(clip: Clip, person: int) -> tuple[ContactTrack, ...]:
+    """Return the contacts of a person's fingers while their hands touch, at the object's nearest points.
+
+    None of fingers that are made up, or where the clip has some. Raises `GeometryError` where an object's mesh cannot
+    be read.
+    """
+    human, found = clip.people[person], []
+    if any(track.person == person and track.part in FINGER_PARTS for track in clip.contacts):
+        return ()
+    rule = CAPSULE_FINGERS if human.shape is None else SKIN_FINGERS
+    for track in clip.contacts:
+        if track.person != person or track.part not in HANDS or not track.active.any() or not human.fingers_recorded:
+            continue
+        side, touched = track.part.split("_")[0], [clip.objects[track.object]]
+        fingers = [part for part in FINGER_PARTS if part.startswith(side)]
+        near = [PartObjectDistance(person, track.object, part, *of_part(human, part, touched)[0]) for part in fingers]
+        for item, flags in zip(near, touching(clip, near, rule), strict=True):
+            active = flags & track.active
+            found.append(ContactTrack(person, track.object, item.part, active, _surface_points(item, active)))
+    return tuple(found)
 
 
 def body_distances(clip: Clip, index: int) -> Float[np.ndarray, "T"]:
@@ -164,7 +195,7 @@ def of_part(human: Person, part: str, tracks: Sequence[ObjectTrack]) -> list[_Ne
 
     The skin's vertices are spheres without a size. Raises `GeometryError` where an object's mesh cannot be read.
     """
-    capsules = (PART_CAPSULES | RESTING_CAPSULES)[part]
+    capsules = (PART_CAPSULES | RESTING_CAPSULES | FINGER_CAPSULES)[part]
     surfaces = [surface_of(track.geometry) for track in tracks]
     if human.shape is None:
         balls = spheres(human, capsules)

@@ -25,7 +25,7 @@ from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots.frames import Frame
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.skin import LinkSkin, extreme_points, lowest_skin, skin_of, skins_from
-from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
+from hoi_retarget.robots.spec import FINGER_SITES, SIDES, SOLE_CORNERS
 
 REACH = 0.02
 """A link whose skin is further off an object than this [m] does not touch it."""
@@ -122,8 +122,8 @@ def _objects_on_floor(motion: Motion, geometries: Sequence[ObjectGeometry]) -> I
 
 
 def _touching(motion: Motion, kinematics: Kinematics, geometries: Sequence[ObjectGeometry]) -> Iterator[ContactPoint]:
-    for column in range(len(motion.contact_links)):
-        for index in range(len(motion.object_names)):
+    for column, link in enumerate(motion.contact_links):
+        for index in range(len(motion.object_names) if link not in FINGER_SITES else 0):  # They are the hand's.
             labelled = motion.labelled(index)[:, column]
             if labelled.any():
                 yield from _patch(motion, kinematics, geometries[index], (column, index), labelled)

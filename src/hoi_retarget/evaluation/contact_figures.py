@@ -28,13 +28,14 @@ from hoi_retarget.evaluation.surface_distances import (
     posed_objects,
 )
 from hoi_retarget.numerics import se3
-from hoi_retarget.robots.skin import palmar_points
-from hoi_retarget.robots.spec import BODY_SITES
+from hoi_retarget.robots.skin import palmar_points, skins_from
+from hoi_retarget.robots.spec import BODY_SITES, FINGER_SITES
 
 _MAX_TOUCH_GAP_M = 2e-3
 """A gap up to this [m], off the surface or sunk into it, is touch."""
 _MAX_REST_GAP_M = 5e-3
 """The same of parts that rest [m]: clothes and cushions give way."""
+_FINGERS = {site: site for site in FINGER_SITES}
 _RESTING = {part: site for part, site in BODY_SITES.items() if not part.endswith("thigh")}
 """Judged parts: whether a seat meets the thighs, too, depends on the length of the legs."""
 _EDITED_M = 1e-6
@@ -166,6 +167,27 @@ def touch_gap_p95_m(view: Comparison) -> float | None:
 def touch_place_m(view: Comparison) -> float | None:
     """Distance of the touch from the human's place on the surface [m]."""
     return mean_or_none(_pooled(curve.place[curve.active] for curve in _curves(view, HAND_SITES)))
+
+
+@figure("finger touch", "%", better="higher", slow=True)
+def finger_touch_share(view: Comparison) -> float | None:
+    """Share of the frames in which a finger that is to touch is within 2 mm of the surface; of robots with fingers."""
+    return _touch_share(_gaps(view, _FINGERS))
+
+
+@figure("finger place", "mm", slow=True)
+def finger_place_m(view: Comparison) -> float | None:
+    """Distance of a finger's touch from that of the human's finger on the surface [m]."""
+    return mean_or_none(_pooled(curve.place[curve.active] for curve in _curves(view, _FINGERS)))
+
+
+@figure("finger depth max", "mm", slow=True)
+def finger_depth_max_m(view: Comparison) -> float | None:
+    """Largest depth of a finger, or of the hand that carries it, in an object [m]."""
+    model, curves = view.kinematics.model, view.cached(surface_curves)
+    hands = {skin.link for site in HAND_SITES.values() for skin in skins_from(model, site)}
+    own = [link in hands for link in curves.links]
+    return max_or_none(curves.depth[:, own]) if model.spec.fingers else None
 
 
 @figure("recorded place", "mm", slow=True)

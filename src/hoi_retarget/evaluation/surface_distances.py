@@ -29,7 +29,7 @@ from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots.link_depths import RigidPoses, least_in_solid, tree_of
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.skin import LinkSkin, skin_of, skins_from
-from hoi_retarget.robots.spec import BODY_SITES
+from hoi_retarget.robots.spec import BODY_SITES, FINGER_SITES
 
 _SPACING = 3e-3
 """Square of the surface that a point stands for [m], so that no place is further than 4 mm from one."""
@@ -256,7 +256,7 @@ def area_near(
     return found
 
 
-PART_SITES = {**HAND_SITES, **FOOT_SITES, **BODY_SITES}
+PART_SITES = {**HAND_SITES, **FOOT_SITES, **BODY_SITES, **{site: site for site in FINGER_SITES}}
 Touching = dict[tuple[str, int], Bool[np.ndarray, "F"]]
 """Link and object -> the frames in which they are to touch."""
 
@@ -332,5 +332,5 @@ def distances_of_motion(
 
 
 def part_skins(model: RobotModel, part: str) -> tuple[LinkSkin, ...]:
-    """Return the skins of the links that stand for a human's part, as `skins_from` gives them."""
-    return skins_from(model, PART_SITES[part])
+    """Return the skins of the links that stand for a human's part, as `skins_from` gives them; none of no such part."""
+    return skins_from(model, PART_SITES[part]) if PART_SITES[part] in model.sites.index else ()

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.human.person import Person
-from hoi_retarget.human.skeleton import PARTS
+from hoi_retarget.human.skeleton import FINGER_PARTS, PARTS
 from hoi_retarget.numerics import se3
 
 _FINGERS = ("index", "middle", "pinky", "ring", "thumb")
@@ -124,6 +124,11 @@ PART_CAPSULES: dict[str, tuple[BodyCapsule, ...]] = {
     part: (_hand if part.endswith("hand") else _foot)(part.split("_")[0]) for part in PARTS
 }
 """The capsules of each part that can touch."""
+FINGER_CAPSULES: dict[str, tuple[BodyCapsule, ...]] = {
+    name: tuple(capsule for capsule in _hand(name.split("_")[0]) if capsule.joint in part.label_joints)
+    for name, part in FINGER_PARTS.items()
+}
+"""The capsules of each finger that touch."""
 
 _PELVIS = BodyCapsule("pelvis", "left_hip", "right_hip", 0.10)
 RESTING_CAPSULES: dict[str, tuple[BodyCapsule, ...]] = {

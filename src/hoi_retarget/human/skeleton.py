@@ -114,7 +114,17 @@ BODY_PARTS: dict[str, BodyPart] = {
     )
 }
 """The parts that can rest on an object, as of people who sit or lean; no source labels them."""
-ALL_PARTS: dict[str, BodyPart] = {**PARTS, **BODY_PARTS}
+FINGERS = ("thumb", "index", "middle", "ring", "pinky")
+FINGER_PARTS: dict[str, BodyPart] = {
+    part.name: part
+    for part in (
+        BodyPart(f"{side}_{name}", (f"{side}_{name}3",), f"{side}_{name}3", (f"{side}_{name}3", f"{side}_{name}2"))
+        for side in ("left", "right")
+        for name in FINGERS
+    )
+}
+"""Fingers, which touch with the last two of their three bones."""
+ALL_PARTS: dict[str, BodyPart] = {**PARTS, **BODY_PARTS, **FINGER_PARTS}
 HANDS = ("left_hand", "right_hand")
 FEET = ("left_foot", "right_foot")
 

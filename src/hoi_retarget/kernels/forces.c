@@ -8,6 +8,7 @@
 
 static const double torque_weight = 1e-3, force_weight = 1e-4, limit_weight = 10.0, torque_share = 1.0 - 1e-3;
 static const double no_pull = 1e-13; /* Of the largest. */
+static const double least = 1e-15;   /* What rounding leaves at least of a column's own part, where two are alike. */
 enum { limit_rounds = 6, corrections = 8 };
 
 typedef struct {
@@ -36,7 +37,7 @@ static void refactor(Problem *p, whole from)
         for (whole j = 0; j <= i; j++) {
             double sum = p->products[i * n + j];
             for (whole k = 0; k < j; k++) sum -= p->factor[i * n + k] * p->factor[j * n + k];
-            p->factor[i * n + j] = i == j ? sqrt(sum) : sum / p->factor[j * n + j];
+            p->factor[i * n + j] = i == j ? sqrt(fmax(sum, least * p->products[i * n + i])) : sum / p->factor[j * n + j];
         }
 }
 

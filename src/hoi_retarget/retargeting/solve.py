@@ -18,6 +18,7 @@ from hoi_retarget.dynamics.feasibility import held_by_others
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.motion.motion_report import Report, Window
 from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.fingers import with_fingers
 from hoi_retarget.retargeting.holds.held_targets import with_holds
 from hoi_retarget.retargeting.holds.object_path import shift_between
 from hoi_retarget.retargeting.ik import raised_above_floor, solve_ik
@@ -94,6 +95,7 @@ def solve(clip: Clip, model: RobotModel, config: Config = Config(), *, person: i
         ik_qpos, ik_windows = solve_ik(model, targets, config.ik, config.horizon)
         if config.contact == "surface":
             ik_qpos = raised_above_floor(model, targets, ik_qpos)
+        ik_qpos = with_fingers(model, targets, clip.people[person], ik_qpos)
         targets = with_pins(targets, clip, model, ik_qpos, person=person)
         clock.append(time.process_time())
         recorded, holds = targets, ()

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.clip.clip import PELVIS, Clip
+from hoi_retarget.clip.label_contacts import finger_contacts
 from hoi_retarget.clip.supports import ON_FLOOR, supports
 from hoi_retarget.errors import RobotError
 from hoi_retarget.human.person import LARGEST_DIFFERENCE, Person, stance
@@ -20,7 +21,7 @@ from hoi_retarget.human.rotation_jumps import RotationJump, without_rotation_jum
 from hoi_retarget.human.skeleton import LIMBS, trunk_rotations
 from hoi_retarget.motion.motion_report import PinnedPart
 from hoi_retarget.numerics import se3
-from hoi_retarget.numerics.arrays import frozen
+from hoi_retarget.numerics.arrays import frozen, runs
 from hoi_retarget.numerics.filters import (
     between_known,
     nearest_active,
@@ -36,7 +37,7 @@ from hoi_retarget.retargeting.feet import Foot, anchor, anchor_weights, plant, r
 from hoi_retarget.retargeting.mobile_base_path import mobile_base_path
 from hoi_retarget.retargeting.site_pins import SitePin, site_pin
 from hoi_retarget.robots.model import Kinematics, RobotModel
-from hoi_retarget.robots.spec import PALMS, SIDES
+from hoi_retarget.robots.spec import FINGER_SITES, PALMS, SIDES
 
 # Contact labels switch from frame to frame; hands come and go, and turn, over these times.
 CONTACT_RAMP_SECONDS, ROTATION_RAMP_SECONDS = 1 / 30, 2 / 30
@@ -479,6 +480,8 @@ def _contact_fields(
     clip: Clip, model: RobotModel, person: int, geometry_scale: float, contact: ContactKind
 ) -> dict[str, Any]:
     """Return the fields of `Targets` that follow from the clip's contacts."""
+    fingers = finger_contacts(clip, person) if contact == "surface" and model.spec.fingers else ()
+    clip = replace(clip, contacts=(*clip.contacts, *fingers))
     parts = _contact_parts(clip, model, person) if contact == "surface" else dict(model.spec.part_sites)
     flags, touched, points = _contacts(clip, parts, person, geometry_scale)
     carried_object, carried_points = _carried(flags, touched, points)
@@ -499,6 +502,16 @@ def _contact_fields(
             np.stack([smoothstep_around(active, rotation_ramp) for active in flags.T], axis=1)
         ),
     }
+
+
+def finger_touch(targets: Targets, column: int) -> Bool[np.ndarray, "T"]:
+    """Return the runs of a palm's contact in which fingers of its hand touch."""
+    side = targets.contact_links[column].removesuffix("palm")
+    fingers = [link in FINGER_SITES and link.startswith(side) for link in targets.contact_links]
+    found = np.zeros(targets.frames, dtype=bool)
+    for first, stop in runs(targets.contact_flags[:, column]):
+        found[first:stop] = targets.contact_flags[first:stop, fingers].any()
+    return found
 
 
 def _contact_parts(clip: Clip, model: RobotModel, person: int) -> dict[str, str]:

@@ -47,16 +47,16 @@ def joint_table(model: RobotModel) -> tuple[JointRow, ...]:
 
 
 def role_table(model: RobotModel) -> tuple[RoleRow, ...]:
-    """Return the sites in the order of `SITES`."""
+    """Return the sites in the order of `SITES`, then those of fingers."""
     humans: dict[str, list[str]] = {site: [] for site in SITES}
     for row in model.spec.ik:
         humans[row.site].append(row.human_joint)
     for part, site in model.spec.contact_sites.items():
-        humans[site].append(f"touches for {part}")
+        humans.setdefault(site, []).append(f"touches for {part}")
     rows = []
-    for site in SITES:
+    for site, followed in humans.items():
         body = model.body_of(site)
         frame, carrier = model.sites.frames[site], model.body_frames.frames[body]
         x, y, z = (carrier.rotation.T @ (frame.position - carrier.position)).tolist()
-        rows.append(RoleRow(site, body, (x, y, z), "; ".join(humans[site])))
+        rows.append(RoleRow(site, body, (x, y, z), "; ".join(followed)))
     return tuple(rows)

@@ -13,6 +13,8 @@ from typing import Literal
 SIDES = ("left", "right")
 PALMS = ("left_palm", "right_palm")
 SOLE_CORNERS = ("heel_inner", "heel_outer", "toe_inner", "toe_outer")
+FINGER_SITES = tuple(f"{side}_{name}" for side in SIDES for name in ("thumb", "index", "middle", "ring", "pinky"))
+"""Of robots whose fingers move, some of these: each on the last link of the finger that follows the human one."""
 SITES: tuple[str, ...] = (
     "pelvis",
     "torso",
@@ -125,6 +127,8 @@ class RobotSpec:
         }
     )
     """Touching site by human part."""
+    fingers: Mapping[str, str] = field(default_factory=dict)
+    """Site on the last link of each finger that moves, by the human finger that it follows, such as `left_ring`."""
     base: Literal["legs", "stays", "follows"] = "legs"
     """Carrier of the trunk: legs, or a base that stays at the place of the hands' work, or follows the person."""
     palm_weight: float = 1.0
@@ -155,8 +159,8 @@ class RobotSpec:
 
     @property
     def contact_sites(self) -> Mapping[str, str]:
-        """Sites by human part of all that can touch: hands, feet, and on legs pelvis, thighs, forearms."""
-        return {**self.part_sites, **BODY_SITES} if self.base == "legs" else self.part_sites
+        """Sites by human part of all that can touch: hands, feet, fingers, and on legs pelvis, thighs, forearms."""
+        return {**self.part_sites, **(BODY_SITES if self.base == "legs" else {}), **self.fingers}
 
     @property
     def ik_rows(self) -> tuple[IkRow, ...]:

@@ -18,7 +18,7 @@ import msgspec
 from hoi_retarget.errors import ArgumentError, RobotError, WriteError
 from hoi_retarget.files.atomic import EARLIER, write_atomically, writing
 from hoi_retarget.robots.adding.findings import Hints, Record
-from hoi_retarget.robots.spec import SITES, TRUNK, RobotSpec, ik_table
+from hoi_retarget.robots.spec import FINGER_SITES, SITES, TRUNK, RobotSpec, ik_table
 
 FOLDER_VARIABLE = "HOI_RETARGET_ROBOTS"
 """Environment variable with another folder for them."""
@@ -87,7 +87,9 @@ def load(name: str) -> RobotSpec:
         spec = msgspec.json.decode(content, type=RobotSpec, dec_hook=_decoded)
         known = {(row.site, row.human_joint) for row in ik_table(TRUNK)}
         rows = {(row.site, row.human_joint) for row in spec.ik}
-        unknown = sorted({*spec.part_sites.values(), *spec.dropped_rotations} - set(SITES))
+        unknown = sorted(
+            {*spec.part_sites.values(), *spec.dropped_rotations, *spec.fingers.values()} - {*SITES, *FINGER_SITES}
+        )
         if unknown or not rows <= known:
             raise ValueError(f"it names sites that there are not: {', '.join([*unknown, *map(str, rows - known)])}")
     except (OSError, ValueError, msgspec.MsgspecError, RecursionError) as error:

@@ -26,7 +26,7 @@ from hoi_retarget.retargeting.holds.object_path import given_way
 from hoi_retarget.retargeting.holds.simulated_holds import simulated_holds
 from hoi_retarget.retargeting.surfaces.contact_targets import EDITED
 from hoi_retarget.retargeting.surfaces.skin_points import HELD_SHELL_SPACING, MovingObject, moving_objects
-from hoi_retarget.retargeting.targets import Targets
+from hoi_retarget.retargeting.targets import Targets, finger_touch
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.skin import skins_from
 from hoi_retarget.robots.spec import PALMS
@@ -47,6 +47,8 @@ WAY_SHARE = 0.1
 """Of a hold's weight, on the way to another."""
 OUT_OF_REACH = 0.02
 """[m]; a hold that the arm misses by this has half of its weight: more would turn the arm over."""
+LED_BY_FINGERS = 0.01
+"""Of a hold's weight, where fingers touch: they say where the hand is."""
 WAY_RAMP = 3
 """[frames]"""
 POSES_AT_ONCE = 400
@@ -99,6 +101,8 @@ def with_holds(  # noqa: PLR0913  # the last two are options
     objects, start = moving_objects(targets, HELD_SHELL_SPACING), model.forward(ik_qpos)
     columns = [column for column, site in enumerate(targets.contact_links) if site in PALMS]
     columns = [column for column in columns if targets.contact_flags[:, column].any()]
+    by_fingers = [column for column in columns if finger_touch(targets, column).any()]
+    columns = [column for column in columns if column not in by_fingers]
     paths = {column: person_path(targets, objects, column) for column in columns}
     persons = [
         _person_hold(targets, episode, path, contacts)
@@ -120,6 +124,10 @@ def with_holds(  # noqa: PLR0913  # the last two are options
         palm = PALMS.index(targets.contact_links[column])
         quats[:, palm] = se3.quat_multiply(_object_quats(targets, column), held.quats)
         weights[:, column] = turn_weights[:, column] = share
+    for column in by_fingers:
+        points[:, column] = person_path(targets, objects, column).positions
+        weights[:, column] *= LED_BY_FINGERS
+        turn_weights[:, column] *= LED_BY_FINGERS
     return replace(
         targets,
         carried_contact_points=frozen(points),

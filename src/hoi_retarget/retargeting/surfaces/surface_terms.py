@@ -18,13 +18,13 @@ from hoi_retarget.retargeting.surfaces.skin_terms import (
     object_outside_link,
     skin_contact,
 )
-from hoi_retarget.retargeting.targets import Targets
+from hoi_retarget.retargeting.targets import Targets, finger_touch
 from hoi_retarget.retargeting.trajopt.problem import Term
 from hoi_retarget.retargeting.trajopt.terms.object_contact import ObjectContact
 from hoi_retarget.retargeting.trajopt.terms.self_clearance import self_clearance_terms
 from hoi_retarget.retargeting.trajopt.trajectory_terms import trajectory_terms
 from hoi_retarget.robots.model import Kinematics
-from hoi_retarget.robots.skin import LinkSkin, Skin, contact_skins
+from hoi_retarget.robots.skin import LinkSkin, Skin, contact_skins, skins_from
 from hoi_retarget.robots.spec import PALMS
 
 TOUCH_SECONDS = 2 / 30
@@ -144,13 +144,14 @@ def _clearances(weights: Weights, targets: Targets, start: Kinematics, surfaces:
         for skins in (contact_skins(start.model, site),)
         for skin in skins
     }
+    hands = {skin.link for palm in PALMS if start.model.spec.fingers for skin in skins_from(start.model, palm)}
     for index, moving_object in enumerate(surfaces.objects):
         for skin in surfaces.skin.links:
             column, skins = links.get(skin.link, (None, ()))
             touch = None if column is None else _touch_weights(targets, column, index, weights.surface_touch)
             if touch is not None and len(skins) > 1:
                 touch = touch * _nearest_of(skins, skin, moving_object, start, touch > 0.0)
-            count, apart = (LINK_POINTS, LINK_SPREAD) if column is None else (HAND_POINTS, HAND_SPREAD)
+            count, apart = (HAND_POINTS, HAND_SPREAD) if skin.link in {*links, *hands} else (LINK_POINTS, LINK_SPREAD)
             name, link = f"{skin.link}_{moving_object.name}", LinkAtObject(skin, moving_object, start)
             near = near_skin(link, count, apart)
             terms = (
@@ -185,5 +186,7 @@ def _nearest_of(
 
 def _touch_weights(targets: Targets, column: int, index: int, weight: float) -> Float[np.ndarray, "T"] | None:
     touching = targets.contact_flags[:, column] & (targets.contact_object[:, column] == index)
+    if targets.contact_links[column] in PALMS:
+        touching &= ~finger_touch(targets, column)  # Fingers touch, the palm may not.
     ramp = seconds_to_frames(TOUCH_SECONDS, targets.fps)
     return weight * smoothstep_around(touching, ramp) if touching.any() else None

@@ -210,6 +210,7 @@ def _spec(morphology: Morphology, hints: Hints, name: str, file: Path) -> RobotS
         posture_weight=_POSTURE,
         palm_weight=1.0 if turns >= 3 else _WEAK_PALM,
         dropped_rotations=() if turns else ("left_wrist", "right_wrist"),
+        fingers={name: name for name in morphology.fingers},
         held=pose.held,
         couplings=morphology.couplings,
         motors=hints.motor,

@@ -69,6 +69,8 @@ class Hints:
     """Human height times root scale [m]."""
     hand_roll: float = 0.0
     """Rotation of the hands about the forearms, thumbs outwards [deg]."""
+    fingers: bool = False
+    """Whether fingers move; else they are held as in the zero pose."""
     lock: tuple[str, ...] = ()
     """Joints that are held."""
     left: Limb = Limb()

@@ -1,7 +1,7 @@
 """The morphology of a description: its joints and links assigned to a person's, and the sites, in its zero pose."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +10,7 @@ from hoi_retarget.robots.adding.arms import Arm, find_arm
 from hoi_retarget.robots.adding.description import Description, finite_range
 from hoi_retarget.robots.adding.findings import Hints, RobotFinding, UnsuitableRobotError, hint_of_site
 from hoi_retarget.robots.adding.forward_axis import TrunkAxes, find_forward_axis
+from hoi_retarget.robots.adding.hands import Finger, find_fingers, finger_joints
 from hoi_retarget.robots.adding.kinematic_chains import BendJoint, KinematicChain, Limbs, find_limbs, straight_angle
 from hoi_retarget.robots.adding.legs import Leg, find_ankle, find_knees, find_leg, leftwards
 from hoi_retarget.robots.adding.zero_pose import LimbPart, ZeroPose, zero_pose
@@ -58,6 +59,8 @@ class Morphology:
     stature: float
     """[m]"""
     findings: tuple[RobotFinding, ...]
+    fingers: Mapping[str, Finger] = field(default_factory=dict)
+    """By the human finger that each follows."""
     couplings: tuple[HeldJoint, ...] = ()
     """What of the robot's mechanism motions do not carry."""
 
@@ -83,6 +86,8 @@ def find_morphology(description: Description, hints: Hints) -> Morphology:
     for side, leg in zip(SIDES, legs, strict=True):
         sites |= {f"{side}_{name}": site for name, site in _leg_sites(pose, trunk, leg, side)}
     sites |= arm_sites(pose, limbs, arms)
+    fingers = find_fingers(pose, limbs, arms) if hints.fingers else {}
+    sites |= {name: PlacedSite(finger.part, finger.pad, finger.rotation) for name, finger in fingers.items()}
     couplings = (*pose.loose, *_broken_couplings(pose, limbs), *_passive_joints(pose))
     what = f"{stature:.2f} m; the hips are {height:.2f} m high, of which {STATURE_BY_LEG} is taken"
     findings = (
@@ -90,6 +95,7 @@ def find_morphology(description: Description, hints: Hints) -> Morphology:
         *(finding for side, leg in zip(SIDES, legs, strict=True) for finding in _leg_findings(pose, side, leg)),
         *arm_findings(pose, limbs, arms),
         trunk.finding,
+        *(finding for name, finger in fingers.items() for finding in finger.findings(pose, name)),
         *_mirror_findings(sites, trunk),
         *(
             finding
@@ -101,14 +107,15 @@ def find_morphology(description: Description, hints: Hints) -> Morphology:
         *_endless_findings(pose),
         *_coupling_findings(couplings),
     )
-    return Morphology(pose, trunk, sites, arms, stature, findings, couplings)
+    return Morphology(pose, trunk, sites, arms, stature, findings, fingers, couplings)
 
 
 def pose_and_limbs(description: Description, hints: Hints, find: Callable[[ZeroPose], Limbs]) -> tuple[ZeroPose, Limbs]:
     """Return the zero pose in which joints of no limb, waist or neck are held, and the limbs; raises as `find`."""
     pose = zero_pose(description, hints.lock)
     limbs = find(pose)
-    if spare := _spare_joints(pose, limbs):
+    kept = {joint for chain in limbs.arms for joint in finger_joints(chain)} if hints.fingers else set()
+    if spare := [pose.name(joint) for joint in _spare_joints(pose, limbs) if joint not in kept]:
         pose = zero_pose(description, (*hints.lock, *spare))
         limbs = find(pose)
     return pose, limbs
@@ -144,13 +151,13 @@ def check_names(description: Description, hints: Hints) -> None:
         )
 
 
-def _spare_joints(pose: ZeroPose, limbs: Limbs) -> list[str]:
+def _spare_joints(pose: ZeroPose, limbs: Limbs) -> list[int]:
     """Return the joints of no limb, waist or neck: fingers, eyes, tails, wheels."""
     limb_joints = {joint for chain in (*limbs.legs, *limbs.arms) for joint in chain.hinges}
     # The waist, and parts that carry both pelvis and torso and move them together.
     carriers = (*_ancestors(limbs.pelvis), *_ancestors(limbs.torso))
     limb_joints |= {joint for part in (*carriers, *_neck(pose, limbs)) for joint in part.hinges}
-    return [pose.name(joint) for part in pose.parts for joint in part.hinges if joint not in limb_joints]
+    return [joint for part in pose.parts for joint in part.hinges if joint not in limb_joints]
 
 
 def _ancestors(part: LimbPart | None) -> Iterator[LimbPart]:
