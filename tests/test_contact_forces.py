@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
 from hoi_retarget.cli import main
-from hoi_retarget.dynamics.contact_forces import forces_of
+from hoi_retarget.dynamics.contact_forces import forces_of, least_forces
 from hoi_retarget.dynamics.feasibility import infeasibilities
 from hoi_retarget.dynamics.inverse_dynamics import GRAVITY, movement_of
 from hoi_retarget.dynamics.physics_settings import Physics
@@ -366,3 +366,14 @@ def centre_acceleration(model, movement, frame):
 
 def _body_of(model, link):
     return next(name for name, frame in model.body_frames.frames.items() if frame.node == link.node)
+
+
+def test_forces_are_finite_where_those_of_the_frame_before_are_alike():
+    """As of fingers that come to one place on a light object, on which their effects are large."""
+    random = np.random.default_rng(0)
+    effects = np.abs(random.standard_normal((2, 12, 18)))
+    effects[1] = 5000.0 * effects[1, 0] * (1.0 + 1e-15 * random.standard_normal((12, 1)))
+    targets = np.einsum("fn,fnh->fh", np.abs(random.standard_normal((2, 12))), effects)
+    found = least_forces(effects, targets, np.zeros((2, 12, 3)), np.zeros((2, 3)), np.ones((2, 12), dtype=bool))
+    assert np.isfinite(found).all() and (found >= 0.0).all()
+    assert np.einsum("sfn,fnh->sfh", found, effects) == pytest.approx(np.stack([targets] * 2), rel=1e-6)

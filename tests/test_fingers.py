@@ -1,0 +1,161 @@
+"""Laws of fingers: robots' are found by geometry, bend as the person's do, and touch where the person's do."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from finger_robot import FINGERS, finger_robot
+from hoi_retarget.clip.clip import ContactTrack
+from hoi_retarget.clip.label_contacts import CAPSULE_FINGERS, finger_contacts, of_part
+from hoi_retarget.clip.read_options import ReadOptions
+from hoi_retarget.evaluation import evaluate
+from hoi_retarget.human.skeleton import FINGER_PARTS
+from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.readers.builtin_clips import builtin_clip
+from hoi_retarget.readers.open import open_clip
+from hoi_retarget.readers.own_layout import write as write_clip
+from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.fingers import _bent, with_fingers
+from hoi_retarget.retargeting.retarget import judge
+from hoi_retarget.retargeting.solve import solve
+from hoi_retarget.retargeting.targets import finger_touch, make_targets
+from hoi_retarget.robots import load_robot
+from hoi_retarget.robots.adding.build import build_robot
+from hoi_retarget.robots.adding.findings import Hints, UnsuitableRobotError
+from hoi_retarget.robots.model import load_model
+from hoi_retarget.robots.spec import SIDES
+
+SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+SITES = [f"{side}_{finger}" for side in SIDES for finger in FINGERS]
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    return finger_robot(tmp_path_factory.mktemp("fingers"))
+
+
+@cache
+def clip():
+    return builtin_clip("carry_box")
+
+
+def test_fingers_are_found_in_a_file_with_their_pads_on_the_side_that_closes(model, tmp_path):
+    built = build_robot(model.spec.mjcf, "found", Hints(fingers=True))
+    assert sorted(built.spec.fingers) == sorted(SITES) and not built.spec.held
+    told = [finding for finding in built.findings if finding.hint == "fingers = false"]
+    assert [finding.subject for finding in told] == [site.replace("_", " ") for site in SITES]
+    (tmp_path / "robot.xml").write_text(built.mjcf)
+    found = load_model(replace(built.spec, mjcf=tmp_path / "robot.xml"))
+    for site in SITES:
+        assert found.body_of(site) == model.body_of(site)
+        placed = found.sites.frames[site].position - model.sites.frames[site].position
+        assert np.linalg.norm(placed) < 0.006
+
+
+def test_fingers_are_held_unless_they_are_asked_for(model):
+    built = build_robot(model.spec.mjcf, "held", Hints())
+    assert not built.spec.fingers and len(built.spec.held) == 14
+
+
+def test_a_hand_with_one_finger_is_refused(model):
+    keep = [name for name in model.joint_names if "thumb" in name]
+    locked = tuple(name for name in model.joint_names if ("index" in name or "ring" in name) and name not in keep)
+    with pytest.raises(UnsuitableRobotError, match="1 fingers"):
+        build_robot(model.spec.mjcf, "one", Hints(fingers=True, lock=locked))
+
+
+@settings(deadline=None, max_examples=10)
+@given(seed=st.integers(0, 1000), side=st.sampled_from(SIDES))
+def test_pads_that_the_hand_can_reach_are_reached_within_ranges(model, seed, side):
+    random = np.random.default_rng(seed)
+    sites = [site for site in SITES if site.startswith(side)]
+    columns = [7 + model.joint_names.index(name) for name in model.joint_names if name.split("_")[1] in FINGERS]
+    columns = [column for column in columns if model.joint_names[column - 7].startswith(side)]
+    qpos = np.tile(model.home_qpos, (4, 1))
+    bent = qpos.copy()
+    bent[:, columns] = random.uniform(0.1, 1.2, len(columns))  # Steady: smoothing changes nothing.
+    kinematics = model.forward(bent)
+    place, turn = kinematics.site_position(f"{side}_palm"), kinematics.site_rotation(f"{side}_palm")
+    goals = {site: np.einsum("tji,tj->ti", turn, kinematics.site_position(site) - place) for site in sites}
+    found = _bent(model, f"{side}_palm", goals, qpos, 30.0)
+    after = model.forward(found)
+    for site in sites:
+        assert np.linalg.norm(after.site_position(site) - kinematics.site_position(site), axis=1).max() < 1e-3
+    assert (found[:, 7:] >= model.lower - 1e-9).all() and (found[:, 7:] <= model.upper + 1e-9).all()
+    others = np.setdiff1d(np.arange(qpos.shape[1]), columns)
+    assert np.array_equal(found[:, others], qpos[:, others])
+
+
+def test_robots_without_fingers_and_people_without_recorded_ones_change_nothing(model):
+    g1, person = load_robot("unitree_g1"), clip().people[0]
+    targets = make_targets(clip(), g1, Config().scaling)
+    qpos = np.tile(g1.home_qpos, (clip().frames, 1))
+    assert with_fingers(g1, targets, person, qpos) is qpos
+    made_up = replace(person, fingers_recorded=False)
+    assert with_fingers(model, targets, made_up, qpos) is qpos
+    assert finger_contacts(replace(clip(), people=(made_up,)), 0) == ()
+
+
+def test_fingers_touch_where_they_are_near_and_the_hand_touches():
+    tracks = finger_contacts(clip(), 0)
+    assert [track.part for track in tracks] == list(FINGER_PARTS)
+    surface = surface_of(clip().objects[0].geometry)
+    for track in tracks:
+        (hand,) = [one for one in clip().contacts if one.part == f"{track.part.split('_')[0]}_hand"]
+        distances, _ = of_part(clip().people[0], track.part, clip().objects)[0]
+        assert track.active.any() and not (track.active & ~hand.active).any()
+        assert np.median(distances[track.active]) < CAPSULE_FINGERS.release
+        assert not (hand.active & (distances < CAPSULE_FINGERS.touch) & ~track.active)[10:-10].any()
+        assert surface.distances(track.contact_points[track.active]).max() < 1e-6
+
+
+def test_recorded_contacts_of_fingers_are_taken_as_they_are_and_written(tmp_path, model):
+    points = np.tile(clip().objects[0].geometry.points[0], (clip().frames, 1))
+    own = ContactTrack(0, 0, "left_thumb", np.arange(clip().frames) < 50, points)
+    recorded = replace(clip(), contacts=(*clip().contacts, own))
+    assert finger_contacts(recorded, 0) == ()
+    targets = make_targets(recorded, model, Config().scaling)
+    assert targets.contact_flags[:, targets.contact_links.index("left_thumb")].sum() == 50
+    write_clip(recorded, tmp_path / "clip.npz")
+    again = open_clip(tmp_path / "clip.npz")
+    (track,) = [track for track in again.contacts if track.part == "left_thumb"]
+    assert np.array_equal(track.active, own.active)
+
+
+def test_fingers_lead_a_hand_in_whole_runs_of_its_contact(model):
+    targets = make_targets(clip(), model, Config().scaling)
+    column = targets.contact_links.index("left_palm")
+    flags = targets.contact_flags.copy()
+    flags[:, column] = (np.arange(targets.frames) % 100) < 60
+    flags[:, targets.contact_links.index("left_index")] = False
+    thumb = targets.contact_links.index("left_thumb")
+    flags[:, [targets.contact_links.index(f"left_{finger}") for finger in FINGERS]] = False
+    flags[130, thumb] = True
+    led = finger_touch(replace(targets, contact_flags=flags), column)
+    assert np.array_equal(np.flatnonzero(led), np.arange(100, 160))
+
+
+DEX3 = SHARED / "robots/unitree_g1_hands/g1_29dof_with_hand_rev_1_0.urdf"
+GRAB = SHARED / "foreign/grab"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not DEX3.exists(), reason="the shared data is not beside the project")
+def test_a_robot_with_the_makers_fingers_holds_an_apple_where_the_person_does(tmp_path):
+    built = build_robot(DEX3, "dex3", Hints(fingers=True))
+    assert [finger.rsplit("_", 1)[1] for finger in built.spec.fingers] == ["thumb", "index", "ring"] * 2
+    mjcf = tmp_path / "robot.xml"
+    mjcf.write_text(built.mjcf)
+    robot = load_model(replace(built.spec, mjcf=mjcf))
+    recorded = open_clip(GRAB / "s1_apple,table_10_334.pt", ReadOptions(objects=GRAB / "objects"))
+    solution = solve(recorded, robot, Config())
+    figures = evaluate(solution.motion, recorded, robot)
+    assert figures["finger_touch_share"] > 0.95 and figures["finger_depth_max_m"] < 0.004
+    assert figures["joint_range_margin_rad"] >= 0.0 and figures["joint_speed_margin_radps"] >= 0.0
+    unreached = judge(solution).report.unreached_contacts
+    assert {event.subject for event in unreached} <= {"right_palm"}  # Its label lasts longer than its fingers touch.
