@@ -67,7 +67,7 @@ def test_help_names_every_command_and_imports_nothing_heavy():
     *text, exit_code, heavy = done.stdout.split("\n")[:-1]
     assert exit_code == "0"
     assert not heavy
-    words = ("demo", "run", "evaluate", "inspect", "robots", "bench", "sample")
+    words = ("demo", "run", "evaluate", "inspect", "robots", "sample")
     assert all(f"• {word} " in "\n".join(text) for word in words)
 
 
@@ -502,16 +502,9 @@ def test_what_cannot_be_written_is_named(results, tmp_path, monkeypatch, capsys)
     [
         (["check", __file__], "descriptions of robots are MJCF (.xml) or URDF (.urdf)"),
         (["show", "unitree_g1", "--picture", "g1.foo"], "ends in .png"),
-        (
-            ["show", "unitree_g1", "--picture", "g1.png", "--meshes", "menagerie"],
-            "pip install '.[menagerie]' in a clone",
-        ),
     ],
 )
-def test_what_robots_cannot_do_comes_with_what_to_do(words, message, monkeypatch, capsys):
-    from hoi_retarget.cli import robots as module
-
-    monkeypatch.setattr(module, "find_spec", lambda _: None)
+def test_what_robots_cannot_do_comes_with_what_to_do(words, message, capsys):
     assert main(["robots", *words]) == 2
     out, err = capsys.readouterr()
     assert not out and message in err and err.count("\n") == 1
@@ -530,7 +523,7 @@ def test_commands_are_shown_as_the_program_was_started(monkeypatch):
         assert terminal.program() == shown
 
 
-# demo, bench, evaluate, inspect, robots
+# demo, evaluate, inspect, robots
 
 
 @pytest.fixture(scope="session")
@@ -689,19 +682,6 @@ def test_inspect_something_else(tmp_path, capsys):
     assert main(["inspect", str(tmp_path / "note.txt")]) == 1
     assert capsys.readouterr().err.startswith("error: ")
     assert main(["inspect", str(tmp_path / "gone")]) == 1
-    assert capsys.readouterr().err.count("\n") == 1
-
-
-@pytest.mark.slow
-def test_bench_shows_every_stage(capsys):
-    assert main(["bench", "--repeats", "1"]) == 0
-    out = capsys.readouterr().out
-    assert "trajectory optimization" in out and "frames a second" in out
-
-
-@pytest.mark.parametrize("words", [["--repeats", "0"], ["--robot", "x"]])
-def test_bench_with_wrong_numbers(words, capsys):
-    assert main(["bench", *words]) == 2
     assert capsys.readouterr().err.count("\n") == 1
 
 

@@ -137,7 +137,7 @@ def options_of(command: str) -> frozenset[str]:
     """Return the options in a command's help; of all its actions, where it has some."""
     texts = [help_of(command)]
     if command == "robots":
-        texts += [help_of(command, action) for action in ("list", "show", "check")]
+        texts += [help_of(command, action) for action in ("add", "list", "show", "check")]
     return frozenset(re.findall(r"--[a-z][\w.-]*", " ".join(texts)))
 
 

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError
+from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.studio.offscreen.robot_portraits import picture, png
-from hoi_retarget.studio.scene.robot_shapes import menagerie_meshes
 from offscreen import need_drawing
 
 MAKER = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "robots"
@@ -89,15 +88,3 @@ def test_png_holds_the_pixels():
 
     pixels = np.random.default_rng(0).integers(0, 255, (4, 6, 3), dtype=np.uint8)
     np.testing.assert_array_equal(np.asarray(image.open(io.BytesIO(png(pixels)))), pixels)
-
-
-def test_menagerie_without_its_package(monkeypatch):
-    monkeypatch.setitem(sys.modules, "mujoco_menagerie", None)
-    with pytest.raises(HoiRetargetError, match="pip install"):
-        menagerie_meshes(ROBOTS["unitree_g1"])
-
-
-def test_menagerie_without_the_robot():
-    pytest.importorskip("mujoco_menagerie")
-    with pytest.raises(ArgumentError, match="no unitree_h2"):
-        menagerie_meshes(ROBOTS["unitree_h2"])

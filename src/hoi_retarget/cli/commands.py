@@ -22,7 +22,7 @@ RobotName = Annotated[str, arg(metavar="NAME|FILE")]
 Folder = Annotated[Path, arg(metavar="DIR")]
 OptionalFolder = Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="")]
 ObjectName = Annotated[str | None, arg(name="object", aliases=["--object-name"], metavar="NAME", help_behavior_hint="")]
-Meshes = Annotated[Path | None, arg(metavar="DIR|menagerie", help_behavior_hint="")]
+Meshes = Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="")]
 ResultFiles = Annotated[Positional[tuple[Path, ...]], arg(metavar="RESULT...", help_behavior_hint="(required)")]
 ConfigFile = Annotated[Path | None, arg(metavar="FILE.toml|RESULT.npz", help_behavior_hint="")]
 OptionalFile = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
@@ -262,7 +262,7 @@ class ShowRobot(JsonOption):
     page: OptionalFile = None
     """Write the robot's page to this file (.html): pictures, findings, and how it does on the clips it was tried on."""
     meshes: Meshes = None
-    """Draw the vendor meshes: from a folder, or those of the package mujoco-menagerie."""
+    """Draw the maker's meshes from this folder; those that were fetched are drawn without it."""
 
 
 @dataclass(frozen=True)
@@ -289,16 +289,6 @@ class Robots:
         | Annotated[CheckRobot, subcommand("check")]
         | Annotated[FetchMeshes, subcommand("meshes")]
     )
-
-
-@dataclass(frozen=True)
-class Bench(JsonOption):
-    """Time retargeting on a built-in clip, in milliseconds a frame by stage."""
-
-    robot: RobotName = "unitree_g1"
-    """A robot's name."""
-    repeats: int = 3
-    """Runs; the fastest one is shown."""
 
 
 @dataclass(frozen=True)
@@ -436,7 +426,7 @@ class Render(SourceClipOptions):
     only: Literal["robot", "human", "both"] = "both"
     """Whom to draw."""
     meshes: Meshes = None
-    """Draw the vendor meshes of the robot: from a folder, or those of the package mujoco-menagerie."""
+    """Draw the maker's meshes from this folder; those that were fetched are drawn without it."""
     style: Literal["plain", "paper"] = "plain"
     """Plain, or for a paper (.png): 300 dpi, no floor, cut to what is seen, rows and times named, touch shaded; the
     frames are those of first touch, lift, peak, set-down and release, or --frames evenly spaced ones."""
@@ -525,7 +515,6 @@ COMMANDS: Mapping[str, type] = {
     "inspect": Inspect,
     "convert": Convert,
     "robots": Robots,
-    "bench": Bench,
     "sample": Sample,
     "view": View,
     "edit": Edit,

@@ -27,7 +27,7 @@ from hoi_retarget.cli.terminal import STDOUT, fail, say, stdout_for_json  # noqa
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, did_you_mean  # noqa: E402  # as above
 
 _MODULES = {
-    **dict.fromkeys(("bench", "demo"), "run"),
+    "demo": "run",
     **dict.fromkeys(("check-motion", "convert", "inspect", "sample"), "files"),
     "contacts": "edit_contacts",
     **dict.fromkeys(("edit", "share", "view"), "pages"),

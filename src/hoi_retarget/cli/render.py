@@ -12,7 +12,6 @@ import numpy as np
 from hoi_retarget.cli.commands import Render
 from hoi_retarget.cli.open_results import clip_or_warning, load_motion
 from hoi_retarget.cli.output_checks import check_writable, write_file
-from hoi_retarget.cli.robots import vendor_meshes
 from hoi_retarget.cli.terminal import Working, program, say
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.motion.motion import SIMULATED
@@ -154,7 +153,7 @@ def _shown(path: Path, command: Render) -> SceneItem:
         clip = clip_of(motion, name=command.clip, objects=command.objects)
     else:
         clip = clip_or_warning(path, motion, command, "drawn without the human, and the object as its axes.")
-    return SceneItem(path.stem, motion, model, clip, motion.person, vendor_meshes(model.spec, command.meshes))
+    return SceneItem(path.stem, motion, model, clip, motion.person, command.meshes)
 
 
 def _picture(command: Render, filmed: Sequence[DrawnScene], view: CameraSettings) -> bytes:

@@ -5,7 +5,6 @@ import tempfile
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from importlib.util import find_spec
 from math import degrees
 from pathlib import Path
 
@@ -44,7 +43,7 @@ from hoi_retarget.studio.offscreen.robot_portraits import jpeg, picture, picture
 from hoi_retarget.studio.report.robot_page import Trial, robot_page
 from hoi_retarget.studio.scene.camera import fit_camera
 from hoi_retarget.studio.scene.drawing import DrawnScene
-from hoi_retarget.studio.scene.robot_shapes import menagerie_meshes, robot_parts
+from hoi_retarget.studio.scene.robot_shapes import robot_parts
 from hoi_retarget.studio.scene.scene import SceneItem, make_scene
 
 _MAX_GAP_M, _MAX_POSE_DEG, _MAX_POSE_OF_SHORT_ARMS_DEG, _MAX_LEAN_DEG = 0.002, 25.0, 30.0, 10.0
@@ -52,7 +51,6 @@ _MAX_GAP_M, _MAX_POSE_DEG, _MAX_POSE_OF_SHORT_ARMS_DEG, _MAX_LEAN_DEG = 0.002, 2
 _MAX_COUPLING_ERROR_RAD = 0.05
 _USABLE, _REFUSED = 1, 2
 """Exit codes of `robots add` beside 0."""
-_MENAGERIE = Path("menagerie")
 
 
 def execute_robots(command: Robots) -> int:
@@ -120,7 +118,7 @@ def _list(action: ListRobots) -> int:
 def _show(action: ShowRobot) -> int:
     spec = robot(action.name)
     if action.picture is not None:
-        _check_picture(action.picture, action.meshes)
+        _check_picture(action.picture)
     if action.page is not None:
         if action.page.suffix.lower() not in {".html", ".htm"}:
             raise ArgumentError(f"--page {action.page}: pages are HTML. Name a file that ends in .html.")
@@ -156,7 +154,7 @@ def _show(action: ShowRobot) -> int:
         },
     )
     if action.picture is not None:
-        write_file("--picture", action.picture, png(picture(spec, meshes=vendor_meshes(spec, action.meshes))))
+        write_file("--picture", action.picture, png(picture(spec, meshes=action.meshes)))
         say(f"\nwritten: {action.picture}")
     if action.page is not None:
         findings = user_robots.record_of(spec.name).findings
@@ -165,20 +163,10 @@ def _show(action: ShowRobot) -> int:
     return 0
 
 
-def _check_picture(path: Path, meshes: Path | None) -> None:
+def _check_picture(path: Path) -> None:
     if path.suffix.lower() != ".png":
         raise ArgumentError(f"--picture {path}: pictures are written as PNG. Name a file that ends in .png.")
-    if meshes == _MENAGERIE and find_spec("mujoco_menagerie") is None:
-        raise ArgumentError(
-            "--meshes menagerie: the package mujoco-menagerie is missing. "
-            "Install it with: pip install '.[menagerie]' in a clone of this project."
-        )
     check_writable("--picture", path.parent)
-
-
-def vendor_meshes(spec: RobotSpec, folder: Path | None) -> Path | None:
-    """Return the folder of vendor meshes that `--meshes` names, of a package where it says `menagerie`."""
-    return menagerie_meshes(spec) if folder == _MENAGERIE else folder
 
 
 def _check(action: CheckRobot) -> int:

@@ -1,20 +1,19 @@
-"""Clips to results: `run` for recordings, `demo` and `bench` for a built-in clip."""
+"""Clips to results: `run` for recordings, `demo` for a built-in clip."""
 
 import json
 import os
 import shlex
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from hoi_retarget.cli.commands import Bench, Demo, Run
+from hoi_retarget.cli.commands import Demo, Run
 from hoi_retarget.cli.output_checks import check_json, check_stems, check_writable, write_json
 from hoi_retarget.cli.run_options import arguments_of, config_of
 from hoi_retarget.cli.scores import score, show_figures, titled
-from hoi_retarget.cli.terminal import Working, do_for_each, exit_code, program, say, show_table, warn
+from hoi_retarget.cli.terminal import Working, do_for_each, exit_code, program, say, warn
 from hoi_retarget.clip.edits import apply, load
 from hoi_retarget.errors import ArgumentError, SolveError
 from hoi_retarget.evaluation import Score, to_json
@@ -35,13 +34,6 @@ from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.skin import skin_of
 
 _SCENE = "carry_box"
-_STAGES = {
-    "targets": "targets",
-    "ik": "inverse kinematics",
-    "trajectory": "trajectory optimization",
-    "metrics": "figures of merit",
-    "write": "result file",
-}
 OBJECT_SURFACES = {
     "shell": "a shell, with no inside: what is within 1 mm of its surface counts as inside",
     "hull": "only points of it are known: touch and penetration are those of their convex hull",
@@ -235,33 +227,3 @@ def execute_demo(command: Demo) -> int:
     say(f"  {program()} sample sample   # two real recordings (downloads 102 MB)")
     say(f"  {program()} run sample/sub3_largebox_003.pt --objects sample/objects --out results")
     return 0
-
-
-def execute_bench(command: Bench) -> int:
-    """Time the pipeline and print a table."""
-    if command.repeats < 1:
-        raise ArgumentError(f"--repeats is {command.repeats}; at least one run is needed.")
-    check_json(command.json)
-    model = load_robot(command.robot)
-    clip = builtin_clip(_SCENE)
-    runs = []
-    with tempfile.TemporaryDirectory() as folder, Working("timing", command.repeats) as working:
-        for _ in range(command.repeats):
-            (motion,) = retarget_people(clip, [model])
-            (motion,) = write([motion], [Path(folder) / "bench.npz"])
-            runs.append(motion.report.cpu_seconds)
-            working.advance()
-    best = min(runs, key=lambda seconds: sum(seconds.values()))
-    rows = [(title, *_texts(best.get(name, 0.0), clip.frames)) for name, title in _STAGES.items()]
-    total = sum(best.values())
-    say(f"{model.spec.name}, {clip.frames} frames at {clip.fps:g} frames/s; CPU time, fastest of {command.repeats}.")
-    show_table([("stage", "ms a frame", "s in all"), *rows, ("all", *_texts(total, clip.frames))])
-    say(f"{clip.frames / total:.0f} frames a second, {clip.frames / total / clip.fps:.0f} times real time.")
-    write_json(
-        command.json, {"robot": model.spec.name, "frames": clip.frames, "fps": clip.fps, "cpu_seconds": dict(best)}
-    )
-    return 0
-
-
-def _texts(seconds: float, frames: int) -> tuple[str, str]:
-    return f"{1e3 * seconds / frames:.3f}", f"{seconds:.3f}"

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 
-from hoi_retarget.errors import ArgumentError, HoiRetargetError, ReadError, RobotError
+from hoi_retarget.errors import ReadError, RobotError
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.objects.track import ObjectGeometry
@@ -132,29 +132,6 @@ def attach_visual_meshes(description: mujoco.MjSpec, spec: RobotSpec, folder: Pa
                 conaffinity=0,
                 density=0,
             )
-
-
-def menagerie_meshes(spec: RobotSpec) -> Path:
-    """Return the folder of a robot's meshes from MuJoCo Menagerie, where that package is installed.
-
-    The optional package `mujoco-menagerie` downloads them on first use and keeps them in its cache. Raises
-    `ArgumentError` when Menagerie lacks this robot, `HoiRetargetError` when the package is not installed or the
-    download failed.
-    """
-    try:
-        import mujoco_menagerie  # noqa: PLC0415 # pyright: ignore[reportMissingImports] - optional
-    except ImportError as error:
-        raise HoiRetargetError(
-            "The meshes of MuJoCo Menagerie need its package: pip install '.[menagerie]' in a clone."
-        ) from error
-    try:
-        return mujoco_menagerie.get(spec.name).path(progress=None)
-    except mujoco_menagerie.UnknownRobotError as error:
-        raise ArgumentError(
-            f"MuJoCo Menagerie has no {spec.name}. Give the folder of the vendor meshes, or draw the primitives."
-        ) from error
-    except mujoco_menagerie.MenagerieError as error:
-        raise HoiRetargetError(f"MuJoCo Menagerie could not provide {spec.name}: {error}") from error
 
 
 _JOINT, _GREY = 0.015, (96, 100, 110)  # Radius of a joint's ball over the stature, of robots without any surface.
