@@ -19,16 +19,17 @@ from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers.builtin_clips import builtin_clip
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.readers.own_layout import write as write_clip
-from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.config import Config, Weights
 from hoi_retarget.retargeting.fingers import _bent, with_fingers
 from hoi_retarget.retargeting.retarget import judge
 from hoi_retarget.retargeting.solve import solve
 from hoi_retarget.retargeting.targets import finger_touch, make_targets
+from hoi_retarget.retargeting.trajopt.terms.coupled_joints import coupling_terms
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.adding.build import build_robot
 from hoi_retarget.robots.adding.findings import Hints, UnsuitableRobotError
 from hoi_retarget.robots.model import load_model
-from hoi_retarget.robots.spec import SIDES
+from hoi_retarget.robots.spec import SIDES, HeldJoint
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 SITES = [f"{side}_{finger}" for side in SIDES for finger in FINGERS]
@@ -42,6 +43,11 @@ def model(tmp_path_factory):
 @cache
 def clip():
     return builtin_clip("carry_box")
+
+
+@cache
+def targets():
+    return make_targets(clip(), load_robot("unitree_g1"), Config().scaling)
 
 
 def test_fingers_are_found_in_a_file_with_their_pads_on_the_side_that_closes(model, tmp_path):
@@ -91,13 +97,50 @@ def test_pads_that_the_hand_can_reach_are_reached_within_ranges(model, seed, sid
     assert np.array_equal(found[:, others], qpos[:, others])
 
 
+COUPLED = HeldJoint("left_index_1_joint", "left_index_0_joint", 0.8, 0.05)
+
+
+@pytest.fixture(scope="module")
+def coupled(model):
+    return replace(model, spec=replace(model.spec, couplings=(COUPLED,)))
+
+
+def test_joints_that_follow_others_are_found_as_such_and_follow(coupled, tmp_path):
+    text = coupled.spec.mjcf.read_text()
+    equality = f'<joint joint1="{COUPLED.joint}" joint2="{COUPLED.other}" polycoef="0.05 0.8 0 0 0"/>'
+    (tmp_path / "coupled.xml").write_text(text.replace("</mujoco>", f"<equality>{equality}</equality></mujoco>"))
+    built = build_robot(tmp_path / "coupled.xml", "coupled", Hints(fingers=True))
+    assert built.spec.couplings == (COUPLED,) and not built.spec.held
+    assert not [finding for finding in built.findings if finding.subject == "coupled joints"]
+    goals = {"left_index": np.tile([0.08, -0.03, 0.02], (5, 1))}
+    bent = _bent(coupled, "left_palm", goals, np.tile(coupled.home_qpos, (5, 1)), 30.0)
+    joint, other = (bent[:, 7 + coupled.joint_names.index(name)] for name in (COUPLED.joint, COUPLED.other))
+    assert np.abs(other).max() > 0.1 and joint == pytest.approx(0.8 * other + 0.05, abs=1e-12)
+
+
+@given(angles=st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0)), swapped=st.booleans())
+def test_derivatives_of_a_coupling_are_its_differences(coupled, angles, swapped):
+    one = replace(COUPLED, joint=COUPLED.other, other=COUPLED.joint) if swapped else COUPLED
+    robot = replace(coupled, spec=replace(coupled.spec, couplings=(one,)))
+    qpos = np.tile(robot.home_qpos, (3, 1))
+    places = [robot.joint_names.index(name) for name in (COUPLED.joint, COUPLED.other)]
+    qpos[:, [7 + place for place in places]] = angles
+    (term,) = coupling_terms(Weights(), targets(), robot.forward(qpos))
+    (rows,) = term.rows(robot.forward(qpos))
+    assert list(rows.columns) == sorted(rows.columns)
+    for column, slope in zip(rows.columns, rows.jacobian[0, 0, :, 0], strict=True):
+        step = np.zeros((3, robot.nv))
+        step[:, column] = 1e-6
+        (after,) = term.rows(robot.forward(robot.integrate(qpos, step)))
+        assert (after.residual - rows.residual)[0, 0] / 1e-6 == pytest.approx(slope, abs=1e-6)
+
+
 def test_robots_without_fingers_and_people_without_recorded_ones_change_nothing(model):
     g1, person = load_robot("unitree_g1"), clip().people[0]
-    targets = make_targets(clip(), g1, Config().scaling)
     qpos = np.tile(g1.home_qpos, (clip().frames, 1))
-    assert with_fingers(g1, targets, person, qpos) is qpos
+    assert with_fingers(g1, targets(), person, qpos) is qpos
     made_up = replace(person, fingers_recorded=False)
-    assert with_fingers(model, targets, made_up, qpos) is qpos
+    assert with_fingers(model, targets(), made_up, qpos) is qpos
     assert finger_contacts(replace(clip(), people=(made_up,)), 0) == ()
 
 
@@ -119,8 +162,8 @@ def test_recorded_contacts_of_fingers_are_taken_as_they_are_and_written(tmp_path
     own = ContactTrack(0, 0, "left_thumb", np.arange(clip().frames) < 50, points)
     recorded = replace(clip(), contacts=(*clip().contacts, own))
     assert finger_contacts(recorded, 0) == ()
-    targets = make_targets(recorded, model, Config().scaling)
-    assert targets.contact_flags[:, targets.contact_links.index("left_thumb")].sum() == 50
+    found = make_targets(recorded, model, Config().scaling)
+    assert found.contact_flags[:, found.contact_links.index("left_thumb")].sum() == 50
     write_clip(recorded, tmp_path / "clip.npz")
     again = open_clip(tmp_path / "clip.npz")
     (track,) = [track for track in again.contacts if track.part == "left_thumb"]
@@ -128,15 +171,15 @@ def test_recorded_contacts_of_fingers_are_taken_as_they_are_and_written(tmp_path
 
 
 def test_fingers_lead_a_hand_in_whole_runs_of_its_contact(model):
-    targets = make_targets(clip(), model, Config().scaling)
-    column = targets.contact_links.index("left_palm")
-    flags = targets.contact_flags.copy()
-    flags[:, column] = (np.arange(targets.frames) % 100) < 60
-    flags[:, targets.contact_links.index("left_index")] = False
-    thumb = targets.contact_links.index("left_thumb")
-    flags[:, [targets.contact_links.index(f"left_{finger}") for finger in FINGERS]] = False
+    found = make_targets(clip(), model, Config().scaling)
+    column = found.contact_links.index("left_palm")
+    flags = found.contact_flags.copy()
+    flags[:, column] = (np.arange(found.frames) % 100) < 60
+    flags[:, found.contact_links.index("left_index")] = False
+    thumb = found.contact_links.index("left_thumb")
+    flags[:, [found.contact_links.index(f"left_{finger}") for finger in FINGERS]] = False
     flags[130, thumb] = True
-    led = finger_touch(replace(targets, contact_flags=flags), column)
+    led = finger_touch(replace(found, contact_flags=flags), column)
     assert np.array_equal(np.flatnonzero(led), np.arange(100, 160))
 
 

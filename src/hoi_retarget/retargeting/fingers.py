@@ -6,7 +6,7 @@ frames at once, within the joints' ranges; paths are smoothed. Touch is left to 
 
 import numpy as np
 import scipy  # its modules are loaded where they are first used
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from hoi_retarget.human.person import Person
 from hoi_retarget.numerics import se3
@@ -75,20 +75,36 @@ def _bent(
     nodes = [model.sites.frames[site].node for site in goals]
     moves = model.supports[1:, nodes].any(axis=1) & (model.supports[1:, model.sites.frames[palm].node] == 0)
     columns, qpos = np.flatnonzero(moves), qpos.copy()
-    home, lower, upper = (ends[columns] for ends in (model.home_qpos[7:], model.lower, model.upper))
+    along, offset = _driven(model, columns)
+    leads = along.any(axis=0)
+    along, driven = along[:, leads], columns[leads]
+    home, lower, upper = (ends[driven] for ends in (model.home_qpos[7:], model.lower, model.upper))
     angles = np.repeat(np.clip(home, lower, upper)[None], len(qpos), axis=0)
     for _ in range(STEPS):
-        qpos[:, 7 + columns] = angles
+        qpos[:, 7 + columns] = angles @ along.T + offset
         kinematics = model.forward(qpos)
         turn, place = kinematics.site_rotation(palm), kinematics.site_position(palm)
-        matrix = np.tile((DAMPING + REST) * np.eye(len(columns)), (len(qpos), 1, 1))
+        matrix = np.tile((DAMPING + REST) * np.eye(len(driven)), (len(qpos), 1, 1))
         gradient = REST * (angles - home)
         for site, goal in goals.items():
             residual = np.einsum("tji,tj->ti", turn, kinematics.site_position(site) - place) - goal
-            by_angles = np.einsum("tji,tjk->tik", turn, kinematics.jacobian(site)[:, :3, 6 + columns])
+            by_angles = np.einsum("tji,tjk->tik", turn, kinematics.jacobian(site)[:, :3, 6 + columns]) @ along
             matrix += np.einsum("tik,til->tkl", by_angles, by_angles)
             gradient += np.einsum("tik,ti->tk", by_angles, residual)
         angles = np.clip(angles - np.linalg.solve(matrix, gradient[..., None])[..., 0], lower, upper)
-    sigma = seconds_to_frames(SMOOTHING_SECONDS, fps)
-    qpos[:, 7 + columns] = scipy.ndimage.gaussian_filter1d(angles, sigma, axis=0, mode="nearest")
+    angles = scipy.ndimage.gaussian_filter1d(angles, seconds_to_frames(SMOOTHING_SECONDS, fps), axis=0, mode="nearest")
+    qpos[:, 7 + columns] = angles @ along.T + offset
     return qpos
+
+
+def _driven(
+    model: RobotModel, columns: Int[np.ndarray, "n"]
+) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, "n"]]:
+    """Return a matrix and an offset [rad] that give followers' angles too, from the angles of the other joints."""
+    names = [model.joint_names[column] for column in columns]
+    along, offset = np.eye(len(names)), np.zeros(len(names))
+    for one in model.spec.couplings:
+        if one.joint in names and one.other in names:
+            row = names.index(one.joint)
+            along[row], offset[row] = one.ratio * np.eye(len(names))[names.index(one.other)], one.offset
+    return along, offset

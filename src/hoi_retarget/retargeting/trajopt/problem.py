@@ -69,7 +69,7 @@ class StencilRows:
 class TangentRows:
     """Residuals that depend on a few tangent coordinates of a few consecutive frames.
 
-    `jacobian[o]` is the derivative by frame `i + o` for residual `[:, i]`.
+    `jacobian[o]` is the derivative by frame `i + o` for residual `[:, i]`; columns are in ascending order.
     """
 
     columns: tuple[int, ...]

@@ -15,6 +15,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.config import IkWeights, Weights
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import Term
+from hoi_retarget.retargeting.trajopt.terms.coupled_joints import coupling_terms
 from hoi_retarget.retargeting.trajopt.terms.differences import PAPER_RATE, Differences, jerk_terms
 from hoi_retarget.retargeting.trajopt.terms.floor_clearance import floor_terms
 from hoi_retarget.retargeting.trajopt.terms.link_floor import link_floor_terms
@@ -27,6 +28,7 @@ from hoi_retarget.robots.model import Kinematics, RobotModel
 
 COSTS: tuple[Callable[[Weights, Targets, Kinematics], Iterable[Term]], ...] = (
     posture_terms,
+    coupling_terms,
     position_terms,
     torso_terms,
     trunk_terms,

@@ -52,14 +52,11 @@ def finger_joints(chain: KinematicChain) -> tuple[int, ...]:
 def find_fingers(pose: ZeroPose, limbs: Limbs, arms: Sequence[Arm]) -> dict[str, Finger]:
     """Return the fingers of both hands by the human finger that each follows, such as `left_thumb`.
 
-    Raises `UnsuitableRobotError` where a hand has none, or more than a person, or its joints are coupled.
+    Raises `UnsuitableRobotError` where a hand has less than two, or more than a person.
     """
     found: dict[str, Finger] = {}
     for side, chain, arm in zip(SIDES, limbs.arms, arms, strict=True):
         chains = [joined for child in chain.end.children if (joined := tuple(_chain(child)))]
-        driven = {pose.name(joint) for joint in finger_joints(chain)}
-        if coupled := [one.joint for one in pose.held if one.other in driven]:
-            raise UnsuitableRobotError(f"fingers whose joints are coupled cannot move yet: {', '.join(coupled)}.")
         if not 2 <= len(chains) <= 1 + max(_FOLLOWED):
             raise UnsuitableRobotError(
                 f"the {side} hand has {len(chains)} fingers; two to five can move. Leave out: fingers = true."

@@ -88,6 +88,8 @@ def find_morphology(description: Description, hints: Hints) -> Morphology:
     sites |= arm_sites(pose, limbs, arms)
     fingers = find_fingers(pose, limbs, arms) if hints.fingers else {}
     sites |= {name: PlacedSite(finger.part, finger.pad, finger.rotation) for name, finger in fingers.items()}
+    driven = {pose.name(joint) for chain in limbs.arms for joint in finger_joints(chain)}
+    following = [one for one in pose.loose if one.other in driven]
     couplings = (*pose.loose, *_broken_couplings(pose, limbs), *_passive_joints(pose))
     what = f"{stature:.2f} m; the hips are {height:.2f} m high, of which {STATURE_BY_LEG} is taken"
     findings = (
@@ -105,7 +107,7 @@ def find_morphology(description: Description, hints: Hints) -> Morphology:
         RobotFinding("ok", "stature", what, "stature = NUMBER"),
         *_held_findings(pose),
         *_endless_findings(pose),
-        *_coupling_findings(couplings),
+        *_coupling_findings([one for one in couplings if one not in following]),
     )
     return Morphology(pose, trunk, sites, arms, stature, findings, fingers, couplings)
 
@@ -114,9 +116,11 @@ def pose_and_limbs(description: Description, hints: Hints, find: Callable[[ZeroP
     """Return the zero pose in which joints of no limb, waist or neck are held, and the limbs; raises as `find`."""
     pose = zero_pose(description, hints.lock)
     limbs = find(pose)
-    kept = {joint for chain in limbs.arms for joint in finger_joints(chain)} if hints.fingers else set()
-    if spare := [pose.name(joint) for joint in _spare_joints(pose, limbs) if joint not in kept]:
-        pose = zero_pose(description, (*hints.lock, *spare))
+    kept = [pose.name(joint) for chain in limbs.arms for joint in finger_joints(chain)] if hints.fingers else []
+    following = [one.joint for one in pose.held if one.other in kept]
+    spare = [name for joint in _spare_joints(pose, limbs) if (name := pose.name(joint)) not in kept]
+    if spare or following:
+        pose = zero_pose(description, (*hints.lock, *spare), following)
         limbs = find(pose)
     return pose, limbs
 

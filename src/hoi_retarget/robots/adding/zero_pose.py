@@ -55,7 +55,7 @@ class ZeroPose:
     held: tuple[HeldJoint, ...]
     """Joints that do not move on their own, in the source file's order."""
     loose: tuple[HeldJoint, ...]
-    """Couplings of two limbs, whose joints move on their own here."""
+    """Couplings of two limbs, whose joints move on their own here, and of fingers."""
     anchors: Float[np.ndarray, "joints 3"]
     """[m]"""
     axes: Float[np.ndarray, "joints 3"]
@@ -101,14 +101,14 @@ class ZeroPose:
         return float(np.linalg.norm(away - self.axes[joint] * (away @ self.axes[joint])))
 
 
-def zero_pose(description: Description, locked: Collection[str]) -> ZeroPose:
-    """Return a description's zero pose; joints in `locked`, coupled ones and slides are held.
+def zero_pose(description: Description, locked: Collection[str], following: Collection[str] = ()) -> ZeroPose:
+    """Return a description's zero pose; joints in `locked`, coupled ones but those `following`, and slides are held.
 
     Raises `UnsuitableRobotError` when it has no joints that move.
     """
     compiled = description.compiled
     root_body = _root_of(compiled)
-    held, loose = _held(description, root_body, locked)
+    held, loose = _held(description, root_body, locked, following)
     data = _posed(compiled, {one.joint: one for one in held})
     moved = {one.joint for one in held}
     parts: dict[int, LimbPart] = {}
@@ -158,7 +158,7 @@ def _below(compiled: mujoco.MjModel, root: int) -> list[int]:
 
 
 def _held(
-    description: Description, root: int, locked: Collection[str]
+    description: Description, root: int, locked: Collection[str], following: Collection[str]
 ) -> tuple[tuple[HeldJoint, ...], tuple[HeldJoint, ...]]:
     """Return the joints that do not move on their own: slides, joints coupled to others, and locked ones.
 
@@ -171,7 +171,8 @@ def _held(
     loose: list[HeldJoint] = []
     for coupling in description.couplings:
         one = _lighter(compiled, names, coupling)
-        if one.other in names and one.joint not in locked and _carries_limb(compiled, names[one.joint]):
+        moves = one.joint in following or (one.joint in names and _carries_limb(compiled, names[one.joint]))
+        if one.other in names and one.joint not in locked and moves:
             loose.append(one)
         elif one.joint in names:
             held.setdefault(one.joint, one)
