@@ -118,21 +118,12 @@ def test_joints_that_follow_others_are_found_as_such_and_follow(coupled, tmp_pat
     assert np.abs(other).max() > 0.1 and joint == pytest.approx(0.8 * other + 0.05, abs=1e-12)
 
 
-@given(angles=st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0)), swapped=st.booleans())
-def test_derivatives_of_a_coupling_are_its_differences(coupled, angles, swapped):
-    one = replace(COUPLED, joint=COUPLED.other, other=COUPLED.joint) if swapped else COUPLED
-    robot = replace(coupled, spec=replace(coupled.spec, couplings=(one,)))
-    qpos = np.tile(robot.home_qpos, (3, 1))
-    places = [robot.joint_names.index(name) for name in (COUPLED.joint, COUPLED.other)]
-    qpos[:, [7 + place for place in places]] = angles
-    (term,) = coupling_terms(Weights(), targets(), robot.forward(qpos))
-    (rows,) = term.rows(robot.forward(qpos))
-    assert list(rows.columns) == sorted(rows.columns)
-    for column, slope in zip(rows.columns, rows.jacobian[0, 0, :, 0], strict=True):
-        step = np.zeros((3, robot.nv))
-        step[:, column] = 1e-6
-        (after,) = term.rows(robot.forward(robot.integrate(qpos, step)))
-        assert (after.residual - rows.residual)[0, 0] / 1e-6 == pytest.approx(slope, abs=1e-6)
+def test_a_robot_has_a_term_for_each_joint_that_follows_another(coupled):
+    still = coupled.forward(np.tile(coupled.home_qpos, (3, 1)))
+    (term,) = coupling_terms(Weights(), targets(), still)
+    assert [coupled.joint_names[place] for place in (term.joint, term.other)] == [COUPLED.joint, COUPLED.other]
+    (rows,) = term.rows(still)
+    assert rows.residual == pytest.approx(np.full((1, 3), -0.05))
 
 
 def test_robots_without_fingers_and_people_without_recorded_ones_change_nothing(model):

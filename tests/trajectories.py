@@ -15,6 +15,7 @@ from hoi_retarget.retargeting.config import IkWeights, Scaling, Weights
 from hoi_retarget.retargeting.targets import Targets, make_targets, with_pins
 from hoi_retarget.retargeting.trajopt.link_pairs import LinkPair, SpreadPoints
 from hoi_retarget.retargeting.trajopt.problem import Term
+from hoi_retarget.retargeting.trajopt.terms.coupled_joints import CoupledJoints
 from hoi_retarget.retargeting.trajopt.terms.robot_clearance import RobotClearance
 from hoi_retarget.retargeting.trajopt.terms.self_clearance import SelfClearance
 from hoi_retarget.retargeting.trajopt.trajectory_terms import ik_terms, trajectory_terms
@@ -69,6 +70,8 @@ def all_terms(model: RobotModel, frames: int, rng: np.random.Generator) -> tuple
         *trajectory_terms(Weights(), window, reference),
         *ik_terms(IkWeights(), window, model),
         *links_apart(model, frames),
+        CoupledJoints("follows_later", 3, 5, 0.8, 0.1),
+        CoupledJoints("follows_earlier", 5, 3, -1.2, 0.0),
     )
 
 

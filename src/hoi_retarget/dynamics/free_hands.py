@@ -32,8 +32,8 @@ from hoi_retarget.motion.motion import Motion
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import closed_and_opened, nearest_active, seconds_to_frames, smoothstep_around
 from hoi_retarget.objects.distance_field import DistanceField, distance_field
-from hoi_retarget.robots.model import RobotModel
-from hoi_retarget.robots.skin import pose_at_home, skins_from
+from hoi_retarget.robots.model import Kinematics, RobotModel
+from hoi_retarget.robots.skin import LinkSkin, pose_at_home, skins_from
 from hoi_retarget.robots.spec import PALMS
 
 KEPT_M, KEPT_DEG, KEPT_SHARE = 0.1, 20.0, 0.95
@@ -121,8 +121,32 @@ class Touch:
 @lru_cache(maxsize=16)
 def palm_skin(model: RobotModel, site: str) -> tuple[Float[np.ndarray, "P 3"], Float[np.ndarray, "P 3"]]:
     """Return points of a hand's skin in its palm's frame, as in the home pose [m], and their normals."""
-    skins = skins_from(model, site)
-    count, placed = SKIN_POINTS // len(skins), [(skin, *pose_at_home(model, site, skin.frame)) for skin in skins]
+    return _joined([(skin, *pose_at_home(model, site, skin.frame)) for skin in skins_from(model, site)])
+
+
+def bent_skin(
+    kinematics: Kinematics, site: str, frame: int
+) -> tuple[Float[np.ndarray, "P 3"], Float[np.ndarray, "P 3"]]:
+    """Return the same with fingers as in a frame of a trajectory."""
+    if not kinematics.model.spec.fingers:
+        return palm_skin(kinematics.model, site)
+    turn, place = kinematics.site_rotation(site)[frame].T, kinematics.site_position(site)[frame]
+    return _joined(
+        [
+            (
+                skin,
+                turn @ kinematics.orientation(skin.frame)[:, :, frame],
+                turn @ (kinematics.point(skin.frame)[:, frame] - place),
+            )
+            for skin in skins_from(kinematics.model, site)
+        ]
+    )
+
+
+def _joined(
+    placed: Sequence[tuple[LinkSkin, np.ndarray, np.ndarray]],
+) -> tuple[Float[np.ndarray, "P 3"], Float[np.ndarray, "P 3"]]:
+    count = SKIN_POINTS // len(placed)
     points = np.concatenate([skin.points[:count] @ turn.T + origin for skin, turn, origin in placed])
     return points, np.concatenate([skin.normals[:count] @ turn.T for skin, turn, _ in placed])
 

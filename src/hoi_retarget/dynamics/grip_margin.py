@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.dynamics.feasibility import held_by_others
-from hoi_retarget.dynamics.free_hands import LARGEST_GAP, PATCH_DEPTH, PATCH_POINTS, palm_skin, spread, touch_of
+from hoi_retarget.dynamics.free_hands import LARGEST_GAP, PATCH_DEPTH, PATCH_POINTS, bent_skin, spread, touch_of
 from hoi_retarget.dynamics.inverse_dynamics import GRAVITY
 from hoi_retarget.dynamics.object_support import PYRAMID_EDGES, ObjectLoad, friction_edges, object_load
 from hoi_retarget.dynamics.physics_settings import Physics
@@ -137,13 +137,13 @@ def _robot_touching(
     motion: Motion, kinematics: Kinematics, track: ObjectTrack, index: int, site: str
 ) -> Callable[[int], Touching]:
     """Return where a robot's hand touches in a frame, in the world."""
-    skin, field, scale = palm_skin(kinematics.model, site), distance_field(track.geometry), motion.object_scale[index]
+    field, scale = distance_field(track.geometry), motion.object_scale[index]
     positions, rotations = kinematics.site_position(site), kinematics.site_rotation(site)
 
     def at(frame: int) -> Touching:
         turn, origin = se3.quat_to_matrix(motion.object_quat[frame, index]), motion.object_pos[frame, index]
         palm = turn.T @ (positions[frame] - origin), turn.T @ rotations[frame]
-        touch = touch_of(skin, field, *palm, float(scale))
+        touch = touch_of(bent_skin(kinematics, site, frame), field, *palm, float(scale))
         return touch.points @ turn.T + origin, touch.inward @ turn.T
 
     return at

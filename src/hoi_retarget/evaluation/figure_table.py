@@ -20,6 +20,7 @@ COLUMNS: tuple[Figure, ...] = (*FIGURES, *PERFORMED, COMPUTE_TIME)
 HEADLINE = (
     "touch_share",
     "palm_touch_share",
+    "finger_touch_share",
     "penetration_max_m",
     "hand_slip_mps",
     "person_slip_mps",

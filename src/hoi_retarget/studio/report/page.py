@@ -92,6 +92,7 @@ def _bars(counts: np.ndarray, value: Callable[[int], float]) -> Iterator[dict[st
 _IN_TABLE = (
     "touch_share",
     "palm_touch_share",
+    "finger_touch_share",
     "touch_gap_p95_m",
     "touch_place_m",
     "hand_slip_mps",
