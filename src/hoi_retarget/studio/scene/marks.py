@@ -21,7 +21,7 @@ from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.robots.link_depths import RigidPoses, least_in_solid, pair_depths, posed_links, tree_of
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.skin import LinkSkin, skin_of
-from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS
+from hoi_retarget.robots.spec import FINGER_SITES, SIDES, SOLE_CORNERS
 from hoi_retarget.studio.scene.drawing import Colour, Kind, Lines, Shapes
 
 COLOURS: tuple[Colour, ...] = ((205, 60, 55), (70, 160, 75), (60, 100, 200))
@@ -156,6 +156,7 @@ _GREEN, _YELLOW, _RED = (46, 178, 82), (245, 196, 40), (222, 52, 44)
 _LEVELS = 9  # Shapes keep their colour: a ball that changes its own is one of so many.
 _TARGET_RADIUS, _SITE_RADIUS = 0.035, 0.012  # [m]
 _PATCH = np.array([0.035, 0.035, 0.003])  # Half extents of a round one [m].
+_OF_FINGERS = 0.25  # Size of their marks over that of hands'.
 _DOWN = -1.0 + 1e-9
 _STANCE: Colour = (60, 150, 200)
 _STANCE_MARGIN, _STANCE_HALF_HEIGHT = 0.012, 0.006  # [m]
@@ -192,15 +193,16 @@ def contact_marks(
         skin = np.abs(distances_of_motion(motion, kinematics.model, tuple(geometries))[1][:, links])
         gaps = np.where(np.isfinite(skin) & (gaps <= ELSEWHERE_M), skin, gaps)
     still = np.broadcast_to(se3.IDENTITY_QUAT, turn.shape)
+    sizes = np.array([[_OF_FINGERS if motion.contact_links[link] in FINGER_SITES else 1.0] for link in links])
     if geometries is None:
-        aims = _coloured(Kind.SPHERE, _TARGET_RADIUS, targets, still, gaps, active)
+        aims = _coloured(Kind.SPHERE, sizes * np.full(3, _TARGET_RADIUS), targets, still, gaps, active)
     else:
         scales = motion.object_scale[touched][..., None]
         on_surface, tilts = _patches(points / scales, touched, active, geometries)
         patches = place + se3.rotate(turn, scales * on_surface)
-        aims = _coloured(Kind.CYLINDER, _PATCH, patches, se3.quat_multiply(turn, tilts), gaps, active)
+        aims = _coloured(Kind.CYLINDER, sizes * _PATCH, patches, se3.quat_multiply(turn, tilts), gaps, active)
     radius = _TARGET_RADIUS if geometries is None else _SITE_RADIUS
-    balls = _coloured(Kind.SPHERE, radius, sites, still, gaps, active)
+    balls = _coloured(Kind.SPHERE, sizes * np.full(3, radius), sites, still, gaps, active)
     return aims, balls, Lines(targets.astype(np.float32), sites.astype(np.float32), gap_colour(gaps), active)
 
 
@@ -267,7 +269,7 @@ def rotations_to(normals: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*
 
 def _coloured(  # noqa: PLR0913, PLR0917 - what a mark is made of
     kind: Kind,
-    size: float | Float[np.ndarray, "3"],
+    size: Float[np.ndarray, "C 3"] | Float[np.ndarray, "3"],
     places: Float[np.ndarray, "T C 3"],
     quats: Float[np.ndarray, "T C 4"],
     gaps: Float[np.ndarray, "T C"],
@@ -281,7 +283,7 @@ def _coloured(  # noqa: PLR0913, PLR0917 - what a mark is made of
     count, contacts = len(used), active.shape[1]
     return Shapes.of(
         kind,
-        size,
+        np.repeat(np.broadcast_to(size, (contacts, 3)), count, axis=0),
         np.tile(gap_colour(levels[used]), (contacts, 1)),
         np.repeat(places, count, axis=1),
         np.repeat(quats, count, axis=1),
