@@ -188,9 +188,9 @@ def test_a_good_result_passes_and_only_what_was_not_asked_for_is_not_judged(clip
     verdict = verdict_of(motion)
     assert verdict.level is Level.PASS
     # Surfaces were asked for: the gap of landmarks is none of its faults. Nothing was edited, nobody sits, there is one
-    # robot without couplings, and one object, which nothing carries.
+    # robot without fingers and couplings, and one object, which nothing carries.
     alone = ("robot_penetration_max_m", "support_height_error_m", "coupling_error_rad")
-    assert verdict.not_judged == (*LANDMARK_FIGURES, "recorded_place_m", "rest_gap_p95_m", *alone)
+    assert verdict.not_judged == (*LANDMARK_FIGURES, "finger_touch_share", "recorded_place_m", "rest_gap_p95_m", *alone)
     assert verdict == verdict_of(motion, G1)
 
 
