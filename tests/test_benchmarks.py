@@ -153,7 +153,7 @@ def test_scaling_runs(tmp_path):
 def test_lengths_that_need_more_memory_than_they_may_have_are_named(tmp_path):
     path = tmp_path / "scaling.json"
     output = run("scaling.py", "--frames", "20", "--sizes", "12", "12000", "--horizons", "whole",
-                 "--memory-limit", "1.2", "--json", str(path))  # fmt: skip
+                 "--memory-limit", "0.8", "--json", str(path))  # fmt: skip
     short, long = json.loads(path.read_text())["results"]["whole"]
     assert short["megabytes"] < 300
     assert long["failed"] == "out of memory" in output
