@@ -6,6 +6,7 @@ threshold. Distances are exact up to `FAR`: points outside the object's box by m
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -115,6 +116,7 @@ def label_contacts(
     return tuple(tracks)
 
 
+@lru_cache(maxsize=1)  # Targets and figures ask for those of the same clip.
 def finger_contacts(clip: Clip, person: int) -> tuple[ContactTrack, ...]:
     """Return the contacts of a person's fingers while their hands touch, at the object's nearest points.
 
