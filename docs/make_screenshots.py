@@ -20,9 +20,8 @@ from hoi_retarget.clip.edits.edits_file import EditsFiles
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.robots import load_robot
-from hoi_retarget.studio.browser.browser_server import address, open_server
-from hoi_retarget.studio.browser.edit_session import solved
-from hoi_retarget.studio.browser.editor import SaveTargets, serve_editor
+from hoi_retarget.studio.editor.edit_session import EditSession, solved
+from hoi_retarget.studio.editor.editor import Editor, SaveTargets
 from hoi_retarget.studio.scene.scene import SceneItem
 from hoi_retarget.studio.share.clip_page import make_clip_page
 from hoi_retarget.studio.share.page_server import OnePageServer
@@ -47,28 +46,18 @@ def main() -> None:
         page.close()
         viewer.stop()
 
-        server = open_server("contacts of carry_box")
         places = SaveTargets(EditsFiles(Path(folder) / "carry_box.edits.toml"), lambda _: ())
-        serve_editor(server, clip, model, Config(), start, places)
-        page = _page(browser, address(server))
-        page.get_by_role("button", name="right hand").first.click()
-        page.get_by_role("button", name="right hand").first.wait_for()
+        editor = Editor(EditSession(clip, model, Config(), start), model, places)
+        server = OnePageServer(editor.page, editor.answer)
+        page = browser.new_page(viewport=WINDOW)
+        page.goto(server.address)
+        page.locator("#contacts button", has_text="right hand").click()
         _picture(page, "editor_before")
-        point = page.get_by_text("Point [m]", exact=True).locator("xpath=ancestor::div[.//input][1]//input")
-        point.nth(2).fill("0.12")
-        page.locator(".told", has_text="move, right_hand").wait_for(timeout=60_000)
+        page.get_by_label("Point z").fill("0.12")
+        page.locator("#told", has_text="move, right_hand").wait_for(timeout=60_000)
         _picture(page, "editor_after")
         page.close()
         server.stop()
-
-
-def _page(browser, address: str):
-    page = browser.new_page(viewport=WINDOW)
-    page.goto(address)
-    page.get_by_text("Playback", exact=True).wait_for()
-    # Of a browser without a graphics card Viser warns; a reader of the documentation need not know.
-    page.add_style_tag(content=".mantine-Notification-root { display: none; }")
-    return page
 
 
 def _picture(page, name: str) -> None:

@@ -1,6 +1,5 @@
 """Pages in headless Chromium, as a person would use them; tests that need it skip, saying so, where it is missing."""
 
-import io
 import os
 import shutil
 import time
@@ -12,11 +11,7 @@ import numpy as np
 import pytest
 
 PATIENCE_MS = 120_000  # Two browsers that draw without a graphics card can stall each other.
-WINDOW = {"width": 1100, "height": 700}
 Seen = TypeVar("Seen")
-DRAWN = (220, 140)
-"""Width and height of pictures of a scene as it was drawn."""
-CONTROLS_PX, CURVES_PX = 330, 320  # What panels cover of the window, at the right and at the bottom.
 
 
 def chromium_path() -> str:
@@ -53,65 +48,6 @@ def chromium() -> Iterator:
             browser.close()
 
 
-_KEEP_DRAWN = """
-window.drawn = [];
-const animate = window.requestAnimationFrame.bind(window);
-window.requestAnimationFrame = (callback) => animate((time) => {
-  callback(time);
-  if (!window.keepDrawn) return;
-  const [scene] = [...document.querySelectorAll("canvas")].sort((a, b) => b.width - a.width);
-  const copy = new OffscreenCanvas(WIDTH, HEIGHT).getContext("2d");
-  copy.drawImage(scene, 0, 0, WIDTH, HEIGHT);
-  const picture = Array.from(copy.getImageData(0, 0, WIDTH, HEIGHT).data.filter((_, index) => index % 4 < 3));
-  const text = JSON.stringify(picture);
-  if (text !== window.lastDrawn) window.drawn.push(picture);
-  window.lastDrawn = text;
-});
-""".replace("WIDTH", str(DRAWN[0])).replace("HEIGHT", str(DRAWN[1]))
-
-
-@contextmanager
-def every_drawing(page) -> Iterator[list[np.ndarray]]:
-    """Give all different pictures that the page's scene draws from now to the end of this block, in small.
-
-    The page is one that was opened here; the block ends once something else has been drawn.
-    """
-    pictures: list[np.ndarray] = []
-
-    def drawn() -> int:
-        return page.evaluate("window.drawn.length")
-
-    page.evaluate("window.drawn = []; window.lastDrawn = ''; window.keepDrawn = true")
-    wait_until(lambda: drawn() > 0, "the scene is drawn")
-    yield pictures
-    wait_until(lambda: drawn() > 1, "the scene is drawn anew")
-    still(drawn, seconds=3.0)
-    kept = page.evaluate("window.keepDrawn = false, window.drawn")
-    pictures.extend(np.array(picture).reshape(DRAWN[1], DRAWN[0], 3) for picture in kept)
-
-
-def open_page(browser, address: str, **more):
-    """Open a page of a Viser server in a tab of its own, and wait for its controls; `more` is of the tab."""
-    page = browser.new_page(**{"viewport": WINDOW, **more})
-    page.add_init_script(_KEEP_DRAWN)
-    page.set_default_timeout(PATIENCE_MS)
-    # Viser draws in fewer pixels where drawing is slow, and each pixel of the floor changes.
-    page.goto(f"{address}?fixedDpr=1")
-    page.get_by_text("Playback", exact=True).wait_for()
-    # A warning that there is no graphics card would lie over the scene.
-    page.add_style_tag(content=".mantine-Notification-root { display: none; }")
-    return page
-
-
-def scene_pixels(page) -> np.ndarray:
-    """Return what the page shows of the scene, without the panels."""
-    from PIL import Image
-
-    width, height = WINDOW["width"] - CONTROLS_PX, WINDOW["height"] - CURVES_PX
-    picture = page.screenshot(clip={"x": 0, "y": 0, "width": width, "height": height})
-    return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), dtype=int)
-
-
 def wait_until(holds: Callable[[], bool], what: str, seconds: float = PATIENCE_MS / 1000) -> None:
     """Wait for something to happen; fail, saying what, when it does not."""
     end = time.monotonic() + seconds
@@ -144,13 +80,3 @@ def box_of(locator) -> dict[str, float]:
 
     wait_until(lies, "the element is drawn")
     return boxes[0]
-
-
-def frame_box(page):
-    """Return the number beside the frame slider."""
-    return page.locator("input.mantine-NumberInput-input").first
-
-
-def shown_frame(page) -> int:
-    """Return the frame that the frame slider shows."""
-    return int(frame_box(page).input_value())

@@ -12,8 +12,6 @@ from damaged import KINDS, check, damaged, serving_nobody, sound, words_for, wri
 from hoi_retarget.motion.formats import WRITABLE
 from hoi_retarget.studio.report.rows import read_row
 
-pytest.importorskip("viser", reason="viser is not installed")
-
 MEMORY_MB = 500
 
 

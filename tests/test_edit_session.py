@@ -2,13 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from hoi_retarget.clip.edits import (
     ChooseHold,
     ContactEdits,
-    Delete,
     Fix,
     FixAll,
     Move,
@@ -23,8 +20,8 @@ from hoi_retarget.clip.edits import (
 from hoi_retarget.errors import ArgumentError, ClipError
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget
-from hoi_retarget.studio.browser.edit_session import EditSession, EditState, solved
-from hoi_retarget.studio.browser.strip import ROW_HEIGHT_PX, SurfaceGaps, dragged, strip_height_px, strip_html
+from hoi_retarget.studio.editor.edit_session import EditSession, EditState, solved
+from hoi_retarget.studio.editor.editor_state import SurfaceGaps
 from synthetic import make
 from trajectories import MODELS
 
@@ -153,29 +150,6 @@ def test_during_a_drag_hands_are_where_they_will_be_and_the_rest_of_the_clip_sta
     np.testing.assert_array_equal(quick.qpos[far], start.motions[0].qpos[far])
 
 
-BOUNDS = st.lists(st.integers(0, 60), min_size=2, max_size=8, unique=True).map(sorted)
-
-
-@given(BOUNDS, BOUNDS, st.integers(0, 7), st.integers(0, 1), st.integers(0, 59))
-def test_an_end_goes_where_it_is_dragged_but_never_into_another_contact_or_past_its_own_other_end(
-    left, right, number, end, frame
-):
-    segments = [
-        Segment(0, part, 0, start, stop, np.zeros((stop - start, 3)))
-        for part, bounds in (("left_hand", left), ("right_hand", right))
-        for start, stop in zip(bounds[::2], bounds[1::2], strict=False)
-    ]
-    number %= len(segments)
-    old, new = segments[number], dragged(segments, number, end, frame)
-    assert new[1 - end] == (old.stop, old.start)[end], "the other end stays"
-    assert 0 <= new[0] < new[1] <= 60
-    others = [item for item in segments if item.part == old.part and item is not old]
-    assert all(new[1] <= item.start or item.stop <= new[0] for item in others)
-    asked = (frame, old.stop) if end == 0 else (old.start, frame + 1)
-    if asked[0] < asked[1] and all(asked[1] <= item.start or item.stop <= asked[0] for item in others):
-        assert new == asked
-
-
 @pytest.mark.slow
 def test_each_persons_robot_follows_its_own_contacts():
     recorded = make("carry_table", fps=15.0)
@@ -208,15 +182,3 @@ def test_a_recording_whose_hands_lie_far_off_is_believed(recorded):
     gaps = SurfaceGaps(far)
     assert not any(gap.in_thin_air for gap in gaps.of(segments_of(far)))
     assert [gap.in_thin_air for gap in SurfaceGaps(recorded).of(segments_of(far))] == [True, False]
-
-
-def test_the_strip_has_a_row_for_each_part_and_a_bar_for_each_contact(editing):
-    segments = editing.now.segments
-    html = strip_html(segments, 120, 0)
-    assert html.count("<i") == len(segments)
-    assert html.count('class="chosen"') == 1
-    assert strip_height_px(segments) == 2 * ROW_HEIGHT_PX
-    editing.commit(editing.preview(Delete("left_hand", 60)))
-    editing.commit(editing.preview(Retime("right_hand", 60, 62, 63)))
-    assert strip_height_px(editing.now.segments) == ROW_HEIGHT_PX
-    assert 'class="chosen"' not in strip_html(editing.now.segments, 120, None)

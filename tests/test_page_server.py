@@ -56,6 +56,33 @@ def test_a_second_server_takes_another_port_and_a_taken_one_is_refused(server):
         OnePageServer(lambda: "", port=server.port)
 
 
+def posted(server: OnePageServer, path: str, content: str, **headers: str) -> tuple[int, str]:
+    with closing(http.client.HTTPConnection("localhost", server.port, timeout=10)) as asked:
+        asked.request("POST", path, content, headers)
+        got = asked.getresponse()
+        return got.status, got.read().decode()
+
+
+def test_requests_of_the_own_page_alone_are_answered():
+    server = OnePageServer(lambda: "", lambda request: {"got": request})
+    own, path = f"http://localhost:{server.port}", f"/{token_of(server)}/"
+    try:
+        assert posted(server, path, '{"a": 1}') == (200, '{"got": {"a": 1}}')
+        assert posted(server, path, '{"a": 1}', Origin=own)[0] == 200
+        for origin in ("http://evil.example", "null", f"{own}0", f"https://localhost:{server.port}"):
+            assert posted(server, path, '{"a": 1}', Origin=origin)[0] == 403
+        assert posted(server, "/", "{}")[0] == posted(server, path, "{}", Host="evil.example")[0] == 403
+        for broken in ("{", "\xff", "[" * 100_000):
+            assert posted(server, path, broken)[0] == 400
+        assert posted(server, path, " " * 1_000_001)[0] == 413
+    finally:
+        server.stop()
+
+
+def test_a_page_without_requests_answers_none(server):
+    assert posted(server, f"/{token_of(server)}/", "{}")[0] == 405
+
+
 @pytest.mark.slow
 def test_a_page_that_is_reloaded_shows_the_files_as_they_are_then(tmp_path, capsys):
     one, two = written(tmp_path, "one.npz"), tmp_path / "two.npz"

@@ -32,7 +32,7 @@ def after_installation(line: str) -> list[str]:
 
 def test_one_line_installs_and_demonstrates_and_one_tests():
     (demo,), (test,) = block("demo"), block("test")
-    install = 'python3.11 -m venv .venv && .venv/bin/pip install ".[view]"'
+    install = "python3.11 -m venv .venv && .venv/bin/pip install ."
     assert demo == f"{install} && .venv/bin/hoi-retarget demo --out out"
     assert test.split(" && ")[-1].startswith(".venv/bin/pytest")
 

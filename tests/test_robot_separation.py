@@ -12,7 +12,7 @@ from hoi_retarget.motion.motion_report import Event, Report
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget, retarget_people
 from hoi_retarget.robots.link_depths import robot_depths
-from hoi_retarget.studio.browser.edit_session import ContactEdits, solved
+from hoi_retarget.studio.editor.edit_session import ContactEdits, solved
 from posed_people import FRAMES, posed
 from trajectories import MODELS
 

@@ -9,10 +9,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import fields, replace
 from functools import partial
 from getpass import getuser
-from importlib.util import find_spec
 from pathlib import Path
 from threading import Event
-from typing import TYPE_CHECKING
 
 from hoi_retarget.cli.commands import Edit, RecordingOptions, Run, Share, SolveOptions, View
 from hoi_retarget.cli.open_results import clip_or_warning, gallery_entry_of, load_motion
@@ -28,6 +26,8 @@ from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers.open import clip_of, open_clip, result_stem
 from hoi_retarget.retargeting.retarget import result_paths, write
 from hoi_retarget.robots import load_robot
+from hoi_retarget.studio.editor.edit_session import EditSession, EditState, solved
+from hoi_retarget.studio.editor.editor import Editor, SaveTargets
 from hoi_retarget.studio.report.discover import files_of
 from hoi_retarget.studio.scene.scene import SceneItem, group_people, shared_objects
 from hoi_retarget.studio.scene.subplots import names_together, title_together, titles_of
@@ -36,9 +36,6 @@ from hoi_retarget.studio.share.gallery import GalleryEntry
 from hoi_retarget.studio.share.load_results import load_results
 from hoi_retarget.studio.share.page_server import OnePageServer
 from hoi_retarget.studio.share.share import check_replaceable, gallery_in
-
-if TYPE_CHECKING:
-    from hoi_retarget.studio.browser.edit_session import EditState
 
 _DETAIL = Detail(frames=20_000, points=3000)
 
@@ -121,15 +118,6 @@ class _ResultsPage:
 
 def execute_edit(command: Edit) -> int:
     """Serve the editor until Ctrl-C."""
-    if find_spec("viser") is None:
-        raise HoiRetargetError(
-            'Pages in a browser need Viser, which is not installed. In a clone: pip install ".[view]"; '
-            'else: pip install "hoi-retarget[view]".'
-        )
-    from hoi_retarget.studio.browser.browser_server import address, open_server  # noqa: PLC0415  # an extra
-    from hoi_retarget.studio.browser.edit_session import solved  # noqa: PLC0415  # as above
-    from hoi_retarget.studio.browser.editor import SaveTargets, serve_editor  # noqa: PLC0415  # as above
-
     config, model = replace(config_of(command), figures="all"), load_robot(command.robot)
     stem = result_stem(command.clip)
     path = command.edits or Path(f"{stem}.edits.toml")
@@ -143,7 +131,7 @@ def execute_edit(command: Edit) -> int:
 
     settings = arguments_of(_as_run(command, path))
 
-    def save_result(edited: "EditState") -> tuple[Path, ...]:
+    def save_result(edited: EditState) -> tuple[Path, ...]:
         paths = result_paths(clip, stem, command.out)
         write([motion.with_report(command=settings) for motion in edited.motions], paths)
         return paths
@@ -154,10 +142,10 @@ def execute_edit(command: Edit) -> int:
     files = EditsFiles(path)
     if os.path.lexists(files.unsaved):
         say(f"Edits that were not saved last time are in {files.unsaved}; the page offers them.")
-    server = open_server(f"contacts of {stem}", host=command.host, port=command.port)
+    editor = Editor(EditSession(clip, model, config, start), model, SaveTargets(files, save_result))
+    server = OnePageServer(editor.page, editor.answer, host=command.host, port=command.port)
     try:
-        serve_editor(server, clip, model, config, start, SaveTargets(files, save_result))
-        _wait_for_interrupt(address(server), server.get_port())
+        _wait_for_interrupt(server.address, server.port)
     finally:
         server.stop()
     return 0

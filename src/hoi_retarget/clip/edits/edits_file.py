@@ -93,20 +93,25 @@ def _edits(owner: str, entries: list[Any]) -> Iterator[Edit]:
         here = f"{owner}: edit {number}"
         if not isinstance(entry, dict):
             raise ReadError(f"{here} is no table. Write [[edit]] above each edit.")
-        name = entry.get("operation")
-        kind = OPERATIONS.get(name) if isinstance(name, str) else None
-        if kind is None:
-            problem = "says no operation" if "operation" not in entry else f"there is no operation {name!r}"
-            raise ReadError(f"{here}: {problem}. Operations: {', '.join(OPERATIONS)}.")
-        values = {key: value for key, value in entry.items() if key != "operation"}
-        known = fields_of(kind)
-        required = [item.name for item in known if item.default is MISSING]
-        _check_keys(f"{here} ({name})", values, [item.name for item in known], required)
-        try:
-            plain: dict[str, Any] = {key: kind.plain(key, value) for key, value in values.items()}
-            yield kind(**plain)
-        except ArgumentError as error:
-            raise ReadError(f"{here} ({name}): {error}") from error
+        yield edit_of(entry, here)
+
+
+def edit_of(entry: Mapping[str, Any], owner: str) -> Edit:
+    """Return the edit of a table as files have it; raises `ReadError`, begun by `owner`, as `from_text`."""
+    name = entry.get("operation")
+    kind = OPERATIONS.get(name) if isinstance(name, str) else None
+    if kind is None:
+        problem = "says no operation" if "operation" not in entry else f"there is no operation {name!r}"
+        raise ReadError(f"{owner}: {problem}. Operations: {', '.join(OPERATIONS)}.")
+    values = {key: value for key, value in entry.items() if key != "operation"}
+    known = fields_of(kind)
+    required = [item.name for item in known if item.default is MISSING]
+    _check_keys(f"{owner} ({name})", values, [item.name for item in known], required)
+    try:
+        plain: dict[str, Any] = {key: kind.plain(key, value) for key, value in values.items()}
+        return kind(**plain)
+    except ArgumentError as error:
+        raise ReadError(f"{owner} ({name}): {error}") from error
 
 
 def _check_keys(owner: str, table: Mapping[str, Any], known: Sequence[str], required: Sequence[str]) -> None:

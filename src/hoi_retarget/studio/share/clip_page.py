@@ -21,7 +21,8 @@ PLAYER = tuple(
     for name in ("numbers", "meshes", "shaders", "shapes", "picture", "camera", "timeline", "player")
 )
 """The parts of the page's script, in their order."""
-_CHART_HEIGHT_PX = 32
+CHART_HEIGHT_PX = 32
+"""Of one chart on a page that plays."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ def make_clip_page(
         [(item.title, all_curves(motion, model, item.clip)) for item, motion, model in with_motion],
         subplots.fps,
         rows=bar_rows([(item.title, motion) for item, motion, _ in with_motion]),
-        chart_height_px=_CHART_HEIGHT_PX,
+        chart_height_px=CHART_HEIGHT_PX,
         max_points=detail.points,
         operable=True,
     )

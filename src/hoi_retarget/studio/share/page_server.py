@@ -1,17 +1,20 @@
-"""A server of one page, and the addresses of pages' servers.
+"""A server of one page and of its requests.
 
 The address holds a secret token: neither another site in the same browser nor another program on this machine can read
-the page. The page loads nothing else, and the server answers requests for it alone.
+the page. The page loads nothing else; the server answers requests for it, and of it where it has any, alone.
 """
 
 import hmac
+import json
 import secrets
 import socket
 from collections.abc import Callable
 from contextlib import suppress
+from email.message import Message
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Lock, Thread
+from typing import Any
 
 from hoi_retarget.errors import ArgumentError
 
@@ -49,20 +52,29 @@ def check_address(host: str, port: int | None) -> None:
         raise ArgumentError(f"{options}: cannot listen there ({error.strerror or error}). Leave {advice}.") from error
 
 
-_REFUSED = b"Open the whole address that was printed, with its token.\n"
+_REFUSED = "Open the whole address that was printed, with its token.\n"
+_LARGEST_REQUEST = 1_000_000  # [bytes]
 
 
 class OnePageServer:
     """A server of one page, made anew for every visit where `page` does so."""
 
-    def __init__(self, page: Callable[[], str], *, host: str = "127.0.0.1", port: int | None = None) -> None:
+    def __init__(
+        self,
+        page: Callable[[], str],
+        answer: Callable[[Any], dict[str, Any]] | None = None,
+        *,
+        host: str = "127.0.0.1",
+        port: int | None = None,
+    ) -> None:
         """Start to listen, in threads of its own, at exactly this port or at the first free one from 8080 on.
 
-        Raises `ArgumentError` when the port is taken, or the machine does not have this address.
+        `answer` answers requests of the page, which are JSON as their answers are, one after the other. Raises
+        `ArgumentError` when the port is taken, or the machine does not have this address.
         """
         check_address(host, port)
         self._token = secrets.token_urlsafe(16)
-        self._page, self._host, self._lock = page, host, Lock()
+        self._page, self._answer, self._host, self._lock = page, answer, host, Lock()
         self._server = self._listen(host, port)
         Thread(target=self._server.serve_forever, name="page server", daemon=True).start()
 
@@ -89,23 +101,51 @@ class OnePageServer:
                 break
         raise ArgumentError(f"--host {host}: no port is free. Name one with --port.")
 
-    def _answer(self, path: str, hosts: list[str]) -> tuple[HTTPStatus, bytes]:
+    def _is_allowed(self, path: str, headers: Message) -> bool:
+        """Return whether a request has the token, and is the page's own."""
         given = path.removeprefix("/").partition("?")[0].rstrip("/")
-        if not hmac.compare_digest(given.encode(errors="replace"), self._token.encode()):
-            return HTTPStatus.FORBIDDEN, _REFUSED
-        # A page that leads a name of its own here would send that name.
-        if len(hosts) != 1 or not is_own_host(self._host, hosts[0]):
-            return HTTPStatus.FORBIDDEN, _REFUSED
+        hosts, origins = headers.get_all("Host", []), headers.get_all("Origin", [])
+        return (
+            hmac.compare_digest(given.encode(errors="replace"), self._token.encode())
+            # A page that leads a name of its own here would send that name.
+            and len(hosts) == 1
+            and is_own_host(self._host, hosts[0])
+            # Only browsers tell an origin. The port may differ from the server's, where it is forwarded.
+            and all(origin == f"http://{hosts[0]}" for origin in origins)
+        )
+
+    def _got(self) -> tuple[HTTPStatus, str, str]:
         with self._lock:
-            return HTTPStatus.OK, self._page().encode(errors="backslashreplace")
+            return HTTPStatus.OK, "text/html", self._page()
+
+    def _posted(self, content: bytes) -> tuple[HTTPStatus, str, str]:
+        if self._answer is None:
+            return HTTPStatus.METHOD_NOT_ALLOWED, "text/plain", "This page asks nothing."
+        try:
+            request = json.loads(content)
+        except (ValueError, RecursionError):
+            return HTTPStatus.BAD_REQUEST, "text/plain", "Not a request in JSON."
+        with self._lock:
+            return HTTPStatus.OK, "application/json", json.dumps(self._answer(request), allow_nan=False)
 
     def _handler(self) -> type[BaseHTTPRequestHandler]:
-        answer = self._answer
+        server = self
 
         class Handler(BaseHTTPRequestHandler):
             def do_GET(self) -> None:
-                status, content = answer(self.path, self.headers.get_all("Host", []))
-                kind = "text/html" if status is HTTPStatus.OK else "text/plain"
+                self.send(server._got)
+
+            def do_POST(self) -> None:
+                length = self.headers.get("Content-Length", "")
+                if not (length.isdecimal() and int(length) <= _LARGEST_REQUEST):
+                    return self.send(lambda: (HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "text/plain", "Too long a request."))
+                content = self.rfile.read(int(length))
+                return self.send(lambda: server._posted(content))
+
+            def send(self, answer: Callable[[], tuple[HTTPStatus, str, str]]) -> None:
+                allowed = server._is_allowed(self.path, self.headers)
+                status, kind, text = answer() if allowed else (HTTPStatus.FORBIDDEN, "text/plain", _REFUSED)
+                content = text.encode(errors="backslashreplace")
                 with suppress(ConnectionError):  # A browser that goes meanwhile is no mistake.
                     self.send_response(status)
                     self.send_header("Content-Type", f"{kind}; charset=utf-8")

@@ -9,6 +9,7 @@ class Camera {
     this.pointers = new Map();
     this.reset();
     canvas.addEventListener("pointerdown", (event) => {
+      this.turned = true;
       canvas.setPointerCapture(event.pointerId);
       this.pointers.set(event.pointerId, event);
     });
@@ -20,26 +21,29 @@ class Camera {
       "wheel",
       (event) => {
         event.preventDefault();
+        this.turned = true;
         this.zoom(Math.exp(0.0012 * event.deltaY * (event.deltaMode ? 30 : 1)));
       },
       { passive: false },
     );
   }
 
-  // See everything in the views of an arrangement, from the home direction or the one there is.
-  reset({ turned = false } = {}) {
-    const { azimuth, elevation } = turned ? this : this.home;
+  // See everything in the views of an arrangement, from the home direction.
+  reset() {
+    const { azimuth, elevation } = this.home;
     const { shift, reaches } = this.home[this.view.name === "floor" ? "floor" : "each"];
     const aspect = this.view.width / this.view.height;
     const distances = reaches.map(
       ([sideways, upright, near]) => Math.max(upright, sideways / aspect) / Math.tan(FIELD_OF_VIEW / 2) + near,
     );
     Object.assign(this, { azimuth, elevation, shift: [...shift], distance: 1.03 * Math.max(...distances) });
+    this.turned = false; // Until the user moves it.
     this.changed();
   }
 
   // Stand at an angle from the robots' front, and as high [rad].
   stand(from_front, elevation) {
+    this.turned = true;
     Object.assign(this, { azimuth: this.home.front + from_front, elevation, shift: [0, 0, this.shift[2]] });
     this.changed();
   }

@@ -10,21 +10,48 @@ class Picture {
     this.depth = compiled(gl, DEPTH_VERTEX, DEPTH_FRAGMENT);
     this.floor = compiled(gl, FLOOR_VERTEX, FLOOR_FRAGMENT);
     this.nothing = gl.createVertexArray();
-    this.subjects = description.subjects.map((subject) => ({
-      ...subject,
-      shown: true,
-      human: subject.layers.some((layer) => layer.name === "human"),
-      centre: new Track(bytes, subject.centre),
-      looks: new Map(Object.entries(subject.looks).map(([name, path]) => [name, new Track(bytes, path)])),
-      layers: subject.layers.map((layer) => ({ ...layer, solid: layer.opacity, parts: layer.parts.map((part) => new Part(gl, bytes, part)) })),
-    }));
-    this.reaches = Object.fromEntries(
-      ["floor", "each"].map((name) => [name, Math.max(...description.camera[name].reaches.flat())]),
-    );
+    this.through = false;
+    this.adopt(description, bytes);
     this.makeShadows();
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.LEQUAL);
     gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE);
+  }
+
+  // Show a scene; what was hidden stays so.
+  adopt(description, bytes) {
+    const gl = this.gl, before = this.subjects || [];
+    const shownBefore = new Map(before.flatMap(({ layers }) => layers.map((layer) => [layer.name, layer.shown])));
+    for (const part of before.flatMap(({ layers }) => layers.flatMap((layer) => layer.parts))) part.instances.free();
+    this.subjects = description.subjects.map((subject, index) => ({
+      ...subject,
+      shown: before[index] ? before[index].shown : true,
+      human: subject.layers.some((layer) => layer.name === "human"),
+      centre: new Track(bytes, subject.centre),
+      looks: new Map(Object.entries(subject.looks).map(([name, path]) => [name, new Track(bytes, path)])),
+      layers: subject.layers.map((layer) => ({
+        ...layer,
+        shown: shownBefore.has(layer.name) ? shownBefore.get(layer.name) : layer.shown,
+        solid: layer.opacity,
+        parts: layer.parts.map((part) => new Part(gl, bytes, part)),
+      })),
+    }));
+    this.reaches = Object.fromEntries(
+      ["floor", "each"].map((name) => [name, Math.max(...description.camera[name].reaches.flat())]),
+    );
+    this.seeThrough(this.through);
+  }
+
+  // Return the layers that draw something, by their names.
+  layers() {
+    const named = new Map();
+    for (const layer of this.subjects.flatMap((subject) => subject.layers))
+      if (layer.parts.length) named.set(layer.name, [...(named.get(layer.name) || []), layer]);
+    return named;
+  }
+
+  showLayer(name, on) {
+    for (const layer of this.subjects.flatMap((subject) => subject.layers)) if (layer.name === name) layer.shown = on;
   }
 
   makeShadows() {
@@ -92,6 +119,7 @@ class Picture {
   }
 
   seeThrough(on) {
+    this.through = on;
     for (const subject of this.subjects)
       for (const layer of subject.layers) layer.opacity = on && layer.through ? layer.through : layer.solid;
   }

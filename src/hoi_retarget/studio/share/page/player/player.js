@@ -10,7 +10,8 @@ async function start(description) {
   const arrange = element("arrange"), labels = element("labels");
   const { fps, seconds } = description;
   const picture = new Picture(canvas, description, await unpacked(description.numbers));
-  let second = 0, playing = true, before = null, stale = true, views = [], loop = null, shoot = null;
+  let second = 0, playing = true, before = null, stale = true, views = [], loop = null, shoot = null, held = false;
+  const onDraw = []; // Receive each view that was drawn, its matrix, and its figures.
   const camera = new Camera(canvas, description.camera, () => (stale = true));
 
   const seek = (value) => {
@@ -40,7 +41,8 @@ async function start(description) {
 
   // Lay out who is drawn where; the camera fits to the first view.
   const lay = () => {
-    views = picture.views(arrange.value);
+    const places = views.map(({ place }) => place);
+    views = picture.views(arrange.value).map((view, index) => ({ ...view, place: places[index] }));
     const ratio = canvas.width / canvas.clientWidth;
     if (views.length) camera.view = { name: arrange.value, width: views[0].width / ratio, height: views[0].height / ratio };
     const named = arrange.value === "beside" || (arrange.value === "floor" && picture.subjects.length > 2);
@@ -65,8 +67,9 @@ async function start(description) {
     picture.show(second);
     for (const view of views) {
       const middle = picture.centre(view, second), still = picture.centre(view, 0);
-      const place = (look.value && picture.look(view, look.value, second)) || (follow.checked ? middle : still);
-      const seen = picture.draw(view, camera.around(place), middle, picture.reaches[arrange.value === "floor" ? "floor" : "each"]);
+      if (!held || !view.place) view.place = (look.value && picture.look(view, look.value, second)) || (follow.checked ? middle : still);
+      const seen = picture.draw(view, camera.around(view.place), middle, picture.reaches[arrange.value === "floor" ? "floor" : "each"]);
+      for (const act of onDraw) act(view, seen);
       for (const { subject, shift, label } of view.figures)
         if (label && label.className) {
           const at = subject.centre.at(second * subject.fps).map((x, i) => (i < 2 ? x + shift[i] : 0));
@@ -86,10 +89,9 @@ async function start(description) {
     const ratio = Math.min(window.devicePixelRatio || 1, 2);
     const width = Math.round(canvas.clientWidth * ratio), height = Math.round(canvas.clientHeight * ratio);
     if ((canvas.width !== width || canvas.height !== height) && width && height) {
-      const first = !views.length;
       [canvas.width, canvas.height] = [width, height];
       lay();
-      if (first) camera.reset();
+      if (!camera.turned && !look.value) camera.reset();
       timeline.show(timeline.from, timeline.span);
     }
     if (stale && width && height) {
@@ -159,9 +161,11 @@ async function start(description) {
     },
   };
   for (const [name, act] of Object.entries(actions)) element(name).addEventListener("click", act);
-  for (const [name, kinds] of [["contact", ["contact"]], ["warning", ["warning", "error"]]])
-    if (!timeline.bars.some(({ kind }) => kinds.includes(kind)))
-      for (const way of ["before", "next"]) element(`${name}-${way}`).disabled = true;
+  const findJumps = () => {
+    for (const [name, kinds] of [["contact", ["contact"]], ["warning", ["warning", "error"]]])
+      for (const way of ["before", "next"]) element(`${name}-${way}`).disabled = !timeline.has(kinds);
+  };
+  findJumps();
 
   const keys = { c: "contact-next", C: "contact-before", w: "warning-next", W: "warning-before", "+": "closer", "-": "wider", 0: "whole", l: "loop" };
   document.addEventListener("keydown", (event) => {
@@ -190,23 +194,21 @@ async function start(description) {
     label.append(input, name);
     return label;
   };
-  if (picture.subjects.length > 1)
-    for (const subject of picture.subjects) {
-      const change = (on) => {
-        subject.shown = on;
-        lay();
-      };
-      element("figures").append(box(subject.title, `All that belongs to ${subject.title}`, true, change));
-    }
-  const layers = new Map();
-  for (const layer of picture.subjects.flatMap((subject) => subject.layers))
-    if (layer.parts.length) layers.set(layer.name, [...(layers.get(layer.name) || []), layer]);
-  for (const [name, own] of layers) {
-    const change = (on) => {
-      for (const layer of own) layer.shown = on;
-    };
-    element("layers").append(box(name, own[0].meaning, own[0].shown, change));
-  }
+  const listLayers = () => {
+    element("figures").replaceChildren();
+    element("layers").replaceChildren();
+    if (picture.subjects.length > 1)
+      picture.subjects.forEach((subject, index) => {
+        const change = (on) => {
+          picture.subjects[index].shown = on;
+          lay();
+        };
+        element("figures").append(box(subject.title, `All that belongs to ${subject.title}`, subject.shown, change));
+      });
+    for (const [name, [first]] of picture.layers())
+      element("layers").append(box(name, first.meaning, first.shown, (on) => picture.showLayer(name, on)));
+  };
+  listLayers();
   if (window.innerWidth < 700 || window.innerHeight < 800) element("show").open = false;
 
   // A link can carry a moment, or a range to play over and over.
@@ -221,6 +223,35 @@ async function start(description) {
   window.addEventListener("hashchange", carried);
   if (!carried()) play(true);
   requestAnimationFrame(draw);
+
+  return {
+    picture, timeline, camera, onDraw, play, goTo, lookAt, fps,
+    at: () => second,
+    looks: () => [...look.options].map((option) => option.value),
+    // The camera stays where it is, whatever it follows.
+    hold: (on) => (held = on),
+    draw: () => (stale = true),
+    showLayer: (name, on) => {
+      picture.showLayer(name, on);
+      listLayers();
+      stale = true;
+    },
+    // Show another scene of the same subjects.
+    redraw: async (other) => {
+      picture.adopt(other, await unpacked(other.numbers));
+      lay();
+    },
+    // Show other curves; `complete` adds bars to them.
+    chart: (html, complete) => {
+      element("charts").innerHTML = html;
+      complete();
+      timeline.adopt();
+      timeline.show(timeline.from, timeline.span);
+      timeline.at(second, false);
+      findJumps();
+      listLayers();
+    },
+  };
 }
 
 function keep(blob, name) {
@@ -251,7 +282,8 @@ function recorder(canvas, button, done) {
   };
 }
 
-start(JSON.parse(document.getElementById("scene").textContent)).catch((error) => {
+// Other scripts of a page go on from it.
+const started = start(JSON.parse(document.getElementById("scene").textContent)).catch((error) => {
   const note = document.getElementById("trouble");
   note.textContent = `The scene cannot be shown here. ${error.message || error} A current browser is needed.`;
   note.hidden = false;

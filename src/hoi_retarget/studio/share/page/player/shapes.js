@@ -12,7 +12,8 @@ class Instances {
     this.colours = new Float32Array(3 * count);
     this.array = gl.createVertexArray();
     gl.bindVertexArray(this.array);
-    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+    this.cornerBuffer = gl.createBuffer();
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.cornerBuffer);
     gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(corners), gl.STATIC_DRAW);
     this.attribute(0, 24, 0);
     this.attribute(1, 24, 12);
@@ -39,6 +40,11 @@ class Instances {
     gl.bufferData(gl.ARRAY_BUFFER, this.places, gl.DYNAMIC_DRAW);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.colourBuffer);
     gl.bufferData(gl.ARRAY_BUFFER, this.colours, gl.DYNAMIC_DRAW);
+  }
+
+  free() {
+    for (const buffer of [this.cornerBuffer, this.placeBuffer, this.colourBuffer]) this.gl.deleteBuffer(buffer);
+    this.gl.deleteVertexArray(this.array);
   }
 
   draw() {

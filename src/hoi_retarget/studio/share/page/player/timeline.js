@@ -35,12 +35,19 @@ class CurveValues {
 class Timeline {
   constructor(box, { seconds, fps, seek, loop }) {
     Object.assign(this, { box, seconds, fps, seek, from: 0, span: 1, second: 0, range: null });
-    this.root = box.querySelector(".curves");
-    this.axis = box.querySelector(".time");
     this.cursor = box.querySelector("#cursor");
     this.note = document.getElementById("note");
     this.rangeMark = box.querySelector("#range");
     this.setLoop = loop;
+    this.adopt();
+    this.listen();
+  }
+
+  // Read the curves and bars that the page holds.
+  adopt() {
+    const box = this.box;
+    this.root = box.querySelector(".curves");
+    this.axis = box.querySelector(".time");
     this.values = [];
     for (const chart of box.querySelectorAll(".chart"))
       for (const path of chart.querySelectorAll("path[data-name]")) {
@@ -48,12 +55,15 @@ class Timeline {
         if (output) this.values.push(new CurveValues(path, output, chart, this.root));
       }
     this.bars = [...box.querySelectorAll(".bars i")].map((bar) => ({
-      kind: bar.className,
+      kind: bar.classList[0],
       start: this.seconds * Number(bar.style.getPropertyValue("--at")),
     }));
     for (const button of box.querySelectorAll(".worst"))
-      button.addEventListener("click", () => seek(Number(button.dataset.second)));
-    this.listen();
+      button.addEventListener("click", () => this.seek(Number(button.dataset.second)));
+  }
+
+  has(kinds) {
+    return this.bars.some(({ kind }) => kinds.includes(kind));
   }
 
   // The shares of the axis' width that a moment has.

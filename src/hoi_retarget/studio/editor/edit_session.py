@@ -140,7 +140,7 @@ def solved(recorded: Clip, model: RobotModel, config: Config, edits: ContactEdit
 
 
 def _judged(solutions: Sequence[Solution]) -> tuple[Solution, ...]:
-    """Return solutions whose motions have their figures."""
+    """Return solutions with the figures of their motions."""
     return tuple(
         replace(solution, motion=motion) for solution, motion in zip(solutions, judge_team(solutions), strict=True)
     )

@@ -1,1 +1,0 @@
-"""The viewer and the contact editor in a browser."""

@@ -1,0 +1,1 @@
+"""The contact editor: a page that plays and changes, and the work behind it."""
