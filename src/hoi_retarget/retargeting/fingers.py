@@ -4,9 +4,11 @@ The person's hand is scaled to the robot's by the mean reach of the fingers besi
 frames at once, within the joints' ranges; paths are smoothed. Touch is left to the trajectory.
 """
 
+from collections.abc import Iterable
+
 import numpy as np
 import scipy  # its modules are loaded where they are first used
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.human.person import Person
 from hoi_retarget.numerics import se3
@@ -68,14 +70,18 @@ def _fingertip(person: Person, part: str) -> Float[np.ndarray, "T 3"]:
     return last + TIP * se3.rotate(person.quat(f"{part}3"), bone)
 
 
+def finger_joints(model: RobotModel, palm: str, pads: Iterable[str]) -> Bool[np.ndarray, "n"]:
+    """Return which joints are between a palm and pads."""
+    nodes = [model.sites.frames[site].node for site in pads]
+    return model.supports[1:, nodes].any(axis=1) & (model.supports[1:, model.sites.frames[palm].node] == 0)
+
+
 def _bent(
     model: RobotModel, palm: str, goals: dict[str, Float[np.ndarray, "T 3"]], qpos: np.ndarray, fps: float
 ) -> Float[np.ndarray, "T nq"]:
     """Return a trajectory with the joints between a palm and pads bent such that pads are at their goals."""
-    nodes = [model.sites.frames[site].node for site in goals]
-    moves = model.supports[1:, nodes].any(axis=1) & (model.supports[1:, model.sites.frames[palm].node] == 0)
-    columns, qpos = np.flatnonzero(moves), qpos.copy()
-    along, offset = _driven(model, columns)
+    columns, qpos = np.flatnonzero(finger_joints(model, palm, goals)), qpos.copy()
+    along, offset = driven_joints(model, columns)
     leads = along.any(axis=0)
     along, driven = along[:, leads], columns[leads]
     home, lower, upper = (ends[driven] for ends in (model.home_qpos[7:], model.lower, model.upper))
@@ -97,7 +103,7 @@ def _bent(
     return qpos
 
 
-def _driven(
+def driven_joints(
     model: RobotModel, columns: Int[np.ndarray, "n"]
 ) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, "n"]]:
     """Return a matrix and an offset [rad] that give followers' angles too, from the angles of the other joints."""

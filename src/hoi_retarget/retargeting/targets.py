@@ -504,6 +504,11 @@ def _contact_fields(
     }
 
 
+def has_finger_contacts(targets: Targets, palm: str) -> bool:
+    """Return whether fingers of a palm's hand have contacts."""
+    return any(link in FINGER_SITES and link.startswith(palm.removesuffix("palm")) for link in targets.contact_links)
+
+
 def finger_touch(targets: Targets, column: int) -> Bool[np.ndarray, "T"]:
     """Return the runs of a palm's contact in which fingers of its hand touch."""
     side = targets.contact_links[column].removesuffix("palm")

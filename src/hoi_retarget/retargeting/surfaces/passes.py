@@ -17,7 +17,14 @@ from hoi_retarget.retargeting.orientation_flips import orientation_flips, rotati
 from hoi_retarget.retargeting.surfaces.contact_targets import RESTING_SITES, contact_sides, touching_targets
 from hoi_retarget.retargeting.surfaces.depenetration import EscapePath, escape_paths, paths_within
 from hoi_retarget.retargeting.surfaces.skin_points import moving_objects
-from hoi_retarget.retargeting.surfaces.surface_terms import Clearance, Surfaces, clearances, free_depth, surface_terms
+from hoi_retarget.retargeting.surfaces.surface_terms import (
+    Clearance,
+    Surfaces,
+    clearances,
+    free_depth,
+    surface_terms,
+    touching_skins,
+)
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import Problem
 from hoi_retarget.retargeting.trajopt.solvers.solver import Effort
@@ -25,7 +32,7 @@ from hoi_retarget.retargeting.trajopt.terms.self_clearance import self_depth
 from hoi_retarget.retargeting.trajopt.trajectory_terms import trajectory_terms
 from hoi_retarget.retargeting.trajopt.windows import FrameRange, ProblemOf
 from hoi_retarget.robots.model import Kinematics, RobotModel
-from hoi_retarget.robots.skin import contact_skins, skin_of
+from hoi_retarget.robots.skin import skin_of
 
 NEAR = 3e-3
 """Share of joints' ranges: each pass starts near its solution, and a wrist moved off its stop would lose its hold."""
@@ -137,7 +144,7 @@ class SurfaceProblems:
         of, targets, touching = self.surfaces, self.targets, {}
         for column, site in enumerate(targets.contact_links):
             if site not in RESTING_SITES:
-                for skin in contact_skins(self.model, site):
+                for skin in touching_skins(targets, self.model, site):
                     touching[skin.link] = targets.contact_weights[:, column] > 0
         weight, start = self.config.weights.clearance, self.model.forward(qpos)
         return escape_paths(of.objects, targets.limbs, of.skin, touching, start, earlier, weight, targets.fps)

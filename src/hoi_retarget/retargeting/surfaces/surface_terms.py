@@ -18,12 +18,12 @@ from hoi_retarget.retargeting.surfaces.skin_terms import (
     object_outside_link,
     skin_contact,
 )
-from hoi_retarget.retargeting.targets import Targets, finger_touch
+from hoi_retarget.retargeting.targets import Targets, finger_touch, has_finger_contacts
 from hoi_retarget.retargeting.trajopt.problem import Term
 from hoi_retarget.retargeting.trajopt.terms.object_contact import ObjectContact
 from hoi_retarget.retargeting.trajopt.terms.self_clearance import self_clearance_terms
 from hoi_retarget.retargeting.trajopt.trajectory_terms import trajectory_terms
-from hoi_retarget.robots.model import Kinematics
+from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.skin import LinkSkin, Skin, contact_skins, skins_from
 from hoi_retarget.robots.spec import PALMS
 
@@ -141,7 +141,7 @@ def _clearances(weights: Weights, targets: Targets, start: Kinematics, surfaces:
     links = {
         skin.link: (column, skins)
         for column, site in enumerate(targets.contact_links)
-        for skins in (contact_skins(start.model, site),)
+        for skins in (touching_skins(targets, start.model, site),)
         for skin in skins
     }
     hands = {skin.link for palm in PALMS if start.model.spec.fingers for skin in skins_from(start.model, palm)}
@@ -159,6 +159,12 @@ def _clearances(weights: Weights, targets: Targets, start: Kinematics, surfaces:
                 object_outside_link(f"{name}_inside", link, near, weights.clearance, SAMPLES, apart),
             )
             yield from (term for term in terms if term is not None)
+
+
+def touching_skins(targets: Targets, model: RobotModel, site: str) -> tuple[LinkSkin, ...]:
+    """Return the skins that a contact brings to an object: of a hand's all links where fingers have no contacts."""
+    whole = site in PALMS and model.spec.fingers and not has_finger_contacts(targets, site)
+    return skins_from(model, site) if whole else contact_skins(model, site)
 
 
 def _nearest_of(
