@@ -144,7 +144,7 @@ def options_of(command: str) -> frozenset[str]:
 def help_of(*words: str) -> str:
     output = io.StringIO()
     with redirect_stdout(output), redirect_stderr(output), pytest.raises(SystemExit):
-        run([*words, "--help"])
+        run([*words, "--help-all" if words and words[0] in COMMANDS and "robots" not in words else "--help"])
     return output.getvalue()
 
 

@@ -507,6 +507,14 @@ class Refine(PhysicsOptions):
     """How much is tried."""
 
 
+@dataclass(frozen=True)
+class Settings:
+    """Show the settings of `run` by group: weights, solvers, physics."""
+
+    group: Annotated[Positional[str | None], arg(metavar="GROUP")] = None
+    """A group; by default the groups that there are."""
+
+
 COMMANDS: Mapping[str, type] = {
     "demo": Demo,
     "run": Run,
@@ -527,6 +535,7 @@ COMMANDS: Mapping[str, type] = {
     "share": Share,
     "contacts": Contacts,
     "report": WriteReport,
+    "settings": Settings,
 }
 """First word of the command line -> its options."""
 AnyCommand = Union[tuple(Annotated[kind, subcommand(name)] for name, kind in COMMANDS.items())]  # noqa: UP007  # of a table

@@ -21,8 +21,9 @@ if _PLAIN and not _DECIDED:
     del os.environ[_TYRO_COLOURS]
 
 from hoi_retarget import __version__  # noqa: E402  # as above
-from hoi_retarget.cli.commands import COMMANDS, DESCRIPTION, ROBOT_ACTIONS, AnyCommand, SolveOptions  # noqa: E402  # as above
+from hoi_retarget.cli.commands import COMMANDS, DESCRIPTION, ROBOT_ACTIONS, AnyCommand, Settings, SolveOptions  # noqa: E402  # as above
 from hoi_retarget.cli.run_options import fields_in  # noqa: E402  # as above
+from hoi_retarget.cli.short_help import EXAMPLES, commands_text, settings_text, short_help, whole_help  # noqa: E402  # as above
 from hoi_retarget.cli.terminal import STDOUT, fail, say, stdout_for_json  # noqa: E402  # as above
 from hoi_retarget.errors import ArgumentError, HoiRetargetError, did_you_mean  # noqa: E402  # as above
 
@@ -32,6 +33,7 @@ _MODULES = {
     "contacts": "edit_contacts",
     **dict.fromkeys(("edit", "share", "view"), "pages"),
     "evaluate": "report",
+    "settings": "program",
     **dict.fromkeys(("feasible", "refine", "scene"), "physics"),
 }
 """Module of each command that has none of its own name."""
@@ -69,8 +71,11 @@ def run(arguments: Sequence[str]) -> int:
 
 def _parsed(words: Sequence[str]) -> Any:
     """Return the command of the words, as a value of its class in `COMMANDS`; raises as `run` does."""
+    if words in (["-h"], ["--help"]):
+        say(commands_text(DESCRIPTION, {name: kind.__doc__ or "" for name, kind in COMMANDS.items()}))
+        raise SystemExit(0)
     if not words or words[0].startswith("-"):
-        return _parse(AnyCommand, "hoi-retarget", words, description=DESCRIPTION)
+        return parse(AnyCommand, "hoi-retarget", words, description=DESCRIPTION)
     if words[0] not in COMMANDS:
         near = did_you_mean(words[0], COMMANDS)
         raise ArgumentError(f"hoi-retarget has no command {words[0]!r}.{near} Each command: {', '.join(COMMANDS)}.")
@@ -81,15 +86,33 @@ def _parsed(words: Sequence[str]) -> Any:
             f"hoi-retarget robots has no action {action!r}.{near} Each action: {', '.join(ROBOT_ACTIONS)}."
         )
     kind, prog = COMMANDS[words[0]], f"hoi-retarget {words[0]}"
-    command = _parse(kind, prog, words[1:])
+    if "--help-all" in words:
+        return parse(kind, prog, ["--help"])
+    if words[0] in EXAMPLES and {"-h", "--help"} & set(words):
+        say(short_help(whole_help(lambda: parse(kind, prog, ["--help"])), words[0]))
+        raise SystemExit(0)
+    command = parse(kind, prog, words[1:])
     if (file := getattr(command, "config", None)) is None or not issubclass(kind, SolveOptions):
         return command
     # Again, with the file's settings as defaults: options win.
-    return _parse(kind, prog, words[1:], default=replace(command, **fields_in(file)))
+    return parse(kind, prog, words[1:], default=replace(command, **fields_in(file)))
 
 
-def _parse(kind: Any, prog: str, words: Sequence[str], **options: Any) -> Any:
+def parse(kind: Any, prog: str, words: Sequence[str], **options: Any) -> Any:
+    """Return the words as a value of a class; raises `SystemExit` for help and for words that do not parse."""
     return tyro.cli(kind, prog=prog, args=words, config=(tyro.conf.OmitSubcommandPrefixes,), **options)
+
+
+def execute_settings(command: Settings) -> int:
+    """Show the settings of `run`, which `edit` has, too, and `batch` takes from a file."""
+    text = whole_help(lambda: parse(COMMANDS["run"], "hoi-retarget run", ["--help"]))
+    try:
+        say(settings_text(text, command.group))
+    except KeyError as error:
+        raise ArgumentError(
+            f"there is no group {command.group!r}. hoi-retarget settings shows those there are."
+        ) from error
+    return 0
 
 
 def json_of(command: Any) -> Path | None:
