@@ -539,7 +539,7 @@ def results(tmp_path_factory):
 
 
 def test_demo_says_where_the_result_is_and_what_to_do_next(tmp_path, capsys):
-    assert main(["demo", "--out", str(tmp_path / "here")]) == 0
+    assert main(["demo", "--no-look", "--out", str(tmp_path / "here")]) == 0
     out, err = capsys.readouterr()
     assert not err
     assert listing(tmp_path / "here") == ["carry_box.npz"]

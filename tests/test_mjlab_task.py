@@ -257,7 +257,7 @@ def test_masses_are_for_tasks_alone(tmp_path, monkeypatch, capsys):
 def test_mjlab_resets_steps_and_trains(tmp_path, monkeypatch):
     assert MJLAB_PYTHON is not None
     monkeypatch.chdir(tmp_path)
-    assert main(["demo", "--out", "results"]) == 0
+    assert main(["demo", "--no-look", "--out", "results"]) == 0
     assert main(["export", "results/carry_box.npz", "--to", "mjlab-task", "--out", "tasks"]) == 0
     surroundings = {**os.environ, "PYTHONPATH": str(tmp_path / "tasks"), "CUDA_VISIBLE_DEVICES": ""}
     surroundings |= {"MUJOCO_GL": "disabled", "MJLAB_WARP_QUIET": "1"}

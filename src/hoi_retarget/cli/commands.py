@@ -32,7 +32,7 @@ TRIAL_CLIPS = ("builtin:carry_box", "builtin:move_chair")
 
 @dataclass(frozen=True)
 class Demo:
-    """Retarget a built-in clip, in which a person carries a box; nothing is downloaded."""
+    """Retarget a built-in clip, in which a person carries a box; the robot's look is downloaded once."""
 
     robot: RobotName = "unitree_g1"
     """A robot's name, or its maker's URDF or MJCF; `hoi-retarget robots list` shows those there are."""
@@ -40,6 +40,8 @@ class Demo:
     """Folder to write into; made when it does not exist."""
     all: bool = False
     """Print all figures, not only the first ones."""
+    look: bool = True
+    """Download the maker's meshes of the robot for pictures, once; without them these show a plainer robot."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,6 @@ import os
 import tempfile
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from math import degrees
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from hoi_retarget.cli.commands import (
     ShowRobot,
 )
 from hoi_retarget.cli.output_checks import check_json, check_writable, write_file, write_json
+from hoi_retarget.cli.robot_looks import fetch_look
 from hoi_retarget.cli.terminal import Working, say, show_table, warn
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, DrawingError, HoiRetargetError, RobotError
@@ -33,7 +33,7 @@ from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import ROBOTS, load_robot, robot, user_robots
 from hoi_retarget.robots.adding.build import build_robot
 from hoi_retarget.robots.adding.findings import Record, RobotFinding, read_hints
-from hoi_retarget.robots.fetched_meshes import SOURCES, fetch_meshes, mesh_names, read_folder, remove_meshes
+from hoi_retarget.robots.fetched_meshes import SOURCES, remove_meshes
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.robots.robot_check import check, has_errors
 from hoi_retarget.robots.robot_tables import joint_table, role_table
@@ -82,14 +82,7 @@ def _meshes(action: FetchMeshes) -> int:
         removed = remove_meshes(spec)
         say(f"removed: {removed}" if removed else f"No meshes of {spec.name} were fetched.")
         return 0
-    source = SOURCES[spec.name]
-    read = source.read if action.folder is None else partial(read_folder, action.folder)
-    say(f"Fetching {len(mesh_names(spec))} meshes of {spec.title}: {action.folder or source.place}.")
-    say(f"Terms: {source.licence}.")
-    with Working("fetching", None):
-        folder = fetch_meshes(spec, read, source.licence)
-    size = sum(path.stat().st_size for path in folder.iterdir()) / 1e6
-    say(f"kept: {folder} ({size:.1f} MB). Pictures show them from now on.")
+    fetch_look(spec, action.folder)
     return 0
 
 

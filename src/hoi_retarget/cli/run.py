@@ -209,6 +209,10 @@ def execute_demo(command: Demo) -> int:
     model = load_robot(command.robot)
     check_writable("--out", command.out)
     path = command.out / f"{_SCENE}.npz"
+    if command.look:
+        from hoi_retarget.cli.robot_looks import fetch_look_once  # noqa: PLC0415  # `run` starts without it
+
+        fetch_look_once(model.spec)
     clip = builtin_clip(_SCENE)
     say(f"A built-in clip: a person of {clip.people[0].height:.2f} m walks to a box, lifts it, carries it round a")
     say(f"turn and sets it down ({clip.frames} frames). Now the same by a {model.spec.title}:")
