@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from hoi_retarget.cli import main, robot_looks
+from hoi_retarget.cli import main
+from hoi_retarget.cli import robots as robots_command
 from hoi_retarget.errors import ReadError
 from hoi_retarget.robots import ROBOTS, fetched_meshes, load_robot, robot
 from hoi_retarget.robots.fetched_meshes import (
@@ -59,7 +60,7 @@ def in_wheel(monkeypatch, tmp_path, names=NAMES, **changes):
     wheel = {"sha256": hashlib.sha256(path.read_bytes()).hexdigest(), "folder": INSIDE} | changes
     source = MeshSource("it 1.0 of a test", "some terms", lambda names: read_wheel("it==1.0", **wheel, names=names))
     monkeypatch.setattr(fetched_meshes, "SOURCES", dict(SOURCES) | {G1.name: source})
-    monkeypatch.setattr(robot_looks, "SOURCES", fetched_meshes.SOURCES)
+    monkeypatch.setattr(robots_command, "SOURCES", fetched_meshes.SOURCES)
     return commands
 
 
@@ -176,10 +177,10 @@ def test_the_demo_fetches_them_once_and_goes_on_without_a_network(robots, monkey
             raise ReadError("no network.")
         return dict.fromkeys(names, CONTENT)
 
-    monkeypatch.setattr(robot_looks, "SOURCES", {"unitree_g1": MeshSource("a place", "some terms", read)})
-    robot_looks.fetch_look_once(G1)
+    monkeypatch.setattr(robots_command, "SOURCES", {"unitree_g1": MeshSource("a place", "some terms", read)})
+    robots_command.fetch_look_once(G1)
     assert "plainer robot: no network." in capsys.readouterr().err and not files_in(tmp_path)
     for _ in range(2):
-        robot_looks.fetch_look_once(G1)
+        robots_command.fetch_look_once(G1)
     assert len(asked) == 2 and fetched_meshes.fetched_meshes(G1) is not None
     assert capsys.readouterr().out.count("some terms") == 1

@@ -4,6 +4,7 @@ import os
 import tempfile
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from math import degrees
 from pathlib import Path
 
@@ -20,7 +21,6 @@ from hoi_retarget.cli.commands import (
     ShowRobot,
 )
 from hoi_retarget.cli.output_checks import check_json, check_writable, write_file, write_json
-from hoi_retarget.cli.robot_looks import fetch_look
 from hoi_retarget.cli.terminal import Working, say, show_table, warn
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError, DrawingError, HoiRetargetError, RobotError
@@ -33,7 +33,14 @@ from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import ROBOTS, load_robot, robot, user_robots
 from hoi_retarget.robots.adding.build import build_robot
 from hoi_retarget.robots.adding.findings import Record, RobotFinding, read_hints
-from hoi_retarget.robots.fetched_meshes import SOURCES, remove_meshes
+from hoi_retarget.robots.fetched_meshes import (
+    SOURCES,
+    fetch_meshes,
+    fetched_meshes,
+    mesh_names,
+    read_folder,
+    remove_meshes,
+)
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.robots.robot_check import check, has_errors
 from hoi_retarget.robots.robot_tables import joint_table, role_table
@@ -84,6 +91,41 @@ def _meshes(action: FetchMeshes) -> int:
         return 0
     fetch_look(spec, action.folder)
     return 0
+
+
+def fetch_look(spec: RobotSpec, folder: Path | None = None) -> None:
+    """Fetch a robot's meshes, and say from where and under which terms.
+
+    Args:
+        spec: Of a robot in `SOURCES`.
+        folder: With the maker's files; by default they are downloaded.
+
+    Raises:
+        ReadError: They cannot be fetched, or are not what was expected.
+        WriteError: The user's folder cannot be written.
+    """
+    source = SOURCES[spec.name]
+    read = source.read if folder is None else partial(read_folder, folder)
+    say(f"Fetching {len(mesh_names(spec))} meshes of {spec.title}: {folder or source.place}.")
+    say(f"Terms: {source.licence}.")
+    with Working("fetching", None):
+        kept = fetch_meshes(spec, read, source.licence)
+    size = sum(path.stat().st_size for path in kept.iterdir()) / 1e6
+    say(f"kept: {kept} ({size:.1f} MB). Pictures show them from now on.")
+
+
+def fetch_look_once(spec: RobotSpec) -> None:
+    """Fetch a robot's meshes where they are not there yet; without them pictures show the surface touch is measured on.
+
+    A robot that was added has its own; a network that fails is a warning.
+    """
+    if spec.name not in SOURCES or fetched_meshes(spec) is not None:
+        return
+    try:
+        fetch_look(spec)
+    except HoiRetargetError as error:
+        warn(f"The maker's look is missing, pictures show a plainer robot: {error}")
+    say()
 
 
 def _list(action: ListRobots) -> int:

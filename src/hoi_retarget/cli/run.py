@@ -210,7 +210,7 @@ def execute_demo(command: Demo) -> int:
     check_writable("--out", command.out)
     path = command.out / f"{_SCENE}.npz"
     if command.look:
-        from hoi_retarget.cli.robot_looks import fetch_look_once  # noqa: PLC0415  # `run` starts without it
+        from hoi_retarget.cli.robots import fetch_look_once  # noqa: PLC0415  # `run` starts without it
 
         fetch_look_once(model.spec)
     clip = builtin_clip(_SCENE)
