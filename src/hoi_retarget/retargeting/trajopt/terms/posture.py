@@ -36,12 +36,13 @@ class Posture:
 
 
 def posture_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[Posture]:
-    """Yield the joint angles near those of inverse kinematics, and fingers without contacts at them."""
+    """Yield the joint angles near those of inverse kinematics, and fingers of hands that hold by themselves at them."""
     angles, model = reference.qpos[:, 7:].T, reference.model
     yield Posture("joint_position", np.ascontiguousarray(angles), weights.joint_position)
     for side, palm in zip(SIDES, PALMS, strict=True):
         pads = [site for part, site in model.spec.fingers.items() if part.startswith(side)]
-        if pads and not has_finger_contacts(targets, palm):
+        holds = palm in targets.contact_links and targets.contact_weights[:, targets.contact_links.index(palm)].any()
+        if pads and holds and not has_finger_contacts(targets, palm):
             for first, stop in runs(finger_joints(model, palm, pads)):
                 target = np.ascontiguousarray(angles[first:stop])
                 yield Posture(f"{side}_fingers_{first}", target, STILL_FINGERS, first)
