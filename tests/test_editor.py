@@ -8,6 +8,7 @@ import pytest
 
 from hoi_retarget.clip.edits import ContactEdits, FixAll, Move, Pin, Retime, TurnHand, load
 from hoi_retarget.clip.edits.edits_file import EditsFiles
+from hoi_retarget.errors import WriteError
 from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.retargeting.config import Config
@@ -161,6 +162,25 @@ def test_files_keep_what_was_done_and_versions_are_by_name(page, recorded, start
     assert load(tmp_path / "edits.toml").edits == (FixAll(),)
     assert "result.npz" in again.ask("save_result")["message"]
     assert again.editor.session.now.complete
+
+
+def test_unsaved_edits_that_are_damaged_are_told_and_the_page_opens(recorded, start, tmp_path):
+    (tmp_path / "edits.toml.unsaved").write_text("not toml [")
+    page = Page(recorded, start, tmp_path)
+    assert "cannot be read" in page.now["message"] and "TOML" in page.now["message"]
+    assert page.ask("recover")["wrong"] and page.ask("edit", edit={"operation": "fix_all"})["unsaved"]
+
+
+def test_an_edit_that_cannot_be_kept_is_told_and_is_done(page, monkeypatch):
+    def full(self, edits):
+        raise WriteError("the disk is full.")
+
+    monkeypatch.setattr(EditsFiles, "keep", full)
+    answer = page.ask("edit", edit={"operation": "fix_all"})
+    assert answer["wrong"] and answer["message"] == "the disk is full." and answer["edits"]
+    monkeypatch.undo()
+    page.now = answer
+    assert not page.ask("edit", edit={"operation": "snap_all"}).get("wrong"), "the page goes on"
 
 
 def test_a_window_that_shows_earlier_work_is_told_and_changes_nothing(page):

@@ -263,6 +263,32 @@ def test_an_end_of_a_bar_is_dragged_by_mouse_and_by_finger_and_is_one_edit(brows
     page.close()
 
 
+def test_an_end_stops_at_the_next_contact_and_at_its_own_other_end(browser, work):
+    page = opened(browser, work.server.address)
+    choose(page, "left hand")
+    page.get_by_role("button", name="Split here").click()
+    wait_until(lambda: len(work.now.segments) == 3 and not page.locator("body.busy").count(), "there are two")
+    first, second = work.now.segments[:2]
+    bar = box_of(page.locator("#charts i[data-contact]").first)
+    y, frame_px = bar["y"] + 0.5 * bar["height"], bar["width"] / (first.stop - 1 - first.start)
+
+    def drag_end(begin: float, to: float) -> str:
+        page.mouse.move(begin, y)
+        page.mouse.down()
+        page.mouse.move(to, y, steps=4)
+        said = still(lambda: told(page))
+        page.mouse.up()
+        return said
+
+    end = bar["x"] + bar["width"]
+    assert f"{first.start} to {second.start - 1}" in drag_end(end - 2, end + 30 * frame_px)
+    assert len(work.edits) == 1, "it already ended there"
+    said = drag_end(bar["x"] + 1, end + 30 * frame_px)
+    assert f"{first.stop - 1} to {first.stop - 1}" in said, "one frame is left"
+    wait_until(lambda: work.now.segments[0].start == first.stop - 1, "and becomes the contact")
+    page.close()
+
+
 def test_on_a_phone_a_contact_is_chosen_and_dragged_with_the_scene_in_view(browser, work):
     page = opened(browser, work.server.address, **PHONE)
     row = page.locator("#contacts button", has_text="left hand").first
@@ -271,6 +297,11 @@ def test_on_a_phone_a_contact_is_chosen_and_dragged_with_the_scene_in_view(brows
     page.locator("#contacts button[aria-pressed=true]").wait_for()
     stage = box_of(page.locator(".stage"))
     assert stage["y"] >= 0 and stage["height"] >= 0.35 * 844, "the scene stays"
+    page.locator("#values").scroll_into_view_if_needed()
+    page.mouse.wheel(0, 600)
+    wait_until(lambda: page.evaluate("window.scrollY") > 300, "the panel is scrolled")
+    assert box_of(page.locator(".stage"))["y"] == pytest.approx(0, abs=1), "under the scene"
+    stage = box_of(page.locator(".stage"))
     assert page.evaluate("document.documentElement.scrollWidth") <= 391, "and nothing is beside the window"
     x, y = still(lambda: grip(page, "middle"))
     assert stage["y"] < y < stage["y"] + stage["height"]

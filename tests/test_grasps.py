@@ -1,5 +1,6 @@
 """Fingers that close from a hold: they stop where they touch, nothing goes inside, and hands are open in between."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -7,16 +8,20 @@ import pytest
 import trimesh
 
 from finger_robot import FINGERS, finger_robot
+from hoi_retarget.clip.edits import ContactEdits, Delete, apply
 from hoi_retarget.dynamics.free_hands import Touch
 from hoi_retarget.objects.distance_field import field_of, surface_samples
 from hoi_retarget.objects.mesh import Surface
 from hoi_retarget.objects.surface_samples import SurfaceSamples
 from hoi_retarget.readers.builtin_clips import builtin_clip
 from hoi_retarget.retargeting.config import Config
+from hoi_retarget.retargeting.holds import grasps
 from hoi_retarget.retargeting.holds.episodes import Episode
 from hoi_retarget.retargeting.holds.grasps import STEPS, TOUCHING, closed_shares, closing_fingers, with_grasps
 from hoi_retarget.retargeting.holds.hand_shape import HandPoses
 from hoi_retarget.retargeting.holds.hold import Hold, PersonHold
+from hoi_retarget.retargeting.local_resolve import resolve_locally
+from hoi_retarget.retargeting.solve import solve
 from hoi_retarget.retargeting.surfaces.skin_points import MovingObject
 from hoi_retarget.retargeting.targets import make_targets
 from hoi_retarget.robots import load_robot
@@ -87,11 +92,17 @@ def test_fingers_close_until_they_touch_and_never_go_inside(model, side, along, 
     assert touching >= 2, "the two fingers beside the thumb"
 
 
-def test_hands_are_open_but_in_their_holds_and_fingers_that_meet_nothing_stay(model):
+def test_hands_are_open_but_in_their_holds_and_fingers_that_meet_nothing_stay(model, monkeypatch):
     qpos = np.tile(model.home_qpos, (targets().frames, 1))
     near, far = pole(np.array([0.085, -0.04, 0.0]), 0.015), pole(np.array([0.6, 0.0, 0.0]), 0.015)
-    assert np.array_equal(with_grasps(model, targets(), (far,), [held("left_palm")], qpos), qpos)
-    closed = with_grasps(model, targets(), (near,), [held("left_palm")], qpos)
+    person = replace(builtin_clip("carry_box").people[0], fingers_recorded=False)
+
+    def grasped(moving_object, holds):
+        monkeypatch.setattr(grasps, "moving_objects", lambda *_: (moving_object,))
+        return with_grasps(model, targets(), person, holds, qpos)
+
+    assert np.array_equal(grasped(far, [held("left_palm")]), qpos)
+    closed = grasped(near, [held("left_palm")])
     moved = np.abs(closed - qpos).max(axis=1)
     assert (
         (moved[FIRST + 10 : STOP - 10] > 0.2).all() and not moved[: FIRST - 10].any() and not moved[STOP + 10 :].any()
@@ -102,3 +113,19 @@ def test_hands_are_open_but_in_their_holds_and_fingers_that_meet_nothing_stay(mo
     assert (closed[:, 7:] >= model.lower - 1e-9).all() and (closed[:, 7:] <= model.upper + 1e-9).all()
     steady = closed[FIRST + 12 : STOP - 12]
     assert np.ptp(steady, axis=0).max() < 1e-9, "a hold is one grasp"
+    twice = grasped(near, [held("left_palm")] * 2)[FIRST + 12 : STOP - 12]
+    assert twice == pytest.approx(steady), "holds at once are no more than one"
+
+
+@pytest.mark.slow
+def test_an_edited_contact_takes_its_grasp_along(model):
+    clip = builtin_clip("carry_box")
+    clip = replace(clip, people=(replace(clip.people[0], fingers_recorded=False),))
+    before = solve(clip, model, Config())
+    fingers = [7 + index for index, name in enumerate(model.joint_names) if name.split("_")[1] in FINGERS]
+    left = [column for column in fingers if model.joint_names[column - 7].startswith("left")]
+    middle = slice(110, 200)  # Of the contact: beside it, free fingers give way.
+    bent = np.abs(before.motion.qpos[middle, left] - model.home_qpos[left]).max()
+    edits = ContactEdits.of(clip).adding(Delete("left_hand", 150))
+    after = resolve_locally(before, apply(clip, edits), Config())
+    assert bent > 0.2 and np.abs(after.motion.qpos[middle, left] - model.home_qpos[left]).max() < 0.1 * bent

@@ -1,6 +1,7 @@
 """Help that fits a screen, and says what the whole help says."""
 
 import re
+import shlex
 
 import pytest
 
@@ -25,7 +26,10 @@ def test_it_fits_a_screen_and_names_every_option_of_the_commands_own(command, ca
     for option in groups_of(whole)["options"]:
         assert option.name.split(",")[0].split()[0] in text
         assert option.meaning, option.name
-    assert all(example in text for example in EXAMPLES[command])
+    for example in EXAMPLES[command]:
+        assert example in text
+        words = shlex.split(example.partition("#")[0])[1:]
+        assert isinstance(parse(COMMANDS[command], "hoi-retarget", words), COMMANDS[command]), "it can be run"
 
 
 def test_every_option_of_the_whole_help_is_found_in_a_group():

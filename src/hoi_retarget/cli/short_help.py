@@ -20,12 +20,12 @@ PURPOSES: Mapping[str, tuple[str, ...]] = {
 """Commands by what they are for."""
 EXAMPLES = {
     "run": (
-        "run CLIP.pt --objects DIR --out results                # a recording, to the G1",
-        "run builtin:carry_table --robot g1,h2                  # two people, two robots",
-        "run CLIP.pt --edits CLIP.edits.toml --weights.jerk 2   # with corrected contacts",
+        "run CLIP.pt --objects DIR --out results                        # a recording, to the G1",
+        "run builtin:carry_table --robot g1,h2 --out results            # two people, two robots",
+        "run CLIP.pt --edits CLIP.edits.toml --weights.jerk 2 --out new # with corrected contacts",
     ),
     "edit": ("edit CLIP.pt --objects DIR", "edit builtin:carry_box --robot h2"),
-    "batch": ("batch recordings --objects DIR --out results", "batch jobs.toml --workers 8"),
+    "batch": ("batch recordings --objects DIR --out results", "batch jobs.toml --out results --workers 8"),
 }
 """Of the commands with a short help: the whole help of the others fits a screen or two."""
 _WIDTH, _NAME = 100, 31

@@ -17,6 +17,7 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.numerics.filters import seconds_to_frames
 from hoi_retarget.retargeting.config import PINNED, Config
+from hoi_retarget.retargeting.holds.grasps import with_grasps
 from hoi_retarget.retargeting.holds.held_targets import with_holds
 from hoi_retarget.retargeting.holds.hold_choice import Hold
 from hoi_retarget.retargeting.solve import Solution, on_surfaces, one_thread, solve_trajectory
@@ -52,6 +53,7 @@ def resolve_locally(before: Solution, clip: Clip, config: Config, *, quickly: bo
             targets = replace(targets, object_pos=path[0], object_quat=path[1])  # It may have given way.
             contacts = [track for track in clip.contacts if track.person == before.person]
             targets, holds = with_holds(targets, model, ik_qpos, config.physics, contacts=contacts)
+            ik_qpos = with_grasps(model, targets, clip.people[before.person], holds, ik_qpos)
         qpos = before.motion.qpos.copy()
         whole = targets.contact_links != before.targets.contact_links  # A part rests that never did, or no longer.
         pieces = () if whole else pieces_around(changed_frames(before.targets, targets), targets.fps)

@@ -25,7 +25,6 @@ from hoi_retarget.retargeting.holds.object_path import shift_between
 from hoi_retarget.retargeting.ik import raised_above_floor, solve_ik
 from hoi_retarget.retargeting.orientation_flips import orientation_flips, rotation_errors_deg, trunk_turns, with_reasons
 from hoi_retarget.retargeting.surfaces.passes import SurfaceProblems
-from hoi_retarget.retargeting.surfaces.skin_points import HELD_SHELL_SPACING, moving_objects
 from hoi_retarget.retargeting.targets import Targets, make_targets, pinned_parts, with_pins
 from hoi_retarget.retargeting.trajopt.problem import Problem
 from hoi_retarget.retargeting.trajopt.solvers.solver import Effort
@@ -112,8 +111,7 @@ def solve(clip: Clip, model: RobotModel, config: Config = Config(), *, person: i
             contacts = [track for track in clip.contacts if track.person == person]
             given = targets, model, ik_qpos, config.physics, alone
             targets, holds = with_holds(*given, gives_way=one, contacts=contacts)
-            if model.spec.fingers and not clip.people[person].fingers_recorded:
-                ik_qpos = with_grasps(model, targets, moving_objects(targets, HELD_SHELL_SPACING), holds, ik_qpos)
+            ik_qpos = with_grasps(model, targets, clip.people[person], holds, ik_qpos)
         clock.append(time.process_time())
         qpos, windows = solve_trajectory(model, targets, ik_qpos, config)
         clock.append(time.process_time())

@@ -504,15 +504,14 @@ def _contact_fields(
     }
 
 
-def has_finger_contacts(targets: Targets, palm: str) -> bool:
-    """Return whether fingers of a palm's hand have contacts."""
-    return any(link in FINGER_SITES and link.startswith(palm.removesuffix("palm")) for link in targets.contact_links)
+def finger_links(targets: Targets, palm: str) -> list[bool]:
+    """Return which contact links are fingers of a palm's hand."""
+    return [link in FINGER_SITES and link.startswith(palm.removesuffix("palm")) for link in targets.contact_links]
 
 
 def finger_touch(targets: Targets, column: int) -> Bool[np.ndarray, "T"]:
     """Return the runs of a palm's contact in which fingers of its hand touch."""
-    side = targets.contact_links[column].removesuffix("palm")
-    fingers = [link in FINGER_SITES and link.startswith(side) for link in targets.contact_links]
+    fingers = finger_links(targets, targets.contact_links[column])
     found = np.zeros(targets.frames, dtype=bool)
     for first, stop in runs(targets.contact_flags[:, column]):
         found[first:stop] = targets.contact_flags[first:stop, fingers].any()

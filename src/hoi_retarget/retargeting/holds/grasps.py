@@ -10,14 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from hoi_retarget.human.person import Person
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.numerics.filters import seconds_to_frames, smoothstep_around
 from hoi_retarget.retargeting.fingers import driven_joints, finger_joints
 from hoi_retarget.retargeting.holds.hold import Hold
-from hoi_retarget.retargeting.surfaces.skin_points import MovingObject
-from hoi_retarget.retargeting.targets import Targets, has_finger_contacts
+from hoi_retarget.retargeting.surfaces.skin_points import HELD_SHELL_SPACING, MovingObject, moving_objects
+from hoi_retarget.retargeting.targets import Targets, finger_links
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.skin import LinkSkin, skins_from
+from hoi_retarget.robots.spec import PALMS
 
 STEPS, POINTS = 32, 150
 """Number of poses of a closing finger, and of points of each link's skin."""
@@ -52,36 +54,42 @@ class ClosingFinger:
 
 
 def with_grasps(
-    model: RobotModel,
-    targets: Targets,
-    objects: tuple[MovingObject, ...],
-    holds: Sequence[Hold],
-    qpos: Float[np.ndarray, "T nq"],
+    model: RobotModel, targets: Targets, person: Person, holds: Sequence[Hold], qpos: Float[np.ndarray, "T nq"]
 ) -> Float[np.ndarray, "T nq"]:
-    """Return a trajectory [m, rad] with fingers closed on the objects in their hands.
+    """Return a trajectory [m, rad] with fingers closed on the objects in their hands, and open in between.
+
+    The same one where the robot has no fingers, or the person's were recorded. Raises `GeometryError` when an object's
+    mesh cannot be read.
 
     Args:
         model: The robot.
         targets: Of the same frames.
-        objects: Of the robot's world.
+        person: The person.
         holds: Of the hands.
-        qpos: The trajectory, with open hands.
+        qpos: The trajectory.
     """
-    qpos, ramp = qpos.copy(), seconds_to_frames(RAMP_SECONDS, targets.fps)
-    for palm in {targets.contact_links[hold.episode.link] for hold in holds}:
+    if not model.spec.fingers or person.fingers_recorded:
+        return qpos
+    qpos, objects = qpos.copy(), moving_objects(targets, HELD_SHELL_SPACING)
+    for palm in PALMS:
         own = [hold for hold in holds if targets.contact_links[hold.episode.link] == palm]
-        for finger in () if has_finger_contacts(targets, palm) else closing_fingers(model, palm):
+        weights = [_closed(hold, targets.frames, seconds_to_frames(RAMP_SECONDS, targets.fps)) for hold in own]
+        total = np.maximum(np.sum(weights, axis=0), 1.0) if own else 1.0
+        for finger in () if any(finger_links(targets, palm)) else closing_fingers(model, palm):
             shares = np.zeros((targets.frames, len(finger.travel)))
-            total = np.ones(targets.frames)
-            for hold in own:
-                closed = np.zeros(targets.frames, dtype=bool)
-                half = min(ramp // 2, (hold.episode.stop - hold.episode.first - 1) // 2)
-                closed[hold.episode.first + half : hold.episode.stop - half] = True
-                weight = smoothstep_around(closed, ramp)
-                shares += weight[:, None] * closed_shares(model, palm, finger, hold, objects[hold.episode.object])
-                total = np.maximum(total, weight if len(own) == 1 else total + weight - 1.0)
-            qpos[:, 7 + finger.columns] = finger.angles(shares / total[:, None])
+            for hold, weight in zip(own, weights, strict=True):
+                closed = closed_shares(model, palm, finger, hold, objects[hold.episode.object])
+                shares += (weight / total)[:, None] * closed
+            qpos[:, 7 + finger.columns] = finger.angles(shares)
     return qpos
+
+
+def _closed(hold: Hold, frames: int, ramp: int) -> Float[np.ndarray, "T"]:
+    """Return how closed a hand is by a hold: 1 within it, 0 a ramp's half before and after."""
+    first, stop, closed = hold.episode.first, hold.episode.stop, np.zeros(frames, dtype=bool)
+    half = min(ramp // 2, (stop - first - 1) // 2)
+    closed[first + half : stop - half] = True
+    return smoothstep_around(closed, ramp)
 
 
 def closing_fingers(model: RobotModel, palm: str) -> tuple[ClosingFinger, ...]:

@@ -18,7 +18,7 @@ from hoi_retarget.retargeting.surfaces.skin_terms import (
     object_outside_link,
     skin_contact,
 )
-from hoi_retarget.retargeting.targets import Targets, finger_touch, has_finger_contacts
+from hoi_retarget.retargeting.targets import Targets, finger_links, finger_touch
 from hoi_retarget.retargeting.trajopt.problem import Term
 from hoi_retarget.retargeting.trajopt.terms.object_contact import ObjectContact
 from hoi_retarget.retargeting.trajopt.terms.self_clearance import self_clearance_terms
@@ -163,7 +163,7 @@ def _clearances(weights: Weights, targets: Targets, start: Kinematics, surfaces:
 
 def touching_skins(targets: Targets, model: RobotModel, site: str) -> tuple[LinkSkin, ...]:
     """Return the skins that a contact brings to an object: of a hand's all links where fingers have no contacts."""
-    whole = site in PALMS and model.spec.fingers and not has_finger_contacts(targets, site)
+    whole = site in PALMS and model.spec.fingers and not any(finger_links(targets, site))
     return skins_from(model, site) if whole else contact_skins(model, site)
 
 

@@ -91,7 +91,7 @@ class Editor:
             "undo": lambda _: self._step(session.undo, "Taken back."),
             "redo": lambda _: self._step(session.redo, "Done again."),
             "back": lambda asked: self._step(
-                lambda: session.undo_to(asked.count), f"Back to {_count(asked.count, 'edit')}."
+                lambda: session.undo_to(max(asked.count, 0)), f"Back to {_count(asked.count, 'edit')}."
             ),
             "solve": lambda _: self._step(session.solve_all, "The whole clip is solved."),
             "save": lambda _: self._save_edits(),
@@ -106,17 +106,27 @@ class Editor:
         count = len(self.session.now.segments)
         message = f"{_count(count, 'contact')}. Choose a row or a point."
         if self._recoverable:
-            left = _count(len(load(self._targets.files.unsaved).edits), "edit")
-            message = f"{left} of last time not saved. Take them up, under Versions, or go on without."
+            message = self._recovery_text()
         asked = Request("show", self._revision)
         return editor_page(self.session.now, self.model, **self._drawn(asked), state=self._state(asked, message))
 
+    def _recovery_text(self) -> str:
+        try:
+            left = _count(len(load(self._targets.files.unsaved).edits), "edit")
+        except HoiRetargetError as error:
+            return f"Unsaved edits of last time cannot be read. {error}"
+        return f"{left} of last time not saved. Take them up, under Versions, or go on without."
+
     def answer(self, request: Any) -> dict[str, Any]:
         """Return the answer to a request: state, scene and curves, or an error's message."""
+        asked, before = None, self._revision
         try:
-            return self._answer(decode(Request, request, "request"))
+            asked = decode(Request, request, "request")
+            return self._answer(asked)
         except HoiRetargetError as error:
-            return {"message": str(error), "wrong": True}
+            wrong = {"message": str(error), "wrong": True}
+            # Where the work was done and a file could not be written, the page shows the work.
+            return wrong if asked is None or self._revision == before else {**self._shown(asked, ""), **wrong}
 
     def _answer(self, asked: Request) -> dict[str, Any]:
         segments = self.session.now.segments
@@ -264,6 +274,7 @@ class Editor:
         """Solve the whole clip and write its motions."""
         if not self.session.now.complete:
             self.session.solve_all()
+            self._revision += 1
         paths = self._targets.save_result(self.session.now)
         return f"Saved {', '.join(map(str, paths))}."
 

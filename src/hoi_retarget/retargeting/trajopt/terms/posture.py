@@ -9,7 +9,7 @@ from jaxtyping import Float
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.retargeting.config import Weights
 from hoi_retarget.retargeting.fingers import finger_joints
-from hoi_retarget.retargeting.targets import Targets, has_finger_contacts
+from hoi_retarget.retargeting.targets import Targets, finger_links
 from hoi_retarget.retargeting.trajopt.problem import StencilRows
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.spec import PALMS, SIDES
@@ -42,7 +42,7 @@ def posture_terms(weights: Weights, targets: Targets, reference: Kinematics) -> 
     for side, palm in zip(SIDES, PALMS, strict=True):
         pads = [site for part, site in model.spec.fingers.items() if part.startswith(side)]
         holds = palm in targets.contact_links and targets.contact_weights[:, targets.contact_links.index(palm)].any()
-        if pads and holds and not has_finger_contacts(targets, palm):
+        if pads and holds and not any(finger_links(targets, palm)):
             for first, stop in runs(finger_joints(model, palm, pads)):
                 target = np.ascontiguousarray(angles[first:stop])
                 yield Posture(f"{side}_fingers_{first}", target, STILL_FINGERS, first)

@@ -38,7 +38,7 @@ async function edit(player, { fixed, state }) {
       document.body.classList.toggle("busy", ++busy > 0);
       if (words) say(words);
       const answer = await send({ action, ...values });
-      if (!answer.wrong) {
+      if (answer.chart) {
         now = answer;
         await player.redraw(JSON.parse(answer.scene));
         player.chart(answer.chart, addBars);
