@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from source_people import in_world, rest_joints
 POSITIONS = ("Xposition", "Yposition", "Zposition")
 _LIMBS = ("hip", "knee", "ankle", "foot", "collar", "shoulder", "elbow", "wrist")
 _SIDES = ("left", "right")
+_LONGER = 1.02
 LOWEST = "lowest_spine"
 """Stands for a bone at the pelvis where the root is between the hips."""
 
@@ -111,6 +112,8 @@ class Rig:
     up: str = "y"
     top: float = 0.0
     """How far the head ends above its joint [m]."""
+    moves: bool = False
+    """Whether all joints have positions; their offsets are then those of a longer body, which does not count."""
     root_between_hips: bool = False
     """Whether the root is there; `names` then have a bone for `LOWEST`, too."""
 
@@ -142,12 +145,16 @@ def write_person(path: Path, clip: Clip, rig: Rig, **settings: str) -> Path:
             above = parents[above]
         offset = se3.rotate_inverse(axes[above], places[joint] - places[above]) / rig.unit
         end = np.array([0.0, rig.top / rig.unit, 0.0]) if joint == "head" else None
-        bones.append(Bone(rig.prefix + names[joint], joints.index(above), offset, rig.order, end=end))
+        bones.append(Bone(rig.prefix + names[joint], joints.index(above), offset, rig.order, rig.moves, end))
         turns.append(se3.quat_multiply(se3.quat_conjugate(world[above]), world[joint]))
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Gimbal lock")  # One of the two angles is then as good as the other.
         angles = [Rotation.from_quat(turn, scalar_first=True).as_euler(rig.order, degrees=True) for turn in turns]
-    path.write_text(bvh_text(bones, {0: root / rig.unit}, np.stack(angles, axis=1), **settings))
+    positions = {0: root / rig.unit}
+    if rig.moves:
+        positions |= {index: np.tile(bone.offset, (len(root), 1)) for index, bone in enumerate(bones) if index}
+        bones = [replace(bone, offset=_LONGER * bone.offset) for bone in bones]
+    path.write_text(bvh_text(bones, positions, np.stack(angles, axis=1), **settings))
     return path
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+import actor_writer
 import behave_writer
 import bvh_writer
 import cari4d_writer
@@ -247,6 +248,16 @@ def amass(folder: Path, frames: int) -> Recording:
 def bvh(folder: Path, frames: int) -> Recording:
     clip, rig = scene("carry_box", frames), bvh_writer.Rig(bvh_writer.MIXAMO)
     return Recording(bvh_writer.write_person(folder / "walk.bvh", clip, rig))
+
+
+@writes("hiphi")
+def hiphi(folder: Path, frames: int) -> Recording:
+    return Recording(actor_writer.write_hiphi(folder, scene("carry_box", frames), "Bringing-carry_0001"))
+
+
+@writes("omnicontact")
+def omnicontact(folder: Path, frames: int) -> Recording:
+    return Recording(actor_writer.write_omnicontact(folder, scene("push_table", frames), "2026"))
 
 
 @writes("gvhmr")

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget.clip.augment import at_speed, augment, describe, mirrored
+from hoi_retarget.clip.augment import at_rate, at_speed, augment, describe, mirrored
 from hoi_retarget.clip.clip import Augmentation, Clip, ContactTrack
+from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ClipError, GeometryError
 from hoi_retarget.human.skeleton import PARENT
 from hoi_retarget.numerics import se3
@@ -20,6 +21,7 @@ from hoi_retarget.retargeting.retarget import retarget
 from hoi_retarget.robots import ROBOTS
 from hoi_retarget.robots.model import load_model
 from intermimic_writer import random_clip, write_box
+from short_clips import cut
 from synthetic import make
 
 LAWS = settings(max_examples=10, deadline=None)
@@ -241,3 +243,20 @@ def test_a_clip_tells_what_was_done_to_it():
     assert [note.split()[0] for note in clip.source.notes] == ["Played", "Mirrored"]
     assert clip.source.sha256 == random_clip().source.sha256, "its parent is still named"
     assert at_speed(clip, 2.0).source.augmentation == Augmentation(mirrored=True)
+
+
+def test_a_rate_is_kept_from_the_first_frame_on():
+    clip = make("carry_box")
+    for rate in (20.0, 90.0):
+        other = at_rate(clip, rate)
+        assert abs((other.frames - 1) / rate - (clip.frames - 1) / clip.fps) <= 1.0 / rate
+        back = at_rate(other, clip.fps)
+        shared = min(back.frames, clip.frames)
+        ours, theirs = (item.people[0].joint_positions[:shared] for item in (back, clip))
+        np.testing.assert_allclose(ours, theirs, atol=0.01)
+        np.testing.assert_allclose(ours[0], theirs[0], atol=1e-9)
+    assert at_rate(clip, None) is at_rate(clip, clip.fps) is clip
+    with pytest.raises(ArgumentError, match="--fps 5: recordings are resampled to 10 to 240"):
+        ReadOptions(fps=5.0)
+    with pytest.raises(ClipError, match="at 10 frames a second, 2 of 4 frames are left"):
+        at_rate(cut(clip, 4), 10.0)

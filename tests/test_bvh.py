@@ -199,7 +199,7 @@ def test_rates_are_whole_where_the_file_rounds_them(text, rate):
 
 
 DAMAGED = {
-    "no hierarchy": (lambda text: text[10:], "holds something else than clips of bvh"),
+    "no hierarchy": (lambda text: text[10:], "holds something else than clips of hiphi, omnicontact, bvh"),
     "cut in the hierarchy": (lambda text: text[:500], "the file ends there"),
     "a brace too few": (lambda text: text.replace("}", "", 1), "is no part of a hierarchy|not complete"),
     "a brace too many": (lambda text: text.replace("MOTION", "}\nMOTION"), "'}' is no part of a hierarchy"),

@@ -22,6 +22,7 @@ from hoi_retarget.objects.track import ObjectGeometry
 _MIRROR = np.array([1.0, -1.0, 1.0])  # The plane y = 0, of the world and of an object's frame.
 # A joint's left is its x axis: its frame is mirrored at x = 0 where the world is at y = 0, which leaves half a turn.
 _HALF_TURN = np.array([0.0, 0.0, 0.0, 1.0])
+_END = 1e-6  # Of a frame: the last one counts, rounded.
 _SIDES = {"left": "right", "right": "left"}
 
 
@@ -78,6 +79,23 @@ def at_speed(clip: Clip, speed: float) -> Clip:
     times = np.linspace(0.0, clip.frames - 1, frames)
     faster = replace(resampled(clip, times, clip.fps), source=replace(clip.source, augmentation=done))
     return faster.with_note(f"Played at {speed:g} times the speed.")
+
+
+def at_rate(clip: Clip, fps: float | None) -> Clip:
+    """Return the clip at a rate of frames [Hz], from its first frame on; None keeps its own.
+
+    Raises `ClipError` where fewer than four frames are left.
+    """
+    if fps is None or fps == clip.fps:
+        return clip
+    times = np.arange(0.0, clip.frames - 1 + _END, clip.fps / fps)
+    if len(times) < MINIMUM_FRAMES:
+        raise ClipError(
+            f"clip {clip.name!r}: at {fps:g} frames a second, {len(times)} of {clip.frames} frames are left; at least "
+            f"{MINIMUM_FRAMES} are needed. Use a higher rate."
+        )
+    note = f"Resampled from {clip.fps:.4g} to {fps:.4g} frames a second."
+    return resampled(clip, np.minimum(times, clip.frames - 1), fps).with_note(note)
 
 
 def resampled(clip: Clip, times: Float[np.ndarray, "T"], fps: float) -> Clip:

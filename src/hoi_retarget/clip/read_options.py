@@ -10,6 +10,8 @@ from hoi_retarget.files.tables import decode
 
 MAX_FLOOR_HEIGHT = 1000.0
 """[m]"""
+MIN_FPS, MAX_FPS = 10.0, 240.0
+"""[Hz]; with fewer frames motions lose their contacts' begin and end."""
 Labels = Literal["auto", "proximity"]
 Grasps = Literal["refuse", "warn"]
 
@@ -29,6 +31,8 @@ class ReadOptions:
     labels: Labels = "auto"
     """Where contacts come from: auto keeps the recording's own and finds them from distances where it has none;
     proximity finds them anew."""
+    fps: float | None = None
+    """Frames a second that the recording is resampled to; by default it keeps its own."""
     grasps: Grasps = "refuse"
     """What is done with a clip whose grasps contradict how its rotations or units are read: refuse it, or warn."""
 
@@ -37,6 +41,11 @@ class ReadOptions:
             raise ArgumentError(
                 f"--floor {self.floor:g}: the floor's height in the recording is at most {MAX_FLOOR_HEIGHT:g} m, up or "
                 "down. Leave the option out to have it estimated."
+            )
+        if self.fps is not None and not MIN_FPS <= self.fps <= MAX_FPS:
+            raise ArgumentError(
+                f"--fps {self.fps:g}: recordings are resampled to {MIN_FPS:g} to {MAX_FPS:g} frames a second. Leave the "
+                "option out to keep their own."
             )
 
     def as_json(self) -> dict[str, str | float | None]:

@@ -7,12 +7,13 @@ from typing import Any
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.files import npz
-from hoi_retarget.files.reading import entry_names, read_bytes
+from hoi_retarget.files.reading import entry_names, map_bytes, read_bytes
 
 SELECTION = "#"
 """Stands between the path and the name of one clip in it."""
 FOLDER = "/"
 """Stands for a file name's ending where a recording is a folder."""
+_BEGINNING = 512  # Bytes.
 CLIP_FILE = "clip.npz"
 """Name of a clip in this project's layout in a folder of its own."""
 
@@ -53,6 +54,11 @@ class SourceFile:
     def content(self) -> bytes:
         """The file's bytes; raises `ReadError`."""
         return self.read(self.path)
+
+    @cached_property
+    def beginning(self) -> bytes:
+        """The file's first bytes, where the whole file may not be needed; raises `ReadError`."""
+        return bytes(map_bytes(self.path)[:_BEGINNING])
 
     @cached_property
     def members(self) -> npz.Members:

@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 
 from hoi_retarget.clip import grasp_check
+from hoi_retarget.clip.augment import at_rate
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, ReadError
@@ -33,6 +34,8 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "parahome": (FOLDER,),
     "amass": (".npz",),
     "gvhmr": (".pt", ".npz"),
+    "hiphi": (".bvh",),
+    "omnicontact": (".bvh",),
     "bvh": (".bvh",),
 }
 """A reader's module, imported when it may fit -> endings of its files in small letters, or `FOLDER`."""
@@ -80,7 +83,7 @@ def read_recording(path: Path, options: ReadOptions) -> tuple[Clip, Reader]:
     file = SourceFile(path)
     reader = reader_of(file)
     select(file, reader)
-    clip = reader.read(file, options)
+    clip = at_rate(reader.read(file, options), options.fps)
     meshes = (track.geometry.file for track in clip.objects)
     others = sorted({str(path) for path in (*file.files, *meshes) if path is not None and path != file.path})
     clip = replace(clip, source=replace(clip.source, files=tuple(others)))

@@ -60,6 +60,9 @@ MIN_PELVIS_HEIGHT = 0.04
 MIN_HEAD_HEIGHT = 0.08
 """Of the height; less above the head's joint is no top of it."""
 
+ACTOR, ACTOR_FACTS = "motion_actor.bvh", ("metadata.json", "capture_meta.json")
+"""Name of the BVH in each recording's folder of HiPHI and OmniContact, and those of the facts beside it."""
+
 _BODY = 22
 _STRAIGHT = 0.85  # A cosine; limbs that are bent less are no evidence.
 _FLAT_FOOT = np.deg2rad(21.454555)
@@ -123,8 +126,13 @@ class _RiggedSkeleton:
 
 
 def holds(file: SourceFile) -> bool:
-    """Return whether a file begins as BVH does."""
-    return is_bvh(file.content)
+    """Return whether a file begins as BVH does, and no data set's facts stand beside it."""
+    return is_bvh(file.beginning) and not any(is_actor(file, facts) for facts in ACTOR_FACTS)
+
+
+def is_actor(file: SourceFile, facts: str) -> bool:
+    """Return whether a file is the actor's of a data set, with the file of its facts beside it."""
+    return file.path.name == ACTOR and file.beside(facts).is_file() and is_bvh(file.beginning)
 
 
 def record(file: SourceFile, options: ReadOptions) -> SourceRecording:

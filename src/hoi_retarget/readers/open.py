@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from hoi_retarget.clip import grasp_check
-from hoi_retarget.clip.augment import augment, resampled
+from hoi_retarget.clip.augment import at_rate, augment, resampled
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import ContactEdits, apply, from_text
 from hoi_retarget.clip.floor import on_floor
@@ -17,11 +17,12 @@ from hoi_retarget.errors import HoiRetargetError, ReadError
 from hoi_retarget.files.source_file import FOLDER, SourceFile
 from hoi_retarget.motion.motion import SIMULATED, Motion
 from hoi_retarget.readers import read_recording
+from hoi_retarget.readers.bvh import ACTOR
 from hoi_retarget.readers.builtin_clips import builtin_clip, builtin_scene
 from hoi_retarget.readers.reader import Reader
 
 _ADVICE = "Pass --clip to name it."
-_GVHMR_RESULTS = "hmr4d_results"
+_NAMED_BY_FOLDER = ("hmr4d_results", Path(ACTOR).stem)
 
 
 def open_clip(name: Path | str, options: ReadOptions = ReadOptions()) -> Clip:
@@ -53,7 +54,7 @@ def _as_recorded(name: Path | str, options: ReadOptions) -> tuple[Clip, Reader |
     scene = builtin_scene(name)
     if scene is None:
         return read_recording(Path(name), options)
-    return builtin_clip(scene), None
+    return at_rate(builtin_clip(scene), options.fps), None
 
 
 def result_stem(name: Path | str) -> str:
@@ -65,7 +66,7 @@ def result_stem(name: Path | str) -> str:
     parents = Path(name).absolute().parts[:-1]
     if stem == "res":
         return "_".join(parents[-3:])
-    if stem == _GVHMR_RESULTS:
+    if stem in _NAMED_BY_FOLDER:
         return parents[-1]
     return f"{parents[-1]}_{stem}" if stem.isdecimal() or stem.startswith("gt_") else stem
 
