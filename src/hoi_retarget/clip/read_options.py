@@ -44,8 +44,8 @@ class ReadOptions:
             )
         if self.fps is not None and not MIN_FPS <= self.fps <= MAX_FPS:
             raise ArgumentError(
-                f"--fps {self.fps:g}: recordings are resampled to {MIN_FPS:g} to {MAX_FPS:g} frames a second. Leave the "
-                "option out to keep their own."
+                f"--fps {self.fps:g}: recordings are resampled to {MIN_FPS:g} to {MAX_FPS:g} frames a second. Leave "
+                "the option out to keep their own."
             )
 
     def as_json(self) -> dict[str, str | float | None]:

@@ -1,7 +1,8 @@
 """Reads OmniContact's captures: one person and the objects beside the file, each as `prop_<object>.csv`.
 
 `raw_mocap/<task>/<case>/<capture>/motion_actor.bvh` is a BVH such as HiPHI's, with y up in centimetres at 90 frames a
-second, and `capture_meta.json` is beside it; meshes are `assets/objects/<object>.obj` at the root of the release. Contacts are not recorded.
+second, and `capture_meta.json` is beside it; meshes are `assets/objects/<object>.obj` at the root of the release.
+Contacts are not recorded.
 
 Cites: readers of others (UMR's `convert_omnicontact`), as the makers describe no layout; no file of it was at hand.
 """

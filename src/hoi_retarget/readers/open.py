@@ -17,8 +17,8 @@ from hoi_retarget.errors import HoiRetargetError, ReadError
 from hoi_retarget.files.source_file import FOLDER, SourceFile
 from hoi_retarget.motion.motion import SIMULATED, Motion
 from hoi_retarget.readers import read_recording
-from hoi_retarget.readers.bvh import ACTOR
 from hoi_retarget.readers.builtin_clips import builtin_clip, builtin_scene
+from hoi_retarget.readers.bvh import ACTOR
 from hoi_retarget.readers.reader import Reader
 
 _ADVICE = "Pass --clip to name it."
