@@ -3,7 +3,9 @@
 `data/<frame>/<lexical unit>/<recording>/` holds `motion_actor.bvh`, `metadata.json` and, where objects are tracked,
 `object_tracks/<object>.csv`; meshes are `object_meshes_preview/<mesh>.obj` at the root of the release. The BVH has 55
 joints with positions and Z-X-Y angles of their own, y up, centimetres, 90 frames a second; mirrored recordings end in
-`__mirror` and name mirrored meshes. Contacts are not recorded.
+`__mirror` and name mirrored meshes, reflected in their own x, so that they are read as any other. A performer's bones
+are the positions, which change from frame to frame; the rest pose tells only which way they lie. Contacts are not
+recorded.
 
 Cites: HiPHI's "Data Format Specification", sections 1 to 7 and 10.
 """
@@ -13,9 +15,9 @@ from dataclasses import replace
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.readers.actor_files import recording_with_objects
 from hoi_retarget.readers.bvh import ACTOR_FACTS, is_actor
 from hoi_retarget.readers.fields import Fields, json_values
+from hoi_retarget.readers.omnicontact import recording_with_objects
 from hoi_retarget.readers.reader import Reader, SourceRecording
 
 FORMAT = "hiphi"
