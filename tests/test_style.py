@@ -81,7 +81,7 @@ def test_modules_are_more_than_a_page():
         if not name_of(path).startswith(ALONE) and len(path.read_text().splitlines()) < 60
     ]
     assert short == []
-    assert len(FILES) <= 320
+    assert len(FILES) <= 330
 
 
 def test_docstrings_say_nouns_where_nouns_are_meant():

@@ -134,33 +134,33 @@ def _matching(specification: Specification, named: str) -> Iterator[_NamedClip]:
                 "wildcard. Name, for example, 'recordings/**/*.pt'."
             )
         yield from _below(specification, Path(*steps[:fixed]), str(Path(*steps[fixed:])), named)
-    elif path.is_dir() and not can_be_clip(path):
+    elif path.is_dir() and not can_be_clip(path, specification.from_robot):
         yield from _below(specification, Path(named), "**/*", named)
     else:
-        for clip in _selected(path):
+        for clip in _selected(path, specification.from_robot):
             yield _NamedClip(result_stem(clip), str(clip.absolute()), named.removesuffix(path.name) + clip.name)
 
 
 def _below(specification: Specification, folder: Path, pattern: str, named: str) -> Iterator[_NamedClip]:
     """Yield the clips in a folder that fit a pattern, named by their path from there."""
     root = specification.folder / folder
-    found = recordings_below(root, pattern)
+    found = recordings_below(root, pattern, specification.from_robot)
     if not found:
         known = ", ".join(f"*{suffix}" for suffix in SUFFIXES if suffix != FOLDER)
         raise ArgumentError(
             f"{specification.folder / named}: there are no clips ({known}). Name a folder or a pattern that has some."
         )
     for path in found:
-        for clip in _selected(path):
+        for clip in _selected(path, specification.from_robot):
             below = clip.relative_to(root)
             name = (below.parent / clip_stem(clip)).as_posix()
             yield _NamedClip(name, str(clip.absolute()), (folder / below).as_posix())
 
 
-def _selected(path: Path) -> tuple[Path, ...]:
+def _selected(path: Path, from_robot: str | None) -> tuple[Path, ...]:
     """Return the names of all clips in a file; the file itself where it cannot be read: its job then reports why."""
     try:
-        return clips_in(path)
+        return clips_in(path) if from_robot is None else (path,)
     except ReadError:
         return (path,)
 

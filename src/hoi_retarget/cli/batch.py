@@ -21,7 +21,7 @@ from hoi_retarget.cli.output_checks import check_writable
 from hoi_retarget.cli.run import prepare_skin
 from hoi_retarget.cli.run_options import config_in
 from hoi_retarget.cli.terminal import Working, fail, say, show_table
-from hoi_retarget.clip.read_options import READ_OPTIONS
+from hoi_retarget.clip.read_options import READ_OPTIONS, option_of
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.robots import load_team
@@ -64,7 +64,7 @@ def _specification(command: Batch) -> Specification:
     for name in (*READ_OPTIONS, "config", "figures"):
         value = getattr(command, name)
         if value != getattr(Batch, name):
-            option = f"--{name.replace('_', '-')}"
+            option = option_of(name)
             key = f"config.{name}" if name == "figures" else name
             raise ArgumentError(f'{option} {value} is for a folder of clips. In {command.source} write {key} = "...".')
     return read_specification(command.source)

@@ -22,6 +22,7 @@ RobotName = Annotated[str, arg(metavar="NAME|FILE")]
 Folder = Annotated[Path, arg(metavar="DIR")]
 OptionalFolder = Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="")]
 ObjectName = Annotated[str | None, arg(name="object", aliases=["--object-name"], metavar="NAME", help_behavior_hint="")]
+FromRobot = Annotated[str | None, arg(name="from", metavar="NAME|FILE", help_behavior_hint="")]
 Meshes = Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="")]
 ResultFiles = Annotated[Positional[tuple[Path, ...]], arg(metavar="RESULT...", help_behavior_hint="(required)")]
 ConfigFile = Annotated[Path | None, arg(metavar="FILE.toml|RESULT.npz", help_behavior_hint="")]
@@ -80,7 +81,9 @@ class RecordingOptions(ReadOptions):
     objects: OptionalFolder = None
     object_name: ObjectName = None
     body_models: OptionalFolder = None
+    from_robot: FromRobot = None
     floor: Annotated[float | None, arg(metavar="HEIGHT", help_behavior_hint="")] = None
+    fps: Annotated[float | None, arg(metavar="NUMBER", help_behavior_hint="")] = None
 
 
 @dataclass(frozen=True, kw_only=True)

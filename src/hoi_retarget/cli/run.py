@@ -45,7 +45,7 @@ def execute_run(command: Run) -> int:
     """Retarget every clip; return 0 when all succeeded."""
     config = config_of(command)
     models = load_team(command.robot)
-    _check_clips(command.clips)
+    _check_clips(command.clips, command.from_robot)
     for path in command.clips:
         check_clip_kept(path, command.out)
     _check_objects(command.objects, command.object_name)
@@ -179,10 +179,11 @@ def _describe_inter_robot_hand_errors(motion: Motion) -> None:
         )
 
 
-def _check_clips(clips: Sequence[Path]) -> None:
+def _check_clips(clips: Sequence[Path], robot: str | None) -> None:
     for path in clips:
-        if os.path.isdir(path) and not can_be_clip(path):  # noqa: PTH112  # raises nothing: reading shows the fault
-            below = recordings_below(path)
+        # os.path raises nothing: reading shows the fault.
+        if os.path.isdir(path) and not can_be_clip(path, robot):  # noqa: PTH112
+            below = recordings_below(path, from_robot=robot)
             hint = f"Name clips in it, such as {below[0]}, or use batch." if below else why_no_clip(path)
             raise ArgumentError(f"{path} is a folder. {hint}")
     check_stems(clips, result_stem, "to {}.npz. Run them into different folders.")

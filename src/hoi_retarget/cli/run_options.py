@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from hoi_retarget.cli.commands import Run, SolveOptions
+from hoi_retarget.clip.read_options import option_of
 from hoi_retarget.errors import ArgumentError, HoiRetargetError
 from hoi_retarget.retargeting.config import Config, Horizon, Scaling, parse_horizon, read_config
 from hoi_retarget.retargeting.trajopt.solvers.solver import BandedInteriorPoint
@@ -13,8 +14,6 @@ from hoi_retarget.retargeting.trajopt.solvers.solver import BandedInteriorPoint
 _CONFIG_FIELDS = tuple(field.name for field in fields(Config))
 _NOT_IN_REPORT = {*_CONFIG_FIELDS, "config", "json", "all"}
 _PATHS = ("objects", "body_models", "edits", "out")
-_OPTION_NAMES = {"object_name": "--object"}
-"""Field -> its option, where their names differ."""
 
 
 def config_of(options: SolveOptions) -> Config:
@@ -64,8 +63,7 @@ def to_argv(
             continue
         if field.default is not MISSING and value == field.default:
             continue
-        option = _OPTION_NAMES.get(field.name, f"--{field.name.replace('_', '-')}")
-        words += [option, shown(str(value)) if field.name in _PATHS else str(value)]
+        words += [option_of(field.name), shown(str(value)) if field.name in _PATHS else str(value)]
     try:
         return [*words, *_changed("--", Config.from_table(config or {}, "config"), Config())]
     except HoiRetargetError:

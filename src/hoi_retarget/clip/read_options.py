@@ -26,6 +26,8 @@ class ReadOptions:
     """Which object the clip is with; by default the clip says, or its file name sub<N>_<object>_<n>."""
     body_models: Path | None = None
     """Folder with SMPL-X or SMPL-H models, for recordings that hold their parameters."""
+    from_robot: str | None = None
+    """The robot whose motion a file is, any that check-motion reads: it is retargeted from in place of a person."""
     floor: float | None = None
     """Height of the floor in the recording [m]; by default the format's, or an estimate from standing feet."""
     labels: Labels = "auto"
@@ -61,6 +63,11 @@ class ReadOptions:
         """
         values = {name: table[name] for name in READ_OPTIONS if table.get(name) is not None}
         return decode(ReadOptions, values, "the options of reading")
+
+
+def option_of(name: str) -> str:
+    """Return the command line's option for one of the options by its field's name."""
+    return {"object_name": "--object", "from_robot": "--from"}.get(name, f"--{name.replace('_', '-')}")
 
 
 READ_OPTIONS: tuple[str, ...] = tuple(field.name for field in fields(ReadOptions))

@@ -38,6 +38,11 @@ class SkinnedMesh:
         """The index of the joint that moves each vertex more than any other does."""
         return self.weights.argmax(axis=1)
 
+    @property
+    def is_rigid(self) -> bool:
+        """Whether every vertex goes with one joint alone, as a robot's do."""
+        return bool((self.weights.max(axis=1) == 1.0).all())
+
     def skin(
         self,
         positions: Float[np.ndarray, "T 52 3"],

@@ -81,7 +81,7 @@ def read_recording(path: Path, options: ReadOptions) -> tuple[Clip, Reader]:
         ArgumentError: The object's name is given, although the file tells it, or a clip is named that is not in it.
     """
     file = SourceFile(path)
-    reader = reader_of(file)
+    reader = _reader_or_hint(file, options.from_robot)
     select(file, reader)
     clip = at_rate(reader.read(file, options), options.fps)
     meshes = (track.geometry.file for track in clip.objects)
@@ -90,10 +90,27 @@ def read_recording(path: Path, options: ReadOptions) -> tuple[Clip, Reader]:
     return grasp_check.with_grasp_warnings(clip, reader.rotation_readings, grasps=options.grasps), reader
 
 
-def reader_of(file: SourceFile) -> Reader:
-    """Return the reader of a file; raises `ReadError` where nobody reads it."""
+def _reader_or_hint(file: SourceFile, from_robot: str | None) -> Reader:
+    """Return the same as `reader_of`; the error tells of a robot's motion where the file is one."""
+    hint = f"{file.name}: it is a robot's motion. Pass --from ROBOT to retarget it to another robot."
+    of_robots = _reader("robot_motion")
+    try:
+        reader = reader_of(file, from_robot)
+    except ReadError as error:
+        if file.exists and of_robots.holds(file):
+            raise ReadError(hint) from error
+        raise
+    if reader is not of_robots and not reader.holds(file) and of_robots.holds(file):
+        raise ReadError(hint)
+    return reader
+
+
+def reader_of(file: SourceFile, from_robot: str | None = None) -> Reader:
+    """Return the reader of a file, or of a named robot's motion; raises `ReadError` where nobody reads it."""
     if not file.exists:
         raise ReadError(f"{file.name}: there is no such file. Check the path.")
+    if from_robot is not None:
+        return _reader("robot_motion")
     if file.suffix != FOLDER or file.clip_file.is_file():
         check_file(file.clip_file)
     fitting = readers(file.suffix)
@@ -131,12 +148,12 @@ def clips_in(path: Path) -> tuple[Path, ...]:
     return tuple(Path(f"{path}{SELECTION}{name}") for name in names) or (path,)
 
 
-def recordings_below(folder: Path, pattern: str = "**/*") -> tuple[Path, ...]:
-    """Return all files and folders in a folder that fit a pattern and may be clips, in order."""
+def recordings_below(folder: Path, pattern: str = "**/*", from_robot: str | None = None) -> tuple[Path, ...]:
+    """Return all files and folders in a folder that fit a pattern and may be clips, as `can_be_clip` says, in order."""
     found: list[Path] = []
     for path in sorted(folder.glob(pattern)):
         # Files in a clip's own folder, right behind it in this order, are part of it.
-        if not (found and path.is_relative_to(found[-1])) and can_be_clip(path):
+        if not (found and path.is_relative_to(found[-1])) and can_be_clip(path, from_robot):
             found.append(path)
     return tuple(found)
 
@@ -187,9 +204,14 @@ def listed(names: Sequence[str]) -> str:
     return f"{', '.join(names[:_MAX_LISTED])}{', ...' if len(names) > _MAX_LISTED else ''}"
 
 
-def can_be_clip(path: Path) -> bool:
-    """Return whether a file or a folder may be a clip by its name, or by its content where the name says little."""
+def can_be_clip(path: Path, from_robot: str | None = None) -> bool:
+    """Return whether a file or a folder may be a clip by its name, or by its content where the name says little.
+
+    With the name of a robot, motions of robots are clips, and nothing else is.
+    """
     file = SourceFile(path)
+    if from_robot is not None:
+        return _reader("robot_motion").holds(file)
     if file.suffix in (".pt", ".pth"):
         return True
     try:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.clip.read_options import ReadOptions
+from hoi_retarget.clip.read_options import ReadOptions, option_of
 from hoi_retarget.errors import ArgumentError, BodyModelError, ClipError, GeometryError, MeshError, ReadError
 from hoi_retarget.files import npz
 from hoi_retarget.files.source_file import FOLDER, SELECTION, SourceFile
@@ -112,15 +112,16 @@ def inspect(path: Path, options: ReadOptions = ReadOptions()) -> Inspection:
     `ArgumentError` where there is no clip of the name that follows the file's.
     """
     file = SourceFile(path)
-    if file.suffix == FOLDER and not can_be_clip(path):
+    if file.suffix == FOLDER and not can_be_clip(path, options.from_robot):
         return _describe_folder(path, options)
+    robot = options.from_robot
     try:
-        reader = reader_of(file) if file.suffix in SUFFIXES else None
+        reader = reader_of(file, robot) if robot is not None or file.suffix in SUFFIXES else None
     except ReadError:
         if (motion := _describe_robot_motion(path)) is None:
             raise
         return motion
-    if reader is not None and (file.suffix not in _SHARED or reader.holds(file)):
+    if reader is not None and (robot is not None or file.suffix not in _SHARED or reader.holds(file)):
         return _describe_recording(file, reader, options)
     if file.suffix == ".npz" and "schema" in file.array_names:
         return _describe_result(path, load(path))
@@ -154,7 +155,7 @@ def _describe_recording(file: SourceFile, reader: Reader, options: ReadOptions) 
         return Inspection(str(file.name), reader.format, f"{len(names)} clips in one recording", notes=notes)
     select(file, reader)
     try:
-        outline = reader.outline(file)
+        outline = reader.outline(file, ReadOptions(from_robot=options.from_robot))
     except (ClipError, ReadError) as error:
         return Inspection(str(file.name), reader.format, "a recording that cannot be used", problems=(str(error),))
     facts = Inspection(
@@ -236,15 +237,18 @@ def _contradictions(positions: Float[np.ndarray, "T 52 3"], objects: Iterable[Ob
 
 
 def _describe_folder(path: Path, options: ReadOptions) -> Inspection:
-    found = recordings_below(path)
+    found = recordings_below(path, from_robot=options.from_robot)
     if not found and (motion := _describe_robot_motion(path)) is not None:
         return motion
     if not found:
         problem = f"There is no clip in it or below. {why_no_clip(path)}"
         return Inspection(str(path), UNKNOWN, "a folder", problems=(problem,))
-    counted = ", ".join(f"{count} {name}" for name, count in Counter(map(_format_of, found)).most_common())
+    counted = ", ".join(
+        f"{count} {name}"
+        for name, count in Counter(_format_of(path, options.from_robot) for path in found).most_common()
+    )
     names = [str(clip.relative_to(path)) for clip in found]
-    shared = ReadOptions(objects=options.objects, body_models=options.body_models)
+    shared = ReadOptions(objects=options.objects, body_models=options.body_models, from_robot=options.from_robot)
     return Inspection(
         str(path),
         "folder",
@@ -254,9 +258,9 @@ def _describe_folder(path: Path, options: ReadOptions) -> Inspection:
     )
 
 
-def _format_of(path: Path) -> str:
+def _format_of(path: Path, from_robot: str | None) -> str:
     try:
-        return reader_of(SourceFile(path)).format
+        return reader_of(SourceFile(path), from_robot).format
     except ReadError:
         return "unreadable"
 
@@ -311,7 +315,7 @@ def _command(verb: str, path: Path, options: ReadOptions) -> str:
     words = ["hoi-retarget", verb, str(path)]
     for name, value in options.as_json().items():
         if value != getattr(ReadOptions, name):
-            words += ["--object" if name == "object_name" else f"--{name.replace('_', '-')}", str(value)]
+            words += [option_of(name), str(value)]
     return shlex.join([*words, "--out", "out"])
 
 

@@ -22,7 +22,7 @@ from hoi_retarget.readers.bvh import ACTOR
 from hoi_retarget.readers.reader import Reader
 
 _ADVICE = "Pass --clip to name it."
-_NAMED_BY_FOLDER = ("hmr4d_results", Path(ACTOR).stem)
+_NAMED_BY_FOLDER = ("hmr4d_results", "motion", Path(ACTOR).stem)
 
 
 def open_clip(name: Path | str, options: ReadOptions = ReadOptions()) -> Clip:

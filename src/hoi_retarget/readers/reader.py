@@ -115,9 +115,9 @@ class Reader:
     has_companions: Callable[[SourceFile], bool] = lambda _file: True
     """Tells whether a recording may need files that are not known until it is read, such as body models."""
 
-    def outline(self, file: SourceFile) -> Outline:
+    def outline(self, file: SourceFile, options: ReadOptions = ReadOptions()) -> Outline:
         """Return the facts of a recording, cheaply; raises `ReadError` or `ClipError`."""
-        recording = self.record(file, ReadOptions())
+        recording = self.record(file, options)
         return replace(recording, up_axis=recording.up_axis or f"{recording.up}, as the format has it")
 
     def read(self, file: SourceFile, options: ReadOptions) -> Clip:

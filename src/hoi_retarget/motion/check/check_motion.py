@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.errors import ClipError
+from hoi_retarget.human.skeleton import HANDS
 from hoi_retarget.motion.check.body_checks import FoundBodies, read_bodies
 from hoi_retarget.motion.check.continuity import check_continuity
 from hoi_retarget.motion.check.finding import FormatFinding, changed, collected, with_causes
@@ -107,7 +108,7 @@ def check(file: MotionFile, model: RobotModel) -> CheckedMotion:
     implied = collected(check_velocities(file, reading, _moving(file, layout, found)), findings)
     objects: tuple[ObjectPath, ...] = ()
     if qpos is not None:
-        context = CheckContext(model, qpos, reading, file.convention, implied or fps)
+        context = CheckContext(model, qpos, reading, file.convention, implied or fps, _hands_touch(file))
         of_objects: list[FormatFinding] = []
         stored = replace(claim.of_poses, y_up=reading.y_up)
         items = [(item, stored) for item in file.objects]
@@ -170,6 +171,12 @@ def _body_paths(file: MotionFile, layout: Layout, found: FoundBodies | None) -> 
     paths = file.bodies.pos if layout.pos is None else np.concatenate([file.bodies.pos, layout.pos[:, None]], axis=1)
     names = (*(file.body_names or (f"body {index}" for index in range(file.bodies.pos.shape[1]))), "the root's columns")
     return dict(zip(names, np.moveaxis(found.reading.position(paths), 1, 0), strict=False))
+
+
+def _hands_touch(file: MotionFile) -> bool:
+    flags = file.contacts
+    hands = [index for index, name in enumerate(flags.names if flags else ()) if name in HANDS]
+    return flags is None or not hands or bool(flags.flags[:, hands].any())
 
 
 def _moving(file: MotionFile, layout: Layout, found: FoundBodies | None) -> list[tuple[str, Bodies]]:

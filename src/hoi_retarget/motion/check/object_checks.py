@@ -69,6 +69,8 @@ class CheckContext:
     reading: Interpretation
     convention: Convention
     fps: float
+    hands_touch: bool = True
+    """False where the file's flags name hands, and none ever touches."""
 
 
 _MIN_MOVING_FRAMES = 8
@@ -135,8 +137,10 @@ def check_object(item: ObjectPoses, claim: Interpretation, context: CheckContext
         return None
     readings = list(_readings(item.name, raw_pos, raw_quat, claim))
     path = readings[0].path
-    if (_speed(path.pos, context.fps) > MOVING_SPEED).sum() < _MIN_MOVING_FRAMES:
-        yield FormatFinding("unknown", "object", words, f"{item.name} hardly moves: cannot be told")
+    moves = (_speed(path.pos, context.fps) > MOVING_SPEED).sum() >= _MIN_MOVING_FRAMES
+    if not (moves and context.hands_touch):
+        why = "no hand touches it by the file's flags" if moves else f"{item.name} hardly moves"
+        yield FormatFinding("unknown", "object", words, f"{why}: cannot be told")
         return path
     palms = _palms(context)
     first, *others = [_hold(palms, way.path, context.fps) for way in readings]
@@ -175,7 +179,7 @@ def check_contacts(file: MotionFile, paths: Sequence[ObjectPath], context: Check
         near = np.linalg.norm(palms - path.pos[:, None], axis=-1).min(axis=1) < _MAX_PALM_DISTANCE_M
         moved[1:-1] |= near[1:-1] & (_speed(path.pos, context.fps) > MOVING_SPEED)
     claim = "flagged while objects are moved"
-    if moved.sum() < _MIN_MOVING_FRAMES:
+    if moved.sum() < _MIN_MOVING_FRAMES or not context.hands_touch:
         yield FormatFinding("unknown", "contacts", claim, "no object is moved near a palm: cannot be told")
         return
     flagged = np.any(file.contacts.flags, axis=1)

@@ -11,9 +11,12 @@ import numpy as np
 
 from hoi_retarget.motion.formats.containers import ArraysByName, has
 from hoi_retarget.motion.formats.format import Format, VelocityPoint, Written
-from hoi_retarget.motion.formats.motion_file import Bodies, Convention
+from hoi_retarget.motion.formats.motion_file import Bodies, ContactFlags, Convention, ObjectPoses
 from hoi_retarget.motion.links import breadth_first, link_states, source_joint_names, source_joints
 from hoi_retarget.motion.resample import ResampledMotion
+
+END_EFFECTORS = ("left_foot", "right_foot", "left_hand", "right_hand")
+"""Of `contact_info`, in its order, as hands and feet near the object tell it."""
 
 
 def read_bodies(arrays: ArraysByName) -> Bodies:
@@ -71,7 +74,24 @@ def _read_tracking(arrays: ArraysByName) -> dict[str, Any]:
         "joint_pos": arrays.numbers("joint_pos"),
         "joint_vel": arrays.numbers("joint_vel"),
         "bodies": read_bodies(arrays),
+        "objects": _objects(arrays),
+        "contacts": _contacts(arrays.optional("contact_info")),
     }
+
+
+def _objects(arrays: ArraysByName) -> tuple[ObjectPoses, ...]:
+    if arrays.optional("object_pos_w") is None:
+        return ()
+    pose = arrays.pose("object_pos_w", "object_quat_w")
+    velocities = (arrays.optional(f"object_{kind}_vel_w") for kind in ("lin", "ang"))
+    return (ObjectPoses("object", pose, *velocities),)
+
+
+def _contacts(shares: np.ndarray | None) -> ContactFlags | None:
+    """Return the flags of OmniContact's four end effectors, whose shares of contact go from 0 to 1 on ramps."""
+    if shares is None or shares.ndim != 3 or shares.shape[1:] != (len(END_EFFECTORS), 1):
+        return None
+    return ContactFlags(END_EFFECTORS, shares[..., 0] > 0.5)
 
 
 def _write_tracking(

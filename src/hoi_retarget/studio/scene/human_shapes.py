@@ -10,8 +10,10 @@ from jaxtyping import Float
 from hoi_retarget.human.body_model import BodyShape
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT, PARENTS, world_positions
+from hoi_retarget.human.skinned_mesh import SkinnedMesh
 from hoi_retarget.human.t_pose import rest_offsets
 from hoi_retarget.numerics import se3
+from hoi_retarget.readers.robot_person import joint_quats
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.studio.scene.drawing import Colour, Kind, Shapes, Solid
 from hoi_retarget.studio.scene.marks import rotations_to
@@ -101,10 +103,17 @@ def _roundings(person: Person, radii: np.ndarray, growth: float) -> Shapes:
     )
 
 
+def has_pieces(person: Person) -> bool:
+    """Return whether a person's skin may be drawn in rigid pieces: a rig's own, bent from its rest pose, would tear."""
+    return isinstance(person.shape, BodyShape) or (person.shape is not None and person.shape.is_rigid)
+
+
 def human_skin(person: Person) -> tuple[Solid, ...]:
-    """Return the skin of a body model's person, in pieces."""
+    """Return the skin of a person in pieces."""
     shape = person.shape
-    assert isinstance(shape, BodyShape), "its rest pose is the T-pose"
+    assert shape is not None, "there is a skin"
+    unturned = np.tile(se3.IDENTITY_QUAT, (len(JOINTS), 1))  # A body model rests in the T-pose.
+    turns = shape.rest_quats if isinstance(shape, SkinnedMesh) else unturned
     # A triangle belongs to the joint of most of its corners: the middle one of the three in order.
     owners = np.sort(shape.owners[shape.faces], axis=1)[:, 1]
     pieces = []
@@ -112,7 +121,7 @@ def human_skin(person: Person) -> tuple[Solid, ...]:
         faces = shape.faces[owners == index]
         if len(faces):
             used, corners = np.unique(faces, return_inverse=True)
-            vertices = shape.rest_vertices[used] - shape.rest_joints[index]
+            vertices = se3.rotate_inverse(turns[index], shape.rest_vertices[used] - shape.rest_joints[index])
             positions, quats = person.joint_positions[:, index], person.joint_quats[:, index]
             pieces.append(Solid(vertices, corners.reshape(faces.shape), COLOUR, positions, quats))
     return tuple(pieces)
@@ -128,18 +137,7 @@ def person_in_pose(kinematics: Kinematics, aside: Float[np.ndarray, "3"]) -> Per
     `aside` leads from the robot's pelvis to the person's [m]; its height does not count.
     """
     spec = kinematics.model.spec
-    bones = rest_offsets(spec.stature)
-    followed = {
-        row.human_joint: se3.quat_multiply(
-            se3.matrix_to_quat(kinematics.site_rotation(row.site)), se3.quat_conjugate(np.array(row.rotation_offset))
-        )
-        for row in spec.ik
-    }
-    quats = np.empty((len(kinematics.qpos), len(JOINTS), 4))
-    for joint, index in JOINT_INDEX.items():
-        # The pelvis comes first and is in every table; joints that are not go with their parents, the trunk as one.
-        known = "spine3" if joint in {"spine1", "spine2"} else joint
-        quats[:, index] = followed[known] if known in followed else quats[:, JOINT_INDEX[str(PARENT[joint])]]
+    bones, quats = rest_offsets(spec.stature), joint_quats(kinematics)
     positions = world_positions(kinematics.site_position("pelvis") + aside, bones, quats, PARENTS)
     toes = positions[:, [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]], 2].min(axis=1)
     positions[..., 2] += (_TOE_HEIGHT * spec.stature - toes)[:, None]

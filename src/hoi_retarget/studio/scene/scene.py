@@ -15,7 +15,6 @@ from scipy.ndimage import gaussian_filter1d
 
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import ArgumentError
-from hoi_retarget.human.body_model import BodyShape
 from hoi_retarget.human.skeleton import PARTS
 from hoi_retarget.motion.motion import SIMULATED, STAGE_TITLES, Motion, Stage, check_robot
 from hoi_retarget.numerics import se3
@@ -23,7 +22,7 @@ from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
 from hoi_retarget.studio.scene.drawing import Colour, DrawnScene, Layer, Lines, Part, Shapes, Solid, Subject
-from hoi_retarget.studio.scene.human_shapes import human_shapes, human_skin
+from hoi_retarget.studio.scene.human_shapes import has_pieces, human_shapes, human_skin
 from hoi_retarget.studio.scene.marks import contact_marks, force_arrows, human_contact_marks, inside_marks, stance_marks
 from hoi_retarget.studio.scene.robot_shapes import (
     AXIS_LENGTH,
@@ -247,7 +246,7 @@ def _human(clip: Clip, person: int) -> RobotOrHuman:
         for index, track in enumerate(clip.objects)
     )
     layers = (
-        Layer("human", human_skin(human) if isinstance(human.shape, BodyShape) else human_shapes(human)),
+        Layer("human", human_skin(human) if has_pieces(human) else human_shapes(human)),
         Layer("human's object", tuple(solids)),
         Layer("human's contacts", human_contact_marks(contacts, clip.objects)),
     )

@@ -1,0 +1,172 @@
+"""Reads the motion of a robot as the clip of a person, to be retargeted to another robot with objects and contacts.
+
+Any file that `check-motion` reads is one, as its numbers are found to be. Objects are at the size that the robot had
+them. Contacts are those of this project's results and of files with flags by part; otherwise they are found from
+distances between the robot's skin and the objects.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from hoi_retarget.clip.clip import ContactTrack
+from hoi_retarget.clip.read_options import ReadOptions
+from hoi_retarget.errors import ArgumentError, GeometryError, ReadError
+from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.human.person import Person
+from hoi_retarget.human.skeleton import BODY_PARTS, PARTS
+from hoi_retarget.motion import formats
+from hoi_retarget.motion.check import CheckedMotion, check
+from hoi_retarget.motion.formats import MotionFile, own_result
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.motion.result_file import load
+from hoi_retarget.objects.mesh import surface_of
+from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
+from hoi_retarget.readers.object_files import load_geometry
+from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
+from hoi_retarget.readers.robot_person import person_of
+from hoi_retarget.robots import load_robot
+from hoi_retarget.robots.model import RobotModel
+
+LICENCE = "that of the robot's motion and of the recording that it was made from"
+
+
+def holds(file: SourceFile) -> bool:
+    """Return whether a file is a robot's motion."""
+    try:
+        formats.read(file.path)
+    except ReadError:
+        return False
+    return True
+
+
+def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
+    """Return the recording in a file, as the motion of the robot that the options name."""
+    model = load_robot(options.from_robot or "")
+    if model.spec.base != "legs":
+        raise ArgumentError(f"--from {model.spec.name}: it has no legs, which a person is retargeted with.")
+    stored = formats.read(file.path)
+    for path in [file.path] if file.path.is_file() else sorted(filter(Path.is_file, file.path.iterdir())):
+        file.read(path)  # For the digest.
+    if stored.format == own_result.FORMAT.name:
+        return _of_result(file, options, load(file.path), model)
+    found = check(stored, model)
+
+    def read_tracks() -> Tracks:
+        objects = tuple(
+            ObjectTrack(_name(options, item.name), item.pos, item.quat, _geometry(file, options, item.name))
+            for item in found.objects
+        )
+        person = person_of(model.forward(found.qpos))
+        return Tracks(
+            people=(person,), objects=objects, contacts=_flagged(stored, person, objects), notes=_notes(found)
+        )
+
+    recording = _recording(file, model, len(found.qpos), found.fps, tuple(item.name for item in found.objects))
+    return replace(recording, fps_stated=not found.fps_assumed, read_tracks=read_tracks)
+
+
+def _recording(
+    file: SourceFile, model: RobotModel, frames: int, fps: float, objects: tuple[str, ...]
+) -> SourceRecording:
+    return SourceRecording(
+        name=file.path.stem,
+        description=f"motion of the robot {model.spec.name}, as a person",
+        frames=frames,
+        fps=fps,
+        skeleton=f"the links of {model.spec.name}",
+        objects=objects,
+        contacts="those of the motion, or found from the robot's skin",
+        licence=LICENCE,
+        up="z",
+        read_tracks=partial(Tracks, people=(), objects=()),
+        names_objects=False,
+        may_lie=True,
+    )
+
+
+def _name(options: ReadOptions, name: str) -> str:
+    return options.object_name or name
+
+
+def _notes(found: CheckedMotion) -> tuple[str, ...]:
+    lacking = f"Joints that the file lacks are at 0: {', '.join(found.missing_joints)}." if found.missing_joints else ""
+    wrong = "; ".join(f"{item.subject}: {item.numbers}" for item in found.causes)
+    return tuple(filter(None, [lacking, f"The file's numbers contradict its claims ({wrong})." if wrong else ""]))
+
+
+def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeometry:
+    if options.objects is None:
+        raise GeometryError(
+            f"{file.name}: the motion moves {name!r}, whose shape it does not hold. Pass --objects DIR with "
+            f"{name}/{name}.obj in it, and --object NAME where it has another name there."
+        )
+    return load_geometry(options.objects, _name(options, name))
+
+
+def _flagged(stored: MotionFile, person: Person, objects: tuple[ObjectTrack, ...]) -> tuple[ContactTrack, ...]:
+    """Return the contacts of a file's flags, where these are named as parts; none otherwise."""
+    flags = stored.contacts
+    if flags is None or len(objects) != 1 or not set(flags.names) <= set(PARTS):
+        return ()
+    columns = zip(flags.names, flags.flags.T, strict=True)
+    return tuple(
+        ContactTrack(0, 0, part, active, objects[0].to_object(person.part_position(part))) for part, active in columns
+    )
+
+
+def _of_result(file: SourceFile, options: ReadOptions, motion: Motion, model: RobotModel) -> SourceRecording:
+    if motion.robot != model.spec.name:
+        raise ArgumentError(f"--from {model.spec.name}: {file.name} is a result for {motion.robot}. Pass --from that.")
+
+    def read_tracks() -> Tracks:
+        shapes = _shapes(file, options, motion)
+        objects = tuple(
+            ObjectTrack(name, motion.object_pos[:, index], motion.object_quat[:, index], _at_size(shape, scale))
+            for index, (name, shape, scale) in enumerate(
+                zip(motion.object_names, shapes, motion.object_scale.tolist(), strict=True)
+            )
+        )
+        person = person_of(model.forward(motion.qpos))
+        return Tracks(people=(person,), objects=objects, contacts=tuple(_contacts(motion, model, person, objects)))
+
+    recording = _recording(file, model, motion.frames, motion.fps, motion.object_names)
+    return replace(recording, fps_stated=True, read_tracks=read_tracks)
+
+
+def _shapes(file: SourceFile, options: ReadOptions, motion: Motion) -> list[ObjectGeometry]:
+    """Return the shapes of a result's objects as captured: of the folder that is named, or of the result's clip."""
+    from hoi_retarget.readers.open import clip_of  # noqa: PLC0415  # it reads by way of this package
+
+    if options.objects is not None or not motion.object_names:
+        return [_geometry(file, options, name) for name in motion.object_names]
+    try:
+        return [track.geometry for track in clip_of(motion).objects]
+    except ReadError as error:
+        raise GeometryError(f"{file.name}: {error} Or pass --objects DIR with the shapes of its objects.") from error
+
+
+def _at_size(shape: ObjectGeometry, scale: float) -> ObjectGeometry:
+    if scale == 1.0:
+        return shape
+    if not shape.has_surface:
+        return ObjectGeometry(scale * shape.points)
+    surface = surface_of(shape)
+    return ObjectGeometry(scale * surface.vertices, faces=surface.faces)
+
+
+def _contacts(
+    motion: Motion, model: RobotModel, person: Person, objects: tuple[ObjectTrack, ...]
+) -> Iterator[ContactTrack]:
+    """Yield a result's contacts, at the places of the robot's own palms, feet and links."""
+    sites = {site: part for part, site in model.spec.contact_sites.items() if part in PARTS | BODY_PARTS}
+    for column, link in enumerate(motion.contact_links):
+        for index, track in enumerate(objects):
+            active = motion.contact_flags[:, column] & (motion.contact_object[:, column] == index)
+            if link in sites and (sites[link] in PARTS or active.any()):
+                part = sites[link]
+                yield ContactTrack(0, index, part, active, track.to_object(person.part_position(part)))
+
+
+READER = Reader("robot-motion", record, holds=holds, floor_at_zero=True)
