@@ -181,8 +181,8 @@ def _describe_inter_robot_hand_errors(motion: Motion) -> None:
 
 def _check_clips(clips: Sequence[Path], robot: str | None) -> None:
     for path in clips:
-        # os.path raises nothing: reading shows the fault.
-        if os.path.isdir(path) and not can_be_clip(path, robot):  # noqa: PTH112
+        is_folder = os.path.isdir(path)  # noqa: PTH112  # raises nothing: reading shows the fault
+        if is_folder and not can_be_clip(path, robot):
             below = recordings_below(path, from_robot=robot)
             hint = f"Name clips in it, such as {below[0]}, or use batch." if below else why_no_clip(path)
             raise ArgumentError(f"{path} is a folder. {hint}")

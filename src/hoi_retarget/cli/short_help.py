@@ -47,7 +47,7 @@ class Option:
 
 
 def whole_help(parse: Callable[[], object]) -> str:
-    """Return what a parser prints for `--help`, without colours."""
+    """Return the text of a parser's `--help`, without colours."""
     with redirect_stdout(io.StringIO()) as printed, suppress(SystemExit):
         parse()
     return re.sub(r"\x1b\[[0-9;]*m", "", printed.getvalue())

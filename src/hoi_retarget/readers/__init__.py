@@ -92,7 +92,10 @@ def read_recording(path: Path, options: ReadOptions) -> tuple[Clip, Reader]:
 
 def _reader_or_hint(file: SourceFile, from_robot: str | None) -> Reader:
     """Return the same as `reader_of`; the error tells of a robot's motion where the file is one."""
-    hint = f"{file.name}: it is a robot's motion. Pass --from ROBOT to retarget it to another robot."
+    hint = (
+        f"{file.name}: this is a robot's motion, not a clip. Use `hoi-retarget evaluate` on it, or pass --from ROBOT "
+        "to retarget it to another robot."
+    )
     of_robots = _reader("robot_motion")
     try:
         reader = reader_of(file, from_robot)

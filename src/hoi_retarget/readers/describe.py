@@ -237,18 +237,18 @@ def _contradictions(positions: Float[np.ndarray, "T 52 3"], objects: Iterable[Ob
 
 
 def _describe_folder(path: Path, options: ReadOptions) -> Inspection:
-    found = recordings_below(path, from_robot=options.from_robot)
+    robot = options.from_robot
+    found = recordings_below(path, from_robot=robot)
     if not found and (motion := _describe_robot_motion(path)) is not None:
         return motion
     if not found:
         problem = f"There is no clip in it or below. {why_no_clip(path)}"
         return Inspection(str(path), UNKNOWN, "a folder", problems=(problem,))
     counted = ", ".join(
-        f"{count} {name}"
-        for name, count in Counter(_format_of(path, options.from_robot) for path in found).most_common()
+        f"{count} {name}" for name, count in Counter(_format_of(path, robot) for path in found).most_common()
     )
     names = [str(clip.relative_to(path)) for clip in found]
-    shared = ReadOptions(objects=options.objects, body_models=options.body_models, from_robot=options.from_robot)
+    shared = ReadOptions(objects=options.objects, body_models=options.body_models, from_robot=robot)
     return Inspection(
         str(path),
         "folder",

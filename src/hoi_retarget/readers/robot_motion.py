@@ -36,7 +36,7 @@ def holds(file: SourceFile) -> bool:
     """Return whether a file is a robot's motion."""
     try:
         formats.read(file.path)
-    except ReadError:
+    except (ReadError, OSError):
         return False
     return True
 

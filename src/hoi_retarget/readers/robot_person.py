@@ -44,7 +44,7 @@ def person_of(kinematics: Kinematics) -> Person:
 
 
 def joint_quats(kinematics: Kinematics) -> Float[np.ndarray, "T 52 4"]:
-    """Return the rotations of a person's joints whose limbs are turned as the robot's, wxyz."""
+    """Return the joints' rotations of a person with limbs turned as the robot's, wxyz."""
     followed = {
         row.human_joint: se3.quat_multiply(
             se3.matrix_to_quat(kinematics.site_rotation(row.site)), se3.quat_conjugate(np.array(row.rotation_offset))

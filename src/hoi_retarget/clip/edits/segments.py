@@ -95,5 +95,5 @@ def part_text(person: int, part: str) -> str:
 
 
 def span_text(start: int, stop: int) -> str:
-    """Return frames `start` to the one before `stop` as words."""
+    """Return the frames from `start` to `stop`, the last one not included, as words."""
     return f"frame {start}" if stop - start == 1 else f"frames {start} to {stop - 1}"

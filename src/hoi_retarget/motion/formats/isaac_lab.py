@@ -88,7 +88,7 @@ def _objects(arrays: ArraysByName) -> tuple[ObjectPoses, ...]:
 
 
 def _contacts(shares: np.ndarray | None) -> ContactFlags | None:
-    """Return the flags of OmniContact's four end effectors, whose shares of contact go from 0 to 1 on ramps."""
+    """Return the flags of OmniContact's four end effectors, from shares of contact with ramps from 0 to 1."""
     if shares is None or shares.ndim != 3 or shares.shape[1:] != (len(END_EFFECTORS), 1):
         return None
     return ContactFlags(END_EFFECTORS, shares[..., 0] > 0.5)
