@@ -396,8 +396,8 @@ def _formats() -> str:
     from hoi_retarget.motion.formats import WRITABLE  # noqa: PLC0415  # heavy, and no other command names them
 
     return (
-        f"{', '.join(WRITABLE)}, dataset (many results in one folder), or mjlab-task (a training task for mjlab, with "
-        "objects; masses and frictions are for it alone)."
+        f"{', '.join(WRITABLE)}, dataset or lerobot (many results in one folder), or mjlab-task (a training task for "
+        "mjlab, with objects; masses and frictions are for it alone)."
     )
 
 

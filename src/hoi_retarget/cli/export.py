@@ -14,11 +14,12 @@ from hoi_retarget.dynamics.physics_scene import scene_of
 from hoi_retarget.errors import ArgumentError, ClipError, HoiRetargetError
 from hoi_retarget.files.atomic import write_together
 from hoi_retarget.motion.formats import WRITABLE, Format
-from hoi_retarget.motion.formats.dataset import CARD, FOLDER, write_dataset
+from hoi_retarget.motion.formats.dataset import CARD, FOLDER
+from hoi_retarget.motion.formats.lerobot import INFO
 from hoi_retarget.motion.motion import SIMULATED, STAGE_TITLES, Motion
 from hoi_retarget.motion.result import Result
 from hoi_retarget.motion.result_file import set_aside
-from hoi_retarget.motion.write_export import DATASET, export, format_named
+from hoi_retarget.motion.write_export import FOLDERS, export, format_named
 from hoi_retarget.robots import load_robot
 from hoi_retarget.simulation.mjlab_task import NAME as TASK
 from hoi_retarget.simulation.mjlab_task import RATE, check_usable, package_files, plain_name, task_of
@@ -29,7 +30,7 @@ def execute_export(command: Export) -> int:
     if command.to == TASK:
         return _export_tasks(command)
     _check_no_physics(command)
-    if command.to == DATASET:
+    if command.to in FOLDERS:
         return _export_dataset(command)
     format = format_named(command.to)
     targets = _targets(command, format)
@@ -81,7 +82,7 @@ def _export_dataset(command: Export) -> int:
             raise ArgumentError(
                 f"{count} results of {name} are called {stem}; rows of a data set need names of their own."
             )
-        files = write_dataset(results, command.fps)
+        files = FOLDERS[command.to](results, command.fps)
         write_together({command.out / name: content for name, content in files.items()})
     for licence in sorted({result.licence for result in results}):
         say(f"licence of sources: {licence}")
@@ -97,8 +98,8 @@ def _check_folder(folder: Path) -> None:
     others = sorted(path.name for path in rows.iterdir() if path.suffix == ".parquet") if rows.is_dir() else []
     if others:
         raise ArgumentError(f"--out {folder}: there are rows in it already ({others[0]}, ...). Name another folder.")
-    if (folder / CARD).exists():
-        raise ArgumentError(f"--out {folder}: there is a {CARD} in it, which would be lost. Name another folder.")
+    if there := next((name for name in (CARD, INFO) if (folder / name).exists()), ""):
+        raise ArgumentError(f"--out {folder}: there is a {there} in it, which would be lost. Name another folder.")
 
 
 def _targets(command: Export, format: Format) -> dict[Path, Path]:

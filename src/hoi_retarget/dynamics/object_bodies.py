@@ -136,30 +136,10 @@ def _decomposed(surface: Surface) -> tuple[Float[np.ndarray, "_ 3"], ...]:
     return tuple(frozen(corners) for corners, _ in found)
 
 
-DENSITIES = {
-    "suitcase": 70.0,
-    "monitor": 350.0,
-    "trash": 70.0,
-    "bin": 70.0,
-    "plasticbox": 25.0,
-    "box": 40.0,
-    "table": 35.0,
-    "desk": 35.0,
-    "chair": 35.0,
-    "stool": 60.0,
-    "sofa": 60.0,
-    "lamp": 25.0,
-    "stand": 20.0,
-    "tripod": 40.0,
-    "vacuum": 150.0,
-    "mop": 25.0,
-    "broom": 25.0,
-    "ball": 90.0,
-    "bottle": 600.0,
-    "cup": 400.0,
-    "backpack": 80.0,
-    "bag": 80.0,
-}
+DENSITIES = {"suitcase": 70.0, "monitor": 350.0, "trash": 70.0, "bin": 70.0, "plasticbox": 25.0, "box": 40.0}
+DENSITIES |= {"table": 35.0, "desk": 35.0, "chair": 35.0, "stool": 60.0, "sofa": 60.0, "lamp": 25.0, "stand": 20.0}
+DENSITIES |= {"tripod": 40.0, "vacuum": 150.0, "mop": 25.0, "broom": 25.0, "ball": 90.0, "bottle": 600.0, "cup": 400.0}
+DENSITIES |= {"backpack": 80.0, "bag": 80.0}
 """Mass over the volume of the convex hull [kg/m^3] by a word in the name: of usual objects of that kind."""
 OTHER_DENSITY = 60.0
 _HALF_THICKNESS = 1e-3  # [m]; a flat object counts as so thick on either side.

@@ -1,6 +1,6 @@
 """Results exported: the files of a format, and a small file beside them that describes their content."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path, PureWindowsPath
@@ -14,7 +14,10 @@ from hoi_retarget.motion.contact_arrays import contact_arrays
 from hoi_retarget.motion.formats import WRITABLE
 from hoi_retarget.motion.formats.containers import to_json
 from hoi_retarget.motion.formats.dataset import NAME as DATASET
+from hoi_retarget.motion.formats.dataset import write_dataset
 from hoi_retarget.motion.formats.format import Format, Written
+from hoi_retarget.motion.formats.lerobot import NAME as LEROBOT
+from hoi_retarget.motion.formats.lerobot import write_lerobot
 from hoi_retarget.motion.links import held_joints
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.resample import ResampledMotion, resample
@@ -22,8 +25,13 @@ from hoi_retarget.motion.result import Result
 from hoi_retarget.motion.result_file import encode
 from hoi_retarget.robots import load_robot
 
-NAMES: tuple[str, ...] = (*WRITABLE, DATASET)
-"""Names of all formats that can be written, the last of which takes many results into one folder."""
+FOLDERS: Mapping[str, Callable[[Sequence[Result], float | None], dict[str, bytes]]] = {
+    DATASET: write_dataset,
+    LEROBOT: write_lerobot,
+}
+"""By name, the formats of many results in one folder."""
+NAMES: tuple[str, ...] = (*WRITABLE, *FOLDERS)
+"""Names of all formats that can be written."""
 _UNITS = {"length": "m", "angle": "rad", "time": "s"}
 
 

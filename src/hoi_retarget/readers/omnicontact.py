@@ -8,7 +8,6 @@ the root of the release, in centimetres. Contacts are not recorded.
 Cites: readers of others (UMR's `convert_omnicontact`), as the makers describe no layout; no file of it was at hand.
 """
 
-import csv
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
@@ -17,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from hoi_retarget.clip.read_options import ReadOptions
-from hoi_retarget.errors import ReadError
 from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.motion.formats.containers import HEADER, TABLE, read_csv
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers import bvh
 from hoi_retarget.readers.bvh import ACTOR_FACTS, is_actor
@@ -77,15 +76,9 @@ def recording_with_objects(
 
 
 def _track(file: SourceFile, path: Path, name: str, geometry: ObjectGeometry) -> ObjectTrack:
-    try:
-        header, *rows = csv.reader(file.read(path).decode("utf-8-sig").splitlines())
-        columns = np.array(rows, dtype=float).T
-        values = dict(zip(header, columns, strict=True))
-    except ValueError as error:
-        raise ReadError(
-            f"{path}: not a table of numbers with {', '.join((*POSITION, *ROTATION))} in its first line ({error}). "
-            "Download it again."
-        ) from error
+    file.read(path)  # For the digest.
+    table = read_csv(path)
+    values = dict(zip(table.get(HEADER, ()), table[TABLE].T, strict=False))
     fields, kinds = Fields(path, values), {"position": POSITION, "rotation": ROTATION}
     position, (*vector, scalar) = (
         [fields.array(column, ("T",), f"a column of the object's {kind}") for column in columns]

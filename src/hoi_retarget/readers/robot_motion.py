@@ -6,9 +6,8 @@ distances between the robot's skin and the objects.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
+from typing import Any
 
 from hoi_retarget.clip.clip import ContactTrack
 from hoi_retarget.clip.read_options import ReadOptions
@@ -55,39 +54,30 @@ def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
 
     def read_tracks() -> Tracks:
         objects = tuple(
-            ObjectTrack(_name(options, item.name), item.pos, item.quat, _geometry(file, options, item.name))
+            ObjectTrack(options.object_name or item.name, item.pos, item.quat, _geometry(file, options, item.name))
             for item in found.objects
         )
         person = person_of(model.forward(found.qpos))
-        return Tracks(
-            people=(person,), objects=objects, contacts=_flagged(stored, person, objects), notes=_notes(found)
-        )
+        contacts = _flagged(stored, person, objects)
+        return Tracks(people=(person,), objects=objects, contacts=contacts, notes=_notes(found))
 
-    recording = _recording(file, model, len(found.qpos), found.fps, tuple(item.name for item in found.objects))
-    return replace(recording, fps_stated=not found.fps_assumed, read_tracks=read_tracks)
+    names = tuple(item.name for item in found.objects)
+    facts = {"frames": found.frames, "fps": found.fps, "fps_stated": not found.fps_assumed}
+    return _recording(file, model, objects=names, read_tracks=read_tracks, **facts)
 
 
-def _recording(
-    file: SourceFile, model: RobotModel, frames: int, fps: float, objects: tuple[str, ...]
-) -> SourceRecording:
+def _recording(file: SourceFile, model: RobotModel, **facts: Any) -> SourceRecording:
     return SourceRecording(
         name=file.path.stem,
         description=f"motion of the robot {model.spec.name}, as a person",
-        frames=frames,
-        fps=fps,
         skeleton=f"the links of {model.spec.name}",
-        objects=objects,
         contacts="those of the motion, or found from the robot's skin",
         licence=LICENCE,
         up="z",
-        read_tracks=partial(Tracks, people=(), objects=()),
         names_objects=False,
         may_lie=True,
+        **facts,
     )
-
-
-def _name(options: ReadOptions, name: str) -> str:
-    return options.object_name or name
 
 
 def _notes(found: CheckedMotion) -> tuple[str, ...]:
@@ -102,7 +92,7 @@ def _geometry(file: SourceFile, options: ReadOptions, name: str) -> ObjectGeomet
             f"{file.name}: the motion moves {name!r}, whose shape it does not hold. Pass --objects DIR with "
             f"{name}/{name}.obj in it, and --object NAME where it has another name there."
         )
-    return load_geometry(options.objects, _name(options, name))
+    return load_geometry(options.objects, options.object_name or name)
 
 
 def _flagged(stored: MotionFile, person: Person, objects: tuple[ObjectTrack, ...]) -> tuple[ContactTrack, ...]:
@@ -131,8 +121,8 @@ def _of_result(file: SourceFile, options: ReadOptions, motion: Motion, model: Ro
         person = person_of(model.forward(motion.qpos))
         return Tracks(people=(person,), objects=objects, contacts=tuple(_contacts(motion, model, person, objects)))
 
-    recording = _recording(file, model, motion.frames, motion.fps, motion.object_names)
-    return replace(recording, fps_stated=True, read_tracks=read_tracks)
+    facts = {"frames": motion.frames, "fps": motion.fps, "fps_stated": True}
+    return _recording(file, model, objects=motion.object_names, read_tracks=read_tracks, **facts)
 
 
 def _shapes(file: SourceFile, options: ReadOptions, motion: Motion) -> list[ObjectGeometry]:

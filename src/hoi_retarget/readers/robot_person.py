@@ -32,6 +32,8 @@ def person_of(kinematics: Kinematics) -> Person:
     """
     model = kinematics.model
     positions, quats = _joints(kinematics)
+    home = model.forward(model.home_qpos[None])
+    soles = [home.site_position(f"{side}_sole_{corner}")[0, 2] for side in SIDES for corner in SOLE_CORNERS]
     return Person(
         model.spec.name,
         positions,
@@ -39,7 +41,7 @@ def person_of(kinematics: Kinematics) -> Person:
         fingers_recorded=False,
         shape=_skin(model),
         stature=model.spec.stature,
-        toe_height=_toe_height(model),
+        toe_height=float(home.site_position("left_toe")[0, 2] - min(soles)),
     )
 
 
@@ -86,19 +88,6 @@ def _joints(kinematics: Kinematics) -> tuple[Float[np.ndarray, "T 52 3"], Float[
         share = reach / np.linalg.norm(positions[:, middle] - wrist, axis=1)[:, None]
         positions[:, indices] += share[:, :, None] * away[:, None]
     return positions, quats
-
-
-def _toe_height(model: RobotModel) -> float:
-    home = model.forward(model.home_qpos[None])
-    return float(
-        np.mean(
-            [
-                home.site_position(f"{side}_toe")[0, 2]
-                - min(home.site_position(f"{side}_sole_{corner}")[0, 2] for corner in SOLE_CORNERS)
-                for side in SIDES
-            ]
-        )
-    )
 
 
 @lru_cache(maxsize=4)

@@ -5,24 +5,11 @@ from pathlib import Path
 from hoi_retarget.robots.spec import Motor, RobotSpec, ik_table
 from hoi_retarget.robots.unitree import joint_values, limb_meshes, mirrored
 
-_LEG_SPEEDS = {
-    "hip_pitch": 32.0,
-    "hip_roll": 20.0,
-    "hip_yaw": 32.0,
-    "knee": 20.0,
-    "ankle_pitch": 30.0,
-    "ankle_roll": 30.0,
-}
+_LEG_SPEEDS = {"hip_pitch": 32.0, "hip_roll": 20.0, "hip_yaw": 32.0, "knee": 20.0}
+_LEG_SPEEDS |= {"ankle_pitch": 30.0, "ankle_roll": 30.0}
 _WAIST_SPEEDS = {"waist_yaw": 32.0, "waist_roll": 30.0, "waist_pitch": 30.0}
-_ARM_SPEEDS = {
-    "shoulder_pitch": 37.0,
-    "shoulder_roll": 37.0,
-    "shoulder_yaw": 37.0,
-    "elbow": 37.0,
-    "wrist_roll": 37.0,
-    "wrist_pitch": 22.0,
-    "wrist_yaw": 22.0,
-}
+_ARM_SPEEDS = {"shoulder_pitch": 37.0, "shoulder_roll": 37.0, "shoulder_yaw": 37.0, "elbow": 37.0}
+_ARM_SPEEDS |= {"wrist_roll": 37.0, "wrist_pitch": 22.0, "wrist_yaw": 22.0}
 
 # Rotor inertias by kind of motor: published by BeyondMimic (Liao et al., 2025), and used by mjlab. Two motors of 25 N m
 # turn each ankle, and two the waist, in parallel. The manufacturer's URDF says 35 N m there and its MJCF of the same

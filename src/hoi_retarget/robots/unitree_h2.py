@@ -5,24 +5,11 @@ from pathlib import Path
 from hoi_retarget.robots.spec import TRUNK, RobotSpec, ik_table
 from hoi_retarget.robots.unitree import joint_values, limb_meshes, mirrored
 
-_LEG_SPEEDS = {
-    "hip_pitch": 20.0,
-    "hip_roll": 20.0,
-    "hip_yaw": 20.0,
-    "knee": 20.0,
-    "ankle_roll": 100.7,
-    "ankle_pitch": 28.61,
-}
+_LEG_SPEEDS = {"hip_pitch": 20.0, "hip_roll": 20.0, "hip_yaw": 20.0, "knee": 20.0}
+_LEG_SPEEDS |= {"ankle_roll": 100.7, "ankle_pitch": 28.61}
 _TRUNK_SPEEDS = {"waist_yaw": 28.375, "waist_roll": 28.375, "waist_pitch": 28.375, "head_pitch": 10.0, "head_yaw": 10.0}
-_ARM_SPEEDS = {
-    "shoulder_pitch": 21.9,
-    "shoulder_roll": 18.7,
-    "shoulder_yaw": 18.7,
-    "elbow": 18.7,
-    "wrist_roll": 18.7,
-    "wrist_pitch": 37.7,
-    "wrist_yaw": 37.7,
-}
+_ARM_SPEEDS = {"shoulder_pitch": 21.9, "shoulder_roll": 18.7, "shoulder_yaw": 18.7, "elbow": 18.7}
+_ARM_SPEEDS |= {"wrist_roll": 18.7, "wrist_pitch": 37.7, "wrist_yaw": 37.7}
 
 # In the zero pose of the H2 all links are aligned with the pelvis: legs straight and vertical (hip to knee
 # within 0.5 degrees, knee to ankle within 2.1), upper arms hanging along -z, forearms pointing ahead

@@ -7,7 +7,10 @@ clips with other objects fit into one table.
 import io
 import json
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -27,37 +30,26 @@ PYARROW_MISSING = (
     'A data set is written with pyarrow, which is not installed. In a clone: pip install ".[dataset]"; '
     'else: pip install "hoi-retarget[dataset]".'
 )
-_COLUMNS = """\
-| column | shape | meaning |
-|---|---|---|
-| `name`, `robot`, `licence` | | the motion; whose; under which terms its recording is |
-| `fps`, `frames` | | rate [1/s], number of frames T |
-| `joint_names` | n | order of the joints |
-| `qpos` | T, 7 + n | root position [m], root rotation wxyz, joints [rad] |
-| `root_lin_vel`, `root_ang_vel`, `joint_vel` | T, 3; T, 3; T, n | in the world's axes [m/s], [rad/s] |
-| `contact_object_names`, `contact_object_scale` | O | objects, and what their meshes are to be multiplied by |
-| `contact_object_pos_w`, `contact_object_quat_w` | T, O, 3; T, O, 4 | their paths [m], wxyz |
-| `contact_links`, `contact_bodies` | C | what touches: its role, and the robot's body |
-| `contact_body_points` | C, 3 | where on the body [m] |
-| `contact_flags`, `contact_object` | T, C | whether it touches, and which object (-1: none) |
-| `contact_points`, `contact_normals` | T, C, 3 | in the scaled object's frame [m], outwards; NaN where there are none |
-| `contact_stance` | T, 2 | left and right foot on the floor |
-| `objects`, `source`, `result` | | JSON: shapes, recording, result file |
-"""
 
 
 def write_dataset(results: Sequence[Result], fps: float | None) -> dict[str, bytes]:
     """Return the folder's files by their paths in it; raises `HoiRetargetError` where pyarrow is missing."""
-    try:
-        import pyarrow  # noqa: F401, PLC0415 # pyright: ignore[reportMissingImports] - optional
-    except ImportError as error:
-        raise HoiRetargetError(PYARROW_MISSING) from error
-    shards = [results[first : first + ROWS_PER_FILE] for first in range(0, len(results), ROWS_PER_FILE)]
+    check_pyarrow()
+    rows = [_row(result, fps) for result in results]
+    shards = [rows[first : first + ROWS_PER_FILE] for first in range(0, len(rows), ROWS_PER_FILE)]
     files = {
-        f"{FOLDER}/train-{number:05}-of-{len(shards):05}.parquet": _parquet([_row(result, fps) for result in shard])
+        f"{FOLDER}/train-{number:05}-of-{len(shards):05}.parquet": parquet_bytes(
+            {name: [row[name] for row in shard] for name in shard[0]}
+        )
         for number, shard in enumerate(shards)
     }
     return {CARD: _card(results).encode(), **files}
+
+
+def check_pyarrow() -> None:
+    """Raise `HoiRetargetError` where pyarrow is missing, with the command that installs it."""
+    if find_spec("pyarrow") is None:
+        raise HoiRetargetError(PYARROW_MISSING)
 
 
 def _row(result: Result, fps: float | None) -> dict[str, Any]:
@@ -82,16 +74,21 @@ def _row(result: Result, fps: float | None) -> dict[str, Any]:
     }
 
 
-def _parquet(rows: Sequence[dict[str, Any]]) -> bytes:
+def parquet_bytes(columns: Mapping[str, Any], metadata: Mapping[str, str] = MappingProxyType({})) -> bytes:
+    """Return a Parquet file of columns: arrays of numbers or of rows of them, lists of arrays, or lists."""
     import pyarrow as pa  # noqa: PLC0415 # pyright: ignore[reportMissingImports] - optional
     import pyarrow.parquet as pq  # noqa: PLC0415 # pyright: ignore[reportMissingImports] - optional
 
-    columns = {}
-    for name, value in rows[0].items():
-        values = [row[name] for row in rows]
-        columns[name] = _lists(values) if isinstance(value, np.ndarray) else pa.array(values)
+    def column(values: Any) -> Any:
+        if isinstance(values, np.ndarray) and values.ndim == 2:
+            return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
+        if isinstance(values, list) and isinstance(values[0], np.ndarray):
+            return _lists(values)
+        return pa.array(values)
+
+    table = pa.table({name: column(values) for name, values in columns.items()})
     buffer = io.BytesIO()
-    pq.write_table(pa.table(columns), buffer, compression="zstd")
+    pq.write_table(table.replace_schema_metadata(dict(metadata)) if metadata else table, buffer, compression="zstd")
     return buffer.getvalue()
 
 
@@ -110,53 +107,15 @@ def _lists(arrays: Sequence[np.ndarray]) -> Any:
 
 
 def _card(results: Iterable[Result]) -> str:
+    import jinja2  # noqa: PLC0415 - other formats start without it
+
     sources = [result.origin()["source"] for result in results]
     terms = Counter((source["licence"], source["format"] or UNKNOWN) for source in sources)
     robots = Counter(result.motion.robot for result in results)
     size = sum(terms.values())
     scale = "n<1K" if size < 1000 else "1K<n<10K" if size < 10_000 else "10K<n<100K"
-    lines = [
-        "---",
-        "license: other",
-        "license_name: by-source",
-        "license_link: README.md",
-        "task_categories: [robotics]",
-        "tags: [humanoid, retargeting, human-object-interaction, contacts]",
-        f"size_categories: [{scale}]",
-        "configs:",
-        "- config_name: default",
-        "  data_files:",
-        "  - split: train",
-        f"    path: {FOLDER}/train-*.parquet",
-        "---",
-        "",
-        "# Retargeted motions",
-        "",
-        f"{size} motions of humanoid robots that handle objects, made from recordings of people by "
-        f"hoi-retarget {__version__}.",
-        "",
-        "## Terms",
-        "",
-        "Motions keep the terms of the recordings that they were made from; each row names its own.",
-        "",
-        "| licence of the recordings | format | motions |",
-        "|---|---|---|",
-        *(f"| {_cell(licence)} | {_cell(format)} | {count} |" for (licence, format), count in sorted(terms.items())),
-        "",
-        "## Robots",
-        "",
-        "| robot | motions |",
-        "|---|---|",
-        *(f"| {_cell(name)} | {count} |" for name, count in sorted(robots.items())),
-        "",
-        "## Columns",
-        "",
-        "World with z up; metres, radians, seconds; quaternions wxyz; numbers in single precision.",
-        "",
-        _COLUMNS,
-    ]
-    return "\n".join(lines)
-
-
-def _cell(text: str) -> str:
-    return " ".join(text.replace("|", "/").split())
+    environment = jinja2.Environment(trim_blocks=True, undefined=jinja2.StrictUndefined)
+    environment.filters["cell"] = lambda text: " ".join(text.replace("|", "/").split())
+    card = environment.from_string(Path(__file__).with_name("dataset_card.md.j2").read_text(encoding="utf-8"))
+    facts = {"size": size, "scale": scale, "rows": f"{FOLDER}/train-*.parquet", "version": __version__}
+    return card.render(terms=sorted(terms.items()), robots=sorted(robots.items()), **facts)

@@ -22,21 +22,9 @@ COLOUR: Colour = (221, 155, 118)
 REFERENCE_HEIGHT = 1.75  # [m]
 
 # Radius of the limb that ends at a joint [m], by the joint's name without its side.
-_RADII = {
-    "spine1": 0.105,
-    "spine2": 0.105,
-    "spine3": 0.105,
-    "neck": 0.055,
-    "head": 0.05,
-    "hip": 0.085,
-    "knee": 0.066,
-    "ankle": 0.046,
-    "foot": 0.036,
-    "collar": 0.055,
-    "shoulder": 0.056,
-    "elbow": 0.045,
-    "wrist": 0.035,
-}
+_RADII = {"spine1": 0.105, "spine2": 0.105, "spine3": 0.105, "neck": 0.055, "head": 0.05}
+_RADII |= {"hip": 0.085, "knee": 0.066, "ankle": 0.046, "foot": 0.036}
+_RADII |= {"collar": 0.055, "shoulder": 0.056, "elbow": 0.045, "wrist": 0.035}
 _PALM_RADIUS, _FINGER_RADIUS = 0.014, 0.0095  # [m]
 
 # Ellipsoids that fill the trunk out, in axes of a joint that point left, up and ahead: joint, middle, half extents [m].
