@@ -130,6 +130,11 @@ def test_the_timeline_is_zoomed_read_and_looped(browser, pages):
     touching = values.inner_text()
     page.mouse.move(axis["x"] + 5, bar["y"] + 100)
     wait_until(lambda: touching != "" and values.inner_text() == "", "what is under the pointer is read")
+    pointer = page.locator("#pointer")
+    assert pointer.inner_text() == f"{5 / axis['width'] * last:.2f} s"
+    assert box_of(pointer)["x"] == pytest.approx(axis["x"] + 5, abs=1.0)
+    page.mouse.move(axis["x"] - 20, bar["y"] + 100)
+    wait_until(lambda: not pointer.is_visible(), "beside the curves there is no moment")
     page.mouse.move(axis["x"] + axis["width"] * 4 / last, bar["y"] + 5)
     page.mouse.wheel(0, -700)
     wait_until(lambda: box_of(bars.locator("i"))["width"] > 2.5 * bar["width"], "the wheel over bars zooms")
@@ -150,6 +155,22 @@ def test_the_timeline_is_zoomed_read_and_looped(browser, pages):
     stays_between(page, 1.9, 2.7)
     page.keyboard.press("Escape")
     wait_until(lambda: second(page) > 2.8, "it goes on")
+    closed(page)
+
+
+def test_the_verdict_is_a_line_that_opens(browser, pages):
+    page = opened(browser, pages["one"])
+    light = page.locator("details.verdict", has_text="motion")
+    said, reasons = light.locator("summary").inner_text(), light.locator("li")
+    assert not reasons.first.is_visible()
+    light.locator("summary").click()
+    wait_until(reasons.first.is_visible, "it opens")
+    assert f"{reasons.count()} reason" in said
+    assert "unreached contact" in light.inner_text()
+    closed(page)
+    page = opened(browser, pages["two"])
+    lights = page.locator("details.verdict summary").all_inner_texts()
+    assert [text.partition(":")[0] for text in lights] == ["before", "before", "after", "after"]
     closed(page)
 
 

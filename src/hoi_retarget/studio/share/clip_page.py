@@ -98,6 +98,11 @@ def make_clip_page(
         back=back.page if back else "",
         summary=" | ".join(summary_of([entry]) for entry in entries),
         notices=notices,
+        verdicts=[
+            (name, entry.score.verdict.as_json())
+            for name, entry in zip(names, entries, strict=True)
+            if entry.score.verdict is not None
+        ],
         scene=pack(subplots, floor, fit_each(subplots, floor), max_frames=detail.frames),
         curves=chart,
         warnings=[

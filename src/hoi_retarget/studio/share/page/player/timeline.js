@@ -36,6 +36,11 @@ class Timeline {
   constructor(box, { seconds, fps, seek, loop }) {
     Object.assign(this, { box, seconds, fps, seek, from: 0, span: 1, second: 0, range: null });
     this.cursor = box.querySelector("#cursor");
+    this.pointer = document.createElement("div");
+    this.pointer.id = "pointer";
+    this.pointer.hidden = true;
+    this.pointer.append(document.createElement("span"));
+    box.append(this.pointer);
     this.note = document.getElementById("note");
     this.rangeMark = box.querySelector("#range");
     this.setLoop = loop;
@@ -109,7 +114,10 @@ class Timeline {
         if (start !== null && this.range && this.range[1] - this.range[0] < 2 / this.fps) this.setRange(null);
         start = null;
       });
-    box.addEventListener("pointerleave", () => this.read(this.second));
+    box.addEventListener("pointerleave", () => {
+      this.pointer.hidden = true;
+      this.read(this.second);
+    });
     box.addEventListener(
       "wheel",
       (event) => {
@@ -126,8 +134,13 @@ class Timeline {
     );
   }
 
+  // Show the moment under the pointer: a line with its time, and the values there.
   hover(event) {
-    this.read(this.secondAt(event.clientX));
+    const second = this.secondAt(event.clientX), { left, right } = this.axis.getBoundingClientRect();
+    this.pointer.hidden = event.clientX < left || event.clientX > right;
+    this.pointer.style.transform = `translateX(${event.clientX - this.box.getBoundingClientRect().left}px)`;
+    this.pointer.firstChild.textContent = `${second.toFixed(2)} s`;
+    this.read(second);
     this.tell(event);
   }
 
