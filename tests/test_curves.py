@@ -15,7 +15,7 @@ from hoi_retarget.evaluation import unreached_contacts
 from hoi_retarget.motion.motion import Motion, Stage
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.retarget import retarget
-from hoi_retarget.studio.scene.curves import MAX_POINTS, Curve, all_curves, chart_html, curves_of
+from hoi_retarget.studio.scene.curves import MAX_POINTS, Curve, all_curves, chart_html, curves_of, named_curves
 from synthetic import make
 from trajectories import MODELS, random_qpos
 
@@ -219,3 +219,15 @@ def test_names_are_text() -> None:
 def test_charts_of_five_minutes_stay_small() -> None:
     curves = curves_of(random_motion(10_000, 0), G1)
     assert len(chart_html([("long", curves)], 30.0)) < 250_000
+
+
+def test_curves_have_names_of_their_own():
+    motion, clip = carried(), make("carry_box")
+    named, curves = named_curves(motion, clip), all_curves(motion, G1, clip)
+    assert len(named) == len(curves)
+    for curve, (name, values) in zip(curves, named.items(), strict=True):
+        assert name == f"{curve.group}, {curve.name} [{curve.unit}]"
+        assert values.shape == (motion.frames,)
+    deepest = 1e3 * motion.report.figures["penetration_max_m"]
+    assert np.nanmax(named["inside object, deepest [mm]"]) == pytest.approx(deepest)
+    assert set(named_curves(motion)) < set(named)

@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from hoi_retarget.robots import load_robot as load_robot
     from hoi_retarget.robots.model import RobotModel as RobotModel
     from hoi_retarget.robots.spec import RobotSpec as RobotSpec
+    from hoi_retarget.studio.scene.curves import named_curves as curves
 
 __version__ = version("hoi-retarget")
 
@@ -90,6 +91,7 @@ _HOMES = {
     "apply_edits": "clip.edits:apply",
     "augment": "clip.augment",
     "clip_of": "readers.open",
+    "curves": "studio.scene.curves:named_curves",
     "evaluate": "evaluation.figures",
     "export": "motion.write_export:write_export",
     "load": "motion.result_file",

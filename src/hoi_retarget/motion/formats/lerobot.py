@@ -34,8 +34,6 @@ _PANDAS = {
 }
 """Tells readers that the tasks are the index of their table."""
 
-_Features = dict[str, tuple[list[str], Float[np.ndarray, "T D"]]]
-
 
 def write_lerobot(results: Sequence[Result], fps: float | None) -> dict[str, bytes]:
     """Return the folder's files by their paths in it.
@@ -103,7 +101,7 @@ def write_lerobot(results: Sequence[Result], fps: float | None) -> dict[str, byt
     }
 
 
-def _features(motion: ResampledMotion) -> _Features:
+def _features(motion: ResampledMotion) -> dict[str, tuple[list[str], Float[np.ndarray, "T D"]]]:
     """Return the features that a motion has: the names of their numbers, and these."""
     joints, angles, links = list(motion.motion.joint_names), motion.qpos[:, 7:], motion.motion.contact_links
     poses = np.concatenate([motion.object_pos, motion.object_quat], axis=2).reshape(motion.frames, -1)

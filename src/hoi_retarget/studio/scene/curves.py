@@ -23,6 +23,7 @@ from hoi_retarget.motion.motion import Motion, check_robot
 from hoi_retarget.motion.motion_report import Status
 from hoi_retarget.numerics.arrays import frozen, runs
 from hoi_retarget.objects.track import ObjectGeometry
+from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
 from hoi_retarget.studio.html import render, with_exponents
@@ -225,6 +226,15 @@ def all_curves(motion: Motion, model: RobotModel, clip: Clip | None) -> tuple[Cu
         return (*own, *_force_curves(motion, model, clip))
     except RobotError:
         return own
+
+
+def named_curves(motion: Motion, clip: Clip | None = None) -> dict[str, Float[np.ndarray, "T"]]:
+    """Return the viewer's curves by group, name and unit, such as `slide, left_foot [cm/s]`, a value a frame.
+
+    Without the clip that a result was made from, those that need no human and no object. Raises as `all_curves`.
+    """
+    found = all_curves(motion, load_robot(motion.robot), clip)
+    return {f"{curve.group}, {curve.name} [{curve.unit}]": curve.values for curve in found}
 
 
 def _compared_curves(motion: Motion, model: RobotModel, clip: Clip) -> Iterator[Curve]:
