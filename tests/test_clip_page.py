@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from browser import PATIENCE_MS, box_of, chromium, still, wait_until
+from hoi_retarget.evaluation.thresholds import verdict_of
 from hoi_retarget.motion.motion_report import Event
 from hoi_retarget.studio.scene.scene import SceneItem
 from hoi_retarget.studio.share.clip_page import make_clip_page
@@ -35,11 +36,16 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     folder = tmp_path_factory.mktemp("pages")
     found = {}
     for name, results in {"one": [("G1", worse)], "two": [("before", motion), ("after", worse)]}.items():
-        shown = [(entry(each), SceneItem(title, each, G1, clip)) for title, each in results]
+        shown = [(judged(each), SceneItem(title, each, G1, clip)) for title, each in results]
         path: Path = folder / f"{name}.html"
         path.write_text(make_clip_page(name, shown).text)
         found[name] = path.as_uri()
     return found
+
+
+def judged(motion):
+    unjudged = entry(motion)
+    return replace(unjudged, score=replace(unjudged.score, verdict=verdict_of(motion)))
 
 
 def opened(browser, address: str, width: int = 1100, height: int = 820, **more):
