@@ -73,6 +73,7 @@ def trees(draw):
 
 
 @given(trees())
+@settings(deadline=None)
 def test_joints_are_where_matrices_put_them(tree):
     bones, positions, angles = tree
     motion = parse_bvh(bvh_text(bones, dict(enumerate(positions)), angles, digits=12).encode(), PATH)
