@@ -111,6 +111,7 @@ def test_contacts_and_objects_of_a_result_are_kept(result):
     for column, link in enumerate(motion.contact_links[:2]):
         np.testing.assert_array_equal(flags[link.replace("palm", "hand")], motion.contact_flags[:, column])
     assert clip.source.format == "robot-motion"
+    assert clip.source.licence == motion.report.source.licence != ""
 
 
 def test_another_robot_touches_where_the_first_did(result):

@@ -62,7 +62,7 @@ def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
         return Tracks(people=(person,), objects=objects, contacts=contacts, notes=_notes(found))
 
     names = tuple(item.name for item in found.objects)
-    facts = {"frames": found.frames, "fps": found.fps, "fps_stated": not found.fps_assumed}
+    facts = {"frames": found.frames, "fps": found.fps, "fps_stated": not found.fps_assumed, "licence": LICENCE}
     return _recording(file, model, objects=names, read_tracks=read_tracks, **facts)
 
 
@@ -72,7 +72,6 @@ def _recording(file: SourceFile, model: RobotModel, **facts: Any) -> SourceRecor
         description=f"motion of the robot {model.spec.name}, as a person",
         skeleton=f"the links of {model.spec.name}",
         contacts="those of the motion, or found from the robot's skin",
-        licence=LICENCE,
         up="z",
         names_objects=False,
         may_lie=True,
@@ -121,7 +120,8 @@ def _of_result(file: SourceFile, options: ReadOptions, motion: Motion, model: Ro
         person = person_of(model.forward(motion.qpos))
         return Tracks(people=(person,), objects=objects, contacts=tuple(_contacts(motion, model, person, objects)))
 
-    facts = {"frames": motion.frames, "fps": motion.fps, "fps_stated": True}
+    licence = motion.report.source.licence or LICENCE
+    facts = {"frames": motion.frames, "fps": motion.fps, "fps_stated": True, "licence": licence}
     return _recording(file, model, objects=motion.object_names, read_tracks=read_tracks, **facts)
 
 
