@@ -126,7 +126,7 @@ def test_a_dragged_point_takes_the_hand_along_and_the_command_line_makes_the_sam
     page = opened(browser, work.server.address)
     choose(page, "left hand")
     before, frame = work.now, shown_frame(page)
-    drag(page, "arrow-z", (0, -70))
+    drag(page, "arrow-z", (0, -50))
     wait_until(lambda: len(work.edits) == 1, "the drag became an edit")
     wait_until(lambda: re.search(r"jerk [\d.]+ -> [\d.]+ m/s³", told(page)), "what changed is said")
     (edit,) = work.edits
