@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import hoi_retarget as hr
 from hoi_retarget.clip.read_options import ReadOptions
+from hoi_retarget.clip.robot_person import person_of
 from hoi_retarget.errors import ArgumentError, GeometryError, ReadError
 from hoi_retarget.motion import formats
 from hoi_retarget.motion.check import check
@@ -17,7 +18,6 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.readers import read_clip, recordings_below
 from hoi_retarget.readers.open import clip_of, open_clip
-from hoi_retarget.readers.robot_person import person_of
 from hoi_retarget.retargeting.config import Config, Scaling
 from hoi_retarget.retargeting.ik import solve_ik
 from hoi_retarget.retargeting.retarget import retarget

@@ -70,6 +70,8 @@ class QualityWarning:
         return self.text
 
 
+TOLD = "What is done: "
+"""Begins the note of a clip whose recording tells that in words."""
 MINIMUM_FRAMES = 4  # The jerk penalty is a third difference.
 
 

@@ -50,6 +50,10 @@ _UNDOCUMENTED = {
     "in the layout of your own clips (docs/sources.md)."
 }
 """Name of a data set in a path, in small letters -> the reason why its files are not read, and a way out."""
+_OF_A_ROBOT = (
+    "this is a robot's motion, not a clip. Use `hoi-retarget evaluate` on it, or pass --from ROBOT to retarget it to "
+    "another robot."
+)
 _MAX_LISTED = 12  # Names of clips.
 
 
@@ -81,31 +85,13 @@ def read_recording(path: Path, options: ReadOptions) -> tuple[Clip, Reader]:
         ArgumentError: The object's name is given, although the file tells it, or a clip is named that is not in it.
     """
     file = SourceFile(path)
-    reader = _reader_or_hint(file, options.from_robot)
+    reader = reader_of(file, options.from_robot)
     select(file, reader)
     clip = at_rate(reader.read(file, options), options.fps)
     meshes = (track.geometry.file for track in clip.objects)
     others = sorted({str(path) for path in (*file.files, *meshes) if path is not None and path != file.path})
     clip = replace(clip, source=replace(clip.source, files=tuple(others)))
     return grasp_check.with_grasp_warnings(clip, reader.rotation_readings, grasps=options.grasps), reader
-
-
-def _reader_or_hint(file: SourceFile, from_robot: str | None) -> Reader:
-    """Return the same as `reader_of`; the error tells of a robot's motion where the file is one."""
-    hint = (
-        f"{file.name}: this is a robot's motion, not a clip. Use `hoi-retarget evaluate` on it, or pass --from ROBOT "
-        "to retarget it to another robot."
-    )
-    of_robots = _reader("robot_motion")
-    try:
-        reader = reader_of(file, from_robot)
-    except ReadError as error:
-        if file.exists and of_robots.holds(file):
-            raise ReadError(hint) from error
-        raise
-    if reader is not of_robots and not reader.holds(file) and of_robots.holds(file):
-        raise ReadError(hint)
-    return reader
 
 
 def reader_of(file: SourceFile, from_robot: str | None = None) -> Reader:
@@ -120,7 +106,7 @@ def reader_of(file: SourceFile, from_robot: str | None = None) -> Reader:
     for reader in fitting:
         if reader.holds(file):
             return reader
-    if text := undocumented(file.path):
+    if text := undocumented(file.path) or (_reader("robot_motion").holds(file) and _OF_A_ROBOT):
         raise ReadError(f"{file.name}: {text}")
     if file.suffix in _EXPLAINING:
         return _reader(_EXPLAINING[file.suffix])

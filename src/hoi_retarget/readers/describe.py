@@ -115,6 +115,8 @@ def inspect(path: Path, options: ReadOptions = ReadOptions()) -> Inspection:
     if file.suffix == FOLDER and not can_be_clip(path, options.from_robot):
         return _describe_folder(path, options)
     robot = options.from_robot
+    if robot is None and file.suffix == ".npz" and "schema" in file.array_names:
+        return _describe_result(path, load(path))
     try:
         reader = reader_of(file, robot) if robot is not None or file.suffix in SUFFIXES else None
     except ReadError:
@@ -123,8 +125,6 @@ def inspect(path: Path, options: ReadOptions = ReadOptions()) -> Inspection:
         return motion
     if reader is not None and (robot is not None or file.suffix not in _SHARED or reader.holds(file)):
         return _describe_recording(file, reader, options)
-    if file.suffix == ".npz" and "schema" in file.array_names:
-        return _describe_result(path, load(path))
     if (motion := _describe_robot_motion(path)) is not None:
         return motion
     problem = undocumented(path) or (

@@ -12,6 +12,7 @@ Cites: HiPHI's "Data Format Specification", sections 1 to 7 and 10.
 
 from dataclasses import replace
 
+from hoi_retarget.clip.clip import TOLD
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError
 from hoi_retarget.files.source_file import SourceFile
@@ -46,7 +47,7 @@ def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
         recording,
         description=f"HiPHI recording of one person and {len(tracks) or 'no'} object{'s'[: len(tracks) != 1]}",
         licence=LICENCE,
-        notes=(*recording.notes, *([f"What is done: {told}"] if isinstance(told, str) and told else [])),
+        notes=(*recording.notes, *([f"{TOLD}{told}"] if isinstance(told, str) and told else [])),
     )
 
 

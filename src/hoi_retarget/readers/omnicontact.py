@@ -17,7 +17,7 @@ import numpy as np
 
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.motion.formats.containers import HEADER, TABLE, read_csv
+from hoi_retarget.motion.formats.containers import HEADER, TABLE, parse_csv
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers import bvh
 from hoi_retarget.readers.bvh import ACTOR_FACTS, is_actor
@@ -76,8 +76,7 @@ def recording_with_objects(
 
 
 def _track(file: SourceFile, path: Path, name: str, geometry: ObjectGeometry) -> ObjectTrack:
-    file.read(path)  # For the digest.
-    table = read_csv(path)
+    table = parse_csv(file.read(path), path)
     values = dict(zip(table.get(HEADER, ()), table[TABLE].T, strict=False))
     fields, kinds = Fields(path, values), {"position": POSITION, "rotation": ROTATION}
     position, (*vector, scalar) = (

@@ -11,6 +11,7 @@ from typing import Any
 
 from hoi_retarget.clip.clip import ContactTrack
 from hoi_retarget.clip.read_options import ReadOptions
+from hoi_retarget.clip.robot_person import person_of
 from hoi_retarget.errors import ArgumentError, GeometryError, ReadError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.human.person import Person
@@ -24,7 +25,6 @@ from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.objects.track import ObjectGeometry, ObjectTrack
 from hoi_retarget.readers.object_files import load_geometry
 from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
-from hoi_retarget.readers.robot_person import person_of
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.model import RobotModel
 

@@ -71,8 +71,12 @@ def _read_pickle(path: Path) -> Any:
 
 
 def read_csv(path: Path) -> dict[str, Any]:
+    """Return the same as `parse_csv` of a file's content; raises `ReadError`."""
+    return parse_csv(read_bytes(path), path)
+
+
+def parse_csv(content: bytes, path: Path) -> dict[str, Any]:
     """Return the table of a CSV file, and the names of its columns where it has a header; raises `ReadError`."""
-    content = read_bytes(path)
     if content.startswith(_PICKLE_START):
         raise ReadError(f"{path}: this is a pickle, not a text file. Call it {path.with_suffix('.pkl').name}.")
     try:

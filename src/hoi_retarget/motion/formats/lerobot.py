@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.clip.clip import TOLD
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.motion.formats.dataset import check_pyarrow, parquet_bytes
 from hoi_retarget.motion.resample import ResampledMotion, resample
@@ -19,8 +20,6 @@ from hoi_retarget.motion.result import Result
 
 NAME, FPS = "lerobot", 50.0
 INFO, _FILE = "meta/info.json", "chunk-000/file-000.parquet"
-TOLD = "What is done: "
-"""Begins the note of a clip whose recording says what is done."""
 _POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 _TASK = "__index_level_0__"
 _PANDAS = {

@@ -7,13 +7,13 @@ piece for each joint, with small seams at bent ones: a frame is a pose for each 
 import numpy as np
 from jaxtyping import Float
 
+from hoi_retarget.clip.robot_person import joint_quats
 from hoi_retarget.human.body_model import BodyShape
 from hoi_retarget.human.person import Person
 from hoi_retarget.human.skeleton import JOINT_INDEX, JOINTS, PARENT, PARENTS, world_positions
 from hoi_retarget.human.skinned_mesh import SkinnedMesh
 from hoi_retarget.human.t_pose import rest_offsets
 from hoi_retarget.numerics import se3
-from hoi_retarget.readers.robot_person import joint_quats
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.studio.scene.drawing import Colour, Kind, Shapes, Solid
 from hoi_retarget.studio.scene.marks import rotations_to
