@@ -8,6 +8,7 @@ Cites: huggingface/lerobot `lerobot/datasets/utils.py` and `docs/source/lerobot-
 
 import json
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -67,30 +68,8 @@ def write_lerobot(results: Sequence[Result], fps: float | None) -> dict[str, byt
         "dataset_from_index": stops - lengths,
         "dataset_to_index": stops,
     }
-    info = {
-        "codebase_version": "v3.0",
-        "robot_type": motions[0].motion.robot,
-        "total_episodes": len(motions),
-        "total_frames": len(frames),
-        "total_tasks": len(known),
-        "chunks_size": 1000,
-        "data_files_size_in_mb": 100,
-        "video_files_size_in_mb": 200,
-        "fps": motions[0].rate,
-        "splits": {"train": f"0:{len(motions)}"},
-        "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
-        "video_path": None,
-        "features": {
-            name: {
-                "dtype": str(values.dtype),
-                "shape": list(values.shape[1:]) or [1],
-                "names": features[0][name][0] if name in shared else None,
-            }
-            for name, values in columns.items()
-        },
-    }
     return {
-        INFO: json.dumps(info, indent=4).encode(),
+        INFO: json.dumps(_info(motions, columns, features[0], len(known)), indent=4).encode(),
         "meta/stats.json": json.dumps({name: _statistics(values) for name, values in columns.items()}).encode(),
         "meta/tasks.parquet": parquet_bytes(
             {"task_index": np.arange(len(known)), _TASK: known}, {"pandas": json.dumps(_PANDAS)}
@@ -115,6 +94,36 @@ def _features(motion: ResampledMotion) -> dict[str, tuple[list[str], Float[np.nd
         "action": (joints, np.concatenate([angles[1:], angles[-1:]])),
     }
     return {name: (names, values) for name, (names, values) in found.items() if names}
+
+
+def _info(
+    motions: Sequence[ResampledMotion],
+    columns: dict[str, np.ndarray],
+    features: dict[str, tuple[list[str], Float[np.ndarray, "T D"]]],
+    tasks: int,
+) -> dict[str, Any]:
+    return {
+        "codebase_version": "v3.0",
+        "robot_type": motions[0].motion.robot,
+        "total_episodes": len(motions),
+        "total_frames": len(columns["index"]),
+        "total_tasks": tasks,
+        "chunks_size": 1000,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 200,
+        "fps": motions[0].rate,
+        "splits": {"train": f"0:{len(motions)}"},
+        "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        "video_path": None,
+        "features": {
+            name: {
+                "dtype": str(values.dtype),
+                "shape": list(values.shape[1:]) or [1],
+                "names": features[name][0] if name in features else None,
+            }
+            for name, values in columns.items()
+        },
+    }
 
 
 def _task(result: Result) -> str:
