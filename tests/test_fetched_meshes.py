@@ -87,7 +87,7 @@ def test_pictures_show_them_from_then_on_until_they_are_removed(robots, monkeypa
             np.linalg.norm(solid.vertices - solid.vertices.mean(axis=0), axis=1), 0.05, atol=2e-3
         )
     assert main(["robots", "list"]) == 0, "they are no robot"
-    assert capsys.readouterr().out.count("unitree_g1") == 1
+    assert capsys.readouterr().out.count("unitree_g1 ") == 1
     assert main(["robots", "meshes", "g1", "--remove"]) == 0
     assert [type(part) for part in drawn()] == own
     assert files_in(robots) == []

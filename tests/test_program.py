@@ -102,7 +102,7 @@ def test_run_starts_without_what_it_need_not_have():
 
 @pytest.mark.parametrize("full", ROBOTS)
 def test_robots_have_short_names_and_one_model(full):
-    short = full.rpartition("_")[2]
+    short = full.partition("_")[2]
     assert robot(short) is robot(short.upper()) is ROBOTS[full]
     assert load_robot(short) is load_robot(full)
 

@@ -20,15 +20,16 @@ from hoi_retarget.robots.spec import SIDES, SITES, SOLE_CORNERS
 NAMES = tuple(ROBOTS)
 TABLE = json.loads((Path(__file__).parent / "data" / "robot_fk.json").read_text())
 MAKER = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "robots"
+URDF = {
+    "unitree_g1": MAKER / "unitree_g1" / "g1_29dof_rev_1_0.urdf",
+    "unitree_g1_dex3": MAKER / "unitree_g1_hands" / "g1_29dof_with_hand_rev_1_0.urdf",
+    "unitree_h2": MAKER / "unitree_h2" / "H2.urdf",
+}
+"""The makers' files with limits; meshes are beside them."""
 needs_maker = pytest.mark.skipif(not MAKER.is_dir(), reason=f"the maker's files are not at {MAKER}")
 
 # A human who stands along +z and looks along +x; all joints of the T-pose share this rotation.
 QUAT_HUMAN = np.array([0.5, 0.5, 0.5, 0.5])
-
-
-def original(name):
-    """Return the robot whose maker's files describe another: itself, or the one with the same MJCF."""
-    return next(known for known in TABLE if ROBOTS[known].mjcf == ROBOTS[name].mjcf)
 
 
 def compiled(name):
@@ -67,9 +68,7 @@ def random_angles(model, seed):
 
 def maker_model(name):
     """Compile the maker's file without its meshes, whose paths MuJoCo cannot resolve for the H2."""
-    path = next(
-        path for path in sorted((MAKER / original(name)).iterdir()) if path.name in ("H2.urdf", "g1_29dof_rev_1_0.xml")
-    )
+    path = URDF[name].with_suffix(".xml") if name == "unitree_g1" else URDF[name]
     text = re.sub(r"<!--.*?-->", "", path.read_text(), flags=re.S)
     if path.suffix == ".urdf":
         text = re.sub(r"<(visual|collision)>.*?</\1>", "", text, flags=re.S)
@@ -102,23 +101,23 @@ def test_root_is_free_and_called_pelvis(name):
 def test_joints_in_the_makers_order_each_with_its_body(name):
     model = compiled(name)
     joints = [model.joint(index).name for index in hinges(model)]
-    assert joints == TABLE[original(name)]["joints"]
+    assert joints == TABLE[name]["joints"]
     for index, joint in zip(hinges(model), joints, strict=True):
         expected = "torso_link" if joint == "waist_pitch_joint" else joint.replace("_joint", "_link")
         assert model.body(model.jnt_bodyid[index]).name == expected
-    assert [body for body in TABLE[original(name)]["configurations"][0]["positions"]] == [
+    assert [body for body in TABLE[name]["configurations"][0]["positions"]] == [
         model.body(index).name for index in range(1, model.nbody)
     ]
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_sites_are_complete_and_unturned_except_palms(name):
+def test_sites_are_complete_and_unturned_except_palms_of_rubber(name):
     model = compiled(name)
     present = {model.site(index).name for index in range(model.nsite)}
     assert set(SITES) <= present
     for site in SITES:
         turned = not np.allclose(model.site(site).quat, [1, 0, 0, 0])
-        assert turned == site.endswith("palm"), site
+        assert turned == (site.endswith("palm") and name != "unitree_g1_dex3"), site
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -129,7 +128,7 @@ def test_every_hinge_has_range_effort_and_speed_limit(name):
     assert all(0 < limit < 200 for limit in spec.speed_limits.values())
     for index in hinges(model):
         low, high = model.jnt_range[index]
-        assert model.jnt_limited[index] and -np.pi <= low < 0 < high <= np.pi
+        assert model.jnt_limited[index] and -np.pi <= low <= 0 <= high <= np.pi
         assert model.jnt_actfrclimited[index] and model.jnt_actfrcrange[index, 1] > 0
 
 
@@ -202,7 +201,7 @@ def test_palms_look_inwards_ahead_of_the_wrists(name):
     data = posed(compiled(name), {})
     for side, outward in zip(SIDES, (1, -1), strict=True):
         offset = data.site(f"{side}_palm").xpos - data.site(f"{side}_wrist").xpos
-        assert 0.07 < offset[0] < 0.13 and -0.04 < outward * offset[1] < -0.02
+        assert 0.07 < offset[0] < 0.13 and -0.05 < outward * offset[1] < -0.02
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -216,7 +215,7 @@ def test_rotation_offsets_fit_the_pose_that_mimics_a_human_t_pose(name):
         target = se3.quat_multiply(QUAT_HUMAN, np.array(row.rotation_offset))
         residual = np.degrees(se3.angle_between(quat_of(data.site(row.site))[None], target))[0]
         # The G1's hips ask for 5.7 degrees of flexion on purpose.
-        bound = 5.8 if original(name) == "unitree_g1" and row.site.endswith("hip") else 0.1
+        bound = 5.8 if name != "unitree_h2" and row.site.endswith("hip") else 0.1
         assert residual < bound, row.site
     hand = data.site("left_wrist").xpos - data.site("left_shoulder").xpos
     assert hand[1] > 0.95 * np.linalg.norm(hand), "the left arm points to the left"
@@ -230,7 +229,7 @@ def _mirrored(angles):
 
 
 def _is_pitch(joint):
-    return any(word in joint for word in ("pitch", "knee", "elbow"))
+    return any(word in joint for word in ("pitch", "knee", "elbow", "thumb_0"))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -275,8 +274,8 @@ def test_neighbours_do_not_collide_where_the_robot_stands(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_forward_kinematics_against_the_committed_table(name):
     model = compiled(name)
-    assert model.body_mass.sum() == pytest.approx(TABLE[original(name)]["total_mass"], abs=1e-5)
-    for configuration in TABLE[original(name)]["configurations"]:
+    assert model.body_mass.sum() == pytest.approx(TABLE[name]["total_mass"], abs=1e-5)
+    for configuration in TABLE[name]["configurations"]:
         data = posed(model, configuration["angles"])
         for body, position in configuration["positions"].items():
             np.testing.assert_allclose(data.body(body).xpos, position, atol=2e-6, err_msg=body)
@@ -292,7 +291,7 @@ def test_forward_kinematics_against_the_makers_file(name):
         for index in range(1, ours.nbody):
             body = ours.body(index).name
             np.testing.assert_allclose(here.body(body).xpos, there.body(body).xpos, atol=1e-6, err_msg=body)
-            np.testing.assert_allclose(here.body(body).xmat, there.body(body).xmat, atol=1e-6, err_msg=body)
+            np.testing.assert_allclose(here.body(body).xmat, there.body(body).xmat, atol=2e-6, err_msg=body)
 
 
 def _spatial_inertia(model, data, bodies):
@@ -313,21 +312,25 @@ def _spatial_inertia(model, data, bodies):
 def test_masses_and_inertias_against_the_makers_file(name):
     ours, maker = compiled(name), maker_model(name)
     here, there = posed(ours, {}), posed(maker, {})
-    theirs = {maker.body(index).name for index in range(1, maker.nbody)}
+    # Its numbers are those of the maker's MJCF; the URDF has a cover of 1 g on the pelvis besides.
+    tolerance = 1.01e-3 if name == "unitree_g1_dex3" else 2e-6
     for index in range(1, ours.nbody):
         body = ours.body(index).name
-        together = [body, body.replace("wrist_yaw", "hand")] if body.replace("wrist_yaw", "hand") in theirs else [body]
+        welds = maker.body_weldid[1:]
+        together = [
+            maker.body(1 + int(other)).name for other in np.flatnonzero(welds == welds[maker.body(body).id - 1])
+        ]
         for mine, their in zip(
-            _spatial_inertia(ours, here, [body]), _spatial_inertia(maker, there, dict.fromkeys(together)), strict=True
+            _spatial_inertia(ours, here, [body]), _spatial_inertia(maker, there, together), strict=True
         ):
-            np.testing.assert_allclose(mine, their, atol=2e-6, err_msg=body)
+            np.testing.assert_allclose(mine, their, atol=tolerance, err_msg=body)
 
 
 @needs_maker
-@pytest.mark.parametrize(("name", "file"), [("unitree_g1", "g1_29dof_rev_1_0.urdf"), ("unitree_h2", "H2.urdf")])
-def test_limits_against_the_makers_urdf(name, file):
+@pytest.mark.parametrize("name", NAMES)
+def test_limits_against_the_makers_urdf(name):
     model, seen = compiled(name), set()
-    for joint in ElementTree.parse(MAKER / name / file).getroot().iter("joint"):
+    for joint in ElementTree.parse(URDF[name]).getroot().iter("joint"):
         limit, joint_name = joint.find("limit"), joint.get("name")
         if limit is None:
             continue
@@ -369,7 +372,7 @@ def test_primitives_cover_the_makers_surface(name):
         index = model.body(body).id
         parts = [_primitive(model, data, geom) for geom in range(model.ngeom) if model.geom_bodyid[geom] == index]
         for file in files:
-            mesh = trimesh.load_mesh(MAKER / original(name) / "meshes" / file)
+            mesh = trimesh.load_mesh(URDF[name].with_name("meshes") / file)
             points = np.asarray(trimesh.sample.sample_surface(mesh, 500, seed=0)[0])
             site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"mesh_{Path(file).stem}")
             origin = data.site_xpos[site] if site >= 0 else data.xpos[index]

@@ -73,12 +73,6 @@ def of_folder(
     """Return the default specification of a folder: every clip in it once, for the default robot.
 
     Without `options.objects`, a folder of that name in it is taken where there is one.
-
-    Args:
-        folder: The folder.
-        options: Of reading.
-        config: Of solving.
-        refine: Whether a simulated robot performs every result, too.
     """
     own = folder / _OBJECTS
     objects = options.objects or (own if own.is_dir() else None)

@@ -35,11 +35,7 @@ def load_motion(
 ) -> Motion:
     """Return the motion in a result or in another program's file; raises `ReadError`, which for a clip says so.
 
-    Args:
-        path: The file, or a folder that is one motion.
-        robot: The robot of another program's file, which does not say.
-        warn: Takes assumptions about such a file, and its contradictions.
-        reference: The clip of such a file, for figures that need it.
+    `warn` takes assumptions about another program's file, and its contradictions; `reference` is the clip of it.
     """
     if path.suffix.lower() in (".pt", ".pth") and os.path.isfile(path):  # noqa: PTH113  # raises nothing
         raise ReadError(f"{path}: this is a clip, not a result. Use `{program()} run` on it first.")

@@ -94,11 +94,7 @@ def _meshes(action: FetchMeshes) -> int:
 
 
 def fetch_look(spec: RobotSpec, folder: Path | None = None) -> None:
-    """Fetch a robot's meshes, and say from where and under which terms.
-
-    Args:
-        spec: Of a robot in `SOURCES`.
-        folder: With the maker's files; by default they are downloaded.
+    """Fetch a robot's meshes, from a folder with the maker's files where given, and say whence and under which terms.
 
     Raises:
         ReadError: They cannot be fetched, or are not what was expected.

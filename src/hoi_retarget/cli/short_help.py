@@ -90,12 +90,7 @@ def short_help(text: str, command: str) -> str:
 
 
 def commands_text(description: str, meanings: Mapping[str, str]) -> str:
-    """Return the program's help: its commands by purpose, each with a first sentence.
-
-    Args:
-        description: Of the program.
-        meanings: Of the commands.
-    """
+    """Return the program's help: its commands by purpose, each with a first sentence."""
     lines = [*textwrap.wrap(description, _WIDTH), "", "usage: hoi-retarget COMMAND [OPTIONS] ..."]
     for purpose, names in PURPOSES.items():
         lines += ["", f"{purpose}:"]

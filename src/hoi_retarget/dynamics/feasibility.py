@@ -40,13 +40,7 @@ class Infeasibility:
 
 
 def forces_on_clip(motion: Motion, clip: Clip | None, model: RobotModel, physics: Physics | None = None) -> Forces:
-    """Return the forces that a motion needs with the objects of the clip that it was made from.
-
-    Args:
-        motion: The motion.
-        clip: Its clip, which knows the objects' shapes and who else holds them; None for a motion without objects.
-        model: Its robot.
-        physics: Masses and frictions; by default those of the motion's own configuration.
+    """Return the forces that a motion needs with the objects of the clip that it was made from, if it has any.
 
     Raises:
         RobotError: A base carries the robot, or a joint's torque has no limit.

@@ -354,13 +354,7 @@ def hand_parts(model: RobotModel, site: str) -> tuple[Float[np.ndarray, "_ 3"], 
 
 
 def kept_objects(motion: Motion, clip: Clip, model: RobotModel, physics: Physics) -> tuple[KeptObject, ...]:
-    """Return the outcomes, in two free hands, of the objects that hands of this robot alone are labelled to touch.
-
-    Args:
-        motion: The motion, of two frames or more.
-        clip: It was made from this one.
-        model: Its robot.
-        physics: Masses and frictions.
+    """Return the outcomes, in two free hands, of a motion's objects that hands of this robot alone are to touch.
 
     Raises:
         RobotError: The robot's hands have no shapes.

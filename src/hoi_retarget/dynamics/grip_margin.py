@@ -71,13 +71,7 @@ class GripMargin:
 
 
 def grip_margins(motion: Motion, clip: Clip, kinematics: Kinematics, physics: Physics) -> tuple[GripMargin, ...]:
-    """Return the grip margins of the objects that a robot's hands are labelled to touch, and nobody else.
-
-    Args:
-        motion: The motion.
-        clip: It was made from this one.
-        kinematics: Of its robot.
-        physics: Masses and frictions.
+    """Return the grip margins of a motion's objects that the robot's hands are labelled to touch, and nobody else.
 
     Raises:
         RobotError: The robot's hands have no shapes.
@@ -176,13 +170,9 @@ def _human_touching(person: Person, track: ObjectTrack, site: str) -> Callable[[
 def grip_margin(
     load: ObjectLoad, frames: Int[np.ndarray, "F"], touching: Sequence[Sequence[Touching]], friction: float
 ) -> Float[np.ndarray, "F"]:
-    """Return the margins of hands on one object in some frames [g].
+    """Return the margins of hands on one object in some frames of a load [g].
 
-    Args:
-        load: Of the object.
-        frames: Of the load.
-        touching: Of each hand in each of these frames, in the world.
-        friction: Between hands and object.
+    `touching` is that of each hand in each of these frames, in the world.
     """
     hands, corners = len(touching), load.floor_points.shape[1]
     of_hand, weight = PATCH_POINTS * PYRAMID_EDGES, load.required.mass * GRAVITY

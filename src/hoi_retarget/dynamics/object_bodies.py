@@ -161,14 +161,7 @@ class ObjectBody:
 
 
 def object_body(name: str, geometry: ObjectGeometry, scale: float, physics: Physics) -> ObjectBody:
-    """Return an object as a rigid body: its convex hull, evenly filled.
-
-    Args:
-        name: Its name, which tells its kind.
-        geometry: Its shape at captured size.
-        scale: Its size over captured size.
-        physics: Its mass, where stated.
-    """
+    """Return an object as a rigid body: its convex hull, evenly filled, `scale` times as large as captured."""
     volume, centre, second = _moments(_hull(scale * geometry.points))
     if physics.object_mass != "auto":
         mass, reason = physics.object_mass, "as asked for"

@@ -44,11 +44,7 @@ class ObjectLoad:
     ) -> tuple[float, Float[np.ndarray, "P 3"]]:
         """Return the share of the object's weight that hands and floor cannot give, and the forces of the hands [N].
 
-        Args:
-            frame: The frame.
-            points: Of the hands on the surface, in the world [m].
-            inward: Directions into the object there.
-            friction: Between hands and object.
+        `points`: of the hands on the surface, in the world [m]; `inward`: directions into the object there.
         """
         on_floor, weight = self.on_floor[frame], self.required.mass * GRAVITY
         hands = friction_edges(inward, friction).reshape(-1, 3)

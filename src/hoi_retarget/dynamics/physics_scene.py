@@ -88,13 +88,7 @@ class PhysicsScene:
 def scene_of(
     motion: Motion, model: RobotModel, geometries: Sequence[ObjectGeometry], physics: Physics = Physics()
 ) -> PhysicsScene:
-    """Return the scene of a motion.
-
-    Args:
-        motion: The motion; its objects are in the scene.
-        model: Its robot.
-        geometries: Shapes of its objects, in their order.
-        physics: Masses and frictions.
+    """Return the scene of a motion and its objects, whose shapes are given in their order.
 
     Raises:
         RobotError: A base carries the robot, or a joint's torque has no limit.

@@ -40,8 +40,9 @@ _RESTING = {part: site for part, site in BODY_SITES.items() if not part.endswith
 """Judged parts: whether a seat meets the thighs, too, depends on the length of the legs."""
 _EDITED_M = 1e-6
 """An edited contact point is so far from the recorded one [m]."""
-_MIN_TOUCH_AREA_M2 = 2e-4
-"""Palmar skin within that gap of the surface that makes a touch a hand's: a fingertip has 1 cm2, a flat hand 5."""
+_MIN_TOUCH_AREA_M2, _FACING = 2e-4, np.cos(np.radians(45.0))
+"""Palmar skin within that gap that makes a touch the palm's: a fingertip has 1 cm2, a flat hand 5. Hands with curled
+fingers or a wrist thicker than the palm have less on a large face: then the palm has to face it, turned at most so."""
 
 
 @figure("contact gap", "mm")
@@ -121,6 +122,8 @@ class TouchCurve:
     """The same to where the human's palm was before the contact was edited; NaN where it was not."""
     palmar_area: Float[np.ndarray, "F"]
     """Area of a hand's palmar skin within 2 mm of the surface [m^2]; 0 where inactive or off it."""
+    palm_faces: Bool[np.ndarray, "F"]
+    """Frames with such skin in which the palm faces the surface there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +149,7 @@ def touch_share(view: Comparison) -> float | None:
 
 @figure("palm touch", "%", better="higher", slow=True)
 def palm_touch_share(view: Comparison) -> float | None:
-    """Share of these frames in which 2 cm2 of the hand's palmar side touch, not the tip of a finger alone."""
+    """Share of these frames in which the palm touches, with 2 cm2 or facing the surface, not a fingertip alone."""
     return mean_or_none(_by_palm(view).astype(float))
 
 
@@ -234,8 +237,9 @@ def _touch_share(gaps: Float[np.ndarray, "K"]) -> float | None:
 
 
 def _by_palm(view: Comparison) -> Bool[np.ndarray, "K"]:
-    areas = _pooled(curve.palmar_area[curve.active] for curve in _curves(view, HAND_SITES))
-    return areas >= _MIN_TOUCH_AREA_M2
+    curves = _curves(view, HAND_SITES)
+    palms = (((curve.palmar_area >= _MIN_TOUCH_AREA_M2) | curve.palm_faces)[curve.active] for curve in curves)
+    return np.concatenate([np.zeros(0, dtype=bool), *palms])
 
 
 def surface_curves(view: Comparison) -> SurfaceCurves:
@@ -269,10 +273,21 @@ def _touch(view: Comparison, track: ContactTrack, distances: ObjectDistances) ->
             there = replace(placed, pose=placed.pose.at(near))
             poses, points = distances.poses[skin.link].at(near), skin.points[palmar]
             area[near] += area_near(there, poses, points, skin.areas[palmar], _MAX_TOUCH_GAP_M)
+    faces = np.zeros(len(active), dtype=bool)
+    faces[near] = (area[near] > 0.0) & (_palm_cosines(view, PART_SITES[track.part], placed, touching, near) > _FACING)
     recorded = view.recorded_points.get((track.part, track.object), never)
     recorded = np.where((norms(recorded - track.contact_points) > _EDITED_M)[:, None], recorded, np.nan)
     place, before = (_place_distances(placed, touching, points) for points in (track.contact_points, recorded))
-    return TouchCurve(track.part, track.object, active, gap, place, before, area)
+    return TouchCurve(track.part, track.object, active, gap, place, before, area, faces)
+
+
+def _palm_cosines(
+    view: Comparison, palm: str, placed: PosedObject, touching: Float[np.ndarray, "F 3"], near: Int[np.ndarray, "K"]
+) -> Float[np.ndarray, "K"]:
+    """Return the cosine between the way that a palm faces and the way into the surface where the hand touches."""
+    _, outward = placed.shape.field.distances_and_normals(touching[near] / placed.scale)
+    facing = view.robot_rotation(palm)[near][:, None, :, 1] * (-1.0 if palm.startswith("left") else 1.0)
+    return -(placed.pose.at(near).vectors_inside(facing)[:, 0] * outward).sum(axis=1)
 
 
 def _place_distances(

@@ -56,10 +56,7 @@ class ObjectShape:
     def tree_near(self, link: RigidPoses, skin: LinkSkin, scale: float) -> PointTree:
         """Return points of the surface: all over it, or of a large one, those near a link.
 
-        Args:
-            link: Its poses in the frame of the object.
-            skin: The link's.
-            scale: Size of the object over captured size.
+        The poses of the link are in the frame of the object, whose size over captured size is `scale`.
         """
         if not is_large(self.surface, _SPACING):
             return self._tree
@@ -287,13 +284,9 @@ class ObjectDistances:
 def object_distances(
     kinematics: Kinematics, objects: tuple[PosedObject, ...], touching: Touching, first: int = 0
 ) -> ObjectDistances:
-    """Return the distances from one frame on.
+    """Return the distances from one frame on; where a link and an object are `touching`, however large they are.
 
-    Args:
-        kinematics: The robot's, over all frames.
-        objects: Over the frames that count.
-        touching: Frames in which distances are measured however large they are.
-        first: The first frame that counts.
+    `objects` have the frames that count alone.
     """
     skins = skin_of(kinematics.model).links
     poses = {skin.link: RigidPoses.of_link(kinematics, skin, first) for skin in skins}

@@ -68,11 +68,7 @@ def decode(  # noqa: PLR0913  # the last three are options
 def check_keys(kind: type, values: Any, owner: str, hidden: tuple[str, ...] = ()) -> None:
     """Raise `ReadError` unless values are a table with fields of a dataclass as keys.
 
-    Args:
-        kind: The dataclass.
-        values: From TOML or JSON.
-        owner: Begins an error: the file, and the key there.
-        hidden: Fields that are no keys.
+    An error begins with the owner; `hidden` fields are no keys.
     """
     if not isinstance(values, Mapping):
         raise ReadError(f"{owner} is {values!r}; expected a table of settings.")

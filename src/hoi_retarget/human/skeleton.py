@@ -150,13 +150,10 @@ def world_positions(
     quats: Float[np.ndarray, "T J 4"],
     parents: Sequence[int],
 ) -> Float[np.ndarray, "T J 3"]:
-    """Return joint positions in the world [m].
+    """Return joint positions in the world [m] from those of the root, and rotations in the world, wxyz.
 
-    Args:
-        root: Positions of the root [m].
-        bones: Joints' places in their parents' frames [m]; the root's is unused.
-        quats: Rotations of the joints in the world, wxyz.
-        parents: Index of each joint's parent, smaller than its own; -1 for the root.
+    `bones`: places in the parents' frames [m], the root's unused; `parents`: indices, -1 for the root, and smaller ones
+    than the joint's own.
     """
     positions = np.empty((*quats.shape[:2], 3))
     for joint, parent in enumerate(parents):

@@ -68,14 +68,7 @@ def blended(
     moves: Float[np.ndarray, "T J 3"],
     shape_in: Callable[[slice], Float[np.ndarray, "t n 3"]],
 ) -> Float[np.ndarray, "T n 3"]:
-    """Return vertices moved by the weighted mean of their joints' motions [m].
-
-    Args:
-        weights: How much each joint moves each vertex.
-        turns: The joints' rotations from the rest pose.
-        moves: What is added to turned vertices of the rest pose [m].
-        shape_in: The rest pose's vertices in some frames, or one row for all of them [m].
-    """
+    """Return vertices moved by the weighted mean of their joints' motions [m]; `moves` are added to turned vertices."""
     # A rotation and a translation for each vertex, as one row of twelve numbers for each joint.
     rigid = np.concatenate([turns, moves[..., None]], axis=-1).reshape(len(turns), -1, 12)
     skin = np.empty((len(turns), len(weights), 3))

@@ -49,11 +49,7 @@ def solid_points(
 ) -> AtPoints:
     """Return levers and distances of world points at a link's solid [m], and how these grow as the link moves.
 
-    Args:
-        solid: Of the link.
-        link: Its pose.
-        frames: Frames of the points.
-        points: In the world [m].
+    `frames` are those of the points.
     """
     own, frames, points = [real(part) for part in link], whole(frames), real(points)
     _, each, count = points.shape

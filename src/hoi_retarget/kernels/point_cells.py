@@ -70,13 +70,9 @@ class PointCells:
     def nearest(
         self, placed: Placed, near: float, count: int, apart: float
     ) -> tuple[Int[np.ndarray, "N K"], Int[np.ndarray, "N"]]:
-        """Return the points nearest to a solid in each pose, spread, and their number.
+        """Return the points nearest to a solid in each pose, and their number.
 
-        Args:
-            placed: The solid.
-            near: Points that are further away are left out [m].
-            count: Most points.
-            apart: Least distance between two of them [m].
+        There are `count` at most, none further than `near` [m], and any two are `apart` [m].
         """
         poses = len(placed.origins)
         chosen, number = np.zeros((poses, count), dtype=np.int64), np.zeros(poses, dtype=np.int64)
@@ -109,11 +105,8 @@ class PointCells:
     ) -> tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N 3"]]:
         """Return the lengths [m] of a solid's ways along directions until no point is in it, and its nearest points.
 
-        Args:
-            placed: The solid.
-            middle: Of the ball, in its frame [m].
-            directions: In the frame of the points.
-            limits: Longest way, least step [m], and the factor by which the solid may overrate distances.
+        `limits`: longest way and least step [m], and the factor by which the solid may overrate distances. `middle` is
+        that of the ball, in the solid's frame [m].
         """
         own, along = [real(part) for part in (*placed[1:4], middle)], real(directions)
         ways, nearest = np.empty(len(along)), np.empty((len(along), 3))

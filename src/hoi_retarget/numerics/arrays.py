@@ -20,14 +20,7 @@ def frozen(values: Any, dtype: Any = float) -> np.ndarray:
 
 
 def check_shape(owner: str, name: str, array: np.ndarray, expected: tuple[int, ...]) -> None:
-    """Raise `ClipError` unless an array has the expected shape.
-
-    Args:
-        owner: Of the array, for the message.
-        name: Of the array there.
-        array: Any.
-        expected: Its shape.
-    """
+    """Raise `ClipError` unless an array has the expected shape; it is told by its name and owner."""
     if array.shape != expected:
         raise ClipError(f"{owner}: {name} has shape {array.shape}, expected {expected}.")
 

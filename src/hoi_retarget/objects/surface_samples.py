@@ -52,13 +52,9 @@ class SurfaceSamples:
     def nearest(
         self, poses: SolidPoses, near: float, count: int, apart: float
     ) -> tuple[Int[np.ndarray, "N K"], Int[np.ndarray, "N"]]:
-        """Return the samples nearest to a solid in each pose, spread, and their number.
+        """Return the samples nearest to a solid in each pose, and their number.
 
-        Args:
-            poses: Of the solid.
-            near: Samples that are further away are left out [m].
-            count: Most samples.
-            apart: Least distance between two of them [m].
+        There are `count` at most, none further than `near` [m], and any two are `apart` [m].
         """
         return self._cells.nearest(_placed(poses), near, count, apart)
 
@@ -77,11 +73,7 @@ class SurfaceSamples:
     ) -> tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N 3"]]:
         """Return the ways of the solid along directions until no sample is in it [m], and its nearest sample before.
 
-        Args:
-            poses: Of the solid.
-            directions: In the frame of the surface.
-            most: Longest way that is tried [m].
-            least_step: Of the search [m].
+        No way is longer than `most` [m]; the search has steps of `least_step` [m].
         """
         wider = replace(poses, radius=poses.radius + most)
         return self._cells.ways_out(_placed(wider), poses.middle, directions, (most, least_step, OVERRATED))

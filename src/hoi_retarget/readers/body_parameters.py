@@ -206,13 +206,7 @@ class BodyParameters:
 
 
 def person_of(path: Path, name: str, parameters: BodyParameters, body_models: Path | None) -> Person:
-    """Return a person from a body's parameters.
-
-    Args:
-        path: the recording, for errors.
-        name: the person's.
-        parameters: the body's shape and pose.
-        body_models: the user's folder of models.
+    """Return a person from a body's shape and pose; `path` is the recording, for errors.
 
     Raises:
         BodyModelError: there is no folder.

@@ -6,11 +6,11 @@ from pathlib import Path
 from types import MappingProxyType
 
 from hoi_retarget.errors import ArgumentError, did_you_mean
-from hoi_retarget.robots import unitree_g1, unitree_h2, user_robots
+from hoi_retarget.robots import unitree_g1, unitree_g1_dex3, unitree_h2, user_robots
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.robots.spec import RobotSpec
 
-_SPECS = (unitree_g1.SPEC, unitree_h2.SPEC)
+_SPECS = (unitree_g1.SPEC, unitree_h2.SPEC, unitree_g1_dex3.SPEC)
 ROBOTS: Mapping[str, RobotSpec] = MappingProxyType({spec.name: spec for spec in _SPECS})
 
 
@@ -25,7 +25,7 @@ def load_team(names: str) -> tuple[RobotModel, ...]:
 
 
 def robot(name: str) -> RobotSpec:
-    """Return a robot: one of this package by its name or the last part of it, `unitree_g1` or `g1`, or an added one.
+    """Return a robot: one of this package by its name or the end of it, `unitree_g1` or `g1`, or an added one.
 
     The path of a manufacturer's file stands for the robot made of it, which is added where it was not yet.
 
@@ -38,9 +38,9 @@ def robot(name: str) -> RobotSpec:
         return user_robots.load(name)
     if Path(name).suffix.lower() in user_robots.SUFFIXES:
         return user_robots.of_file(Path(name), taken=ROBOTS)
-    named = [spec for full, spec in ROBOTS.items() if name.lower() in (full, full.rpartition("_")[2])]
+    named = [spec for full, spec in ROBOTS.items() if f"_{full}".endswith(f"_{name.lower()}")]
     if len(named) != 1:
-        near = did_you_mean(name, (*ROBOTS, *added)) or did_you_mean(name, (full.rpartition("_")[2] for full in ROBOTS))
+        near = did_you_mean(name, (*ROBOTS, *added)) or did_you_mean(name, (full.partition("_")[2] for full in ROBOTS))
         raise ArgumentError(f"There is no robot '{name}'.{near} The robots are: {', '.join((*ROBOTS, *added))}.")
     return named[0]
 

@@ -78,11 +78,17 @@ class MeshSource:
 
 
 _MJLAB = "mjlab==1.6.0"
-_H2_MESHES = (
-    "https://raw.githubusercontent.com/unitreerobotics/unitree_ros/"
-    "fceefdfd21389778ebb42419d503c7e5eee4a1be/robots/h2_description/meshes/"
+_ROBOTS = (
+    "https://raw.githubusercontent.com/unitreerobotics/unitree_ros/fceefdfd21389778ebb42419d503c7e5eee4a1be/robots/"
 )
 _UNITREE = "BSD-3-Clause, (c) HangZhou YuShu TECHNOLOGY CO., LTD (Unitree Robotics)"
+
+
+def _of_the_maker(robot: str, folder: str) -> MeshSource:
+    digests = Path(__file__).with_name(f"{robot}_meshes.sha256")
+    return MeshSource(_ROBOTS + folder, _UNITREE, partial(read_repository, _ROBOTS + folder, digests))
+
+
 SOURCES: Mapping[str, MeshSource] = MappingProxyType(
     {
         "unitree_g1": MeshSource(
@@ -95,11 +101,8 @@ SOURCES: Mapping[str, MeshSource] = MappingProxyType(
                 "mjlab/asset_zoo/robots/unitree_g1/xmls/assets/",
             ),
         ),
-        "unitree_h2": MeshSource(
-            _H2_MESHES,
-            _UNITREE,
-            partial(read_repository, _H2_MESHES, Path(__file__).with_name("unitree_h2_meshes.sha256")),
-        ),
+        "unitree_g1_dex3": _of_the_maker("unitree_g1_dex3", "g1_description/meshes/"),
+        "unitree_h2": _of_the_maker("unitree_h2", "h2_description/meshes/"),
     }
 )
 

@@ -89,11 +89,7 @@ class Interpretation:
 def changes(claim: Interpretation, found: Interpretation, of: str, width: int) -> tuple[Change, ...]:
     """Return the changes by which arrays that read as `found` read as claimed.
 
-    Args:
-        claim: The reading of the format.
-        found: The reading of the numbers.
-        of: Owner of the poses.
-        width: Number of columns of angles.
+    They are poses `of` an owner; `width` is the number of columns of angles.
     """
     made = []
     xyzw = claim.quat_order == "xyzw"
@@ -217,14 +213,7 @@ def sign_deviations(claim: Interpretation, model: RobotModel, moving: Bool[np.nd
 
 
 def reordered(claim: Interpretation, subject: Subject, words: str, columns: np.ndarray) -> Deviation:
-    """Return a claim with other columns.
-
-    Args:
-        claim: The claim.
-        subject: Of the deviation.
-        words: That follow 'the numbers are'.
-        columns: Of the robot's joints.
-    """
+    """Return a claim with other columns, which says so in `words` about a subject."""
     reading = replace(claim, columns=tuple(int(column) for column in columns))
     return Deviation(subject, words, "Put the columns into the order that the format demands.", reading)
 
