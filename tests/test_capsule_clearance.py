@@ -110,7 +110,7 @@ def test_samples_leave_no_part_of_the_surface_out():
     assert np.mean(gaps) < 0.6 * spacing
 
 
-@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS.keys())
+@pytest.mark.parametrize("model", [MODELS[name] for name in CAPSULES], ids=[*CAPSULES])
 def test_there_are_as_many_capsules_as_in_the_paper_on_bodies_that_exist(model):
     capsules = CAPSULES[model.spec.name]
     assert len(capsules) == 17 and {capsule.body for capsule in capsules} <= set(model.body_frames.names)

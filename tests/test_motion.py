@@ -18,13 +18,13 @@ from hypothesis import strategies as st
 from export_motions import smooth_motion
 from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import Severity
-from hoi_retarget.errors import ArgumentError, ClipError, ReadError, WriteError
+from hoi_retarget.errors import ArgumentError, ClipError, ReadError, RobotError, WriteError
 from hoi_retarget.evaluation.physics_figures import PERFORMED, performed_figures
 from hoi_retarget.files import atomic
 from hoi_retarget.files.atomic import write_atomically
 from hoi_retarget.motion import result_file
 from hoi_retarget.motion.formats import WRITABLE
-from hoi_retarget.motion.motion import Motion, Stage
+from hoi_retarget.motion.motion import Motion, Stage, on_robot
 from hoi_retarget.motion.motion_report import Event, InterRobotHandError, Optimality, Report, Status, Window
 from hoi_retarget.motion.performance import Performance
 from hoi_retarget.motion.result_file import encode, load, save
@@ -181,6 +181,24 @@ def test_what_is_written_is_read(tmp_path_factory, sizes, seed, robot, report):
     save(original, path)
     assert_same(load(path), original)
     assert path.read_bytes() == encode(original) == encode(load(path)), "the same motion is the same bytes"
+
+
+def test_a_robot_with_fingers_is_the_one_without_by_its_joints_and_contacts():
+    """Every site is where it was; a motion on its own robot is itself; a joint that is missing is told."""
+    own, plain = load_robot("unitree_g1_dex3"), load_robot("unitree_g1")
+    links = tuple(link for link in own.sites.index if link in plain.sites.index or link.endswith("thumb"))
+    motion = result(5, 1, len(links), robot="unitree_g1_dex3", contact_links=links)
+    without = on_robot(motion, plain)
+    assert (without.robot, without.joint_names) == ("unitree_g1", plain.joint_names)
+    assert without.contact_links == tuple(link for link in links if not link.endswith("thumb"))
+    kept = [link in without.contact_links for link in links]
+    np.testing.assert_array_equal(without.contact_flags, motion.contact_flags[:, kept])
+    before, after = own.forward(motion.qpos), plain.forward(without.qpos)
+    for site in ("left_wrist", "right_toe", "head"):
+        np.testing.assert_allclose(after.site_position(site), before.site_position(site), atol=1e-9)
+    assert_same(on_robot(without, plain).with_report(figures=without.report.figures), without)
+    with pytest.raises(RobotError, match=r"2 joints.*head_pitch_joint.*--from unitree_g1"):
+        on_robot(motion, load_robot("unitree_h2"))
 
 
 def test_the_file_is_a_plain_npz_of_the_documented_entries(tmp_path):

@@ -418,6 +418,8 @@ class Export(PhysicsOptions):
         None
     )
     """What the motion was after a stage: inverse kinematics, the trajectory, or performed in simulation (refine)."""
+    as_robot: Annotated[str | None, arg(name="as", metavar="NAME", help_behavior_hint="")] = None
+    """Another robot whose joints are among the result's own, such as g1 for one with fingers: readers of 29 joints."""
 
 
 @dataclass(frozen=True)

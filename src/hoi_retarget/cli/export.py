@@ -16,7 +16,7 @@ from hoi_retarget.files.atomic import write_together
 from hoi_retarget.motion.formats import WRITABLE, Format
 from hoi_retarget.motion.formats.dataset import CARD, FOLDER
 from hoi_retarget.motion.formats.lerobot import INFO
-from hoi_retarget.motion.motion import SIMULATED, STAGE_TITLES, Motion
+from hoi_retarget.motion.motion import SIMULATED, STAGE_TITLES, Motion, on_robot
 from hoi_retarget.motion.result import Result
 from hoi_retarget.motion.result_file import set_aside
 from hoi_retarget.motion.write_export import FOLDERS, export, format_named
@@ -124,9 +124,8 @@ def _targets(command: Export, format: Format) -> dict[Path, Path]:
 
 def _read(path: Path, command: Export) -> Result:
     """Return a result with the clip it was made from, where that is to be had."""
-    motion = load_motion(path, command.robot)
-    chosen = _at_stage(motion, path, command.stage)
-    alone = Result(path.stem, digest_of(path), chosen, load_robot(motion.robot), suffix=path.suffix)
+    motion = _motion_of(path, command)
+    alone = Result(path.stem, digest_of(path), motion, load_robot(motion.robot), suffix=path.suffix)
     if motion.report.is_foreign:
         warn(f"{path.name}: who touches what is not known: no contacts are written.")
     if motion.report.is_foreign or not motion.object_names:
@@ -141,15 +140,15 @@ def digest_of(path: Path) -> str:
     return sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
-def _at_stage(motion: Motion, path: Path, stage: str | None) -> Motion:
-    """Return a motion as it was after a stage; None is its last. Raises `ArgumentError` where it has no such stage."""
-    if stage is None:
-        return motion
+def _motion_of(path: Path, command: Export) -> Motion:
+    """Return the motion of a file after the requested stage, of the requested robot."""
+    motion, stage = load_motion(path, command.robot), command.stage
     try:
-        return motion.at_stage(stage)
+        chosen = motion if stage is None else motion.at_stage(stage)
     except ArgumentError as error:
         advice = f" `{program()} refine {path}` makes it." if stage == SIMULATED else ""
         raise ArgumentError(f"--stage {stage}: {error}{advice}") from error
+    return chosen if command.as_robot is None else on_robot(chosen, load_robot(command.as_robot))
 
 
 def _export_tasks(command: Export) -> int:
@@ -183,7 +182,7 @@ def _export_task(path: Path, command: Export) -> str:
     """Write a task, print its facts, and return its name."""
     if path == set_aside(path.with_suffix("")):
         raise ClipError(f"{path}: it is kept to be looked at, and no result. Export the one it was to become.")
-    motion = _at_stage(load_motion(path, command.robot), path, command.stage)
+    motion = _motion_of(path, command)
     check_usable(motion)
     physics, clip = physics_of(motion, command), clip_with_objects(motion, command)
     if clip is not None and held_by_others(clip, motion.person).any():

@@ -92,7 +92,7 @@ THRESHOLDS: tuple[Threshold, ...] = (
     Threshold("contact_gap_p95_m", 0.020, 0.050, "beyond 2 cm a contact counts as not reached"),
     Threshold("contact_gap_max_m", 0.050, 0.100, "half of a palm's width, then all of it"),
     Threshold("touch_share", 0.75, 0.25, "a hand that misses more than approach and release is off too long"),
-    Threshold("palm_touch_share", 0.02, None, "fingertips alone, as on faces larger than a hand with a thick wrist"),
+    Threshold("palm_touch_share", 0.02, None, "fingertips or edges of hands alone"),
     Threshold("finger_touch_share", 0.75, 0.25, "as of hands"),
     Threshold("touch_gap_p95_m", 0.010, 0.050, "a hand 1 cm off the surface holds nothing"),
     Threshold("touch_place_m", 0.100, 0.200, "one palm's width from the person's place on the object, then two"),

@@ -258,6 +258,30 @@ class Motion:
         return [(stage, window) for stage, window in windows if window.status is not Status.SOLVED]
 
 
+def on_robot(motion: Motion, model: RobotModel) -> Motion:
+    """Return the motion of another robot whose joints are among its own, by name, such as that without fingers.
+
+    Contacts of links that the robot has not are left out, and figures of the whole. Raises `RobotError` where a joint
+    is none of the motion's.
+    """
+    if strange := [name for name in model.joint_names if name not in motion.joint_names]:
+        raise RobotError(
+            f"{model.spec.title} has {len(strange)} joints that {motion.robot} has not ({', '.join(strange[:4])}"
+            f"{', ...' if len(strange) > 4 else ''}). Retarget to it: run RESULT --from {motion.robot}."
+        )
+    columns = [*range(7), *(7 + motion.joint_names.index(name) for name in model.joint_names)]
+    kept = [column for column, link in enumerate(motion.contact_links) if link in model.sites.index]
+    return replace(
+        motion,
+        robot=model.spec.name,
+        joint_names=model.joint_names,
+        stages=tuple(replace(stage, qpos=stage.qpos[:, columns]) for stage in motion.stages),
+        contact_links=tuple(motion.contact_links[column] for column in kept),
+        report=replace(motion.report, figures={}, performance=None),
+        **{name: getattr(motion, name)[:, kept] for name in ("contact_flags", "contact_object", "contact_points")},
+    )
+
+
 def check_robot(motion: Motion, model: RobotModel) -> None:
     """Raise `RobotError` unless the motion's joints are the model's, in its order, and its contact links are there."""
     if motion.joint_names != model.joint_names:

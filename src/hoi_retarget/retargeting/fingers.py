@@ -52,9 +52,8 @@ def _pads(model: RobotModel, side: str, person: Person, targets: Targets) -> dic
     tips = {part: _fingertip(person, part) - person.position(f"{side}_wrist") for part in sites}
     home = model.forward(model.home_qpos[None])
     wrist, palm = (home.site_position(f"{side}_{site}")[0] for site in ("wrist", "palm"))
-    # A person's reach is that of straight fingers: the longest one.
     reaches = [
-        (np.linalg.norm(home.site_position(site)[0] - wrist), np.linalg.norm(tips[part], axis=1).max())
+        (np.linalg.norm(home.site_position(site)[0] - wrist), _straight_reach(person, part, f"{side}_wrist"))
         for part, site in sites.items()
         if not part.endswith("thumb")
     ]
@@ -68,6 +67,13 @@ def _fingertip(person: Person, part: str) -> Float[np.ndarray, "T 3"]:
     last, before = person.position(f"{part}3"), f"{part}2"
     bone = se3.rotate_inverse(person.quat(before), last - person.position(before))
     return last + TIP * se3.rotate(person.quat(f"{part}3"), bone)
+
+
+def _straight_reach(person: Person, part: str, wrist: str) -> float:
+    """Return the reach of a person's straight finger from the wrist, by its bones, in any pose [m]."""
+    joints = np.array([person.position(name)[0] for name in (wrist, f"{part}1", f"{part}2", f"{part}3")])
+    bones = np.linalg.norm(np.diff(joints, axis=0), axis=1)
+    return float(bones.sum() + TIP * bones[-1])
 
 
 def finger_joints(model: RobotModel, palm: str, pads: Iterable[str]) -> Bool[np.ndarray, "n"]:

@@ -217,7 +217,8 @@ def _write_unitree(motion: ResampledMotion) -> Written:
     qpos, joints = motion.qpos, source_joints(motion)
     table = np.concatenate([qpos[:, :3], se3.quat_to_xyzw(qpos[:, 3:7]), joints.pos], axis=1)
     note = f"The file does not tell its rate: pass --input_fps {motion.rate} to what reads it."
-    return Written({TABLE: table}, notes=(note,))
+    fingers = ("Its readers expect a G1 without fingers: --as unitree_g1.",) if motion.model.spec.fingers else ()
+    return Written({TABLE: table}, notes=(note, *fingers))
 
 
 UNITREE_CSV = Format(

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from hoi_retarget.numerics.arrays import frozen, runs
 from hoi_retarget.numerics.filters import seconds_to_frames
 from hoi_retarget.retargeting.surfaces.skin_points import MovingObject, at_points
-from hoi_retarget.retargeting.targets import Targets
+from hoi_retarget.retargeting.targets import Targets, finger_touch
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.skin import LinkSkin, contact_skins
 from hoi_retarget.robots.spec import BODY_SITES, PALMS
@@ -77,10 +77,17 @@ OVERSHOOT = 1.15
 """A step out is longer than the depth: where the side is oblique to the surface, the depth shrinks by less."""
 LARGEST_MOVE = 0.2
 """[m]; a part that would have to go further stays as it is."""
+REST_FACTOR = 10.0
+"""Of the weight of a palm that fingers lead."""
 
 
 def touching_targets(
-    targets: Targets, objects: tuple[MovingObject, ...], sides: Float[np.ndarray, "T C 3"], kinematics: Kinematics
+    targets: Targets,
+    objects: tuple[MovingObject, ...],
+    sides: Float[np.ndarray, "T C 3"],
+    kinematics: Kinematics,
+    *,
+    hands_rest: bool = False,
 ) -> Targets:
     """Return the targets with contact points moved for links that are turned as in a trajectory.
 
@@ -89,11 +96,19 @@ def touching_targets(
         objects: Of the robot's world.
         sides: Side of the object for each contact, in the object's frame.
         kinematics: Of the trajectory.
+        hands_rest: Whether palms that fingers lead stay about where the trajectory has them in the middle of a contact:
+            fingers that cannot all reach the person's places would pull the hand along the surface.
     """
-    points = targets.carried_contact_points.copy()
+    points, weights = targets.carried_contact_points.copy(), targets.contact_weights.copy()
     for link, site in enumerate(targets.contact_links):
         links = contact_skins(kinematics.model, site)
-        if not links or site in PALMS:  # Hands have holds.
+        if site in PALMS:  # Hands have holds, or fingers lead them.
+            led = finger_touch(targets, link) & hands_rest
+            for first, stop in runs(led):
+                points[first:stop, link] += _rest(targets, objects, kinematics, link, np.arange(first, stop))
+            weights[led, link] *= REST_FACTOR
+            continue
+        if not links:
             continue
         for first, stop in runs(targets.contact_weights[:, link] > 0):
             # Moves are smoothed anyway: some frames of each stretch are enough.
@@ -111,7 +126,19 @@ def touching_targets(
             every, sigma = np.arange(first, stop), seconds_to_frames(SMOOTHING_SECONDS, targets.fps)
             between = np.stack([np.interp(every, frames, along) for along in moves.T], axis=1)
             points[every, link] += scipy.ndimage.gaussian_filter1d(between, sigma, axis=0, mode="nearest")
-    return replace(targets, carried_contact_points=frozen(points))
+    return replace(targets, carried_contact_points=frozen(points), contact_weights=frozen(weights))
+
+
+def _rest(
+    targets: Targets, objects: tuple[MovingObject, ...], kinematics: Kinematics, link: int, frames: np.ndarray
+) -> Float[np.ndarray, "3"]:
+    """Return the median way of a link from its contact points on the object, over a contact's frames [m]."""
+    site, off = targets.contact_links[link], np.zeros((len(frames), 3))
+    for index in np.unique(targets.carried_contact_object[frames, link]):
+        at = targets.carried_contact_object[frames, link] == index
+        there = objects[index].inside(kinematics.site_position(site)[frames[at]].T[:, None], frames[at])[:, 0].T
+        off[at] = there - targets.carried_contact_points[frames[at], link]
+    return np.median(off, axis=0)
 
 
 def _moves(  # noqa: PLR0913, PLR0917  # the parts of a move

@@ -109,7 +109,7 @@ class SurfaceProblems:
     def _between_surfaces(
         self, solve_pass: SolvePass, qpos: np.ndarray, paths: tuple[EscapePath, ...]
     ) -> Float[np.ndarray, "T nq"]:
-        touching = self._touching(qpos)
+        touching = self._touching(qpos, hands_rest=True)
         # Skin that was far from the surface before a pass may have sunk in: each pass chooses its points anew.
         for effort, last in ((FINE, False), (FINAL, True)):
             qpos = solve_pass(
@@ -137,7 +137,7 @@ class SurfaceProblems:
 
     def last(self, qpos: Float[np.ndarray, "T nq"]) -> ProblemOf:
         """Return the problem of the last pass, for a trajectory that has been through all of them."""
-        return self._with_surfaces(_Start(self, self._touching(qpos), qpos), (), relaxed=True)
+        return self._with_surfaces(_Start(self, self._touching(qpos, hands_rest=True), qpos), (), relaxed=True)
 
     def _escape_paths(self, qpos: np.ndarray, earlier: tuple[EscapePath, ...]) -> tuple[EscapePath, ...]:
         """Return paths for links that are deep in an object, except for links in contact, and in its frames."""
@@ -149,9 +149,9 @@ class SurfaceProblems:
         weight, start = self.config.weights.clearance, self.model.forward(qpos)
         return escape_paths(of.objects, targets.limbs, of.skin, touching, start, earlier, weight, targets.fps)
 
-    def _touching(self, qpos: np.ndarray) -> Targets:
-        of = self.surfaces
-        return touching_targets(self.targets, of.objects, of.sides, self.model.forward(qpos))
+    def _touching(self, qpos: np.ndarray, *, hands_rest: bool = False) -> Targets:
+        of, kinematics = self.surfaces, self.model.forward(qpos)
+        return touching_targets(self.targets, of.objects, of.sides, kinematics, hands_rest=hands_rest)
 
     def _with_points(self, targets: Targets, paths: tuple[EscapePath, ...]) -> ProblemOf:
         def problem_of(window: FrameRange) -> Problem:
