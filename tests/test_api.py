@@ -1,8 +1,10 @@
 """The public names: all there, light to import, enough for the examples."""
 
 import ast
+import json
 import subprocess
 import sys
+from html import unescape
 from pathlib import Path
 
 import pytest
@@ -46,6 +48,30 @@ def test_the_examples_import_nothing_deeper():
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("hoi_retarget"):
                 pytest.fail(f"{path.name} imports {node.module}")
+
+
+def shown_by(notebook: Path) -> list[object]:
+    """Run a notebook's cells as they stand, and return the values of their last lines."""
+    names: dict[str, object] = {}
+    shown = []
+    for cell in json.loads(notebook.read_text())["cells"]:
+        if cell["cell_type"] == "code":
+            *lines, last = ast.parse("".join(cell["source"])).body
+            exec(compile(ast.Module(lines, []), notebook.name, "exec"), names)
+            assert isinstance(last, ast.Expr)
+            shown.append(eval(compile(ast.Expression(last.value), notebook.name, "eval"), names))
+    return shown
+
+
+def test_in_a_notebook_values_are_short_and_a_motion_plays():
+    clip, motion, page, curves = shown_by(ROOT / "examples" / "07_in_a_notebook.ipynb")
+    assert repr(clip) == "<Clip carry_box: 268 frames at 30 a second, person, box>"
+    assert repr(motion) == "<Motion of unitree_g1: carry_box, 268 frames at 30 a second, box>"
+    assert repr(hr.load_robot("unitree_g1")) == "<RobotModel unitree_g1: 29 joints>"
+    assert isinstance(page, hr.player(motion).__class__)
+    text = page._repr_html_()
+    assert text.startswith('<iframe srcdoc="') and unescape(text).count("</html>") == 1 and "<script src" not in text
+    assert set(curves.values()) == {(268,)}
 
 
 def test_from_a_clip_to_an_export(tmp_path):

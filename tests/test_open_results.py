@@ -8,7 +8,7 @@ import pytest
 import motion_writers as writers
 from hoi_retarget.cli import main
 from hoi_retarget.cli.open_results import gallery_entry_of, load_motion
-from hoi_retarget.cli.scores import known_figures
+from hoi_retarget.evaluation.thresholds import known_figures
 from hoi_retarget.motion.check import check
 from hoi_retarget.motion.formats import read
 from hoi_retarget.studio.share.clip_page import make_clip_page

@@ -10,11 +10,14 @@
 Names are imported when they are first asked for; `docs/api.md` has a line on each.
 """
 
+import ast
+from functools import cache
 from importlib import import_module
 from importlib.metadata import version
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-# ruff: noqa: F401, PLE0604  # names that other programs import, and that `_HOMES` lists once
+# ruff: noqa: F401  # names that other programs import
 if TYPE_CHECKING:
     from hoi_retarget.batch.manifest import read_manifest as read_manifest
     from hoi_retarget.cli import main as main
@@ -58,66 +61,31 @@ if TYPE_CHECKING:
     from hoi_retarget.robots.model import RobotModel as RobotModel
     from hoi_retarget.robots.spec import RobotSpec as RobotSpec
     from hoi_retarget.studio.scene.curves import named_curves as curves
+    from hoi_retarget.studio.share.clip_page import player as player
 
 __version__ = version("hoi-retarget")
 
-_HOMES = {
-    "Augmentation": "clip.clip",
-    "BandedInteriorPoint": "retargeting.trajopt.solvers.solver",
-    "Clip": "clip.clip",
-    "Config": "retargeting.config",
-    "ContactEdits": "clip.edits",
-    "ContactTrack": "clip.clip",
-    "FIGURES": "evaluation.figures",
-    "HoiRetargetError": "errors",
-    "Horizon": "retargeting.config",
-    "IkConfig": "retargeting.config",
-    "JOINTS": "human.skeleton",
-    "KeepStart": "retargeting.trajopt.solvers.solver",
-    "Motion": "motion.motion",
-    "ObjectGeometry": "objects.track",
-    "ObjectTrack": "objects.track",
-    "Person": "human.person",
-    "QualityWarning": "clip.clip",
-    "ROBOTS": "robots",
-    "ReadOptions": "clip.read_options",
-    "Report": "motion.motion_report",
-    "RobotModel": "robots.model",
-    "RobotSpec": "robots.spec",
-    "Scaling": "retargeting.config",
-    "Solution": "retargeting.solve",
-    "Stage": "motion.motion",
-    "Weights": "retargeting.config",
-    "apply_edits": "clip.edits:apply",
-    "augment": "clip.augment",
-    "clip_of": "readers.open",
-    "curves": "studio.scene.curves:named_curves",
-    "evaluate": "evaluation.figures",
-    "export": "motion.write_export:write_export",
-    "load": "motion.result_file",
-    "load_robot": "robots",
-    "main": "cli",
-    "open_clip": "readers.open",
-    "read_manifest": "batch.manifest",
-    "retarget": "retargeting.retarget",
-    "retarget_people": "retargeting.retarget",
-    "save": "motion.result_file",
-    "solve": "retargeting.solve",
-    "verdict_of": "evaluation.thresholds",
-}
-"""Public name -> its module, and behind a colon its name there, where it is another one."""
-__all__ = ["__version__", *_HOMES]  # pyright: ignore[reportUnsupportedDunderAll]  # names of `_HOMES`
+
+@cache
+def _homes() -> dict[str, tuple[str, str]]:
+    """Return the module of every public name and its name there: the imports above, which type checkers read, too."""
+    tree = ast.parse(Path(__file__).read_text(encoding="utf-8"))
+    found = (node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom))
+    return {
+        name.asname: (str(node.module), name.name) for node in found for name in node.names if name.asname is not None
+    }
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first asked for: the command line's help needs none of them."""
-    if name not in _HOMES:
-        raise AttributeError(f"hoi_retarget has no {name!r}. It has: {', '.join(__all__)}.")
-    module, _, original = _HOMES[name].partition(":")
-    value = getattr(import_module(f"hoi_retarget.{module}"), original or name)
-    globals()[name] = value
+    if name == "__all__":
+        return __dir__()
+    if name not in _homes():
+        raise AttributeError(f"hoi_retarget has no {name!r}. It has: {', '.join(__dir__())}.")
+    module, original = _homes()[name]
+    globals()[name] = value = getattr(import_module(module), original)
     return value
 
 
 def __dir__() -> list[str]:
-    return list(__all__)
+    return ["__version__", *_homes()]

@@ -17,11 +17,12 @@ from hoi_retarget.cli.open_results import clip_or_warning, gallery_entry_of, loa
 from hoi_retarget.cli.output_checks import check_writable
 from hoi_retarget.cli.run import check_clip_kept
 from hoi_retarget.cli.run_options import arguments_of, config_of, to_argv
-from hoi_retarget.cli.scores import known_figures, score
+from hoi_retarget.cli.scores import score
 from hoi_retarget.cli.terminal import Working, fail, program, say, warn, with_file
 from hoi_retarget.clip.edits import ContactEdits, load
 from hoi_retarget.clip.edits.edits_file import EditsFiles
 from hoi_retarget.errors import HoiRetargetError, WriteError
+from hoi_retarget.evaluation.thresholds import known_figures
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers.open import clip_of, open_clip, result_stem
 from hoi_retarget.retargeting.retarget import result_paths, write

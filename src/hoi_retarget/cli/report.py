@@ -9,14 +9,14 @@ from pathlib import Path
 from hoi_retarget.cli.commands import Evaluate, WriteReport
 from hoi_retarget.cli.open_results import gallery_entry_of, load_motion, reference_clip_of
 from hoi_retarget.cli.output_checks import check_inputs_kept, check_json, check_writable, write_file, write_json
-from hoi_retarget.cli.scores import known_figures, score, show_figures, titled
+from hoi_retarget.cli.scores import score, show_figures, titled
 from hoi_retarget.cli.terminal import Working, do_for_each, exit_code, say, show_table, warn
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import HoiRetargetError
 from hoi_retarget.evaluation import Score
 from hoi_retarget.evaluation import to_csv as scores_to_csv
 from hoi_retarget.evaluation import to_json as scores_to_json
-from hoi_retarget.evaluation.thresholds import Level, by_kind
+from hoi_retarget.evaluation.thresholds import Level, by_kind, known_figures
 from hoi_retarget.files.atomic import write_together
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.readers.open import clip_of
@@ -138,14 +138,8 @@ def page_of(
 ) -> tuple[ClipPage, int, list[float]] | None:
     """Return the page of motions that are shown together; None where they cannot be.
 
-    With it come the worst frame of the worst of them, and each one's worst moment [s].
-
-    Args:
-        worst: The worst of the motions.
-        rows: All of them.
-        foreign_robot: The robot of other programs' motions.
-        objects: Folder with the objects' geometry.
-        back: The way back to the report.
+    With it come the worst frame of the worst of them, and each one's worst moment [s]. Other programs' motions are of
+    the foreign robot.
     """
     try:
         opened = [_opened(row.path, foreign_robot, objects) for row in rows if row.path is not None]

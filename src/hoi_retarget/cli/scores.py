@@ -10,8 +10,7 @@ from hoi_retarget.cli.terminal import say, show_table
 from hoi_retarget.errors import ReadError
 from hoi_retarget.evaluation import FIGURES, Figure, Score, mean_values, table_rows, worst_values
 from hoi_retarget.evaluation.figure_table import grouped_columns
-from hoi_retarget.evaluation.physics_figures import PERFORMED
-from hoi_retarget.evaluation.thresholds import THRESHOLDS, Light, by_kind, verdict_of
+from hoi_retarget.evaluation.thresholds import THRESHOLDS, Light, by_kind, known_figures
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.robots import load_robot
 
@@ -28,26 +27,6 @@ def score(motion: Motion, path: Path) -> Score:
     if not {figure.name for figure in FIGURES} & set(motion.report.figures):
         raise ReadError(f"{path}: its report has none of the figures. Run the retarget again, with --figures all.")
     return known_figures(motion, path)
-
-
-def known_figures(motion: Motion, path: Path) -> Score:
-    """Return the figures that a motion's report holds, be it none."""
-    report = motion.report
-    figures = {figure.name: report.figures.get(figure.name) for figure in FIGURES}
-    figures |= {figure.name: value for figure in PERFORMED if (value := report.figures.get(figure.name)) is not None}
-    return Score(
-        path.stem.removesuffix(".npz"),  # Of one that was set aside.
-        figures,
-        motion.frames,
-        sum(report.cpu_seconds.values()) if report.cpu_seconds else None,
-        file=str(path),
-        robot=motion.robot,
-        root_scale=report.root_scale,
-        object_scale=tuple(motion.object_scale.tolist()),
-        object_surfaces=tuple(report.object_surfaces.get(name, "") for name in motion.object_names),
-        verdict=None if report.is_foreign else verdict_of(motion),
-        at_landmarks=not report.touches_with_surfaces,
-    )
 
 
 def titled(scores: Sequence[Score], motions: Sequence[Motion]) -> list[Score]:

@@ -189,6 +189,10 @@ class Clip:
             if not here:
                 raise ClipError(f"clip {self.name!r}: a pin of {pin.part!r} names an absent person, part or frame.")
 
+    def __repr__(self) -> str:
+        shown = (one.name for one in (*self.people, *self.objects))
+        return f"<Clip {self.name}: {', '.join((f'{self.frames} frames at {self.fps:g} a second', *shown))}>"
+
     @property
     def frames(self) -> int:
         """Number of frames T."""

@@ -9,10 +9,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 from hoi_retarget.clip.clip import Severity
-from hoi_retarget.evaluation import COLUMNS, SOUNDNESS, Figure, soundness
+from hoi_retarget.evaluation import COLUMNS, FIGURES, SOUNDNESS, Figure, Score, soundness
+from hoi_retarget.evaluation.physics_figures import PERFORMED
 from hoi_retarget.motion.motion import Motion, Stage, check_robot
 from hoi_retarget.motion.motion_report import Event, Status
 from hoi_retarget.robots import load_robot
@@ -359,3 +361,23 @@ def _unsolved_share(stage: Stage) -> float:
 
 def _frames(events: Sequence[Event]) -> float:
     return float(sum(event.frames for event in events))
+
+
+def known_figures(motion: Motion, path: Path) -> Score:
+    """Return the figures that a motion's report holds, be it none."""
+    report = motion.report
+    figures = {figure.name: report.figures.get(figure.name) for figure in FIGURES}
+    figures |= {figure.name: value for figure in PERFORMED if (value := report.figures.get(figure.name)) is not None}
+    return Score(
+        path.stem.removesuffix(".npz"),  # Of one that was set aside.
+        figures,
+        motion.frames,
+        sum(report.cpu_seconds.values()) if report.cpu_seconds else None,
+        file=str(path),
+        robot=motion.robot,
+        root_scale=report.root_scale,
+        object_scale=tuple(motion.object_scale.tolist()),
+        object_surfaces=tuple(report.object_surfaces.get(name, "") for name in motion.object_names),
+        verdict=None if report.is_foreign else verdict_of(motion),
+        at_landmarks=not report.touches_with_surfaces,
+    )

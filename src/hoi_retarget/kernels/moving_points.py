@@ -26,12 +26,7 @@ def skin_points(
 ) -> AtPoints:
     """Return levers and distances of points of a link's skin at a moving surface [m], and normals.
 
-    Args:
-        surface: In its own frame.
-        link: Pose of the link.
-        moving_object: Pose of the surface.
-        frames: Frames of the points.
-        points: In the link's frame [m].
+    Points are in the link's frame [m], each in the frame of the motion that `frames` tells.
     """
     own, other = [real(part) for part in link], [real(part) for part in moving_object]
     frames, points = whole(frames), real(points)

@@ -189,6 +189,10 @@ class Motion:
             if not 0 <= first <= last < self.frames:
                 raise ClipError(f"motion: its report tells of frames {first} to {last}; it has {self.frames}.")
 
+    def __repr__(self) -> str:
+        what = f"{self.report.clip or 'a motion'}, {self.frames} frames at {self.fps:g} a second"
+        return f"<Motion of {self.robot}: {', '.join((what, *self.object_names))}>"
+
     @property
     def frames(self) -> int:
         """Number of frames T."""

@@ -53,7 +53,7 @@ def _pads(model: RobotModel, side: str, person: Person, targets: Targets) -> dic
     home = model.forward(model.home_qpos[None])
     wrist, palm = (home.site_position(f"{side}_{site}")[0] for site in ("wrist", "palm"))
     reaches = [
-        (np.linalg.norm(home.site_position(site)[0] - wrist), _straight_reach(person, part, f"{side}_wrist"))
+        (float(np.linalg.norm(home.site_position(site)[0] - wrist)), _straight_reach(person, part, f"{side}_wrist"))
         for part, site in sites.items()
         if not part.endswith("thumb")
     ]

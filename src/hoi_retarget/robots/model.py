@@ -75,6 +75,9 @@ class RobotModel:
     supports: Float[np.ndarray, "N N"]
     """`[a, b]` is 1 when node `a` is `b` or an ancestor of it."""
 
+    def __repr__(self) -> str:
+        return f"<RobotModel {self.spec.name}: {self.n} joints>"
+
     @property
     def n(self) -> int:
         """Number of hinges."""

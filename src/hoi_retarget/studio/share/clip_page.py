@@ -2,18 +2,24 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import PureWindowsPath
+from html import escape
+from pathlib import Path, PureWindowsPath
 
+from hoi_retarget.clip.clip import Clip
 from hoi_retarget.evaluation.figure_table import grouped_columns, scales_text
-from hoi_retarget.evaluation.thresholds import level_of
+from hoi_retarget.evaluation.thresholds import known_figures, level_of
+from hoi_retarget.motion.motion import Motion
+from hoi_retarget.readers.open import clip_of
+from hoi_retarget.robots import load_robot
 from hoi_retarget.studio.html import render
 from hoi_retarget.studio.scene.camera import FittedCamera, fit_camera, fit_each
 from hoi_retarget.studio.scene.curves import MAX_POINTS, all_curves, bar_rows, chart_html
 from hoi_retarget.studio.scene.drawing import DrawnScene
 from hoi_retarget.studio.scene.legend_texts import legend_of_figure
 from hoi_retarget.studio.scene.scene import SceneItem
-from hoi_retarget.studio.scene.subplots import make_subplots, on_one_floor
+from hoi_retarget.studio.scene.subplots import make_subplots, on_one_floor, short_name
 from hoi_retarget.studio.share.gallery import GalleryEntry, summary_of
+from hoi_retarget.studio.share.load_results import drawable_clip
 from hoi_retarget.studio.share.packed_scene import MAX_FRAMES, pack
 
 PLAYER = tuple(
@@ -130,6 +136,29 @@ def make_clip_page(
         commands=list(dict.fromkeys(entry.command for entry in entries if entry.command)),
     )
     return ClipPage(text, scene, floor)
+
+
+@dataclass(frozen=True)
+class Player:
+    """A page that plays a motion without a server; notebooks show it in the cell."""
+
+    page: str
+    """HTML."""
+
+    def _repr_html_(self) -> str:
+        return f'<iframe srcdoc="{escape(self.page)}" style="width: 100%; height: 45em; border: 0"></iframe>'
+
+
+def player(motion: Motion, clip: Clip | None = None) -> Player:
+    """Return the page that plays a motion, with the person of its clip, which is found where it was made from a file.
+
+    Raises `RobotError` where its robot is gone, and `GeometryError` where an object's mesh cannot be read.
+    """
+    model = load_robot(motion.robot)
+    clip = drawable_clip(motion, clip_of) if clip is None else clip
+    item = SceneItem(short_name(model.spec), motion, model, clip, motion.person)
+    entry = GalleryEntry(motion, model.spec, known_figures(motion, Path(motion.report.clip)))
+    return Player(make_clip_page(motion.report.clip or motion.robot, [(entry, item)]).text)
 
 
 def notices_page(notices: Sequence[str]) -> str:
