@@ -31,7 +31,7 @@ _said_on_stderr = False
 def program() -> str:
     """Return the word that starts this program from here, for commands that are shown."""
     started = Path(sys.argv[0])
-    if started.name == "__main__.py":
+    if started.parts[-2:] == ("hoi_retarget", "__main__.py"):
         return f"{shlex.quote(sys.executable)} -m hoi_retarget"
     found = shutil.which(NAME)
     if started.stem != NAME or (found and Path(found).absolute() == started.absolute()):
