@@ -667,6 +667,23 @@ def many_rows(count: int) -> list[Row]:
     ]
 
 
+def test_a_paragraph_says_what_is_good_and_what_to_look_at() -> None:
+    """Reasons of the motion apart from those of physics, failures before warnings."""
+    figures = (
+        {"touch_share": 1.0, "stance_slide_mps": 5.0, "grip_margin_g": 0.0},
+        {"touch_share": 0.5, "grip_margin_g": 0.0},
+        {"touch_share": 0.5, "grip_margin_g": 0.0},
+    )
+    rows = [Row(f"clip_{index}", figures=each, verdict=verdict_of_figures(each)) for index, each in enumerate(figures)]
+    page = report_page("Report", rows, {})
+    told = re.sub(r"<[^>]*>", "", re.search(r'<p class="first">(.*?)</p>', page, re.DOTALL)[1])
+    assert told.startswith("touch median 50.0, worst 50.0 %")
+    assert "Most often foot slide fails in 1, touch warns in 2." in told
+    motion, physics = (page.index(f"<h2>{title}</h2>") for title in ("What does not pass", "What physics warns of"))
+    assert motion < page.index("grip margin", physics) and "grip margin" not in page[motion:physics]
+    assert 'class="first"' not in report_page("Report", [], {})
+
+
 def test_of_many_rows_the_worst_are_in_the_page_and_the_others_packed_in_it() -> None:
     page = report_page("Report", many_rows(250), {})
     further = re.search(r'<script id="further" type="text/plain" data-count="(\d+)">(.*?)</script>', page)

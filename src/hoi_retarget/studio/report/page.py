@@ -161,7 +161,7 @@ def report_page(title: str, rows: Sequence[Row], pages: Mapping[str, MotionPage]
         counts={state: sum(row.state == state for row in rows) for state in STATES},
         physics={light: sum(row.physics == light for row in judged) for light in LIGHTS},
         unread=Table("Without a motion", {"file": "", "reason": ""}, [(row.file, row.error) for row in unread]),
-        reasons=_reasons(judged),
+        reasons=[_reasons(judged, "motion"), _reasons(judged, "physics")],
         histograms=[
             _histogram(threshold, judged)
             for threshold in _chosen(_DRAWN)
@@ -210,7 +210,8 @@ def _is_warned(threshold: Threshold, rows: Sequence[Row]) -> bool:
     return any(row.verdict and threshold in [reason.threshold for reason in row.verdict.reasons] for row in rows)
 
 
-def _reasons(rows: Sequence[Row]) -> Table:
+def _reasons(rows: Sequence[Row], light: str) -> Table:
+    """Return the thresholds of a light that motions do not pass, the worst first."""
     found = Counter(
         (reason.threshold.name, reason.level) for row in rows if row.verdict for reason in row.verdict.reasons
     )
@@ -218,9 +219,12 @@ def _reasons(rows: Sequence[Row]) -> Table:
     lines = [
         (threshold.column.title, warn or "", fail or "", threshold.why)
         for threshold in THRESHOLDS
-        if (warn := found[threshold.name, Level.WARN]) + (fail := found[threshold.name, Level.FAIL])
+        if threshold.light == light
+        and (warn := found[threshold.name, Level.WARN]) + (fail := found[threshold.name, Level.FAIL])
     ]
-    return Table("What does not pass", heads, lines, filters="warning")
+    worst = sorted(lines, key=lambda line: (line[2] or 0, line[1] or 0), reverse=True)
+    title = {"motion": "What does not pass", "physics": "What physics warns of"}[light]
+    return Table(title, heads, worst, filters="warning")
 
 
 def _histogram(threshold: Threshold, rows: Sequence[Row]) -> dict[str, str]:
