@@ -1,5 +1,6 @@
 """`hoi-retarget refine`: what is written, what is told, and what is refused."""
 
+import io
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -8,16 +9,20 @@ import numpy as np
 import pytest
 
 from hoi_retarget.cli import main
+from hoi_retarget.dynamics.physics_settings import Physics, Refinement
 from hoi_retarget.motion import result_file
 from hoi_retarget.motion.motion import ARRAYS, Stage
 from hoi_retarget.readers.open import clip_of
+from hoi_retarget.simulation import physics_stage
+from hoi_retarget.simulation.refine import refine
+from hoi_retarget.simulation.rollout import TICK, Rollout
 from plain_motions import plain_motion, standing_qpos
 from synthetic import make
 from trajectories import MODELS
 
 G1 = MODELS["unitree_g1"]
 QUICK = ("--refinement.samples", "8", "--refinement.most-samples", "8", "--refinement.iterations", "1")
-QUICK += ("--refinement.horizon", "0.4")
+QUICK += ("--refinement.horizon", "0.4", "--refinement.attempts", "1")
 
 
 def alone(frames, glide=0.0):
@@ -57,6 +62,29 @@ def test_what_is_performed_goes_out_beside_what_a_controller_needs(folder, capsy
         np.testing.assert_allclose(standing, [0.0, 0.0, weight], atol=0.02 * weight)
         # Frames of the motion that are at ticks are the ticks.
         np.testing.assert_allclose(performed.qpos[::3], held["qpos"][::5], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("falls", "seeds", "kept"), [((), [3], 3), ((3,), [3, 4], 4), ((3, 4, 5), [3, 4, 5], 4)], ids=["1", "2", "3"]
+)
+def test_it_is_tried_again_until_nothing_falls_and_the_longest_is_kept(falls, seeds, kept, folder, monkeypatch):
+    """The second of three attempts stands for longest here where all fall."""
+    tried = []
+
+    def falling(scene, reference, settings, *, seed, on_progress):
+        found = refine(scene, reference, settings, seed=seed, on_progress=on_progress)
+        tried.append(seed)
+        ticks = 30 if seed == 4 else 20
+        cut = Rollout(*(part[:ticks] for part in (found.rollout.qpos, found.rollout.qvel, found.rollout.targets)), 0.0)
+        ended = replace(cut, fell_after=TICK * ticks)
+        return replace(found, rollout=ended, gains=found.gains[:ticks], lead_out=None) if seed in falls else found
+
+    monkeypatch.setattr(physics_stage, "refine", falling)
+    settings = Refinement(horizon=0.4, samples=8, most_samples=8, iterations=1, attempts=3)
+    simulated = physics_stage.add_physics_stage(alone(31), None, Physics(), settings, seed=3)
+    assert tried == seeds and simulated.performance.whole == (kept not in falls)
+    with np.load(io.BytesIO(simulated.for_controllers)) as held:
+        assert json.loads(str(held["facts"]))["seed"] == kept
 
 
 @pytest.mark.slow

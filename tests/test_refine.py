@@ -33,7 +33,7 @@ from hoi_retarget.simulation.rollout import (
 from plain_motions import standing_qpos
 from test_rollout import G1, staged
 
-FEW = Refinement(horizon=0.4, samples=8, most_samples=16, iterations=1)
+FEW = Refinement(horizon=0.4, samples=8, most_samples=16, iterations=1, attempts=1)
 
 
 @cache
@@ -265,7 +265,15 @@ def test_a_hand_that_will_touch_soon_is_at_its_place_already(problem):
 
 @pytest.mark.parametrize(
     "values",
-    [{"horizon": 0.1}, {"noise": -1.0}, {"iterations": 0}, {"samples": 4}, {"samples": 500}, {"noise": float("nan")}],
+    [
+        {"horizon": 0.1},
+        {"noise": -1.0},
+        {"iterations": 0},
+        {"attempts": 0},
+        {"samples": 4},
+        {"samples": 500},
+        {"noise": float("nan")},
+    ],
 )
 def test_settings_out_of_range_are_refused(values):
     with pytest.raises(ArgumentError, match=next(iter(values))):

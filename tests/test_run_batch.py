@@ -24,7 +24,7 @@ from intermimic_writer import columns_of, write_box
 from synthetic import make
 from torch_writer import torch_bytes
 
-FEW = Refinement(horizon=0.2, samples=8, most_samples=8, iterations=1)
+FEW = Refinement(horizon=0.2, samples=8, most_samples=8, iterations=1, attempts=1)
 TICKS = 12  # Of the shorter clip.
 NAMES = ["unitree_g1/sub1_box_000", "unitree_g1/sub1_box_001"]
 REFINED = [f"refined/{name}" for name in NAMES]
@@ -153,7 +153,7 @@ def test_the_command_tells_of_falls_and_a_report_leaves_files_for_controllers_ou
     out, _ = done
     motions, _ = find([out])
     assert sorted(motions) == [f"{name}.npz" for name in (REFINED[0], *NAMES)]
-    table = "[refinement]\nhorizon = 0.2\nsamples = 8\nmost_samples = 8\niterations = 1\n"
+    table = "[refinement]\nhorizon = 0.2\nsamples = 8\nmost_samples = 8\niterations = 1\nattempts = 1\n"
     file = clips.parent / "set.toml"
     file.write_text(f'clips = ["{clips}"]\nobjects = "{clips}/objects"\nrefine = true\n{table}')
     assert read_specification(file).refinement == FEW

@@ -45,6 +45,8 @@ class Refinement:
     """In each round."""
     most_samples: int = 256
     """In each round where the robot is about to fall, or an object to be lost."""
+    attempts: int = 2
+    """Most tries, each with other random numbers, until a robot neither falls nor loses an object."""
     noise: float = 1.0
     """Of the samples; 1 is 0.1 rad at the arms' joints, 0.04 at the others, 3 cm of the base."""
 
@@ -53,8 +55,9 @@ class Refinement:
             raise ArgumentError(f"refinement: horizon is {self.horizon}; it must be 0.2 to 10 seconds.")
         if not (isfinite(self.noise) and self.noise >= 0.0):
             raise ArgumentError(f"refinement: noise is {self.noise}; it must be a number that is not negative.")
-        if self.iterations < 1:
-            raise ArgumentError(f"refinement: iterations is {self.iterations}; it must be 1 or more.")
+        for name in ("iterations", "attempts"):
+            if getattr(self, name) < 1:
+                raise ArgumentError(f"refinement: {name} is {getattr(self, name)}; it must be 1 or more.")
         if not 8 <= self.samples <= self.most_samples:
             raise ArgumentError(
                 f"refinement: samples is {self.samples} and most-samples {self.most_samples}; samples must be 8 or "

@@ -1,8 +1,9 @@
 """The physics stage after the trajectory: a result performed by a simulated robot, with figures and certificate."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ from hoi_retarget.simulation.approach import with_approaches, with_steady_contac
 from hoi_retarget.simulation.certificate import certificate_of
 from hoi_retarget.simulation.control import EFFORTS, rollout_gains
 from hoi_retarget.simulation.object_hold import ObjectHold, object_holds, up_to
-from hoi_retarget.simulation.refine import Progress, refine
+from hoi_retarget.simulation.refine import Progress, Refined, refine
 from hoi_retarget.simulation.rollout import Reference, Rollout, reference_of, with_weaker_grip
 from hoi_retarget.simulation.tracking_result import controller_file, simulated_motion, why_it_ended
 
@@ -65,7 +66,7 @@ def add_physics_stage(  # noqa: PLR0913  # the last three are options
         clip: Its clip, for the objects' shapes; None for a motion without objects.
         physics: Masses and frictions.
         settings: Samples and iterations of the search.
-        seed: Of the random numbers.
+        seed: Of the random numbers; of a second attempt's, one more.
         on_progress: Is called after every plan, with the reference.
 
     Raises:
@@ -83,14 +84,17 @@ def add_physics_stage(  # noqa: PLR0913  # the last three are options
     steady = with_steady_contacts(motion)
     firm = forces_on_clip(steady, clip, model, with_weaker_grip(physics))
     reference = with_approaches(scene, reference_of(scene, steady, firm), geometries)
-    refined = refine(
-        scene, reference, settings, seed=seed, on_progress=lambda progress: on_progress(progress, reference)
-    )
+    attempts: list[tuple[float, int, Refined]] = []
+    while len(attempts) < settings.attempts and not (attempts and attempts[-1][0] == inf):
+        tried = refine(scene, reference, settings, seed=seed, on_progress=lambda now: on_progress(now, reference))
+        attempts.append((_kept_until(reference, tried, model.n), seed, tried))
+        seed += 1
+    _, seed, refined = max(attempts, key=lambda attempt: attempt[0])
     holds = object_holds(reference, refined.rollout, model.n)
-    lost_after = min((hold.lost_after for hold in holds if hold.lost_after is not None), default=None)
+    lost_after = _lost_after(holds)
     simulated, fell, lost = refined.rollout, refined.rollout.fell_after is not None, False
     seen = simulated  # In which causes are looked for.
-    if lost_after is not None and not fell:
+    if lost_after < inf and not fell:
         rollout, lost, seen = up_to(simulated, lost_after), True, up_to(simulated, lost_after + SEEN_SECONDS)
         refined = replace(refined, rollout=rollout, gains=refined.gains[: len(rollout.qpos)], lead_out=None)
     rollout = refined.rollout
@@ -136,6 +140,16 @@ def write_simulated(simulated: SimulatedMotion, place: Path) -> tuple[Path, Path
     if fault and simulated.performance.whole:
         raise SolveError(f"{fault} To look at, not to use: {aside.name}.")
     return kept, for_controllers
+
+
+def _lost_after(holds: Sequence[ObjectHold]) -> float:
+    return min((hold.lost_after for hold in holds if hold.lost_after is not None), default=inf)
+
+
+def _kept_until(reference: Reference, refined: Refined, joints: int) -> float:
+    """Return when the robot falls or loses an object [s]; infinite where it does neither."""
+    fell_after = refined.rollout.fell_after
+    return min(_lost_after(object_holds(reference, refined.rollout, joints)), inf if fell_after is None else fell_after)
 
 
 def _certified(scene: PhysicsScene, rollout: Rollout, gains: np.ndarray) -> tuple[Certificate, np.ndarray]:

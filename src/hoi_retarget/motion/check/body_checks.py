@@ -283,15 +283,7 @@ class FoundBodies:
 def read_bodies(
     file: MotionFile, bodies: Bodies, model: RobotModel, layout: Layout, claim: Interpretation
 ) -> Check[FoundBodies | None]:
-    """Return the reading of bodies and joints; None where the bodies leave it open.
-
-    Args:
-        file: The file.
-        bodies: Its bodies.
-        model: The robot.
-        layout: The file's columns.
-        claim: The reading as claimed.
-    """
+    """Return the reading of bodies and joints; None where the bodies leave it open."""
     places = claimed_places(model, file.body_names, bodies.pos.shape[1])
     if model.body_names[0] not in places or len(places) < 3:
         numbers = f"{bodies.pos.shape[1]} bodies without names" if file.body_names is None else "other names"
