@@ -274,6 +274,7 @@ def on_robot(motion: Motion, model: RobotModel) -> Motion:
             f"{', ...' if len(strange) > 4 else ''}). Retarget to it: run RESULT --from {motion.robot}."
         )
     columns = [*range(7), *(7 + motion.joint_names.index(name) for name in model.joint_names)]
+    of_robot = {"robot_file": model.spec.description_file, "robot_sha256": model.spec.description_sha256}
     kept = [column for column, link in enumerate(motion.contact_links) if link in model.sites.index]
     return replace(
         motion,
@@ -281,7 +282,7 @@ def on_robot(motion: Motion, model: RobotModel) -> Motion:
         joint_names=model.joint_names,
         stages=tuple(replace(stage, qpos=stage.qpos[:, columns]) for stage in motion.stages),
         contact_links=tuple(motion.contact_links[column] for column in kept),
-        report=replace(motion.report, figures={}, performance=None),
+        report=replace(motion.report, figures={}, performance=None, **of_robot),
         **{name: getattr(motion, name)[:, kept] for name in ("contact_flags", "contact_object", "contact_points")},
     )
 
