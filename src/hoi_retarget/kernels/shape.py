@@ -56,7 +56,15 @@ class Shape:
         starts: Int[np.ndarray, "C"],
         samples: Float[np.ndarray, "S"],
     ) -> "Shape":
-        """Return a surface in cells as `Cells` has them [m]; `origin` is the lowest corner of the first one."""
+        """Return a surface in cells.
+
+        Args:
+            origin: Lowest corner of the first cell [m].
+            edge: Of a cell [m].
+            levels: Of the cells, as `Cells` has them.
+            starts: First sample of each cell.
+            samples: Distances [m].
+        """
         own = (
             np.ascontiguousarray(levels, dtype=np.int8),
             whole(starts),

@@ -79,12 +79,6 @@ def resample(motion: Motion, model: RobotModel, fps: float | None = None, object
     before it. Where a spline between two frames leaves a joint's range, the joint stays at the
     limit with zero velocity.
 
-    Args:
-        motion: The motion.
-        model: Its robot.
-        fps: Frames a second.
-        object: Index of the object for the format's one place for it.
-
     Raises:
         ArgumentError: the rate is not positive, or above 1000.
         ClipError: the motion has a single frame, so nothing moves between frames.
