@@ -133,7 +133,8 @@ def test_every_hinge_has_range_effort_and_speed_limit(name):
     assert all(0 < limit < 200 for limit in spec.speed_limits.values())
     for index in hinges(model):
         low, high = model.jnt_range[index]
-        assert model.jnt_limited[index] and -np.pi <= low <= 0 <= high <= np.pi
+        straight = "hand_" in model.joint(index).name and 0.0 in (low, high)  # A finger that does not overstretch.
+        assert model.jnt_limited[index] and -np.pi <= low <= 0 <= high <= np.pi and (straight or low < 0 < high)
         assert model.jnt_actfrclimited[index] and model.jnt_actfrcrange[index, 1] > 0
 
 
@@ -290,13 +291,14 @@ def test_forward_kinematics_against_the_committed_table(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_forward_kinematics_against_the_makers_file(name):
     ours, maker = compiled(name), maker_model(name)
+    turned = 2e-6 if original(name) == "unitree_g1_dex3" else 1e-6  # A URDF has angles.
     for seed in range(100):
         angles = random_angles(ours, seed)
         here, there = posed(ours, angles), posed(maker, angles)
         for index in range(1, ours.nbody):
             body = ours.body(index).name
             np.testing.assert_allclose(here.body(body).xpos, there.body(body).xpos, atol=1e-6, err_msg=body)
-            np.testing.assert_allclose(here.body(body).xmat, there.body(body).xmat, atol=2e-6, err_msg=body)
+            np.testing.assert_allclose(here.body(body).xmat, there.body(body).xmat, atol=turned, err_msg=body)
 
 
 def _spatial_inertia(model, data, bodies):
@@ -317,8 +319,6 @@ def _spatial_inertia(model, data, bodies):
 def test_masses_and_inertias_against_the_makers_file(name):
     ours, maker = compiled(name), maker_model(name)
     here, there = posed(ours, {}), posed(maker, {})
-    # Its numbers are those of the maker's MJCF; the URDF has a cover of 1 g on the pelvis besides.
-    tolerance = 1.01e-3 if original(name) == "unitree_g1_dex3" else 2e-6
     for index in range(1, ours.nbody):
         body = ours.body(index).name
         welds = maker.body_weldid[1:]
@@ -328,7 +328,9 @@ def test_masses_and_inertias_against_the_makers_file(name):
         for mine, their in zip(
             _spatial_inertia(ours, here, [body]), _spatial_inertia(maker, there, together), strict=True
         ):
-            np.testing.assert_allclose(mine, their, atol=tolerance, err_msg=body)
+            # Its numbers are those of the maker's MJCF; the URDF has a cover and a logo of 1 g besides.
+            covered = body in ("pelvis", "torso_link") and original(name) == "unitree_g1_dex3"
+            np.testing.assert_allclose(mine, their, atol=1.01e-3 if covered else 2e-6, err_msg=body)
 
 
 @needs_maker

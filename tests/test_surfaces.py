@@ -206,7 +206,8 @@ def test_a_hand_that_passes_a_row_of_bars_sees_the_one_in_it_in_every_frame(mode
     world = (thing.samples.points.T[:, :, None] + thing.position[:, None]) - kinematics.point(skin.frame)[:, None]
     seen = np.einsum("jif,jkf->ikf", kinematics.orientation(skin.frame), world)
     depths = -skin.solid.distances(seen.reshape(3, -1).T).reshape(-1, 12).min(axis=0)
-    np.testing.assert_allclose(term.depths(kinematics), depths, atol=3e-3)
+    # A flat hand of three fingers has its 14 points further apart.
+    np.testing.assert_allclose(term.depths(kinematics), depths, atol=3e-3 if model.spec.fingers else 2e-3)
 
 
 @FAST

@@ -94,7 +94,7 @@ def _meshes(action: FetchMeshes) -> int:
 
 
 def fetch_look(spec: RobotSpec, folder: Path | None = None) -> None:
-    """Fetch a robot's meshes, from a folder with the maker's files where given, and say whence and under which terms.
+    """Fetch a robot's meshes, from a folder with the maker's files where given, and say where from and on which terms.
 
     Raises:
         ReadError: They cannot be fetched, or are not what was expected.

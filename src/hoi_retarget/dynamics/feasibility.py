@@ -42,6 +42,8 @@ class Infeasibility:
 def forces_on_clip(motion: Motion, clip: Clip | None, model: RobotModel, physics: Physics | None = None) -> Forces:
     """Return the forces that a motion needs with the objects of the clip that it was made from, if it has any.
 
+    Masses and frictions are by default those of its own configuration.
+
     Raises:
         RobotError: A base carries the robot, or a joint's torque has no limit.
         GeometryError: An object's mesh cannot be read.

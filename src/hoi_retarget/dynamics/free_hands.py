@@ -205,12 +205,8 @@ class FreeHands:
     ) -> dict[int, KeptObject]:
         """Return the outcome of each object that is touched, by its index.
 
-        A hand comes to what it touches along the surface's normal, and leaves so.
-
-        Args:
-            hands: What each touches in every frame.
-            every: Frames in which forces are found; they count for the next ones, too.
-            off: How far the hands are off the surface [m].
+        A hand comes to what it touches along the surface's normal, and leaves so; it is `off` the surface [m]. Forces
+        are found in each `every`-th frame, and count for the next ones, too.
         """
         frames = len(self.poses)
         turns = se3.quat_to_matrix(self.poses[:, :, 3:].reshape(-1, 4)).reshape(frames, -1, 3, 3)

@@ -161,12 +161,7 @@ def link_distances(
 ) -> LinkDistances:
     """Return the distances of a link and an object in every frame, in memory that long clips do not grow.
 
-    Args:
-        skin: The link's.
-        link: World poses of the link.
-        placed: The object.
-        measured: Frames in which they are measured however far apart they are; in others, what is further than
-            `REACH` is infinitely far.
+    In frames that are not `measured` however far apart they are, what is further than `REACH` is infinitely far.
     """
     parts = []
     for start in range(0, len(measured), FRAMES_AT_ONCE):
@@ -286,7 +281,7 @@ def object_distances(
 ) -> ObjectDistances:
     """Return the distances from one frame on; where a link and an object are `touching`, however large they are.
 
-    `objects` have the frames that count alone.
+    `objects` are those of the frames from there on.
     """
     skins = skin_of(kinematics.model).links
     poses = {skin.link: RigidPoses.of_link(kinematics, skin, first) for skin in skins}

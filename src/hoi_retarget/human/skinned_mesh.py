@@ -68,7 +68,10 @@ def blended(
     moves: Float[np.ndarray, "T J 3"],
     shape_in: Callable[[slice], Float[np.ndarray, "t n 3"]],
 ) -> Float[np.ndarray, "T n 3"]:
-    """Return vertices moved by the weighted mean of their joints' motions [m]; `moves` are added to turned vertices."""
+    """Return vertices moved by the weighted mean of their joints' motions [m]; `moves` are added when turned.
+
+    `shape_in` is the rest pose in some frames, or one row for all of them [m].
+    """
     # A rotation and a translation for each vertex, as one row of twelve numbers for each joint.
     rigid = np.concatenate([turns, moves[..., None]], axis=-1).reshape(len(turns), -1, 12)
     skin = np.empty((len(turns), len(weights), 3))

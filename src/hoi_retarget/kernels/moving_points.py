@@ -26,7 +26,7 @@ def skin_points(
 ) -> AtPoints:
     """Return levers and distances of points of a link's skin at a moving surface [m], and normals.
 
-    Points are in the link's frame [m], each in the frame of the motion that `frames` tells.
+    `points` are in the link's frame [m], and `frames` those of their places.
     """
     own, other = [real(part) for part in link], [real(part) for part in moving_object]
     frames, points = whole(frames), real(points)

@@ -72,7 +72,7 @@ class PointCells:
     ) -> tuple[Int[np.ndarray, "N K"], Int[np.ndarray, "N"]]:
         """Return the points nearest to a solid in each pose, and their number.
 
-        There are `count` at most, none further than `near` [m], and any two are `apart` [m].
+        There are `count` at most, none further than `near` [m], and any two are `apart` or more [m].
         """
         poses = len(placed.origins)
         chosen, number = np.zeros((poses, count), dtype=np.int64), np.zeros(poses, dtype=np.int64)

@@ -54,7 +54,7 @@ class SurfaceSamples:
     ) -> tuple[Int[np.ndarray, "N K"], Int[np.ndarray, "N"]]:
         """Return the samples nearest to a solid in each pose, and their number.
 
-        There are `count` at most, none further than `near` [m], and any two are `apart` [m].
+        There are `count` at most, none further than `near` [m], and any two are `apart` or more [m].
         """
         return self._cells.nearest(_placed(poses), near, count, apart)
 
@@ -73,7 +73,7 @@ class SurfaceSamples:
     ) -> tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N 3"]]:
         """Return the ways of the solid along directions until no sample is in it [m], and its nearest sample before.
 
-        No way is longer than `most` [m]; the search has steps of `least_step` [m].
+        No way is longer than `most` [m]; the steps of the search are `least_step` or more [m].
         """
         wider = replace(poses, radius=poses.radius + most)
         return self._cells.ways_out(_placed(wider), poses.middle, directions, (most, least_step, OVERRATED))

@@ -1,9 +1,10 @@
 """The physics stage after the trajectory: a result performed by a simulated robot, with figures and certificate."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import inf
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -84,18 +85,12 @@ def add_physics_stage(  # noqa: PLR0913  # the last three are options
     steady = with_steady_contacts(motion)
     firm = forces_on_clip(steady, clip, model, with_weaker_grip(physics))
     reference = with_approaches(scene, reference_of(scene, steady, firm), geometries)
-    attempts: list[tuple[float, int, Refined]] = []
-    while len(attempts) < settings.attempts and not (attempts and attempts[-1][0] == inf):
-        tried = refine(scene, reference, settings, seed=seed, on_progress=lambda now: on_progress(now, reference))
-        attempts.append((_kept_until(reference, tried, model.n), seed, tried))
-        seed += 1
-    _, seed, refined = max(attempts, key=lambda attempt: attempt[0])
+    ended, refined, seed = _best_attempt(scene, reference, settings, seed, lambda now: on_progress(now, reference))
     holds = object_holds(reference, refined.rollout, model.n)
-    lost_after = _lost_after(holds)
     simulated, fell, lost = refined.rollout, refined.rollout.fell_after is not None, False
     seen = simulated  # In which causes are looked for.
-    if lost_after < inf and not fell:
-        rollout, lost, seen = up_to(simulated, lost_after), True, up_to(simulated, lost_after + SEEN_SECONDS)
+    if ended < inf and not fell:
+        rollout, lost, seen = up_to(simulated, ended), True, up_to(simulated, ended + SEEN_SECONDS)
         refined = replace(refined, rollout=rollout, gains=refined.gains[: len(rollout.qpos)], lead_out=None)
     rollout = refined.rollout
     certificate = None
@@ -142,14 +137,19 @@ def write_simulated(simulated: SimulatedMotion, place: Path) -> tuple[Path, Path
     return kept, for_controllers
 
 
-def _lost_after(holds: Sequence[ObjectHold]) -> float:
-    return min((hold.lost_after for hold in holds if hold.lost_after is not None), default=inf)
-
-
-def _kept_until(reference: Reference, refined: Refined, joints: int) -> float:
-    """Return when the robot falls or loses an object [s]; infinite where it does neither."""
-    fell_after = refined.rollout.fell_after
-    return min(_lost_after(object_holds(reference, refined.rollout, joints)), inf if fell_after is None else fell_after)
+def _best_attempt(
+    scene: PhysicsScene, reference: Reference, settings: Refinement, seed: int, on_progress: Callable[[Progress], None]
+) -> tuple[float, Refined, int]:
+    """Return the attempt without a fall or a loss, or with the latest: its time [s], infinite without, and its seed."""
+    found: list[tuple[float, Refined, int]] = []
+    for own in range(seed, seed + settings.attempts):
+        refined = refine(scene, reference, settings, seed=own, on_progress=on_progress)
+        holds = object_holds(reference, refined.rollout, scene.model.n)
+        ends = (refined.rollout.fell_after, *(hold.lost_after for hold in holds))
+        found.append((min((end for end in ends if end is not None), default=inf), refined, own))
+        if found[-1][0] == inf:
+            break
+    return max(found, key=itemgetter(0))
 
 
 def _certified(scene: PhysicsScene, rollout: Rollout, gains: np.ndarray) -> tuple[Certificate, np.ndarray]:

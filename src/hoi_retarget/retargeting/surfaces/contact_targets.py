@@ -82,12 +82,7 @@ REST_FACTOR = 10.0
 
 
 def touching_targets(
-    targets: Targets,
-    objects: tuple[MovingObject, ...],
-    sides: Float[np.ndarray, "T C 3"],
-    kinematics: Kinematics,
-    *,
-    hands_rest: bool = False,
+    targets: Targets, objects: tuple[MovingObject, ...], sides: Float[np.ndarray, "T C 3"], kinematics: Kinematics
 ) -> Targets:
     """Return the targets with contact points moved for links that are turned as in a trajectory.
 
@@ -96,19 +91,11 @@ def touching_targets(
         objects: Of the robot's world.
         sides: Side of the object for each contact, in the object's frame.
         kinematics: Of the trajectory.
-        hands_rest: Whether palms that fingers lead stay about where the trajectory has them in the middle of a contact:
-            fingers that cannot all reach the person's places would pull the hand along the surface.
     """
-    points, weights = targets.carried_contact_points.copy(), targets.contact_weights.copy()
+    points = targets.carried_contact_points.copy()
     for link, site in enumerate(targets.contact_links):
         links = contact_skins(kinematics.model, site)
-        if site in PALMS:  # Hands have holds, or fingers lead them.
-            led = finger_touch(targets, link) & hands_rest
-            for first, stop in runs(led):
-                points[first:stop, link] += _rest(targets, objects, kinematics, link, np.arange(first, stop))
-            weights[led, link] *= REST_FACTOR
-            continue
-        if not links:
+        if not links or site in PALMS:  # Hands have holds, or fingers lead them.
             continue
         for first, stop in runs(targets.contact_weights[:, link] > 0):
             # Moves are smoothed anyway: some frames of each stretch are enough.
@@ -126,19 +113,26 @@ def touching_targets(
             every, sigma = np.arange(first, stop), seconds_to_frames(SMOOTHING_SECONDS, targets.fps)
             between = np.stack([np.interp(every, frames, along) for along in moves.T], axis=1)
             points[every, link] += scipy.ndimage.gaussian_filter1d(between, sigma, axis=0, mode="nearest")
+    return replace(targets, carried_contact_points=frozen(points))
+
+
+def resting_palms(targets: Targets, objects: tuple[MovingObject, ...], kinematics: Kinematics) -> Targets:
+    """Return the targets with palms that fingers lead held about where a trajectory has them, a median over a contact.
+
+    Fingers that cannot all reach the person's places would pull the hand along the surface.
+    """
+    points, weights = targets.carried_contact_points.copy(), targets.contact_weights.copy()
+    for link, site in enumerate(targets.contact_links):
+        led = finger_touch(targets, link) & (site in PALMS)
+        for first, stop in runs(led):
+            frames, off = np.arange(first, stop), np.zeros((stop - first, 3))
+            for index in np.unique(targets.carried_contact_object[frames, link]):
+                at = targets.carried_contact_object[frames, link] == index
+                palm = kinematics.site_position(site)[frames[at]].T[:, None]
+                off[at] = objects[index].inside(palm, frames[at])[:, 0].T - points[frames[at], link]
+            points[frames, link] += np.median(off, axis=0)
+        weights[led, link] *= REST_FACTOR
     return replace(targets, carried_contact_points=frozen(points), contact_weights=frozen(weights))
-
-
-def _rest(
-    targets: Targets, objects: tuple[MovingObject, ...], kinematics: Kinematics, link: int, frames: np.ndarray
-) -> Float[np.ndarray, "3"]:
-    """Return the median way of a link from its contact points on the object, over a contact's frames [m]."""
-    site, off = targets.contact_links[link], np.zeros((len(frames), 3))
-    for index in np.unique(targets.carried_contact_object[frames, link]):
-        at = targets.carried_contact_object[frames, link] == index
-        there = objects[index].inside(kinematics.site_position(site)[frames[at]].T[:, None], frames[at])[:, 0].T
-        off[at] = there - targets.carried_contact_points[frames[at], link]
-    return np.median(off, axis=0)
 
 
 def _moves(  # noqa: PLR0913, PLR0917  # the parts of a move

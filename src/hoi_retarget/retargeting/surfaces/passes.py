@@ -14,7 +14,12 @@ from jaxtyping import Float
 
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.retargeting.orientation_flips import orientation_flips, rotation_errors_deg, trunk_turns
-from hoi_retarget.retargeting.surfaces.contact_targets import RESTING_SITES, contact_sides, touching_targets
+from hoi_retarget.retargeting.surfaces.contact_targets import (
+    RESTING_SITES,
+    contact_sides,
+    resting_palms,
+    touching_targets,
+)
 from hoi_retarget.retargeting.surfaces.depenetration import EscapePath, escape_paths, paths_within
 from hoi_retarget.retargeting.surfaces.skin_points import moving_objects
 from hoi_retarget.retargeting.surfaces.surface_terms import (
@@ -109,7 +114,7 @@ class SurfaceProblems:
     def _between_surfaces(
         self, solve_pass: SolvePass, qpos: np.ndarray, paths: tuple[EscapePath, ...]
     ) -> Float[np.ndarray, "T nq"]:
-        touching = self._touching(qpos, hands_rest=True)
+        touching = self._resting(qpos)
         # Skin that was far from the surface before a pass may have sunk in: each pass chooses its points anew.
         for effort, last in ((FINE, False), (FINAL, True)):
             qpos = solve_pass(
@@ -137,7 +142,7 @@ class SurfaceProblems:
 
     def last(self, qpos: Float[np.ndarray, "T nq"]) -> ProblemOf:
         """Return the problem of the last pass, for a trajectory that has been through all of them."""
-        return self._with_surfaces(_Start(self, self._touching(qpos, hands_rest=True), qpos), (), relaxed=True)
+        return self._with_surfaces(_Start(self, self._resting(qpos), qpos), (), relaxed=True)
 
     def _escape_paths(self, qpos: np.ndarray, earlier: tuple[EscapePath, ...]) -> tuple[EscapePath, ...]:
         """Return paths for links that are deep in an object, except for links in contact, and in its frames."""
@@ -149,9 +154,12 @@ class SurfaceProblems:
         weight, start = self.config.weights.clearance, self.model.forward(qpos)
         return escape_paths(of.objects, targets.limbs, of.skin, touching, start, earlier, weight, targets.fps)
 
-    def _touching(self, qpos: np.ndarray, *, hands_rest: bool = False) -> Targets:
-        of, kinematics = self.surfaces, self.model.forward(qpos)
-        return touching_targets(self.targets, of.objects, of.sides, kinematics, hands_rest=hands_rest)
+    def _touching(self, qpos: np.ndarray) -> Targets:
+        of = self.surfaces
+        return touching_targets(self.targets, of.objects, of.sides, self.model.forward(qpos))
+
+    def _resting(self, qpos: np.ndarray) -> Targets:
+        return resting_palms(self._touching(qpos), self.surfaces.objects, self.model.forward(qpos))
 
     def _with_points(self, targets: Targets, paths: tuple[EscapePath, ...]) -> ProblemOf:
         def problem_of(window: FrameRange) -> Problem:
