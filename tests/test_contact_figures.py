@@ -261,6 +261,28 @@ def test_the_area_that_touches_is_that_of_the_skin_near_the_board():
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
+def test_a_hand_covers_the_places_that_any_of_its_skin_touches(scale):
+    made = world(scale=scale)
+    (skin,), kinematics, (track,) = skins_from(G1, "left_palm"), made.view.kinematics, made.clip.contacts
+    placed = kinematics.point(skin.frame)[:, 0] + skin.points @ kinematics.orientation(skin.frame)[:, :, 0].T
+    inside = se3.rotate_inverse(made.motion.object_quat[0, 0], placed - made.motion.object_pos[0, 0])
+    touching = inside[np.abs(inside[:, 0] - scale * HALF[0]) <= 2e-3]
+    spread = np.linalg.norm(touching - touching.mean(axis=0), axis=1)
+    for person in (
+        touching[spread.argmin()],
+        touching[spread.argmax()],
+        touching.mean(axis=0) + np.array([0.0, 0.2, 0.1]),
+    ):
+        on_face = np.array([scale * HALF[0], *person[1:]])
+        points = np.tile(on_face / scale, (FRAMES, 1))
+        clip = replace(made.clip, contacts=(replace(track, contact_points=points),))
+        (curve,) = surface_curves(replace(made, clip=clip).view).touches
+        expected = np.linalg.norm(touching - on_face, axis=1).min()
+        assert curve.uncovered[CONTACT] == pytest.approx(np.full(40, expected), abs=1e-6)
+        assert (curve.uncovered[CONTACT] <= curve.place[CONTACT]).all()
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5])
 @pytest.mark.parametrize(("speed", "person"), [(0.0, 0.0), (0.02, 0.0), (0.02, 0.03), (0.11, 0.04)])
 def test_a_hand_slips_as_fast_as_its_board_moves(speed, person, scale):
     moved = 23 / FPS  # [s] from the first to the last frame that counts.

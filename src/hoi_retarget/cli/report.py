@@ -115,7 +115,7 @@ def _write_pages(rows: Sequence[Row], foreign_robot: RobotModel, command: WriteR
         for row in chosen:
             if row.file not in pages.pages:
                 paths = {member.file: member.path for member in together[row.file] if member.path is not None}
-                pages.add(paths, partial(page_of, row, together[row.file], foreign_robot, command.objects, back))
+                pages.add(paths, partial(_page_of, row, together[row.file], foreign_robot, command.objects, back))
             working.advance()
     pages.finish()
     if pages.without_pictures:
@@ -133,7 +133,7 @@ def _together(rows: Sequence[Row]) -> dict[str, list[Row]]:
     return {row.file: group for group in groups.values() for row in group}
 
 
-def page_of(
+def _page_of(
     worst: Row, rows: Sequence[Row], foreign_robot: RobotModel, objects: Path | None, back: BackLink
 ) -> tuple[ClipPage, int, list[float]] | None:
     """Return the page of motions that are shown together; None where they cannot be.

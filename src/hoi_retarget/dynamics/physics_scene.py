@@ -163,10 +163,6 @@ def hand_contacts(physics: Physics) -> dict[str, Any]:
     return {"contype": _ROBOT, "conaffinity": 0, "priority": _ABOVE, "condim": _TORSION, "friction": friction}
 
 
-def _link_contacts(friction: list[float]) -> dict[str, Any]:
-    return {"contype": _ROBOT, "conaffinity": 0, "priority": _ABOVE, "friction": friction}
-
-
 def compiled(scene: PhysicsScene) -> mujoco.MjModel:
     """Return a scene that MuJoCo can simulate; raises `RobotError` where MuJoCo cannot compile the robot."""
     return _compiled(scene, scene_description(scene))
@@ -196,7 +192,8 @@ def _set_robot(description: mujoco.MjSpec, scene: PhysicsScene) -> None:
             geom.name = geom.name or f"{body.name}_geom{number}"
             geom.contype, geom.conaffinity = (_FEET << 4) if foot else 0, 0
             geom.friction, geom.priority = friction, _ABOVE
-        contacts = hand_contacts(scene.physics) if body.name in palms else _link_contacts(friction)
+        contacts = {"contype": _ROBOT, "conaffinity": 0, "priority": _ABOVE, "friction": friction}
+        contacts |= hand_contacts(scene.physics) if body.name in palms else {}
         for number, corners in enumerate(() if foot else parts.get(body.name, ())):
             name = f"{body.name}_part{number}"
             description.add_mesh(name=name).uservert = corners.reshape(-1)

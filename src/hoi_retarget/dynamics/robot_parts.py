@@ -17,7 +17,7 @@ from hoi_retarget.robots.skin import LinkSkin, skin_of, skins_from
 from hoi_retarget.robots.spec import PALMS
 
 HAND_PARTS, LINK_PARTS = 10, 3
-"""Of a hand that is one link; of each link of others."""
+"""Of a hand that is one link; of the palm of one with fingers, whose hulls are within 0.7 mm of their skins."""
 _CLUSTERED_CELLS, _MARGIN = 4000, 1e-3  # Cells of a solid that are clustered, so deep [m].
 _LEAST_POINTS = 8  # Of a part.
 
@@ -45,7 +45,7 @@ def convex_parts(skin: LinkSkin, count: int) -> Parts:
 def parts_by_body(model: RobotModel) -> Mapping[str, Parts]:
     """Return the convex parts of each body with a skin, in the body's frame; raises as `skin_of`."""
     hands = {palm: [skin.link for skin in skins_from(model, palm)] for palm in PALMS}
-    counts = {link: HAND_PARTS if len(links) == 1 else LINK_PARTS for links in hands.values() for link in links}
+    counts = {links[0]: HAND_PARTS if len(links) == 1 else LINK_PARTS for links in hands.values()}
     found = {}
     for skin in skin_of(model).links:
         body = model.body_frames.frames[skin.link]

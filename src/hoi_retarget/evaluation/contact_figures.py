@@ -18,11 +18,12 @@ from hoi_retarget.evaluation.comparison import (
     percentile_or_none,
 )
 from hoi_retarget.evaluation.surface_distances import (
+    FRAMES_AT_ONCE,
     PART_SITES,
     ObjectDistances,
     PosedObject,
     Touching,
-    area_near,
+    near_surface,
     object_distances,
     part_skins,
     posed_objects,
@@ -118,6 +119,8 @@ class TouchCurve:
     inactive frames it is infinite beyond `REACH`."""
     place: Float[np.ndarray, "F"]
     """Distance on the object [m] from the nearest place of skin and surface to the human's palm; NaN where inactive."""
+    uncovered: Float[np.ndarray, "F"]
+    """The same from the touching skin that is nearest to it, which of a long hand is not the deepest."""
     recorded_place: Float[np.ndarray, "F"]
     """The same to where the human's palm was before the contact was edited; NaN where it was not."""
     palmar_area: Float[np.ndarray, "F"]
@@ -262,23 +265,39 @@ def _touch(view: Comparison, track: ContactTrack, distances: ObjectDistances) ->
     skins, placed = part_skins(view.kinematics.model, track.part), distances.objects[track.object]
     pairs = [distances.pairs[skin.link, track.object] for skin in skins]
     nearest = np.array([pair.skin for pair in pairs]).argmin(axis=0)
-    gap, touching, area = distances.gap(skins, track.object), never.copy(), np.zeros(len(active))
-    near = np.flatnonzero(active & (gap <= _MAX_TOUCH_GAP_M)) if track.part in HAND_SITES else np.zeros(0, dtype=int)
+    gap, touching = distances.gap(skins, track.object), never.copy()
     for index, (skin, pair) in enumerate(zip(skins, pairs, strict=True)):
         chosen = np.flatnonzero(active & (nearest == index))
         pose = distances.poses[skin.link].at(chosen).relative_to(placed.pose.at(chosen))
         touching[chosen] = pose.placed(skin.points[pair.point[chosen]])
-        palmar = palmar_points(view.kinematics.model, PART_SITES[track.part], skin) if len(near) else near
-        if len(palmar):
-            there = replace(placed, pose=placed.pose.at(near))
-            poses, points = distances.poses[skin.link].at(near), skin.points[palmar]
-            area[near] += area_near(there, poses, points, skin.areas[palmar], _MAX_TOUCH_GAP_M)
-    faces = np.zeros(len(active), dtype=bool)
-    faces[near] = (area[near] > 0.0) & (_palm_cosines(view, PART_SITES[track.part], placed, touching, near) > _FACING)
     recorded = view.recorded_points.get((track.part, track.object), never)
     recorded = np.where((norms(recorded - track.contact_points) > _EDITED_M)[:, None], recorded, np.nan)
     place, before = (_place_distances(placed, touching, points) for points in (track.contact_points, recorded))
-    return TouchCurve(track.part, track.object, active, gap, place, before, area, faces)
+    area, uncovered, faces = np.zeros(len(active)), place.copy(), np.zeros(len(active), dtype=bool)
+    near = np.flatnonzero(active & (gap <= _MAX_TOUCH_GAP_M))
+    for start in range(0, len(near), FRAMES_AT_ONCE):
+        frames = near[start : start + FRAMES_AT_ONCE]
+        area[frames], away = _touching_skin(view, track, distances, frames)
+        uncovered[frames] = np.minimum(place[frames], away)
+    faces[near] = (area[near] > 0.0) & (_palm_cosines(view, PART_SITES[track.part], placed, touching, near) > _FACING)
+    return TouchCurve(track.part, track.object, active, gap, place, uncovered, before, area, faces)
+
+
+def _touching_skin(
+    view: Comparison, track: ContactTrack, distances: ObjectDistances, frames: Int[np.ndarray, "K"]
+) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
+    """Return the area of palmar skin that touches [m^2], and the way from the human's place to any such skin [m]."""
+    model, placed = view.kinematics.model, distances.objects[track.object]
+    there = replace(placed, pose=placed.pose.at(frames))
+    human = placed.scale * placed.shape.surface.closest_points(track.contact_points[frames])
+    area, away = np.zeros(len(frames)), np.full(len(frames), np.inf)
+    for skin in part_skins(model, track.part):
+        points, close = near_surface(there, distances.poses[skin.link].at(frames), skin.points, _MAX_TOUCH_GAP_M)
+        away = np.minimum(away, np.where(close, norms(points - human[:, None]), np.inf).min(axis=1))
+        if track.part in HAND_SITES:
+            palmar = palmar_points(model, PART_SITES[track.part], skin)
+            area += close[:, palmar] @ skin.areas[palmar]
+    return area, away
 
 
 def _palm_cosines(

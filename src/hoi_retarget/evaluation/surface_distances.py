@@ -218,34 +218,19 @@ def _exact(
     return least, point
 
 
-def area_near(
-    placed: PosedObject,
-    poses: RigidPoses,
-    points: Float[np.ndarray, "K 3"],
-    areas: Float[np.ndarray, "K"],
-    limit: float,
-) -> Float[np.ndarray, "F"]:
-    """Return the area of the skin within a distance of an object's surface in every frame, on either side [m^2].
-
-    Args:
-        placed: The object.
-        poses: World poses of the points' link.
-        points: Of the link's skin [m].
-        areas: Each point's share of the skin [m^2].
-        limit: The distance [m].
-    """
-    shape, scale, found = placed.shape, placed.scale, np.zeros(len(poses.positions))
-    inside = poses.relative_to(placed.pose)
-    for start in range(0, len(poses.positions), FRAMES_AT_ONCE):
-        rotations, places = (each[start : start + FRAMES_AT_ONCE] for each in (inside.rotations, inside.positions))
-        there = (np.einsum("fij,kj->fki", rotations, points) + places[:, None]).reshape(-1, 3) / scale
-        lower, upper = shape.bounds(there)
-        near = (scale * lower >= -limit) & (scale * upper <= limit)
-        unsure = np.flatnonzero(~near & (scale * lower <= limit) & (scale * upper >= -limit))
-        exact = shape.distances(there[unsure], lower[unsure], upper[unsure])
-        near[unsure] = scale * np.abs(exact) <= limit
-        found[start : start + len(places)] = near.reshape(len(places), -1) @ areas
-    return found
+def near_surface(
+    placed: PosedObject, poses: RigidPoses, points: Float[np.ndarray, "K 3"], limit: float
+) -> tuple[Float[np.ndarray, "F K 3"], Bool[np.ndarray, "F K"]]:
+    """Return points of a link, at its world poses, in an object's frame [m], and which are within `limit` of it [m]."""
+    shape, scale, inside = placed.shape, placed.scale, poses.relative_to(placed.pose)
+    there = np.einsum("fij,kj->fki", inside.rotations, points) + inside.positions[:, None]
+    captured = there.reshape(-1, 3) / scale
+    lower, upper = shape.bounds(captured)
+    near = (scale * lower >= -limit) & (scale * upper <= limit)
+    unsure = np.flatnonzero(~near & (scale * lower <= limit) & (scale * upper >= -limit))
+    exact = shape.distances(captured[unsure], lower[unsure], upper[unsure])
+    near[unsure] = scale * np.abs(exact) <= limit
+    return there, near.reshape(there.shape[:2])
 
 
 PART_SITES = {**HAND_SITES, **FOOT_SITES, **BODY_SITES, **{site: site for site in FINGER_SITES}}

@@ -120,9 +120,9 @@ def _off_surface(clip: Clip, track: ContactTrack) -> Float[np.ndarray, "T"]:
 def surface_residuals(view: Comparison) -> Float[np.ndarray, "T C"]:
     """Return the distance of each contact link from touch [m]; NaN where it touches nothing.
 
-    That is the distance of its skin from the surface, or from the human's place where it touches elsewhere on the
-    object. Frames before the first that counts are as that one. Raises `GeometryError` when an object's mesh cannot be
-    read.
+    That is the distance of its skin from the surface, or of touching skin from the human's place where that is
+    elsewhere. Frames before the first that counts are as that one. Raises `GeometryError` when an object's mesh cannot
+    be read.
     """
     motion = view.motion
     residuals = np.full(motion.contact_flags.shape, np.nan)
@@ -132,8 +132,8 @@ def surface_residuals(view: Comparison) -> Float[np.ndarray, "T C"]:
             continue  # Landmarks are of hands and feet alone, and nothing rests that a base carries.
         column = sites.index(PART_SITES[curve.part])
         labelled = _touched(motion, column) == curve.object
-        elsewhere = (curve.place > ELSEWHERE_M) & (curve.part not in BODY_SITES)  # Short legs sit on the edge.
-        off = np.where(elsewhere, curve.place, np.maximum(curve.gap, 0.0))
+        elsewhere = (curve.uncovered > ELSEWHERE_M) & (curve.part not in BODY_SITES)  # Short legs sit on the edge.
+        off = np.where(elsewhere, curve.uncovered, np.maximum(curve.gap, 0.0))
         off = np.concatenate([np.repeat(off[:1], view.first), off])
         residuals[labelled, column] = off[labelled]
     return residuals

@@ -289,8 +289,10 @@ class _Refinement:
 
 def _noise(scene: PhysicsScene) -> Float[np.ndarray, "n"]:
     """Return the noise of each joint's target, then that of the base; an arm's joints move one palm, not both."""
-    joints = np.full(scene.model.n, _NOISE)
-    joints[np.concatenate([arm_joints(scene.model, palm) for palm in PALMS])] = _ARM_NOISE
+    model = scene.model
+    carried = model.supports[[model.sites.frames[palm].node for palm in PALMS], 1:].any(axis=0)
+    joints = np.where(carried, 0.0, _NOISE)  # Fingers are too weak for noise to change what is held.
+    joints[np.concatenate([arm_joints(model, palm) for palm in PALMS])] = _ARM_NOISE
     return np.concatenate([joints, [_BASE_NOISE] * 3, [_BASE_TURN_NOISE] * 3])
 
 
