@@ -73,9 +73,8 @@ def execute_feasible(command: Feasible) -> int:
     return exit_code(failures, len(command.results))
 
 
-_HEADER = (
-    *("result", "outcome", "of [s]", "object [cm]", "object [deg]", "near [%]", "base [cm]", "base [deg]", "CPU [s]"),
-)
+_OFF = ("object [cm]", "object [deg]", "near [%]", "base [cm]", "base [deg]")
+_HEADER = ("result", "outcome", "of [s]", *_OFF, "CPU [s]")
 
 
 def execute_refine(command: Refine) -> int:

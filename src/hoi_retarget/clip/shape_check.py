@@ -65,9 +65,7 @@ def with_shape_warnings(clip: Clip, grasps: Grasps) -> Clip:
             severity = Severity.ERROR if grasps == "refuse" else Severity.WARNING
             clip = clip.with_warnings("object_shape", (fault,), severity)
         elif (lowest := float(track.lowest.min())) < -_MAX_DEPTH_M:
-            text = (
-                f"{track.name} is up to {-lowest:.2f} m in the floor: are its axes and its origin those of the poses?"
-            )
+            text = f"{track.name} is up to {-lowest:.2f} m in the floor: are its axes and origin those of the poses?"
             clip = clip.with_warnings("object_shape", (text,))
     return clip
 

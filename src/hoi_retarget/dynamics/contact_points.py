@@ -146,9 +146,8 @@ def _patch(
     blocks = [frames[first : first + _FRAMES_AT_ONCE] for first in range(0, len(frames), _FRAMES_AT_ONCE)]
     found = [_patch_in(motion, kinematics, skins, shape, index, block) for block in blocks]
     for number in range(_HAND_POINTS):
-        link, surface, outward = (
-            np.concatenate(parts) for parts in zip(*(item[number] for item in found), strict=True)
-        )
+        patches = [item[number] for item in found]
+        link, surface, outward = (np.concatenate(parts) for parts in zip(*patches, strict=True))
         for which, skin in enumerate(skins):
             active, position = np.zeros(motion.frames, dtype=bool), np.zeros((motion.frames, 3))
             normal = _upward(active)

@@ -34,9 +34,7 @@ _KINDS = "biufU"
 _MAX_EMPTY = 1 << 20  # Elements along the sizes that are not zero of an array without bytes.
 _MAX_DIMENSIONS, _MAX_TENSOR_DIMENSIONS = 8, 32
 _MAX_TYPE_LETTERS = 20  # numpy takes its time with long names of types.
-_ADVICE = (
-    "Save it again as plain numbers, strings, lists, dictionaries and numpy arrays of numbers, or download it again."
-)
+_ADVICE = "Save it again as plain numbers, strings, lists, dicts and numpy arrays of numbers, or download it again."
 LEGACY_MAGIC = (0x1950A86A20F9469CFC6C).to_bytes(10, "little")
 _LEGACY_PROTOCOL = 1001
 # Storage classes of torch and the types of their bytes; bfloat16 is the upper half of a float32.

@@ -95,9 +95,8 @@ def _new_object(_unpickler: Unpickler, kind: Class, *_: Any) -> Any:
 
 
 _NO_ARRAY = "refused: it builds an object of a class, expected arrays"
-_CHUMPY, _SPARSE, _OBJECT = (
-    Class(lambda kind=kind: _Instance(kind)) for kind in ("chumpy array", "sparse matrix", "object")
-)
+_KINDS = ("chumpy array", "sparse matrix", "object")
+_CHUMPY, _SPARSE, _OBJECT = (Class(lambda kind=kind: _Instance(kind)) for kind in _KINDS)
 _BODIES: Names = {
     **ARRAYS,
     ("chumpy.ch", "Ch"): _CHUMPY,

@@ -54,9 +54,7 @@ def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
             f"the person's are {_span(human_ids)}, the object's {_span(object_ids)}. Download both files again."
         )
     name = options.object_name or file.path.stem.rpartition("_")[2]
-    notes = (
-        f"The object is {name}, as {'was asked for' if options.object_name else 'the name of the sequence says'}.",
-    )
+    notes = (f"The object is {name}, as {'was asked for' if options.object_name else 'the sequence is called'}.",)
     stated = _RATE in object_
     if not stated:
         notes += (_RATE_NOTE,)

@@ -216,9 +216,8 @@ def mesh_vertices(path: Path) -> Float[np.ndarray, "V 3"]:
         raise MeshError(f"{path}: the mesh has no faces (lines `f ...`). Export it again as Wavefront OBJ.")
     # Vertices and faces nearly always stand in one block each: cut runs of lines, not lines.
     bounds = np.append(starts, len(characters) - 2) - 1
-    vertices, faces = (
-        b" ".join(content[bounds[a] : bounds[b]] for a, b in runs(lines)) for lines in (is_vertex, is_face)
-    )
+    kinds = (is_vertex, is_face)
+    vertices, faces = (b" ".join(content[bounds[a] : bounds[b]] for a, b in runs(lines)) for lines in kinds)
     count = int(is_vertex.sum())
     _check_faces(path, faces, count)
     return _parse_vertices(path, vertices, count)

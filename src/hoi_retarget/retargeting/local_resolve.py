@@ -25,9 +25,8 @@ from hoi_retarget.retargeting.targets import Targets, with_contacts_of, with_pin
 from hoi_retarget.retargeting.trajopt.windows import FrameRange
 
 MARGIN_SECONDS = 1.0  # On either side of a change: what an arm needs to get from one place to another.
-_WHOLE_CLIP_FACTOR = (
-    4  # Times as many frames as are around a change: no longer clips are solved whole when pins change.
-)
+_WHOLE_CLIP_FACTOR = 4
+"""Times as many frames as are around a change: no longer clips are solved whole when pins change."""
 
 
 def resolve_locally(before: Solution, clip: Clip, config: Config, *, quickly: bool = False) -> Solution:

@@ -224,9 +224,8 @@ def _offsets(model: RobotModel) -> Iterator[RobotFinding]:
             what = f"home pose is {angle:.0f} degrees off where a standing human has its {row.human_joint}"
             yield RobotFinding("error", row.site, what, "Derive the rotation offset anew; the robots page says how.")
     if worst <= _OFFSET_TOLERANCE:
-        yield RobotFinding(
-            "ok", "rotation offsets", f"fit a standing human within {worst:.0f} degrees in the home pose"
-        )
+        fit = f"fit a standing human within {worst:.0f} degrees in the home pose"
+        yield RobotFinding("ok", "rotation offsets", fit)
 
 
 def _human_standing(joint: str) -> np.ndarray:

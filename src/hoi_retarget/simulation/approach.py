@@ -41,9 +41,8 @@ _LEAST = 1e-3  # [m]
 
 def with_steady_contacts(motion: Motion) -> Motion:
     """Return a motion in which contacts with one object that break for less than 0.3 s go on."""
-    flags, objects, points = (
-        getattr(motion, name).copy() for name in ("contact_flags", "contact_object", "contact_points")
-    )
+    arrays = motion.contact_flags, motion.contact_object, motion.contact_points
+    flags, objects, points = (array.copy() for array in arrays)
     for column, active in enumerate(motion.contact_flags.T):
         for first, stop in runs(~active):
             short = first > 0 and stop < motion.frames and (stop - first) / motion.fps < BROKEN_SECONDS

@@ -123,10 +123,8 @@ def _stance(
         yaw = kinematics.site_rotation(held)[0][:2, 0]
         ahead = yaw / np.linalg.norm(yaw)
         aside = np.array([-ahead[1], ahead[0]]) * (1.0 if raised == "left" else -1.0)
-        step = 2.0 * (place - feet[held][:2])
-        step = ahead * np.clip(step @ ahead, -_MAX_STRIDE, _MAX_STRIDE) + aside * np.clip(
-            step @ aside, _MIN_WIDTH, _MAX_STRIDE
-        )
+        axes = np.stack([ahead, aside])
+        step = np.clip(2.0 * axes @ (place - feet[held][:2]), (-_MAX_STRIDE, _MIN_WIDTH), _MAX_STRIDE) @ axes
         feet[f"{raised}_foot"] = np.array([*(feet[held][:2] + step), feet[held][2]])
     first, second = (feet[f"{side}_foot"][:2] for side in SIDES)
     way = second - first
@@ -144,9 +142,8 @@ def _foot(
     speed = (later.site_position(name)[0] - end) / _DIFFERENCE_S
     turned, turned_after = (se3.log(se3.matrix_to_quat(flat.T @ item)) for item in (rotation, after))
     raised = max(end[2] - height, 0.0)
-    seconds = (
-        3.0 * raised / speed[2] if speed[2] > _NO_MOTION else _SWING_S
-    )  # With more it would be under the floor first.
+    # With more it would be under the floor first.
+    seconds = 3.0 * raised / speed[2] if speed[2] > _NO_MOTION else _SWING_S
     if np.linalg.norm(start[:2] - end[:2]) < _NO_MOTION and raised < _MIN_LIFT:
         seconds = LENGTH * TICK  # It stands.
     seconds = float(np.clip(seconds, _MIN_SWING_S, LENGTH * TICK))

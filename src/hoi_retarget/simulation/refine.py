@@ -157,9 +157,8 @@ class _Refinement:
             knots, cost = self._plan(now, samples)
             fell = not self._execute(now.tick, knots)
             tick = min(now.tick + KNOT, self.last)
-            on_progress(
-                Progress(float(np.clip(TICK * (tick - self.first), 0.0, self.unextended.seconds)), cost, samples)
-            )
+            performed = float(np.clip(TICK * (tick - self.first), 0.0, self.unextended.seconds))
+            on_progress(Progress(performed, cost, samples))
             failing = fell or cost > _RUNAWAY or self._strays(tick)
             if failing and samples < self.settings.most_samples and self.steps < self.budget:
                 kept = states[: max(1, len(states) - _BACKTRACK)]
@@ -280,9 +279,8 @@ class _Refinement:
         qpos[0], qvel[0] = motion.qpos[-1], motion.qvel[-1]
         last = slice(self.last + 1 - len(qpos), None)
         whole = self.problem.reference
-        path = replace(
-            whole, qpos=frozen(qpos), qvel=frozen(qvel), torques=whole.torques[last], touched=whole.touched[last]
-        )
+        torques, touched = whole.torques[last], whole.touched[last]
+        path = replace(whole, qpos=frozen(qpos), qvel=frozen(qvel), torques=torques, touched=touched)
         found = track(self.problem.simulated, path, lead_out.rollout.targets, lead_out.gains)
         return ControlledRollout(found, lead_out.gains[: len(found.qpos)])
 

@@ -306,13 +306,11 @@ class TrackingCost:
         capture = centres + (mass_centres(later) - centres) / (_DIFFERENCE_S * self._pendulum)
         places = [kinematics.point(name) for name in _PLACES]
         tilts = [kinematics.orientation(f"{side}_foot")[:, 2] for side in SIDES]
-        spans = [
-            kinematics.point(name)[:, None] + _SPAN * kinematics.orientation(name) for name in self._reference.links
-        ]
+        links = self._reference.links
+        spans = [kinematics.point(name)[:, None] + _SPAN * kinematics.orientation(name) for name in links]
         touching = np.stack(spans).transpose(3, 0, 2, 1) if spans else np.zeros((len(qpos), 0, 3, 3))
-        return _Postures(
-            np.stack(places).transpose(2, 0, 1), np.stack(tilts).transpose(2, 0, 1), capture[:, :2], touching
-        )
+        at, ups = (np.stack(items).transpose(2, 0, 1) for items in (places, tilts))
+        return _Postures(at, ups, capture[:, :2], touching)
 
 
 def _squares(apart: np.ndarray) -> np.ndarray:

@@ -105,9 +105,8 @@ def _repeated(still: Bool[np.ndarray, "steps"], step: Float[np.ndarray, "steps"]
     share = f"{100 * still.mean():.1f} %"
     if not dropped:
         rests = ", ".join(f"{first + 1} to {stop}" for first, stop in runs(still)[:5])
-        numbers = (
-            f"{describe_frames(np.flatnonzero(still) + 1)} repeat the one before ({share}): rests in frames {rests}"
-        )
+        frames = describe_frames(np.flatnonzero(still) + 1)
+        numbers = f"{frames} repeat the one before ({share}): rests in frames {rests}"
         return FormatFinding("note", "repeated frames", "one movement", numbers, "Cut them off where they are padding.")
     frames = np.concatenate([np.arange(first + 1, stop + 1) for first, stop in dropped])
     numbers = f"{describe_frames(frames)} repeat the one before, in the middle of a movement; {share} in all"

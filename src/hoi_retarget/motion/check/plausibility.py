@@ -152,9 +152,7 @@ def check_floor(context: CheckContext, objects: Sequence[ObjectPath]) -> Iterato
     level = np.subtract(*np.quantile(standing, [0.9, 0.1])) < _MAX_LEVEL_SPREAD_M
     off = float(np.median(standing)) if level else min(max(low, 0.0), float(np.median(standing)))
     drift, part = _drift(first[stands] / first[-1], standing)
-    numbers = (
-        f"the lowest sole corner is at {1000 * low:.0f} mm (5 % of frames are lower), median {1000 * middle:.0f} mm"
-    )
+    numbers = f"the lowest sole corner is at {1e3 * low:.0f} mm (5 % of frames are lower), median {1e3 * middle:.0f} mm"
     carriers = [item for item in objects if _may_carry(item, max(low, abs(drift)), context.qpos)]
     wrong = off > _MAX_OFF_M or (abs(drift) > _MAX_DRIFT_M and part > _MIN_DRIFT_PART)
     if wrong and carriers:

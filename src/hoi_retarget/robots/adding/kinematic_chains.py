@@ -86,9 +86,8 @@ def find_arms(pose: ZeroPose) -> Limbs:
         raise UnsuitableRobotError(
             "no two arms: no mirrored pair of limbs with three joints or more hangs on one link."
         )
-    found = Limbs(
-        up, pair.lateral, pose.root, pair.trunk, (), (_arm_chain(pose, pair.first), _arm_chain(pose, pair.second))
-    )
+    arms = (_arm_chain(pose, pair.first), _arm_chain(pose, pair.second))
+    found = Limbs(up, pair.lateral, pose.root, pair.trunk, (), arms)
     _check_joints(pose, found)
     return found
 

@@ -29,9 +29,8 @@ def read_manifests(manifests: Sequence[Path]) -> tuple[dict[Path, Mapping[str, A
                 for path in paths
                 if entry.succeeded and not path.exists()
             ]
-            missing += [
-                Row(entry.name, error=reason, robot=entry.robot, licence=entry.source.licence) for reason in reasons
-            ]
+            licence = entry.source.licence
+            missing += [Row(entry.name, error=reason, robot=entry.robot, licence=licence) for reason in reasons]
     return lineages, missing
 
 

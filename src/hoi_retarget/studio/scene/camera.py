@@ -245,9 +245,8 @@ def fit_window(
 
     shift = np.zeros(3)
     for axis in axes[:2]:
-        highest, lowest = (
-            max((reach(extent, way, np.zeros(3)) for extent in seen), default=0.0) for way in (axis, -axis)
-        )
+        ways = (axis, -axis)
+        highest, lowest = (max((reach(extent, way, np.zeros(3)) for extent in seen), default=0.0) for way in ways)
         shift += 0.5 * (highest - lowest) * axis
     right, up, back = axes
     reaches = [

@@ -119,9 +119,8 @@ def _in_objects(motion: Motion, model: RobotModel, geometries: tuple[ObjectGeome
             if not len(frames):
                 continue
             outer, own = placed.pose.at(frames), distances.poses[skin.link].at(frames)
-            local = (
-                _placed(own.relative_to(outer), _with(skin.points[:POINTS], skin.points[pair.point[frames]])) / scale
-            )
+            points = _with(skin.points[:POINTS], skin.points[pair.point[frames]])
+            local = _placed(own.relative_to(outer), points) / scale
             depths = np.maximum(-scale * shape.field.distances(local.reshape(-1, 3)).reshape(local.shape[:2]), 0.0)
             exact = np.maximum(-pair.skin[frames, None], 0.0)
             depths = np.append(np.minimum(depths[:, :-1], exact), exact, axis=1)
