@@ -279,7 +279,7 @@ def test_a_batchs_failures_stand_beside_its_results(folder: Path, capsys, monkey
     failed = {"name": "lost", "status": "failed", "reason": f"no such clip {NASTY}", "source": {"licence": "CC0"}}
     lines = [json.dumps({**BLANK, **entry}) for entry in (solved, gone, failed)]
     (folder / "manifest.jsonl").write_text("\n".join([*lines, '{"torn": ']))
-    monkeypatch.setattr("hoi_retarget.cli.report.page_of", lambda *_: None)
+    monkeypatch.setattr("hoi_retarget.cli.report._page_of", lambda *_: None)
     assert main(["report", str(folder), "--out", str(folder.parent / "out")]) == 0
     assert "failed: no such clip" in capsys.readouterr().out
     table = (folder.parent / "out" / "index.csv").read_text()
@@ -474,7 +474,7 @@ def test_report_writes_pages_and_tables_and_tells_how_many_fail(folder: Path, ca
     for name in ("a-npz.html", "a-npz.png", "deeper-bad-npz.html", "deeper-bad-npz.png"):
         assert name in page
     # What did not change is not made again.
-    monkeypatch.setattr("hoi_retarget.cli.report.page_of", lambda *_: pytest.fail("a page was made again"))
+    monkeypatch.setattr("hoi_retarget.cli.report._page_of", lambda *_: pytest.fail("a page was made again"))
     assert main(["report", str(folder), "--out", str(out), "--strict"]) == 1
     assert {path.name: path.read_bytes() for path in out.rglob("*") if path.is_file()} == first
     (folder / "b.npz").unlink()
@@ -539,7 +539,7 @@ def test_a_listing_that_leads_elsewhere_is_not_followed(tmp_path: Path, page: st
 
 
 def test_names_that_no_text_can_hold_are_told_with_question_marks(tmp_path: Path, capsys, monkeypatch) -> None:
-    monkeypatch.setattr("hoi_retarget.cli.report.page_of", lambda *_: None)
+    monkeypatch.setattr("hoi_retarget.cli.report._page_of", lambda *_: None)
     strange = replace(carried(), report=replace(carried().report, clip="\ud800", source=Source(licence="\udfff")))
     save(strange, tmp_path / "in" / "strange.npz")
     try:
@@ -559,7 +559,7 @@ def test_a_path_that_cannot_be_is_refused(tmp_path: Path, capsys, name: str) -> 
 
 
 def test_a_table_that_is_a_motion_is_not_written_over(tmp_path: Path, capsys, monkeypatch) -> None:
-    monkeypatch.setattr("hoi_retarget.cli.report.page_of", lambda *_: None)
+    monkeypatch.setattr("hoi_retarget.cli.report._page_of", lambda *_: None)
     path = written_csv(tmp_path / "index.csv", carried().qpos)
     content = path.read_bytes()
     assert main(["report", str(tmp_path), "--out", str(tmp_path)]) == 2
@@ -568,14 +568,14 @@ def test_a_table_that_is_a_motion_is_not_written_over(tmp_path: Path, capsys, mo
 
 
 def test_strict_is_content_when_nothing_fails(folder: Path, monkeypatch) -> None:
-    monkeypatch.setattr("hoi_retarget.cli.report.page_of", lambda *_: None)
+    monkeypatch.setattr("hoi_retarget.cli.report._page_of", lambda *_: None)
     words = ["report", str(folder / "a.npz"), "--out", str(folder.parent / "out"), "--strict"]
     assert main(words) == 0
 
 
 def test_without_pyarrow_the_rest_is_written_and_the_extra_named(folder: Path, capsys, monkeypatch) -> None:
     monkeypatch.setattr("hoi_retarget.cli.report.to_parquet", lambda rows: None)
-    monkeypatch.setattr("hoi_retarget.cli.report.page_of", lambda *_: None)
+    monkeypatch.setattr("hoi_retarget.cli.report._page_of", lambda *_: None)
     out = folder.parent / "out"
     assert main(["report", str(folder / "a.npz"), "--out", str(out)]) == 0
     assert "hoi-retarget[dataset]" in capsys.readouterr().err
