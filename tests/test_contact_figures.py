@@ -1,5 +1,6 @@
 """Figures of touch, slip and penetration: known hands beside a box, and what must not make figures better."""
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -18,6 +19,7 @@ from hoi_retarget.evaluation import (
     inter_robot_hand_errors,
     penetration,
     sunk_links,
+    surface_residuals,
     thin_air_contacts,
 )
 from hoi_retarget.evaluation.contact_figures import SurfaceCurves, surface_curves
@@ -280,6 +282,17 @@ def test_a_hand_covers_the_places_that_any_of_its_skin_touches(scale):
         expected = np.linalg.norm(touching - on_face, axis=1).min()
         assert curve.uncovered[CONTACT] == pytest.approx(np.full(40, expected), abs=1e-6)
         assert (curve.uncovered[CONTACT] <= curve.place[CONTACT]).all()
+
+
+@pytest.mark.parametrize(("uncovered", "gap", "residual"), [(0.05, 0.001, 0.001), (0.05, -0.004, 0.0), (0.2, 0.0, 0.2)])
+def test_a_contact_is_elsewhere_only_if_no_touching_skin_is_near_the_place(uncovered, gap, residual, monkeypatch):
+    view = world().view
+    (curve,), full = surface_curves(view).touches, np.ones(FRAMES - view.first)
+    far = replace(curve, place=0.3 * full, uncovered=uncovered * full, gap=gap * full)
+    module = sys.modules[surface_residuals.__module__]  # Its package has a function of the module's name.
+    monkeypatch.setattr(module, "surface_curves", lambda _: SurfaceCurves((), np.zeros((0, 0, 0)), (far,)))
+    found = surface_residuals(view)[:, LINKS.index("left_palm")]
+    assert found[CONTACT] == pytest.approx(np.full(40, residual)) and np.isnan(np.delete(found, CONTACT)).all()
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])

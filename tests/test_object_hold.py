@@ -78,7 +78,7 @@ def test_words_of_an_outcome():
     assert [one.whole for one in words] == [True, True, True, False, False]
 
 
-@pytest.mark.parametrize("robot", ["unitree_g1", "unitree_h2"])
+@pytest.mark.parametrize("robot", ["unitree_g1", "unitree_h2", "unitree_g1_dex3"])
 def test_what_the_skin_touches_is_touched_in_simulation(robot):
     """Parts hold all of a link's skin, and bulge beyond a hand's by millimetres."""
     model = MODELS[robot]
@@ -92,7 +92,7 @@ def test_what_the_skin_touches_is_touched_in_simulation(robot):
             continue
         inside = [(points @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) for hull in hulls]
         assert np.min(inside, axis=0).max() < 1e-3
-        if len(parts) == HAND_PARTS:
+        if len(parts) == HAND_PARTS or "hand" in body:
             middles = np.concatenate(
                 [corners[hull.simplices].mean(axis=1) for corners, hull in zip(parts, hulls, strict=True)]
             )

@@ -50,7 +50,7 @@ def on_floor(clip: Clip, *, at_zero: bool, floor: float | None = None) -> Clip:
         return _with_feet_elsewhere(clip, 0.0)
     height, frames = floor_height(clip)
     how = (
-        f"{frames} frames of standing feet" if frames else "the lowest point of anybody's feet: they never stand still"
+        f"{frames} frames of standing feet" if frames else "the lowest point of anybody's feet, which never stand still"
     )
     lowered = _lowered(clip, height, f"The floor is at z = {height:.3f} m in the recording, estimated from {how}.")
     return lowered.with_warnings("floor_elsewhere", _objects_elsewhere(lowered, height))
@@ -105,10 +105,10 @@ def _with_feet_elsewhere(clip: Clip, floor: float) -> Clip:
     height, frames = floor_height(clip)
     if not frames or abs(height) <= FLOOR_TOLERANCE:
         return clip
-    advice = f"pass --floor {floor + height:.2f} unless they stand "
+    advice = f"pass --floor {floor + height:.2f} unless they stand on something."
     text = f"Feet stand at z = {height:.2f} m, not on the floor at 0: {advice}"
     severity = Severity.ERROR if abs(height) > _MAX_STEP else Severity.WARNING
-    return clip.with_warnings("floor_elsewhere", (f"{text}on something.",), severity)
+    return clip.with_warnings("floor_elsewhere", (text,), severity)
 
 
 def _objects_elsewhere(clip: Clip, floor: float) -> tuple[str, ...]:

@@ -48,7 +48,7 @@ class Refinement:
     attempts: int = 2
     """Most tries, each with other random numbers, until a robot neither falls nor loses an object."""
     noise: float = 1.0
-    """Of the samples; 1 is 0.1 rad at the arms' joints, 0.04 at the others, 3 cm of the base."""
+    """Of the samples; 1 is 0.1 rad at the arms' joints, 0.04 at others but fingers, 3 cm of the base."""
 
     def __post_init__(self) -> None:
         if not (isfinite(self.horizon) and 0.2 <= self.horizon <= 10.0):

@@ -17,7 +17,7 @@ from hoi_retarget.robots.skin import LinkSkin, skin_of, skins_from
 from hoi_retarget.robots.spec import PALMS
 
 HAND_PARTS, LINK_PARTS = 10, 3
-"""Of a hand that is one link; of the palm of one with fingers, whose hulls are within 0.7 mm of their skins."""
+"""Of a hand that is one link; of a palm with fingers, whose own hulls are 0.7 mm off their skins at most on average."""
 _CLUSTERED_CELLS, _MARGIN = 4000, 1e-3  # Cells of a solid that are clustered, so deep [m].
 _LEAST_POINTS = 8  # Of a part.
 

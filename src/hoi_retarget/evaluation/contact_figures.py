@@ -120,7 +120,7 @@ class TouchCurve:
     place: Float[np.ndarray, "F"]
     """Distance on the object [m] from the nearest place of skin and surface to the human's palm; NaN where inactive."""
     uncovered: Float[np.ndarray, "F"]
-    """The same from the touching skin that is nearest to it, which of a long hand is not the deepest."""
+    """The same from the touching skin that is nearest to it, if any is: on a long hand, not the deepest."""
     recorded_place: Float[np.ndarray, "F"]
     """The same to where the human's palm was before the contact was edited; NaN where it was not."""
     palmar_area: Float[np.ndarray, "F"]
@@ -286,7 +286,7 @@ def _touch(view: Comparison, track: ContactTrack, distances: ObjectDistances) ->
 def _touching_skin(
     view: Comparison, track: ContactTrack, distances: ObjectDistances, frames: Int[np.ndarray, "K"]
 ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
-    """Return the area of palmar skin that touches [m^2], and the way from the human's place to any such skin [m]."""
+    """Return the area of palmar skin that touches [m^2], and how far the human's place is from all that does [m]."""
     model, placed = view.kinematics.model, distances.objects[track.object]
     there = replace(placed, pose=placed.pose.at(frames))
     human = placed.scale * placed.shape.surface.closest_points(track.contact_points[frames])
