@@ -286,7 +286,7 @@ def _touch(view: Comparison, track: ContactTrack, distances: ObjectDistances) ->
 def _touching_skin(
     view: Comparison, track: ContactTrack, distances: ObjectDistances, frames: Int[np.ndarray, "K"]
 ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
-    """Return the area of palmar skin that touches [m^2], and how far the human's place is from all that does [m]."""
+    """Return the area of palmar skin in touch [m^2], and the distance of touching skin from the person's place [m]."""
     model, placed = view.kinematics.model, distances.objects[track.object]
     there = replace(placed, pose=placed.pose.at(frames))
     human = placed.scale * placed.shape.surface.closest_points(track.contact_points[frames])
