@@ -16,6 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 from hoi_retarget.studio.offscreen import film
 from hoi_retarget.studio.offscreen.renderer import Picture, offscreen_renderer
 from hoi_retarget.studio.scene.camera import Camera, CameraSettings, cameras
+from hoi_retarget.studio.scene.drawing import DrawnScene
 
 RATE, SECONDS, QUALITY = 10.0, 5.6, 50
 PANEL, INSET, GAP = (238, 300), 104, 4  # [px]
@@ -57,12 +58,10 @@ def panels(tile: Tile, stack: ExitStack) -> Callable[[float], Picture]:
     """Return a function that draws a tile at a time of the film [s]."""
     shown = results_of(tile.scene, tile.robots)
     filmed = film.panels(shown)
-    views = cameras(filmed, CameraSettings(film.good_azimuth(shown)), PANEL[0] / PANEL[1])
+    good = film.good_azimuth(shown)
+    views = cameras(filmed, CameraSettings(good), PANEL[0] / PANEL[1])
     draws = [stack.enter_context(offscreen_renderer(scene, *PANEL)) for scene in filmed]
-    near = None
-    if tile.hand is not None:
-        near = cameras(filmed[1:], CameraSettings(film.good_azimuth(shown), look=tile.hand), 1.0)[0]
-        draw_near = stack.enter_context(offscreen_renderer(filmed[1], INSET, INSET))
+    inset = close_up(filmed[1], good, tile.hand, stack) if tile.hand else None
 
     def draw(time: float) -> Picture:
         frames = [min(round((tile.start + time) * scene.fps), scene.frames - 1) for scene in filmed]
@@ -70,8 +69,8 @@ def panels(tile: Tile, stack: ExitStack) -> Callable[[float], Picture]:
             titled(draw_panel(frame, nearer(view(frame), tile.nearer)), caption)
             for draw_panel, view, frame, caption in zip(draws, views, frames, ("recorded", tile.caption), strict=True)
         ]
-        if near is not None:
-            pictures[1][GAP : GAP + INSET, -GAP - INSET : -GAP] = framed(draw_near(frames[1], near(frames[1])))
+        if inset is not None:
+            pictures[1][GAP : GAP + INSET, -GAP - INSET : -GAP] = inset(frames[1])
         return np.concatenate(pictures, axis=1)
 
     return draw
@@ -89,12 +88,18 @@ def titled(picture: Picture, caption: str) -> Picture:
     return np.array(image)
 
 
-def framed(picture: Picture) -> Picture:
-    """Return a picture with a frame of two pixels."""
-    framed_picture = picture.copy()
-    for edge in (np.s_[:2], np.s_[-2:], np.s_[:, :2], np.s_[:, -2:]):
-        framed_picture[edge] = FRAME
-    return framed_picture
+def close_up(scene: DrawnScene, azimuth: float, hand: str, stack: ExitStack) -> Callable[[int], Picture]:
+    """Return a function that draws a hand from near in a frame, with a frame of two pixels around it."""
+    camera = cameras([scene], CameraSettings(azimuth, look=hand), 1.0)[0]
+    draw_scene = stack.enter_context(offscreen_renderer(scene, INSET, INSET))
+
+    def draw(frame: int) -> Picture:
+        picture = draw_scene(frame, camera(frame)).copy()
+        for edge in (np.s_[:2], np.s_[-2:], np.s_[:, :2], np.s_[:, -2:]):
+            picture[edge] = FRAME
+        return picture
+
+    return draw
 
 
 def grid(tiles: list[Picture]) -> Picture:
