@@ -26,7 +26,7 @@ from hoi_retarget.retargeting.solve import solve
 from hoi_retarget.retargeting.surfaces.contact_targets import resting_palms
 from hoi_retarget.retargeting.surfaces.skin_points import moving_objects
 from hoi_retarget.retargeting.targets import finger_touch, make_targets
-from hoi_retarget.retargeting.trajopt.terms.coupled_joints import coupling_terms
+from hoi_retarget.retargeting.trajopt.terms.posture import coupling_terms
 from hoi_retarget.robots import load_robot
 from hoi_retarget.robots.adding.build import build_robot
 from hoi_retarget.robots.adding.findings import Hints, UnsuitableRobotError

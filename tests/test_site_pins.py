@@ -33,7 +33,7 @@ from hoi_retarget.retargeting.targets import (
     with_pins,
 )
 from hoi_retarget.retargeting.trajopt.problem import cost
-from hoi_retarget.retargeting.trajopt.terms.pinned import pin_terms
+from hoi_retarget.retargeting.trajopt.terms.site_pose import pin_terms
 from synthetic import make
 from trajectories import MODELS
 

@@ -15,7 +15,7 @@ from hoi_retarget.retargeting.config import IkWeights, Scaling, Weights
 from hoi_retarget.retargeting.targets import Targets, make_targets, with_pins
 from hoi_retarget.retargeting.trajopt.link_pairs import LinkPair, SpreadPoints
 from hoi_retarget.retargeting.trajopt.problem import Term
-from hoi_retarget.retargeting.trajopt.terms.coupled_joints import CoupledJoints
+from hoi_retarget.retargeting.trajopt.terms.posture import CoupledJoints
 from hoi_retarget.retargeting.trajopt.terms.robot_clearance import RobotClearance
 from hoi_retarget.retargeting.trajopt.terms.self_clearance import SelfClearance
 from hoi_retarget.retargeting.trajopt.trajectory_terms import ik_terms, trajectory_terms

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from hoi_retarget.errors import ReadError
-from hoi_retarget.motion.formats import asap, csv, gmr, hdmi, holosoma, isaac_lab, own_result, protomotions, sbto, sonic
+from hoi_retarget.motion.formats import asap, csv, gmr, hdmi, holosoma, isaac_lab, own_result, protomotions, sonic
 from hoi_retarget.motion.formats.containers import ArraysByName
 from hoi_retarget.motion.formats.format import Format as Format
 from hoi_retarget.motion.formats.motion_file import WITHOUT_WRISTS as WITHOUT_WRISTS
@@ -30,7 +30,7 @@ FORMATS: tuple[Format, ...] = (
     holosoma.HOLOSOMA_QPOS,
     hdmi.FORMAT,
     gmr.GMR_NPZ,
-    sbto.FORMAT,
+    gmr.SBTO,
     gmr.GMR,
     asap.FORMAT,
     protomotions.FORMAT,

@@ -1,6 +1,6 @@
-"""GMR's pickle of root and joints, scalar-last quaternions, and `.npz` files under its names.
+"""GMR's pickle of root and joints, scalar-last quaternions, SBTO's with an object, and `.npz` files under GMR's names.
 
-Few of the latter state the order of their quaternions' components and of their joints.
+Few `.npz` files state the order of their quaternions' components and of their joints.
 """
 
 from dataclasses import replace
@@ -11,7 +11,7 @@ import numpy as np
 from hoi_retarget.errors import ReadError
 from hoi_retarget.motion.formats.containers import PICKLE, ArraysByName, has
 from hoi_retarget.motion.formats.format import Format, Written
-from hoi_retarget.motion.formats.motion_file import WITHOUT_WRISTS, Convention
+from hoi_retarget.motion.formats.motion_file import WITHOUT_WRISTS, Convention, ObjectPoses
 from hoi_retarget.motion.links import source_joints
 from hoi_retarget.motion.resample import ResampledMotion
 from hoi_retarget.numerics import se3
@@ -81,4 +81,19 @@ GMR_NPZ = Format(
     convention=Convention("gmr-npz", quat_order=None, order=None, usual_fps=30.0, usual_joints=WITHOUT_WRISTS),
     holds=lambda values: {"root_pos", "root_rot"} <= set(values) and not _JOINTS.keys().isdisjoint(values),
     read=_read_npz,
+)
+
+
+def _read_sbto(arrays: ArraysByName) -> dict[str, Any]:
+    """Return the fields of a `MotionFile`; raises `ReadError`."""
+    poses = ObjectPoses("object", arrays.pose("object_root_pos", "object_rot"))
+    return {**read_pickle(arrays), "objects": (poses,)}
+
+
+SBTO = Format(
+    name="sbto",
+    convention=Convention("sbto", quat_order="xyzw", usual_fps=30.0, usual_joints=WITHOUT_WRISTS),
+    holds=has("root_pos", "root_rot", "dof_pos", "object_root_pos", "object_rot"),
+    read=_read_sbto,
+    container=PICKLE,
 )

@@ -1,8 +1,7 @@
 """The cost tables of trajectory optimization and of inverse kinematics.
 
-A file of `terms/` declares a kind of residual, and a function that builds its terms of the trajectory
-with the weights of the paper's Table II. `docs/design.md` says why there are costs that are not in
-the paper.
+A file of `terms/` declares kinds of residuals, and functions that build the terms of the trajectory with the weights of
+the paper's Table II. `docs/design.md` says why there are costs that are not in the paper.
 """
 
 from collections.abc import Callable, Iterable
@@ -15,15 +14,18 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.config import IkWeights, Weights
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.retargeting.trajopt.problem import Term
-from hoi_retarget.retargeting.trajopt.terms.coupled_joints import coupling_terms
 from hoi_retarget.retargeting.trajopt.terms.differences import PAPER_RATE, Differences, jerk_terms
-from hoi_retarget.retargeting.trajopt.terms.floor_clearance import floor_terms
-from hoi_retarget.retargeting.trajopt.terms.link_floor import link_floor_terms
+from hoi_retarget.retargeting.trajopt.terms.floor_clearance import floor_terms, link_floor_terms
 from hoi_retarget.retargeting.trajopt.terms.object_contact import contact_terms
-from hoi_retarget.retargeting.trajopt.terms.pinned import pin_terms
-from hoi_retarget.retargeting.trajopt.terms.posture import Posture, posture_terms
+from hoi_retarget.retargeting.trajopt.terms.posture import Posture, coupling_terms, posture_terms
 from hoi_retarget.retargeting.trajopt.terms.relative_rotation import torso_terms, trunk_terms
-from hoi_retarget.retargeting.trajopt.terms.site_pose import SitePosition, SiteRotation, position_terms, stance_terms
+from hoi_retarget.retargeting.trajopt.terms.site_pose import (
+    SitePosition,
+    SiteRotation,
+    pin_terms,
+    position_terms,
+    stance_terms,
+)
 from hoi_retarget.robots.model import Kinematics, RobotModel
 
 COSTS: tuple[Callable[[Weights, Targets, Kinematics], Iterable[Term]], ...] = (

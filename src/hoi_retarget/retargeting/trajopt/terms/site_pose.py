@@ -1,4 +1,4 @@
-"""Sites near world positions, heights and rotations: the paper's E^b, E^h, E^f, E^fz, E^fo and E^ho, and IK rows."""
+"""Sites near world positions, heights and rotations: the paper's E^b, E^h, E^f, E^fz, E^fo, E^ho; IK rows and pins."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,6 +16,7 @@ from hoi_retarget.robots.spec import SIDES
 # An anchored foot that turns weighs as much as one that moves by the angle times this [m]. With more, where a wide
 # squat leaves no flat sole (H2), the hands pay for it.
 SOLE_REACH = 0.05
+PINNED_REACH = 0.1  # Of a pinned part that turns, likewise.
 IDENTITY = np.eye(3)[:, :, None]
 
 
@@ -85,3 +86,15 @@ def stance_terms(weights: Weights, targets: Targets, reference: Kinematics) -> I
             anchored = 0.5 * SOLE_REACH**2 * weights.stance_anchor * targets.anchor_weights[:, k]
             weight = weights.stance_orientation * flags + anchored
             yield SiteRotation(f"{side}_stance_orientation", site, rotation, weight)
+
+
+def pin_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[SitePosition | SiteRotation]:
+    """Yield place and rotation of every site that is pinned."""
+    for pin in targets.pins:
+        if pin.weights.any():
+            yield SitePosition(f"{pin.site}_pin", pin.site, pin.positions.T, weights.pin * pin.weights)
+        if pin.turn_weights.any():
+            rotation = se3.quat_to_matrix(pin.quats).transpose(1, 2, 0)
+            # The residual's square is twice the squared angle.
+            weight = 0.5 * PINNED_REACH**2 * weights.pin * pin.turn_weights
+            yield SiteRotation(f"{pin.site}_pinned_rotation", pin.site, rotation, weight)

@@ -10,7 +10,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.retargeting.config import Scaling, Weights
 from hoi_retarget.retargeting.solve import solve_trajectory
 from hoi_retarget.retargeting.targets import make_targets
-from hoi_retarget.retargeting.trajopt.terms.link_floor import _directions, link_floor_terms
+from hoi_retarget.retargeting.trajopt.terms.floor_clearance import _directions, link_floor_terms
 from hoi_retarget.robots.skin import skin_of
 from hoi_retarget.robots.spec import SIDES
 from synthetic import make
