@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from scipy.sparse import csc_matrix
 
 from body_writer import CORNERS, names_of, tiny_model, write_npz, write_pickle
-from hoi_retarget.errors import ArgumentError, ReadError
+from hoi_retarget.errors import ArgumentError, ClipError, ReadError
 from hoi_retarget.files.array_pickle import parse_pickle
 from hoi_retarget.human.body_model import JOINT_COUNT, BodyModel, BodyShape
 from hoi_retarget.human.skeleton import JOINTS
 from hoi_retarget.numerics import se3
-from hoi_retarget.readers.body_parameters import load_body_model
+from hoi_retarget.readers.body_parameters import load_body_model, person_from_smplx
 
 FAST = settings(max_examples=10, deadline=None, derandomize=True, database=None)
 FAMILIES = ("smplx", "smplh")
@@ -223,6 +223,44 @@ def test_flat_pose_directions_are_the_same_ones(tmp_path):
 
 
 # What is refused
+
+
+def parameters_of(pose: np.ndarray, betas: np.ndarray, translation: np.ndarray) -> dict[str, np.ndarray]:
+    """Under SMPL-X's names; jaw and eyes are between body and hands."""
+    rows = {"global_orient": (0, 1), "body_pose": (1, 22), "left_hand_pose": (25, 40), "right_hand_pose": (40, 55)}
+    flat = {name: pose[:, first:stop].reshape(len(pose), -1) for name, (first, stop) in rows.items()}
+    return {**flat, "betas": betas, "transl": translation}
+
+
+def test_a_person_of_smplx_parameters_is_where_the_model_puts_it(tmp_path):
+    write_npz(tmp_path / "SMPLX_NEUTRAL.npz", tiny_model("smplx"))
+    model, (betas, pose, translation) = body("smplx"), random_pose("smplx", 3)
+    values = parameters_of(pose, betas, translation)
+    person = person_from_smplx(values, tmp_path)
+    positions, quats = model.joints(betas, pose, translation)
+    np.testing.assert_allclose(person.joint_positions, positions[:, model.skeleton_joints], atol=1e-12)
+    np.testing.assert_allclose(person.joint_quats, quats[:, model.skeleton_joints], atol=1e-12)
+    shaped = {**values, "body_pose": pose[:, 1:22].tolist()}  # As others store it, in lists and three by three.
+    np.testing.assert_array_equal(person_from_smplx(shaped, tmp_path).joint_positions, person.joint_positions)
+    assert person.fingers_recorded
+
+
+def test_hands_that_smplx_parameters_lack_are_flat_and_said_to_be_made_up(tmp_path):
+    write_npz(tmp_path / "SMPLX_NEUTRAL.npz", tiny_model("smplx"))
+    values = parameters_of(random_pose("smplx", 3)[1], np.zeros(10), np.zeros((5, 3)))
+    hands = [name for name in values if "hand" in name]
+    without = person_from_smplx({name: values[name] for name in values if name not in hands}, tmp_path)
+    flat = person_from_smplx({**values, **dict.fromkeys(hands, np.zeros((5, 45)))}, tmp_path)
+    assert flat.fingers_recorded and not without.fingers_recorded
+    np.testing.assert_array_equal(flat.joint_positions, without.joint_positions)
+
+
+@pytest.mark.parametrize("name", ["transl", "body_pose", "betas"])
+def test_smplx_parameters_that_are_missing_are_named(name, tmp_path):
+    values = parameters_of(random_pose("smplx", 3)[1], np.zeros(10), np.zeros((5, 3)))
+    del values[name]
+    with pytest.raises(ClipError, match=name):
+        person_from_smplx(values, tmp_path)
 
 
 def test_names_that_do_not_exist_are_refused(tmp_path):

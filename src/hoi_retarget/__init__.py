@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from hoi_retarget.motion.write_export import write_export as export
     from hoi_retarget.objects.track import ObjectGeometry as ObjectGeometry
     from hoi_retarget.objects.track import ObjectTrack as ObjectTrack
+    from hoi_retarget.readers.body_parameters import person_from_smplx as person_from_smplx
     from hoi_retarget.readers.open import clip_of as clip_of
     from hoi_retarget.readers.open import open_clip as open_clip
     from hoi_retarget.retargeting.config import Config as Config

@@ -19,6 +19,19 @@ The command line exits with 2 for an `ArgumentError` and with 1 for the others.
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from importlib.util import find_spec
+
+EXTRAS = {
+    "coacd": ("coacd>=1.0.5", "convex parts of objects in simulations"),
+    "imageio_ffmpeg": ("imageio-ffmpeg>=0.5", "films as MP4"),
+    "pyarrow": ("pyarrow>=17", "data sets and Parquet"),
+}
+"""Module of a package that some work needs -> what pip installs, and which work."""
+
+
+def install_hint(module: str) -> str:
+    """Return the command that installs a package of `EXTRAS`, as a sentence; nothing where it is installed."""
+    return "" if find_spec(module) is not None else f'Install it with: pip install "{EXTRAS[module][0]}"'
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

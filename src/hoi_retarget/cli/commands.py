@@ -522,6 +522,11 @@ class Settings:
     """A group; by default the groups that there are."""
 
 
+@dataclass(frozen=True)
+class Doctor:
+    """Show what works in this installation, and what to do about the rest."""
+
+
 COMMANDS: Mapping[str, type] = {
     "demo": Demo,
     "run": Run,
@@ -543,6 +548,7 @@ COMMANDS: Mapping[str, type] = {
     "contacts": Contacts,
     "report": WriteReport,
     "settings": Settings,
+    "doctor": Doctor,
 }
 """First word of the command line -> its options."""
 AnyCommand = Union[tuple(Annotated[kind, subcommand(name)] for name, kind in COMMANDS.items())]  # noqa: UP007  # of a table

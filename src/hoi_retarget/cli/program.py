@@ -37,7 +37,7 @@ _MODULES = {
     **dict.fromkeys(("feasible", "refine", "scene"), "physics"),
 }
 """Module of each command that has none of its own name."""
-_DRAWING = ("render", "report", "robots", "share")
+_DRAWING = ("doctor", "render", "report", "robots", "share")
 _THREAD_VARIABLES = (
     "OPENBLAS_NUM_THREADS",
     "OMP_NUM_THREADS",

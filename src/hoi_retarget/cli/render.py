@@ -3,7 +3,6 @@
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from importlib.util import find_spec
 from math import isfinite
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from hoi_retarget.cli.commands import Render
 from hoi_retarget.cli.open_results import clip_or_warning, load_motion
 from hoi_retarget.cli.output_checks import check_writable, write_file
 from hoi_retarget.cli.terminal import Working, program, say
-from hoi_retarget.errors import ArgumentError, HoiRetargetError
+from hoi_retarget.errors import ArgumentError, HoiRetargetError, install_hint
 from hoi_retarget.motion.motion import SIMULATED
 from hoi_retarget.readers.open import clip_of
 from hoi_retarget.robots import load_robot
@@ -110,8 +109,8 @@ def _check(command: Render) -> str:
     kind = command.out.suffix.lower()
     if kind not in _PANEL:
         raise ArgumentError(f"--out {command.out}: name a file that ends in .mp4, .gif, .webp or .png.")
-    if kind == ".mp4" and find_spec("imageio_ffmpeg") is None:
-        raise HoiRetargetError(film.VIDEO_MISSING)
+    if kind == ".mp4" and (hint := install_hint("imageio_ffmpeg")):
+        raise HoiRetargetError(film.VIDEO_MISSING + hint)
     others, fitting = (("fps",), ".mp4, .gif and .webp") if kind == ".png" else (("frame", "frames"), ".png")
     for name in others:
         if (value := getattr(command, name)) is not None:

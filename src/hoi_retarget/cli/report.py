@@ -12,7 +12,7 @@ from hoi_retarget.cli.output_checks import check_inputs_kept, check_json, check_
 from hoi_retarget.cli.scores import score, show_figures, titled
 from hoi_retarget.cli.terminal import Working, do_for_each, exit_code, say, show_table, warn
 from hoi_retarget.clip.clip import Clip
-from hoi_retarget.errors import HoiRetargetError
+from hoi_retarget.errors import HoiRetargetError, install_hint
 from hoi_retarget.evaluation import Score
 from hoi_retarget.evaluation import to_csv as scores_to_csv
 from hoi_retarget.evaluation import to_json as scores_to_json
@@ -182,7 +182,7 @@ def _write(out: Path, title: str, rows: Sequence[Row], pages: dict[str, MotionPa
     write_together(contents)
     if parquet is None:
         (out / _PARQUET).unlink(missing_ok=True)  # An earlier one would contradict the rest.
-        warn(f"{_PARQUET} is not written: it needs pyarrow. Install it with: pip install 'hoi-retarget[dataset]'.")
+        warn(f"{_PARQUET} is not written: it needs pyarrow. {install_hint('pyarrow')}")
 
 
 def _summarize(rows: Sequence[Row]) -> None:

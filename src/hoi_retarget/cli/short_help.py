@@ -15,7 +15,7 @@ PURPOSES: Mapping[str, tuple[str, ...]] = {
     "look": ("view", "render", "share"),
     "check and correct": ("inspect", "evaluate", "report", "edit", "contacts", "check-motion"),
     "train": ("export", "feasible", "refine", "scene"),
-    "files": ("convert", "settings"),
+    "other": ("convert", "settings", "doctor"),
 }
 """Commands by what they are for."""
 EXAMPLES = {

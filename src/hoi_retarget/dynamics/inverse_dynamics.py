@@ -87,7 +87,9 @@ def required_robot_wrench(model: RobotModel, movement: Movement) -> RequiredRobo
     mujoco.mj_comPos(compiled, data)
     soles = min(data.site(name).xpos[2] for name in model.site_names if "_sole_" in name)
     torque = se3.rotate(movement.qpos[:, 3:7], needed[:, 3:6])  # MuJoCo's is along the base's axes.
-    wrench = _moved(needed[:, :3], torque, movement.qpos[:, :3] - centres)
+    # The wrench about the centre of mass, from which the base's is an arm away.
+    force, arm = needed[:, :3], movement.qpos[:, :3] - centres
+    wrench = np.concatenate([force, torque + np.cross(arm, force)], axis=1)
     height = float(data.subtree_com[1][2] - soles)
     return RequiredRobotWrench(wrench, centres, float(compiled.body_mass.sum()), needed[:, 6:], height)
 
@@ -143,11 +145,6 @@ def _dynamics(model: RobotModel) -> mujoco.MjModel:
     compiled.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     compiled.opt.gravity[:] = 0.0, 0.0, -GRAVITY
     return compiled
-
-
-def _moved(force: np.ndarray, torque: np.ndarray, arm: np.ndarray) -> Float[np.ndarray, "T 6"]:
-    """Return a wrench about another point, from which its own is an arm away."""
-    return np.concatenate([force, torque + np.cross(arm, force)], axis=1)
 
 
 def _mass_shares(model: RobotModel) -> tuple[Float[np.ndarray, "B"], Float[np.ndarray, "3 B"]]:

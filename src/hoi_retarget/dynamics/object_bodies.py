@@ -11,7 +11,6 @@ says so.
 """
 
 from dataclasses import dataclass
-from importlib.util import find_spec
 from itertools import product
 from typing import Any, Literal
 
@@ -20,6 +19,7 @@ import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float
 
 from hoi_retarget.dynamics.physics_settings import Physics
+from hoi_retarget.errors import install_hint
 from hoi_retarget.files import user_cache
 from hoi_retarget.numerics.arrays import frozen
 from hoi_retarget.objects.mesh import Surface, surface_of
@@ -69,7 +69,7 @@ class CollisionShape:
         """The shape in words."""
         if self.kind == "convex parts":
             return f"{len(self.parts)} convex parts"
-        hint = "" if self.fits else " (it does not fit; install hoi-retarget[physics] for convex parts)"
+        hint = "" if self.fits else f" (it does not fit; convex parts do. {install_hint('coacd')})"
         return f"a {self.kind}{hint}"
 
 
@@ -81,7 +81,7 @@ def collision_shape(geometry: ObjectGeometry) -> CollisionShape:
         return CollisionShape("box", box=box)
     hull = frozen(_hull_corners(surface.vertices))
     if surface.exact and not _fits_hull(hull, surface):
-        if find_spec("coacd") is not None:
+        if not install_hint("coacd"):
             return CollisionShape("convex parts", parts=_cached_parts(surface))
         return CollisionShape("convex hull", parts=(hull,), fits=False)
     return CollisionShape("convex hull", parts=(hull,))

@@ -224,6 +224,24 @@ def person_of(path: Path, name: str, parameters: BodyParameters, body_models: Pa
     return Person(name, positions[:, model.skeleton_joints], quats[:, model.skeleton_joints], shape=shape)
 
 
+def person_from_smplx(
+    values: Mapping[str, Any], models: Path, *, gender: str = "neutral", flat_hands: bool = True, name: str = "person"
+) -> Person:
+    """Return a person from arrays under SMPL-X's own names, in a world with z up; raises as `person_of`.
+
+    `transl` (T, 3) [m], `betas` (b,), and [rad] `global_orient` (T, 3), `body_pose` (T, 63), `left_hand_pose` and
+    `right_hand_pose` (T, 45). Hands that are missing are flat; those there are count from flat hands or, with
+    `flat_hands=False`, from the model's mean hand. `models` is the file or the folder of the body model.
+    """
+    absent = {"left_hand_pose", "right_hand_pose"} - values.keys()
+    flat = dict.fromkeys(absent, np.zeros((len(values.get("transl", ())), 45)))
+    fields = Fields(Path(name), {**flat, **{key: np.asarray(value) for key, value in values.items()}})
+    frames = len(fields.array("transl", ("T", 3), "the body's position"))
+    others = {"gender": gender, "betas": fields.array("betas", ("b",), "the body's shape"), "flat_hands": flat_hands}
+    parameters = BodyParameters.of_fields(fields, frames, hand=45, **others)
+    return replace(person_of(fields.path, name, parameters, models), fingers_recorded=not absent)
+
+
 def person_of_rows(
     path: Path, name: str, parameters: BodyParameters, body_models: Path | None
 ) -> tuple[Person, tuple[str, ...]]:

@@ -8,7 +8,6 @@ import io
 import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -16,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from hoi_retarget import __version__
-from hoi_retarget.errors import HoiRetargetError
+from hoi_retarget.errors import HoiRetargetError, install_hint
 from hoi_retarget.motion.contact_arrays import contact_arrays
 from hoi_retarget.motion.resample import resample
 from hoi_retarget.motion.result import UNKNOWN, Result
@@ -25,11 +24,6 @@ NAME = "dataset"
 ROWS_PER_FILE = 500
 FOLDER = "data"
 CARD = "README.md"
-
-PYARROW_MISSING = (
-    'A data set is written with pyarrow, which is not installed. In a clone: pip install ".[dataset]"; '
-    'else: pip install "hoi-retarget[dataset]".'
-)
 
 
 def write_dataset(results: Sequence[Result], fps: float | None) -> dict[str, bytes]:
@@ -48,8 +42,8 @@ def write_dataset(results: Sequence[Result], fps: float | None) -> dict[str, byt
 
 def check_pyarrow() -> None:
     """Raise `HoiRetargetError` where pyarrow is missing, with the command that installs it."""
-    if find_spec("pyarrow") is None:
-        raise HoiRetargetError(PYARROW_MISSING)
+    if hint := install_hint("pyarrow"):
+        raise HoiRetargetError(f"A data set is written with pyarrow, which is not installed. {hint}")
 
 
 def _row(result: Result, fps: float | None) -> dict[str, Any]:

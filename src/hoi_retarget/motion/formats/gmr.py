@@ -90,10 +90,11 @@ def _read_sbto(arrays: ArraysByName) -> dict[str, Any]:
     return {**read_pickle(arrays), "objects": (poses,)}
 
 
-SBTO = Format(
+SBTO = replace(
+    GMR,
     name="sbto",
-    convention=Convention("sbto", quat_order="xyzw", usual_fps=30.0, usual_joints=WITHOUT_WRISTS),
+    convention=replace(GMR.convention, name="sbto"),
     holds=has("root_pos", "root_rot", "dof_pos", "object_root_pos", "object_rot"),
     read=_read_sbto,
-    container=PICKLE,
+    write=None,
 )

@@ -178,7 +178,7 @@ def _seeds(person: HandPoses, hand: HandShape, moving_object: MovingObject) -> H
     """Return the poses from which hands are laid on: by lot, in the palm's axes, and mirrored for right hands."""
     _, normals = moving_object.field.distances_and_normals(person.positions)
     turn = person.rotations[0]
-    laid = _turn_between(turn @ hand.inward, -normals[0])
+    laid = se3.log(se3.shortest_rotation(turn @ hand.inward, -normals[0])[None])[0]
     random, mirrored = np.random.default_rng(0), MIRRORED if hand.site.startswith("right") else 1.0
     twists = [np.concatenate([np.zeros(3), share * laid]) for share in TURNED_TO_SURFACE]
     for count, spread in ((NEAR, NEAR_SPREAD), (FAR, FAR_SPREAD)):
@@ -188,8 +188,3 @@ def _seeds(person: HandPoses, hand: HandShape, moving_object: MovingObject) -> H
     many = len(twists)
     repeated = HandPoses(np.repeat(person.positions, many, axis=0), np.repeat(person.rotations, many, axis=0))
     return repeated.moved(np.array(twists))
-
-
-def _turn_between(start: Float[np.ndarray, "3"], end: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    """Return the rotation vector [rad] that turns one direction into another."""
-    return se3.log(se3.shortest_rotation(start, end)[None])[0]

@@ -16,7 +16,7 @@ from hoi_retarget.dynamics.object_bodies import collision_shape, object_body
 from hoi_retarget.dynamics.object_support import object_load
 from hoi_retarget.dynamics.physics_scene import SceneObject
 from hoi_retarget.dynamics.physics_settings import Physics
-from hoi_retarget.errors import GeometryError
+from hoi_retarget.errors import GeometryError, install_hint
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import evenly_spaced
 from hoi_retarget.retargeting.holds.arm_reach import reach
@@ -81,8 +81,8 @@ def simulated_holds(  # noqa: PLR0913, PLR0917  # the parts of a choice
     shape = collision_shape(geometry := targets.object_geometry[index])
     if not shape.fits:
         raise GeometryError(
-            f"{name}: holds are simulated on an object's convex parts, and nothing finds them here. Install "
-            'hoi-retarget[physics] (in a clone: pip install ".[physics]"), or leave --holds simulated out.'
+            f"{name}: holds are simulated on an object's convex parts, and nothing finds them here. "
+            f"{install_hint('coacd')}, or leave --holds simulated out."
         )
     item = SceneObject("object", object_body(name, geometry, scale, physics), shape, scale)
     poses = np.concatenate([targets.object_pos, targets.object_quat], axis=2)[:, [index]]

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image, ImageDraw, ImageFont
 
-from hoi_retarget.errors import ArgumentError, HoiRetargetError
+from hoi_retarget.errors import ArgumentError, HoiRetargetError, install_hint
 from hoi_retarget.studio.offscreen.renderer import Picture, offscreen_renderer
 from hoi_retarget.studio.scene.camera import CameraSettings, cameras
 from hoi_retarget.studio.scene.drawing import DrawnScene
@@ -22,10 +22,7 @@ from hoi_retarget.studio.scene.scene import SceneItem, group_by_shared_objects, 
 
 Side = Literal["robot", "human", "both"]
 
-VIDEO_MISSING = (
-    'Writing MP4 needs imageio-ffmpeg, which is not installed. In a clone: pip install ".[video]"; '
-    'else: pip install "hoi-retarget[video]". A .gif needs nothing.'
-)
+VIDEO_MISSING = "Writing MP4 needs imageio-ffmpeg, which is not installed; a .gif or .webp needs nothing. "
 _ROBOT_LAYERS = ("robot", "object", "contacts", "inside something")
 _HUMAN_LAYERS = ("human", "human's object", "human's contacts")
 _BESIDE = 120.0  # From people's heading to the camera's direction: it faces them, from their right [deg].
@@ -192,7 +189,7 @@ def mp4(pictures: Iterable[Picture], fps: float) -> bytes:
 
         program = get_ffmpeg_exe()
     except (ImportError, RuntimeError) as error:
-        raise HoiRetargetError(VIDEO_MISSING) from error
+        raise HoiRetargetError(VIDEO_MISSING + install_hint("imageio_ffmpeg")) from error
     pictures = iter(pictures)
     first = next(pictures)
     with tempfile.TemporaryDirectory() as folder:

@@ -45,15 +45,11 @@ class RelativeRotation:
         frames = relative.shape[-1]
         axes = np.einsum("jit,jkt->ikt", base, kinematics.motion_axes[3:, 6 + hinges] * moves[hinges, None])
         # Column c of the matrix moves with axis x c.
-        moved = np.einsum("cjit,ikt->cjkt", _crosses(relative), axes)
+        crosses = -se3.skew(relative.transpose(1, 2, 0)).transpose(0, 2, 3, 1)
+        moved = np.einsum("cjit,ikt->cjkt", crosses, axes)
         residual = (relative - self.target_base).transpose(1, 0, 2).reshape(9, frames)
         jacobian = moved.reshape(1, 9, len(hinges), frames)
         return (TangentRows(tuple(int(hinge) + 6 for hinge in hinges), residual, jacobian, self.weight),)
-
-
-def _crosses(rotation: np.ndarray) -> np.ndarray:
-    """Return, for each column c, the matrix of `a -> a x c`."""
-    return -se3.skew(rotation.transpose(1, 2, 0)).transpose(0, 2, 3, 1)
 
 
 def torso_terms(weights: Weights, targets: Targets, reference: Kinematics) -> Iterator[RelativeRotation]:
