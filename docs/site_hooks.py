@@ -18,6 +18,12 @@ OUTSIDE = {
     "examples": "examples.md",
 }
 """Files of the repository, and the pages that they become."""
+PLAYABLE = {
+    "images/viewer.png": "gallery/clips/carry_box-G1.html",
+    "images/shared_page.png": "gallery/clips/carry_table-H2.html",
+    "images/editor_after.png": "gallery/editor.html",
+}
+"""Pictures, and the pages of `make_gallery.py` that play what they show."""
 
 
 def outside_pages() -> dict[str, str]:
@@ -30,9 +36,21 @@ def outside_pages() -> dict[str, str]:
 
 
 def on_page_markdown(markdown: str, **_: object) -> str:
-    """Return a page whose links lead to pages of the site, and whose code blocks have a language alone."""
+    """Return a page whose links lead to the site's pages, whose code blocks have a language alone, and which plays."""
     markdown = re.sub(r"^```(\w+) .*$", r"```\1", markdown, flags=re.MULTILINE)
-    return re.sub(r"(?<=\]\()[^)\s]+(?=\))", lambda link: relinked(link[0]), markdown)
+    markdown = re.sub(r"(?<=\]\()[^)\s]+(?=\))", lambda link: relinked(link[0]), markdown)
+    for picture, page in PLAYABLE.items():
+        if (ROOT / "docs" / page).is_file():
+            markdown = playable(markdown, picture, page)
+    return markdown
+
+
+def playable(markdown: str, picture: str, page: str) -> str:
+    """Return a page with a playable page in the place of a picture, or behind one that stands in a table."""
+    shown = rf"!\[([^\]]*)\]\({re.escape(picture)}\)"
+    frame = rf'<iframe src="{page}" title="\1" loading="lazy" style="width:100%;height:34rem;border:0"></iframe>'
+    markdown = re.sub(rf"^{shown}$", rf"{frame}\n\n[Open it alone]({page})", markdown, flags=re.MULTILINE)
+    return re.sub(rf"(?<=\| )({shown})(?= \|)", rf"[\1]({page})", markdown)
 
 
 def relinked(link: str) -> str:

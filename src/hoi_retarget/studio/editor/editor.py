@@ -101,14 +101,15 @@ class Editor:
             "recover": lambda _: self._recover(),
         }
 
-    def page(self) -> str:
-        """Return the page as it is now."""
+    def page(self, copy: str = "") -> str:
+        """Return the page as it is now; `copy` is the answer of a page without a server to everything it is asked."""
         count = len(self.session.now.segments)
         message = f"{_count(count, 'contact')}. Choose a row or a point."
         if self._recoverable:
             message = self._recovery_text()
         asked = Request("show", self._revision)
-        return editor_page(self.session.now, self.model, **self._drawn(asked), state=self._state(asked, message))
+        state = {**self._state(asked, message), "copy": copy}
+        return editor_page(self.session.now, self.model, **self._drawn(asked), state=state)
 
     def _recovery_text(self) -> str:
         try:

@@ -147,7 +147,7 @@ def _pins(now: EditState, several: bool) -> list[dict[str, Any]]:
     return [
         {
             **{"person": pin.person, "part": pin.part, "frame": pin.frame},
-            "text": f"{part_name(pin.person, pin.part, several)} {pin.frame} "
+            "text": f"{part_name(pin.person, pin.part, several)} {pin.frame / now.clip.fps:.2f} s "
             f"({1e3 * off[pin.person, pin.part, pin.frame]:.0f} mm off)",
         }
         for pin in now.clip.pins

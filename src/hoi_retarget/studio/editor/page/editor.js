@@ -11,6 +11,9 @@ async function edit(player, { fixed, state }) {
 
   const frame = () => Math.min(Math.round(player.at() * player.fps), fixed.frames - 1);
   const chosen = () => (now.chosen === null ? null : now.segments[now.chosen]);
+  const seconds = (at) => (at / player.fps).toFixed(2);
+  // In words: from the first to the last frame, as the timeline has them, and as files of edits do.
+  const span_text = (start, stop) => `${seconds(start)} to ${seconds(stop - 1)} s, frames ${start} to ${stop - 1}`;
   const say = (text, wrong = false) => {
     told.textContent = text;
     told.className = wrong ? "wrong" : "";
@@ -18,6 +21,7 @@ async function edit(player, { fixed, state }) {
 
   // Requests: one after the other. Of previews only the latest one is asked for.
   const send = async (request) => {
+    if (state.copy) return { message: state.copy, wrong: true };
     const shown = { revision: now.revision, chosen: now.chosen, compared: compared.checked };
     if (pinned) shown.pinned = [pinned.person, pinned.part];
     try {
@@ -171,7 +175,7 @@ async function edit(player, { fixed, state }) {
     player.play(false);
     if (frame() < it.start || frame() >= it.stop) player.goTo(Math.floor((it.start + it.stop) / 2) / player.fps);
     show();
-    say(`${it.name}, frames ${it.start} to ${it.stop - 1}: ${it.off}.`);
+    say(`${it.name}, ${span_text(it.start, it.stop)}: ${it.off}.`);
   };
 
   const rows = () => {
@@ -183,7 +187,7 @@ async function edit(player, { fixed, state }) {
         row.setAttribute("aria-pressed", String(number === now.chosen));
         const dot = document.createElement("i");
         dot.style.background = COLOURS[it.part] || "#888";
-        row.append(dot, `${it.name}  ${it.start} - ${it.stop - 1}  (${it.off})`);
+        row.append(dot, `${it.name}  ${seconds(it.start)} - ${seconds(it.stop - 1)} s  (${it.off})`);
         row.addEventListener("click", () => choose(number));
         return row;
       }),
@@ -231,7 +235,7 @@ async function edit(player, { fixed, state }) {
     now.segments.forEach((it, number) => {
       const made = bar(it.start, it.stop, "contact");
       made.style.background = COLOURS[it.part] || "#888";
-      made.title = `${it.name}: frames ${it.start} to ${it.stop - 1}`;
+      made.title = `${it.name}: ${span_text(it.start, it.stop)}`;
       made.dataset.contact = number;
       made.classList.toggle("chosen", number === now.chosen);
       made.addEventListener("click", () => choose(number));
@@ -272,7 +276,7 @@ async function edit(player, { fixed, state }) {
       const shown = bar(...span, "");
       for (const name of ["--at", "--share"]) owner.style.setProperty(name, shown.style.getPropertyValue(name));
       player.goTo((span[end] - end) / player.fps);
-      say(`${now.segments[number].name}: frames ${span[0]} to ${span[1] - 1}`);
+      say(`${now.segments[number].name}: ${span_text(...span)}`);
     });
     for (const name of ["pointerup", "pointercancel"])
       grip.addEventListener(name, (event) => {
