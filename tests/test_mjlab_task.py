@@ -8,6 +8,7 @@ import ast
 import json
 import os
 import re
+import shlex
 import subprocess
 from dataclasses import replace
 from importlib.metadata import distributions
@@ -252,23 +253,24 @@ def test_masses_are_for_tasks_alone(tmp_path, monkeypatch, capsys):
 # mjlab
 
 
+def with_tasks(folder: Path, *words: str) -> str:
+    """Run a program of mjlab's environment on the tasks in a folder, without a GPU, and return its output."""
+    surroundings = {**os.environ, "PYTHONPATH": str(folder / "tasks"), "CUDA_VISIBLE_DEVICES": ""}
+    surroundings |= {"MUJOCO_GL": "disabled", "MJLAB_WARP_QUIET": "1"}
+    done = subprocess.run(words, env=surroundings, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    return done.stdout
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(MJLAB_PYTHON is None, reason="HOI_RETARGET_MJLAB_PYTHON names no Python that has mjlab 1.6")
-def test_mjlab_resets_steps_and_trains(tmp_path, monkeypatch):
+def test_mjlab_resets_and_steps(tmp_path, monkeypatch):
     assert MJLAB_PYTHON is not None
     monkeypatch.chdir(tmp_path)
     assert main(["demo", "--no-look", "--out", "results"]) == 0
     assert main(["export", "results/carry_box.npz", "--to", "mjlab-task", "--out", "tasks"]) == 0
-    surroundings = {**os.environ, "PYTHONPATH": str(tmp_path / "tasks"), "CUDA_VISIBLE_DEVICES": ""}
-    surroundings |= {"MUJOCO_GL": "disabled", "MJLAB_WARP_QUIET": "1"}
-
-    def call(*words: str) -> str:
-        done = subprocess.run(words, env=surroundings, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
-        return done.stdout
-
     script = str(Path(__file__).with_name("mjlab_check.py"))
-    found = json.loads(call(MJLAB_PYTHON, script, "Hoi-carry_box", "200").splitlines()[-1])
+    found = json.loads(with_tasks(tmp_path, MJLAB_PYTHON, script, "Hoi-carry_box", "200").splitlines()[-1])
     assert found["contacts"]["terrain"] == {"condim": [3], "priority": [0], "friction": [0.4]}
     assert found["contacts"]["object_0"] == {"condim": [3], "priority": [0], "friction": [0.4]}
     assert found["contacts"]["robot"] == {"condim": [3, 4], "priority": [1], "friction": [0.8]}
@@ -284,7 +286,24 @@ def test_mjlab_resets_steps_and_trains(tmp_path, monkeypatch):
     assert random["held_resets"] and random["held"] < 1e-5
     assert random["free_resets"] and random["free"] > 1e-3
     assert found["finite"] and found["steps"] == 200
-    train = str(Path(MJLAB_PYTHON).with_name("train"))
-    words = ("Hoi-carry_box", "--gpu-ids", "None", "--env.scene.num-envs", "2", "--agent.max-iterations", "1")
-    assert "object_position" in call(train, *words, "--log-root", str(tmp_path / "logs"))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(MJLAB_PYTHON is None, reason="HOI_RETARGET_MJLAB_PYTHON names no Python that has mjlab 1.6")
+def test_the_pages_commands_lead_from_zero_to_the_trainers_first_steps(tmp_path, monkeypatch):
+    """Installations apart, and with two environments and one update in the place of a GPU's thousands."""
+    assert MJLAB_PYTHON is not None
+    monkeypatch.chdir(tmp_path)
+    page = (Path(__file__).parents[1] / "docs" / "training.md").read_text()
+    lines = page.partition("```sh\n")[2].partition("```")[0].splitlines()
+    for line in (line for line in lines if " hoi-retarget" in f" {line.replace('/', ' ')}" and "install" not in line):
+        words = shlex.split(line)[1:]
+        assert main([*words, "--no-look"] if words[0] == "demo" else words) == 0
+    programs = [shlex.split(line)[1:] for line in lines if line.startswith("PYTHONPATH=tasks ")]
+    assert [Path(words[0]).name for words in programs] == ["list-envs", "train", "play"]
+    few = ("--gpu-ids", "None", "--env.scene.num-envs", "2", "--agent.max-iterations", "1", "--log-root", "logs")
+    (listing, *_), (train, name, *_), (_, played, *_) = programs
+    of_mjlab = Path(MJLAB_PYTHON)
+    assert name == played and name in with_tasks(tmp_path, str(of_mjlab.with_name(Path(listing).name)))
+    assert "object_position" in with_tasks(tmp_path, str(of_mjlab.with_name(Path(train).name)), name, *few)
     assert list((tmp_path / "logs").rglob("model_*.pt"))

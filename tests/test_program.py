@@ -80,7 +80,7 @@ def test_help_explains_every_option(name, capsys):
     """Behind an option stands its text, or in the next line, which is neither another option nor the frame."""
     lines = [line.strip("│|").strip() for line in help_of([name], capsys).splitlines()]
     options = [index for index, line in enumerate(lines) if re.match("--[a-z]", line) and "{--" not in line]
-    assert bool(options) == (name not in ("robots", "sample", "settings"))
+    assert bool(options) == (name not in ("doctor", "robots", "sample", "settings"))
     bare = [lines[index] for index in options if not re.search(r"  [^\s(]", lines[index])]
     assert [line for line in bare if not re.match(r"\w", lines[lines.index(line) + 1])] == []
 

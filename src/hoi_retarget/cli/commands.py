@@ -524,7 +524,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Doctor:
-    """Show what works in this installation, and what to do about the rest."""
+    """Check this installation: retargeting, drawing, optional packages; with commands for missing parts."""
 
 
 COMMANDS: Mapping[str, type] = {

@@ -2,10 +2,12 @@
 
 import ctypes
 import os
+import platform
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib import import_module
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +23,11 @@ if _PLAIN and not _DECIDED:
     del os.environ[_TYRO_COLOURS]
 
 from hoi_retarget import __version__  # noqa: E402  # as above
-from hoi_retarget.cli.commands import COMMANDS, DESCRIPTION, ROBOT_ACTIONS, AnyCommand, Settings, SolveOptions  # noqa: E402  # as above
+from hoi_retarget.cli.commands import COMMANDS, DESCRIPTION, ROBOT_ACTIONS, AnyCommand, Doctor, Settings, SolveOptions  # noqa: E402  # as above
 from hoi_retarget.cli.run_options import fields_in  # noqa: E402  # as above
 from hoi_retarget.cli.short_help import EXAMPLES, commands_text, settings_text, short_help, whole_help  # noqa: E402  # as above
-from hoi_retarget.cli.terminal import STDOUT, fail, say, stdout_for_json  # noqa: E402  # as above
-from hoi_retarget.errors import ArgumentError, HoiRetargetError, did_you_mean  # noqa: E402  # as above
+from hoi_retarget.cli.terminal import STDOUT, fail, program, say, stdout_for_json  # noqa: E402  # as above
+from hoi_retarget.errors import EXTRAS, ArgumentError, DrawingError, HoiRetargetError, did_you_mean, install_hint  # noqa: E402  # as above
 
 _MODULES = {
     "demo": "run",
@@ -33,7 +35,7 @@ _MODULES = {
     "contacts": "edit_contacts",
     **dict.fromkeys(("edit", "share", "view"), "pages"),
     "evaluate": "report",
-    "settings": "program",
+    **dict.fromkeys(("doctor", "settings"), "program"),
     **dict.fromkeys(("feasible", "refine", "scene"), "physics"),
 }
 """Module of each command that has none of its own name."""
@@ -113,6 +115,41 @@ def execute_settings(command: Settings) -> int:
             f"there is no group {command.group!r}. hoi-retarget settings shows those there are."
         ) from error
     return 0
+
+
+def execute_doctor(command: Doctor) -> int:
+    """Tell whether this installation retargets and draws, and commands for missing parts; 1 if it cannot retarget."""
+    versions = ", ".join(f"{name} {version(name)}" for name in ("hoi-retarget", "numpy", "scipy", "mujoco"))
+    try:
+        drawing = _drawing()
+    except (ImportError, OSError, HoiRetargetError) as error:
+        drawing = ""
+        say(f"retargeting: fails. {error}")
+    else:
+        say(f"retargeting: works (Python {platform.python_version()}, {versions})")
+        say(f"drawing: {drawing}")
+    hints = {work: install_hint(module) for module, (_, work) in EXTRAS.items()}
+    missing = [f"no {work}. {hint}" for work, hint in hints.items() if hint]
+    say("; ".join(["optional: " + ", ".join(work for work, hint in hints.items() if not hint), *missing]))
+    return 0 if drawing else 1
+
+
+def _drawing() -> str:
+    """Return whether pictures are drawn and robots look as they do; raises where the package or a robot is damaged."""
+    from hoi_retarget.retargeting import retarget  # noqa: F401, PLC0415  # the whole of it may fail
+    from hoi_retarget.robots import ROBOTS, load_robot, user_robots  # noqa: PLC0415  # as above
+    from hoi_retarget.robots.fetched_meshes import fetched_meshes  # noqa: PLC0415  # as above
+    from hoi_retarget.studio.offscreen.stage import check_can_draw  # noqa: PLC0415  # as above
+
+    plain = [name for name in ROBOTS if fetched_meshes(load_robot(name).spec) is None]
+    for name in user_robots.names():
+        load_robot(name)
+    looks = "; for the real look, once: " + ", ".join(f"{program()} robots meshes {name}" for name in plain)
+    try:
+        check_can_draw()
+    except DrawingError as error:
+        return f"in a browser alone. {error}"
+    return "works" + (looks if plain else "")
 
 
 def json_of(command: Any) -> Path | None:
