@@ -129,8 +129,8 @@ def execute_doctor(command: Doctor) -> int:
         say(f"retargeting: works (Python {platform.python_version()}, {versions})")
         say(f"drawing: {drawing}")
     hints = {work: install_hint(module) for module, (_, work) in EXTRAS.items()}
-    missing = [f"no {work}. {hint}" for work, hint in hints.items() if hint]
-    say("; ".join(["optional: " + ", ".join(work for work, hint in hints.items() if not hint), *missing]))
+    there = ", ".join(work for work, hint in hints.items() if not hint) or "nothing"
+    say("\n".join([f"optional: {there}", *(f"no {work}. {hint}" for work, hint in hints.items() if hint)]))
     return 0 if drawing else 1
 
 
