@@ -19,6 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cari4d_writer
+from hoi_retarget.cli import main
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.errors import HoiRetargetError, ReadError
 from hoi_retarget.files import npz, reading
@@ -477,3 +478,12 @@ def spoil_and_read(whole: dict[Path, Any], attempt: Any, read: Callable[[], Clip
 def outline_of(path: Path) -> Outline:
     file = SourceFile(path)
     return reader_of(file).outline(file)
+
+
+@pytest.mark.parametrize(("name", "way"), [("take.C3D", "export it as BVH"), ("take.mvnx", "in MVN, export")])
+def test_captures_that_are_not_read_are_refused_with_a_way_to_bvh(name, way, tmp_path, capsys):
+    (tmp_path / name).write_bytes(b"\x02\x50" + bytes(510))
+    for words in (["run", str(tmp_path / name), "--out", str(tmp_path / "out")], ["inspect", str(tmp_path / name)]):
+        assert main(words) == 1
+        assert way in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "out").exists()

@@ -47,9 +47,12 @@ _EXPLAINING = {".pt": "intermimic", ".pth": "intermimic", ".npz": "own_layout", 
 _UNDOCUMENTED = {
     "corolehoi": "CoRoleHOI's own files are documented nowhere, so they are not read. Two ways are open: InterAct's "
     "canonical layout, each of the two people in a folder omomo_corole/sequences_canonical/ID, and clips of two people "
-    "in the layout of your own clips (docs/sources.md)."
+    "in the layout of your own clips (docs/sources.md).",
+    ".c3d": "a C3D file holds markers, not a skeleton. Solve one in the capture software and export it as BVH, or fit "
+    "SMPL-X to the markers (SOMA, MoSh++) and give that as AMASS's .npz, or as a clip of your own (docs/sources.md).",
+    ".mvnx": "Xsens's MVNX is not read, its BVH is: in MVN, export the recording as BVH.",
 }
-"""Name of a data set in a path, in small letters -> the reason why its files are not read, and a way out."""
+"""Part of a path, in small letters -> the reason why files of this kind are not read, and a way out."""
 _OF_A_ROBOT = (
     "this is a robot's motion, not a clip. Use `hoi-retarget evaluate` on it, or pass --from ROBOT to retarget it to "
     "another robot."
