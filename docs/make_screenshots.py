@@ -32,7 +32,7 @@ COLOURS = 256  # Of a picture's palette: enough for these pages, in a third of t
 
 
 def main() -> None:
-    """Write `images/viewer.png`, `images/editor_before.png` and `images/editor_after.png`."""
+    """Write `images/viewer.png` and `images/editor_after.png`."""
     clip, model = open_clip("builtin:carry_box"), load_robot("unitree_g1")
     start = solved(clip, model, Config(), ContactEdits.of(clip))
     with chromium() as browser, TemporaryDirectory() as folder:
@@ -52,7 +52,6 @@ def main() -> None:
         page = browser.new_page(viewport=WINDOW)
         page.goto(server.address)
         page.locator("#contacts button", has_text="right hand").click()
-        _picture(page, "editor_before")
         page.get_by_label("Point z").fill("0.12")
         page.locator("#told", has_text="move, right_hand").wait_for(timeout=60_000)
         _picture(page, "editor_after")
