@@ -1,16 +1,19 @@
-"""Takes the pictures of viewer and editor from the built-in clip: `python docs/make_screenshots.py`.
+"""Takes the pictures of viewer, shared page and editor from built-in clips: `python docs/make_screenshots.py`.
 
 Needs the extra `dev` and Chromium (Debian: `apt-get install chromium`).
 """
 
 import io
 import sys
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from make_images import results_of
 
 from browser import chromium
 from hoi_retarget.cli.open_results import gallery_entry_of
@@ -32,19 +35,14 @@ COLOURS = 256  # Of a picture's palette: enough for these pages, in a third of t
 
 
 def main() -> None:
-    """Write `images/viewer.png` and `images/editor_after.png`."""
+    """Write `images/viewer.png`, `images/shared_page.png` and `images/editor_after.png`."""
     clip, model = open_clip("builtin:carry_box"), load_robot("unitree_g1")
     start = solved(clip, model, Config(), ContactEdits.of(clip))
     with chromium() as browser, TemporaryDirectory() as folder:
-        motion = start.motions[0]
-        entry = gallery_entry_of(motion, model, known_figures(motion, Path("carry_box.npz")))
-        text = make_clip_page("carry_box", [(entry, SceneItem("G1", motion, model, clip))]).text
-        viewer = OnePageServer(lambda: text)
-        page = browser.new_page(viewport=WINDOW)
-        page.goto(f"{viewer.address}#t=4.27")
-        _picture(page, "viewer")
-        page.close()
-        viewer.stop()
+        _page(browser, "viewer", "carry_box", [SceneItem("G1", start.motions[0], model, clip)])
+        table = results_of("carry_table", "unitree_h2,unitree_g1")
+        names = [replace(item, title=title) for item, title in zip(table, ("H2", "G1"), strict=True)]
+        _page(browser, "shared_page", "carry_table", names)
 
         places = SaveTargets(EditsFiles(Path(folder) / "carry_box.edits.toml"), lambda _: ())
         editor = Editor(EditSession(clip, model, Config(), start), model, places)
@@ -57,6 +55,20 @@ def main() -> None:
         _picture(page, "editor_after")
         page.close()
         server.stop()
+
+
+def _page(browser, picture: str, title: str, shown: list[SceneItem]) -> None:
+    results = []
+    for item in shown:
+        assert item.motion is not None and item.model is not None
+        results.append((gallery_entry_of(item.motion, item.model, known_figures(item.motion, Path(title))), item))
+    text = make_clip_page(title, results).text
+    server = OnePageServer(lambda: text)
+    page = browser.new_page(viewport=WINDOW)
+    page.goto(f"{server.address}#t=4.27")
+    _picture(page, picture)
+    page.close()
+    server.stop()
 
 
 def _picture(page, name: str) -> None:
