@@ -97,7 +97,7 @@ def test_convex_parts_are_made_once_and_kept(monkeypatch, tmp_path):
         return tuple(surface.vertices[surface.vertices[:, 0] * sign >= 0.0] for sign in (-1.0, 1.0))
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(collision_shape_module, "find_spec", lambda name: name)
+    monkeypatch.setattr("hoi_retarget.errors.find_spec", lambda name: name)
     monkeypatch.setattr(collision_shape_module, "_decomposed", halves)
     bin_without_lid = box(np.array([0.5, 0.4, 0.3]), faces=BOX_FACES[2:])
     first, second = collision_shape(bin_without_lid), collision_shape(bin_without_lid)
