@@ -241,7 +241,7 @@ def test_a_person_of_smplx_parameters_is_where_the_model_puts_it(tmp_path):
     np.testing.assert_allclose(person.joint_positions, positions[:, model.skeleton_joints], atol=1e-12)
     np.testing.assert_allclose(person.joint_quats, quats[:, model.skeleton_joints], atol=1e-12)
     shaped = {**values, "body_pose": pose[:, 1:22].tolist()}  # As others store it, in lists and three by three.
-    np.testing.assert_array_equal(person_from_smplx(shaped, tmp_path).joint_positions, person.joint_positions)
+    np.testing.assert_array_equal(person_from_smplx(shaped, str(tmp_path)).joint_positions, person.joint_positions)
     assert person.fingers_recorded
 
 

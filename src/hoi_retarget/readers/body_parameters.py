@@ -225,7 +225,7 @@ def person_of(path: Path, name: str, parameters: BodyParameters, body_models: Pa
 
 
 def person_from_smplx(
-    values: Mapping[str, Any], models: Path, *, gender: str = "neutral", flat_hands: bool = True
+    values: Mapping[str, Any], models: Path | str, *, gender: str = "neutral", flat_hands: bool = True
 ) -> Person:
     """Return a person from arrays under SMPL-X's own names, in a world with z up; raises as `person_of`.
 
@@ -239,7 +239,7 @@ def person_from_smplx(
     frames = len(fields.array("transl", ("T", 3), "the body's position"))
     others = {"gender": gender, "betas": fields.array("betas", ("b",), "the body's shape"), "flat_hands": flat_hands}
     parameters = BodyParameters.of_fields(fields, frames, hand=45, **others)
-    return replace(person_of(fields.path, "person", parameters, models), fingers_recorded=not absent)
+    return replace(person_of(fields.path, "person", parameters, Path(models)), fingers_recorded=not absent)
 
 
 def person_of_rows(
