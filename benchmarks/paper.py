@@ -42,7 +42,9 @@ class Arguments:
     """Steps to run although their figures are kept."""
     measured: Path = HERE / "measured"
     motions: Path = Path("paper_motions")
-    """Folder of the programs' motions, which the physics step performs."""
+    """Folder of the programs' motions, which the steps of other references perform."""
+    held: Path = Path("held_motions")
+    """Folder of motions with `--holds simulated --object-scale 1`, which the physics step performs."""
     page: Path = HERE.parent / "docs" / "paper.md"
     readme: Path = HERE.parent / "README.md"
     """Its table of figures is between two marks."""
@@ -88,6 +90,11 @@ def pairs(arguments: Arguments) -> list[str | Path]:
     return ["pairs.py", *recorded(arguments)]
 
 
+def two_hands(arguments: Arguments) -> list[str | Path]:
+    motions = sorted(arguments.held.glob("*.npz"))
+    return ["refine.py", "--results", *motions, "--objects", arguments.objects or "", "--object-mass", "1"]
+
+
 def refinement(arguments: Arguments, program: str) -> list[str | Path]:
     files = [arguments.motions / program / f"{name}.npz" for name in paper_page.PERFORMED]
     motions = [file for file in files if file.exists()]
@@ -108,6 +115,7 @@ STEPS = {
     "video": Step((), lambda _: ["video.py"]),
     "pairs": Step(("data", "objects"), pairs),
     # Without CoACD objects are their hulls, and other motions are performed.
+    "two_hands": Step(("objects", "held"), two_hands, "coacd"),
     "refinement": Step(("objects", "motions"), lambda arguments: refinement(arguments, "surface"), "coacd"),
     "refinement_of_omniretarget": Step(
         ("objects", "motions"), lambda arguments: refinement(arguments, "OmniRetarget labelled"), "coacd"
