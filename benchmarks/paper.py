@@ -13,11 +13,12 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 
 import paper_page
 import tyro
+
+from hoi_retarget.errors import EXTRAS, install_hint
 
 HERE = Path(__file__).parent
 MARKS = ("<!-- benchmarks/paper.py: begin -->", "<!-- benchmarks/paper.py: end -->")
@@ -59,7 +60,7 @@ class Step:
     """Arguments that name what is there."""
     words: Callable[[Arguments], Sequence[str | Path]]
     module: str = ""
-    """That must be installed; `EXTRAS` says how."""
+    """That must be installed."""
 
 
 def recorded(arguments: Arguments) -> list[str | Path]:
@@ -106,7 +107,6 @@ def dataset(arguments: Arguments) -> list[str | Path]:
     return [*words, "--object-scales", "auto"]
 
 
-EXTRAS = {"coacd": "physics", "pyarrow": "dataset"}
 STEPS = {
     "peers": Step(("data", "objects", "gmr", "omniretarget"), peers),
     "horizon": Step(("data", "objects"), horizon),
@@ -128,8 +128,8 @@ def left_out(name: str, arguments: Arguments) -> str:
     """Return why a step cannot run; empty where it can."""
     step = STEPS[name]
     missing = [f"--{need}" for need in step.needs if not present(getattr(arguments, need))]
-    if step.module and find_spec(step.module) is None:
-        missing.append(f"`pip install '.[{EXTRAS[step.module]}]'`")
+    if step.module and install_hint(step.module):
+        missing.append(f'`pip install "{EXTRAS[step.module][0]}"`')
     return f"needs {' and '.join(missing)}" if missing else ""
 
 

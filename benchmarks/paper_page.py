@@ -358,7 +358,7 @@ def behind_refinement(found: Measured) -> list[str]:
     worse = []
     for key, title in REFINED:
         own = float(np.mean([row[key] for row in whole if row[key] is not None]))
-        if own > max(paper_figures.REFINED[key]):
+        if own > min(paper_figures.REFINED[key]):
             by_learning, by_sampling = paper_figures.REFINED[key]
             worse.append(f"{title} {own:.1f} ({by_learning}, {by_sampling})")
     return [f"- **In physics**, against the paper's RL and SBTO: {'; '.join(worse)}."] if worse else []

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from browser import PATIENCE_MS, box_of, chromium, still, wait_until
 from hoi_retarget.evaluation.thresholds import verdict_of
@@ -19,6 +20,7 @@ from test_share import entry, pixels
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 FPS = 30.0
+BOX = trimesh.creation.box((1.0, 2.0, 3.0))
 
 
 @pytest.fixture(scope="module")
@@ -272,3 +274,21 @@ def test_on_a_phone_curves_are_wide_and_fingers_zoom_the_time(browser, pages):
     page.touchscreen.tap(place["x"] + 0.9 * place["width"], place["y"] + 20)
     wait_until(lambda: abs(second(page) - shown) > 0.2, "a tap goes to its moment")
     closed(page)
+
+
+def test_round_surfaces_are_shaded_round_and_edges_sharp(browser, pages) -> None:
+    """Normals of a box are its faces', those of a fine ball point away from its middle."""
+    page = opened(browser, pages["one"])
+    corners = "([vertices, faces]) => Array.from(solid(Float32Array.from(vertices), Uint32Array.from(faces)))"
+    for mesh, expected in ((BOX, "face"), (trimesh.creation.icosphere(subdivisions=3), "place")):
+        # Every triangle has vertices of its own, as in STL files.
+        triangles = np.asarray(mesh.triangles)
+        found = page.evaluate(corners, [triangles.ravel().tolist(), list(range(3 * len(triangles)))])
+        places, normals = np.split(np.array(found).reshape(-1, 6), 2, axis=1)
+        np.testing.assert_allclose(places, triangles.reshape(-1, 3), atol=1e-6)
+        faces = np.repeat(mesh.face_normals, 3, axis=0)
+        away = places / np.linalg.norm(places, axis=1, keepdims=True)
+        np.testing.assert_allclose(normals, faces if expected == "face" else away, atol=0.02)
+        assert expected == "face" or np.abs(faces - away).max() > 0.05, "flat shading would be seen"
+    assert not page.troubles
+    page.close()

@@ -206,6 +206,20 @@ def test_links_of_the_repository_become_links_of_the_site(link: str, where: str)
     assert HOOKS.relinked(link) == where
 
 
+def test_pictures_become_pages_that_play_where_these_were_made(tmp_path: Path, monkeypatch) -> None:
+    (picture, page), *_ = HOOKS.PLAYABLE.items()
+    alone, in_a_table = f"before\n\n![A view]({picture})\n\nafter", f"| ![A view]({picture}) | text |"
+    monkeypatch.setattr(HOOKS, "ROOT", tmp_path)
+    assert HOOKS.on_page_markdown(alone) == alone
+    made = tmp_path / "docs" / page
+    made.parent.mkdir(parents=True)
+    made.touch()
+    shown = HOOKS.on_page_markdown(alone)
+    assert f'<iframe src="{page}" title="A view"' in shown and f"]({page})" in shown and picture not in shown
+    assert HOOKS.on_page_markdown(in_a_table) == f"| [![A view]({picture})]({page}) | text |"
+    assert all((ROOT / "docs" / each).is_file() for each in HOOKS.PLAYABLE)
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(find_spec("mkdocs") is None, reason="mkdocs-material, of the extra `docs`, is not installed")
 def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:

@@ -379,3 +379,14 @@ def test_work_that_was_not_saved_survives_a_killed_server(browser, tmp_path):
     finally:
         process.kill()
         process.communicate()  # Which closes its output.
+
+
+def test_a_copy_without_a_server_shows_contacts_and_says_what_it_is(browser, work, tmp_path):
+    (tmp_path / "copy.html").write_text(work.editor.page(copy="A copy; run the editor."))
+    page = opened(browser, (tmp_path / "copy.html").as_uri())
+    choose(page, "left hand")
+    before = page.locator("#contacts").inner_text()
+    page.locator("#delete").click()
+    wait_until(lambda: told(page) == "A copy; run the editor.", "the copy answers for itself")
+    assert page.locator("#contacts").inner_text() == before and not work.edits
+    page.close()

@@ -17,6 +17,8 @@ Each message says what is wrong, where, what exists or was expected, and what to
 The command line exits with 2 for an `ArgumentError` and with 1 for the others.
 """
 
+import shlex
+import sys
 from collections.abc import Iterable
 from difflib import get_close_matches
 from importlib.util import find_spec
@@ -31,7 +33,9 @@ EXTRAS = {
 
 def install_hint(module: str) -> str:
     """Return the command that installs a package of `EXTRAS`, as a sentence; nothing where it is installed."""
-    return "" if find_spec(module) is not None else f'Install it with: pip install "{EXTRAS[module][0]}"'
+    if find_spec(module) is not None:
+        return ""
+    return f'Install it with: {shlex.quote(sys.executable)} -m pip install "{EXTRAS[module][0]}"'
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -69,7 +69,7 @@ class CollisionShape:
         """The shape in words."""
         if self.kind == "convex parts":
             return f"{len(self.parts)} convex parts"
-        hint = "" if self.fits else f" (it does not fit; convex parts do. {install_hint('coacd')})"
+        hint = "" if self.fits else f" (it does not fit; parts by CoACD do. {install_hint('coacd')})"
         return f"a {self.kind}{hint}"
 
 
