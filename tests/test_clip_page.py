@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -211,6 +212,7 @@ def test_cameras_stand_where_they_say_and_a_picture_is_saved(browser, pages):
 def test_results_are_side_by_side_with_one_camera_or_over_each_other(browser, pages):
     page = opened(browser, pages["two"] + "#t=4")
     assert page.locator("#labels span").all_inner_texts() == ["human", "before", "after"], "one human"
+    page.locator("#show summary").click()
 
     def whole() -> np.ndarray:
         return pixels(page.locator("#picture").screenshot())[40:]
@@ -244,6 +246,16 @@ def test_results_are_side_by_side_with_one_camera_or_over_each_other(browser, pa
     assert page.locator("#labels span").count() == 0
     page.locator("#figures label", has_text="human").click()
     wait_until(lambda: unlike(whole(), over, 15) > 0.001, "the ghost was there")
+    closed(page)
+
+
+def test_all_curves_are_seen_at_once_on_a_laptop(browser, pages):
+    page = opened(browser, pages["one"], 1440, 900)
+    hidden = page.locator(".drawer").evaluate("drawer => drawer.scrollHeight - drawer.clientHeight")
+    assert hidden <= 1 and page.locator(".chart").count() >= 10
+    assert box_of(page.locator("#picture"))["height"] > 250, "and the scene has its room"
+    names = [box_of(key) for key in page.locator(".legend .key").all()]
+    assert all(one["y"] + one["height"] <= two["y"] + 1 for one, two in pairwise(names)), "no name is over another"
     closed(page)
 
 

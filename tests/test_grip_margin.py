@@ -6,12 +6,18 @@ import scipy
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from hoi_retarget.dynamics.grip_margin import DIRECTIONS, LARGEST_MARGIN, LARGEST_PRESS, NOWHERE, grip_margin
+from hoi_retarget.dynamics.grip_margin import (
+    DIRECTIONS,
+    LARGEST_MARGIN,
+    LARGEST_PRESS,
+    NOWHERE,
+    grip_margin,
+    least_costs,
+)
 from hoi_retarget.dynamics.inverse_dynamics import GRAVITY
 from hoi_retarget.dynamics.object_support import object_load
 from hoi_retarget.dynamics.physics_settings import Physics
 from hoi_retarget.numerics import se3
-from hoi_retarget.numerics.linear_program import least_costs
 from hoi_retarget.objects.track import ObjectGeometry
 
 CORNERS = np.array([[x, y, z] for x in (-0.2, 0.2) for y in (-0.15, 0.15) for z in (-0.1, 0.1)])

@@ -559,9 +559,11 @@ def test_a_gallery_plays_from_its_folder_without_a_network(
     changes(early, 0.01, "and moves")
     box, plot = box_of(page.locator("#cursor")), box_of(page.locator("#curves .plot").first)
     assert box["x"] - plot["x"] == pytest.approx(plot["width"] * 150 / (motion.frames - 1), abs=2.0)
+    page.locator("#show summary").click()
     late = still(seen)
     page.locator("#layers label", has_text="robot").click()
     changes(late, 0.003, "layers can be hidden")
+    page.locator("#show summary").click()
     page.locator("h1").click()  # Keys that are pressed on a box are the box's.
     for key, least, what in (
         ("x", 0.002, "objects are see-through"),

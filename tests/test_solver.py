@@ -13,7 +13,7 @@ from hoi_retarget.motion.motion_report import Status
 from hoi_retarget.retargeting.config import Horizon, parse_horizon
 from hoi_retarget.retargeting.trajopt.bounds import Bounds
 from hoi_retarget.retargeting.trajopt.problem import FrameRows, Problem, cost_by_term
-from hoi_retarget.retargeting.trajopt.solvers.kink_curvature import add_curvature, kink_curvature
+from hoi_retarget.retargeting.trajopt.solvers.interior_point import add_curvature, kink_curvature
 from hoi_retarget.retargeting.trajopt.solvers.solver import SOLVERS, BandedInteriorPoint, Effort, Solver
 from hoi_retarget.retargeting.trajopt.solvers.solver_result import optimality
 from hoi_retarget.retargeting.trajopt.terms.differences import Differences

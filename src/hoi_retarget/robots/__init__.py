@@ -6,11 +6,11 @@ from pathlib import Path
 from types import MappingProxyType
 
 from hoi_retarget.errors import ArgumentError, did_you_mean
-from hoi_retarget.robots import unitree_g1, unitree_g1_dex3, unitree_h2, user_robots
+from hoi_retarget.robots import unitree_g1, unitree_h2, user_robots
 from hoi_retarget.robots.model import RobotModel, load_model
 from hoi_retarget.robots.spec import RobotSpec
 
-_SPECS = (unitree_g1.SPEC, unitree_h2.SPEC, unitree_g1_dex3.SPEC)
+_SPECS = (unitree_g1.SPEC, unitree_h2.SPEC, unitree_g1.DEX3)
 ROBOTS: Mapping[str, RobotSpec] = MappingProxyType({spec.name: spec for spec in _SPECS})
 
 

@@ -1,8 +1,9 @@
-"""Unitree G1 with 29 joints: the specification beside `unitree_g1.xml`."""
+"""Unitree G1 with 29 joints, and with Dex3 hands 43: the specifications beside their `.xml`."""
 
+from dataclasses import replace
 from pathlib import Path
 
-from hoi_retarget.robots.spec import Motor, RobotSpec, ik_table
+from hoi_retarget.robots.spec import SIDES, Motor, RobotSpec, ik_table
 from hoi_retarget.robots.unitree import joint_values, limb_meshes, mirrored
 
 _LEG_SPEEDS = {"hip_pitch": 32.0, "hip_roll": 20.0, "hip_yaw": 32.0, "knee": 20.0}
@@ -55,5 +56,34 @@ SPEC = RobotSpec(
         "waist_roll_link": ("waist_roll_link_rev_1_0.STL",),
         "torso_link": ("torso_link_rev_1_0.STL", "logo_link.STL", "head_link.STL"),
         **limb_meshes(".STL", "rubber_hand"),
+    },
+)
+
+_FINGER_SPEEDS = {f"hand_{joint}": 12.0 for joint in ("thumb_1", "thumb_2", "middle_0", "middle_1")}
+_FINGER_SPEEDS |= {"hand_thumb_0": 3.14, "hand_index_0": 12.0, "hand_index_1": 12.0}
+_FINGER_LINKS = [f"{side}_{joint}_link" for side in SIDES for joint in _FINGER_SPEEDS]
+# The gains of the maker's teleoperation (xr_teleoperate); rotor inertias are estimated as of other motors of the G1.
+_FINGER_MOTORS = {joint: Motor(3.5e-4 if "thumb_0" in joint else 2e-4, gains=(1.5, 0.2)) for joint in _FINGER_SPEEDS}
+# Nearly straight: a joint at the end of its range could not give way.
+_OPEN = {"hand_thumb_2": 0.1, **{f"hand_{finger}_{joint}": -0.1 for finger in ("middle", "index") for joint in (0, 1)}}
+
+DEX3 = replace(
+    SPEC,
+    name="unitree_g1_dex3",
+    title="Unitree G1 with Dex3 hands, 43 joints",
+    mjcf=Path(__file__).with_name("unitree_g1_dex3.xml"),
+    skin=Path(__file__).with_name("unitree_g1_dex3_skin.npz"),
+    provenance=(
+        "Hands: g1_29dof_with_hand_rev_1_0.xml and .urdf of unitreerobotics/unitree_ros, BSD-3-Clause; their palms and "
+        f"pads, and which person's finger each follows, are this project's. The rest: {SPEC.provenance}"
+    ),
+    speed_limits={**SPEC.speed_limits, **joint_values(_FINGER_SPEEDS, {})},
+    motors={**SPEC.motors, **joint_values(_FINGER_MOTORS, {})},
+    home={**SPEC.home, **mirrored({"shoulder_roll": 0.35, **_OPEN})},  # Thumbs are off the hips.
+    fingers={f"{side}_{finger}": f"{side}_{finger}" for side in SIDES for finger in ("thumb", "index", "ring")},
+    meshes={
+        **SPEC.meshes,
+        **limb_meshes(".STL", "hand_palm_link"),
+        **{link: (f"{link}.STL",) for link in _FINGER_LINKS},
     },
 )

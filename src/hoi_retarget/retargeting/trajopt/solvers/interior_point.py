@@ -10,19 +10,21 @@ off-diagonal of the band. A predictor step sets how far `mu` falls (Mehrotra, SI
 
 Costs of distances between surfaces have kinks, and hold solutions against bounds. With these, `mu` falls no faster
 than the decrease that a step predicts, or bounds would cut all steps short; and a step that the line search refuses
-adds curvature (`kink_curvature`), where it would add damping.
+adds curvature (`kink_curvature`), where it would add damping. At an edge the gradient changes far more along a step
+than `J^T W J` says. What it changes beyond that is added as a matrix of rank one in each frame, so that the next step
+goes along the kink (structured secant updates; Dennis, Gay and Welsch, ACM Trans. Math. Softw. 7, 1981).
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import get_blas_funcs
 
 from hoi_retarget.motion.motion_report import Status
 from hoi_retarget.retargeting.trajopt.bounds import Bounds
 from hoi_retarget.retargeting.trajopt.normal import assemble
 from hoi_retarget.retargeting.trajopt.problem import Problem, Rows, cost_by_term
-from hoi_retarget.retargeting.trajopt.solvers.kink_curvature import Refused, add_known_kinks
 from hoi_retarget.retargeting.trajopt.solvers.solver import BandedInteriorPoint, Effort
 from hoi_retarget.retargeting.trajopt.solvers.solver_result import FACTOR, SOLVE, SolverResult, optimality
 from hoi_retarget.robots.model import Kinematics
@@ -36,6 +38,16 @@ _LONGEST_SEARCH = 8  # Halvings of a step.
 _LEAST_DAMPING, _FIRST_DAMPING, _LARGEST_DAMPING = 1e-9, 1e-3, 1e3
 _CURVATURE_LEFT = 0.1  # Of that of kinks, after a step that the line search takes at once.
 _SMALLEST_COST = 1e-9  # What accuracies relative to the cost are measured against when it vanishes.
+
+
+@dataclass(frozen=True, eq=False)
+class Refused:
+    """A trajectory that a line search refused."""
+
+    kinematics: Kinematics
+    rows: list[Rows]
+    step: Float[np.ndarray, "U nv"]
+    """That leads to it, in tangent coordinates [m, rad]."""
 
 
 def solve(
@@ -287,3 +299,56 @@ def _length(values: np.ndarray, change: np.ndarray, fraction: float) -> float:
     """Return the longest step up to 1 that leaves each value at least `1 - fraction` of itself."""
     ratio = float((change / values).min(initial=0.0))
     return min(1.0, -fraction / ratio) if ratio < 0 else 1.0
+
+
+_LEAST_SHARE = 0.05
+"""Of a frame's change of gradient that is along the step: with less, the change is not of a kink across the step."""
+
+(_MULTIPLY,) = get_blas_funcs(("sbmv",), dtype=np.float64)
+
+
+def add_known_kinks(
+    band: Float[np.ndarray, "U nv width"],
+    gradient: Float[np.ndarray, "U nv"],
+    unknown: slice,
+    known: Float[np.ndarray, "U nv nv"] | None,
+    refused: Refused | None,
+) -> Float[np.ndarray, "U nv nv"] | None:
+    """Return the curvature [1/m^2, 1/rad^2] of all kinks that are known, and add it to a band in place.
+
+    Args:
+        band: Of the normal equations.
+        gradient: Of half the cost.
+        unknown: Frames that are not pinned.
+        known: Curvature that was found before.
+        refused: Tells of a further kink.
+    """
+    if known is not None:
+        add_curvature(band, known)
+    if refused is None:
+        return known
+    beyond = assemble(refused.kinematics, refused.rows).gradient[unknown]
+    found = kink_curvature(band, refused.step, beyond - gradient)
+    add_curvature(band, found)
+    return found if known is None else known + found
+
+
+def kink_curvature(
+    band: Float[np.ndarray, "U nv width"], step: Float[np.ndarray, "U nv"], change: Float[np.ndarray, "U nv"]
+) -> Float[np.ndarray, "U nv nv"]:
+    """Return the curvature of each frame that explains a gradient's change along a step; zero where it is not positive.
+
+    The band has the known curvature; the step is in tangent coordinates [m, rad].
+    """
+    flat = band.reshape(step.size, -1).T
+    excess = change - _MULTIPLY(len(flat) - 1, 1.0, flat, step.reshape(-1), lower=1).reshape(step.shape)
+    along = np.einsum("ti,ti->t", excess, step)
+    clear = along > _LEAST_SHARE * np.linalg.norm(excess, axis=1) * np.linalg.norm(step, axis=1)
+    share = np.divide(1.0, along, out=np.zeros_like(along), where=clear)
+    return np.einsum("t,ti,tj->tij", share, excess, excess)
+
+
+def add_curvature(band: Float[np.ndarray, "U nv width"], curvature: Float[np.ndarray, "U nv nv"]) -> None:
+    """Add the curvature of each frame to a band in place."""
+    row, column = np.tril_indices(curvature.shape[1])
+    band[:, column, row - column] += curvature[:, row, column]

@@ -209,7 +209,7 @@ async function start(description) {
       element("layers").append(box(name, first.meaning, first.shown, (on) => picture.showLayer(name, on)));
   };
   listLayers();
-  if (window.innerWidth < 700 || window.innerHeight < 800) element("show").open = false;
+  if (window.innerWidth < 700 || window.innerHeight < 950) element("show").open = false;
 
   // A link can carry a moment, or a range to play over and over.
   const carried = () => {
