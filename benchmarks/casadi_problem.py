@@ -25,8 +25,7 @@ from hoi_retarget.retargeting.trajopt.terms.differences import Differences
 from hoi_retarget.retargeting.trajopt.terms.floor_clearance import FloorClearance
 from hoi_retarget.retargeting.trajopt.terms.object_contact import ObjectContact
 from hoi_retarget.retargeting.trajopt.terms.posture import Posture
-from hoi_retarget.retargeting.trajopt.terms.relative_rotation import RelativeRotation
-from hoi_retarget.retargeting.trajopt.terms.site_pose import SiteHeight, SitePosition, SiteRotation
+from hoi_retarget.retargeting.trajopt.terms.site_pose import RelativeRotation, SiteHeight, SitePosition, SiteRotation
 from hoi_retarget.robots.model import RobotModel
 
 EXPONENTIAL_ORDER = 11  # Terms of the series: exact to rounding for rotation vectors up to pi.

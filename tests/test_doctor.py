@@ -63,5 +63,9 @@ def test_an_installation_that_cannot_retarget_is_told_and_exits_with_one(capsys,
 
 def test_extras_are_those_of_the_project():
     project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
-    declared = {line for group in ("dataset", "physics", "video") for line in project["optional-dependencies"][group]}
+    declared = {
+        line
+        for group in ("dataset", "isaaclab", "physics", "video")
+        for line in project["optional-dependencies"][group]
+    }
     assert {needed for needed, _ in EXTRAS.values()} == declared

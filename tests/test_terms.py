@@ -11,13 +11,14 @@ from hoi_retarget.retargeting.config import Scaling, Weights
 from hoi_retarget.retargeting.targets import make_targets
 from hoi_retarget.retargeting.trajopt.normal import assemble
 from hoi_retarget.retargeting.trajopt.problem import FrameRows, PairRows, Rows, StencilRows, Term, cost, cost_by_term
-from hoi_retarget.retargeting.trajopt.terms.relative_rotation import (
+from hoi_retarget.retargeting.trajopt.terms.site_pose import (
     LYING_FACTOR,
+    SOLE_REACH,
     RelativeRotation,
+    stance_terms,
     torso_terms,
     trunk_terms,
 )
-from hoi_retarget.retargeting.trajopt.terms.site_pose import SOLE_REACH, stance_terms
 from hoi_retarget.robots.model import Kinematics
 from synthetic import make
 from trajectories import MODELS, all_terms, sunk_qpos, term_classes, terms_by_class

@@ -25,6 +25,7 @@ from importlib.util import find_spec
 
 EXTRAS = {
     "coacd": ("coacd>=1.0.5", "convex parts of objects in simulations"),
+    "h5py": ("h5py>=3.11", "data sets of Isaac Lab"),
     "imageio_ffmpeg": ("imageio-ffmpeg>=0.5", "films as MP4"),
     "pyarrow": ("pyarrow>=17", "data sets and Parquet"),
 }

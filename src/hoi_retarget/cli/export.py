@@ -15,6 +15,7 @@ from hoi_retarget.errors import ArgumentError, ClipError, HoiRetargetError
 from hoi_retarget.files.atomic import write_together
 from hoi_retarget.motion.formats import WRITABLE, Format
 from hoi_retarget.motion.formats.dataset import CARD, FOLDER
+from hoi_retarget.motion.formats.isaac_lab import DATA_FILE
 from hoi_retarget.motion.formats.lerobot import INFO
 from hoi_retarget.motion.motion import SIMULATED, STAGE_TITLES, Motion, on_robot
 from hoi_retarget.motion.result import Result
@@ -98,7 +99,7 @@ def _check_folder(folder: Path) -> None:
     others = sorted(path.name for path in rows.iterdir() if path.suffix == ".parquet") if rows.is_dir() else []
     if others:
         raise ArgumentError(f"--out {folder}: there are rows in it already ({others[0]}, ...). Name another folder.")
-    if there := next((name for name in (CARD, INFO) if (folder / name).exists()), ""):
+    if there := next((name for name in (CARD, INFO, DATA_FILE) if (folder / name).exists()), ""):
         raise ArgumentError(f"--out {folder}: there is a {there} in it, which would be lost. Name another folder.")
 
 

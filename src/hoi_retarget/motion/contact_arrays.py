@@ -12,6 +12,9 @@ from jaxtyping import Float
 from hoi_retarget.motion.resample import ResampledMotion
 from hoi_retarget.objects.mesh import Surface
 
+END_EFFECTORS = ("left_foot", "right_foot", "left_hand", "right_hand")
+"""Of OmniContact's `contact_info`, in its order, as hands and feet near the object tell it."""
+_NEUTRAL_SECONDS = 0.2  # Before and after a touch, in which a link is neither apart nor touching.
 _ON_TRIANGLE_SHARE = 1e-6  # Of the object's size: the distance of a point on a triangle from it.
 _NORMAL_DIGITS = 6  # In which the normals of one flat side agree.
 
@@ -21,13 +24,17 @@ def contact_arrays(resampled: ResampledMotion, surfaces: Mapping[str, Surface]) 
 
     Normals are NaN where nothing is touched, and for objects whose surface is not given.
     """
-    motion = resampled.motion
+    motion, flags = resampled.motion, resampled.contact_flags
     bodies, points = _touching(resampled)
+    sites = [resampled.model.spec.part_sites.get(part, "") for part in END_EFFECTORS]
+    near = scipy.ndimage.maximum_filter1d(flags, 2 * round(_NEUTRAL_SECONDS * resampled.fps) + 1, axis=0)
     return {
         "contact_links": np.array(motion.contact_links, dtype=np.str_),
         "contact_bodies": np.array(bodies, dtype=np.str_),
         "contact_body_points": points,
-        "contact_flags": resampled.contact_flags,
+        "contact_flags": flags,
+        "contact_ternary": np.add(flags, near, dtype=np.int8) - np.int8(1),
+        "contact_info": (flags @ (np.array(motion.contact_links)[:, None] == sites))[:, :, None].astype(np.float32),
         "contact_object": resampled.contact_object.astype(np.int64),
         "contact_points": resampled.contact_points,
         "contact_normals": _normals(resampled, surfaces),

@@ -16,6 +16,8 @@ from hoi_retarget.motion.formats.containers import to_json
 from hoi_retarget.motion.formats.dataset import NAME as DATASET
 from hoi_retarget.motion.formats.dataset import write_dataset
 from hoi_retarget.motion.formats.format import Format, Written
+from hoi_retarget.motion.formats.isaac_lab import DATA as ISAAC_LAB
+from hoi_retarget.motion.formats.isaac_lab import write_demonstrations
 from hoi_retarget.motion.formats.lerobot import NAME as LEROBOT
 from hoi_retarget.motion.formats.lerobot import write_lerobot
 from hoi_retarget.motion.links import held_joints
@@ -28,6 +30,7 @@ from hoi_retarget.robots import load_robot
 FOLDERS: Mapping[str, Callable[[Sequence[Result], float | None], dict[str, bytes]]] = {
     DATASET: write_dataset,
     LEROBOT: write_lerobot,
+    ISAAC_LAB: write_demonstrations,
 }
 """By name, the formats of many results in one folder."""
 NAMES: tuple[str, ...] = (*WRITABLE, *FOLDERS)

@@ -1,22 +1,29 @@
 """`motion.npz` of BeyondMimic's whole_body_tracking (Isaac Lab's order) and mjlab's tracking task (MuJoCo's order).
 
 Their arrays have the same names, and neither stores those of joints and bodies: only the numbers distinguish them.
-Other trackers' files share the arrays of bodies and of one object.
+Other trackers' files share the arrays of bodies and of one object. Many results are one file of Isaac Lab's data sets.
 """
 
+import io
+import json
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from hoi_retarget.errors import HoiRetargetError, install_hint
+from hoi_retarget.motion.contact_arrays import END_EFFECTORS
 from hoi_retarget.motion.formats.containers import ArraysByName, has
 from hoi_retarget.motion.formats.format import Format, VelocityPoint, Written
 from hoi_retarget.motion.formats.motion_file import Bodies, ContactFlags, Convention, ObjectPoses
 from hoi_retarget.motion.links import breadth_first, link_states, source_joint_names, source_joints
-from hoi_retarget.motion.resample import ResampledMotion
+from hoi_retarget.motion.resample import ResampledMotion, resample
+from hoi_retarget.motion.result import Result
+from hoi_retarget.robots.model import RobotModel
 
-END_EFFECTORS = ("left_foot", "right_foot", "left_hand", "right_hand")
-"""Of `contact_info`, in its order, as hands and feet near the object tell it."""
+DATA, DATA_FILE = "isaaclab", "motions.hdf5"
+"""The format of many results, and its file."""
 
 
 def read_bodies(arrays: ArraysByName) -> Bodies:
@@ -112,12 +119,11 @@ def _write_tracking(
 def _write_beyondmimic(motion: ResampledMotion) -> Written:
     """Return one motion in Isaac Lab's order."""
     model = motion.model
-    bodies, joints = breadth_first(model)
+    bodies, _ = breadth_first(model)
     # Isaac Lab merges links without a joint into those that carry them.
     _, own = np.unique(model.bodies.nodes, return_index=True)
-    bodies = bodies[np.isin(bodies, own)]
-    places = np.array([source_joint_names(model).index(model.joint_names[joint]) for joint in joints])
-    written = _write_tracking(motion, BEYONDMIMIC.linear_velocity_of, motion.rate, bodies=bodies, joints=places)
+    bodies, joints = bodies[np.isin(bodies, own)], _isaac_joints(model)
+    written = _write_tracking(motion, BEYONDMIMIC.linear_velocity_of, motion.rate, bodies=bodies, joints=joints)
     if not model.spec.description_file:
         return written
     held = f" Held joints ({len(model.spec.held)}) are left out: make them fixed." if model.spec.held else ""
@@ -154,3 +160,57 @@ MJLAB = replace(
     title="mjlab, tracking task (MuJoCo Warp)",
     linear_velocity_of="link origins",
 )
+
+
+def _isaac_joints(model: RobotModel) -> np.ndarray:
+    """Return which of the description's joints each one in Isaac Lab's order is."""
+    names, (_, joints) = source_joint_names(model), breadth_first(model)
+    return np.array([names.index(model.joint_names[joint]) for joint in joints])
+
+
+def write_demonstrations(results: Sequence[Result], fps: float | None) -> dict[str, bytes]:
+    """Return a file of Isaac Lab's data sets, a demonstration a motion; `HoiRetargetError` where h5py is missing.
+
+    Joints are in Isaac Lab's order; poses are positions [m], then rotations wxyz, as in its version 2; actions are the
+    joints' next angles [rad]. Source: isaac-sim/IsaacLab, `isaaclab/utils/datasets/hdf5_dataset_file_handler.py`.
+    """
+    if hint := install_hint("h5py"):
+        raise HoiRetargetError(f"A data set of Isaac Lab is written with h5py, which is not installed. {hint}")
+    import h5py  # noqa: PLC0415 # pyright: ignore[reportMissingImports] - optional
+
+    motions, buffer = [resample(item.motion, item.model, fps or BEYONDMIMIC.fps) for item in results], io.BytesIO()
+    with h5py.File(buffer, "w") as file:
+        data = file.create_group("data")
+        data.attrs["total"] = sum(motion.frames for motion in motions)
+        data.attrs["env_args"] = json.dumps({"env_name": "", "type": 2})
+        for index, (result, motion) in enumerate(zip(results, motions, strict=True)):
+            demo, joints = data.create_group(f"demo_{index}"), _isaac_joints(motion.model)
+            demo.attrs.update(num_samples=motion.frames, success=True, clip=result.stem, fps=motion.fps)
+            demo.attrs["joint_names"] = [source_joint_names(motion.model)[joint] for joint in joints]
+            demo.attrs["contact_links"] = list(motion.motion.contact_links)
+            states = _states(motion, joints)
+            angles = states["articulation/robot/joint_position"]
+            arrays = {f"states/{name}": values for name, values in states.items()}
+            arrays |= {f"initial_state/{name}": values[:1] for name, values in states.items()}
+            arrays |= {"actions": np.concatenate([angles[1:], angles[-1:]]), "obs/contacts": motion.contact_flags}
+            for name, values in arrays.items():
+                demo.create_dataset(name, data=values.astype(np.float32), compression="gzip")
+    return {DATA_FILE: buffer.getvalue()}
+
+
+def _states(motion: ResampledMotion, joints: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the arrays of robot and objects by their place in a scene's state."""
+    source, objects = source_joints(motion), motion.motion.object_names
+    poses = np.concatenate([motion.object_pos, motion.object_quat], axis=2)
+    speeds = np.concatenate([motion.object_lin_vel, motion.object_ang_vel], axis=2)
+    found = {
+        "root_pose": motion.qpos[:, :7],
+        "root_velocity": np.concatenate([motion.root_lin_vel, motion.root_ang_vel], axis=1),
+        "joint_position": source.pos[:, joints],
+        "joint_velocity": source.vel[:, joints],
+    }
+    return {f"articulation/robot/{name}": values for name, values in found.items()} | {
+        f"rigid_object/{name}/root_{kind}": values[:, index]
+        for index, name in enumerate(objects)
+        for kind, values in (("pose", poses), ("velocity", speeds))
+    }

@@ -18,13 +18,14 @@ from hoi_retarget.retargeting.trajopt.terms.differences import PAPER_RATE, Diffe
 from hoi_retarget.retargeting.trajopt.terms.floor_clearance import floor_terms, link_floor_terms
 from hoi_retarget.retargeting.trajopt.terms.object_contact import contact_terms
 from hoi_retarget.retargeting.trajopt.terms.posture import Posture, coupling_terms, posture_terms
-from hoi_retarget.retargeting.trajopt.terms.relative_rotation import torso_terms, trunk_terms
 from hoi_retarget.retargeting.trajopt.terms.site_pose import (
     SitePosition,
     SiteRotation,
     pin_terms,
     position_terms,
     stance_terms,
+    torso_terms,
+    trunk_terms,
 )
 from hoi_retarget.robots.model import Kinematics, RobotModel
 
