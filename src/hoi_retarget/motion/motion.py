@@ -88,34 +88,31 @@ class Stage:
 class Motion:
     """One robot's motion with the objects it moves; T frames, O objects, C contact links, n joints.
 
-    Raises `ClipError` when shapes disagree, a number that must be finite is not, or a rotation is
-    no unit quaternion.
+    The world has z up; lengths in [m], rotations wxyz, `fps` in [Hz]. `stages` are the motion after each stage of the
+    retarget, the last one is the result. Vertices of objects are multiplied by `object_scale` about the object's
+    origin. `contact_object` is the index of the touched object, -1 for none; `contact_points` are to be touched, in
+    the frame of the scaled object, NaN where inactive; `stance_flags` tell left and right foot on the floor.
+    `first_source_frame` is the number of leading frames of the source that were dropped. `report` has figures,
+    settings, versions, source, and faults. Raises `ClipError` when shapes disagree, a number that must be finite is
+    not, or a rotation is no unit quaternion.
     """
 
     robot: str
     fps: float
     joint_names: tuple[str, ...]
     stages: tuple[Stage, ...]
-    """The motion after each stage of the retarget; the last one is the result."""
     object_names: tuple[str, ...]
     object_pos: Float[np.ndarray, "T O 3"]
     object_quat: Float[np.ndarray, "T O 4"]
     object_scale: Float[np.ndarray, "O"]
-    """Geometry scale: vertices times this about the object's origin."""
     contact_links: tuple[str, ...]
     contact_flags: Bool[np.ndarray, "T C"]
     contact_object: Int[np.ndarray, "T C"]
-    """Index of the touched object, -1 for none."""
     contact_points: Float[np.ndarray, "T C 3"]
-    """Point to touch, in the frame of the scaled object [m]; NaN where inactive."""
     stance_flags: Bool[np.ndarray, "T 2"]
-    """Left and right foot on the floor."""
     first_source_frame: int
-    """Number of leading frames of the source that were dropped."""
     human_height: float
-    """[m]"""
     report: Report = Report()
-    """Figures, settings, versions, source, and faults."""
 
     def __post_init__(self) -> None:
         kinds = {"contact_flags": bool, "stance_flags": bool, "contact_object": int}
