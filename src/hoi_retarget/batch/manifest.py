@@ -23,8 +23,7 @@ MANIFEST = "manifest.jsonl"
 Status = Literal["solved", "failed", "timeout", "killed"]
 """Solved; an error or a motion with faults; too long; its process ended."""
 STATUSES: tuple[Status, ...] = get_args(Status)
-_RETRIED = ("WriteError", "MemoryError", "OSError")
-"""Errors of the machine, not of the clip: the next run tries again."""
+_RETRIED = ("WriteError", "MemoryError", "OSError")  # Errors of the machine, not of the clip: the next run tries again.
 
 
 @dataclass(frozen=True)

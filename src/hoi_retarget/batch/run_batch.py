@@ -66,8 +66,7 @@ def _lock(folder: Path, file: int) -> None:
         ) from error
 
 
-_RESULT = re.compile(r"(\.p\d+)?\.npz$")
-"""The end of a result's name, after the name of its job."""
+_RESULT = re.compile(r"(\.p\d+)?\.npz$")  # The end of a result's name, after the name of its job.
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,7 @@ from hoi_retarget.retargeting.retarget import result_paths, retarget_people, wri
 from hoi_retarget.robots import load_robot, load_team
 from hoi_retarget.simulation.physics_stage import add_physics_stage, write_simulated
 
-FOLDER = "refined"
-"""Folder for performed motions below that of the results."""
+FOLDER = "refined"  # Folder for performed motions below that of the results.
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,7 @@ Meshes = Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="")]
 ResultFiles = Annotated[Positional[tuple[Path, ...]], arg(metavar="RESULT...", help_behavior_hint="(required)")]
 ConfigFile = Annotated[Path | None, arg(metavar="FILE.toml|RESULT.npz", help_behavior_hint="")]
 OptionalFile = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
-TRIAL_CLIPS = ("builtin:carry_box", "builtin:move_chair")
-"""Clips that robots are tried on, unless others are named."""
+TRIAL_CLIPS = ("builtin:carry_box", "builtin:move_chair")  # Clips that robots are tried on, unless others are named.
 
 
 @dataclass(frozen=True)
@@ -278,8 +277,7 @@ class CheckRobot:
     """A robot's name, or an MJCF file (.xml)."""
 
 
-ROBOT_ACTIONS = ("add", "remove", "list", "show", "check", "meshes")
-"""The second word of `robots`."""
+ROBOT_ACTIONS = ("add", "remove", "list", "show", "check", "meshes")  # The second word of `robots`.
 
 
 @dataclass(frozen=True)

@@ -56,8 +56,7 @@ from hoi_retarget.studio.scene.scene import SceneItem, make_scene
 _MAX_GAP_M, _MAX_POSE_DEG, _MAX_POSE_OF_SHORT_ARMS_DEG, _MAX_LEAN_DEG = 0.002, 25.0, 30.0, 10.0
 """Bounds of trials: contacts' gap, angles from the person's pose, and difference of sideways lean."""
 _MAX_COUPLING_ERROR_RAD = 0.05
-_USABLE, _REFUSED = 1, 2
-"""Exit codes of `robots add` beside 0."""
+_USABLE, _REFUSED = 1, 2  # Exit codes of `robots add` beside 0.
 
 
 def execute_robots(command: Robots) -> int:

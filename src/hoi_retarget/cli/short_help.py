@@ -29,8 +29,7 @@ EXAMPLES = {
 }
 """Of the commands with a short help: the whole help of the others fits a screen or two."""
 _WIDTH, _NAME = 100, 31
-_OWN = ("positional arguments", "options")
-"""Groups of a command's own."""
+_OWN = ("positional arguments", "options")  # Groups of a command's own.
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,7 @@ NAME = "hoi-retarget"
 PATIENCE_S = 2.0  # Nobody needs a bar for less.
 PLAIN_WIDTH = 140  # Of tables that do not go to a terminal.
 PAUSE_S = 10.0  # Between lines of progress that do not go to a terminal.
-STDOUT = Path("-")
-"""Instead of a file: what is written goes to stdout, and all that is said to stderr."""
+STDOUT = Path("-")  # Instead of a file: what is written goes to stdout, and all that is said to stderr.
 _GAP = 2  # Between columns.
 _said_on_stderr = False
 

@@ -16,8 +16,7 @@ from hoi_retarget.human.skeleton import ALL_PARTS, PARTS
 from hoi_retarget.numerics.arrays import check_shape, describe_frames, frozen, runs
 from hoi_retarget.objects.track import ObjectTrack
 
-LOWEST_RATE, HIGHEST_RATE = 1.0, 1000.0
-"""[frames/s]; other rates are slips of the keyboard, or damage."""
+LOWEST_RATE, HIGHEST_RATE = 1.0, 1000.0  # [frames/s]; other rates are slips of the keyboard, or damage.
 PELVIS = "pelvis"
 PINNED_PARTS: tuple[str, ...] = (*PARTS, PELVIS)
 
@@ -70,8 +69,7 @@ class QualityWarning:
         return self.text
 
 
-TOLD = "What is done: "
-"""Begins the note of a clip whose recording tells that in words."""
+TOLD = "What is done: "  # Begins the note of a clip whose recording tells that in words.
 MINIMUM_FRAMES = 4  # The jerk penalty is a third difference.
 
 

@@ -32,8 +32,7 @@ WITNESS_TOLERANCE = 0.025
 """[m]; objects on the floor are not farther from the floor of the soles, which are known this well."""
 _STILL_SPEED = 0.05  # [m/s]; the corners of a resting object are slower. Recorded ones tremble by a millimetre.
 _MIN_REST_SECONDS = 0.15  # A shorter rest is a turn.
-FLOOR_REACH = 0.10
-"""[m]; an object that rests higher stands on something that is not recorded."""
+FLOOR_REACH = 0.10  # [m]; an object that rests higher stands on something that is not recorded.
 MIN_DEPTH_BELOW, MAX_GAP_BELOW = 0.005, 0.02
 """[m]; an object below another one reaches this much deeper, and up to this much below it."""
 

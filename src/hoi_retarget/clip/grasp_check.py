@@ -19,8 +19,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
 
 _MIN_CONTACT_SECONDS = 1 / 3  # Shorter contacts are no evidence of slip.
-MAX_SPREAD = 0.12
-"""[m]; an object that slips farther within one contact is not held."""
+MAX_SPREAD = 0.12  # [m]; an object that slips farther within one contact is not held.
 _SUSPECT_SPREAD = 0.04  # [m]; from there on contacts of other frames are compared.
 ADVICE = "If it is right nonetheless, as of an object that is turned in the hand, pass --grasps warn."
 """For a clip that is refused wrongly."""
@@ -29,8 +28,7 @@ _HOPELESS_REACH = 0.5  # [m]; no motion of it is of use.
 _MAX_METRIC_REACH = 5.0  # [m]; a contact this far away is not only wrong, but in another unit.
 MIN_SPREAD_RATIO, MIN_SPREAD_GAIN = 1.3, 0.01
 """Another reading is believed if its spread is so many times smaller, and by so much [m]."""
-SHIFTS_SECONDS = (-1.0, -0.5, 0.5, 1.0)
-"""Contacts of a source are compared at so much earlier and later frames."""
+SHIFTS_SECONDS = (-1.0, -0.5, 0.5, 1.0)  # Contacts of a source are compared at so much earlier and later frames.
 
 READINGS: Mapping[str, tuple[str, Callable[[np.ndarray], np.ndarray]]] = {
     "inverse": ("inverse rotations", se3.quat_conjugate),

@@ -181,10 +181,8 @@ def _rides(rider: ObjectTrack, carrier: ObjectTrack, fps: float) -> Bool[np.ndar
     return along & (above & below).all(axis=1)
 
 
-RESTING = Proximity(shortest=0.5)
-"""Parts that pass over an object's edge or brush it do not rest there."""
-STEEPEST = np.radians(45.0)
-"""Of the way from the place that bears a part up to its bone, against the vertical."""
+RESTING = Proximity(shortest=0.5)  # Parts that pass over an object's edge or brush it do not rest there.
+STEEPEST = np.radians(45.0)  # Of the way from the place that bears a part up to its bone, against the vertical.
 
 
 def resting_contacts(clip: Clip, *, seats_only: bool = False) -> tuple[ContactTrack, ...]:

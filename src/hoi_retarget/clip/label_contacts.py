@@ -31,12 +31,9 @@ from hoi_retarget.numerics.filters import closed_and_opened, nearest_active, spe
 from hoi_retarget.objects.mesh import Surface, surface_of
 from hoi_retarget.objects.track import ObjectTrack
 
-FAR = 0.10
-"""[m]; larger distances from an object are not measured."""
-GUESSED_FINGERS = 0.015
-"""[m]; how much farther a hand may be whose fingers are not recorded: most hold with bent ones."""
-GUESSED_BODY = 0.015
-"""[m]; the same of pelvis, thighs and forearms without a skin: how thick they are is guessed."""
+FAR = 0.10  # [m]; larger distances from an object are not measured.
+GUESSED_FINGERS = 0.015  # [m]; how much farther a hand may be whose fingers are not recorded: most hold with bent ones.
+GUESSED_BODY = 0.015  # [m]; the same of pelvis, thighs and forearms without a skin: how thick they are is guessed.
 _SKIN_FRAMES = 500  # Whose skin is made at once: bounds the memory.
 
 

@@ -8,10 +8,8 @@ from typing import Any, Literal
 from hoi_retarget.errors import ArgumentError
 from hoi_retarget.files.tables import decode
 
-MAX_FLOOR_HEIGHT = 1000.0
-"""[m]"""
-MIN_FPS, MAX_FPS = 10.0, 240.0
-"""[Hz]; with fewer frames motions lose their contacts' begin and end."""
+MAX_FLOOR_HEIGHT = 1000.0  # [m]
+MIN_FPS, MAX_FPS = 10.0, 240.0  # [Hz]; with fewer frames motions lose their contacts' begin and end.
 Labels = Literal["auto", "proximity"]
 Grasps = Literal["refuse", "warn"]
 
@@ -70,5 +68,4 @@ def option_of(name: str) -> str:
     return {"object_name": "--object", "from_robot": "--from"}.get(name, f"--{name.replace('_', '-')}")
 
 
-READ_OPTIONS: tuple[str, ...] = tuple(field.name for field in fields(ReadOptions))
-"""Names of the options of reading."""
+READ_OPTIONS: tuple[str, ...] = tuple(field.name for field in fields(ReadOptions))  # Names of the options of reading.

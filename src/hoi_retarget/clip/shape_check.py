@@ -22,8 +22,7 @@ _HANDS = ("left_hand", "right_hand")
 _MAX_FRAMES = 60  # Of a contact, evenly over it.
 _MAX_OFF_M = 0.12
 """Of a hand that touches from the surface, median: the joint of a hand is 2 to 7 cm from the touched surface."""
-_MAX_BETTER_M = 0.08
-"""Another reading of the shape that leaves no more is believed."""
+_MAX_BETTER_M = 0.08  # Another reading of the shape that leaves no more is believed.
 _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
 _QUARTER_TURNS = {
     "its y axis for z": (90.0, 0.0, 0.0),
@@ -34,8 +33,7 @@ _QUARTER_TURNS = {
 """By the axis of the shape that is up where z should be [degrees]."""
 _OF_MEANS, _MAX_OFF_CENTRE_M = ("intermimic-591",), 0.08
 """Formats whose objects have their vertices' mean as origin; in simplified meshes it moves by some centimetres."""
-_MAX_DEPTH_M = 0.06
-"""Of an object in the floor; of 60 recorded ones 17 mm."""
+_MAX_DEPTH_M = 0.06  # Of an object in the floor; of 60 recorded ones 17 mm.
 _ROUNDS = 20  # Of moving the shape to the hands.
 _MIN_WINDING, _MIN_OPEN_WINDING = 0.95, 0.1
 """Behind a closed surface it winds around once; behind one sheet of a double one not at all."""

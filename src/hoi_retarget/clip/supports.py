@@ -24,8 +24,7 @@ _SHORTEST_SECONDS = 0.1  # Shorter contacts and interruptions do not count.
 _STILL = 0.02  # [m]; the corners of an object that stands still are never farther from their median places.
 _RIDING_SHARE = 0.1  # Objects that move as one move against each other with less than this share of their speed.
 _POINTS = 300  # Vertices of a surface, and as many places between them, whose distances are measured.
-ON_FLOOR = 0.02
-"""[m]; an object whose lowest point is no higher stands on the floor, unless a deeper one carries it."""
+ON_FLOOR = 0.02  # [m]; an object whose lowest point is no higher stands on the floor, unless a deeper one carries it.
 _DEEPER = 0.003  # [m]; between the lowest points of such a carrier and the object.
 
 

@@ -15,8 +15,7 @@ from hoi_retarget.robots.model import RobotModel
 
 _FREQUENCY = 2.0 * np.pi * 10.0  # [rad/s]
 _DAMPING_RATIO = 2.0
-_ARMATURE_PER_TORQUE = 1.44e-4
-"""Of the G1's motors of 25 N m [kg m^2 / (N m)]; its larger ones have 1.2e-4 and 1.8e-4."""
+_ARMATURE_PER_TORQUE = 1.44e-4  # Of the G1's motors of 25 N m [kg m^2 / (N m)]; its larger ones have 1.2e-4 and 1.8e-4.
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,10 +24,8 @@ class Actuators:
 
     armature: Float[np.ndarray, "n"]
     """Inertia of the rotors as the joints feel it [kg m^2]."""
-    stiffness: Float[np.ndarray, "n"]
-    """[N m/rad]"""
-    damping: Float[np.ndarray, "n"]
-    """[N m s/rad]"""
+    stiffness: Float[np.ndarray, "n"]  # [N m/rad]
+    damping: Float[np.ndarray, "n"]  # [N m s/rad]
     torque: Float[np.ndarray, "n"]
     """Largest torque [N m]."""
     published: bool

@@ -56,8 +56,7 @@ class Forces:
     """Of the joints, with these forces [N m]."""
     unlimited_torques: Float[np.ndarray, "T n"]
     """Torques of the joints if they had no limits [N m]."""
-    limits: Float[np.ndarray, "n"]
-    """[N m]"""
+    limits: Float[np.ndarray, "n"]  # [N m]
     mass: float
     """Of the robot [kg]."""
     height: float

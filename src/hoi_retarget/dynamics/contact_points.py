@@ -27,8 +27,7 @@ from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.skin import LinkSkin, extreme_points, lowest_skin, skin_of, skins_from
 from hoi_retarget.robots.spec import FINGER_SITES, SIDES, SOLE_CORNERS
 
-REACH = 0.02
-"""A link whose skin is further off an object than this [m] does not touch it."""
+REACH = 0.02  # A link whose skin is further off an object than this [m] does not touch it.
 _MAX_STANCE_HEIGHT, _MAX_FLOOR_HEIGHT = 0.02, 0.005
 """Heights up to which a corner of a foot that stands, and any other point, is on the floor [m]."""
 _MAX_OBJECT_HEIGHT = 0.015  # The same of an object, whose shape is known less well.

@@ -38,30 +38,21 @@ from hoi_retarget.robots.spec import PALMS
 
 KEPT_M, KEPT_DEG, KEPT_SHARE = 0.1, 20.0, 0.95
 """An object is kept that is within these of its path in this share of the time in which it is touched."""
-MASS, INERTIA = 1.0, 0.004
-"""Of a hand [kg, kg m^2]."""
+MASS, INERTIA = 1.0, 0.004  # Of a hand [kg, kg m^2].
 STIFFNESS, DAMPING, LARGEST_FORCE = 400.0, 40.0, 60.0
 """Of a spring along each axis [N/m, N s/m, N], about those of an arm,"""
-TURN_STIFFNESS, TURN_DAMPING, LARGEST_MOMENT = 10.0, 0.5, 5.0
-"""and about it, as of a wrist [N m/rad, N m s/rad, N m]."""
-PRESSED = 0.002
-"""Hands go so far into what they touch [m]: 0.8 N;"""
-CLEAR, APPROACH_SECONDS = 0.06, 0.12
-"""they come from so far off the surface [m], and leave, in this time."""
-FLICKER_SECONDS = 0.2
-"""Labels that are off for less do not mean that a hand lets go."""
-AWAY = 10.0
-"""Height of a hand that touches nothing [m]."""
+TURN_STIFFNESS, TURN_DAMPING, LARGEST_MOMENT = 10.0, 0.5, 5.0  # and about it, as of a wrist [N m/rad, N m s/rad, N m].
+PRESSED = 0.002  # Hands go so far into what they touch [m]: 0.8 N;
+CLEAR, APPROACH_SECONDS = 0.06, 0.12  # they come from so far off the surface [m], and leave, in this time.
+FLICKER_SECONDS = 0.2  # Labels that are off for less do not mean that a hand lets go.
+AWAY = 10.0  # Height of a hand that touches nothing [m].
 FRICTION_SHARE, LARGEST_GIVEN = 0.5, 40.0
 """Of the friction, with which given forces are found, and the largest of a hand [N]."""
-TIMESTEP, ITERATIONS = 0.004, 50
-"""Of the simulation [s], of its solver."""
+TIMESTEP, ITERATIONS = 0.004, 50  # Of the simulation [s], of its solver.
 SKIN_POINTS, PATCH_POINTS, PATCH_DEPTH, LARGEST_GAP = 400, 6, 0.005, 0.01
 """Of a hand, of those that touch, how much farther off than the nearest these may be, and that one at most [m]."""
-FACING = 0.5
-"""Cosine between skin and surface from which on they face each other."""
-HAND_PARTS = 18
-"""Convex parts of a hand that is one link."""
+FACING = 0.5  # Cosine between skin and surface from which on they face each other.
+HAND_PARTS = 18  # Convex parts of a hand that is one link.
 
 
 @dataclass(frozen=True)
@@ -100,8 +91,7 @@ class KeptObject:
 class Touch:
     """A palm on an object: its pose and where its skin touches, in the object's frame."""
 
-    position: Float[np.ndarray, "3"]
-    """[m]"""
+    position: Float[np.ndarray, "3"]  # [m]
     rotation: Float[np.ndarray, "3 3"]
     points: Float[np.ndarray, "P 3"]
     """On the surface [m]."""

@@ -27,20 +27,14 @@ from hoi_retarget.objects.track import ObjectTrack
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.spec import PALMS
 
-LARGEST_PRESS = 40.0
-"""Of a hand, along the surface's normals [N]."""
-LARGEST_MARGIN = 2.0
-"""More does not count [g]."""
-STRIDE_SECONDS = 1 / 3
-"""Between frames that are looked at; others have the margin of the nearest one."""
-FRAMES_AT_ONCE = 40
-"""That are looked at together: their memory does not grow with the clip's length."""
-BLOCK_FRAMES = 1000
-"""Of a person whose hand is made of spheres at once."""
+LARGEST_PRESS = 40.0  # Of a hand, along the surface's normals [N].
+LARGEST_MARGIN = 2.0  # More does not count [g].
+STRIDE_SECONDS = 1 / 3  # Between frames that are looked at; others have the margin of the nearest one.
+FRAMES_AT_ONCE = 40  # That are looked at together: their memory does not grow with the clip's length.
+BLOCK_FRAMES = 1000  # Of a person whose hand is made of spheres at once.
 FORCE_COST, MISSING_COST = 1e-5, 100.0
 """Of forces and of what is missing, both in weights of the object, against a margin of 1 g."""
-HELD_SHARE = 1e-3
-"""Of the object's weight; with more missing it cannot be moved."""
+HELD_SHARE = 1e-3  # Of the object's weight; with more missing it cannot be moved.
 GOLDEN = 0.5 * (1.0 + np.sqrt(5.0))
 DIRECTIONS = np.array(
     [np.roll([0.0, one, golden], turn) for turn in range(3) for one in (1.0, -1.0) for golden in (GOLDEN, -GOLDEN)]
@@ -213,10 +207,8 @@ def _effects(
 
 
 ITERATIONS = 25
-TO_BOUNDARY = 0.995
-"""Share of the way to the nearest bound that a step may take."""
-TOLERANCE = 1e-6
-"""Of the mean product of unknowns and their reduced costs, and of the equations."""
+TO_BOUNDARY = 0.995  # Share of the way to the nearest bound that a step may take.
+TOLERANCE = 1e-6  # Of the mean product of unknowns and their reduced costs, and of the equations.
 SCALES, RIDGE = (1e-12, 1e12), 1e-13
 """Limits of unknowns over reduced costs, and the least curvature, over the sum of all, that is taken for one."""
 

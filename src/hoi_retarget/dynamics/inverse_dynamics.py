@@ -18,8 +18,7 @@ from hoi_retarget.numerics.filters import savitzky_golay
 from hoi_retarget.robots.mjcf import compile_mjcf
 from hoi_retarget.robots.model import Kinematics, RobotModel
 
-GRAVITY = 9.81
-"""[m/s^2]"""
+GRAVITY = 9.81  # [m/s^2]
 _CUBIC = 3
 
 
@@ -38,10 +37,8 @@ class RequiredWrench:
     """The force [N] and the torque about the centre of mass [N m] that move a body, in the world."""
 
     wrench: Float[np.ndarray, "T 6"]
-    centre: Float[np.ndarray, "T 3"]
-    """[m]"""
-    mass: float
-    """[kg]"""
+    centre: Float[np.ndarray, "T 3"]  # [m]
+    mass: float  # [kg]
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,8 +39,7 @@ _CONCAVITY, _MAX_PARTS = 0.05, 32  # CoACD's concavity, and the number of parts.
 class Box:
     """An oriented box in the object's frame."""
 
-    centre: Float[np.ndarray, "3"]
-    """[m]"""
+    centre: Float[np.ndarray, "3"]  # [m]
     rotation: Float[np.ndarray, "3 3"]
     """Box to object."""
     half: Float[np.ndarray, "3"]
@@ -150,8 +149,7 @@ class ObjectBody:
     """One object as a rigid body, in its own frame, at the size that the robot handles."""
 
     name: str
-    mass: float
-    """[kg]"""
+    mass: float  # [kg]
     reason: str
     """Where the mass is from."""
     centre: Float[np.ndarray, "3"]

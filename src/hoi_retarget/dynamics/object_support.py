@@ -16,14 +16,12 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.objects.track import ObjectGeometry
 from hoi_retarget.robots.skin import extreme_points
 
-SLIDING_MPS = 0.04
-"""A point that moves faster over the floor slides [m/s]."""
+SLIDING_MPS = 0.04  # A point that moves faster over the floor slides [m/s].
 FLOOR_HEIGHT, LOWEST_RANGE = 0.015, 0.005
 """A point is on the floor up to this height, and so far above the lowest one [m]."""
 FLOOR_POINTS, PYRAMID_EDGES = 6, 4
 _FRAMES_AT_ONCE = 500
-EFFORT = 1e-3
-"""Of forces of the object's weight, against that of a missing weight."""
+EFFORT = 1e-3  # Of forces of the object's weight, against that of a missing weight.
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +31,7 @@ class ObjectLoad:
     required: RequiredWrench
     length: float
     """From its centre of mass to its furthest point [m]."""
-    floor_points: Float[np.ndarray, "T K 3"]
-    """[m]"""
+    floor_points: Float[np.ndarray, "T K 3"]  # [m]
     floor_edges: Float[np.ndarray, "T K 4 3"]
     """Edges of the floor's friction pyramids, with a normal part of one; of points that slide all are the same."""
     on_floor: Bool[np.ndarray, "T K"]

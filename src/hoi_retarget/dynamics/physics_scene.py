@@ -45,8 +45,7 @@ FRICTION_STIFFNESS = 10.0
 """Of friction over that of what keeps things apart (MuJoCo's `impratio`): held objects must not creep."""
 _ITERATIONS = 20  # Of the constraint solver: more change nothing that is seen, and cost time.
 FILE, BINARY, MESHES = "scene.xml", "scene.mjb", "meshes"
-KEYFRAMES = 11
-"""Number of keyframes over a motion, the first and the last frame included."""
+KEYFRAMES = 11  # Number of keyframes over a motion, the first and the last frame included.
 
 
 @dataclass(frozen=True, eq=False)

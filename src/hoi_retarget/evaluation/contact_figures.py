@@ -32,15 +32,12 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.robots.skin import palmar_points, skins_from
 from hoi_retarget.robots.spec import BODY_SITES, FINGER_SITES
 
-_MAX_TOUCH_GAP_M = 2e-3
-"""A gap up to this [m], off the surface or sunk into it, is touch."""
-_MAX_REST_GAP_M = 5e-3
-"""The same of parts that rest [m]: clothes and cushions give way."""
+_MAX_TOUCH_GAP_M = 2e-3  # A gap up to this [m], off the surface or sunk into it, is touch.
+_MAX_REST_GAP_M = 5e-3  # The same of parts that rest [m]: clothes and cushions give way.
 _FINGERS = {site: site for site in FINGER_SITES}
 _RESTING = {part: site for part, site in BODY_SITES.items() if not part.endswith("thigh")}
 """Judged parts: whether a seat meets the thighs, too, depends on the length of the legs."""
-_EDITED_M = 1e-6
-"""An edited contact point is so far from the recorded one [m]."""
+_EDITED_M = 1e-6  # An edited contact point is so far from the recorded one [m].
 _MIN_TOUCH_AREA_M2, _FACING = 2e-4, np.cos(np.radians(45.0))
 """Palmar skin within that gap that makes a touch the palm's: a fingertip has 1 cm2, a flat hand 5. Hands with curled
 fingers or a wrist thicker than the palm have less on a large face: then the palm has to face it, turned at most so."""

@@ -11,10 +11,8 @@ from hoi_retarget.numerics.arrays import runs
 
 _MIN_SECONDS, _END_SECONDS = 5 / 6, 4 / 15
 """Shorter contacts do not count, nor each one's ends: hands arrive and leave there."""
-_HELD_MPS = 0.05
-"""A person's hand slower than this over the object holds it [m/s]."""
-_FAST_MPS = 0.10
-"""No hand that holds anything is as fast [m/s]."""
+_HELD_MPS = 0.05  # A person's hand slower than this over the object holds it [m/s].
+_FAST_MPS = 0.10  # No hand that holds anything is as fast [m/s].
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,15 +27,13 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.spec import SIDES
 
-_MIN_SPEED_MPS = 0.02
-"""Below this speed [m/s] a direction means nothing (paper's table of metrics)."""
+_MIN_SPEED_MPS = 0.02  # Below this speed [m/s] a direction means nothing (paper's table of metrics).
 # Robot site and human joint; the palms are added from `HAND_SITES`.
 _LINKS = (("left_foot", "left_ankle"), ("right_foot", "right_ankle"), ("head", "head"), ("pelvis", "pelvis"))
 # Turns a human joint's axes (x left, y up, z ahead) into a robot link's (x ahead, y left, z up), on the right.
 HUMAN_TO_ROBOT_AXES = se3.quat_to_matrix(np.array([0.5, -0.5, -0.5, -0.5]))
 _TRUNK_ENDS = (("torso", "spine3"), ("pelvis", "pelvis"))
-_PALM = "palm"
-"""Stands for the contact point of a hand, which is no joint."""
+_PALM = "palm"  # Stands for the contact point of a hand, which is no joint.
 # Chains of robot site and human joint, `{side}` being left and right. Bones are seen in the frame of the first pair.
 _LEG = (
     ("pelvis", "pelvis"),

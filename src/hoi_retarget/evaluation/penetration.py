@@ -19,13 +19,11 @@ from hoi_retarget.robots.skin import link_heights, skin_of
 _MAX_NEAR_JOINTS, _MAX_NEAR_JOINTS_ALONG_LIMB = 2, 3
 """Links with so many joints between them, or fewer, are no pair: they meet at their joints. The second number is for a
 link that carries the other."""
-_MAX_HOME_DEPTH = 1e-3
-"""Links that are deeper than this in each other [m] in the home pose are built so."""
+_MAX_HOME_DEPTH = 1e-3  # Links that are deeper than this in each other [m] in the home pose are built so.
 MAX_DEPTH_M, _MIN_FRAMES = 5e-3, 3
 """A link is sunk where it is deeper than this [m] for so many frames: skins and meshes are known to a millimetre, and
 palms of rubber give way by as much."""
-_MAX_HUMAN_DEPTH_M = 2e-3
-"""A human part that is deeper inside the object [m] asks the robot's to be there."""
+_MAX_HUMAN_DEPTH_M = 2e-3  # A human part that is deeper inside the object [m] asks the robot's to be there.
 
 
 @figure("penetration", "mm", slow=True)

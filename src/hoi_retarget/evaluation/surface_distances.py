@@ -31,8 +31,7 @@ from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.skin import LinkSkin, skin_of, skins_from
 from hoi_retarget.robots.spec import BODY_SITES, FINGER_SITES
 
-_SPACING = 3e-3
-"""Square of the surface that a point stands for [m], so that no place is further than 4 mm from one."""
+_SPACING = 3e-3  # Square of the surface that a point stands for [m], so that no place is further than 4 mm from one.
 _OUTSIDE_ERROR, _INSIDE_ERROR = 0.06, 0.25
 """Relative errors of a field's distance on either side of the surface, besides its absolute error."""
 _FAR_ERROR, _FAR_M = 0.45, 0.02
@@ -234,8 +233,7 @@ def near_surface(
 
 
 PART_SITES = {**HAND_SITES, **FOOT_SITES, **BODY_SITES, **{site: site for site in FINGER_SITES}}
-Touching = dict[tuple[str, int], Bool[np.ndarray, "F"]]
-"""Link and object -> the frames in which they are to touch."""
+Touching = dict[tuple[str, int], Bool[np.ndarray, "F"]]  # Link and object -> the frames in which they are to touch.
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,7 @@ from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.spec import BODY_SITES
 
-_MIN_FRAMES = 3
-"""Frames; a hand that takes one or two more to arrive did reach its contact."""
+_MIN_FRAMES = 3  # Frames; a hand that takes one or two more to arrive did reach its contact.
 
 
 def unreached_contacts(

@@ -17,8 +17,7 @@ from hoi_retarget.errors import WriteError
 if sys.platform != "win32":
     import fcntl
 
-EARLIER = ".old"
-"""Ends the second name of a file while another one takes its place."""
+EARLIER = ".old"  # Ends the second name of a file while another one takes its place.
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -70,8 +69,7 @@ def write_together(contents: Mapping[Path, bytes]) -> None:
                 os.close(handle)
 
 
-_MIN_AGE_S = 1.0
-"""What is younger may be made by another program, which has not got hold of it yet."""
+_MIN_AGE_S = 1.0  # What is younger may be made by another program, which has not got hold of it yet.
 
 
 def hold(path: Path) -> list[int]:

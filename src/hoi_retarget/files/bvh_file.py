@@ -20,8 +20,7 @@ from hoi_retarget.errors import ReadError
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import describe_frames
 
-END = " end"
-"""Stands behind a joint's name in that of its end, which has a place only."""
+END = " end"  # Stands behind a joint's name in that of its end, which has a place only.
 CHANNELS = tuple(f"{axis}{kind}" for kind in ("position", "rotation") for axis in "XYZ")
 
 _MAX_JOINTS = 1000

@@ -17,8 +17,7 @@ from hoi_retarget.errors import ReadError
 from hoi_retarget.numerics import se3
 
 MAGIC = b"glTF"
-ChannelPath = Literal["translation", "rotation", "scale"]
-"""Animated value of a node, in glTF's words."""
+ChannelPath = Literal["translation", "rotation", "scale"]  # Animated value of a node, in glTF's words.
 
 _HEADER = 20  # Bytes before the text of a `.glb` file; the last eight tell the text's length and kind.
 _BYTES_HEADER = 8  # Likewise between the text and the bytes.
@@ -27,10 +26,8 @@ _COMPONENTS = {"5120": "i1", "5121": "u1", "5122": "i2", "5123": "u2", "5125": "
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _WIDTH_OF: dict[ChannelPath, int] = {"translation": 3, "rotation": 4, "scale": 3}
 _TRIANGLES = 4
-_UNEVEN = 0.01
-"""Part by which a scale's three numbers may differ, or change over time, and still be one number."""
-_ON_FRAME = 0.05
-"""[frames]; keys this near a frame are on it: times are stored in single precision."""
+_UNEVEN = 0.01  # Part by which a scale's three numbers may differ, or change over time, and still be one number.
+_ON_FRAME = 0.05  # [frames]; keys this near a frame are on it: times are stored in single precision.
 _LARGEST = 1e6  # Of any number; damage stays a number otherwise.
 
 

@@ -19,8 +19,7 @@ from xml.etree import ElementTree as ET
 from hoi_retarget.errors import ReadError
 
 LFS_ADVICE = "a Git LFS pointer stands in place of the file. Run in its clone: git lfs pull"
-_MAX_DEPTH = 256
-"""Of XML: Python's own functions on elements are recursive."""
+_MAX_DEPTH = 256  # Of XML: Python's own functions on elements are recursive.
 _SMALL_MOTION = 32 << 20  # Bytes of a quarter of an hour at 30 frames a second.
 _MOTION_RATIO = 16  # What people do compresses to a half; zeros, which fill no motion, to a thousandth.
 _LFS_POINTER = b"version https://git-lfs.github.com/spec/"

@@ -18,8 +18,7 @@ import numpy as np
 
 from hoi_retarget.errors import ReadError
 
-MAX_DEPTH = 64
-"""Containers inside containers; deeper files are refused."""
+MAX_DEPTH = 64  # Containers inside containers; deeper files are refused.
 MAX_SURPLUS = 1 << 20
 """Elements that arrays may show beyond the stored ones, by strides of zero or by using bytes again."""
 _MAX_INTEGER_BYTES = 16
@@ -79,8 +78,7 @@ class Class(Stub):
     new: Callable[[], Any] | None = None
 
 
-Names = Mapping[tuple[str, str], Stub]
-"""Module and name of everything that a pickle may name."""
+Names = Mapping[tuple[str, str], Stub]  # Module and name of everything that a pickle may name.
 
 
 def _not_open() -> RefusedError:

@@ -11,11 +11,9 @@ from hoi_retarget.files.reading import entry_names, map_bytes, read_bytes
 
 SELECTION = "#"
 """Stands between the path and the name of one clip in it."""
-FOLDER = "/"
-"""Stands for a file name's ending where a recording is a folder."""
+FOLDER = "/"  # Stands for a file name's ending where a recording is a folder.
 _BEGINNING = 512  # Bytes.
-CLIP_FILE = "clip.npz"
-"""Name of a clip in this project's layout in a folder of its own."""
+CLIP_FILE = "clip.npz"  # Name of a clip in this project's layout in a folder of its own.
 
 
 class SourceFile:

@@ -12,8 +12,7 @@ from hoi_retarget.errors import WriteError
 from hoi_retarget.files import npz
 from hoi_retarget.files.atomic import write_atomically
 
-_MAX_BYTES = 512 << 20
-"""All files together; the least recently used ones are removed first."""
+_MAX_BYTES = 512 << 20  # All files together; the least recently used ones are removed first.
 
 
 def read_cached(name: str) -> bytes | None:

@@ -63,8 +63,7 @@ class Spheres:
 
     middles: Float[np.ndarray, "T n 3"]
     """In the world [m]."""
-    radii: Float[np.ndarray, "n"]
-    """[m]"""
+    radii: Float[np.ndarray, "n"]  # [m]
 
     @property
     def lowest(self) -> Float[np.ndarray, "T"]:

@@ -131,8 +131,7 @@ FEET = ("left_foot", "right_foot")
 
 PARENTS: tuple[int, ...] = tuple(-1 if PARENT[joint] is None else JOINT_INDEX[str(PARENT[joint])] for joint in JOINTS)
 """Of the joints in the order of `JOINTS`; -1 for the root."""
-BODY_PARENTS = PARENTS[:22]
-"""Of the joints of the body, in an order that is also SMPL-X's."""
+BODY_PARENTS = PARENTS[:22]  # Of the joints of the body, in an order that is also SMPL-X's.
 
 
 def world_quats(pose: Float[np.ndarray, "T J 3"], parents: Sequence[int]) -> Float[np.ndarray, "T J 4"]:

@@ -18,8 +18,7 @@ _CHUNK = 64  # Frames whose vertices are made at once: bounds the memory, and fi
 class SkinnedMesh:
     """The skin of a recording's own rig, V vertices in the pose in which they were bound to the joints."""
 
-    rest_vertices: Float[np.ndarray, "V 3"]
-    """[m]"""
+    rest_vertices: Float[np.ndarray, "V 3"]  # [m]
     faces: Int[np.ndarray, "F 3"]
     weights: Float[np.ndarray, "V 52"]
     """How much each joint of `skeleton.JOINTS` moves each vertex; rows sum to 1."""

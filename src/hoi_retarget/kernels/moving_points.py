@@ -11,8 +11,7 @@ _SOLID_POINTS = function("solid_points", "pppipipippp")
 _MEETING = function("meeting", "ppiippdppppipiddpppp", counts=True)
 _HINGE = function("hinge", "ppppddiippp")
 
-Moving = tuple[Float[np.ndarray, "3 3 T"], Float[np.ndarray, "3 T"]]
-"""Rotation and position [m] over T frames."""
+Moving = tuple[Float[np.ndarray, "3 3 T"], Float[np.ndarray, "3 T"]]  # Rotation and position [m] over T frames.
 AtPoints = tuple[Float[np.ndarray, "3 K F"], Float[np.ndarray, "K F"], Float[np.ndarray, "3 K F"]]
 """Levers [m], distances [m], normals in world axes."""
 

@@ -38,12 +38,9 @@ class Placed(NamedTuple):
 
     solid: Shape
     rotations: Float[np.ndarray, "N 3 3"]
-    origins: Float[np.ndarray, "N 3"]
-    """[m]"""
-    centres: Float[np.ndarray, "N 3"]
-    """[m]"""
-    radius: float
-    """[m]"""
+    origins: Float[np.ndarray, "N 3"]  # [m]
+    centres: Float[np.ndarray, "N 3"]  # [m]
+    radius: float  # [m]
 
 
 class PointCells:

@@ -15,19 +15,16 @@ from hoi_retarget.kernels.library import at, function, real
 from hoi_retarget.kernels.shape import Grid, Shape
 
 _BRANCHES = 8
-_BITS = 10
-"""Of each coordinate, in the order of points."""
+_BITS = 10  # Of each coordinate, in the order of points.
 
 _NEAR_POINTS = function("near_points", "ppdppppipiipppippipppp", counts=True)
-_ROOM = 64
-"""For points at each place, at first."""
+_ROOM = 64  # For points at each place, at first.
 
 
 class Accuracy(NamedTuple):
     """Bounds of a distance around that of samples."""
 
-    error: float = 0.0
-    """[m]"""
+    error: float = 0.0  # [m]
     outside: float = 0.0
     """Share of it, outside,"""
     inside: float = 0.0

@@ -127,8 +127,7 @@ class SampledDistances:
         return distances, directions(slopes)
 
 
-OVERRATED = 1.5
-"""Beyond its grid, a solid may seem further away than it is by a factor of up to the root of 2."""
+OVERRATED = 1.5  # Beyond its grid, a solid may seem further away than it is by a factor of up to the root of 2.
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,8 +136,7 @@ class DistanceGrid(SampledDistances):
 
     origin: Float[np.ndarray, "3"]
     """First node [m]."""
-    step: float
-    """[m]"""
+    step: float  # [m]
     values: Float[np.ndarray, "X Y Z"]
     """[m], in single precision."""
 

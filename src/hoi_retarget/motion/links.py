@@ -30,8 +30,7 @@ class LinkStates:
     """Of the link origins [m/s]."""
     com_lin_vel: Float[np.ndarray, "T B 3"]
     """Of the centres of mass [m/s]."""
-    ang_vel: Float[np.ndarray, "T B 3"]
-    """[rad/s]"""
+    ang_vel: Float[np.ndarray, "T B 3"]  # [rad/s]
 
 
 def link_states(motion: ResampledMotion) -> LinkStates:
@@ -86,10 +85,8 @@ class SourceJoints:
     """All joints of a robot's description over time, in its order."""
 
     names: tuple[str, ...]
-    pos: Float[np.ndarray, "T m"]
-    """[rad], of a slide [m]."""
-    vel: Float[np.ndarray, "T m"]
-    """[rad/s], of a slide [m/s]."""
+    pos: Float[np.ndarray, "T m"]  # [rad], of a slide [m].
+    vel: Float[np.ndarray, "T m"]  # [rad/s], of a slide [m/s].
 
 
 def source_joint_names(model: RobotModel) -> tuple[str, ...]:

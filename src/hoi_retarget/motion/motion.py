@@ -14,13 +14,11 @@ from hoi_retarget.numerics.arrays import check_shape, frozen
 from hoi_retarget.robots.model import RobotModel
 
 UNIT_TOLERANCE = 1e-3  # Of a quaternion's length: more is damage, not rounding.
-_MAX_NUMBER = 1000.0
-"""Bound of coordinates [m] and angles [rad]."""
+_MAX_NUMBER = 1000.0  # Bound of coordinates [m] and angles [rad].
 _SCALES = (1e-3, 1e3)
 _MAX_HUMAN_HEIGHT_M = 10.0
 
-BEYOND_RANGE = np.pi
-"""A joint this much beyond its range [rad] is damage."""
+BEYOND_RANGE = np.pi  # A joint this much beyond its range [rad] is damage.
 ARRAYS: Mapping[str, tuple[int | str, ...]] = {
     "object_pos": ("frames", "objects", 3),
     "object_quat": ("frames", "objects", 4),

@@ -15,10 +15,8 @@ from hoi_retarget.errors import ArgumentError, ReadError
 from hoi_retarget.human.rotation_jumps import RotationJump
 from hoi_retarget.motion.performance import Performance
 
-MISSED_M, MISSED_DEG = 0.005, 3.0
-"""A part farther off its pin [m], or turned more [degrees], is a warning."""
-UNREACHED_M = 0.02
-"""A link further from its target than this [m] does not reach it."""
+MISSED_M, MISSED_DEG = 0.005, 3.0  # A part farther off its pin [m], or turned more [degrees], is a warning.
+UNREACHED_M = 0.02  # A link further from its target than this [m] does not reach it.
 ELSEWHERE_M = 0.12
 """Surfaces that touch further than this [m] from the human's place, a palm's length, touch elsewhere."""
 

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 MAX_OBJECT_DISTANCE_M, MAX_BASE_DISTANCE_M = 0.1, 0.15
 """Bounds of the distance of objects and base from the performed motion in a replay that keeps to it."""
-STRICT_SHARE = 0.95
-"""Of the touched time, in which an object that is held strictly is near its path."""
+STRICT_SHARE = 0.95  # Of the touched time, in which an object that is held strictly is near its path.
 
 
 @dataclass(frozen=True)

@@ -37,10 +37,8 @@ class ResampledMotion:
     """Root position [m], root rotation wxyz, joints [rad]."""
     root_lin_vel: Float[np.ndarray, "T 3"]
     """Of the root's origin [m/s]."""
-    root_ang_vel: Float[np.ndarray, "T 3"]
-    """[rad/s]"""
-    joint_vel: Float[np.ndarray, "T n"]
-    """[rad/s]"""
+    root_ang_vel: Float[np.ndarray, "T 3"]  # [rad/s]
+    joint_vel: Float[np.ndarray, "T n"]  # [rad/s]
     object_pos: Float[np.ndarray, "T O 3"]
     object_quat: Float[np.ndarray, "T O 4"]
     object_lin_vel: Float[np.ndarray, "T O 3"]

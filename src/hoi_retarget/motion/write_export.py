@@ -33,8 +33,7 @@ FOLDERS: Mapping[str, Callable[[Sequence[Result], float | None], dict[str, bytes
     ISAAC_LAB: write_demonstrations,
 }
 """By name, the formats of many results in one folder."""
-NAMES: tuple[str, ...] = (*WRITABLE, *FOLDERS)
-"""Names of all formats that can be written."""
+NAMES: tuple[str, ...] = (*WRITABLE, *FOLDERS)  # Names of all formats that can be written.
 _UNITS = {"length": "m", "angle": "rad", "time": "s"}
 
 

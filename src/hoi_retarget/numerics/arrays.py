@@ -8,8 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from hoi_retarget.errors import ClipError
 
-REPEATED = 1e-7
-"""A frame in which no number changes by more than this [m, rad, 1] repeats the one before it."""
+REPEATED = 1e-7  # A frame in which no number changes by more than this [m, rad, 1] repeats the one before it.
 
 
 def frozen(values: Any, dtype: Any = float) -> np.ndarray:

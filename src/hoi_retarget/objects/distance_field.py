@@ -21,8 +21,7 @@ from hoi_retarget.kernels.shape import SampledDistances, Shape
 from hoi_retarget.objects.mesh import Surface, surface_of
 from hoi_retarget.objects.track import ObjectGeometry
 
-STEPS = np.array([1, 2, 4, 8])
-"""Steps along an edge of a cell, by level."""
+STEPS = np.array([1, 2, 4, 8])  # Steps along an edge of a cell, by level.
 
 _MIN_STEP = 3e-3  # [m] between samples where they are densest.
 _MIN_SIZE = 1e-2  # [m]
@@ -40,8 +39,7 @@ class Cells:
 
     origin: Float[np.ndarray, "3"]
     """Lowest corner of the first cell [m]."""
-    edge: float
-    """[m]"""
+    edge: float  # [m]
     levels: Int[np.ndarray, "X Y Z"]
     """Of each cell: index into `STEPS`."""
     samples: Float[np.ndarray, "S"]
@@ -174,8 +172,7 @@ def _farther(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.where(np.abs(first) > np.abs(second), first, second)
 
 
-SHELL_THICKNESS = 1e-3
-"""[m] on either side of a surface without an inside."""
+SHELL_THICKNESS = 1e-3  # [m] on either side of a surface without an inside.
 
 _VERSION = 1  # Of what the builder makes of the same triangles: fields of others are not read.
 _PROBES = 2000  # Places on the surface that tell its sides and the field's error.
@@ -281,20 +278,16 @@ def _arrays(built: DistanceField) -> dict[str, np.ndarray]:
 _EVEN = np.array([0.7548776662466927, 0.5698402909980532])
 
 
-_MANY_SAMPLES = 1_000_000
-"""From there on, those of a large object are made only where they can matter."""
-_PIECE = 0.25
-"""Longest edge of the pieces of triangles that are chosen there [m]."""
+_MANY_SAMPLES = 1_000_000  # From there on, those of a large object are made only where they can matter.
+_PIECE = 0.25  # Longest edge of the pieces of triangles that are chosen there [m].
 
 
 @dataclass(frozen=True, eq=False)
 class Region:
     """Space within a distance of some points."""
 
-    centres: Float[np.ndarray, "K 3"]
-    """[m]"""
-    radius: float
-    """[m]"""
+    centres: Float[np.ndarray, "K 3"]  # [m]
+    radius: float  # [m]
 
 
 def is_large(surface: Surface, spacing: float) -> bool:

@@ -51,8 +51,7 @@ class Surface:
     Raises `GeometryError` when there is no triangle, or one that names absent or infinite vertices.
     """
 
-    vertices: Float[np.ndarray, "V 3"]
-    """[m]"""
+    vertices: Float[np.ndarray, "V 3"]  # [m]
     faces: Int[np.ndarray, "F 3"]
     exact: bool = True
     """Whether these are the object's own triangles; otherwise they are the convex hull of the points that are known."""

@@ -20,12 +20,10 @@ class SolidPoses:
 
     solid: DistanceGrid
     rotations: Float[np.ndarray, "N 3 3"]
-    origins: Float[np.ndarray, "N 3"]
-    """[m]"""
+    origins: Float[np.ndarray, "N 3"]  # [m]
     middle: Float[np.ndarray, "3"]
     """Of the ball, in the solid's frame [m]."""
-    radius: float
-    """[m]"""
+    radius: float  # [m]
 
     @cached_property
     def centres(self) -> Float[np.ndarray, "N 3"]:
@@ -37,8 +35,7 @@ class SolidPoses:
 class SurfaceSamples:
     """Points all over a surface, in its frame."""
 
-    points: Float[np.ndarray, "K 3"]
-    """[m]"""
+    points: Float[np.ndarray, "K 3"]  # [m]
 
     @cached_property
     def tree(self) -> "scipy.spatial.KDTree":

@@ -14,8 +14,7 @@ from hoi_retarget.errors import ClipError
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import check_finite, check_shape, frozen, unit_quats
 
-MOVING_SPEED = 0.15
-"""[m/s]; a faster object is moved by somebody, or falls."""
+MOVING_SPEED = 0.15  # [m/s]; a faster object is moved by somebody, or falls.
 
 # Frames times points held at once: 4 MB of doubles, which stays in the cache.
 _BLOCK = 500_000

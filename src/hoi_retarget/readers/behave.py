@@ -53,8 +53,7 @@ MESHES: Mapping[str, str] = {name: f"{name}_f1000.ply" for name in _OBJECTS} | _
 _PERSON, _OBJECT, _INFO = "smpl_fit_all.npz", "object_fit_all.npz", "info.json"
 _TIMES = "frame_times"
 _TIME = re.compile(r"t(\d{1,6}\.\d{3})")
-_MAX_OFFSET = 0.1
-"""Frames by which a time may be off a multiple of 1/30 s; they are written in milliseconds."""
+_MAX_OFFSET = 0.1  # Frames by which a time may be off a multiple of 1/30 s; they are written in milliseconds.
 _NAME = re.compile(r"Date\d\d_Sub(?P<subject>\d\d)_(?P<category>[a-z]+)(?:_.*)?")
 _TILT_NOTE = (
     "The world is that of the first camera, y down: how far it was tilted is not known, so the floor may slope by a "

@@ -144,14 +144,12 @@ def _shapes_only(directions: np.ndarray, family: Family) -> np.ndarray:
     return directions[..., : _SHAPES.get(count, count)]
 
 
-MAX_BETA_CHANGE = 1e-3
-"""Of betas between frames that are meant to be one body's."""
+MAX_BETA_CHANGE = 1e-3  # Of betas between frames that are meant to be one body's.
 MAX_BONE_GROWTH = 0.05
 """Part of their mean length by which all bones together may be longer or shorter in a frame of one person."""
 _CHILDREN = [JOINT_INDEX[joint] for joint, parent in PARENT.items() if parent is not None]
 _PARENTS = [JOINT_INDEX[parent] for parent in PARENT.values() if parent is not None]
-_BODY = 66
-"""Numbers of the pose of the body, before those of the hands."""
+_BODY = 66  # Numbers of the pose of the body, before those of the hands.
 FLAT_HANDS = "The recording has no hand poses; the hands are flat."
 TITLES: Mapping[Family, str] = {"smplx": "SMPL-X", "smplh": "SMPL-H"}
 
@@ -164,8 +162,7 @@ class BodyParameters:
     gender: str
     betas: Float[np.ndarray, "*T b"]
     """Of one body, or as they were fitted in each frame."""
-    translation: Float[np.ndarray, "T 3"]
-    """[m]"""
+    translation: Float[np.ndarray, "T 3"]  # [m]
     body: Float[np.ndarray, "T 66"]
     """The 22 joints of the body, pelvis first."""
     left_hand: Float[np.ndarray, "T L"]

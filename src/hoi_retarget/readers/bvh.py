@@ -52,13 +52,10 @@ UNITS: Mapping[str, float] = {
 }
 """What a unit of length may be [m]; no person is a grown one in two of them."""
 MIN_HEIGHT, MAX_HEIGHT = 1.2, 2.3  # [m]
-MAX_ANGLE_TO_T_POSE = 100.0
-"""[deg]; arms that hang down are about 90 away."""
-MIN_PELVIS_HEIGHT = 0.04
-"""Of a leg's length; a root that is less above the hips is between them."""
+MAX_ANGLE_TO_T_POSE = 100.0  # [deg]; arms that hang down are about 90 away.
+MIN_PELVIS_HEIGHT = 0.04  # Of a leg's length; a root that is less above the hips is between them.
 
-MIN_HEAD_HEIGHT = 0.08
-"""Of the height; less above the head's joint is no top of it."""
+MIN_HEAD_HEIGHT = 0.08  # Of the height; less above the head's joint is no top of it.
 
 ACTOR, ACTOR_FACTS = "motion_actor.bvh", ("metadata.json", "capture_meta.json")
 """Name of the BVH in each recording's folder of HiPHI and OmniContact, and those of the facts beside it."""

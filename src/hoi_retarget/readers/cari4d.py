@@ -44,8 +44,7 @@ BODY_NUMBERS, HAND_NUMBERS = 66, 45
 OPTIMIZED, REFINED = 72, BODY_NUMBERS + 2 * HAND_NUMBERS
 """Numbers of pose in a frame, after the optimization and before it."""
 VIDEO_FPS = 30.0
-RECONSTRUCTION_LENGTH = 2.0
-"""How long meshes are before their size is estimated: from -1 to 1."""
+RECONSTRUCTION_LENGTH = 2.0  # How long meshes are before their size is estimated: from -1 to 1.
 
 _GENDER_OF: Mapping[str, str] = {
     **dict.fromkeys(("Sub01", "Sub02", "Sub03", "Sub04", "Sub05"), "male"),

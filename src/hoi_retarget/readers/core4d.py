@@ -38,15 +38,13 @@ FORMAT = "core4d"
 LICENCE = "CC BY 4.0, as the data set's README says"
 FPS = 15.0
 PEOPLE = ("person1", "person2")
-MAX_GAP = 0.01
-"""[m]; between joints that the file stores and where its own parameters put them."""
+MAX_GAP = 0.01  # [m]; between joints that the file stores and where its own parameters put them.
 
 _PARAMETERS = "arr_0"
 _POSES = "smooth_objposes.npy"
 _METADATA = "object_metadata.json"
 _MESHES = "object_models"
-_STORED_JOINTS = 127
-"""SMPL-X's 55 joints, then points of the face, the feet and the fingertips."""
+_STORED_JOINTS = 127  # SMPL-X's 55 joints, then points of the face, the feet and the fingertips.
 _SKELETON_JOINTS = [*range(22), *range(25, JOINT_COUNT["smplx"])]
 """Which of them are those of `skeleton.JOINTS`: all but jaw and eyes."""
 _DIGITS = 3

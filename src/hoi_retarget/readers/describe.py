@@ -37,11 +37,9 @@ from hoi_retarget.readers.worlds import standing_axis
 
 MOTION = "hoi-retarget-motion"
 UNKNOWN = "unknown"
-FLOOR_TOLERANCE = 0.3
-"""[m]; the lowest joint is that near the floor in most frames of any recording."""
+FLOOR_TOLERANCE = 0.3  # [m]; the lowest joint is that near the floor in most frames of any recording.
 
-_SHARED = (".npz", ".pt", ".pth")
-"""Endings of files that others write, too."""
+_SHARED = (".npz", ".pt", ".pth")  # Endings of files that others write, too.
 
 
 @dataclass(frozen=True)
@@ -84,8 +82,7 @@ class Inspection:
     skeleton: str = ""
     up_axis: str = ""
     """Which way is up; what contradicts it is in `warnings`."""
-    lowest_joint: float | None = None
-    """[m]"""
+    lowest_joint: float | None = None  # [m]
     height: float | None = None
     """The person's standing height, estimated from the skeleton [m]."""
     objects: tuple[ObjectFacts, ...] = ()

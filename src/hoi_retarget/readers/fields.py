@@ -15,8 +15,7 @@ from hoi_retarget.files import npz
 from hoi_retarget.files.source_file import SELECTION, SourceFile
 from hoi_retarget.numerics.arrays import describe_frames
 
-MAX_VALUE = 1e4
-"""Of any number; metres, radians and parameters of bodies stay below."""
+MAX_VALUE = 1e4  # Of any number; metres, radians and parameters of bodies stay below.
 
 
 def other_shape(values: np.ndarray, shape: tuple[int | str, ...]) -> str:
@@ -115,8 +114,7 @@ class Fields:
         return f"{self.path}: {self._within}{name}, {meaning},"
 
 
-_MAX_LEVELS_UP = 5
-"""Folders above the recording that are searched for a folder of the source's tree."""
+_MAX_LEVELS_UP = 5  # Folders above the recording that are searched for a folder of the source's tree.
 
 
 class _Arrays(Mapping[str, Any]):

@@ -21,8 +21,7 @@ FORMAT = "gvhmr"
 LICENCE = "GVHMR's licence: non-commercial; and the terms of the video"
 FPS = 30.0
 BETAS = 10
-RESULTS = "hmr4d_results"
-"""The name of all its files, without their ending; the folder has the video's name."""
+RESULTS = "hmr4d_results"  # The name of all its files, without their ending; the folder has the video's name.
 
 _GLOBAL = "smpl_params_global"
 _KEYS = frozenset(("global_orient", "body_pose", "transl", "betas"))

@@ -43,15 +43,12 @@ from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 FORMAT = "humoto"
 LICENCE = "Adobe Research License v1.1: research use; the full set on request"
 FPS = 30.0
-STAMPED_FPS = (24.0, 30.0)
-"""Keys a second that files say; each key is one frame of the capture."""
+STAMPED_FPS = (24.0, 30.0)  # Keys a second that files say; each key is one frame of the capture.
 PREFIX = "mixamorig:"
 HEAD_TOP = f"{PREFIX}HeadTop_End"
-TOE_HEIGHT = 0.006
-"""[m]; of the toe joints over the floor, in the bind pose and wherever people stand."""
+TOE_HEIGHT = 0.006  # [m]; of the toe joints over the floor, in the bind pose and wherever people stand.
 FBX = ".fbx"
-MAX_ANGLE_TO_T_POSE = 60.0
-"""[deg]; limbs of a bind pose that are farther from a T-pose's are of another pose."""
+MAX_ANGLE_TO_T_POSE = 60.0  # [deg]; limbs of a bind pose that are farther from a T-pose's are of another pose.
 
 _SIDES = {
     "UpLeg": "hip",

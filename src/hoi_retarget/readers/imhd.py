@@ -37,21 +37,17 @@ FORMAT = "imhd"
 LICENCE = "IMHD2: CC BY-NC-SA 4.0, on request"
 FPS = 60.0
 BETAS = 16
-MAX_TILT = np.radians(30.0)
-"""Between an axis and the way from feet to head of somebody who stands along it."""
-MIN_SHARE_STANDING = 0.5
-"""Share of the frames in which somebody does, for that axis to be up."""
+MAX_TILT = np.radians(30.0)  # Between an axis and the way from feet to head of somebody who stands along it.
+MIN_SHARE_STANDING = 0.5  # Share of the frames in which somebody does, for that axis to be up.
 TURNS: Mapping[str, tuple[str, ...]] = {"z": ("z",), "y": ("y",), "-y": ("-y",), "-z": ("y", "y")}
 """The axis that is up -> turns of `worlds` that make it z, one after the other: y up becomes z up, and z then -y."""
 
 _KEYS = {"objectRot", "objectTrans", "smplPose", "smplHandPose", "smplShape", "smplTrans"}
 _MARK = b"smplHandPose"
 _BODY, _HAND = 66, 45
-_SEGMENT = re.compile(r"\d{8}_[^_]+_(?P<object>[^_]+)(_.*)?")
-"""Capture date, who it is, the object."""
+_SEGMENT = re.compile(r"\d{8}_[^_]+_(?P<object>[^_]+)(_.*)?")  # Capture date, who it is, the object.
 _TEMPLATES = "object_templates"
-_OTHER_NAMES: Mapping[str, str] = {"bat": "baseball"}
-"""Name of a recording's object -> name of its template."""
+_OTHER_NAMES: Mapping[str, str] = {"bat": "baseball"}  # Name of a recording's object -> name of its template.
 _RATE_NOTE = "60 frames a second, as the data set has it; the file does not state it."
 
 

@@ -48,8 +48,7 @@ _BEHAVE_BODY = "smpl_fit_all.npz"
 """BEHAVE's own file, which stands beside InterAct's in the folders that the canonical ones are made from."""
 _PARTS = ("base", "part1", "part2", "top", "bottom")
 """Endings of an object's name in that of a part with a mesh of its own."""
-_BODY = 66
-"""Numbers of the pose before those of the hands."""
+_BODY = 66  # Numbers of the pose before those of the hands.
 _FACE = 9
 _ANGLE_OF_PARTS = "arti"
 

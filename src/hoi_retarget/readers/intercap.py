@@ -42,16 +42,12 @@ OBJECTS: Mapping[str, str] = {f"{number:02d}": name for number, name in enumerat
 """Object's folder -> its name."""
 MALE = ("01", "02", "04", "05", "10")
 SUBJECTS = tuple(f"{number:02d}" for number in range(1, 11))
-FLOOR_POINT = (-0.07362306, 1.06334016, 2.88126607)
-"""A point of the floor in the first camera's frame [m]..."""
-FLOOR_NORMAL = (0.02645398, -0.98627183, -0.16299712)
-"""...and the direction upward there."""
+FLOOR_POINT = (-0.07362306, 1.06334016, 2.88126607)  # A point of the floor in the first camera's frame [m]...
+FLOOR_NORMAL = (0.02645398, -0.98627183, -0.16299712)  # ...and the direction upward there.
 MIN_FOOT_HEIGHT, MAX_FOOT_HEIGHT = -0.1, 0.25
 """[m]; the lower foot's joints are between these heights above the floor..."""
-MIN_SHARE_ON_FLOOR = 0.8
-"""...in this part of the frames of a recording that has the makers' floor."""
-MAX_MISFIT = 0.02
-"""[m]; between the mesh of `--objects` and the one beside the recording."""
+MIN_SHARE_ON_FLOOR = 0.8  # ...in this part of the frames of a recording that has the makers' floor.
+MAX_MISFIT = 0.02  # [m]; between the mesh of `--objects` and the one beside the recording.
 
 _WIDTHS = {
     "global_orient": 3,

@@ -28,8 +28,7 @@ from hoi_retarget.readers.fields import MAX_VALUE
 from hoi_retarget.readers.object_files import SAMPLE_POINTS, load_geometry
 from hoi_retarget.readers.reader import Reader, Record, SourceRecording, Tracks
 
-FPS = 30.0
-"""[Hz]; the file does not state it, all tools that write or read the layouts use it."""
+FPS = 30.0  # [Hz]; the file does not state it, all tools that write or read the layouts use it.
 
 PERSON: Mapping[str, int] = {
     "root position": 3,
@@ -39,8 +38,7 @@ PERSON: Mapping[str, int] = {
     "body positions": 156,
 }
 """The fields that InterMimic's layouts begin with -> their numbers of columns."""
-BASE = "_base"
-"""Ending of ParaHome's name for the main part of an object; the mesh has the object's name."""
+BASE = "_base"  # Ending of ParaHome's name for the main part of an object; the mesh has the object's name.
 
 BODIES: tuple[str, ...] = (
     "pelvis",
@@ -53,18 +51,15 @@ BODIES: tuple[str, ...] = (
     *RIGHT_FINGERS,
 )
 """The order of bodies in the file, in the names of `skeleton.JOINTS`."""
-JOINT_ORDER = [BODIES.index(joint) for joint in JOINTS]
-"""Where each of `skeleton.JOINTS` stands in the file."""
+JOINT_ORDER = [BODIES.index(joint) for joint in JOINTS]  # Where each of `skeleton.JOINTS` stands in the file.
 
 # Rotations of some files were multiplied on the right by the inverse of this one (its four
 # components are equal, so wxyz and xyzw are the same); multiplying by it restores SMPL-X's.
 UPRIGHT_QUAT: Float[np.ndarray, "4"] = np.array([0.5, 0.5, 0.5, 0.5])
 UPRIGHT_QUAT.setflags(write=False)
 
-MAX_PALM_LENGTH = 0.25
-"""[m]; no first finger bone begins farther from its wrist."""
-ROOT_TOLERANCE = 1e-3
-"""[m]; from the root to the pelvis it is the same way in all frames, up to rounding."""
+MAX_PALM_LENGTH = 0.25  # [m]; no first finger bone begins farther from its wrist.
+ROOT_TOLERANCE = 1e-3  # [m]; from the root to the pelvis it is the same way in all frames, up to rounding.
 MAX_REST_PELVIS_DISTANCE = 0.5
 """[m]; where the root is the origin of the body model, the pelvis at rest is no farther from it."""
 ROOT_ANGLE_TOLERANCE = np.deg2rad(1.0)

@@ -33,8 +33,7 @@ SAMPLE_POINTS, _HULL = "sample_points.npy", "_hull.obj"
 MESH_SUFFIXES = (".obj", ".stl", ".ply", ".glb", ".off")
 """Of the files that meshes are read from; trimesh reads all of them from their bytes alone."""
 _SHOWN_FILES = 5
-MAX_OBJECT_SIZE = 100.0
-"""[m]; coordinates beyond it are another unit or damage."""
+MAX_OBJECT_SIZE = 100.0  # [m]; coordinates beyond it are another unit or damage.
 
 NUMPY_ERRORS = (OSError, ValueError, EOFError, TypeError, SyntaxError, OverflowError, MemoryError, tokenize.TokenError)
 """Errors of numpy for damaged headers of `.npy` files; warnings about them are silenced."""

@@ -39,16 +39,12 @@ FORMAT = "omomo"
 LICENCE = "MIT, as others state it; the makers' repository has no licence"
 FPS = 30.0
 TWO_PARTS = ("mop", "vacuum")
-MAX_SIZE_CHANGE = 1e-3
-"""Of an object's size within a clip, as a share of it."""
-MAX_GAP = 0.05
-"""[m]; between the clip's own joints and those of a body model: farther is another body."""
-MIN_NOTED_GAP = 0.01
-"""[m]; from there on it is said."""
+MAX_SIZE_CHANGE = 1e-3  # Of an object's size within a clip, as a share of it.
+MAX_GAP = 0.05  # [m]; between the clip's own joints and those of a body model: farther is another body.
+MIN_NOTED_GAP = 0.01  # [m]; from there on it is said.
 
 _NAMES = (b"seq_name", b"rest_offsets", b"trans2joint")
-_START = 1 << 24
-"""Bytes of a file within which its first clip ends, and all names have occurred."""
+_START = 1 << 24  # Bytes of a file within which its first clip ends, and all names have occurred.
 _PLAIN = re.compile(r"[A-Za-z0-9-]+(_[A-Za-z0-9-]+)+")
 _SCANS = "captured_objects"
 _BODY = len(skeleton.BODY_PARENTS)

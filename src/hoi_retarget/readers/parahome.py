@@ -46,8 +46,7 @@ LICENCE = "CC BY-NC-SA 4.0, academic use"
 FPS = 30.0
 MAX_GAP = 0.10
 """[m]; median distance between joints of the makers' fit and of their skeleton: farther, frames or people differ."""
-MAX_WANDERING = 0.02
-"""[m]; root mean square of a joint's way from its place in its parent's frame."""
+MAX_WANDERING = 0.02  # [m]; root mean square of a joint's way from its place in its parent's frame.
 
 _POSES = "object_transformations.pkl"
 _JOINTS = "joint_positions.pkl"
@@ -64,8 +63,7 @@ _PLACES: Mapping[str, tuple[int, int]] = {
     joint: (index, index) for index, joint in enumerate(_ORDER, start=1) if joint != "pelvis"
 } | {"pelvis": (1, 0)}
 """Joint of `skeleton.JOINTS` -> ParaHome's joint where it is, and the one whose rotation it has."""
-_PARENTS = (-1, 0, 1, 2, 3, 4, 5, 4, 7, 8, 9, 4, 11, 12, 13, 0, 15, 16, 17, 0, 19, 20, 21)
-"""Of ParaHome's body."""
+_PARENTS = (-1, 0, 1, 2, 3, 4, 5, 4, 7, 8, 9, 4, 11, 12, 13, 0, 15, 16, 17, 0, 19, 20, 21)  # Of ParaHome's body.
 _FINGERS: Mapping[str, tuple[int, int, int]] = {
     "thumb": (1, 22, 23),
     "index": (18, 19, 20),
@@ -79,8 +77,7 @@ _HANDS: Mapping[str, tuple[int, float]] = {"left": (_BODY, 1.0), "right": (_BODY
 _COMPARED = ("elbow", "wrist", "knee", "ankle")
 _MIN_HIP_COSINE, _MIN_SPINE_COSINE = 0.95, 0.75
 """Cosines within which the T-pose lies along axes: hips from side to side, the spine's lowest bone upwards."""
-_MIN_PALM_SIZE = 1e-3
-"""[m]; no palm is that short or narrow."""
+_MIN_PALM_SIZE = 1e-3  # [m]; no palm is that short or narrow.
 _MAX_STILL_METRES, _MAX_STILL_RADIANS = 2e-3, 0.01
 _RATE_NOTE = "30 frames a second, as others than the makers state it; the files do not."
 _SKELETON_NOTE = (

@@ -42,10 +42,8 @@ FIELDS = layouts.column_table(
     }
 )
 BALL = "ball"
-RADIUS = 0.12
-"""[m]; of a basketball of size 7."""
-TOUCH = 0.06
-"""[m]; a hand with a joint this near to the ball touches it where the label says that one does."""
+RADIUS = 0.12  # [m]; of a basketball of size 7.
+TOUCH = 0.06  # [m]; a hand with a joint this near to the ball touches it where the label says that one does.
 
 _POINTS = 600  # Their hull is at most 1 mm inside the sphere.
 _LABELS = "0 or 1 (hands touch the ball)"

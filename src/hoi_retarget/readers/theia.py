@@ -31,8 +31,7 @@ FIELDS = layouts.column_table(
         "body rotations": 208,
     }
 )
-SIDES = ("left", "right")
-"""The hand that the first and the second object belong to."""
+SIDES = ("left", "right")  # The hand that the first and the second object belong to.
 _AND = "+"
 
 

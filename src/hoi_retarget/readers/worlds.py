@@ -28,8 +28,7 @@ class Turn:
 
     quat: Float[np.ndarray, "4"]
     """wxyz"""
-    floor: float = 0.0
-    """[m]"""
+    floor: float = 0.0  # [m]
 
     def of(
         self, positions: Float[np.ndarray, "... 3"], quats: Float[np.ndarray, "... 4"]
@@ -69,12 +68,9 @@ class World:
         return track
 
 
-MIN_HEIGHT, MAX_HEIGHT = 0.5, 3.0
-"""[m]; people whose skeleton is smaller or larger are given in another unit."""
-FLOOR_RANGE = (-0.05, 0.3)
-"""[m]; heights of the lowest joint of a person on the floor, be it lying."""
-MIN_SHARE_ON_FLOOR = 0.8
-"""Of the frames in which a person who does not stand upright is on the floor."""
+MIN_HEIGHT, MAX_HEIGHT = 0.5, 3.0  # [m]; people whose skeleton is smaller or larger are given in another unit.
+FLOOR_RANGE = (-0.05, 0.3)  # [m]; heights of the lowest joint of a person on the floor, be it lying.
+MIN_SHARE_ON_FLOOR = 0.8  # Of the frames in which a person who does not stand upright is on the floor.
 
 
 def check_upright(path: Path, person: Person, up_axis: str, *, may_lie: bool = False) -> None:

@@ -17,12 +17,9 @@ from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
 
-STEPS, DAMPING = 20, 1e-4
-"""Number of steps, and what a joint's step costs [m^2/rad^2]."""
-REST = 2e-5
-"""What angles from the home pose cost [m^2/rad^2]: decides what pads leave free."""
-TIP = 0.8
-"""Of the last bone but one: how far a fingertip is beyond the last joint."""
+STEPS, DAMPING = 20, 1e-4  # Number of steps, and what a joint's step costs [m^2/rad^2].
+REST = 2e-5  # What angles from the home pose cost [m^2/rad^2]: decides what pads leave free.
+TIP = 0.8  # Of the last bone but one: how far a fingertip is beyond the last joint.
 SMOOTHING_SECONDS = 0.05
 
 

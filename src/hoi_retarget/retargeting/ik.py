@@ -33,10 +33,8 @@ TWIST_MARGIN_SECONDS = 0.17  # On either side, for such a limb to come back.
 MIN_BRANCH_CHANGE_RAD = 1.0  # [rad]; a joint that differs by more before and after a flip has changed its branch.
 COARSE_SMOOTHNESS_FACTOR = 1000.0
 """A coarse solve so much smoother keeps a joint on one side where frames on their own would change sides."""
-ROUNDS = 4
-"""In which flips that are left are taken out."""
-MIN_LIFT_M = 0.02
-"""[m]; links that are less deep are pushed out by the trajectory's optimization alone."""
+ROUNDS = 4  # In which flips that are left are taken out.
+MIN_LIFT_M = 0.02  # [m]; links that are less deep are pushed out by the trajectory's optimization alone.
 
 
 def standing(model: RobotModel, targets: Targets) -> Float[np.ndarray, "T nq"]:

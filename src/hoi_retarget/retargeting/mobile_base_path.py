@@ -8,8 +8,7 @@ from hoi_retarget.numerics.filters import smooth
 from hoi_retarget.robots.model import RobotModel
 
 _UP = np.array([0.0, 0.0, 1.0])
-_LEAST = 0.1
-"""Of a heading's length, which is 1 upright and 0 upside down: with less, a pelvis says nothing of it."""
+_LEAST = 0.1  # Of a heading's length, which is 1 upright and 0 upside down: with less, a pelvis says nothing of it.
 
 
 def mobile_base_path(

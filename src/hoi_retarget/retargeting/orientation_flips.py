@@ -17,13 +17,11 @@ from hoi_retarget.numerics.filters import seconds_to_frames
 from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.robots.model import Kinematics, RobotModel
 
-FLIP_DEG = 90.0
-"""A link that is turned by more points away from the human's."""
+FLIP_DEG = 90.0  # A link that is turned by more points away from the human's.
 MIN_LASTING_FLIP_SECONDS = 1.0
 """A link that points away for as long cannot reach what the human does; for a shorter time it flips there and back."""
 
-LIMIT_TOLERANCE_RAD = 0.02
-"""[rad]; a joint so near to an end of its range is held by it."""
+LIMIT_TOLERANCE_RAD = 0.02  # [rad]; a joint so near to an end of its range is held by it.
 
 
 def orientation_flips(errors: Mapping[str, Float[np.ndarray, "T"]]) -> tuple[Event, ...]:
@@ -82,8 +80,7 @@ def _reason(flip: Event, kinematics: Kinematics, targets: Targets) -> str:
     return "no start of the inverse kinematics led past it"
 
 
-MAX_TRUNK_TURN_DEG = 60.0
-"""Trunks of usable motions stay within 44 degrees of the person's."""
+MAX_TRUNK_TURN_DEG = 60.0  # Trunks of usable motions stay within 44 degrees of the person's.
 
 
 def trunk_turns(kinematics: Kinematics, targets: Targets) -> tuple[Event, ...]:

@@ -29,8 +29,7 @@ from hoi_retarget.retargeting.trajopt.windows import FrameRange, report_window, 
 from hoi_retarget.robots.link_depths import robot_depths
 from hoi_retarget.robots.model import Kinematics
 
-MIN_SEPARATED_DEPTH_M = 1e-3
-"""[m]; robots that are less deep in each other stay as they are."""
+MIN_SEPARATED_DEPTH_M = 1e-3  # [m]; robots that are less deep in each other stay as they are.
 
 
 def separate_robots(solutions: Sequence[Solution], config: Config) -> tuple[Solution, ...]:

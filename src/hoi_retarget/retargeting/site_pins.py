@@ -15,8 +15,7 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import frozen, runs
 from hoi_retarget.numerics.filters import seconds_to_frames, smoothstep_around
 
-RAMP_SECONDS = 0.3
-"""On either side of a pin: what a hand needs for a decimetre, there and back, without a jerk."""
+RAMP_SECONDS = 0.3  # On either side of a pin: what a hand needs for a decimetre, there and back, without a jerk.
 FLAT = np.array([True, True, False])
 """Directions in which a foot that stands keeps what a pin asks for while it stands; likewise its turn about z."""
 
@@ -30,8 +29,7 @@ class SitePin:
     """That are pinned, of the whole clip."""
     turned_frames: tuple[int, ...]
     """Those of them in which the rotation is pinned too."""
-    positions: Float[np.ndarray, "T 3"]
-    """[m]"""
+    positions: Float[np.ndarray, "T 3"]  # [m]
     weights: Float[np.ndarray, "T"]
     """1 in pinned frames, fading to 0 around them."""
     quats: Float[np.ndarray, "T 4"]

@@ -54,8 +54,7 @@ class Targets:
 
     fps: float
     root_scale: float
-    human_height: float
-    """[m]"""
+    human_height: float  # [m]
     site_positions: Float[np.ndarray, "T K 3"]
     """World positions for the rows of the robot's IK table [m]."""
     site_quats: Float[np.ndarray, "T K 4"]

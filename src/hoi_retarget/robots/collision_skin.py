@@ -28,14 +28,11 @@ from hoi_retarget.robots.outer_skin import (
 from hoi_retarget.robots.spec import SIDES
 
 Distances = Callable[[np.ndarray], np.ndarray]
-Shape = tuple[Distances, np.ndarray]
-"""Distances in a body's frame and the corners of a box around, all [m]."""
-_CANDIDATE_SPACING = 0.6
-"""Of candidates for points, as a share of the points' spacing."""
+Shape = tuple[Distances, np.ndarray]  # Distances in a body's frame and the corners of a box around, all [m].
+_CANDIDATE_SPACING = 0.6  # Of candidates for points, as a share of the points' spacing.
 _COARSER_BALLS = {"palm": 1.25, "forearm": 2.0, "other": 1.5}
 """Than those of the resolution: hollows up to 9 mm wide count as solid, up to 3 mm in hands, in half of the time."""
-_MAX_NODES = 250_000
-"""Of the grid of one link's solid: larger links have coarser skins."""
+_MAX_NODES = 250_000  # Of the grid of one link's solid: larger links have coarser skins.
 _COARSER = 4
 _PROJECTIONS = 3
 _DIFFERENCE = 1e-5  # [m]

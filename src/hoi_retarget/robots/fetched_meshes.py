@@ -25,8 +25,7 @@ _PATIENCE_S = 30.0
 _LICENCE = "LICENCE.txt"
 
 
-Read = Callable[[tuple[str, ...]], Mapping[str, bytes]]
-"""Returns files by name; raises `ReadError`."""
+Read = Callable[[tuple[str, ...]], Mapping[str, bytes]]  # Returns files by name; raises `ReadError`.
 
 
 def read_wheel(pinned: str, sha256: str, folder: str, names: tuple[str, ...]) -> dict[str, bytes]:

@@ -23,8 +23,7 @@ class Frame:
     """A frame fixed to a node, such as a site: its constant place in the node's frame."""
 
     node: int
-    position: Float[np.ndarray, "3"]
-    """[m]"""
+    position: Float[np.ndarray, "3"]  # [m]
     rotation: Float[np.ndarray, "3 3"]
 
     def of(self, position: Float[np.ndarray, "3"], rotation: Float[np.ndarray, "3 3"]) -> "Frame":
@@ -38,8 +37,7 @@ class Attachments:
 
     names: tuple[str, ...]
     nodes: Int[np.ndarray, "K"]
-    positions: Float[np.ndarray, "3 K"]
-    """[m]"""
+    positions: Float[np.ndarray, "3 K"]  # [m]
     rotations: Float[np.ndarray, "3 3 K"]
 
     @classmethod
@@ -69,8 +67,7 @@ class Attachments:
 class Inertias:
     """Masses of the bodies that have one, in the bodies' own frames."""
 
-    masses: Float[np.ndarray, "B"]
-    """[kg]"""
+    masses: Float[np.ndarray, "B"]  # [kg]
     centres: Float[np.ndarray, "B 3"]
     """Centres of mass [m]."""
 

@@ -17,8 +17,7 @@ from hoi_retarget.robots.skin import LinkSkin, skin_of
 class RigidPoses:
     """World poses of a link or an object over F frames."""
 
-    positions: Float[np.ndarray, "F 3"]
-    """[m]"""
+    positions: Float[np.ndarray, "F 3"]  # [m]
     rotations: Float[np.ndarray, "F 3 3"]
 
     @classmethod

@@ -47,8 +47,7 @@ class RobotModel:
     lower: Float[np.ndarray, "n"]
     """Joint range [rad]."""
     upper: Float[np.ndarray, "n"]
-    speed_limits: Float[np.ndarray, "n"]
-    """[rad/s]"""
+    speed_limits: Float[np.ndarray, "n"]  # [rad/s]
     torque_limits: Float[np.ndarray, "n"]
     """[N m]; infinite where the MJCF has none (`actuatorfrcrange`)."""
     home_qpos: Float[np.ndarray, "nq"]

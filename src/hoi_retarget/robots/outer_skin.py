@@ -15,22 +15,16 @@ from hoi_retarget.kernels.shape import DistanceGrid
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
 
-_NEIGHBOURS = 10
-"""Nearest balls to a point, with the best one among them."""
-_TOUCH = 5e-4
-"""A ball touches points within this distance [m]: centres of balls are nodes of a grid."""
-_HULL = 1e-3
-"""By which the skin may bulge out between its points [m]."""
+_NEIGHBOURS = 10  # Nearest balls to a point, with the best one among them.
+_TOUCH = 5e-4  # A ball touches points within this distance [m]: centres of balls are nodes of a grid.
+_HULL = 1e-3  # By which the skin may bulge out between its points [m].
 _MAX_SLOPE, _MAX_KEPT = 1.2, 1.5
 """Steps of a grid: between values next to each other; from the skin to values of the balls that are kept."""
-_COARSER = 3
-"""Steps of a grid at which is found where it is near to triangles."""
-_NEAR = 3.0
-"""Steps of a grid from a surface within which distances from it are computed one by one."""
+_COARSER = 3  # Steps of a grid at which is found where it is near to triangles.
+_NEAR = 3.0  # Steps of a grid from a surface within which distances from it are computed one by one.
 _SOLID_SPACING = 0.4
 """Distance of points on triangles by which a solid is found, as a share of that of the skin's points."""
-_BLOCK = 200_000
-"""Points asked for at once, which bounds memory."""
+_BLOCK = 200_000  # Points asked for at once, which bounds memory.
 
 
 @dataclass(frozen=True)
@@ -76,8 +70,7 @@ class OuterSkin:
 class Outside:
     """Balls next to the skin that can come in from far away."""
 
-    centres: Float[np.ndarray, "N 3"]
-    """[m]"""
+    centres: Float[np.ndarray, "N 3"]  # [m]
     radii: Float[np.ndarray, "N"]
     """Of the largest balls there that touch nothing [m]."""
 

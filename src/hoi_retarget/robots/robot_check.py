@@ -21,12 +21,9 @@ _QUAT_HUMAN_STANDING = (0.5, 0.5, 0.5, 0.5)
 _ARM_DOWN = {"left": -0.5 * np.pi, "right": 0.5 * np.pi}
 _ARM_JOINTS = ("shoulder", "elbow", "wrist")
 
-_SOLE_TOLERANCE = 0.002
-"""Corners of the soles may differ in height by this much [m] in the home pose."""
-_MIRROR_TOLERANCE = 0.002
-"""Left and right may differ by this much [m]."""
-_OFFSET_TOLERANCE = 60.0
-"""A larger angle [deg] between a link and a standing human's is not a matter of pose."""
+_SOLE_TOLERANCE = 0.002  # Corners of the soles may differ in height by this much [m] in the home pose.
+_MIRROR_TOLERANCE = 0.002  # Left and right may differ by this much [m].
+_OFFSET_TOLERANCE = 60.0  # A larger angle [deg] between a link and a standing human's is not a matter of pose.
 
 
 def check(subject: RobotSpec | Path) -> list[RobotFinding]:

@@ -34,8 +34,7 @@ _CELL_NEIGHBOURS, _CELL_SAMPLES = 16, 256
 """Of a point's cell on the skin: neighbours that can bound it, and places of which it is made."""
 _SAME_SIDE = -0.1
 """Cosine between normals from which on two points share the skin: both sides of an edge do, those of a plate do not."""
-_PALMAR_DEG = 75.0
-"""Skin that faces so near to the palm's direction is palmar, fingers' and thumb's too [degrees]."""
+_PALMAR_DEG = 75.0  # Skin that faces so near to the palm's direction is palmar, fingers' and thumb's too [degrees].
 _MAX_OVERLAP_JOINTS, _MAX_OVERLAP_JOINTS_ON_LIMB = 2, 3
 """Links with so many joints between them overlap by design; on one limb the joints are short."""
 

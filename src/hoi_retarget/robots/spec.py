@@ -52,10 +52,8 @@ class IkRow:
 
     site: str
     human_joint: str
-    position_weight: float
-    """[1/m]"""
-    rotation_weight: float
-    """[1/rad]"""
+    position_weight: float  # [1/m]
+    rotation_weight: float  # [1/rad]
     rotation_offset: tuple[float, float, float, float]
     """Human joint to robot site, wxyz, multiplied on the right."""
     scale: float = 1.0

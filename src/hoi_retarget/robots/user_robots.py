@@ -20,17 +20,13 @@ from hoi_retarget.files.atomic import EARLIER, write_atomically, writing
 from hoi_retarget.robots.adding.findings import Hints, Record
 from hoi_retarget.robots.spec import FINGER_SITES, SITES, TRUNK, RobotSpec, ik_table
 
-FOLDER_VARIABLE = "HOI_RETARGET_ROBOTS"
-"""Environment variable with another folder for them."""
-SUFFIXES = (".urdf", ".xml", ".mjcf")
-"""Of manufacturers' files."""
-PAGE = "robot.html"
-"""Of the page in a robot's folder."""
+FOLDER_VARIABLE = "HOI_RETARGET_ROBOTS"  # Environment variable with another folder for them.
+SUFFIXES = (".urdf", ".xml", ".mjcf")  # Of manufacturers' files.
+PAGE = "robot.html"  # Of the page in a robot's folder.
 _MJCF, _SPEC, _SKIN, _RECORD = "robot.xml", "robot.json", "skin.npz", "added.json"
 _NAME = re.compile(r"[a-z0-9][a-z0-9_.-]{0,63}")
 _MAX_BYTES = 64 << 20
-_MAX_SAVE_S = 600.0
-"""Folders of one that is still going on are younger than this."""
+_MAX_SAVE_S = 600.0  # Folders of one that is still going on are younger than this.
 _NO_RECORD = Record()
 
 

@@ -26,14 +26,10 @@ from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import PALMS
 from hoi_retarget.simulation.rollout import TICK, Reference
 
-CLEAR = 0.045
-"""Distance of a hand that comes or leaves from the surface [m],"""
-LANDING_SECONDS = 0.16
-"""which it covers in this time,"""
-NEAR_SECONDS, FADING_SECONDS = 0.8, 0.3
-"""and keeps for so long before and after a contact [s]; its last part fades."""
-BROKEN_SECONDS = 0.3
-"""A contact that breaks for less goes on."""
+CLEAR = 0.045  # Distance of a hand that comes or leaves from the surface [m],
+LANDING_SECONDS = 0.16  # which it covers in this time,
+NEAR_SECONDS, FADING_SECONDS = 0.8, 0.3  # and keeps for so long before and after a contact [s]; its last part fades.
+BROKEN_SECONDS = 0.3  # A contact that breaks for less goes on.
 _ITERATIONS, _LARGEST_STEP, _DAMPING = 6, 0.02, 1e-3  # Of inverse kinematics [m].
 _SMOOTHING = 2.0  # Of the arms' changes, in ticks.
 _LEAST = 1e-3  # [m]

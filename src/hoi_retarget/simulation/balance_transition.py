@@ -19,8 +19,7 @@ from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.spec import SIDES
 from hoi_retarget.simulation.rollout import TICK, Reference
 
-LENGTH = 50
-"""Of a lead-in or a lead-out, in ticks."""
+LENGTH = 50  # Of a lead-in or a lead-out, in ticks.
 _MIN_CAPTURE_MARGIN = 0.01  # Of a balanced capture point within the soles [m].
 _MIN_LIFT = 0.01  # A foot is in the air with all of its sole this high [m].
 _MAX_SUPPORT_HEIGHT = 0.015  # Of a sole's corner that carries weight [m].

@@ -15,8 +15,7 @@ from hoi_retarget.motion.performance import Certificate, Replay
 from hoi_retarget.numerics import se3
 from hoi_retarget.simulation.rollout import TICK, Reference, Rollout, object_errors, track
 
-PUSH = 0.15
-"""Change of the base's velocity by a push [m/s]."""
+PUSH = 0.15  # Change of the base's velocity by a push [m/s].
 _PUSHES = {"forward": (0.25, (1.0, 0.0)), "left": (0.5, (0.0, 1.0)), "back": (0.75, (-1.0, 0.0))}
 """When, as a share of the motion, and which way, as the robot faces."""
 _CHANGES = ("half the time step", "mass +20 %", "mass -20 %", "friction -20 %")

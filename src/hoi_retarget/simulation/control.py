@@ -16,16 +16,14 @@ from hoi_retarget.dynamics.physics_scene import SOLES, PhysicsScene, compiled
 from hoi_retarget.robots.mjcf import quiet
 from hoi_retarget.simulation.rollout import Reference, Rollout, TrackingCost, deviations, steps_of
 
-KNOT = 10
-"""Ticks between knots of changes."""
+KNOT = 10  # Ticks between knots of changes.
 _TIME = 1.0  # At the begin of each tick; a state that MuJoCo resets has less [s].
 _EVERY = 5  # Ticks between costs, and between linearizations.
 _LAST_COST_WEIGHT = 2.0  # Over others.
 _MAX_COST = 60.0  # Of a tick: a worse fall is no worse.
 _RANGE_SLACK = 0.5  # Of targets beyond the joints' ranges [rad].
 _SUNK = 0.0015  # [m]
-EFFORTS = (0.5, 2.0)
-"""Costs of a target's change [1/rad^2]: of the usual feedback, and of a calmer one."""
+EFFORTS = (0.5, 2.0)  # Costs of a target's change [1/rad^2]: of the usual feedback, and of a calmer one.
 _DISCOUNT = 0.99  # Of later costs in each tick: contacts change.
 _LAST_WEIGHT = 5.0  # Of the last tick, over others.
 _MAX_RICCATI = 1e8
@@ -35,8 +33,7 @@ _BASE, _BASE_TURN, _JOINT = 25.0, 3.5, 0.6  # [1/m^2], [1/rad^2]
 _OBJECT, _OBJECT_TURN = 30.0, 1.5
 _BASE_SPEED, _SINKING, _TURNING, _JOINT_SPEED = 1.07, 0.5, 0.1, 0.004
 _OBJECT_SPEED, _OBJECT_TURNING = 0.3, 0.02
-Linear = tuple[np.ndarray, np.ndarray]
-"""Derivatives of a state by the one before it, and by the targets."""
+Linear = tuple[np.ndarray, np.ndarray]  # Derivatives of a state by the one before it, and by the targets.
 _OBJECTS = 0.2  # Weight of deviations of objects: with 1, hands reach for boxes that slip.
 _DIFFERENCE = 1e-6
 

@@ -38,20 +38,17 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.spec import SIDES
 
-NAME = "mjlab-task"
-"""As `--to` has it."""
+NAME = "mjlab-task"  # As `--to` has it.
 FORMAT = "hoi-retarget mjlab task 1"
 PACKAGE, TASKS = "hoi_retarget_mjlab", "tasks"
-RATE = 50.0
-"""Of the policy [1/s]; mjlab's environment makes four steps of 5 ms for each of its actions."""
+RATE = 50.0  # Of the policy [1/s]; mjlab's environment makes four steps of 5 ms for each of its actions.
 _TIMESTEP = 0.005
 _ACTION_SHARE = 0.25
 """An action of 1 moves a drive's target so far that the drive gives this share of its torque limit."""
 _MIN_CONTACTS = 96
 _TRACKED = ("hip", "knee", "foot", "shoulder", "elbow", "palm")
 """Sites on either side whose bodies are compared with the reference, beside root and torso."""
-_ENDS = ("foot", "palm")
-"""Those of them whose height ends an episode when it is far off."""
+_ENDS = ("foot", "palm")  # Those of them whose height ends an episode when it is far off.
 _ENTRY_POINTS = f"[mjlab.tasks]\n{PACKAGE} = {PACKAGE}\n"
 _METADATA = f"Metadata-Version: 2.1\nName: {PACKAGE.replace('_', '-')}\nVersion: 1\n"
 

@@ -14,12 +14,9 @@ from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.simulation.rollout import TICK, Reference, Rollout, object_poses
 
-NEAR_M, NEAR_DEG = 0.1, 20.0
-"""Of its path."""
-MEAN_M, MEAN_DEG = 0.1, 25.0
-"""On average, of a held object."""
-LOST_SECONDS = 0.25
-"""An object that is away from its path for longer is lost there, if it is lost at all."""
+NEAR_M, NEAR_DEG = 0.1, 20.0  # Of its path.
+MEAN_M, MEAN_DEG = 0.1, 25.0  # On average, of a held object.
+LOST_SECONDS = 0.25  # An object that is away from its path for longer is lost there, if it is lost at all.
 
 
 @dataclass(frozen=True)

@@ -30,10 +30,8 @@ from hoi_retarget.simulation.refine import Progress, Refined, refine
 from hoi_retarget.simulation.rollout import Reference, Rollout, reference_of, with_weaker_grip
 from hoi_retarget.simulation.tracking_result import controller_file, simulated_motion, why_it_ended
 
-FOR_CONTROLLERS = "physics"
-"""Folder beside results with files of their names."""
-SEEN_SECONDS = 1.0
-"""After the loss of an object, in which causes are looked for."""
+FOR_CONTROLLERS = "physics"  # Folder beside results with files of their names.
+SEEN_SECONDS = 1.0  # After the loss of an object, in which causes are looked for.
 
 
 @dataclass(frozen=True, eq=False)

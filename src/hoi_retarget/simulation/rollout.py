@@ -22,8 +22,7 @@ from hoi_retarget.robots.mjcf import quiet
 from hoi_retarget.robots.spec import SIDES
 
 _GRIP_SHARE = 0.4
-TICK = 0.02
-"""Of the controller [s]: robots take targets 50 times a second."""
+TICK = 0.02  # Of the controller [s]: robots take targets 50 times a second.
 FALLEN, LYING_DEG = 0.6, 60.0
 """A robot has fallen with its base below this share of the reference's height, or tilted by more from it [deg]."""
 _BASE, _BASE_TURN, _TURNING, _JOINT, _JOINT_SPEED = 10.0, 2.0, 0.05, 0.3, 0.006  # [1/m^2], [1/rad^2], [s^2/rad^2]

@@ -196,8 +196,7 @@ class SegmentOperation(ContactOperation):
 class Move(SegmentOperation):
     """Shift all points of a segment alike."""
 
-    offset: Point
-    """[m]"""
+    offset: Point  # [m]
 
     def _replacements(self, clip: Clip, segment: Segment) -> Sequence[Segment]:
         return [replace(segment, points=segment.points + self.offset)]
@@ -311,8 +310,7 @@ class Add(ContactOperation):
     """Its first frame."""
     stop: int
     """One past its last frame."""
-    point: Point
-    """[m]"""
+    point: Point  # [m]
     object: str | None = None
     """The object's name; may be left out where the clip has one object."""
     person: int = field(default=0, kw_only=True)

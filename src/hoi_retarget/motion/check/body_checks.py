@@ -36,8 +36,7 @@ from hoi_retarget.robots.model import RobotModel
 
 _MAX_FRAMES = 200  # Of a check, evenly over the clip.
 _SAME_MAGNITUDE = 0.1  # In powers of ten.
-Places = dict[str, int]
-"""Where in the file each of the robot's bodies is."""
+Places = dict[str, int]  # Where in the file each of the robot's bodies is.
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ _MIN_STEP = 1e-6  # Shorter steps are rests.
 _NEIGHBOUR_STEPS = 4  # Before and after a step, to compare with.
 _JUMP_RATIO = 8.0  # Of a jump to the steps around it.
 _MIN_JOINT_JUMP_RAD, _MIN_ROOT_JUMP_M, _MIN_TURN_JUMP_RAD = 0.15, 0.06, 0.15
-_MIN_WRONG_JOINT_JUMP_RAD = 0.25
-"""Smaller joint steps are remarks: a wrist of a published file makes one of 0.22 rad."""
+_MIN_WRONG_JOINT_JUMP_RAD = 0.25  # Smaller joint steps are remarks: a wrist of a published file makes one of 0.22 rad.
 _ABRUPT_SHARE, _MIN_LAST_STEP = 0.3, 1e-3
 """A movement that comes to rest slows down first: its last step is a smaller part of those around, or tiny."""
 _MAX_DROPPED_FRAMES, _CATCH_UP_RATIO = 3, 1.5

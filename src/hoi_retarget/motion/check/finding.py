@@ -59,8 +59,7 @@ class FormatFinding:
 contradiction = partial(FormatFinding, "contradiction", spoils="poses")
 """Makes the finding that contradicts a claim, of the fields behind `level`."""
 T = TypeVar("T")
-Check = Generator[FormatFinding, None, T]
-"""Yields findings, and returns a value for the next checks."""
+Check = Generator[FormatFinding, None, T]  # Yields findings, and returns a value for the next checks.
 
 
 def collected(check: Check[T], findings: list[FormatFinding]) -> T:

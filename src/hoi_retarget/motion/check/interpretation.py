@@ -27,13 +27,11 @@ Subject = Literal[
 # The world of a file whose y axis points up, turned so that its z axis does.
 _Y_UP = se3.exp(np.array([0.5 * np.pi, 0.0, 0.0]))
 IN_BREADTH_FIRST, IN_DEPTH_FIRST = "in Isaac Lab's breadth-first order", "in MuJoCo's depth-first order"
-_BEYOND = 0.5
-"""Angles this far out of the widest range [rad] are no radians of this robot; degrees are, in any motion."""
+_BEYOND = 0.5  # Angles this far out of the widest range [rad] are no radians of this robot; degrees are, in any motion.
 _SHIFTS = (-3, -2, -1, 1, 2, 3)
 _PARTS = {"legs": ("hip", "knee", "ankle"), "arms": ("shoulder", "elbow", "wrist"), "sides": ("",)}
 """Parts of joint names, by parts of a robot."""
-_SIDEWAYS = ("roll", "yaw")
-"""Joints that a mirrored motion turns the other way round: not pitch, knee and elbow."""
+_SIDEWAYS = ("roll", "yaw")  # Joints that a mirrored motion turns the other way round: not pitch, knee and elbow.
 
 
 @dataclass(frozen=True)

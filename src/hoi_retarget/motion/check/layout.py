@@ -15,8 +15,7 @@ from hoi_retarget.robots.model import RobotModel
 UNIT_TOLERANCE, _SHORT_TOLERANCE = 0.01, 0.05
 """Lengths of quaternions that differ from 1 by less are right, and by less than the second a remark: interpolated ones
 of GMT and TWIST2 are up to 4 % short."""
-NO_ROTATION = 0.9
-"""Quaternions whose lengths are that far from 1 have no direction to rely on."""
+NO_ROTATION = 0.9  # Quaternions whose lengths are that far from 1 have no direction to rely on.
 NORMALIZE = "Divide the quaternions by their lengths."
 """Advice for quaternions that are not of unit length; later checks normalize them."""
 HELD = "Joints that the file lacks are held still at 0 rad."

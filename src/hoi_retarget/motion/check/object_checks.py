@@ -74,16 +74,13 @@ class CheckContext:
 
 
 _MIN_MOVING_FRAMES = 8
-_MAX_PALM_DISTANCE_M = 1.3
-"""Of the hands of real retargets from the origin of a moving object."""
+_MAX_PALM_DISTANCE_M = 1.3  # Of the hands of real retargets from the origin of a moving object.
 _MAX_SLIDE_MPS, _BETTER_SHARE = 0.1, 0.5
 """A palm that slides faster in the object's frame does not hold it, unless no reading halves that."""
-_LOOSE_SHARE = 0.5
-"""Of an object's speed: palms of real retargets that hold one slide at most at 0.26 of it."""
+_LOOSE_SHARE = 0.5  # Of an object's speed: palms of real retargets that hold one slide at most at 0.26 of it.
 _MIN_FLAGGED_SHARE = 0.5
 """Of frames in which an object moves near a palm: in published files, 0.84 and more have a contact flag."""
-_SAME_SLIDE_MPS, _SAME_SLIDE_SHARE, _SAME_DISTANCE_M = 0.01, 0.2, 0.02
-"""Readings that differ by less are equally good."""
+_SAME_SLIDE_MPS, _SAME_SLIDE_SHARE, _SAME_DISTANCE_M = 0.01, 0.2, 0.02  # Readings that differ by less are equally good.
 
 
 @dataclass(frozen=True, eq=False)

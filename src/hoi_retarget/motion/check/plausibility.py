@@ -122,8 +122,7 @@ def _elbows_aside(kinematics: Kinematics) -> Float[np.ndarray, "P 2"]:
 FLOOR, _AT_ZERO = "floor", "the floor is at z = 0"
 _MAX_OFF_M = 0.04
 """The floor may be so far from z = 0: motions in use have it within 4 cm, but for those that hover in part."""
-_MAX_READABLE_M, _MIN_READABLE_M = 0.06, -0.05
-"""Farther off, the motion cannot be used as it is."""
+_MAX_READABLE_M, _MIN_READABLE_M = 0.06, -0.05  # Farther off, the motion cannot be used as it is.
 _MAX_LEVEL_SPREAD_M = 0.03
 """Standing feet at one height within this stand on one floor, at their median; else the floor is the lowest of them."""
 _MAX_DRIFT_M, _MIN_DRIFT_PART = 0.06, 0.75

@@ -18,8 +18,7 @@ _MIN_RATE_CORRELATION, _MIN_CORRELATION = 0.99, 0.6
 _WRONG, _EXPLAINED, _PART = 0.6, 0.25, 0.5
 """Errors as parts of the speed: stored velocities are wrong above, right below; an explanation takes half away."""
 _MIN_SPEED = 0.02  # [rad/s or m/s]
-_MAX_LEVER_M = 0.4
-"""Of a centre of mass from its body's origin."""
+_MAX_LEVER_M = 0.4  # Of a centre of mass from its body's origin.
 
 
 @dataclass(frozen=True)

@@ -27,10 +27,8 @@ from hoi_retarget.robots.model import RobotModel
 _GAIN, _SIGN_GAIN, _PART = 0.25, 0.35, 0.75
 _UNDECIDED = 0.1
 _ROUNDS = 3  # Of faults found one after the other.
-_MAX_STANDING_PENALTY = 1.8
-"""Between the best readings of shuffled columns, from 2.06 on, and right ones, to 1.52."""
-_MAX_SHARE_OUTSIDE = 0.02
-"""Part of the angles out of range from which on the columns are not the robot's."""
+_MAX_STANDING_PENALTY = 1.8  # Between the best readings of shuffled columns, from 2.06 on, and right ones, to 1.52.
+_MAX_SHARE_OUTSIDE = 0.02  # Part of the angles out of range from which on the columns are not the robot's.
 _MIN_MOVEMENT_RAD = 1e-3
 
 

@@ -16,12 +16,10 @@ from hoi_retarget.files.array_pickle import parse_pickle
 from hoi_retarget.files.reading import read_bytes
 from hoi_retarget.files.torch_file import parse_torch
 
-FOLDER = "/"
-"""Stands for the ending of a folder's name."""
+FOLDER = "/"  # Stands for the ending of a folder's name.
 TABLE, HEADER = "table", "header"
 """The one array of a CSV file, which has no name in it, and the names of its columns where the first line has them."""
-MOTION, META = "motion.npz", "meta.json"
-"""Files of a folder: its arrays, and its value `META` as JSON."""
+MOTION, META = "motion.npz", "meta.json"  # Files of a folder: its arrays, and its value `META` as JSON.
 JOINTS = "joint_pos"
 """The table of a folder of tables that has the joints; `<name> columns` are the names of a table's columns."""
 _TABLES = (JOINTS, "joint_vel", "body_pos", "body_quat", "body_lin_vel", "body_ang_vel")
@@ -157,8 +155,7 @@ TORCH = Container((".motion",), lambda path: parse_torch(read_bytes(path), path)
 CSV = Container((".csv",), read_csv, encode=lambda values: {".csv": _to_csv(values)})
 NPZ_AND_JSON = Container((FOLDER, ".npz"), read_npz, inside=MOTION, encode=_to_folder)
 """A folder of two files; its arrays are also read on their own."""
-CSV_FOLDER = Container((FOLDER,), _read_csv_folder, inside=f"{JOINTS}.csv")
-"""A folder of tables."""
+CSV_FOLDER = Container((FOLDER,), _read_csv_folder, inside=f"{JOINTS}.csv")  # A folder of tables.
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,8 +22,7 @@ from hoi_retarget.motion.resample import ResampledMotion, resample
 from hoi_retarget.motion.result import Result
 from hoi_retarget.robots.model import RobotModel
 
-DATA, DATA_FILE = "isaaclab", "motions.hdf5"
-"""The format of many results, and its file."""
+DATA, DATA_FILE = "isaaclab", "motions.hdf5"  # The format of many results, and its file.
 
 
 def read_bodies(arrays: ArraysByName) -> Bodies:
@@ -68,8 +67,7 @@ def with_object(bodies: dict[str, np.ndarray], object_paths: dict[str, np.ndarra
 
 Columns = np.ndarray | slice
 
-OPEN = Convention("tracking", order=None)
-"""What both demand, as long as the order is not known."""
+OPEN = Convention("tracking", order=None)  # What both demand, as long as the order is not known.
 
 holds = has("fps", "joint_pos", "joint_vel", "body_pos_w", "body_quat_w")
 

@@ -8,10 +8,8 @@ from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ArgumentError, did_you_mean
 from hoi_retarget.readers import read_recording
 
-BUILTIN = "builtin:"
-"""Stands before a scene's name in the place of a clip's file."""
-SCENES = ("carry_box", "push_table", "drag_suitcase", "move_chair", "carry_table")
-"""Their names."""
+BUILTIN = "builtin:"  # Stands before a scene's name in the place of a clip's file.
+SCENES = ("carry_box", "push_table", "drag_suitcase", "move_chair", "carry_table")  # Their names.
 FOLDER = Path(__file__).parent
 
 

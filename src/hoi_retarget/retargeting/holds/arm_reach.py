@@ -12,24 +12,18 @@ from hoi_retarget.retargeting.surfaces.skin_points import MovingObject
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.skin import skin_of, skins_from
 
-ITERATIONS, DAMPING, LARGEST_STEP = 12, 1e-3, 0.3
-"""Of damped least squares; steps are of joints [rad]."""
-WAIST_SHARE = 0.15
-"""How readily joints move that carry both arms."""
-TURN_LENGTH = 0.1
-"""[m]; an angle off counts as the way off that it is at this distance."""
-LINK_POINTS = 60
-"""Of the skin of each link of the arm."""
+ITERATIONS, DAMPING, LARGEST_STEP = 12, 1e-3, 0.3  # Of damped least squares; steps are of joints [rad].
+WAIST_SHARE = 0.15  # How readily joints move that carry both arms.
+TURN_LENGTH = 0.1  # [m]; an angle off counts as the way off that it is at this distance.
+LINK_POINTS = 60  # Of the skin of each link of the arm.
 
 
 @dataclass(frozen=True, eq=False)
 class Reach:
     """The nearest that an arm comes to N poses in F frames."""
 
-    off: Float[np.ndarray, "N F"]
-    """[m]"""
-    turned: Float[np.ndarray, "N F"]
-    """[rad]"""
+    off: Float[np.ndarray, "N F"]  # [m]
+    turned: Float[np.ndarray, "N F"]  # [rad]
     depth: Float[np.ndarray, "N F"]
     """Of the arm's links, without the hand, in the object [m]."""
     bent: Float[np.ndarray, "N F"]

@@ -8,12 +8,9 @@ from jaxtyping import Bool, Float, Int
 from hoi_retarget.numerics.arrays import runs
 from hoi_retarget.numerics.filters import closed_and_opened, seconds_to_frames
 
-JOINED_SECONDS = 0.2
-"""Labels that are off for less than this flicker: no hand lets go and takes hold again so quickly."""
-STEP = 0.04
-"""[m]; a hand that moves by twice as much, and stays there for a second, has taken hold anew."""
-SHORTEST_SECONDS = 0.3
-"""A hand that stays for less has not taken hold."""
+JOINED_SECONDS = 0.2  # Labels that are off for less than this flicker: no hand lets go and takes hold again so quickly.
+STEP = 0.04  # [m]; a hand that moves by twice as much, and stays there for a second, has taken hold anew.
+SHORTEST_SECONDS = 0.3  # A hand that stays for less has not taken hold.
 
 
 @dataclass(frozen=True)

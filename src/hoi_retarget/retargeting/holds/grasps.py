@@ -21,16 +21,11 @@ from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.skin import LinkSkin, skins_from
 from hoi_retarget.robots.spec import PALMS
 
-STEPS, POINTS = 32, 150
-"""Number of poses of a closing finger, and of points of each link's skin."""
-TOUCHING = 0.001
-"""[m]"""
-IN_FRONT = 0.05
-"""[m]; closing pads come nearer to a point so far in front of the palm."""
-CLOSES = 0.3
-"""Joints that bring a pad there less than this share as fast as the fastest one stay where they are."""
-RAMP_SECONDS = 0.2
-"""In which a hand closes, about the start of a contact, and opens, about its end."""
+STEPS, POINTS = 32, 150  # Number of poses of a closing finger, and of points of each link's skin.
+TOUCHING = 0.001  # [m]
+IN_FRONT = 0.05  # [m]; closing pads come nearer to a point so far in front of the palm.
+CLOSES = 0.3  # Joints that bring a pad there less than this share as fast as the fastest one stay where they are.
+RAMP_SECONDS = 0.2  # In which a hand closes, about the start of a contact, and opens, about its end.
 
 
 @dataclass(frozen=True, eq=False)

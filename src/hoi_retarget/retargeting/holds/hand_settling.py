@@ -11,20 +11,15 @@ from hoi_retarget.objects.surface_samples import SolidPoses
 from hoi_retarget.retargeting.holds.hand_shape import HandPart, HandPoses, HandShape
 from hoi_retarget.retargeting.surfaces.skin_points import MovingObject
 
-FAR_REACHES = (0.03, 0.03, 0.015, 0.015, 0.008, 0.008)
-"""[m]; palmar skin is drawn from so far away, step by step."""
+FAR_REACHES = (0.03, 0.03, 0.015, 0.015, 0.008, 0.008)  # [m]; palmar skin is drawn from so far away, step by step.
 NEAR_REACHES = (0.005, 0.005, 0.003, 0.003, 0.002, 0.002, 0.002, 0.002)
 """The same of hands that are about where they touch,"""
-PLACED_REACHES = (0.004,) * 3
-"""and of those that touch already, nearly."""
-MARGIN = 0.0003
-"""[m] of clearance."""
-HARD = 3e6
-"""Cost of skin inside [1/m^2]; 1 cm2 of skin that touches is worth 1."""
+PLACED_REACHES = (0.004,) * 3  # and of those that touch already, nearly.
+MARGIN = 0.0003  # [m] of clearance.
+HARD = 3e6  # Cost of skin inside [1/m^2]; 1 cm2 of skin that touches is worth 1.
 SOLID_FROM = 0.005
 """[m]; from this reach on, points of the object in the hand count, too: skin points do not see rods and edges."""
-LONGEST_SHIFT, LONGEST_TURN = 0.02, 0.2
-"""Of one step [m, rad]."""
+LONGEST_SHIFT, LONGEST_TURN = 0.02, 0.2  # Of one step [m, rad].
 TOUCHING_STEPS = 5
 
 

@@ -14,8 +14,7 @@ from hoi_retarget.robots.skin import LinkSkin, palmar_points, pose_at_home, skin
 
 OUTER_POINTS, WRIST_POINTS, PALMAR_POINTS = 220, 60, 110
 """Of the coarse skins: of the whole hand, of the link that carries it, and of the palmar side."""
-PALM_RADIUS = 0.06
-"""[m]; palmar skin that far from the palm's middle counts less by a factor of 0.6."""
+PALM_RADIUS = 0.06  # [m]; palmar skin that far from the palm's middle counts less by a factor of 0.6.
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +24,7 @@ class HandPart:
     skin: LinkSkin
     rotation: Float[np.ndarray, "3 3"]
     """Of the link in the palm's frame."""
-    origin: Float[np.ndarray, "3"]
-    """[m]"""
+    origin: Float[np.ndarray, "3"]  # [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +52,7 @@ class HandShape:
 class HandPoses:
     """Poses of a palm in an object's frame."""
 
-    positions: Float[np.ndarray, "N 3"]
-    """[m]"""
+    positions: Float[np.ndarray, "N 3"]  # [m]
     rotations: Float[np.ndarray, "N 3 3"]
 
     def placed(self, points: Float[np.ndarray, "K 3"]) -> Float[np.ndarray, "N K 3"]:

@@ -31,40 +31,28 @@ from hoi_retarget.robots.model import RobotModel
 from hoi_retarget.robots.skin import skins_from
 from hoi_retarget.robots.spec import PALMS
 
-LEVER = 0.05
-"""[m]; a hand that turns has moved as its points at this distance have."""
-SMOOTHING_SECONDS = 0.1
-"""Of the person's path on the object."""
-STILL = (0.03, np.radians(25.0))
-"""A person's hand within this of its place keeps its hold [m, rad]."""
-TAKING_SECONDS = 0.5
-"""A person's hand that is not still for so long from the start of a contact takes hold."""
+LEVER = 0.05  # [m]; a hand that turns has moved as its points at this distance have.
+SMOOTHING_SECONDS = 0.1  # Of the person's path on the object.
+STILL = (0.03, np.radians(25.0))  # A person's hand within this of its place keeps its hold [m, rad].
+TAKING_SECONDS = 0.5  # A person's hand that is not still for so long from the start of a contact takes hold.
 REGRASP_SECONDS, REGRASP_MPS = 0.2, 0.25
 """Shortest time from one hold to the next, and the speed of a hand that needs longer [m/s]."""
-ON_ITS_WAY = (0.01, 0.1)
-"""Distances from its path that a hand on its way gives for touch, as those of a hold [m, rad]."""
-WAY_SHARE = 0.1
-"""Of a hold's weight, on the way to another."""
-OUT_OF_REACH = 0.02
-"""[m]; a hold that the arm misses by this has half of its weight: more would turn the arm over."""
-LED_BY_FINGERS = 0.01
-"""Of a hold's weight, where fingers touch: they say where the hand is."""
-WAY_RAMP = 3
-"""[frames]"""
-POSES_AT_ONCE = 400
-"""Of hands on their way: their skins take memory."""
+ON_ITS_WAY = (0.01, 0.1)  # Distances from its path that a hand on its way gives for touch, as those of a hold [m, rad].
+WAY_SHARE = 0.1  # Of a hold's weight, on the way to another.
+OUT_OF_REACH = 0.02  # [m]; a hold that the arm misses by this has half of its weight: more would turn the arm over.
+LED_BY_FINGERS = 0.01  # Of a hold's weight, where fingers touch: they say where the hand is.
+WAY_RAMP = 3  # [frames]
+POSES_AT_ONCE = 400  # Of hands on their way: their skins take memory.
 APPROACH_SECONDS, APPROACH_POWER = 0.12, 4
 """In which a hold's weight grows before and falls after contact, and the power of that ramp."""
-APPROACH_MPS2 = 4.0
-"""A hand comes from off the surface, and leaves, with this acceleration [m/s^2]."""
+APPROACH_MPS2 = 4.0  # A hand comes from off the surface, and leaves, with this acceleration [m/s^2].
 
 
 @dataclass(frozen=True, eq=False)
 class PalmPath:
     """A palm's path in the frame of the object that it touches, or is nearest in time to touching."""
 
-    positions: Float[np.ndarray, "T 3"]
-    """[m]"""
+    positions: Float[np.ndarray, "T 3"]  # [m]
     quats: Float[np.ndarray, "T 4"]
 
 

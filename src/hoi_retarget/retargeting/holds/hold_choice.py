@@ -36,38 +36,28 @@ from hoi_retarget.robots.model import Kinematics, RobotModel
 
 TURNED_TO_SURFACE = (0.0, 0.35, 0.7, 1.0)
 """Shares of the turn that lays the palm onto the surface: the first candidates."""
-NEAR, FAR = 60, 36
-"""Numbers of candidates by lot,"""
+NEAR, FAR = 60, 36  # Numbers of candidates by lot,
 NEAR_SPREAD, FAR_SPREAD = (0.025, 0.3), (0.05, 0.5)
 """and their distances from the person's pose, as standard deviations [m, rad]."""
 MIRRORED = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
 """Lots of right hands: the left palm's side is the right one's other side."""
-SPREAD = (0.03, 0.5)
-"""Distances from the person's pose that cost half as much as 1 cm2 of touch is worth [m, rad]."""
-PLACE = 0.03
-"""The same of the touch from the person's place on the surface [m]."""
+SPREAD = (0.03, 0.5)  # Distances from the person's pose that cost half as much as 1 cm2 of touch is worth [m, rad].
+PLACE = 0.03  # The same of the touch from the person's place on the surface [m].
 ASKED = 0.0075
 """And of the palm along the surface where somebody edited the contact [m]: it is to be where they put it."""
-ASKED_TURN = 0.1
-"""And of its turn where somebody turned it [rad]."""
-DIFFERENT = (0.01, np.radians(15.0))
-"""Holds that differ by less in place and in turn count as one [m, rad]."""
-ENOUGH_AREA = 4.0
-"""[cm2]; more touch is worth nothing."""
+ASKED_TURN = 0.1  # And of its turn where somebody turned it [rad].
+DIFFERENT = (0.01, np.radians(15.0))  # Holds that differ by less in place and in turn count as one [m, rad].
+ENOUGH_AREA = 4.0  # [cm2]; more touch is worth nothing.
 ROUGHLY, TOUCHING, LARGEST_DEPTH = 0.005, 0.002, 0.0005
 """Distances at which skin touches, before and after the last millimetres, and depth without a cost [m]."""
-POLISHED = 24
-"""Candidates that are laid on to the last millimetre."""
+POLISHED = 24  # Candidates that are laid on to the last millimetre.
 DEPTH_COST, DEEPEST, STUCK_COST = 1e3, 0.0015, 100.0
 """Of a metre deeper; of more than a depth [m], at which no force holds a candidate any more."""
 OFF, TURNED, DEEP = 0.004, 0.1, 0.004
 """Errors of reach, and depth of the arm, that cost as much as 1 cm2 is worth [m, rad, m]."""
-BENT = 0.8
-"""[rad]; a change of the arm's joints that costs half as much: others are an arm held in another way."""
-LARGEST_COST = 20.0
-"""Of a frame that is out of reach."""
-FINALISTS, FRAMES = 12, 8
-"""Candidates of an episode whose reach is looked at, and frames in which it is."""
+BENT = 0.8  # [rad]; a change of the arm's joints that costs half as much: others are an arm held in another way.
+LARGEST_COST = 20.0  # Of a frame that is out of reach.
+FINALISTS, FRAMES = 12, 8  # Candidates of an episode whose reach is looked at, and frames in which it is.
 
 
 def chosen_holds(

@@ -22,15 +22,12 @@ from hoi_retarget.retargeting.targets import Targets
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.skin import extreme_points
 
-LARGEST_SHIFT, LARGEST_TURN = 0.03, np.radians(5.0)
-"""[m, rad]"""
-MISSED = 0.01
-"""[m]; holds that the arm reaches within this leave the path as it is."""
+LARGEST_SHIFT, LARGEST_TURN = 0.03, np.radians(5.0)  # [m, rad]
+MISSED = 0.01  # [m]; holds that the arm reaches within this leave the path as it is.
 STRIDE_SECONDS, SMOOTHING_SECONDS = 0.1, 0.25
 CLEARANCE, LIFTED = 0.005, 0.05
 """Height over the floor that an object keeps, and from which on it gives way wholly [m]."""
-SHIFT_COST, TURN_COST = 0.05, 1.0
-"""Of 1 m and of 1 rad, against 1 m by which an arm misses its hold."""
+SHIFT_COST, TURN_COST = 0.05, 1.0  # Of 1 m and of 1 rad, against 1 m by which an arm misses its hold.
 SMALLEST, TOLD = 0.005, (0.001, 0.1)
 """A path that would move by less stays as recorded [m]; frames that move or turn by less are not told [m, deg]."""
 FRAMES_AT_ONCE = 500

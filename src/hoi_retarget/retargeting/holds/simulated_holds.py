@@ -33,25 +33,20 @@ CANDIDATES, SHIFT, TURN, LONGEST_TURN = 400, 0.09, 0.45, 1.0
 """Poses of a hand by lot, and how far from its longest hold they are, along and about each axis [m, rad]."""
 FARTHEST, FARTHEST_TURN = 0.11, np.radians(75.0)
 """[m, rad]; a hold that is farther from the person's palm does not stand for it."""
-SETTLING_STEPS, LONGEST_STEP = 6, 0.03
-"""In which a hand is moved until it just touches, and the longest of them [m]."""
-OPTIONS = 80
-"""Poses of a hand that are left: those that cost least."""
+SETTLING_STEPS, LONGEST_STEP = 6, 0.03  # In which a hand is moved until it just touches, and the longest of them [m].
+OPTIONS = 80  # Poses of a hand that are left: those that cost least.
 DISTANCE_COST, LEVER, AREA_COST, REACH_COST = 1.0, 0.05, 200.0, 0.02
 """Of a metre from the chosen holds, in which a turn counts by a lever [m]; of a square metre of palmar skin that does
 not touch; and of a unit of reach."""
-OFF, TURNED, DEEP, BENT = 0.01, 0.2, 0.006, 1.5
-"""Errors of reach that are units [m, rad, m, rad]."""
-LARGEST_COST, REACH_FRAMES = 10.0, 8
-"""Units in one frame at most, and frames in which the reach is looked at."""
+OFF, TURNED, DEEP, BENT = 0.01, 0.2, 0.006, 1.5  # Errors of reach that are units [m, rad, m, rad].
+LARGEST_COST, REACH_FRAMES = 10.0, 8  # Units in one frame at most, and frames in which the reach is looked at.
 PAIRS, ROUNDS, BEST_PAIRS = 400, 2, 6
 """Pairs by lot, and rounds in which the hands of so many best ones are paired anew."""
 FRAMES, EASY_FORCE, FORCE_COST = 6, 25.0, 0.002
 """Frames in which a pair's forces are found, an easy force [N], and the cost of a newton more; all weight's is 1."""
 SIMULATED, ENOUGH, EVERY = 60, 12, 2
 """Pairs that are simulated at most, those that keep the object after which no more are, and frames a force counts."""
-OFF_HOLD = 0.0015
-"""[m]; a solved body has its hands about so far off their holds."""
+OFF_HOLD = 0.0015  # [m]; a solved body has its hands about so far off their holds.
 TURN_COST, LARGEST_OFF, OPTION_SHARE = 0.15, 0.5, 0.15
 """Metres off its path that count as much as an object's turn by a radian, the most that count, and the weight of what
 holds cost."""

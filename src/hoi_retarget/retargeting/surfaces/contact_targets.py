@@ -21,16 +21,12 @@ from hoi_retarget.robots.spec import BODY_SITES, PALMS
 
 APPROACH_SECONDS = 1 / 3
 """Before and after a contact, in which the human's part is outside the object on the side from which it came."""
-STEADY_SECONDS = 0.27
-"""A side turns over this time, as where a hand slips around an edge."""
-CLEARLY_OUTSIDE = 0.04
-"""[m]; a part that is so far outside shows its side as well as any."""
-EDITED = 0.03
-"""[m]; a contact point that is so far from the human's part was placed by somebody."""
+STEADY_SECONDS = 0.27  # A side turns over this time, as where a hand slips around an edge.
+CLEARLY_OUTSIDE = 0.04  # [m]; a part that is so far outside shows its side as well as any.
+EDITED = 0.03  # [m]; a contact point that is so far from the human's part was placed by somebody.
 
 
-RESTING_SITES = frozenset(BODY_SITES.values())
-"""Of parts that rest on what is below them, whatever is beside them."""
+RESTING_SITES = frozenset(BODY_SITES.values())  # Of parts that rest on what is below them, whatever is beside them.
 
 
 def contact_sides(targets: Targets, objects: tuple[MovingObject, ...]) -> Float[np.ndarray, "T C 3"]:
@@ -68,17 +64,14 @@ def _sides(targets: Targets, moving_object: MovingObject, link: int, window: sli
     return np.where(lengths > 1e-9, mean / np.maximum(lengths, 1e-9), normals.T)
 
 
-SKIN_POINTS = 150
-"""Of the coarse skin that is moved: the last millimetres are left to the optimization."""
+SKIN_POINTS = 150  # Of the coarse skin that is moved: the last millimetres are left to the optimization.
 STEPS = 8
 SMOOTHING_SECONDS = 0.4
 STRIDE_SECONDS = 0.1
 OVERSHOOT = 1.15
 """A step out is longer than the depth: where the side is oblique to the surface, the depth shrinks by less."""
-LARGEST_MOVE = 0.2
-"""[m]; a part that would have to go further stays as it is."""
-REST_FACTOR = 10.0
-"""Of the weight of a palm that fingers lead."""
+LARGEST_MOVE = 0.2  # [m]; a part that would have to go further stays as it is.
+REST_FACTOR = 10.0  # Of the weight of a palm that fingers lead.
 
 
 def touching_targets(

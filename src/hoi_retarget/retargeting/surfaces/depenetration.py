@@ -20,24 +20,17 @@ from hoi_retarget.retargeting.trajopt.problem import FrameRows
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.skin import LinkSkin, Skin, skin_of
 
-MIN_DEPTH_M = 0.006
-"""[m]; less deep links leave without a path."""
-MAX_ESCAPE_M, MIN_STEP_M = 0.12, 0.004
-"""Length of a path, and of one step of the search for it."""
-AROUND_SECONDS = 0.4
-"""A path begins and ends so long before and after the link is deep."""
+MIN_DEPTH_M = 0.006  # [m]; less deep links leave without a path.
+MAX_ESCAPE_M, MIN_STEP_M = 0.12, 0.004  # Length of a path, and of one step of the search for it.
+AROUND_SECONDS = 0.4  # A path begins and ends so long before and after the link is deep.
 SIDE_SECONDS, SMOOTHING_SECONDS = 0.3, 0.15
 NEXT_TO_BODY = 0.25
 """Share of a human's limb, from its beginning, that decides the side: a caught limb must be able to go back."""
-WHOLE_RUN = 0.02
-"""Weight of the whole run in the side of each of its frames."""
+WHOLE_RUN = 0.02  # Weight of the whole run in the side of each of its frames.
 STRIDE_SECONDS = 0.1
-EARLIER = 1e3
-"""Weight of a side that was chosen before."""
-PEAK_SECONDS = 0.3
-"""A path is as long as the longest one within this time."""
-TAKEN_SECONDS = 0.15
-"""Before and after contact a path's weight grows from nothing over this time."""
+EARLIER = 1e3  # Weight of a side that was chosen before.
+PEAK_SECONDS = 0.3  # A path is as long as the longest one within this time.
+TAKEN_SECONDS = 0.15  # Before and after contact a path's weight grows from nothing over this time.
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +51,7 @@ class EscapePath:
     """The same in world axes."""
     goals: Float[np.ndarray, "1 F"]
     """Coordinate of the point along them at the end of the path [m]."""
-    weights: Float[np.ndarray, "F"]
-    """[1/m^2]"""
+    weights: Float[np.ndarray, "F"]  # [1/m^2]
 
     def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
         """Return one row a frame."""

@@ -43,21 +43,16 @@ NEAR = 3e-3
 """Share of joints' ranges: each pass starts near its solution, and a wrist moved off its stop would lose its hold."""
 COARSE = Effort(300.0, max_iterations=15, restarts=False, start_margin=NEAR)
 """Of the passes that choose contact points: contacts weigh so much that a smaller tolerance shows nowhere."""
-FINE = Effort(20.0, max_iterations=15, restarts=False, start_margin=NEAR)
-"""Of the first pass between surfaces."""
+FINE = Effort(20.0, max_iterations=15, restarts=False, start_margin=NEAR)  # Of the first pass between surfaces.
 FINAL = Effort(7.0, max_iterations=150, kinks=True, start_margin=NEAR)
 """Of the last pass, which does not try for ever to free a trapped link."""
-MET_DEPTH_M = 2.5e-3
-"""[m]; what was too far apart before the last pass for its terms may be in each other at its end."""
-ROUNDS = 3
-"""In which links leave objects."""
+MET_DEPTH_M = 2.5e-3  # [m]; what was too far apart before the last pass for its terms may be in each other at its end.
+ROUNDS = 3  # In which links leave objects.
 COARSE_FRAMES = 3
 """Wrong frames that later passes may mend; with more after a coarse pass, ways out of an object are given up."""
 
-LONG = 2000
-"""[frames]; what is near along more of them is found piece by piece, and forgotten."""
-LOST_DISTANCE = 0.12
-"""[m]; a hand farther from its contact point has let go of the object."""
+LONG = 2000  # [frames]; what is near along more of them is found piece by piece, and forgotten.
+LOST_DISTANCE = 0.12  # [m]; a hand farther from its contact point has let go of the object.
 
 SolvePass = Callable[[ProblemOf, Float[np.ndarray, "T nq"], Effort, bool], Float[np.ndarray, "T nq"]]
 """Solves one pass from a start with an effort; the last argument says whether it is the last pass."""

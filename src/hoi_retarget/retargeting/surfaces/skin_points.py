@@ -24,10 +24,8 @@ from hoi_retarget.robots.frames import Frame
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.skin import LinkSkin
 
-LINEAR_BEYOND = 0.03
-"""[m]"""
-NEAR = 0.03
-"""[m]; skin that is further away is left out."""
+LINEAR_BEYOND = 0.03  # [m]
+NEAR = 0.03  # [m]; skin that is further away is left out.
 
 
 def levers(
@@ -85,12 +83,10 @@ def softened(
     return np.where(beyond, np.sign(residual) * root, residual), np.where(beyond, knee / root, 1.0)
 
 
-SPACING = 0.005
-"""Side of the square of surface for which one sample stands [m]."""
+SPACING = 0.005  # Side of the square of surface for which one sample stands [m].
 HELD_SHELL_SPACING = 0.0035
 """The same of a surface without an inside, for holds: only its samples tell that it goes through a hand."""
-_REACH = 0.6
-"""A robot's skin is nearer to its targets [m]: the largest links have a radius of 0.3."""
+_REACH = 0.6  # A robot's skin is nearer to its targets [m]: the largest links have a radius of 0.3.
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +96,7 @@ class MovingObject:
     name: str
     field: DistanceField
     samples: SurfaceSamples
-    position: Float[np.ndarray, "3 T"]
-    """[m]"""
+    position: Float[np.ndarray, "3 T"]  # [m]
     rotation: Float[np.ndarray, "3 3 T"]
 
     def inside(self, points: Float[np.ndarray, "3 K F"], frames: Int[np.ndarray, "F"]) -> Float[np.ndarray, "3 K F"]:
@@ -196,8 +191,7 @@ class LinkAtObject:
         return turn @ self.start.orientation(self.skin.frame)[:, :, frames].transpose(2, 0, 1)
 
 
-COARSE = 100
-"""Points of the coarser skin."""
+COARSE = 100  # Points of the coarser skin.
 SPREAD = 0.01
 """[m]; patches of skin that may hold a point less than this further than the nearest one are looked at closely."""
 
@@ -210,8 +204,7 @@ class Patches:
     """Points, patch by patch."""
     first: Int[np.ndarray, "C"]
     count: Int[np.ndarray, "C"]
-    radius: Float[np.ndarray, "C"]
-    """[m]"""
+    radius: Float[np.ndarray, "C"]  # [m]
 
 
 @lru_cache(maxsize=256)

@@ -23,8 +23,7 @@ from hoi_retarget.retargeting.trajopt.problem import FrameRows
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.skin import LinkSkin
 
-OUTSIDE_RANGE = 0.012
-"""[m]; samples that are further away from a link are left out."""
+OUTSIDE_RANGE = 0.012  # [m]; samples that are further away from a link are left out.
 STRIDE, SHARED_WAY, SPREAD_POINTS = 3, 0.01, 4
 """Most frames that share their samples, the way of the link between them [m], and its points that tell it."""
 
@@ -40,8 +39,7 @@ class ObjectOutsideLink:
     """World positions of the samples [m]."""
     margins: Float[np.ndarray, "K F"]
     """Distance from the solid that costs nothing [m]; minus infinity for places in the arrays without a sample."""
-    weights: Float[np.ndarray, "F"]
-    """[1/m^2]"""
+    weights: Float[np.ndarray, "F"]  # [1/m^2]
 
     def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
         """Return one row a sample."""
@@ -111,14 +109,10 @@ def _groups(link: LinkAtObject, frames: Int[np.ndarray, "F"]) -> Int[np.ndarray,
     return group
 
 
-MARGIN = 0.0005
-"""[m] of clearance: the surface between two skin points."""
-TOUCHING = 0.001
-"""[m]; nearer skin touches, and is drawn no nearer."""
-SHARPNESS = 0.0015
-"""[m]; skin that much further away has a share of 1/e in the distance of the whole."""
-FURTHEST_PULL = 0.03
-"""[m]; beyond, what is drawn to the surface costs in proportion to its distance."""
+MARGIN = 0.0005  # [m] of clearance: the surface between two skin points.
+TOUCHING = 0.001  # [m]; nearer skin touches, and is drawn no nearer.
+SHARPNESS = 0.0015  # [m]; skin that much further away has a share of 1/e in the distance of the whole.
+FURTHEST_PULL = 0.03  # [m]; beyond, what is drawn to the surface costs in proportion to its distance.
 
 
 @dataclass(frozen=True, eq=False)

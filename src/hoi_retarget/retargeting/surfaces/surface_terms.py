@@ -27,23 +27,18 @@ from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.skin import LinkSkin, Skin, contact_skins, skins_from
 from hoi_retarget.robots.spec import PALMS
 
-TOUCH_SECONDS = 2 / 30
-"""Ramp of touch before and after a contact."""
-TRAPPED_DEPTH_M = 0.012
-"""[m]; a link that is still so deep after a solve finds no way out."""
+TOUCH_SECONDS = 2 / 30  # Ramp of touch before and after a contact.
+TRAPPED_DEPTH_M = 0.012  # [m]; a link that is still so deep after a solve finds no way out.
 RELAXED_SHARE, RELAXED_SECONDS = 0.3, 0.5
 """Share of the clearances' weight around trapped links, and its ramp: more weight would tear at the motion."""
-CLEARANCE_SHARE_ON_ESCAPE = 0.1
-"""Share of a link's clearance on an escape path."""
-ALONG_NORMAL = 0.05
-"""Share of the contact's cost along its side: there the surfaces decide."""
+CLEARANCE_SHARE_ON_ESCAPE = 0.1  # Share of a link's clearance on an escape path.
+ALONG_NORMAL = 0.05  # Share of the contact's cost along its side: there the surfaces decide.
 RESTING_PLACE = 0.1
 """Share of the contact's cost of a part that rests: where it does depends on the length of the legs."""
 PART_POINTS, AS_NEAR = 150, 0.005
 """Of a coarse skin; links of one part whose distances differ by less [m], on average, touch together."""
 HAND_POINTS, LINK_POINTS, SAMPLES = 24, 6, 14
-HAND_SPREAD, LINK_SPREAD = 0.008, 0.03
-"""[m] between points of one link."""
+HAND_SPREAD, LINK_SPREAD = 0.008, 0.03  # [m] between points of one link.
 
 
 Clearance = SkinContact | ObjectOutsideLink

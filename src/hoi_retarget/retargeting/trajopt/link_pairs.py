@@ -114,8 +114,7 @@ class Meeting:
     """Points of one link inside another, as many a frame as the most in any; zeros where there are fewer."""
 
     frames: Int[np.ndarray, "F"]
-    depths: Float[np.ndarray, "m F"]
-    """[m]"""
+    depths: Float[np.ndarray, "m F"]  # [m]
     inwards: Float[np.ndarray, "m 3 F"]
     """Derivative of the depth by the point's position, in world axes."""
     levers: Float[np.ndarray, "m 3 F"]

@@ -16,13 +16,11 @@ from hoi_retarget.robots.adding.kinematic_chains import (
 )
 from hoi_retarget.robots.adding.zero_pose import ZeroPose
 
-_AMBIGUOUS = 0.6
-"""From this share of the shorter side of its range in the longer one, an elbow's flexion is ambiguous."""
+_AMBIGUOUS = 0.6  # From this share of the shorter side of its range in the longer one, an elbow's flexion is ambiguous.
 _MIN_TWIST_ALONG, _MAX_TWIST_OFFSET = 0.8, 0.35
 """A joint turns a forearm about its length when its axis points along it and passes near the hand's tip."""
 _COS_BENT_WRIST = np.cos(np.radians(35.0))
-_PALM = 0.6
-"""Share of the hand's length at which the palm touches."""
+_PALM = 0.6  # Share of the hand's length at which the palm touches.
 _MAX_PALM_DEPTH, _MAX_PALM_OFFSET = 0.05, 0.03
 
 

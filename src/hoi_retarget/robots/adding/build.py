@@ -20,19 +20,15 @@ from hoi_retarget.robots.mjcf import mesh_of
 from hoi_retarget.robots.model import load_model
 from hoi_retarget.robots.spec import SIDES, TRUNK, IkRow, RobotSpec, ik_table
 
-_VISIBLE_GROUP = 2
-"""Viewers draw it."""
+_VISIBLE_GROUP = 2  # Viewers draw it.
 _MIN_MASS, _MIN_INERTIA = 1e-3, 1e-7
 _MIN_STATURE_FOR_CAPTURED_OBJECTS = 1.64
 """[m]; hands and arms of smaller robots are too small for objects of captured size."""
-_GOOD_DEG, _USABLE_DEG = 5.0, 15.0
-"""Between the home pose and its goals."""
-_WEAK_PALM = 0.04
-"""Palms that cannot turn freely: their rotations would cost millimetres of contact."""
+_GOOD_DEG, _USABLE_DEG = 5.0, 15.0  # Between the home pose and its goals.
+_WEAK_PALM = 0.04  # Palms that cannot turn freely: their rotations would cost millimetres of contact.
 _FIRM_CONTACT = 3.0
 """Contacts of robots that cannot take a person's pose: at one they are 5 mm off, at five jerk rises by a third."""
-_SHOULDER_JOINTS = 3
-"""That an upper arm needs to point anywhere, turned in any way."""
+_SHOULDER_JOINTS = 3  # That an upper arm needs to point anywhere, turned in any way.
 _WRIST_WEIGHTS = {0: 0.0, 1: 1.0, 2: 2.5}
 """IK weight of a wrist's rotation by how many axes the joints after the elbow have [1/rad]."""
 _POSTURE = 1.0

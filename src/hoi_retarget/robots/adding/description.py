@@ -21,13 +21,10 @@ from hoi_retarget.robots.adding.mesh_files import SUFFIXES, Colour, Mesh, MeshFo
 from hoi_retarget.robots.mjcf import quiet
 from hoi_retarget.robots.spec import HeldJoint
 
-DEFAULT_SPEED = 20.0
-"""Of joints of which no file says a speed limit [rad/s]."""
-_LAST_DRAWN = 2
-"""MuJoCo's viewers draw no later group of shapes unless they are told to."""
+DEFAULT_SPEED = 20.0  # Of joints of which no file says a speed limit [rad/s].
+_LAST_DRAWN = 2  # MuJoCo's viewers draw no later group of shapes unless they are told to.
 _MAX_SPEED = 200.0
-_FULL_TURN = 6.28
-"""Of a joint without an end [rad]."""
+_FULL_TURN = 6.28  # Of a joint without an end [rad].
 _MAX_BYTES = 16 << 20
 _MAX_INCLUDES, _MAX_LINKS, _MAX_ELEMENTS = 200, 1_000, 50_000
 _COMPILER = {
@@ -39,8 +36,7 @@ _COMPILER = {
     "boundinertia": "1e-9",
     "angle": "radian",
 }
-_TURNED_DISTANCE = 0.7
-"""Of meshes that are turned: so much nearer to the centres of mass."""
+_TURNED_DISTANCE = 0.7  # Of meshes that are turned: so much nearer to the centres of mass.
 _GREY = "0.5 0.5 0.5 1"
 _LEFT_OUT = (
     "keyframe",

@@ -24,8 +24,7 @@ _MORE_STARTS, _SUFFICIENT_DEG = 6, 2.0
 class HomePose:
     """Joint angles, and the distance of each site from its goal."""
 
-    angles: Mapping[str, float]
-    """[rad]"""
+    angles: Mapping[str, float]  # [rad]
     missed_deg: Mapping[str, float]
 
 

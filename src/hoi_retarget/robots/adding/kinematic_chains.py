@@ -11,23 +11,18 @@ from hoi_retarget.robots.adding.description import finite_range
 from hoi_retarget.robots.adding.findings import UnsuitableRobotError
 from hoi_retarget.robots.adding.zero_pose import LimbPart, ZeroPose
 
-_MIRROR_TOLERANCE = 0.03
-"""Between anchors of mirrored joints and each other's mirror images [m]."""
+_MIRROR_TOLERANCE = 0.03  # Between anchors of mirrored joints and each other's mirror images [m].
 _MIN_JOINTS = 3
 _FINGER = re.compile(r"finger|thumb|index|middle|ring_|_ring|pinky|little|gripper|claw|jaw|knuckle", re.IGNORECASE)
 _UPS = ((0, 0, 1), (0, 1, 0), (1, 0, 0), (0, -1, 0), (-1, 0, 0), (0, 0, -1))
-_MIN_DOWNWARDS = 0.7
-"""Share of a leg's reach from its first joint that is downwards."""
+_MIN_DOWNWARDS = 0.7  # Share of a leg's reach from its first joint that is downwards.
 _MIN_LEG_JOINTS, _MIN_ARM_JOINTS = 4, 3
 _NOTHING = "no legs: no mirrored pair"
 _UPPER = 'For its upper body alone say base = "follows" or base = "stays" in a hints file.'
-_MAX_FINGER_MASS_RATIO = 3.0
-"""Fingers differ in mass by less than this factor; a gear beside a forearm is lighter."""
+_MAX_FINGER_MASS_RATIO = 3.0  # Fingers differ in mass by less than this factor; a gear beside a forearm is lighter.
 _RIDGE = 1e-3
-_MIN_NAMED_LEVER = 0.4
-"""A joint called a knee or an elbow is one from this share of the longest lever on."""
-_SURE_LEVER_RATIO = 1.5
-"""From this ratio of the longest lever to the next one, the choice is beyond doubt."""
+_MIN_NAMED_LEVER = 0.4  # A joint called a knee or an elbow is one from this share of the longest lever on.
+_SURE_LEVER_RATIO = 1.5  # From this ratio of the longest lever to the next one, the choice is beyond doubt.
 
 
 @dataclass(frozen=True, eq=False)

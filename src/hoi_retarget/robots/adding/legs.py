@@ -11,16 +11,13 @@ from hoi_retarget.robots.adding.forward_axis import TrunkAxes
 from hoi_retarget.robots.adding.kinematic_chains import BendJoint, KinematicChain, Limbs, find_bend_joint, joint_centre
 from hoi_retarget.robots.adding.zero_pose import ZeroPose
 
-_LAYER = 0.012
-"""Points within this height of the lowest one belong to the sole [m]."""
-_FLAT = 0.45
-"""A foot whose lowest points span this share of its length stands flat in the zero pose."""
+_LAYER = 0.012  # Points within this height of the lowest one belong to the sole [m].
+_FLAT = 0.45  # A foot whose lowest points span this share of its length stands flat in the zero pose.
 _MIN_DOWNWARDS, _SAME_FACE = 0.6, np.cos(np.radians(6.0))
 _LEVEL_FACE = np.cos(np.radians(4.0))
 _TILTED_FACE_WEIGHT = 0.35
 _NOT_TILTED = np.cos(np.radians(3.0))
-_CORNER_INSET = 0.04
-"""Corners lie inside the sole's outline by this share of its length and width."""
+_CORNER_INSET = 0.04  # Corners lie inside the sole's outline by this share of its length and width.
 _MIN_LENGTH = 0.05  # [m]
 _MIN_SOLE_SHARE, _MIN_LENGTH_BY_LEG = 0.3, 0.15
 """Of a foot's outline, and of the leg's length: manufacturers' soles have 0.5 to 1, and 0.25 to 0.56."""

@@ -21,10 +21,8 @@ from hoi_retarget.errors import ReadError
 from hoi_retarget.files.reading import parse_xml, read_bytes
 from hoi_retarget.numerics import se3
 
-Colour = tuple[float, ...]
-"""Red, green, blue, each from 0 to 1."""
-_MAX_BYTES, _MAX_NODES, _MAX_TRIANGLES = 64 << 20, 2_000, 2_000_000
-"""Instances of instances would grow without end."""
+Colour = tuple[float, ...]  # Red, green, blue, each from 0 to 1.
+_MAX_BYTES, _MAX_NODES, _MAX_TRIANGLES = 64 << 20, 2_000, 2_000_000  # Instances of instances would grow without end.
 _PRIMITIVES = ("triangles", "polylist", "polygons", "trifans", "tristrips")
 _UPRIGHT = {
     "X_UP": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
@@ -40,16 +38,14 @@ _MAX_FILE_BYTES = 48 << 20
 _MAX_FACES = 2500
 _STL_HEAD = 84
 _STL_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
-_FINEST = 256
-"""Parts of a mesh's extent at first, when vertices that are near to each other become one."""
+_FINEST = 256  # Parts of a mesh's extent at first, when vertices that are near to each other become one.
 
 
 @dataclass(frozen=True, eq=False)
 class ColladaSurface:
     """Triangles of one colour."""
 
-    vertices: Float[np.ndarray, "V 3"]
-    """[m]"""
+    vertices: Float[np.ndarray, "V 3"]  # [m]
     faces: Int[np.ndarray, "T 3"]
     colour: Colour | None
     """None where the file says none, or a texture."""

@@ -21,22 +21,15 @@ from hoi_retarget.robots.spec import SIDES, SOLE_CORNERS, HeldJoint
 STATURE_BY_LEG = 2.0
 """Stature over hip height. People's is 2.03 to 2.06: with less knees bend, with as much motions jerk more."""
 _MAX_NECK_JOINTS = 3
-_PELVIS = 0.055
-"""A person's pelvis joint lies above the hips by this share of the stature."""
-_EYES = 0.06
-"""Of the stature, under the top of the head."""
-_CHEST = 0.7
-"""Share of the way from the hips to the shoulders."""
-_MIN_HEAD, _USUAL_HEAD = 0.05, 0.17
-"""Of the stature, above the shoulders: a head without a shape has the usual height."""
-_MAX_WIDTH, _MIN_SOLE_LENGTH, _MAX_TILT = 0.18, 0.06, 12.0
-"""Soles beyond these are doubtful [m, m, deg]."""
+_PELVIS = 0.055  # A person's pelvis joint lies above the hips by this share of the stature.
+_EYES = 0.06  # Of the stature, under the top of the head.
+_CHEST = 0.7  # Share of the way from the hips to the shoulders.
+_MIN_HEAD, _USUAL_HEAD = 0.05, 0.17  # Of the stature, above the shoulders: a head without a shape has the usual height.
+_MAX_WIDTH, _MIN_SOLE_LENGTH, _MAX_TILT = 0.18, 0.06, 12.0  # Soles beyond these are doubtful [m, m, deg].
 _LOCK = 'lock = ["JOINT", ...]'
-_MIRROR_TOLERANCE = 0.005
-"""Left and right are mirror images within this [m]."""
+_MIRROR_TOLERANCE = 0.005  # Left and right are mirror images within this [m].
 _PARALLEL = 0.95
-_RANGE_TOLERANCE = 0.2
-"""Ends of mirrored ranges may differ by this [rad]."""
+_RANGE_TOLERANCE = 0.2  # Ends of mirrored ranges may differ by this [rad].
 
 
 _FOLLOWED: Mapping[int, tuple[str, ...]] = {
@@ -46,10 +39,8 @@ _FOLLOWED: Mapping[int, tuple[str, ...]] = {
     4: ("index", "middle", "ring", "pinky"),
 }
 """The human fingers that fingers beside the thumb follow, by their number."""
-_PAD = 0.75
-"""Share of the last link's length at which its pad is."""
-_PAD_WIDTH = 0.2
-"""Of points about there."""
+_PAD = 0.75  # Share of the last link's length at which its pad is.
+_PAD_WIDTH = 0.2  # Of points about there.
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +50,7 @@ class Finger:
     joints: tuple[int, ...]
     part: LimbPart
     """The part moved by the last joint."""
-    pad: Float[np.ndarray, "3"]
-    """[m]"""
+    pad: Float[np.ndarray, "3"]  # [m]
     rotation: Float[np.ndarray, "3 3"]
     """Of the pad: x along the last link, y against the way in which it closes."""
 
@@ -75,8 +65,7 @@ class PlacedSite:
     """A site in the zero pose, in world axes."""
 
     part: LimbPart
-    position: Float[np.ndarray, "3"]
-    """[m]"""
+    position: Float[np.ndarray, "3"]  # [m]
     rotation: Float[np.ndarray, "3 3"]
 
 
@@ -89,8 +78,7 @@ class Morphology:
     sites: Mapping[str, PlacedSite]
     arms: tuple[Arm, Arm]
     """Left and right."""
-    stature: float
-    """[m]"""
+    stature: float  # [m]
     findings: tuple[RobotFinding, ...]
     fingers: Mapping[str, Finger] = field(default_factory=dict)
     """By the human finger that each follows."""

@@ -28,8 +28,7 @@ from hoi_retarget.robots.adding.morphology import (
 from hoi_retarget.robots.adding.zero_pose import ZeroPose
 from hoi_retarget.robots.spec import SIDES
 
-_SHOULDERS, _ARM = 0.82, 0.30
-"""Of a person's stature: how high the shoulders are, and how long arms are without hands."""
+_SHOULDERS, _ARM = 0.82, 0.30  # Of a person's stature: how high the shoulders are, and how long arms are without hands.
 _NO_STAND = 0.35
 """Shoulders lower than this share of where arms of that length have them: the file lacks what they stand on."""
 _LEG = {

@@ -16,8 +16,7 @@ from hoi_retarget.robots.spec import HeldJoint
 
 _HINGE, _FREE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_FREE
 _SLIDE = mujoco.mjtJoint.mjJNT_SLIDE
-_LIMB_JOINTS, _LIMB_MASS = 3, 0.04
-"""A joint that carries as many and such a share of the robot's mass moves a limb."""
+_LIMB_JOINTS, _LIMB_MASS = 3, 0.04  # A joint that carries as many and such a share of the robot's mass moves a limb.
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +55,7 @@ class ZeroPose:
     """Joints that do not move on their own, in the source file's order."""
     loose: tuple[HeldJoint, ...]
     """Couplings of two limbs, whose joints move on their own here, and of fingers."""
-    anchors: Float[np.ndarray, "joints 3"]
-    """[m]"""
+    anchors: Float[np.ndarray, "joints 3"]  # [m]
     axes: Float[np.ndarray, "joints 3"]
     body_position: Float[np.ndarray, "bodies 3"]
     body_rotation: Float[np.ndarray, "bodies 3 3"]

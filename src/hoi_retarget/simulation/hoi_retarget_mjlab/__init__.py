@@ -6,8 +6,7 @@ mjlab imports this package when its folder is on Python's path (PYTHONPATH); `li
 from importlib.metadata import version
 from pathlib import Path
 
-WRITTEN_FOR = "1.6."
-"""Versions of mjlab: resets of robot and objects replace a method of its motion command."""
+WRITTEN_FOR = "1.6."  # Versions of mjlab: resets of robot and objects replace a method of its motion command.
 
 
 def _register() -> None:

@@ -29,15 +29,12 @@ from . import terms
 from .command import ObjectMotionCommandCfg
 
 FORMAT = "hoi-retarget mjlab task 1"
-FLOOR = "terrain"
-"""Entity, body and geometry of mjlab's plane."""
-FRICTION_STIFFNESS = 10.0
-"""As in the scene: with pyramidal cones, what is held creeps."""
+FLOOR = "terrain"  # Entity, body and geometry of mjlab's plane.
+FRICTION_STIFFNESS = 10.0  # As in the scene: with pyramidal cones, what is held creeps.
 OFFSETS = {"x": (-0.03, 0.03), "y": (-0.03, 0.03), "z": (-0.01, 0.01), "roll": (-0.05, 0.05), "pitch": (-0.05, 0.05)}
 OFFSETS["yaw"] = (-0.1, 0.1)
 PUSHES = {"x": (-0.3, 0.3), "y": (-0.3, 0.3), "z": (-0.1, 0.1), "roll": (-0.3, 0.3), "pitch": (-0.3, 0.3)}
-PUSHES["yaw"] = (-0.4, 0.4)
-"""Less than mjlab's by about half: a robot with a load in its hands is pushed."""
+PUSHES["yaw"] = (-0.4, 0.4)  # Less than mjlab's by about half: a robot with a load in its hands is pushed.
 
 
 def register_task(folder: Path) -> None:

@@ -7,8 +7,7 @@ from mjlab.utils.lab_api.math import quat_apply_inverse, quat_error_magnitude
 
 from .command import ObjectMotionCommand, turned_between
 
-FORCE_UNIT = 100.0
-"""Forces are observed in units of this [N]."""
+FORCE_UNIT = 100.0  # Forces are observed in units of this [N].
 
 
 def _command(env: Any) -> ObjectMotionCommand:

@@ -224,8 +224,7 @@ def _labelled(picture: Picture, camera: Camera, places: Float[np.ndarray, "N 3"]
     return np.asarray(image)
 
 
-STILL, MOVING = ".png", ".webp"
-"""Endings of their files."""
+STILL, MOVING = ".png", ".webp"  # Endings of their files.
 WIDTH, HEIGHT = 720, 405  # [px]
 _MOVING_WIDTH, _MOVING_HEIGHT = 320, 180  # [px]
 _FRAMES, _RATE, _QUALITY = 24, 8.0, 50  # Of the film: of motions of any length, a second, of 100.

@@ -34,13 +34,10 @@ def read_manifests(manifests: Sequence[Path]) -> tuple[dict[Path, Mapping[str, A
     return lineages, missing
 
 
-MANIFEST = "manifest.jsonl"
-"""A batch's manifest, in the folder of its results."""
+MANIFEST = "manifest.jsonl"  # A batch's manifest, in the folder of its results.
 _SUFFIXES = (".npz", ".pkl", ".csv", ".motion")
-_CONTACTS = ".contacts.npz"
-"""Ending of the contacts beside an exported motion whose format has no room for them."""
-_OWN = ("index.csv", "verdicts.json")
-"""Beside each other they tell a folder that a report was written into."""
+_CONTACTS = ".contacts.npz"  # Ending of the contacts beside an exported motion whose format has no room for them.
+_OWN = ("index.csv", "verdicts.json")  # Beside each other they tell a folder that a report was written into.
 
 
 def find(named: Sequence[Path]) -> tuple[dict[str, Path], tuple[Path, ...]]:

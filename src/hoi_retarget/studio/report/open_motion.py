@@ -26,10 +26,8 @@ from hoi_retarget.readers.open import clip_stem, open_clip
 from hoi_retarget.robots.model import Kinematics, RobotModel
 from hoi_retarget.robots.skin import link_heights
 
-STANDING_HEIGHT = 0.03
-"""A foot whose lowest corner is no further above where feet stand in this motion may stand [m]."""
-STANDING_SPEED = 0.3
-"""A foot that low and slower than this stands [m/s]; the slower of the low ones always does."""
+STANDING_HEIGHT = 0.03  # A foot whose lowest corner is no further above where feet stand in this motion may stand [m].
+STANDING_SPEED = 0.3  # A foot that low and slower than this stands [m/s]; the slower of the low ones always does.
 _STANDING_PERCENTILE = 5.0  # Of the lower foot's height: where feet stand.
 
 
@@ -158,8 +156,7 @@ def _is_result(path: Path) -> bool:
     return not names or {"schema.npy", "contact_targets.npy"} <= names
 
 
-AWAY = 0.5
-"""A robot that is further from the person in the median [m] moves in another world than the clip's object."""
+AWAY = 0.5  # A robot that is further from the person in the median [m] moves in another world than the clip's object.
 _OF_OBJECT_PATHS = ("object_path_error_m", "object_below_floor_m", "object_float_m", "support_height_error_m")
 _UNKNOWN = "contacts, penetration of objects and likeness to the human are not measured"
 

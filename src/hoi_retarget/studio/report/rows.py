@@ -17,10 +17,8 @@ from hoi_retarget.studio.offscreen.robot_portraits import representative_frame
 from hoi_retarget.studio.report.open_motion import OWN_FORMAT, ReferenceClip, open_motion, with_recording
 from hoi_retarget.studio.scene.scene import shared_objects
 
-STATES = ("pass", "not judged", "warn", "fail", "unread")
-"""What a file can be in a report."""
-LIGHTS = ("pass", "not judged", "warn", "fail")
-"""What its physics can be."""
+STATES = ("pass", "not judged", "warn", "fail", "unread")  # What a file can be in a report.
+LIGHTS = ("pass", "not judged", "warn", "fail")  # What its physics can be.
 _OF_OBJECTS = {"touch_share", "contact_gap_m", "penetration_max_m"}
 
 

@@ -16,10 +16,8 @@ _CORNERS = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in 
 class Extent:
     """Balls around one part of a scene in T frames, about the point that a camera follows."""
 
-    points: Float[np.ndarray, "T N 3"]
-    """[m]"""
-    radii: Float[np.ndarray, "N"]
-    """[m]"""
+    points: Float[np.ndarray, "T N 3"]  # [m]
+    radii: Float[np.ndarray, "N"]  # [m]
 
     def reach(self, axis: Float[np.ndarray, "3"], origin: Float[np.ndarray, "3"]) -> Float[np.ndarray, "T"]:
         """Return the part's reach from an origin along an axis in each frame [m]."""
@@ -67,10 +65,8 @@ def distance_to_see(reaches: Float[np.ndarray, "K 3"], aspect: float, slope: flo
     return float(np.max(np.maximum(upright, sideways / aspect) / slope + near))
 
 
-FIELD_OF_VIEW = 45.0
-"""From the bottom of a picture to its top [deg]."""
-CLOSE_REACH = 0.22
-"""What is seen around a hand from near, above and below it [m]."""
+FIELD_OF_VIEW = 45.0  # From the bottom of a picture to its top [deg].
+CLOSE_REACH = 0.22  # What is seen around a hand from near, above and below it [m].
 _MARGIN = 1.05
 _SAMPLED_FRAMES, _SAMPLED_HEIGHTS = 60, 12  # To find the distance.
 _MAX_SIDE_DISTANCE = 1.3  # From a followed subject; points farther to the side may be out of the picture [m].
@@ -82,8 +78,7 @@ class Camera:
 
     point: Float[np.ndarray, "3"]
     """Target [m]."""
-    distance: float
-    """[m]"""
+    distance: float  # [m]
     azimuth: float
     """Viewing direction, from the x axis towards the y axis [deg]."""
     elevation: float
@@ -94,10 +89,8 @@ class Camera:
 class CameraSettings:
     """Direction, distance and motion of a camera over a film."""
 
-    azimuth: float
-    """[deg]"""
-    elevation: float = -12.0
-    """[deg]"""
+    azimuth: float  # [deg]
+    elevation: float = -12.0  # [deg]
     distance: float | None = None
     """[m]; None for as near as possible."""
     follow: bool = True
@@ -169,8 +162,7 @@ def _points_to_see(scene: DrawnScene, follow: bool) -> tuple[Float[np.ndarray, "
     return points[near], radii[near]
 
 
-ELEVATION = 0.2
-"""Of the camera above the horizon [rad]."""
+ELEVATION = 0.2  # Of the camera above the horizon [rad].
 _LEFT_OUT = 2.5  # Share of the frames that may leave the picture, to each side [%].
 
 
@@ -180,8 +172,7 @@ class FittedCamera:
 
     azimuth: float
     """Of the camera about its target, from the x axis towards the y axis [rad]."""
-    elevation: float
-    """[rad]"""
+    elevation: float  # [rad]
     shift: Float[np.ndarray, "3"]
     """From the followed centre to the middle of the scene, as seen from there [m]."""
     reaches: Float[np.ndarray, "K 3"]

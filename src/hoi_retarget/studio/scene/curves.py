@@ -36,10 +36,8 @@ CONTACT, STANCE, WARNING, ERROR = "contact", "stance", "warning", "error"
 class Bar:
     """A stretch of time."""
 
-    start: float
-    """[s]"""
-    stop: float
-    """[s]"""
+    start: float  # [s]
+    stop: float  # [s]
     kind: str
     """One of `contact`, `stance`, `warning` and `error`."""
     text: str
@@ -101,8 +99,7 @@ def _motion_bar(motion: Motion, first: int, last: int, kind: str, text: str) -> 
     return Bar(first / motion.fps, last / motion.fps, kind, text)
 
 
-SURFACE_GROUPS = ("surface gap", "inside object")
-"""Groups that are there where the objects' shapes are known."""
+SURFACE_GROUPS = ("surface gap", "inside object")  # Groups that are there where the objects' shapes are known.
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,10 +195,8 @@ def _finite(values: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-TRUNK_GROUP, SLIP_GROUP = "trunk", "hand slip"
-"""Groups that are there where the clip is known."""
-FORCE_GROUPS = ("missing wrench", "torque", "grip margin")
-"""Groups that are there where masses and torques are known."""
+TRUNK_GROUP, SLIP_GROUP = "trunk", "hand slip"  # Groups that are there where the clip is known.
+FORCE_GROUPS = ("missing wrench", "torque", "grip margin")  # Groups that are there where masses and torques are known.
 
 
 def all_curves(motion: Motion, model: RobotModel, clip: Clip | None) -> tuple[Curve, ...]:
@@ -268,13 +263,10 @@ def _force_curves(motion: Motion, model: RobotModel, clip: Clip | None) -> Itera
 LEFT_INSET_PX = 164
 RIGHT_INSET_PX = 160
 CHART_HEIGHT_PX = 20
-CHART_STEP_PX = CHART_HEIGHT_PX + 3
-"""From one chart to the next."""
+CHART_STEP_PX = CHART_HEIGHT_PX + 3  # From one chart to the next.
 BAR_ROW_HEIGHT_PX = 15
-TITLES_HEIGHT_PX = 19
-"""Of the line that names several results."""
-MAX_POINTS = 1500
-"""Points of one curve; of longer ones the smallest and the largest number of every stretch is drawn."""
+TITLES_HEIGHT_PX = 19  # Of the line that names several results.
+MAX_POINTS = 1500  # Points of one curve; of longer ones the smallest and the largest number of every stretch is drawn.
 
 _WIDTH, _HEIGHT = 20_000, 4000  # Units of the drawings, which are stretched to the page.
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")

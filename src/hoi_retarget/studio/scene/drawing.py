@@ -15,8 +15,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from hoi_retarget.numerics import se3
 
 Colour = tuple[int, int, int]
-Numbers = float | Sequence[Any] | np.ndarray
-"""One number, a row of numbers, or an array."""
+Numbers = float | Sequence[Any] | np.ndarray  # One number, a row of numbers, or an array.
 
 
 class Kind(Enum):
@@ -38,8 +37,7 @@ class Shapes:
     sizes: Float[np.ndarray, "N 3"]
     """Half extents along the shape's own axes [m]."""
     colours: UInt8[np.ndarray, "N 3"]
-    positions: Float[np.ndarray, "T N 3"]
-    """[m]"""
+    positions: Float[np.ndarray, "T N 3"]  # [m]
     quats: Float[np.ndarray, "T N 4"]
     """wxyz"""
     visible: Bool[np.ndarray, "T N"] | None = None
@@ -85,12 +83,10 @@ class Shapes:
 class Solid:
     """A rigid mesh that moves over T frames."""
 
-    vertices: Float[np.ndarray, "V 3"]
-    """[m]"""
+    vertices: Float[np.ndarray, "V 3"]  # [m]
     faces: Int[np.ndarray, "F 3"]
     colour: Colour
-    positions: Float[np.ndarray, "T 3"]
-    """[m]"""
+    positions: Float[np.ndarray, "T 3"]  # [m]
     quats: Float[np.ndarray, "T 4"]
     """wxyz"""
     count = 1
@@ -100,8 +96,7 @@ class Solid:
 class Lines:
     """N straight lines over T frames."""
 
-    starts: Float[np.ndarray, "T N 3"]
-    """[m]"""
+    starts: Float[np.ndarray, "T N 3"]  # [m]
     ends: Float[np.ndarray, "T N 3"]
     colours: UInt8[np.ndarray, "T N 3"]
     visible: Bool[np.ndarray, "T N"]

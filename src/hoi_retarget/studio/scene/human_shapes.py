@@ -115,8 +115,7 @@ def human_skin(person: Person) -> tuple[Solid, ...]:
     return tuple(pieces)
 
 
-_TOE_HEIGHT = 0.0145
-"""Of a standing person's toe joint, as a share of the stature."""
+_TOE_HEIGHT = 0.0145  # Of a standing person's toe joint, as a share of the stature.
 
 
 def person_in_pose(kinematics: Kinematics, aside: Float[np.ndarray, "3"]) -> Person:

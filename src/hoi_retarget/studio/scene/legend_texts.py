@@ -7,8 +7,7 @@ import numpy as np
 from hoi_retarget.evaluation import Figure
 from hoi_retarget.evaluation.thresholds import LANDMARK_FIGURES, SURFACE_FIGURES, THRESHOLDS, Reason
 
-Badness = Callable[[np.ndarray], np.ndarray]
-"""Makes of a curve's values numbers that are the larger the worse."""
+Badness = Callable[[np.ndarray], np.ndarray]  # Makes of a curve's values numbers that are the larger the worse.
 
 
 CURVES: Mapping[str, tuple[str, Badness]] = {

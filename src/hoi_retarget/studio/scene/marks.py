@@ -291,8 +291,7 @@ def _coloured(  # noqa: PLR0913, PLR0917 - what a mark is made of
 
 
 _BALL: Colour = (30, 32, 38)
-_BALL_RADIUS, _AXIS_RADIUS = 0.16, 0.06
-"""In lengths of the axes."""
+_BALL_RADIUS, _AXIS_RADIUS = 0.16, 0.06  # In lengths of the axes.
 
 
 def site_marks(kinematics: Kinematics, sites: Sequence[str], length: float) -> tuple[Shapes, Shapes]:
@@ -303,8 +302,7 @@ def site_marks(kinematics: Kinematics, sites: Sequence[str], length: float) -> t
     return balls, axes(places, quats, length, _AXIS_RADIUS * length)
 
 
-ARROW_LENGTH = 0.002
-"""Of an arrow [m/N]: the weight of a robot of 33 kg is 65 cm long."""
+ARROW_LENGTH = 0.002  # Of an arrow [m/N]: the weight of a robot of 33 kg is 65 cm long.
 _MIN_FORCE_N = 2.0  # Of an arrow.
 _FORCE_COLOUR: Colour = (196, 40, 170)
 _HEAD, _MAX_HEAD_LENGTH = 0.25, 0.05  # Of an arrow, and [m].

@@ -205,8 +205,7 @@ def robot_shapes(model: RobotModel, kinematics: Kinematics, nodes: Collection[in
 class _Mesh:
     """A mesh of a compiled model, and its geometry."""
 
-    vertices: Float[np.ndarray, "V 3"]
-    """[m]"""
+    vertices: Float[np.ndarray, "V 3"]  # [m]
     faces: Int[np.ndarray, "F 3"]
     attached: _Attached
 

@@ -61,8 +61,7 @@ def group_people(objects: Sequence[Hashable], people: Sequence[int]) -> tuple[in
 FREE_SPACE = 0.3  # Between what neighbours reach [m].
 _ARM_REACH = 0.8  # Of a body, around its pelvis [m].
 OBJECT_LAYERS = ("object", "human's object")
-BASELINE = "before"
-"""Layer of an earlier motion."""
+BASELINE = "before"  # Layer of an earlier motion.
 REFERENCE, FORCES = "reference", "forces"
 """Layers of a motion that was performed in simulation: the stage that it follows, and arrows."""
 SEE_THROUGH = 0.35  # Opacity of objects through which hands are seen.

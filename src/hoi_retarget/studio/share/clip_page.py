@@ -27,8 +27,7 @@ PLAYER = tuple(
     for name in ("numbers", "meshes", "shaders", "shapes", "picture", "camera", "timeline", "player")
 )
 """The parts of the page's script, in their order."""
-CHART_HEIGHT_PX = 32
-"""Of one chart on a page that plays."""
+CHART_HEIGHT_PX = 32  # Of one chart on a page that plays.
 
 
 @dataclass(frozen=True)
@@ -49,8 +48,7 @@ class Detail:
     """Of one curve."""
 
 
-SMALL = Detail(MAX_FRAMES, MAX_POINTS)
-"""Small enough to be sent by mail."""
+SMALL = Detail(MAX_FRAMES, MAX_POINTS)  # Small enough to be sent by mail.
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,7 @@ from hoi_retarget.studio.scene.drawing import DrawnScene, Kind, Layer, Lines, Pa
 from hoi_retarget.studio.scene.legend_texts import LAYERS
 from hoi_retarget.studio.scene.scene import OBJECT_LAYERS, SEE_THROUGH
 
-MAX_FRAMES = 2000
-"""Frames of one subject that a page holds; of a longer one every second, third, ... frame is kept."""
+MAX_FRAMES = 2000  # Frames of one subject that a page holds; of a longer one every second, third, ... frame is kept.
 POSITION_STEP = 2e-4  # [m]
 _TURN_STEP = 2.5e-4  # Of a quaternion's numbers: 0.03 degrees.
 _VERTEX_STEP = 1e-4  # Of a mesh's size.

@@ -18,8 +18,7 @@ from typing import Any
 
 from hoi_retarget.errors import ArgumentError
 
-LOOPBACK = ("127.0.0.1", "localhost", "::1")
-"""Hosts that only this machine reaches."""
+LOOPBACK = ("127.0.0.1", "localhost", "::1")  # Hosts that only this machine reaches.
 _ANY = ("0.0.0.0", "::")
 FIRST_PORT, MAX_PORT = 8080, 65535  # Taken ports are passed over.
 

@@ -18,8 +18,7 @@ from hoi_retarget.studio.scene.scene import SceneItem
 from hoi_retarget.studio.share.clip_page import BackLink, make_clip_page
 from hoi_retarget.studio.share.gallery import Card, GalleryEntry, file_name, index_page
 
-LISTING = "gallery.json"
-"""The file that marks a folder as a gallery, and lists its own files."""
+LISTING = "gallery.json"  # The file that marks a folder as a gallery, and lists its own files.
 
 
 class Gallery:

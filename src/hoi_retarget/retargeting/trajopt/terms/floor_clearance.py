@@ -31,8 +31,7 @@ class FloorClearance:
 
     name: str
     sites: tuple[str, ...]
-    margin: float
-    """[m]"""
+    margin: float  # [m]
     weight: float
 
     def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:

@@ -14,8 +14,7 @@ from hoi_retarget.retargeting.trajopt.terms.site_pose import SiteRotation
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.spec import PALMS
 
-HOLD_FACTOR = 20.0
-"""Of the contact's weight at a hold, at which the hand touches."""
+HOLD_FACTOR = 20.0  # Of the contact's weight at a hold, at which the hand touches.
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,7 @@ from hoi_retarget.robots.spec import PALMS, SIDES
 
 STILL_FINGERS = 1e3
 """Weight of fingers that touch nothing by themselves [1/rad^2]: the hand is as rigid as its hold takes it to be."""
-COUPLING = 3e4
-"""Weight of a joint that follows another [1/rad^2]; measured, it does within 1.4e-3 rad."""
+COUPLING = 3e4  # Weight of a joint that follows another [1/rad^2]; measured, it does within 1.4e-3 rad.
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +57,7 @@ class CoupledJoints:
     joint: int
     other: int
     ratio: float
-    offset: float
-    """[rad]"""
+    offset: float  # [rad]
 
     def rows(self, kinematics: Kinematics) -> tuple[TangentRows, ...]:
         """Return the row at a trajectory."""

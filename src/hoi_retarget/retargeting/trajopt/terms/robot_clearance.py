@@ -12,10 +12,8 @@ from hoi_retarget.retargeting.trajopt.terms.self_clearance import MARGIN
 from hoi_retarget.robots.model import Kinematics
 from hoi_retarget.robots.skin import skin_of
 
-CLEARLY_OUTSIDE = 0.04
-"""[m]; a link that is so far outside shows its side as well as any."""
-STEADY_SECONDS = 0.27
-"""A side turns over this time."""
+CLEARLY_OUTSIDE = 0.04  # [m]; a link that is so far outside shows its side as well as any.
+STEADY_SECONDS = 0.27  # A side turns over this time.
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +26,7 @@ class RobotClearance:
     """Links of the robot that is solved for, against solids of the other."""
     others: tuple[LinkPair, ...]
     """Links of the other, against solids of the robot."""
-    margin: float
-    """[m]"""
+    margin: float  # [m]
     weight: float
 
     def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:

@@ -18,8 +18,7 @@ class SelfClearance:
 
     name: str
     pairs: tuple[LinkPair, ...]
-    margin: float
-    """[m]"""
+    margin: float  # [m]
     weight: float
 
     def rows(self, kinematics: Kinematics) -> tuple[PairRows, ...]:

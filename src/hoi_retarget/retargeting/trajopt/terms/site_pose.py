@@ -21,8 +21,7 @@ PINNED_REACH = 0.1  # Of a pinned part that turns, likewise.
 IDENTITY = np.eye(3)[:, :, None]
 UPRIGHT, LYING = 0.5, 0.26
 """How much of the trunk's length is upwards; a trunk that is tilted by 60 degrees begins to lie, one by 75 lies."""
-LYING_FACTOR = 100.0
-"""Times the weight of the torso's rotation in the base frame."""
+LYING_FACTOR = 100.0  # Times the weight of the torso's rotation in the base frame.
 
 
 @dataclass(frozen=True, eq=False)
