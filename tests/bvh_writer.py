@@ -35,9 +35,14 @@ def _names(trunk: str, limbs: str, sides: tuple[str, str] = ("Left", "Right")) -
 MIXAMO = _names("Hips Spine Spine1 Spine2 Neck Head", "UpLeg Leg Foot ToeBase Shoulder Arm ForeArm Hand")
 XSENS = _names("Hips Chest Chest2 Chest3 Neck Head", "Hip Knee Ankle Toe Collar Shoulder Elbow Wrist")
 SMPL = _names("Pelvis Spine1 Spine2 Spine3 Neck Head", "Hip Knee Ankle Foot Collar Shoulder Elbow Wrist", ("L_", "R_"))
+SOMA = _names("Hips Spine1 Spine2 Chest Neck1 Head", "Leg Shin Foot ToeBase Shoulder Arm ForeArm Hand")
 MIXAMO_FINGERS = {
     joint: f"{joint.partition('_')[0].title()}Hand{joint.partition('_')[2].title()}" for joint in JOINTS[22:]
 }
+SOMA_FINGERS = {
+    joint: bone if "Thumb" in bone else f"{bone[:-1]}{int(bone[-1]) + 1}" for joint, bone in MIXAMO_FINGERS.items()
+}
+"""Four joints a finger: the first is in the palm, and none of a person's."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,7 @@ import omomo_writer
 import own_layout_writer
 import parahome_writer
 import people_writer
+import soma_writer
 import synthetic
 from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.read_options import ReadOptions
@@ -248,6 +249,11 @@ def amass(folder: Path, frames: int) -> Recording:
 def bvh(folder: Path, frames: int) -> Recording:
     clip, rig = scene("carry_box", frames), bvh_writer.Rig(bvh_writer.MIXAMO)
     return Recording(bvh_writer.write_person(folder / "walk.bvh", clip, rig))
+
+
+@writes("soma")
+def soma(folder: Path, frames: int) -> Recording:
+    return Recording(soma_writer.write_soma(folder / "walk.npz", scene("carry_box", frames)))
 
 
 @writes("hiphi")

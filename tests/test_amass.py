@@ -17,6 +17,7 @@ from npz_changes import changed
 from people_writer import alone, amass_arrays, gvhmr_arrays, write_amass, write_gvhmr, write_model
 from short_clips import cut
 from source_people import assert_same_people, in_world
+from torch_writer import torch_bytes
 
 WALK = alone("carry_box")
 SHORT = cut(WALK, 20)
@@ -54,6 +55,23 @@ def test_amass_as_written_is_the_person_read(tmp_path, family, fps):
     assert (clip.name, clip.fps, clip.frames, clip.objects, clip.contacts) == (path.stem, fps, 60, (), ())
     assert reader_of(SourceFile(path)).format == clip.source.format == "amass"
     assert "non-commercial" in clip.source.licence
+
+
+def test_poses_of_smpl_are_those_of_a_body_with_flat_hands(tmp_path):
+    path, models = write_amass(tmp_path, SHORT, "smplh")
+    with np.load(path) as arrays:
+        poses = arrays["poses"]
+        np.savez(tmp_path / "smpl.npz", **{**arrays, "poses": np.concatenate([poses[:, :66], poses[:, :6]], axis=1)})
+    clip = read_clip(tmp_path / "smpl.npz", ReadOptions(body_models=models))
+    assert_same_bodies(clip, SHORT)
+    assert any("SMPL's, with 24 joints" in note for note in clip.source.notes)
+
+
+def test_what_gem_x_lacks_is_told(tmp_path):
+    path = tmp_path / "walk.pt"
+    path.write_bytes(torch_bytes({"body_params_global": {"body_pose": np.zeros((20, 228))}}))
+    with pytest.raises(HoiRetargetError, match="GEM-X, whose bones' lengths are in SOMA's body model"):
+        read_clip(path)
 
 
 def test_gvhmr_as_written_is_the_person_read(tmp_path):
@@ -150,9 +168,9 @@ def test_people_who_lie_are_read(tmp_path):
         "another model": ({"surface_model_type": "star"}, "surface_model_type is 'star', expected smplx or smplh"),
         "no gender": ({"gender": None}, "gender, the body's gender, is missing"),
         "an unknown gender": ({"gender": "other"}, "no gender 'other'"),
-        "SMPL": (
-            {"poses": np.zeros((20, 72)), "surface_model_type": None, "root_orient": None},
-            "poses has 72 numbers a frame, as SMPL has, which has no hands; expected 156 of SMPL-H, 165 of SMPL-X",
+        "another width": (
+            {"poses": np.zeros((20, 75)), "surface_model_type": None, "root_orient": None},
+            "poses has 75 numbers a frame; expected 72 for SMPL-H, 156 for SMPL-H, 165 for SMPL-X",
         ),
         "frames that disagree": ({"trans": np.zeros((19, 3))}, "(20, 90), expected (19, 90)"),
         "not finite": ({"trans": np.full((20, 3), np.nan)}, "not finite"),

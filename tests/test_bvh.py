@@ -15,6 +15,8 @@ from bvh_writer import (
     MIXAMO,
     MIXAMO_FINGERS,
     SMPL,
+    SOMA,
+    SOMA_FINGERS,
     XSENS,
     Bone,
     Rig,
@@ -48,6 +50,7 @@ RIGS = {
     "Mixamo in metres, z up": Rig(MIXAMO, prefix="Model_", unit=1.0, up="z"),
     "Xsens": Rig(XSENS, order="YXZ", unit=0.001),
     "SMPL": Rig(SMPL, order="XZY", unit=1.0),
+    "SOMA": Rig(SOMA | SOMA_FINGERS, top=0.18),
     "inches": Rig(MIXAMO, unit=0.0254),
     "CMU's unit": Rig(MIXAMO, unit=0.0254 / 0.45),
 }

@@ -21,7 +21,8 @@ HAND_PARTS, LINK_PARTS = 10, 3
 _CLUSTERED_CELLS, _MARGIN = 4000, 1e-3  # Cells of a solid that are clustered, so deep [m].
 _LEAST_POINTS = 8  # Of a part.
 
-Parts = tuple[Float[np.ndarray, "_ 3"], ...]  # Corners of each part [m].
+Parts = tuple[Float[np.ndarray, "_ 3"], ...]
+"""Corners of each part [m]."""
 
 
 @lru_cache(maxsize=64)

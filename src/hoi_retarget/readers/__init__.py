@@ -34,6 +34,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "parahome": (FOLDER,),
     "amass": (".npz",),
     "gvhmr": (".pt", ".npz"),
+    "soma": (".npz",),
     "hiphi": (".bvh",),
     "omnicontact": (".bvh",),
     "bvh": (".bvh",),

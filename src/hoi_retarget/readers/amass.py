@@ -3,7 +3,8 @@
 Two releases exist. SMPL-H: `poses` has 156 numbers a frame, pelvis, body, left and right hand, the rate is called
 `mocap_framerate`. SMPL-X, in files `*_stageii.npz`: `poses` has 165, with jaw and eyes between body and hands, the same
 stands in `root_orient`, `pose_body` and `pose_hand`, the rate is called `mocap_frame_rate`, and `surface_model_type`
-names the model. Converters to that layout, such as those beside GMR, leave `poses` or the hands out.
+names the model. Converters to that layout, such as those beside GMR, leave `poses` or the hands out. SMPL has 72
+numbers, its body is SMPL-H's; its hands, joints without fingers, are left out.
 
 Rotations are rotation vectors, hands are counted from flat ones, betas are of one body. z is up, in metres. The floor
 is near 0, not exactly, and some subsets have people on stairs and boxes that are not in the files.
@@ -28,12 +29,13 @@ from hoi_retarget.readers.reader import Reader, SourceRecording, Tracks
 FORMAT = "amass"
 LICENCE = "AMASS: non-commercial scientific research; and the terms of the subset"
 RATES = ("mocap_framerate", "mocap_frame_rate")
-FAMILY_OF_WIDTH: Mapping[int, Family] = {156: "smplh", 165: "smplx"}
+FAMILY_OF_WIDTH: Mapping[int, Family] = {72: "smplh", 156: "smplh", 165: "smplx"}
 """Numbers of `poses` in a frame -> family of their model."""
 
 _BODY, _HANDS = 66, 90
 _PARTS = ("root_orient", "pose_body")
 _SMPL_WIDTH = 72
+_SMPL_NOTE = "The poses are SMPL's, with 24 joints; its body is that of SMPL-H."
 _NO_MODEL_NOTE = "The file does not name its body model; root_orient and pose_body are taken as those of SMPL-X."
 
 
@@ -95,13 +97,12 @@ def _family(fields: Fields, frames: int) -> tuple[Family, tuple[str, ...]]:
         return "smplx", (_NO_MODEL_NOTE,)
     width = fields.array("poses", (frames, "D"), "the body's pose").shape[1]
     if width not in FAMILY_OF_WIDTH:
-        known = ", ".join(f"{count} of {TITLES[family]}" for count, family in FAMILY_OF_WIDTH.items())
+        known = ", ".join(f"{count} for {TITLES[family]}" for count, family in FAMILY_OF_WIDTH.items())
         raise ClipError(
-            f"{fields.path}: poses has {width} numbers a frame"
-            f"{', as SMPL has, which has no hands' if width == _SMPL_WIDTH else ''}; expected {known}. Download the "
-            "recording for one of these models, or convert from what it was made of."
+            f"{fields.path}: poses has {width} numbers a frame; expected {known}. Download the recording for one of "
+            "these models, or convert from what it was made of."
         )
-    return FAMILY_OF_WIDTH[width], ()
+    return FAMILY_OF_WIDTH[width], (_SMPL_NOTE,) if width == _SMPL_WIDTH else ()
 
 
 def _body(fields: Fields, frames: int) -> Float[np.ndarray, "T 66"]:
@@ -115,9 +116,8 @@ def _hands(fields: Fields, frames: int) -> Float[np.ndarray, "T 90"] | None:
     """Return the pose of both hands; None where the file has none."""
     if "pose_hand" in fields:
         return fields.rows("pose_hand", frames, _HANDS, "the pose of both hands")
-    if "poses" in fields:
-        return fields.array("poses", (frames, "D"), "the body's pose")[:, -_HANDS:]
-    return None
+    pose = fields.array("poses", (frames, "D"), "the body's pose") if "poses" in fields else np.zeros((0, _SMPL_WIDTH))
+    return None if pose.shape[1] == _SMPL_WIDTH else pose[:, -_HANDS:]
 
 
 READER = Reader(FORMAT, record, holds=holds)

@@ -93,7 +93,7 @@ class _Rig:
             for side, prefix in zip(("left", "right"), self.sides, strict=True)
             for joint, names in limbs.items()
         }
-        return {"pelvis": (self.pelvis,), "neck": ("Neck",), "head": ("Head",), **sided}
+        return {"pelvis": (self.pelvis,), "neck": ("Neck", "Neck1"), "head": ("Head",), **sided}
 
 
 _LIMBS = ("hip", "knee", "ankle", "foot", "collar", "shoulder", "elbow", "wrist")
@@ -107,6 +107,7 @@ def _rig(title: str, pelvis: str, sides: tuple[str, str], bones: str, toe_height
 _RIGS = (
     _rig("LAFAN1 and Mixamo", "Hips", ("Left", "Right"), "UpLeg Leg Foot ToeBase|Toe Shoulder Arm ForeArm Hand"),
     _rig("Xsens MVN", "Hips", ("Left", "Right"), "Hip Knee Ankle Toe Collar Shoulder Elbow Wrist"),
+    _rig("SOMA", "Hips", ("Left", "Right"), "Leg Shin Foot ToeBase Shoulder Arm ForeArm Hand", 0.02),
     _rig("SMPL", "Pelvis", ("L_", "R_"), "Hip Knee Ankle Foot|Toe Collar Shoulder Elbow Wrist", 0.025),
 )
 
@@ -134,18 +135,22 @@ def is_actor(file: SourceFile, facts: str) -> bool:
 
 def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
     """Return the recording in a file."""
-    motion = parse_bvh(file.content, file.path)
+    return recording_of(file.path, parse_bvh(file.content, file.path))
+
+
+def recording_of(path: Path, motion: Bvh) -> SourceRecording:
+    """Return the recording of a skeleton that a file holds; raises `ClipError` where its names are not known."""
     try:
         skeleton = _skeleton_of(motion.names, motion.parents)
     except ClipError as error:
-        raise ClipError(f"{file.path}: {error}.") from error
+        raise ClipError(f"{path}: {error}.") from error
 
     def read_tracks() -> Tracks:
-        person, notes = _person(file.path, motion, skeleton)
+        person, notes = _person(path, motion, skeleton)
         return Tracks(people=(person,), objects=(), notes=notes)
 
     return SourceRecording(
-        name=file.path.stem,
+        name=path.stem,
         description="BVH motion of one person",
         frames=len(motion.values),
         fps=motion.rate,
@@ -166,7 +171,7 @@ def _world(person: Person) -> World:
     for up in ("y", "z"):
         world = World.of_axis(up)
         if standing_axis(world.turned_person(person).joint_positions) == "z":
-            return World(up, world.turns, f"{up} is up: the person stands along it; BVH does not state it.")
+            return World(up, world.turns, f"{up} is up: the person stands along it; the file does not state it.")
     world = World.of_axis("y")
     return World("y", world.turns, "y is taken as up, as in most BVH files; the person does not stand along it.")
 
@@ -279,7 +284,10 @@ def _unit(path: Path, height: float) -> tuple[float, str]:
     """Return the file's unit [m], from the person's height in it, and a note of it; raises `ClipError`."""
     for name, unit in UNITS.items():
         if MIN_HEIGHT <= unit * height <= MAX_HEIGHT:
-            return unit, f"A unit of length is {name}: the person is then {unit * height:.2f} m tall; BVH states none."
+            return (
+                unit,
+                f"A unit of length is {name}: the person is then {unit * height:.2f} m tall; the file states none.",
+            )
     raise ClipError(
         f"{path}: the person is {height:.4g} units tall, which is {MIN_HEIGHT:g} to {MAX_HEIGHT:g} m in none of "
         f"{', '.join(UNITS)}. Scale offsets and positions to centimetres."
@@ -337,11 +345,15 @@ def _between(pelvis: int, neck: int, parents: Sequence[int]) -> tuple[int, ...]:
 
 
 def _fingers(rig: _Rig, places: Mapping[str, int]) -> dict[str, int]:
-    """Return all finger joints, such as `LeftHandIndex1` for that of `LeftHand`; none where some are missing."""
+    """Return all finger joints, such as `LeftHandIndex1` for that of `LeftHand`; none where some are missing.
+
+    Fingers of four joints begin in the palm: the first is none of a person's three.
+    """
     found: dict[str, int] = {}
     for side, prefix, fingers in zip(("left", "right"), rig.sides, (LEFT_FINGERS, RIGHT_FINGERS), strict=True):
         for joint in fingers:
             name = f"{prefix}{rig.limbs['wrist'][0]}{joint.removeprefix(f'{side}_').title()}"
+            name = f"{name[:-1]}{int(name[-1]) + (f'{name[:-1]}4' in places)}"
             if name not in places:
                 return {}
             found[joint] = places[name]

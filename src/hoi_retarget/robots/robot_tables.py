@@ -13,9 +13,12 @@ class JointRow:
     """One row of the table of joints."""
 
     joint: str
-    lower: float  # [rad]
-    upper: float  # [rad]
-    speed_limit: float  # [rad/s]
+    lower: float
+    """[rad]"""
+    upper: float
+    """[rad]"""
+    speed_limit: float
+    """[rad/s]"""
     effort: float | None
     """[N m], where the MJCF has it (`actuatorfrcrange`)."""
 
