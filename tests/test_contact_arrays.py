@@ -9,6 +9,7 @@ from hoi_retarget.motion.contact_arrays import END_EFFECTORS, contact_arrays
 from hoi_retarget.motion.formats import read
 from hoi_retarget.motion.resample import resample
 from hoi_retarget.motion.write_export import write_export
+from hoi_retarget.robots import load_robot
 from trajectories import MODELS
 
 G1 = MODELS["unitree_g1"]
@@ -27,6 +28,19 @@ def test_neutral_is_near_a_touch_in_time_and_apart_is_not(seed, fps):
         touches = times[flags[:, link]]
         away = np.abs(times[:, None] - touches).min(axis=1, initial=np.inf)
         np.testing.assert_array_equal(labels[:, link] == -1, away > 0.2 + 1e-6)
+
+
+def test_a_hand_is_closed_around_what_any_of_its_links_touches():
+    links = ("left_palm", "left_thumb", "right_palm", "left_foot")
+    flags = np.zeros((40, 4), dtype=bool)
+    flags[20:25, 1] = flags[30:, 3] = True
+    values = {"contact_links": links, "contact_flags": flags, "contact_object": np.where(flags, 0, -1)}
+    points = np.where(flags[:, :, None], 0.1, np.nan)
+    model = load_robot("unitree_g1_dex3")
+    motion = as_result(model, contact_points=np.tile(points, (1, 1, 3)).reshape(40, 4, 3), fps=50.0, **values).motion
+    closed = contact_arrays(resample(motion, model, 50.0), {})["hand_closed"]
+    np.testing.assert_array_equal(np.flatnonzero(closed[:, 0]), np.arange(10, 35))
+    assert not closed[:, 1].any(), "a foot that touches closes no hand"
 
 
 def test_end_effectors_touch_as_their_links_do():

@@ -11,10 +11,11 @@ from jaxtyping import Float
 
 from hoi_retarget.motion.resample import ResampledMotion
 from hoi_retarget.objects.mesh import Surface
+from hoi_retarget.robots.spec import SIDES
 
 END_EFFECTORS = ("left_foot", "right_foot", "left_hand", "right_hand")
 """Of OmniContact's `contact_info`, in its order, as hands and feet near the object tell it."""
-_NEUTRAL_SECONDS = 0.2  # Before and after a touch, in which a link is neither apart nor touching.
+_NEUTRAL_SECONDS = 0.2  # Before and after a touch, in which a link is neither apart nor touching, and a hand closed.
 _ON_TRIANGLE_SHARE = 1e-6  # Of the object's size: the distance of a point on a triangle from it.
 _NORMAL_DIGITS = 6  # In which the normals of one flat side agree.
 
@@ -24,17 +25,18 @@ def contact_arrays(resampled: ResampledMotion, surfaces: Mapping[str, Surface]) 
 
     Normals are NaN where nothing is touched, and for objects whose surface is not given.
     """
-    motion, flags = resampled.motion, resampled.contact_flags
+    motion, links, flags = resampled.motion, resampled.motion.contact_links, resampled.contact_flags
     bodies, points = _touching(resampled)
     sites = [resampled.model.spec.part_sites.get(part, "") for part in END_EFFECTORS]
     near = scipy.ndimage.maximum_filter1d(flags, 2 * round(_NEUTRAL_SECONDS * resampled.fps) + 1, axis=0)
     return {
-        "contact_links": np.array(motion.contact_links, dtype=np.str_),
+        "contact_links": np.array(links, dtype=np.str_),
         "contact_bodies": np.array(bodies, dtype=np.str_),
         "contact_body_points": points,
         "contact_flags": flags,
         "contact_ternary": np.add(flags, near, dtype=np.int8) - np.int8(1),
-        "contact_info": (flags @ (np.array(motion.contact_links)[:, None] == sites))[:, :, None].astype(np.float32),
+        "hand_closed": near @ [[link.startswith(side) and "foot" not in link for side in SIDES] for link in links],
+        "contact_info": (flags @ (np.array(links)[:, None] == sites))[:, :, None].astype(np.float32),
         "contact_object": resampled.contact_object.astype(np.int64),
         "contact_points": resampled.contact_points,
         "contact_normals": _normals(resampled, surfaces),
