@@ -38,7 +38,7 @@ def test_a_hand_is_closed_around_what_any_of_its_links_touches():
     points = np.where(flags[:, :, None], 0.1, np.nan)
     model = load_robot("unitree_g1_dex3")
     motion = as_result(model, contact_points=np.tile(points, (1, 1, 3)).reshape(40, 4, 3), fps=50.0, **values).motion
-    closed = contact_arrays(resample(motion, model, 50.0), {})["hand_closed"]
+    closed = contact_arrays(resample(motion, model, 50.0), {})["contact_hand_closed"]
     np.testing.assert_array_equal(np.flatnonzero(closed[:, 0]), np.arange(10, 35))
     assert not closed[:, 1].any(), "a foot that touches closes no hand"
 

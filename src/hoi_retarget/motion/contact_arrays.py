@@ -35,7 +35,8 @@ def contact_arrays(resampled: ResampledMotion, surfaces: Mapping[str, Surface]) 
         "contact_body_points": points,
         "contact_flags": flags,
         "contact_ternary": np.add(flags, near, dtype=np.int8) - np.int8(1),
-        "hand_closed": near @ [[link.startswith(side) and "foot" not in link for side in SIDES] for link in links],
+        "contact_hand_closed": near
+        @ [[link.startswith(side) and "foot" not in link for side in SIDES] for link in links],
         "contact_info": (flags @ (np.array(links)[:, None] == sites))[:, :, None].astype(np.float32),
         "contact_object": resampled.contact_object.astype(np.int64),
         "contact_points": resampled.contact_points,
