@@ -27,6 +27,7 @@ EXTRAS = {
     "coacd": ("coacd>=1.0.5", "convex parts of objects in simulations"),
     "h5py": ("h5py>=3.11", "data sets of Isaac Lab"),
     "imageio_ffmpeg": ("imageio-ffmpeg>=0.5", "films as MP4"),
+    "mcap_ros2": ("mcap-ros2-support>=0.5", "ROS 2 messages as MCAP"),
     "pyarrow": ("pyarrow>=17", "data sets and Parquet"),
 }
 """Module of a package that some work needs -> what pip installs, and which work."""

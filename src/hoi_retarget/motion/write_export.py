@@ -20,6 +20,8 @@ from hoi_retarget.motion.formats.isaac_lab import DATA as ISAAC_LAB
 from hoi_retarget.motion.formats.isaac_lab import write_demonstrations
 from hoi_retarget.motion.formats.lerobot import NAME as LEROBOT
 from hoi_retarget.motion.formats.lerobot import write_lerobot
+from hoi_retarget.motion.formats.ros_messages import NAME as MCAP
+from hoi_retarget.motion.formats.ros_messages import write_messages
 from hoi_retarget.motion.links import held_joints
 from hoi_retarget.motion.motion import Motion
 from hoi_retarget.motion.resample import ResampledMotion, resample
@@ -31,6 +33,7 @@ FOLDERS: Mapping[str, Callable[[Sequence[Result], float | None], dict[str, bytes
     DATASET: write_dataset,
     LEROBOT: write_lerobot,
     ISAAC_LAB: write_demonstrations,
+    MCAP: write_messages,
 }
 """By name, the formats of many results in one folder."""
 NAMES: tuple[str, ...] = (*WRITABLE, *FOLDERS)  # Names of all formats that can be written.
