@@ -17,7 +17,6 @@ from npz_changes import changed
 from people_writer import alone, amass_arrays, gvhmr_arrays, write_amass, write_gvhmr, write_model
 from short_clips import cut
 from source_people import assert_same_people, in_world
-from torch_writer import torch_bytes
 
 WALK = alone("carry_box")
 SHORT = cut(WALK, 20)
@@ -65,13 +64,6 @@ def test_poses_of_smpl_are_those_of_a_body_with_flat_hands(tmp_path):
     clip = read_clip(tmp_path / "smpl.npz", ReadOptions(body_models=models))
     assert_same_bodies(clip, SHORT)
     assert any("SMPL's, with 24 joints" in note for note in clip.source.notes)
-
-
-def test_what_gem_x_lacks_is_told(tmp_path):
-    path = tmp_path / "walk.pt"
-    path.write_bytes(torch_bytes({"body_params_global": {"body_pose": np.zeros((20, 228))}}))
-    with pytest.raises(HoiRetargetError, match="GEM-X, whose bones' lengths are in SOMA's body model"):
-        read_clip(path)
 
 
 def test_gvhmr_as_written_is_the_person_read(tmp_path):

@@ -256,7 +256,7 @@ def test_all_curves_are_seen_at_once_on_a_laptop(browser, pages, shown):
     assert hidden <= 1 and page.locator(".chart").count() >= 10
     assert box_of(page.locator("#picture"))["height"] > 250, "and the scene has its room"
     names = [box_of(key) for key in page.locator(".legend .key").all()]
-    assert all(one["y"] + one["height"] <= two["y"] + 2 for one, two in pairwise(names)), "no name is over another"
+    assert all(one["y"] + one["height"] <= two["y"] + 1 for one, two in pairwise(names)), "no name is over another"
     closed(page)
 
 

@@ -43,6 +43,17 @@ def test_a_hand_is_closed_around_what_any_of_its_links_touches():
     assert not closed[:, 1].any(), "a foot that touches closes no hand"
 
 
+def test_a_motion_without_contact_links_has_arrays_of_the_same_shapes():
+    none = np.zeros((40, 0))
+    values = {"contact_flags": none > 0, "contact_object": none.astype(int), "contact_points": np.zeros((40, 0, 3))}
+    motion = as_result(G1, objects=0, contact_links=(), **values).motion
+    resampled = resample(motion, G1, 50.0)
+    bare, full = contact_arrays(resampled, {}), contact_arrays(resample(as_result(G1).motion, G1, 50.0), {})
+    for name in ("contact_hand_closed", "contact_info"):
+        assert (bare[name].shape, bare[name].dtype) == (full[name].shape, full[name].dtype) and not bare[name].any()
+    assert bare["contact_ternary"].shape == (resampled.frames, 0)
+
+
 def test_end_effectors_touch_as_their_links_do():
     resampled = resample(as_result(G1, objects=1, seed=3).motion, G1, 50.0)
     arrays = contact_arrays(resampled, {})

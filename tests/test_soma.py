@@ -14,6 +14,7 @@ from people_writer import alone
 from short_clips import cut
 from soma_writer import write_soma
 from source_people import assert_same_people
+from torch_writer import torch_bytes
 
 SHORT = cut(alone("carry_box"), 60, first=40)
 REAL = Path(__file__).parents[2] / "shared" / "data" / "foreign" / "gem_soma"
@@ -34,6 +35,7 @@ def test_a_person_as_written_is_the_person_read(tmp_path):
         ({"posed_joints": np.zeros((SHORT.frames, 30, 3))}, "posed_joints"),
         ({"local_rot_mats": np.zeros((SHORT.frames, 77, 3, 3))}, "is no rotation"),
         ({"local_rot_mats": np.tile(np.diag([1.0, 1.0, -1.0]), (SHORT.frames, 77, 1, 1))}, "mirrors"),
+        ({"local_rot_mats": np.tile(np.eye(3), (SHORT.frames, 77, 1, 1))}, "from where the first frame's bones"),
         ({"local_rot_mats": np.tile(np.eye(3), (SHORT.frames - 1, 77, 1, 1))}, "local_rot_mats"),
     ],
 )
@@ -42,6 +44,13 @@ def test_what_does_not_fit_is_refused(tmp_path, change, words):
     with np.load(path) as arrays:
         np.savez(path, **{**arrays, **change})
     with pytest.raises(HoiRetargetError, match=words):
+        read_clip(path)
+
+
+def test_what_gem_x_lacks_is_told(tmp_path):
+    path = tmp_path / "walk.pt"
+    path.write_bytes(torch_bytes({"body_params_global": {"body_pose": np.zeros((20, 228))}}))
+    with pytest.raises(HoiRetargetError, match="GEM-X, whose bones' lengths are in SOMA's body model"):
         read_clip(path)
 
 

@@ -33,7 +33,6 @@ OTHER_TESTS = {
     "style": "of all sources of the package, here",
     "synthetic": "of the scenes that built-in clips are made of",
     "damage": "of every command on damaged files",
-    "sitting": "of people who sit or lean: their labels, targets and forces",
 }
 """Names of tests that are of no one module, folder, command or document, with their subject."""
 

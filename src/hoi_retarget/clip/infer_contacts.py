@@ -9,28 +9,22 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
-from hoi_retarget.clip.clip import PELVIS, Clip, ContactTrack
+from hoi_retarget.clip.clip import Clip, ContactTrack
 from hoi_retarget.clip.grasp_check import ADVICE, READINGS
 from hoi_retarget.clip.label_contacts import (
     FAR,
     PartObjectDistance,
-    Proximity,
     body_distances,
     label_contacts,
-    nearest_to,
-    of_part,
     part_object_distances,
-    touching,
 )
 from hoi_retarget.clip.read_options import Grasps, Labels
+from hoi_retarget.clip.resting_contacts import resting_contacts
 from hoi_retarget.errors import ClipError
-from hoi_retarget.human.capsules import RESTING_CAPSULES, Spheres, spheres
-from hoi_retarget.human.person import Person
 from hoi_retarget.numerics import se3
 from hoi_retarget.numerics.filters import speeds
-from hoi_retarget.objects.mesh import surface_of
 from hoi_retarget.objects.track import MOVING_SPEED, ObjectTrack
 
 _RIDING_SHARE = 0.5  # An object on another one moves against it with less than this share of its own speed.
@@ -61,16 +55,20 @@ def with_contacts(
         return _with_untouched(_with_seat(clip))
     near = part_object_distances(clip)
     unheld = _unheld(clip, near, inverse="inverse" in readings, grasps=grasps)
-    contacts = (*label_contacts(clip, near=near), *resting_contacts(clip))
+    contacts = (*label_contacts(clip, near=near), *_resting(clip))
     why = "as was asked for" if clip.contacts else "as the source labels none"
     note = f"Contacts are found from distances between body and object, {why}."
     found = replace(clip, contacts=contacts).with_note(note)
     return found.with_warnings("unheld_object", unheld) if unheld else _with_untouched(found)
 
 
+def _resting(clip: Clip, *, seats_only: bool = False) -> tuple[ContactTrack, ...]:
+    return resting_contacts(clip, [~is_moving(track, clip.fps) for track in clip.objects], seats_only=seats_only)
+
+
 def _with_seat(clip: Clip) -> Clip:
     """Return a clip with contacts of people who sit, beside those of its source, which labels hands and feet alone."""
-    found = resting_contacts(clip, seats_only=True)
+    found = _resting(clip, seats_only=True)
     if not found:
         return clip
     seats = sorted({(track.person, track.object) for track in found})
@@ -179,48 +177,3 @@ def _rides(rider: ObjectTrack, carrier: ObjectTrack, fps: float) -> Bool[np.ndar
     along = speeds(carrier.to_object(path), fps) < np.maximum(MOVING_SPEED, _RIDING_SHARE * speeds(path, fps))
     above, below = corners.min(axis=1) <= others.max(axis=1) + FAR, others.min(axis=1) <= corners.max(axis=1) + FAR
     return along & (above & below).all(axis=1)
-
-
-RESTING = Proximity(shortest=0.5)  # Parts that pass over an object's edge or brush it do not rest there.
-STEEPEST = np.radians(45.0)  # Of the way from the place that bears a part up to its bone, against the vertical.
-
-
-def resting_contacts(clip: Clip, *, seats_only: bool = False) -> tuple[ContactTrack, ...]:
-    """Return a track for each person, object that stands still, and part that rests on it in some frame.
-
-    Pelvis, thighs and forearms rest. What moves, such as a box on the arms, is carried; what is beside or over a part,
-    such as a back or a table top over the knees, does not bear it. Raises `GeometryError` where an object's mesh cannot
-    be read.
-    """
-    found = []
-    for person, human in enumerate(clip.people):
-        for index, track in enumerate(clip.objects):
-            stands = ~is_moving(track, clip.fps)
-            resting, stays = [], replace(track, positions=track.positions[stands], quats=track.quats[stands])
-            for part, capsules in RESTING_CAPSULES.items():
-                if seats_only and part != PELVIS and not resting:
-                    break
-                balls = spheres(human, capsules)
-                some = Spheres(balls.middles[stands], balls.radii)
-                if not np.isfinite(nearest_to(some, stays, surface_of(track.geometry))[0]).any():
-                    continue  # Most parts never come near: their skin is not made.
-                ((distances, points),) = of_part(human, part, (track,))
-                bears = stands & (distances <= FAR) & _below(human, part, track, points)
-                near = PartObjectDistance(person, index, part, np.where(bears, distances, np.inf), points)
-                (active,) = touching(clip, (near,), RESTING)
-                if active.any():
-                    places = track.to_object(human.part_position(part))
-                    resting.append(ContactTrack(person, index, part, active, places))
-            found += resting
-    return tuple(found)
-
-
-def _below(human: Person, part: str, track: ObjectTrack, points: Float[np.ndarray, "T 3"]) -> Bool[np.ndarray, "T"]:
-    """Return where the nearest point of an object, in its frame [m], is below a part's bone; not where it is NaN."""
-    place = track.positions + se3.rotate(track.quats, points)
-    (capsule,) = RESTING_CAPSULES[part]
-    ways = capsule.axis(human) - place[:, None]
-    lengths = np.linalg.norm(ways, axis=2)
-    nearest = np.nan_to_num(lengths, nan=np.inf).argmin(axis=1)
-    rows = np.arange(len(ways))
-    return ways[rows, nearest, 2] > np.cos(STEEPEST) * lengths[rows, nearest]

@@ -27,17 +27,19 @@ def contact_arrays(resampled: ResampledMotion, surfaces: Mapping[str, Surface]) 
     """
     motion, links, flags = resampled.motion, resampled.motion.contact_links, resampled.contact_flags
     bodies, points = _touching(resampled)
-    sites = [resampled.model.spec.part_sites.get(part, "") for part in END_EFFECTORS]
+    names = np.array(links, dtype=np.str_)
+    of_limbs = names[:, None] == [resampled.model.spec.part_sites.get(part, "") for part in END_EFFECTORS]
+    of_side = np.char.startswith(names[:, None], SIDES)  # All links of a side that are no foot are its hand's.
+    of_hands = of_side & ~np.char.endswith(names, "foot")[:, None]
     near = scipy.ndimage.maximum_filter1d(flags, 2 * round(_NEUTRAL_SECONDS * resampled.fps) + 1, axis=0)
     return {
-        "contact_links": np.array(links, dtype=np.str_),
+        "contact_links": names,
         "contact_bodies": np.array(bodies, dtype=np.str_),
         "contact_body_points": points,
         "contact_flags": flags,
         "contact_ternary": np.add(flags, near, dtype=np.int8) - np.int8(1),
-        "contact_hand_closed": near
-        @ [[link.startswith(side) and "foot" not in link for side in SIDES] for link in links],
-        "contact_info": (flags @ (np.array(links)[:, None] == sites))[:, :, None].astype(np.float32),
+        "contact_hand_closed": near @ of_hands,
+        "contact_info": (flags @ of_limbs)[:, :, None].astype(np.float32),
         "contact_object": resampled.contact_object.astype(np.int64),
         "contact_points": resampled.contact_points,
         "contact_normals": _normals(resampled, surfaces),

@@ -34,7 +34,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "parahome": (FOLDER,),
     "amass": (".npz",),
     "gvhmr": (".pt", ".npz"),
-    "soma": (".npz",),
+    "soma": (".npz", ".pt"),
     "hiphi": (".bvh",),
     "omnicontact": (".bvh",),
     "bvh": (".bvh",),

@@ -4,7 +4,7 @@ Two releases exist. SMPL-H: `poses` has 156 numbers a frame, pelvis, body, left 
 `mocap_framerate`. SMPL-X, in files `*_stageii.npz`: `poses` has 165, with jaw and eyes between body and hands, the same
 stands in `root_orient`, `pose_body` and `pose_hand`, the rate is called `mocap_frame_rate`, and `surface_model_type`
 names the model. Converters to that layout, such as those beside GMR, leave `poses` or the hands out. SMPL has 72
-numbers, its body is SMPL-H's; its hands, joints without fingers, are left out.
+numbers; its body is taken as SMPL-H's, and its hands, joints without fingers, are left out.
 
 Rotations are rotation vectors, hands are counted from flat ones, betas are of one body. z is up, in metres. The floor
 is near 0, not exactly, and some subsets have people on stairs and boxes that are not in the files.
@@ -35,7 +35,7 @@ FAMILY_OF_WIDTH: Mapping[int, Family] = {72: "smplh", 156: "smplh", 165: "smplx"
 _BODY, _HANDS = 66, 90
 _PARTS = ("root_orient", "pose_body")
 _SMPL_WIDTH = 72
-_SMPL_NOTE = "The poses are SMPL's, with 24 joints; its body is that of SMPL-H."
+_SMPL_NOTE = "The poses are SMPL's, with 24 joints; its body is taken as that of SMPL-H."
 _NO_MODEL_NOTE = "The file does not name its body model; root_orient and pose_body are taken as those of SMPL-X."
 
 

@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Float
 
 from hoi_retarget.clip.read_options import ReadOptions
-from hoi_retarget.errors import ClipError
 from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.readers.body_parameters import FLAT_HANDS, BodyParameters
 from hoi_retarget.readers.fields import Fields, npz_fields
@@ -24,7 +23,7 @@ FPS = 30.0
 BETAS = 10
 RESULTS = "hmr4d_results"  # The name of all its files, without their ending; the folder has the video's name.
 
-_GLOBAL, _GEM_X = "smpl_params_global", "body_params_global"
+_GLOBAL = "smpl_params_global"
 _KEYS = frozenset(("global_orient", "body_pose", "transl", "betas"))
 _HANDS = frozenset(("left_hand_pose", "right_hand_pose"))
 _RATE = "fps"
@@ -37,17 +36,12 @@ def holds(file: SourceFile) -> bool:
     if file.suffix == ".npz":
         names = file.array_names
         return _GLOBAL in names or (names >= _KEYS and names.isdisjoint(_HANDS))
-    return isinstance(file.torch, dict) and any(isinstance(file.torch.get(name), dict) for name in (_GLOBAL, _GEM_X))
+    return isinstance(file.torch, dict) and isinstance(file.torch.get(_GLOBAL), dict)
 
 
 def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
     """Return the recording in a file."""
     whole = npz_fields(file, file.path) if file.suffix == ".npz" else Fields(file.path, file.torch)
-    if _GEM_X in whole:
-        raise ClipError(
-            f"{file.path}: a reconstruction by GEM-X, whose bones' lengths are in SOMA's body model, which is not "
-            "read. Export its skeleton as BVH, or as Kimodo has it: .npz with posed_joints and local_rot_mats."
-        )
     fields = whole.table(_GLOBAL, "the person in the world") if _GLOBAL in whole else whole
     frames = len(fields.array("transl", ("T", 3), "the body's position"))
     stated = _RATE in whole

@@ -2,7 +2,8 @@
 
 `posed_joints` (T, 77, 3) are places in metres, y up, `local_rot_mats` (T, 77, 3, 3) rotations in the parents' frames,
 counted from a T-pose that looks along +z. The joints' names and tree are the skeleton's and stand in no file; neither
-does the rate, 30 frames a second. BVH of this skeleton, as BONES-SEED's, is read as any other.
+does the rate, 30 frames a second. BVH of this skeleton, as BONES-SEED's, is read as any other. GEM-X's `.pt` has angles
+of this skeleton and numbers of a body model, which is not read: that is told.
 
 Cites: the `.npz` files and the rig beside them that Kimodo and GEM-X publish.
 """
@@ -15,8 +16,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hoi_retarget.clip.read_options import ReadOptions
+from hoi_retarget.errors import ClipError
 from hoi_retarget.files.bvh_file import CHANNELS, Bvh
 from hoi_retarget.files.source_file import SourceFile
+from hoi_retarget.numerics import se3
 from hoi_retarget.readers.bvh import recording_of
 from hoi_retarget.readers.fields import npz_fields
 from hoi_retarget.readers.object_files import quats_of
@@ -26,6 +29,8 @@ FORMAT = "soma"
 LICENCE = "that of the data, which the file does not state"
 FPS = 30.0
 PLACES, ROTATIONS = "posed_joints", "local_rot_mats"
+MAX_OFF = 0.01  # Between places and those that rotations give [m]; 2e-6 in a published file.
+_GEM_X = "body_params_global"
 _TRUNK = ("Hips", "Spine1", "Spine2", "Chest", "Neck1", "Neck2", "Head", "HeadEnd", "Jaw", "LeftEye", "RightEye")
 _ARM, _LEG = ("Shoulder", "Arm", "ForeArm", "Hand"), ("Leg", "Shin", "Foot", "ToeBase", "ToeEnd")
 _FINGERS = {"Thumb": "123", "Index": "1234", "Middle": "1234", "Ring": "1234", "Pinky": "1234"}
@@ -42,23 +47,35 @@ PARENTS = (-1, *(NAMES.index(_BRANCHES.get(name, before)) for before, name in pa
 
 
 def holds(file: SourceFile) -> bool:
-    """Return whether an `.npz` file has places and rotations of joints."""
-    return file.array_names >= {PLACES, ROTATIONS}
+    """Return whether an `.npz` file has places and rotations of joints, or a torch file GEM-X's body."""
+    if file.suffix == ".npz":
+        return file.array_names >= {PLACES, ROTATIONS}
+    return isinstance(file.torch, dict) and isinstance(file.torch.get(_GEM_X), dict)
 
 
 def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
-    """Return the recording in a file."""
+    """Return the recording in a file; raises `ClipError` where its places are not those of its rotations."""
+    if file.suffix != ".npz":
+        raise ClipError(
+            f"{file.path}: a reconstruction by GEM-X, whose bones' lengths are in SOMA's body model, which is not "
+            "read. Export its skeleton as BVH, or as Kimodo has it: .npz with posed_joints and local_rot_mats."
+        )
     fields, joints = npz_fields(file, file.path), len(NAMES)
     places = fields.array(PLACES, ("T", joints, 3), "places of the SOMA skeleton's joints")
     matrices = fields.array(ROTATIONS, (len(places), joints, 3, 3), "rotations of the joints")
-    quats_of(file.path, ROTATIONS, matrices.reshape(-1, 3, 3))
+    quats = quats_of(file.path, ROTATIONS, matrices.reshape(-1, 3, 3))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Where two axes are one, one of the two angles is as good as the other.
-        angles = Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_euler("XYZ", degrees=True)
+        angles = Rotation.from_quat(se3.quat_to_xyzw(quats)).as_euler("XYZ", degrees=True)
     offsets = _offsets(places, matrices)
     values = np.concatenate([np.tile(offsets, (len(places), 1, 1)), angles.reshape(-1, joints, 3)], axis=2)
     values[:, 0, :3] = places[:, 0]
     motion = Bvh(NAMES, PARENTS, offsets, (CHANNELS,) * joints, str(1.0 / FPS), values.reshape(len(places), -1))
+    if (off := np.linalg.norm(motion.poses()[0] - places, axis=2)).max(initial=0.0) > MAX_OFF:
+        raise ClipError(
+            f"{file.path}: {NAMES[off.max(axis=0).argmax()]} is {off.max():.3g} m from where the first frame's bones "
+            f"and {ROTATIONS} put it. Expected places of one body and rotations that turn columns. Save them again."
+        )
     return replace(
         recording_of(file.path, motion),
         description="motion of one person of the SOMA skeleton",

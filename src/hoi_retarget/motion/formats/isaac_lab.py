@@ -183,7 +183,7 @@ def write_demonstrations(results: Sequence[Result], fps: float | None) -> dict[s
         data.attrs["env_args"] = json.dumps({"env_name": "", "type": 2})
         for index, (result, motion) in enumerate(zip(results, motions, strict=True)):
             demo, joints = data.create_group(f"demo_{index}"), _isaac_joints(motion.model)
-            demo.attrs.update(num_samples=motion.frames, success=True, clip=result.stem, fps=motion.fps)
+            demo.attrs.update(num_samples=motion.frames, clip=result.stem, fps=motion.fps)
             demo.attrs["joint_names"] = [source_joint_names(motion.model)[joint] for joint in joints]
             demo.attrs["contact_links"] = list(motion.motion.contact_links)
             states = _states(motion, joints)
