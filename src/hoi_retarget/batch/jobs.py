@@ -35,12 +35,9 @@ _WILDCARDS = frozenset("*?[")
 class Job:
     """One clip for one robot in one variant; a value that any process can be given."""
 
-    name: str
-    """The path of its results below the output folder, without the suffix: `<robot>/<clip>[-<variant>...]`."""
-    clip: str
-    """`builtin:<scene>` or an absolute path."""
-    shown: str
-    """The clip as it was named: relative to the specification's folder, where it was."""
+    name: str  # The path of its results below the output folder, without the suffix: `<robot>/<clip>[-<variant>...]`.
+    clip: str  # `builtin:<scene>` or an absolute path.
+    shown: str  # The clip as it was named: relative to the specification's folder, where it was.
     reading: ReadOptions
     edits: Path | None
     robot: str

@@ -30,16 +30,12 @@ _RETRIED = ("WriteError", "MemoryError", "OSError")  # Errors of the machine, no
 class ManifestSource:
     """The recording of one job."""
 
-    path: str = ""
-    """The clip as the specification names it."""
-    sha256: str = ""
-    """Of the recording; this and all below is empty where the clip could not be read."""
+    path: str = ""  # The clip as the specification names it.
+    sha256: str = ""  # Of the recording; this and all below is empty where the clip could not be read.
     format: str = ""
     licence: str = ""
-    objects: tuple[str, ...] | None = None
-    """Names of the objects in it."""
-    files: tuple[str, ...] = ()
-    """Other files that it was read from."""
+    objects: tuple[str, ...] | None = None  # Names of the objects in it.
+    files: tuple[str, ...] = ()  # Other files that it was read from.
     notes: tuple[str, ...] = ()
 
 
@@ -47,12 +43,10 @@ class ManifestSource:
 class ManifestResult:
     """One result file of a job; raises `ValueError` when its path leads out of the output folder."""
 
-    path: str
-    """Below the output folder."""
+    path: str  # Below the output folder.
     sha256: str
     figures: Mapping[str, Any] = field(default_factory=dict)
-    verdict: Mapping[str, Any] = field(default_factory=dict)
-    """The level, and its reasons."""
+    verdict: Mapping[str, Any] = field(default_factory=dict)  # The level, and its reasons.
     companions: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of the files that belong to it, by their paths below the output folder."""
 
@@ -72,8 +66,7 @@ class ManifestResult:
 class ManifestEntry:
     """The outcome of one job; plain JSON values."""
 
-    name: str
-    """Of the job, and of its results below the output folder, without the suffix."""
+    name: str  # Of the job, and of its results below the output folder, without the suffix.
     status: Status
     robot: str
     source: ManifestSource
@@ -81,28 +74,19 @@ class ManifestEntry:
     """`root`, `object` and `size_multiplier`: as specified; those of the results where there are some."""
     lineage: Mapping[str, Any]
     """What was done to the recording: `mirrored`, `speed`, and the SHA-256 of `contact_edits`."""
-    verdict: str = ""
-    """The worst of its results: pass, warn or fail; empty where there are none."""
-    reason: str = ""
-    """Why the status is no better."""
-    error: str = ""
-    """The kind of error."""
-    frame: int | None = None
-    """The first frame in which it shows, where that is known."""
+    verdict: str = ""  # The worst of its results: pass, warn or fail; empty where there are none.
+    reason: str = ""  # Why the status is no better.
+    error: str = ""  # The kind of error.
+    frame: int | None = None  # The first frame in which it shows, where that is known.
     frames: int = 0
     fps: float = 0.0
-    seconds: float = 0.0
-    """What the job took [s]."""
-    time_limit: float | None = None
-    """What it was allowed to take [s]."""
-    results: tuple[ManifestResult, ...] = ()
-    """One for each person."""
+    seconds: float = 0.0  # What the job took [s].
+    time_limit: float | None = None  # What it was allowed to take [s].
+    results: tuple[ManifestResult, ...] = ()  # One for each person.
     fell_after: float | None = None
     """Time of the motion after which the simulated robot fell [s]; None where it did not, or none was simulated."""
-    certificate: str = ""
-    """What is certified of a motion that was performed whole, in words."""
-    key: str = ""
-    """Digest of everything that the result depends on."""
+    certificate: str = ""  # What is certified of a motion that was performed whole, in words.
+    key: str = ""  # Digest of everything that the result depends on.
 
     @property
     def succeeded(self) -> bool:

@@ -75,13 +75,10 @@ class LostTask:
 class LocalPool:
     """Processes on this machine."""
 
-    function: Callable[[Any], Any]
-    """Of a task, importable by name; it returns failures instead of raising them."""
+    function: Callable[[Any], Any]  # Of a task, importable by name; it returns failures instead of raising them.
     workers: int
-    time_limit: float | None = None
-    """Longest time for a task [s]."""
-    memory_limit: float | None = None
-    """Most memory that a worker may allocate [MB]."""
+    time_limit: float | None = None  # Longest time for a task [s].
+    memory_limit: float | None = None  # Most memory that a worker may allocate [MB].
 
     def run(self, tasks: Sequence[Any], stopped: Callable[[], bool]) -> Generator[tuple[int, Any], None, None]:
         """Yield each task's index and its value, or `LostTask`, as they end; end early when `stopped` says so.

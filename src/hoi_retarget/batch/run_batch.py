@@ -73,14 +73,10 @@ _RESULT = re.compile(r"(\.p\d+)?\.npz$")  # The end of a result's name, after th
 class Summary:
     """The end of a batch."""
 
-    jobs: int
-    """Number of jobs in the specification."""
-    entries: tuple[ManifestEntry, ...]
-    """Of all jobs that have ended, in order, earlier runs included."""
-    done_now: tuple[ManifestEntry, ...]
-    """Of the jobs of this run, in the order of their ends."""
-    seconds: float
-    """Duration of the run [s]."""
+    jobs: int  # Number of jobs in the specification.
+    entries: tuple[ManifestEntry, ...]  # Of all jobs that have ended, in order, earlier runs included.
+    done_now: tuple[ManifestEntry, ...]  # Of the jobs of this run, in the order of their ends.
+    seconds: float  # Duration of the run [s].
 
     @property
     def is_complete(self) -> bool:

@@ -65,11 +65,9 @@ class BatchTask:
 class RefineTask:
     """A result to be refined, as a value for any process."""
 
-    solved: ManifestEntry
-    """The entry of the result's job."""
+    solved: ManifestEntry  # The entry of the result's job.
     result: ManifestResult
-    out: Path
-    """Folder of the batch."""
+    out: Path  # Folder of the batch.
     refinement: Refinement
     seed: int
 

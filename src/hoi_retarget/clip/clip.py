@@ -30,8 +30,7 @@ class PosePin:
     person: int
     part: str
     frame: int
-    position: Vector
-    """In the world of the recording, at captured size [m]."""
+    position: Vector  # In the world of the recording, at captured size [m].
     turn: Vector | None = None
     """Rotation vector in the world's axes, on top of the recorded part's rotation [degrees]; None leaves it free."""
 
@@ -49,10 +48,8 @@ def pinned_path(person: Person, part: str) -> Float[np.ndarray, "T 3"]:
 class Severity(Enum):
     """Severity of a warning."""
 
-    WARNING = "warning"
-    """Look at it before using it."""
-    ERROR = "error"
-    """Do not use it."""
+    WARNING = "warning"  # Look at it before using it.
+    ERROR = "error"  # Do not use it.
 
 
 @dataclass(frozen=True)
@@ -128,16 +125,12 @@ class Source:
     sha256: str = ""
     format: str = ""
     licence: str = ""
-    notes: tuple[str, ...] = field(default=())
-    """Findings and decisions of the reader, one sentence each."""
+    notes: tuple[str, ...] = field(default=())  # Findings and decisions of the reader, one sentence each.
     contact_edits: str = ""
     """Text of the contact edits that were applied to the contacts as recorded; empty where none were."""
-    augmentation: Augmentation = Augmentation()
-    """Applied after the edits."""
-    warnings: tuple[QualityWarning, ...] = ()
-    """Doubts, and errors, with which a verdict fails."""
-    files: tuple[str, ...] = ()
-    """Other files that the clip was read from: companions and meshes; not the body models."""
+    augmentation: Augmentation = Augmentation()  # Applied after the edits.
+    warnings: tuple[QualityWarning, ...] = ()  # Doubts, and errors, with which a verdict fails.
+    files: tuple[str, ...] = ()  # Other files that the clip was read from: companions and meshes; not the body models.
 
 
 @dataclass(frozen=True, eq=False)

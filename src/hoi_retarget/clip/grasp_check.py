@@ -44,16 +44,11 @@ ONLY_INVERSE = ("inverse",)
 class GraspFigures:
     """Wandering of contact points in the object's frame, root mean square over all frames of longer contacts."""
 
-    frames: int
-    """Number of frames of these contacts; without any, all spreads are 0."""
-    spread: float
-    """As read [m]."""
-    other_readings: Mapping[str, float]
-    """With the objects' rotations read otherwise [m]."""
-    shifted: Mapping[float, float]
-    """With contacts shifted by some seconds [m]."""
-    reach: float
-    """Median distance from contact points to the box around the touched object [m]; 0 without contacts."""
+    frames: int  # Number of frames of these contacts; without any, all spreads are 0.
+    spread: float  # As read [m].
+    other_readings: Mapping[str, float]  # With the objects' rotations read otherwise [m].
+    shifted: Mapping[float, float]  # With contacts shifted by some seconds [m].
+    reach: float  # Median distance from contact points to the box around the touched object [m]; 0 without contacts.
 
 
 def grasp_figures(

@@ -34,8 +34,7 @@ class Supports:
 
     carriers: Int[np.ndarray, "T O"]
     """Index of the object that carries each one; -1 where nothing does but the floor, a body or the air."""
-    order: tuple[int, ...]
-    """All objects, each behind those that ever carry it."""
+    order: tuple[int, ...]  # All objects, each behind those that ever carry it.
 
 
 @lru_cache(maxsize=8)

@@ -22,14 +22,11 @@ _ARMATURE_PER_TORQUE = 1.44e-4  # Of the G1's motors of 25 N m [kg m^2 / (N m)];
 class Actuators:
     """Drives of a robot's n hinges, in the model's order."""
 
-    armature: Float[np.ndarray, "n"]
-    """Inertia of the rotors as the joints feel it [kg m^2]."""
+    armature: Float[np.ndarray, "n"]  # Inertia of the rotors as the joints feel it [kg m^2].
     stiffness: Float[np.ndarray, "n"]  # [N m/rad]
     damping: Float[np.ndarray, "n"]  # [N m s/rad]
-    torque: Float[np.ndarray, "n"]
-    """Largest torque [N m]."""
-    published: bool
-    """Whether rotor inertias are published; otherwise they are estimated from the torques."""
+    torque: Float[np.ndarray, "n"]  # Largest torque [N m].
+    published: bool  # Whether rotor inertias are published; otherwise they are estimated from the torques.
 
 
 def actuators_of(model: RobotModel) -> Actuators:

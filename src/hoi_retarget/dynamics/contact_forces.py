@@ -52,18 +52,13 @@ class Forces:
     """Force [N] and torque about the centre of mass [N m] that the robot lacks, in the world."""
     missing_at_objects: Float[np.ndarray, "T O 6"]
     """The same of objects; NaN where they are not judged: the robot does not touch them, or somebody else does, too."""
-    torques: Float[np.ndarray, "T n"]
-    """Of the joints, with these forces [N m]."""
-    unlimited_torques: Float[np.ndarray, "T n"]
-    """Torques of the joints if they had no limits [N m]."""
+    torques: Float[np.ndarray, "T n"]  # Of the joints, with these forces [N m].
+    unlimited_torques: Float[np.ndarray, "T n"]  # Torques of the joints if they had no limits [N m].
     limits: Float[np.ndarray, "n"]  # [N m]
-    mass: float
-    """Of the robot [kg]."""
-    height: float
-    """Of the standing robot's centre of mass [m]."""
+    mass: float  # Of the robot [kg].
+    height: float  # Of the standing robot's centre of mass [m].
     bodies: tuple[ObjectBody, ...]
-    lengths: Float[np.ndarray, "O"]
-    """Distance from each object's centre of mass to its furthest point [m]."""
+    lengths: Float[np.ndarray, "O"]  # Distance from each object's centre of mass to its furthest point [m].
 
     @property
     def missing_share(self) -> Float[np.ndarray, "T"]:
@@ -161,8 +156,7 @@ class _Levers:
     position: Float[np.ndarray, "F K 3"]
     normal: Float[np.ndarray, "F K 3"]
     active: Bool[np.ndarray, "F K"]
-    jacobian: Float[np.ndarray, "F K 3 n"]
-    """Of the robot's links by the joints; zero where a point is on none."""
+    jacobian: Float[np.ndarray, "F K 3 n"]  # Of the robot's links by the joints; zero where a point is on none.
 
     @classmethod
     def of(cls, points: Sequence[ContactPoint], kinematics: Kinematics, frames: slice) -> "_Levers":

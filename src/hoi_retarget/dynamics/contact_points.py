@@ -42,17 +42,13 @@ _UP = np.array([0.0, 0.0, 1.0])
 class ContactPoint:
     """One possible contact over T frames."""
 
-    name: str
-    """Site or link of the robot, or the object's name where it is on the floor."""
-    link: Frame | None
-    """The robot's frame that a force acts on; None where the robot has no part in it."""
+    name: str  # Site or link of the robot, or the object's name where it is on the floor.
+    link: Frame | None  # The robot's frame that a force acts on; None where the robot has no part in it.
     object: int | None
     """The object that the opposite force acts on, or the force itself where there is no link; None for the floor."""
     active: Bool[np.ndarray, "T"]
-    position: Float[np.ndarray, "T 3"]
-    """In the world [m]."""
-    normal: Float[np.ndarray, "T 3"]
-    """Unit vector into what the force acts on: the robot, or an object on the floor."""
+    position: Float[np.ndarray, "T 3"]  # In the world [m].
+    normal: Float[np.ndarray, "T 3"]  # Unit vector into what the force acts on: the robot, or an object on the floor.
     braking: Float[np.ndarray, "T 3"] | None = None
     """Direction of the friction where it slides, and zero where it does not; None for points that never do."""
 

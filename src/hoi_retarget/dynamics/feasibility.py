@@ -26,13 +26,10 @@ _MIN_STRETCH_S = 0.1  # Shorter breaks are closed, then shorter stretches droppe
 class Infeasibility:
     """A stretch of frames that cannot be performed as they are."""
 
-    kind: str
-    """balance, object, one hand, or torque."""
+    kind: str  # balance, object, one hand, or torque.
     first_frame: int
-    last_frame: int
-    """Included."""
-    largest_share: float
-    """What is missing over the weight, or the torque over its limit, where it is largest."""
+    last_frame: int  # Included.
+    largest_share: float  # What is missing over the weight, or the torque over its limit, where it is largest.
     text: str
 
     def __str__(self) -> str:

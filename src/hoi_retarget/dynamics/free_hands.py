@@ -60,15 +60,11 @@ class KeptObject:
     """How an object fares in two free hands, in the time in which it is labelled to be touched."""
 
     name: str
-    shape: str
-    """What collides, in words."""
-    off_m: float
-    """From its path, on average [m],"""
-    off_deg: float
-    """and turned."""
+    shape: str  # What collides, in words.
+    off_m: float  # From its path, on average [m],
+    off_deg: float  # and turned.
     kept_share: float
-    lost_after: float | None
-    """First time at which it is not near its path [s]."""
+    lost_after: float | None  # First time at which it is not near its path [s].
 
     @property
     def kept(self) -> bool:
@@ -93,12 +89,9 @@ class Touch:
 
     position: Float[np.ndarray, "3"]  # [m]
     rotation: Float[np.ndarray, "3 3"]
-    points: Float[np.ndarray, "P 3"]
-    """On the surface [m]."""
-    inward: Float[np.ndarray, "P 3"]
-    """Directions into the object there."""
-    middle: Float[np.ndarray, "3"]
-    """Of all skin that touches [m]; the palm's place where none does."""
+    points: Float[np.ndarray, "P 3"]  # On the surface [m].
+    inward: Float[np.ndarray, "P 3"]  # Directions into the object there.
+    middle: Float[np.ndarray, "3"]  # Of all skin that touches [m]; the palm's place where none does.
     object: int = 0
 
     @property
@@ -184,8 +177,7 @@ class FreeHands:
 
     model: RobotModel
     objects: tuple[SceneObject, ...]
-    poses: Float[np.ndarray, "T O 7"]
-    """Of the objects: positions [m] and rotations."""
+    poses: Float[np.ndarray, "T O 7"]  # Of the objects: positions [m] and rotations.
     loads: tuple[ObjectLoad, ...]
     fps: float
     physics: Physics

@@ -26,8 +26,7 @@ _CUBIC = 3
 class Movement:
     """A free body with n joints over T frames, in MuJoCo's coordinates: angular ones are along the body's axes."""
 
-    qpos: Float[np.ndarray, "T nq"]
-    """Position [m], rotation wxyz, joints [rad]."""
+    qpos: Float[np.ndarray, "T nq"]  # Position [m], rotation wxyz, joints [rad].
     qvel: Float[np.ndarray, "T nv"]
     qacc: Float[np.ndarray, "T nv"]
 
@@ -45,10 +44,8 @@ class RequiredWrench:
 class RequiredRobotWrench(RequiredWrench):
     """The same of a robot, and its joints' share of it."""
 
-    torques: Float[np.ndarray, "T n"]
-    """Of the joints, as if the robot were held at its base alone [N m]."""
-    height: float
-    """Of the standing robot's centre of mass [m]."""
+    torques: Float[np.ndarray, "T n"]  # Of the joints, as if the robot were held at its base alone [N m].
+    height: float  # Of the standing robot's centre of mass [m].
 
 
 def movement_of(qpos: Float[np.ndarray, "T nq"], fps: float, seconds: float) -> Movement:

@@ -40,10 +40,8 @@ class Box:
     """An oriented box in the object's frame."""
 
     centre: Float[np.ndarray, "3"]  # [m]
-    rotation: Float[np.ndarray, "3 3"]
-    """Box to object."""
-    half: Float[np.ndarray, "3"]
-    """Half extents [m]."""
+    rotation: Float[np.ndarray, "3 3"]  # Box to object.
+    half: Float[np.ndarray, "3"]  # Half extents [m].
 
     @property
     def corners(self) -> Float[np.ndarray, "8 3"]:
@@ -58,10 +56,8 @@ class CollisionShape:
 
     kind: Kind
     box: Box | None = None
-    parts: tuple[Float[np.ndarray, "_ 3"], ...] = ()
-    """Corners of the convex parts [m]; none for a box."""
-    fits: bool = True
-    """Whether a hull is near the surface."""
+    parts: tuple[Float[np.ndarray, "_ 3"], ...] = ()  # Corners of the convex parts [m]; none for a box.
+    fits: bool = True  # Whether a hull is near the surface.
 
     @property
     def text(self) -> str:
@@ -150,12 +146,9 @@ class ObjectBody:
 
     name: str
     mass: float  # [kg]
-    reason: str
-    """Where the mass is from."""
-    centre: Float[np.ndarray, "3"]
-    """Centre of mass [m]."""
-    inertia: Float[np.ndarray, "3 3"]
-    """About the centre of mass [kg m^2]."""
+    reason: str  # Where the mass is from.
+    centre: Float[np.ndarray, "3"]  # Centre of mass [m].
+    inertia: Float[np.ndarray, "3 3"]  # About the centre of mass [kg m^2].
 
 
 def object_body(name: str, geometry: ObjectGeometry, scale: float, physics: Physics) -> ObjectBody:

@@ -29,8 +29,7 @@ class ObjectLoad:
     """The wrench that an object needs over T frames, and the floor that may help."""
 
     required: RequiredWrench
-    length: float
-    """From its centre of mass to its furthest point [m]."""
+    length: float  # From its centre of mass to its furthest point [m].
     floor_points: Float[np.ndarray, "T K 3"]  # [m]
     floor_edges: Float[np.ndarray, "T K 4 3"]
     """Edges of the floor's friction pyramids, with a normal part of one; of points that slide all are the same."""

@@ -52,12 +52,10 @@ KEYFRAMES = 11  # Number of keyframes over a motion, the first and the last fram
 class SceneObject:
     """One object of a scene."""
 
-    body_name: str
-    """In the scene; `NAME_joint` is its free joint."""
+    body_name: str  # In the scene; `NAME_joint` is its free joint.
     body: ObjectBody
     shape: CollisionShape
-    scale: float
-    """Of the shape."""
+    scale: float  # Of the shape.
 
     @property
     def corners(self) -> Float[np.ndarray, "V 3"]:

@@ -178,22 +178,17 @@ _SCALES = {"mm": 1e3, "cm": 1e2, "cm/s": 1e2, "mm/s": 1e3, "%": 1e2}
 class Figure:
     """One figure of merit; `docs/metrics.md` gives every formula."""
 
-    name: str
-    """Name, which ends in the unit of the stored number."""
+    name: str  # Name, which ends in the unit of the stored number.
     title: str
-    unit: str
-    """Unit in which it is shown."""
-    meaning: str
-    """The same in a short sentence without its full stop, for legends."""
+    unit: str  # Unit in which it is shown.
+    meaning: str  # The same in a short sentence without its full stop, for legends.
     measure: Callable[[Comparison], float | None] | None = None
     """Its value in stored units, None where it is undefined; no function where it is known from elsewhere."""
-    digits: int = 1
-    """Digits after the point."""
+    digits: int = 1  # Digits after the point.
     better: Literal["lower", "higher"] = "lower"
     slow: bool = False
     """Whether it needs distances between surfaces, or forces: computing it may take as long as the solve."""
-    needs_floor: bool = False
-    """Whether it depends on the height of the floor or the direction of gravity."""
+    needs_floor: bool = False  # Whether it depends on the height of the floor or the direction of gravity.
 
     @property
     def scale(self) -> float:

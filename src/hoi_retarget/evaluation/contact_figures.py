@@ -109,8 +109,7 @@ class TouchCurve:
 
     part: str
     object: int
-    active: Bool[np.ndarray, "F"]
-    """Frames in which they touch by the recording's labels."""
+    active: Bool[np.ndarray, "F"]  # Frames in which they touch by the recording's labels.
     gap: Float[np.ndarray, "F"]
     """Least signed distance [m] between skin and surface; minus the depth where one is in the other. In
     inactive frames it is infinite beyond `REACH`."""
@@ -122,8 +121,7 @@ class TouchCurve:
     """The same to where the human's palm was before the contact was edited; NaN where it was not."""
     palmar_area: Float[np.ndarray, "F"]
     """Area of a hand's palmar skin within 2 mm of the surface [m^2]; 0 where inactive or off it."""
-    palm_faces: Bool[np.ndarray, "F"]
-    """Frames with such skin in which the palm faces the surface there."""
+    palm_faces: Bool[np.ndarray, "F"]  # Frames with such skin in which the palm faces the surface there.
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +129,7 @@ class SurfaceCurves:
     """One robot and all objects over the F counted frames."""
 
     links: tuple[str, ...]
-    depth: Float[np.ndarray, "O L F"]
-    """How deep each link and each object are in each other [m]."""
+    depth: Float[np.ndarray, "O L F"]  # How deep each link and each object are in each other [m].
     touches: tuple[TouchCurve, ...]
 
     @property

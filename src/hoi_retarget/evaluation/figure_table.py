@@ -45,26 +45,19 @@ PAPER = (
 class Score:
     """The figures of one result, with its facts for a table."""
 
-    name: str
-    """Name of the result: the clip's, with the person where there are several."""
+    name: str  # Name of the result: the clip's, with the person where there are several.
     figures: Mapping[str, float | None]
     frames: int
-    compute_s: float | None = None
-    """Time of the complete run [s], from the motion's report."""
-    file: str = ""
-    """The result's file, which distinguishes results of one name."""
+    compute_s: float | None = None  # Time of the complete run [s], from the motion's report.
+    file: str = ""  # The result's file, which distinguishes results of one name.
     robot: str = ""
     root_scale: float | None = None
-    object_scale: tuple[float, ...] = ()
-    """One for each object."""
+    object_scale: tuple[float, ...] = ()  # One for each object.
     object_surfaces: tuple[str, ...] = ()
     """Kind of each one's surface, where the report has it: `solid`, `shell` or `hull`."""
-    verdict: "Verdict | None" = None
-    """None for other programs' motions."""
-    title: str = ""
-    """Its name in tables, where that is another one: a robot's among those of one clip."""
-    at_landmarks: bool = False
-    """Whether contacts are those of landmarks, not of surfaces."""
+    verdict: "Verdict | None" = None  # None for other programs' motions.
+    title: str = ""  # Its name in tables, where that is another one: a robot's among those of one clip.
+    at_landmarks: bool = False  # Whether contacts are those of landmarks, not of surfaces.
 
     @property
     def lights(self) -> dict[str, str]:

@@ -23,10 +23,8 @@ class SlipCurve:
     object: int
     robot: Float[np.ndarray, "F"]
     """Speed of the robot's palm in the object's frame since the frame before [m/s]; NaN outside contact."""
-    human: Float[np.ndarray, "F"]
-    """The same of the person's palm."""
-    held: Bool[np.ndarray, "F"]
-    """Frames that count: well within a contact, the person's hand still on the object."""
+    human: Float[np.ndarray, "F"]  # The same of the person's palm.
+    held: Bool[np.ndarray, "F"]  # Frames that count: well within a contact, the person's hand still on the object.
     wanders: Float[np.ndarray, "S 2"]
     """How far robot's and person's palm wander within each contact: diagonal of the box, along the object's axes,
     around its places [m]."""

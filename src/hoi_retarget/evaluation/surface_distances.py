@@ -119,8 +119,7 @@ FRAMES_AT_ONCE = 500
 class PosedObject:
     """An object over F frames."""
 
-    shape: ObjectShape
-    """At captured size."""
+    shape: ObjectShape  # At captured size.
     pose: RigidPoses
     scale: float
 
@@ -139,10 +138,8 @@ class LinkDistances:
 
     skin: Float[np.ndarray, "F"]
     """Least signed distance of the link's skin from the object [m]; infinite where beyond the reach."""
-    point: Int[np.ndarray, "F"]
-    """Skin point that has it; -1 where there is none."""
-    object: Float[np.ndarray, "F"]
-    """Least signed distance of the object's points from the link's solid [m], at most 0."""
+    point: Int[np.ndarray, "F"]  # Skin point that has it; -1 where there is none.
+    object: Float[np.ndarray, "F"]  # Least signed distance of the object's points from the link's solid [m], at most 0.
 
     @cached_property
     def depth(self) -> Float[np.ndarray, "F"]:
@@ -241,11 +238,9 @@ class ObjectDistances:
     """One robot and all objects over F frames."""
 
     links: tuple[str, ...]
-    poses: Mapping[str, RigidPoses]
-    """Of links in the world."""
+    poses: Mapping[str, RigidPoses]  # Of links in the world.
     objects: tuple[PosedObject, ...]
-    pairs: Mapping[tuple[str, int], LinkDistances]
-    """By link and object."""
+    pairs: Mapping[tuple[str, int], LinkDistances]  # By link and object.
 
     @property
     def depth(self) -> Float[np.ndarray, "O L F"]:

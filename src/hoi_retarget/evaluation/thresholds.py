@@ -24,12 +24,9 @@ from hoi_retarget.robots.model import RobotModel
 class Level(IntEnum):
     """From fit for use to unfit; the larger the worse."""
 
-    PASS = 0
-    """No figure is beyond a threshold."""
-    WARN = 1
-    """Look at it before using it."""
-    FAIL = 2
-    """Do not train on it."""
+    PASS = 0  # No figure is beyond a threshold.
+    WARN = 1  # Look at it before using it.
+    FAIL = 2  # Do not train on it.
 
     def __str__(self) -> str:
         return self.name.lower()
@@ -39,14 +36,10 @@ class Level(IntEnum):
 class Threshold:
     """Where one figure stops being good."""
 
-    name: str
-    """Name of the figure."""
-    warn: float
-    """The last value that passes, in the unit of the figure's name."""
-    fail: float | None
-    """The last value that only warns; None where the figure alone never fails a motion."""
-    why: str
-    """Where the numbers come from."""
+    name: str  # Name of the figure.
+    warn: float  # The last value that passes, in the unit of the figure's name.
+    fail: float | None  # The last value that only warns; None where the figure alone never fails a motion.
+    why: str  # Where the numbers come from.
 
     @property
     def light(self) -> str:
@@ -209,10 +202,8 @@ def by_kind(reasons: Sequence[Reason]) -> str:
 class Light:
     """One light of a verdict."""
 
-    level: Level | None
-    """None where no figure of it could be judged."""
-    reasons: tuple[Reason, ...] = ()
-    """Its figures that are not good: fatal ones first, then failures, then warnings."""
+    level: Level | None  # None where no figure of it could be judged.
+    reasons: tuple[Reason, ...] = ()  # Its figures that are not good: fatal ones first, then failures, then warnings.
 
     def __str__(self) -> str:
         return "not judged" if self.level is None else str(self.level)
@@ -227,12 +218,9 @@ class Light:
 class Verdict:
     """The two lights of a motion; its level is that of the first, as forces are what tracking has yet to find."""
 
-    motion: Light
-    """By all figures but those of forces; a warning where none could be judged."""
-    physics: Light = Light(None)
-    """By `PHYSICS_FIGURES`."""
-    not_judged: tuple[str, ...] = ()
-    """Names of the figures that could not be judged, because they are not there."""
+    motion: Light  # By all figures but those of forces; a warning where none could be judged.
+    physics: Light = Light(None)  # By `PHYSICS_FIGURES`.
+    not_judged: tuple[str, ...] = ()  # Names of the figures that could not be judged, because they are not there.
 
     @property
     def level(self) -> Level:

@@ -144,8 +144,7 @@ class _Type(Stub):
 class Array(Stub):
     """An array; its content comes after its name."""
 
-    content: np.ndarray | list | None = None
-    """Of an array of objects, these one after the other."""
+    content: np.ndarray | list | None = None  # Of an array of objects, these one after the other.
 
     def build(self, unpickler: Unpickler, state: Any) -> None:
         """Take the content in numpy's words: `(version, shape, type, whether columns go first, content)`."""
@@ -236,8 +235,7 @@ class Storage(Stub):
     kind: _StorageType
     key: str
     count: int
-    elements: np.ndarray | None = None
-    """None until `fill`."""
+    elements: np.ndarray | None = None  # None until `fill`.
 
     @property
     def _dtype(self) -> np.dtype:

@@ -31,16 +31,11 @@ class Bvh:
     """A skeleton of J joints, ends of limbs among them, and T frames of its motion."""
 
     names: tuple[str, ...]
-    parents: tuple[int, ...]
-    """-1 for the root; before their children."""
-    offsets: Float[np.ndarray, "J 3"]
-    """Places in the parents' frames while nothing is turned."""
-    channels: tuple[tuple[str, ...], ...]
-    """Of each joint, some of `CHANNELS`; an end has none."""
-    frame_time: str
-    """Seconds from one frame to the next, as the file writes them."""
-    values: Float[np.ndarray, "T C"]
-    """Of all channels in order; angles in degrees."""
+    parents: tuple[int, ...]  # -1 for the root; before their children.
+    offsets: Float[np.ndarray, "J 3"]  # Places in the parents' frames while nothing is turned.
+    channels: tuple[tuple[str, ...], ...]  # Of each joint, some of `CHANNELS`; an end has none.
+    frame_time: str  # Seconds from one frame to the next, as the file writes them.
+    values: Float[np.ndarray, "T C"]  # Of all channels in order; angles in degrees.
 
     @property
     def rate(self) -> float:
@@ -104,8 +99,7 @@ class _Parser:
     path: Path
     lines: Iterator[tuple[int, str]]
     number: int = 0
-    rest: list[str] = field(default_factory=list)
-    """Rest of the line `number`: braces may stand on the lines of others."""
+    rest: list[str] = field(default_factory=list)  # Rest of the line `number`: braces may stand on the lines of others.
     names: list[str] = field(default_factory=list)
     parents: list[int] = field(default_factory=list)
     offsets: list[list[float]] = field(default_factory=list)

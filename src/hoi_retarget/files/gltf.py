@@ -54,12 +54,9 @@ class Channel:
 
     node: int
     path: ChannelPath
-    times: Float[np.ndarray, "K"]
-    """Ascending [s]."""
-    values: Float[np.ndarray, "K w"]
-    """Rotations are wxyz."""
-    steps: bool
-    """Whether values stay until the next one; otherwise they go there evenly."""
+    times: Float[np.ndarray, "K"]  # Ascending [s].
+    values: Float[np.ndarray, "K w"]  # Rotations are wxyz.
+    steps: bool  # Whether values stay until the next one; otherwise they go there evenly.
 
     @property
     def constant(self) -> bool:
@@ -89,8 +86,7 @@ class NodePoses:
     """Where all nodes are in the world, frame by frame."""
 
     positions: Float[np.ndarray, "T N 3"]
-    quats: Float[np.ndarray, "T N 4"]
-    """wxyz"""
+    quats: Float[np.ndarray, "T N 4"]  # wxyz
     scales: Float[np.ndarray, "T N"]
 
 

@@ -54,12 +54,9 @@ class Stub:
 class Function(Stub):
     """A function that a pickle may call."""
 
-    call: Callable[..., Any]
-    """Ours, with the unpickler and the arguments."""
-    accepts: tuple[Any, ...]
-    """Type or value of each argument; behind `...` at the end there may be more arguments."""
-    refusal: str
-    """The fault of other arguments."""
+    call: Callable[..., Any]  # Ours, with the unpickler and the arguments.
+    accepts: tuple[Any, ...]  # Type or value of each argument; behind `...` at the end there may be more arguments.
+    refusal: str  # The fault of other arguments.
 
     def called(self, unpickler: "Unpickler", arguments: tuple) -> Any:
         """Return the value of a call; raises `RefusedError` for arguments that it does not accept."""

@@ -37,24 +37,18 @@ class BodyModel:
 
     family: Family
     gender: Gender
-    template: Float[np.ndarray, "V 3"]
-    """Vertices of the mean body in the rest pose [m]."""
-    shape_directions: Float[np.ndarray, "V 3 B"]
-    """Displacement of vertices for each shape component [m]."""
+    template: Float[np.ndarray, "V 3"]  # Vertices of the mean body in the rest pose [m].
+    shape_directions: Float[np.ndarray, "V 3 B"]  # Displacement of vertices for each shape component [m].
     pose_directions: Float[np.ndarray, "V 3 P"]
     """Displacement of vertices for each entry of the joints' rotation matrices less identity, root left out [m]."""
-    regressor: Float[np.ndarray, "J V"]
-    """Joints from the vertices of the rest pose."""
-    weights: Float[np.ndarray, "V J"]
-    """How much each joint moves each vertex."""
-    parents: Int[np.ndarray, "J"]
-    """-1 for the root."""
+    regressor: Float[np.ndarray, "J V"]  # Joints from the vertices of the rest pose.
+    weights: Float[np.ndarray, "V J"]  # How much each joint moves each vertex.
+    parents: Int[np.ndarray, "J"]  # -1 for the root.
     faces: Int[np.ndarray, "F 3"]
     left_components: Float[np.ndarray, "C 45"]
     """Principal components of the left hand's pose [rad]; without rows where the file has none."""
     right_components: Float[np.ndarray, "C 45"]
-    left_mean: Float[np.ndarray, "45"]
-    """Mean pose of the left hand [rad]."""
+    left_mean: Float[np.ndarray, "45"]  # Mean pose of the left hand [rad].
     right_mean: Float[np.ndarray, "45"]
 
     def __post_init__(self) -> None:

@@ -29,13 +29,10 @@ _HEEL, _BALL, _TOES = (0.0, -0.045, -0.035), (0.0, -0.02, 0.0), (0.0, -0.015, 0.
 class BodyCapsule:
     """A bone with flesh around it, that belongs to a joint as a mesh's segment does."""
 
-    joint: str
-    """The joint that moves it."""
+    joint: str  # The joint that moves it.
     start: str
-    end: str
-    """The joints between which its axis runs."""
-    radius: float
-    """[m] at 1.75 m of height."""
+    end: str  # The joints between which its axis runs.
+    radius: float  # [m] at 1.75 m of height.
     tip_of: str | None = None
     """The bone, named by where it begins, that goes on straight beyond `start` in place of `end`."""
     start_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -61,8 +58,7 @@ class BodyCapsule:
 class Spheres:
     """Capsules as rows of spheres: their middles over time, and their radii."""
 
-    middles: Float[np.ndarray, "T n 3"]
-    """In the world [m]."""
+    middles: Float[np.ndarray, "T n 3"]  # In the world [m].
     radii: Float[np.ndarray, "n"]  # [m]
 
     @property

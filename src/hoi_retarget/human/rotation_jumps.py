@@ -27,10 +27,8 @@ class RotationJump:
     """A rotation of a joint that jumps, in the recording."""
 
     joint: str
-    first_frame: int
-    """First frame after the jump."""
-    last_frame: int | None
-    """Last frame before the jump back; None where it stays."""
+    first_frame: int  # First frame after the jump.
+    last_frame: int | None  # Last frame before the jump back; None where it stays.
     degrees: float
 
     def __str__(self) -> str:

@@ -20,12 +20,9 @@ class SkinnedMesh:
 
     rest_vertices: Float[np.ndarray, "V 3"]  # [m]
     faces: Int[np.ndarray, "F 3"]
-    weights: Float[np.ndarray, "V 52"]
-    """How much each joint of `skeleton.JOINTS` moves each vertex; rows sum to 1."""
-    rest_joints: Float[np.ndarray, "52 3"]
-    """Places of the joints while the mesh is bound [m]."""
-    rest_quats: Float[np.ndarray, "52 4"]
-    """Their rotations then, wxyz."""
+    weights: Float[np.ndarray, "V 52"]  # How much each joint of `skeleton.JOINTS` moves each vertex; rows sum to 1.
+    rest_joints: Float[np.ndarray, "52 3"]  # Places of the joints while the mesh is bound [m].
+    rest_quats: Float[np.ndarray, "52 4"]  # Their rotations then, wxyz.
 
     def __post_init__(self) -> None:
         for name in ("rest_vertices", "weights", "rest_joints", "rest_quats"):

@@ -25,14 +25,10 @@ class Accuracy(NamedTuple):
     """Bounds of a distance around that of samples."""
 
     error: float = 0.0  # [m]
-    outside: float = 0.0
-    """Share of it, outside,"""
-    inside: float = 0.0
-    """inside,"""
-    beyond: float = 0.0
-    """and by which it may be larger"""
-    beyond_from: float = 0.0
-    """from there on [m]."""
+    outside: float = 0.0  # Share of it, outside,
+    inside: float = 0.0  # inside,
+    beyond: float = 0.0  # and by which it may be larger
+    beyond_from: float = 0.0  # from there on [m].
 
     def bounds(self, found: Float[np.ndarray, "K"]) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
         """Return lower and upper bounds of distances, given those of samples [m]."""
@@ -52,10 +48,8 @@ _EXACT = Accuracy()
 class Nearest:
     """Points that can be the nearest ones, by their bounds [m]."""
 
-    place: Int[np.ndarray, "C"]
-    """Which of the places each is at; places without any are beyond the limit."""
-    point: Int[np.ndarray, "C"]
-    """Which of the tree's points it is."""
+    place: Int[np.ndarray, "C"]  # Which of the places each is at; places without any are beyond the limit.
+    point: Int[np.ndarray, "C"]  # Which of the tree's points it is.
     lower: Float[np.ndarray, "C"]
     upper: Float[np.ndarray, "C"]
 
@@ -64,10 +58,8 @@ class Nearest:
 class PointTree:
     """Points in nested balls."""
 
-    points: Float[np.ndarray, "P 3"]
-    """In an order in which neighbours are near each other [m]."""
-    order: Int[np.ndarray, "P"]
-    """Index that each had."""
+    points: Float[np.ndarray, "P 3"]  # In an order in which neighbours are near each other [m].
+    order: Int[np.ndarray, "P"]  # Index that each had.
 
     @classmethod
     def of(cls, points: Float[np.ndarray, "P 3"]) -> "PointTree":

@@ -134,11 +134,9 @@ OVERRATED = 1.5  # Beyond its grid, a solid may seem further away than it is by 
 class DistanceGrid(SampledDistances):
     """Distances [m] from one solid at the nodes of a grid around it; beyond the grid, the way to it is added."""
 
-    origin: Float[np.ndarray, "3"]
-    """First node [m]."""
+    origin: Float[np.ndarray, "3"]  # First node [m].
     step: float  # [m]
-    values: Float[np.ndarray, "X Y Z"]
-    """[m], in single precision."""
+    values: Float[np.ndarray, "X Y Z"]  # [m], in single precision.
 
     @cached_property
     def compiled(self) -> Shape:

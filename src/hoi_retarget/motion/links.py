@@ -22,14 +22,10 @@ class LinkStates:
     """Bodies over time in the world; T frames, B bodies in MuJoCo's order, which is depth first."""
 
     names: tuple[str, ...]
-    pos: Float[np.ndarray, "T B 3"]
-    """Link origins [m]."""
-    quat: Float[np.ndarray, "T B 4"]
-    """wxyz, without jumps of sign over time."""
-    lin_vel: Float[np.ndarray, "T B 3"]
-    """Of the link origins [m/s]."""
-    com_lin_vel: Float[np.ndarray, "T B 3"]
-    """Of the centres of mass [m/s]."""
+    pos: Float[np.ndarray, "T B 3"]  # Link origins [m].
+    quat: Float[np.ndarray, "T B 4"]  # wxyz, without jumps of sign over time.
+    lin_vel: Float[np.ndarray, "T B 3"]  # Of the link origins [m/s].
+    com_lin_vel: Float[np.ndarray, "T B 3"]  # Of the centres of mass [m/s].
     ang_vel: Float[np.ndarray, "T B 3"]  # [rad/s]
 
 

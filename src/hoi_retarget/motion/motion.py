@@ -45,10 +45,8 @@ class ContactForces:
     """
 
     bodies: tuple[str, ...]
-    forces: Float[np.ndarray, "T F 3"]
-    """[N]; zero where nothing is touched."""
-    points: Float[np.ndarray, "T F 3"]
-    """Where they act [m]: the mean of the contacts' places, weighted by force."""
+    forces: Float[np.ndarray, "T F 3"]  # [N]; zero where nothing is touched.
+    points: Float[np.ndarray, "T F 3"]  # Where they act [m]: the mean of the contacts' places, weighted by force.
 
     def __post_init__(self) -> None:
         for name in ("forces", "points"):

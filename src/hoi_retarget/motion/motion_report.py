@@ -53,8 +53,7 @@ class Optimality:
 
     stationarity: float
     complementarity: float
-    violation: float
-    """Largest excess over a joint range [rad] or a joint step [rad]."""
+    violation: float  # Largest excess over a joint range [rad] or a joint step [rad].
 
 
 @dataclass(frozen=True)
@@ -62,12 +61,10 @@ class Window:
     """The outcome of solving the frames of one window, by its last pass."""
 
     start: int
-    stop: int
-    """One past its last frame."""
+    stop: int  # One past its last frame.
     status: Status
     iterations: int
-    cost: float
-    """Weighted sum of squares of all terms."""
+    cost: float  # Weighted sum of squares of all terms.
     cost_by_term: Mapping[str, float]
     optimality: Optimality
 
@@ -81,10 +78,8 @@ class Window:
 class EventKind:
     """One kind of event: its text, and its keys in the report's JSON."""
 
-    text: str
-    """Of an event, before its frames."""
-    keys: Mapping[str, str]
-    """Fields of `Event` by their keys in JSON, beside `first_frame` and `last_frame`."""
+    text: str  # Of an event, before its frames.
+    keys: Mapping[str, str]  # Fields of `Event` by their keys in JSON, beside `first_frame` and `last_frame`.
     severity: Severity = Severity.WARNING
 
 
@@ -129,23 +124,16 @@ class Event:
     kinematics).
     """
 
-    kind: str
-    """A key of `EVENTS`."""
+    kind: str  # A key of `EVENTS`.
     first_frame: int
-    last_frame: int
-    """Included."""
-    value: float
-    """The largest distance or depth [m] or angle [degrees]."""
-    subject: str = ""
-    """The link, site or human part."""
+    last_frame: int  # Included.
+    value: float  # The largest distance or depth [m] or angle [degrees].
+    subject: str = ""  # The link, site or human part.
     object: str = ""
-    mean: float = 0.0
-    """Mean distance of an unreached contact [m]."""
-    reason: str = ""
-    """Its cause, where known."""
+    mean: float = 0.0  # Mean distance of an unreached contact [m].
+    reason: str = ""  # Its cause, where known.
     people: tuple[int, int] = (0, 0)
-    links: tuple[str, str] = ("", "")
-    """Links of the robots of two people."""
+    links: tuple[str, str] = ("", "")  # Links of the robots of two people.
 
     @property
     def frames(self) -> int:
@@ -179,8 +167,7 @@ class PinnedPart:
     part: str
     frame: int
     off_m: float
-    off_deg: float | None
-    """None where its rotation was left free."""
+    off_deg: float | None  # None where its rotation was left free.
 
     @property
     def missed(self) -> bool:
@@ -199,8 +186,7 @@ class InterRobotHandError:
     people: tuple[int, int]
     links: tuple[str, str]
     object: str
-    frames: int
-    """In which both touch it."""
+    frames: int  # In which both touch it.
     mean_m: float
     """Mean change, within a contact of both, of the difference of the hands' offsets from their targets [m]."""
     max_m: float
@@ -220,17 +206,14 @@ class HoldNote:
     part: str
     object: str
     first_frame: int
-    last_frame: int
-    """Included."""
+    last_frame: int  # Included.
     moved_m: float
     turned_deg: float
-    touching_m2: float
-    """Area of palmar skin on the surface."""
+    touching_m2: float  # Area of palmar skin on the surface.
     score: float | None = None
     """Of the choice: touch less what distance from the person, depth and reach cost [cm2]; None in older results."""
     rank: int = 0
-    ranks: int = 1
-    """Of the hold among those that differ, the best one first."""
+    ranks: int = 1  # Of the hold among those that differ, the best one first.
     kept: bool | None = None
     """Whether two free hands keep the object in simulation, all holds together; None where this was not tried."""
 
@@ -255,12 +238,9 @@ class ObjectShift:
 
     object: str
     first_frame: int
-    last_frame: int
-    """Included."""
-    moved_m: float
-    """At most,"""
-    turned_deg: float
-    """likewise."""
+    last_frame: int  # Included.
+    moved_m: float  # At most,
+    turned_deg: float  # likewise.
 
     def __str__(self) -> str:
         return (

@@ -11,15 +11,11 @@ STRICT_SHARE = 0.95  # Of the touched time, in which an object that is held stri
 class Replay:
     """A performed motion simulated again, with its feedback, in other physics."""
 
-    name: str
-    """The change, such as `mass +20 %`."""
-    seconds: float
-    """How long the robot stood [s]."""
+    name: str  # The change, such as `mass +20 %`.
+    seconds: float  # How long the robot stood [s].
     fell: bool
-    object_m: float | None
-    """Largest distance of an object from the performed motion [m]; None without objects."""
-    base_m: float
-    """The same of the robot's base."""
+    object_m: float | None  # Largest distance of an object from the performed motion [m]; None without objects.
+    base_m: float  # The same of the robot's base.
 
     @property
     def kept(self) -> bool:
@@ -39,8 +35,7 @@ class Replay:
 class Certificate:
     """The outcome of simulating a wholly performed motion again."""
 
-    repeats: bool
-    """Whether its targets alone, without feedback, give it to the bit."""
+    repeats: bool  # Whether its targets alone, without feedback, give it to the bit.
     replays: tuple[Replay, ...]
 
     @property
@@ -64,11 +59,9 @@ class Certificate:
 class Performance:
     """The performance of a motion: its length, and the fall or the loss of an object if there was one."""
 
-    seconds: float
-    """How long the robot stood, with its object at hand [s]."""
+    seconds: float  # How long the robot stood, with its object at hand [s].
     fell: bool
-    cause: str = ""
-    """Why it fell or lost its object, as far as known."""
+    cause: str = ""  # Why it fell or lost its object, as far as known.
     certificate: Certificate | None = None
     lost: bool = False
     kept_share: float | None = None

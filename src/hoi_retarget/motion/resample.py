@@ -33,22 +33,17 @@ class ResampledMotion:
     motion: Motion
     model: RobotModel
     fps: float
-    qpos: Float[np.ndarray, "T nq"]
-    """Root position [m], root rotation wxyz, joints [rad]."""
-    root_lin_vel: Float[np.ndarray, "T 3"]
-    """Of the root's origin [m/s]."""
+    qpos: Float[np.ndarray, "T nq"]  # Root position [m], root rotation wxyz, joints [rad].
+    root_lin_vel: Float[np.ndarray, "T 3"]  # Of the root's origin [m/s].
     root_ang_vel: Float[np.ndarray, "T 3"]  # [rad/s]
     joint_vel: Float[np.ndarray, "T n"]  # [rad/s]
     object_pos: Float[np.ndarray, "T O 3"]
     object_quat: Float[np.ndarray, "T O 4"]
-    object_lin_vel: Float[np.ndarray, "T O 3"]
-    """Of the objects' origins [m/s]."""
+    object_lin_vel: Float[np.ndarray, "T O 3"]  # Of the objects' origins [m/s].
     object_ang_vel: Float[np.ndarray, "T O 3"]
     contact_flags: Bool[np.ndarray, "T C"]
-    contact_object: Int[np.ndarray, "T C"]
-    """Index of the touched object, -1 for none."""
-    contact_points: Float[np.ndarray, "T C 3"]
-    """In the frame of the scaled object [m]; NaN where nothing is touched."""
+    contact_object: Int[np.ndarray, "T C"]  # Index of the touched object, -1 for none.
+    contact_points: Float[np.ndarray, "T C 3"]  # In the frame of the scaled object [m]; NaN where nothing is touched.
     stance_flags: Bool[np.ndarray, "T 2"]
     object: int | None = None
     """Index of the object that goes into a format's one place for it; None where there is no object."""

@@ -28,10 +28,8 @@ class Result:
     sha256: str
     motion: Motion
     model: RobotModel
-    clip: Clip | None = None
-    """Its source, where available: it knows the objects' shapes."""
-    suffix: str = ".npz"
-    """Of the file."""
+    clip: Clip | None = None  # Its source, where available: it knows the objects' shapes.
+    suffix: str = ".npz"  # Of the file.
 
     def __post_init__(self) -> None:
         check_robot(self.motion, self.model)

@@ -44,12 +44,10 @@ _UNITS = {"length": "m", "angle": "rad", "time": "s"}
 class Exported:
     """One result in a format."""
 
-    files: Mapping[str, bytes]
-    """By file name; a folder's files with its name before them."""
+    files: Mapping[str, bytes]  # By file name; a folder's files with its name before them.
     fps: float
     frames: int
-    notes: tuple[str, ...]
-    """Notes for the user, a sentence each."""
+    notes: tuple[str, ...]  # Notes for the user, a sentence each.
 
 
 def format_named(name: str) -> Format:

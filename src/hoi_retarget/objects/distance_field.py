@@ -37,11 +37,9 @@ _COARSE_DISTANCE = 2.0  # Edges of a cell; from there on, one step a cell is eno
 class Cells:
     """Cells around a surface and the samples of each."""
 
-    origin: Float[np.ndarray, "3"]
-    """Lowest corner of the first cell [m]."""
+    origin: Float[np.ndarray, "3"]  # Lowest corner of the first cell [m].
     edge: float  # [m]
-    levels: Int[np.ndarray, "X Y Z"]
-    """Of each cell: index into `STEPS`."""
+    levels: Int[np.ndarray, "X Y Z"]  # Of each cell: index into `STEPS`.
     samples: Float[np.ndarray, "S"]
     """[m], cell after cell, in single precision; the z coordinate of a cell's lattice runs fastest."""
 
@@ -189,10 +187,8 @@ class DistanceField(SampledDistances):
     """
 
     cells: Cells
-    shell: bool
-    """Whether the surface has no inside; distances are then those from either side less `SHELL_THICKNESS`."""
-    error: float
-    """Largest error at random points within two steps of the surface [m]."""
+    shell: bool  # Whether the surface has no inside; distances are then those from either side less `SHELL_THICKNESS`.
+    error: float  # Largest error at random points within two steps of the surface [m].
 
     @property
     def step(self) -> float:

@@ -21,8 +21,7 @@ class SolidPoses:
     solid: DistanceGrid
     rotations: Float[np.ndarray, "N 3 3"]
     origins: Float[np.ndarray, "N 3"]  # [m]
-    middle: Float[np.ndarray, "3"]
-    """Of the ball, in the solid's frame [m]."""
+    middle: Float[np.ndarray, "3"]  # Of the ball, in the solid's frame [m].
     radius: float  # [m]
 
     @cached_property

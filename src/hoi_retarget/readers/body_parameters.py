@@ -160,18 +160,13 @@ class BodyParameters:
 
     family: Family
     gender: str
-    betas: Float[np.ndarray, "*T b"]
-    """Of one body, or as they were fitted in each frame."""
+    betas: Float[np.ndarray, "*T b"]  # Of one body, or as they were fitted in each frame.
     translation: Float[np.ndarray, "T 3"]  # [m]
-    body: Float[np.ndarray, "T 66"]
-    """The 22 joints of the body, pelvis first."""
-    left_hand: Float[np.ndarray, "T L"]
-    """45 numbers of 15 joints, or weights of principal components."""
+    body: Float[np.ndarray, "T 66"]  # The 22 joints of the body, pelvis first.
+    left_hand: Float[np.ndarray, "T L"]  # 45 numbers of 15 joints, or weights of principal components.
     right_hand: Float[np.ndarray, "T L"]
-    flat_hands: bool
-    """Whether hands are counted from flat ones; otherwise from the model's mean hand."""
-    template: Float[np.ndarray, "V 3"] | None = None
-    """The person's own body at rest [m], in the place of the model's."""
+    flat_hands: bool  # Whether hands are counted from flat ones; otherwise from the model's mean hand.
+    template: Float[np.ndarray, "V 3"] | None = None  # The person's own body at rest [m], in the place of the model's.
 
     @classmethod
     def of_rows(cls, pose: Float[np.ndarray, "T n"], **others: Any) -> "BodyParameters":

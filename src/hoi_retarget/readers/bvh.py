@@ -77,12 +77,9 @@ class _Rig:
 
     title: str
     pelvis: str
-    sides: tuple[str, str]
-    """Beginnings of the names of a left and of a right limb."""
-    limbs: dict[str, tuple[str, ...]]
-    """Joint without its side -> its possible names."""
-    toe_height: float = 0.0
-    """Of the toe joints over the soles [m]; most rigs have them on the soles, for a hinge."""
+    sides: tuple[str, str]  # Beginnings of the names of a left and of a right limb.
+    limbs: dict[str, tuple[str, ...]]  # Joint without its side -> its possible names.
+    toe_height: float = 0.0  # Of the toe joints over the soles [m]; most rigs have them on the soles, for a hinge.
 
     def bones(self) -> dict[str, tuple[str, ...]]:
         """Return joint -> its possible names, without spine and fingers."""
@@ -117,10 +114,8 @@ class _RiggedSkeleton:
     """A file's joints by the names of `skeleton.JOINTS`."""
 
     rig: _Rig
-    joints: Mapping[str, int]
-    """Of the body without the spine, and of all fingers where they are there."""
-    spine: tuple[int, ...]
-    """From above the pelvis to below the neck."""
+    joints: Mapping[str, int]  # Of the body without the spine, and of all fingers where they are there.
+    spine: tuple[int, ...]  # From above the pelvis to below the neck.
 
 
 def holds(file: SourceFile) -> bool:

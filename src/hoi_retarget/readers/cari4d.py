@@ -64,13 +64,11 @@ _PREDICTION = ("pose_abs", "smpl_pose", "smpl_t", "betas")
 class _Sequence:
     """Facts from the names of a recording's file, folder and frames."""
 
-    name: str
-    """CARI4D's name of the video, such as `Date03_Sub01_gas_wild002`."""
+    name: str  # CARI4D's name of the video, such as `Date03_Sub01_gas_wild002`.
     object: str | None
     frames: int
     fps: float
-    centred: bool
-    """Whether the object's poses are of the mesh less the mean of its vertices."""
+    centred: bool  # Whether the object's poses are of the mesh less the mean of its vertices.
     rate_note: str
 
 

@@ -47,12 +47,9 @@ class ObjectFacts:
     """Facts of one object."""
 
     name: str
-    moved: float | None
-    """Largest distance from its first place [m]; None where it could not be read."""
-    lowest: float | None
-    """Height of its lowest point over all frames [m]; None without geometry."""
-    geometry: str
-    """The file of its shape, or the missing one and a way to add it."""
+    moved: float | None  # Largest distance from its first place [m]; None where it could not be read.
+    lowest: float | None  # Height of its lowest point over all frames [m]; None without geometry.
+    geometry: str  # The file of its shape, or the missing one and a way to add it.
     has_geometry: bool
 
 
@@ -63,8 +60,7 @@ class ContactFacts:
     part: str
     object: str
     frames: int
-    segments: int
-    """Contiguous runs of frames."""
+    segments: int  # Contiguous runs of frames.
 
 
 @dataclass(frozen=True)
@@ -75,31 +71,21 @@ class Inspection:
     format: str
     description: str
     frames: int = 0
-    fps: float | None = None
-    """Frames a second."""
-    fps_stated: bool = False
-    """Whether the file states its rate; otherwise its format implies it."""
+    fps: float | None = None  # Frames a second.
+    fps_stated: bool = False  # Whether the file states its rate; otherwise its format implies it.
     skeleton: str = ""
-    up_axis: str = ""
-    """Which way is up; what contradicts it is in `warnings`."""
+    up_axis: str = ""  # Which way is up; what contradicts it is in `warnings`.
     lowest_joint: float | None = None  # [m]
-    height: float | None = None
-    """The person's standing height, estimated from the skeleton [m]."""
+    height: float | None = None  # The person's standing height, estimated from the skeleton [m].
     objects: tuple[ObjectFacts, ...] = ()
     contacts: tuple[ContactFacts, ...] = ()
-    contacts_from: str = ""
-    """The origin of contacts, where the source does not label them all."""
+    contacts_from: str = ""  # The origin of contacts, where the source does not label them all.
     notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-    """Doubts that do not stop retargeting."""
-    problems: tuple[str, ...] = ()
-    """Why the file cannot be retargeted as it is."""
-    missing: tuple[str, ...] = ()
-    """Files and options that have to be added, and how."""
-    command: str = ""
-    """To be run next; empty where nothing can be."""
-    result: Motion | None = None
-    """The motion, where the file is a result."""
+    warnings: tuple[str, ...] = ()  # Doubts that do not stop retargeting.
+    problems: tuple[str, ...] = ()  # Why the file cannot be retargeted as it is.
+    missing: tuple[str, ...] = ()  # Files and options that have to be added, and how.
+    command: str = ""  # To be run next; empty where nothing can be.
+    result: Motion | None = None  # The motion, where the file is a result.
 
 
 def inspect(path: Path, options: ReadOptions = ReadOptions()) -> Inspection:

@@ -214,15 +214,11 @@ def _part_notes(capture: _Capture) -> tuple[str, ...]:
 class _BindPose:
     """Where the bones are while the mesh is bound to them, in the mesh's frame."""
 
-    skin: int
-    """The file's skin, which has the bones."""
-    joints: tuple[int, ...]
-    """All its nodes."""
+    skin: int  # The file's skin, which has the bones.
+    joints: tuple[int, ...]  # All its nodes.
     positions: Float[np.ndarray, "52 3"]
-    quats: Float[np.ndarray, "52 4"]
-    """wxyz"""
-    head_top: Float[np.ndarray, "3"] | None
-    """Where the head ends; None where the skin has no such bone."""
+    quats: Float[np.ndarray, "52 4"]  # wxyz
+    head_top: Float[np.ndarray, "3"] | None  # Where the head ends; None where the skin has no such bone.
 
 
 def _person(capture: _Capture, poses: NodePoses) -> tuple[Person, tuple[str, ...]]:

@@ -62,19 +62,13 @@ class Subset:
     """One of the data sets, and its kind of bodies."""
 
     title: str
-    terms: str
-    """Of the data, in its makers' words or InterAct's."""
+    terms: str  # Of the data, in its makers' words or InterAct's.
     family: Family
-    betas: int
-    """How many; none where each person has a template instead."""
-    hand: int = 45
-    """Numbers of the pose of each hand."""
-    flat_hands: bool = True
-    """Whether hands are counted from flat ones; otherwise from the model's mean hand."""
-    face: bool = False
-    """Whether numbers of jaw and eyes may follow."""
-    note: str = ""
-    """A doubt about it."""
+    betas: int  # How many; none where each person has a template instead.
+    hand: int = 45  # Numbers of the pose of each hand.
+    flat_hands: bool = True  # Whether hands are counted from flat ones; otherwise from the model's mean hand.
+    face: bool = False  # Whether numbers of jaw and eyes may follow.
+    note: str = ""  # A doubt about it.
 
     @property
     def width(self) -> int:

@@ -24,25 +24,17 @@ from hoi_retarget.readers.worlds import World, check_upright
 class Outline:
     """Facts of a recording from its own files, without shapes and body models."""
 
-    description: str
-    """Such as `BEHAVE recording of one person and one object`."""
+    description: str  # Such as `BEHAVE recording of one person and one object`.
     frames: int
-    fps: float
-    """Frames a second."""
-    fps_stated: bool = False
-    """Whether the recording states its rate; otherwise its format implies it."""
-    skeleton: str
-    """The kind of body, such as `SMPL-H male, 10 betas`."""
-    up_axis: str = ""
-    """The axis that is up in the recording, and the source of that fact."""
+    fps: float  # Frames a second.
+    fps_stated: bool = False  # Whether the recording states its rate; otherwise its format implies it.
+    skeleton: str  # The kind of body, such as `SMPL-H male, 10 betas`.
+    up_axis: str = ""  # The axis that is up in the recording, and the source of that fact.
     people: int = 1
-    objects: tuple[str, ...]
-    """Their names; empty for an object that the recording does not name."""
-    contacts: str = "none stored"
-    """The origin of contacts, such as `labels of the hands`."""
+    objects: tuple[str, ...]  # Their names; empty for an object that the recording does not name.
+    contacts: str = "none stored"  # The origin of contacts, such as `labels of the hands`.
     licence: str
-    notes: tuple[str, ...] = ()
-    """What was found before the arrays were read, one sentence each."""
+    notes: tuple[str, ...] = ()  # What was found before the arrays were read, one sentence each.
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -53,34 +45,25 @@ class Tracks:
     objects: tuple[ObjectTrack, ...]
     touching: Mapping[tuple[int, str], Bool[np.ndarray, "T"]] = field(default_factory=dict)
     """Index of an object and part of the first person -> when they touch; nothing where contacts are not labelled."""
-    contacts: tuple[ContactTrack, ...] = ()
-    """Where the source has their points, too."""
-    notes: tuple[str, ...] = ()
-    """What was found in the arrays, one sentence each."""
+    contacts: tuple[ContactTrack, ...] = ()  # Where the source has their points, too.
+    notes: tuple[str, ...] = ()  # What was found in the arrays, one sentence each.
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SourceRecording(Outline):
     """One recording of a data set; the format states its up axis where `up_axis` is empty."""
 
-    name: str
-    """Of the clip."""
+    name: str  # Of the clip.
     up: str | Callable[[Person], World]
     """The source's axis that is up, one of `worlds.TURN`, or a function that finds its world from the first person."""
     read_tracks: Callable[[], Tracks]
     """Returns the arrays; raises `ReadError`, `ClipError`, `GeometryError` or `BodyModelError`."""
-    names_objects: bool = True
-    """Whether it tells the names of its objects, so that the user cannot."""
-    first_frame: int = 0
-    """Number of the source's frames before its first one."""
-    checks_upright: bool = True
-    """Whether people must have a person's size and stand upright."""
-    may_lie: bool = False
-    """Whether it may be of people who never stand upright, lying on a floor near 0."""
-    path: Path | None = None
-    """Of the clip's file, where it stands for the folder that it is in."""
-    sha256: str = ""
-    """Where its bytes were not read by way of `SourceFile`."""
+    names_objects: bool = True  # Whether it tells the names of its objects, so that the user cannot.
+    first_frame: int = 0  # Number of the source's frames before its first one.
+    checks_upright: bool = True  # Whether people must have a person's size and stand upright.
+    may_lie: bool = False  # Whether it may be of people who never stand upright, lying on a floor near 0.
+    path: Path | None = None  # Of the clip's file, where it stands for the folder that it is in.
+    sha256: str = ""  # Where its bytes were not read by way of `SourceFile`.
 
     def world(self, person: Person) -> World:
         """Return the world of the recording, from its first person where the format does not state it."""
@@ -98,8 +81,7 @@ class Reader:
     Clips come out with z up, in metres; contacts are empty where the source has none.
     """
 
-    format: str
-    """Its name, in small letters with dashes."""
+    format: str  # Its name, in small letters with dashes.
     record: Record
     _: KW_ONLY
     holds: Callable[[SourceFile], bool]

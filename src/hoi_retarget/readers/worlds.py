@@ -26,8 +26,7 @@ TURN: Mapping[str, np.ndarray] = {
 class Turn:
     """A rotation of everything, and the height of the floor after it, which becomes 0."""
 
-    quat: Float[np.ndarray, "4"]
-    """wxyz"""
+    quat: Float[np.ndarray, "4"]  # wxyz
     floor: float = 0.0  # [m]
 
     def of(
@@ -41,12 +40,9 @@ class Turn:
 class World:
     """A source's world: its up axis, and the turns that make it one with z up."""
 
-    up: str
-    """The axis that becomes z, for errors."""
-    turns: tuple[Turn, ...]
-    """One after the other."""
-    note: str = ""
-    """A note of it."""
+    up: str  # The axis that becomes z, for errors.
+    turns: tuple[Turn, ...]  # One after the other.
+    note: str = ""  # A note of it.
 
     @classmethod
     def of_axis(cls, up: str) -> "World":

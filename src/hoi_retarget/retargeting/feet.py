@@ -34,10 +34,8 @@ FLAT_BELOW, TILTED_ABOVE = np.radians(2.0), np.radians(6.0)  # Pitch of a standi
 class Foot:
     """One foot of a robot: places in the frame of its contact site."""
 
-    toe: Float[np.ndarray, "3"]
-    """The site that inverse kinematics steers [m]."""
-    corners: Float[np.ndarray, "4 3"]
-    """Sole corners [m]."""
+    toe: Float[np.ndarray, "3"]  # The site that inverse kinematics steers [m].
+    corners: Float[np.ndarray, "4 3"]  # Sole corners [m].
 
     @classmethod
     def of(cls, model: RobotModel, side: str) -> "Foot":

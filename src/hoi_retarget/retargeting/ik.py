@@ -158,12 +158,9 @@ def solve_ik(
 class _Candidate:
     qpos: Float[np.ndarray, "T nq"]
     windows: tuple[Window, ...]
-    errors: Mapping[str, Float[np.ndarray, "T"]]
-    """How far sites are from their rotations [deg]."""
-    flips: tuple[Event, ...]
-    """That no person does."""
-    turned: bool
-    """Whether the trunk is turned over."""
+    errors: Mapping[str, Float[np.ndarray, "T"]]  # How far sites are from their rotations [deg].
+    flips: tuple[Event, ...]  # That no person does.
+    turned: bool  # Whether the trunk is turned over.
 
     @property
     def cost(self) -> float:

@@ -25,13 +25,10 @@ class SitePin:
     """The pins of one site; T frames."""
 
     site: str
-    frames: tuple[int, ...]
-    """That are pinned, of the whole clip."""
-    turned_frames: tuple[int, ...]
-    """Those of them in which the rotation is pinned too."""
+    frames: tuple[int, ...]  # That are pinned, of the whole clip.
+    turned_frames: tuple[int, ...]  # Those of them in which the rotation is pinned too.
     positions: Float[np.ndarray, "T 3"]  # [m]
-    weights: Float[np.ndarray, "T"]
-    """1 in pinned frames, fading to 0 around them."""
+    weights: Float[np.ndarray, "T"]  # 1 in pinned frames, fading to 0 around them.
     quats: Float[np.ndarray, "T 4"]
     turn_weights: Float[np.ndarray, "T"]
 

@@ -55,35 +55,27 @@ class Targets:
     fps: float
     root_scale: float
     human_height: float  # [m]
-    site_positions: Float[np.ndarray, "T K 3"]
-    """World positions for the rows of the robot's IK table [m]."""
+    site_positions: Float[np.ndarray, "T K 3"]  # World positions for the rows of the robot's IK table [m].
     site_quats: Float[np.ndarray, "T K 4"]
-    trunk_rotations: Float[np.ndarray, "T 3 3"]
-    """Of the person's trunk, as hips and shoulders lie."""
-    torso_quats: Float[np.ndarray, "T 4"]
-    """World rotations of the torso, as the person's chest turns, smoothed."""
+    trunk_rotations: Float[np.ndarray, "T 3 3"]  # Of the person's trunk, as hips and shoulders lie.
+    torso_quats: Float[np.ndarray, "T 4"]  # World rotations of the torso, as the person's chest turns, smoothed.
     foot_positions: Float[np.ndarray, "T 2 3"]
     """World positions of the left and right foot's contact site [m]: on the floor in stance."""
     foot_quats: Float[np.ndarray, "T 2 4"]
     anchor_weights: Float[np.ndarray, "T 2"]
     """How much each foot is to keep its place: 1 while it stands, in surface contact."""
-    palm_quats: Float[np.ndarray, "T 2 4"]
-    """World rotations of the left and right palm, as the human's hands turn."""
+    palm_quats: Float[np.ndarray, "T 2 4"]  # World rotations of the left and right palm, as the human's hands turn.
     contact_quats: Float[np.ndarray, "T 2 4"]
     """The palms' world rotations where they touch: with holds, another one than the human's."""
     object_names: tuple[str, ...]
-    object_geometry: tuple[ObjectGeometry, ...]
-    """At captured size."""
+    object_geometry: tuple[ObjectGeometry, ...]  # At captured size.
     object_scale: Float[np.ndarray, "O"]
     object_pos: Float[np.ndarray, "T O 3"]
     object_quat: Float[np.ndarray, "T O 4"]
-    contact_links: tuple[str, ...]
-    """Sites that can touch."""
+    contact_links: tuple[str, ...]  # Sites that can touch.
     contact_flags: Bool[np.ndarray, "T C"]
-    contact_object: Int[np.ndarray, "T C"]
-    """Index of the touched object, -1 for none."""
-    contact_points: Float[np.ndarray, "T C 3"]
-    """In the frame of the scaled object [m]; NaN where inactive."""
+    contact_object: Int[np.ndarray, "T C"]  # Index of the touched object, -1 for none.
+    contact_points: Float[np.ndarray, "T C 3"]  # In the frame of the scaled object [m]; NaN where inactive.
     stance_flags: Bool[np.ndarray, "T 2"]
     carried_contact_object: Int[np.ndarray, "T C"]
     """Index of the object each link is at or nearest in time to; 0 where it never touches."""
@@ -91,20 +83,15 @@ class Targets:
     """Contact targets, carried on before and after a contact [m]; finite everywhere."""
     part_points: Float[np.ndarray, "T C 3"]
     """The human's parts that the links stand for, in the frame of that object at its scaled size [m]."""
-    contact_weights: Float[np.ndarray, "T C"]
-    """1 in contact, fading to 0 around it."""
-    contact_rotation_weights: Float[np.ndarray, "T C"]
-    """The same for the links' rotations, which need longer."""
+    contact_weights: Float[np.ndarray, "T C"]  # 1 in contact, fading to 0 around it.
+    contact_rotation_weights: Float[np.ndarray, "T C"]  # The same for the links' rotations, which need longer.
     limbs: Float[np.ndarray, "T O L 2 3"]
     """The ends of the human's limbs (`LIMBS`) in the frames of the objects at their scaled size [m]."""
-    rotation_jumps: tuple[RotationJump, ...] = ()
-    """Of the recording; the targets do without them."""
+    rotation_jumps: tuple[RotationJump, ...] = ()  # Of the recording; the targets do without them.
     base_qpos: Float[np.ndarray, "T 7"] | None = None
     """Position [m] and rotation of the root of a robot whose upper body alone follows; None where legs carry it."""
-    pins: tuple[SitePin, ...] = ()
-    """One for each site that is pinned by hand."""
-    unpinned: "Targets | None" = None
-    """The same of the whole clip without pins; None where there are none."""
+    pins: tuple[SitePin, ...] = ()  # One for each site that is pinned by hand.
+    unpinned: "Targets | None" = None  # The same of the whole clip without pins; None where there are none.
     contact: ContactKind = "landmark"
     """What contact asks for; with surfaces feet are anchored, and nothing is to be under the floor."""
 

@@ -68,23 +68,19 @@ class Inertias:
     """Masses of the bodies that have one, in the bodies' own frames."""
 
     masses: Float[np.ndarray, "B"]  # [kg]
-    centres: Float[np.ndarray, "B 3"]
-    """Centres of mass [m]."""
+    centres: Float[np.ndarray, "B 3"]  # Centres of mass [m].
 
 
 @dataclass(frozen=True, eq=False)
 class Geometries:
     """Geometries of the robot's description, in MuJoCo's order."""
 
-    bodies: tuple[str, ...]
-    """Body that carries each."""
+    bodies: tuple[str, ...]  # Body that carries each.
     frames: tuple[Frame, ...]
-    types: tuple[str, ...]
-    """As MJCF writes them: capsule, box, mesh, ..."""
+    types: tuple[str, ...]  # As MJCF writes them: capsule, box, mesh, ...
     sizes: Float[np.ndarray, "G 3"]
     """MJCF's size numbers [m]: radius and half length of a capsule, half extents of a box, ..."""
-    meshes: tuple[str, ...]
-    """Mesh asset; empty for primitives."""
+    meshes: tuple[str, ...]  # Mesh asset; empty for primitives.
     colours: Float[np.ndarray, "G 4"]
     """Red, green, blue, opacity, 0 to 1; the material's where the geometry has none of its own."""
     groups: Int[np.ndarray, "G"]
@@ -95,10 +91,8 @@ class Geometries:
 class Tree:
     """Frames of a compiled description's bodies, and its hinges' frames before they turn."""
 
-    bodies: list[Frame]
-    """World first."""
-    hinges: dict[int, Frame]
-    """In the frame of the parent node, by MuJoCo's joint number."""
+    bodies: list[Frame]  # World first.
+    hinges: dict[int, Frame]  # In the frame of the parent node, by MuJoCo's joint number.
 
 
 def tree_of(compiled: mujoco.MjModel) -> Tree:

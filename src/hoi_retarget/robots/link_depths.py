@@ -59,8 +59,7 @@ class PosedLink:
 
     skin: LinkSkin
     pose: RigidPoses
-    centre: Float[np.ndarray, "F 3"]
-    """Of the ball around it, in the world [m]."""
+    centre: Float[np.ndarray, "F 3"]  # Of the ball around it, in the world [m].
 
 
 def posed_links(kinematics: Kinematics, first: int = 0) -> tuple[PosedLink, ...]:

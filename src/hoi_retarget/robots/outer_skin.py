@@ -31,14 +31,10 @@ _BLOCK = 200_000  # Points asked for at once, which bounds memory.
 class SkinResolution:
     """Resolution of one link's skin, all in [m]."""
 
-    nodes: float
-    """Distance of the balls' centres."""
-    ball: float
-    """Radius of the ball: hollows less than twice as wide count as solid."""
-    spacing: float
-    """No place on the skin is further than this from a point."""
-    grid: float
-    """Step of the solid's distance grid."""
+    nodes: float  # Distance of the balls' centres.
+    ball: float  # Radius of the ball: hollows less than twice as wide count as solid.
+    spacing: float  # No place on the skin is further than this from a point.
+    grid: float  # Step of the solid's distance grid.
 
 
 HAND = SkinResolution(nodes=0.001, ball=0.00125, spacing=0.0035, grid=0.0025)  # 5 mm apart on a square lattice
@@ -59,10 +55,8 @@ def resolution_of(model: RobotModel, link: str) -> SkinResolution:
 class OuterSkin:
     """Points on a link's outer skin and its solid, in the frame of the triangles."""
 
-    points: Float[np.ndarray, "P 3"]
-    """In farthest-point order: the first n are a coarser skin [m]."""
-    normals: Float[np.ndarray, "P 3"]
-    """Outward, of unit length."""
+    points: Float[np.ndarray, "P 3"]  # In farthest-point order: the first n are a coarser skin [m].
+    normals: Float[np.ndarray, "P 3"]  # Outward, of unit length.
     solid: DistanceGrid
 
 
@@ -71,8 +65,7 @@ class Outside:
     """Balls next to the skin that can come in from far away."""
 
     centres: Float[np.ndarray, "N 3"]  # [m]
-    radii: Float[np.ndarray, "N"]
-    """Of the largest balls there that touch nothing [m]."""
+    radii: Float[np.ndarray, "N"]  # Of the largest balls there that touch nothing [m].
 
     def free(self, points: Float[np.ndarray, "K 3"]) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K 3"]]:
         """Return the depths of points in the balls [m], negative in none, and the centre of the best ball."""

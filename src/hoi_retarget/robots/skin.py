@@ -120,13 +120,10 @@ def extreme_points(points: Float[np.ndarray, "P 3"]) -> Float[np.ndarray, "H 3"]
 class LinkSkin:
     """Skin of one link, in the frame of its body."""
 
-    link: str
-    """Body."""
+    link: str  # Body.
     frame: Frame
-    points: Float[np.ndarray, "P 3"]
-    """In farthest-point order: the first n are a coarser skin [m]."""
-    normals: Float[np.ndarray, "P 3"]
-    """Outward, of unit length."""
+    points: Float[np.ndarray, "P 3"]  # In farthest-point order: the first n are a coarser skin [m].
+    normals: Float[np.ndarray, "P 3"]  # Outward, of unit length.
     solid: DistanceGrid
 
     @cached_property

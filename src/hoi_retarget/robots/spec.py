@@ -54,10 +54,8 @@ class IkRow:
     human_joint: str
     position_weight: float  # [1/m]
     rotation_weight: float  # [1/rad]
-    rotation_offset: tuple[float, float, float, float]
-    """Human joint to robot site, wxyz, multiplied on the right."""
-    scale: float = 1.0
-    """Of the joint's place about the pelvis, on top of the root scale."""
+    rotation_offset: tuple[float, float, float, float]  # Human joint to robot site, wxyz, multiplied on the right.
+    scale: float = 1.0  # Of the joint's place about the pelvis, on top of the root scale.
 
 
 @dataclass(frozen=True)
@@ -65,20 +63,16 @@ class SitePose:
     """A site that an MJCF lacks: its constant place on a body."""
 
     body: str
-    position: tuple[float, float, float]
-    """In the body's frame [m]."""
-    quat: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-    """wxyz"""
+    position: tuple[float, float, float]  # In the body's frame [m].
+    quat: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)  # wxyz
 
 
 @dataclass(frozen=True)
 class Motor:
     """Published or stated facts on one joint's drive, beside the manufacturer's MJCF."""
 
-    armature: float
-    """Inertia of the rotors as the joint feels it [kg m^2]."""
-    torque: float | None = None
-    """Torque limit [N m], where it is not the MJCF's."""
+    armature: float  # Inertia of the rotors as the joint feels it [kg m^2].
+    torque: float | None = None  # Torque limit [N m], where it is not the MJCF's.
     gains: tuple[float, float] | None = None
     """Stiffness [N m/rad] and damping [N m s/rad], where they do not follow from the inertia."""
 
@@ -88,11 +82,9 @@ class HeldJoint:
     """A joint of the source file that is missing in the MJCF: a finger's, or one that is coupled to another."""
 
     joint: str
-    other: str
-    """The joint that it follows; empty where it is held at `offset`."""
+    other: str  # The joint that it follows; empty where it is held at `offset`.
     ratio: float
-    offset: float
-    """[rad], of a slide [m]; its value is `offset + ratio * other`."""
+    offset: float  # [rad], of a slide [m]; its value is `offset + ratio * other`.
 
 
 @dataclass(frozen=True)

@@ -45,8 +45,7 @@ class TrackingProblem:
     scene: PhysicsScene
     simulated: mujoco.MjModel
     reference: Reference
-    targets: Float[np.ndarray, "K n"]
-    """Of the drives where the robot is on the reference [rad]."""
+    targets: Float[np.ndarray, "K n"]  # Of the drives where the robot is on the reference [rad].
     gains: Float[np.ndarray, "K n x"]
     cost: TrackingCost
 

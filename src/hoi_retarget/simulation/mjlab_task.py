@@ -57,12 +57,9 @@ _METADATA = f"Metadata-Version: 2.1\nName: {PACKAGE.replace('_', '-')}\nVersion:
 class TrainingTask:
     """A motion as a task."""
 
-    id: str
-    """What mjlab's commands call it."""
-    files: Mapping[Path, bytes]
-    """By their places in the folder of all tasks, without those of the package."""
-    frames: int
-    """At `RATE`."""
+    id: str  # What mjlab's commands call it.
+    files: Mapping[Path, bytes]  # By their places in the folder of all tasks, without those of the package.
+    frames: int  # At `RATE`.
 
 
 def check_usable(motion: Motion) -> None:
@@ -133,11 +130,9 @@ class _States:
     names: tuple[str, ...]
     pos: Float[np.ndarray, "T B 3"]
     quat: Float[np.ndarray, "T B 4"]
-    lin_vel: Float[np.ndarray, "T B 3"]
-    """Of the bodies' origins [m/s]."""
+    lin_vel: Float[np.ndarray, "T B 3"]  # Of the bodies' origins [m/s].
     ang_vel: Float[np.ndarray, "T B 3"]
-    contacts: int
-    """Most contacts of a frame, and of the pose in which mjlab makes its environments."""
+    contacts: int  # Most contacts of a frame, and of the pose in which mjlab makes its environments.
 
 
 def _states(resampled: ResampledMotion, scene: PhysicsScene) -> _States:

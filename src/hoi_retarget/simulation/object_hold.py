@@ -24,14 +24,10 @@ class ObjectHold:
     """The hold on one object."""
 
     index: int
-    kept_share: float
-    """Of the touched time, in which it is near its path."""
-    mean_m: float
-    """Distance from its path, a mean [m]."""
-    mean_deg: float
-    """Angle from it [deg]."""
-    lost_after: float | None
-    """[s]; None where it is held."""
+    kept_share: float  # Of the touched time, in which it is near its path.
+    mean_m: float  # Distance from its path, a mean [m].
+    mean_deg: float  # Angle from it [deg].
+    lost_after: float | None  # [s]; None where it is held.
 
 
 def object_holds(reference: Reference, rollout: Rollout, joints: int) -> tuple[ObjectHold, ...]:

@@ -39,12 +39,10 @@ class SimulatedMotion:
     """A result with the physics stage, whole or up to a fall or the loss of an object."""
 
     motion: Motion
-    for_controllers: bytes
-    """Content of the file with targets and gains."""
+    for_controllers: bytes  # Content of the file with targets and gains.
     scene: PhysicsScene
     reference: Reference
-    rollout: Rollout
-    """Up to the end or a fall, beyond the loss of an object."""
+    rollout: Rollout  # Up to the end or a fall, beyond the loss of an object.
     holds: tuple[ObjectHold, ...]
     performance: Performance
 

@@ -65,16 +65,14 @@ class ControlledRollout:
     """A simulated motion with the feedback about it."""
 
     rollout: Rollout
-    gains: Float[np.ndarray, "K n x"]
-    """From deviations from the motion to changes of the drives' targets."""
+    gains: Float[np.ndarray, "K n x"]  # From deviations from the motion to changes of the drives' targets.
 
 
 @dataclass(frozen=True, eq=False)
 class Refined(ControlledRollout):
     """A refined motion, with its lead-in and its lead-out; they share a tick with it."""
 
-    steps: int
-    """Number of simulated steps."""
+    steps: int  # Number of simulated steps.
     lead_in: ControlledRollout | None = None
     """From a stance at rest to the first tick, where the reference begins off balance."""
     lead_out: ControlledRollout | None = None
@@ -85,10 +83,8 @@ class Refined(ControlledRollout):
 class Progress:
     """Progress of a refinement."""
 
-    seconds: float
-    """Of the motion, simulated so far [s]."""
-    cost: float
-    """Of the plan, a mean over its horizon."""
+    seconds: float  # Of the motion, simulated so far [s].
+    cost: float  # Of the plan, a mean over its horizon.
     samples: int
 
 
@@ -98,8 +94,7 @@ class _SampledState:
 
     tick: int
     simulation: np.ndarray
-    knots: Float[np.ndarray, "M n"]
-    """Of the plan that is continued."""
+    knots: Float[np.ndarray, "M n"]  # Of the plan that is continued.
 
 
 def refine(

@@ -44,12 +44,9 @@ class Reference:
 
     qpos: Float[np.ndarray, "K nq"]
     qvel: Float[np.ndarray, "K nv"]
-    torques: Float[np.ndarray, "K n"]
-    """Feedforward [N m]."""
-    links: tuple[str, ...]
-    """Sites of the robot that may touch objects."""
-    touched: Int[np.ndarray, "K C"]
-    """Index of the object that each of them is labelled to touch; -1 for none."""
+    torques: Float[np.ndarray, "K n"]  # Feedforward [N m].
+    links: tuple[str, ...]  # Sites of the robot that may touch objects.
+    touched: Int[np.ndarray, "K C"]  # Index of the object that each of them is labelled to touch; -1 for none.
 
     @property
     def seconds(self) -> float:
@@ -109,10 +106,8 @@ class Rollout:
 
     qpos: Float[np.ndarray, "K nq"]
     qvel: Float[np.ndarray, "K nv"]
-    targets: Float[np.ndarray, "K n"]
-    """Of the drives [rad], held for one tick each."""
-    fell_after: float | None
-    """[s]; None when it did not fall."""
+    targets: Float[np.ndarray, "K n"]  # Of the drives [rad], held for one tick each.
+    fell_after: float | None  # [s]; None when it did not fall.
 
     @property
     def seconds(self) -> float:
@@ -236,8 +231,7 @@ class _Postures:
     """The compared places and axes of N states."""
 
     places: Float[np.ndarray, "N P 3"]
-    tilts: Float[np.ndarray, "N 2 3"]
-    """Up-axes of the feet."""
+    tilts: Float[np.ndarray, "N 2 3"]  # Up-axes of the feet.
     capture: Float[np.ndarray, "N 2"]
     touching: Float[np.ndarray, "N C 3 3"]
     """Three points on the axes of each link that may touch, in the world: its place and how it is turned."""

@@ -13,14 +13,12 @@ from hoi_retarget.errors import ArgumentError, ClipError
 class MadeFor:
     """The facts of a clip that edits depend on: on a clip with the same ones they have the same meaning."""
 
-    name: str
-    """Of the clip, for people: a renamed recording is the same one."""
+    name: str  # Of the clip, for people: a renamed recording is the same one.
     frames: int
     fps: float
     people: int
     objects: tuple[str, ...]
-    contacts: str
-    """Digest of which parts touch which objects in which frames, before any edit."""
+    contacts: str  # Digest of which parts touch which objects in which frames, before any edit.
 
     @staticmethod
     def of(clip: Clip) -> "MadeFor":

@@ -25,8 +25,7 @@ class Segment:
     points: Float[np.ndarray, "F 3"]
     """A point for each of its F = stop - start frames, in the object's frame at captured size [m]."""
     hold: int = 0
-    turn: Vector = (0.0, 0.0, 0.0)
-    """As those of the contact's track."""
+    turn: Vector = (0.0, 0.0, 0.0)  # As those of the contact's track.
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", frozen(self.points))

@@ -43,10 +43,8 @@ Places = dict[str, int]  # Where in the file each of the robot's bodies is.
 class TreeFit:
     """The fit of poses to the tree under one reading."""
 
-    turned: float
-    """Median angle between two neighbours' rotation and the nearest that their hinge allows [deg]."""
-    moved: float
-    """Median distance between a body's place in its parent and where its hinge is [m]."""
+    turned: float  # Median angle between two neighbours' rotation and the nearest that their hinge allows [deg].
+    moved: float  # Median distance between a body's place in its parent and where its hinge is [m].
 
     @property
     def penalty(self) -> float:
@@ -61,8 +59,7 @@ class TreeFit:
 class BodyReading:
     """One way to read a file's bodies."""
 
-    order: str
-    """In words that follow 'are'; empty as claimed."""
+    order: str  # In words that follow 'are'; empty as claimed.
     places: Places
     reading: Interpretation
 
@@ -124,8 +121,7 @@ def _unit_of_length(model: RobotModel, places: Places, pos: Float[np.ndarray, "T
 @dataclass(frozen=True)
 class _Neighbours:
     hinge: int
-    parent: int
-    """Columns in the file."""
+    parent: int  # Columns in the file.
     child: int
     parent_body: int
     child_body: int
@@ -271,11 +267,9 @@ class FoundBodies:
     """The reading of bodies and joints by their numbers."""
 
     there: BodyReading
-    reading: Interpretation
-    """Of the joints, and of the bodies' poses as the root's."""
+    reading: Interpretation  # Of the joints, and of the bodies' poses as the root's.
     pos: Float[np.ndarray, "T 3"]
-    quat: Float[np.ndarray, "T 4"]
-    """The root body's, as in the file."""
+    quat: Float[np.ndarray, "T 4"]  # The root body's, as in the file.
     format: str
 
 

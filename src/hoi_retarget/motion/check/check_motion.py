@@ -40,18 +40,14 @@ class CheckedMotion:
     format: str
     frames: int
     stated_fps: float | None
-    usual_fps: float | None
-    """Of the format's files that state none [1/s]."""
-    implied_fps: float | None
-    """From the velocities; None where none are stored."""
+    usual_fps: float | None  # Of the format's files that state none [1/s].
+    implied_fps: float | None  # From the velocities; None where none are stored.
     quat_order: Literal["wxyz", "xyzw"]
     """Of the file's quaternions as claimed; by the numbers where the format leaves it open."""
     findings: tuple[FormatFinding, ...]
-    readable_qpos: Float[np.ndarray, "T nq"] | None
-    """As `qpos`; None where the numbers leave the poses open."""
+    readable_qpos: Float[np.ndarray, "T nq"] | None  # As `qpos`; None where the numbers leave the poses open.
     objects: tuple[ObjectPath, ...]
-    missing_joints: tuple[str, ...]
-    """Joints of the robot that the file does not have; zero in `qpos`."""
+    missing_joints: tuple[str, ...]  # Joints of the robot that the file does not have; zero in `qpos`.
 
     @property
     def contradictions(self) -> tuple[FormatFinding, ...]:

@@ -19,10 +19,8 @@ ROOT, JOINTS, BODIES = "root", "joints", "bodies"
 class Change:
     """One change to a file's arrays."""
 
-    kind: str
-    """A key of `_CHANGES`."""
-    of: str = ""
-    """`root`, `bodies`, `joints`, or an object's name; empty for all."""
+    kind: str  # A key of `_CHANGES`.
+    of: str = ""  # `root`, `bodies`, `joints`, or an object's name; empty for all.
     values: Values = ()
     """By kind: places of components, columns, bodies, frames; factors; angles [rad]; a vector [m]; a rotation wxyz."""
 
@@ -35,22 +33,15 @@ Spoils = Literal["poses", "rate", "velocities", "objects", "nothing"]
 class FormatFinding:
     """The outcome of one check."""
 
-    level: Level
-    """Whether the numbers agree with the claim, deserve a remark, leave it open, or contradict it."""
-    subject: str
-    """Such as 'quaternion order'."""
-    claim: str
-    """Of the file, or the demand of its format."""
-    numbers: str
-    """The finding, with figures of the alternatives."""
-    advice: str = ""
-    """A sentence; empty where nothing is to be done."""
-    spoils: Spoils = "nothing"
-    """The part of the file that is unusable as it is."""
+    level: Level  # Whether the numbers agree with the claim, deserve a remark, leave it open, or contradict it.
+    subject: str  # Such as 'quaternion order'.
+    claim: str  # Of the file, or the demand of its format.
+    numbers: str  # The finding, with figures of the alternatives.
+    advice: str = ""  # A sentence; empty where nothing is to be done.
+    spoils: Spoils = "nothing"  # The part of the file that is unusable as it is.
     fix: tuple[Change, ...] = ()
     """The advice for programs (`repair`); empty where other numbers or a decision is needed."""
-    follows: str = ""
-    """Subject of the finding that this one follows from; empty for one of its own."""
+    follows: str = ""  # Subject of the finding that this one follows from; empty for one of its own.
 
     def __str__(self) -> str:
         return f"{self.subject}: {self.numbers}"

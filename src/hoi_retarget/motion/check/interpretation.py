@@ -38,18 +38,14 @@ _SIDEWAYS = ("roll", "yaw")  # Joints that a mirrored motion turns the other way
 class Interpretation:
     """The conversion of a root's pose and columns of angles to a robot's configuration."""
 
-    columns: tuple[int, ...]
-    """The column of each joint of the robot; -1 where there is none."""
+    columns: tuple[int, ...]  # The column of each joint of the robot; -1 where there is none.
     signs: tuple[float, ...]
-    offsets: tuple[float, ...] = ()
-    """Added to each joint's angle [rad]; empty for nothing."""
+    offsets: tuple[float, ...] = ()  # Added to each joint's angle [rad]; empty for nothing.
     quat_order: Literal["wxyz", "xyzw"] = "wxyz"
     inverted: bool = False
     y_up: bool = False
-    metres: float = 1.0
-    """One unit of length [m]."""
-    radians: float = 1.0
-    """One unit of angle [rad]."""
+    metres: float = 1.0  # One unit of length [m].
+    radians: float = 1.0  # One unit of angle [rad].
 
     @property
     def of_poses(self) -> "Interpretation":
@@ -123,8 +119,7 @@ class Deviation:
     """One difference of a file from its claim."""
 
     subject: Subject
-    is_: str
-    """The finding, in words that follow 'the numbers are'."""
+    is_: str  # The finding, in words that follow 'the numbers are'.
     advice: str
     reading: Interpretation
 

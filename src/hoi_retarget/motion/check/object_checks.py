@@ -69,8 +69,7 @@ class CheckContext:
     reading: Interpretation
     convention: Convention
     fps: float
-    hands_touch: bool = True
-    """False where the file's flags name hands, and none ever touches."""
+    hands_touch: bool = True  # False where the file's flags name hands, and none ever touches.
 
 
 _MIN_MOVING_FRAMES = 8
@@ -96,8 +95,7 @@ class ObjectPath:
 class _ObjectReading:
     """One reading of an object's pose."""
 
-    words: str
-    """That follow 'its pose is', empty for the claim."""
+    words: str  # That follow 'its pose is', empty for the claim.
     advice: str
     fix: tuple[Change, ...]
     path: ObjectPath
@@ -105,12 +103,9 @@ class _ObjectReading:
 
 @dataclass(frozen=True)
 class _Hold:
-    distance: float
-    """From the nearer palm to the object's origin while it moves, median [m]."""
-    slide: float
-    """Of the steadier palm in the object's frame, median [m/s]."""
-    speed: float
-    """Of the object, median [m/s]."""
+    distance: float  # From the nearer palm to the object's origin while it moves, median [m].
+    slide: float  # Of the steadier palm in the object's frame, median [m/s].
+    speed: float  # Of the object, median [m/s].
 
     def __str__(self) -> str:
         return f"nearer palm {self.distance:.2f} m away, sliding {self.slide:.2f} m/s in its frame"

@@ -26,20 +26,13 @@ _MIN_PELVIS_SPEED_MPS, _MIN_MOVING_PAIRS = 0.1, 6
 class Plausibility:
     """Figures against a motion; 0 is a perfect one."""
 
-    upside_down: float
-    """Fraction of frames in which the pelvis points down or lies."""
-    tilt: float
-    """Of the lower foot, median [deg]."""
-    slide: float
-    """Speed of the slower foot over that of the pelvis, median while the pelvis moves."""
-    unevenness: float
-    """Spread of the height of the lowest sole corner, 5th to 95th percentile [m]."""
-    height: float
-    """Of the lowest sole corner, median [m]; negative is below the floor."""
-    outside: float
-    """Fraction of joints and frames outside the range."""
-    elbows_inside: float
-    """Fraction of elbows and frames inside the trunk."""
+    upside_down: float  # Fraction of frames in which the pelvis points down or lies.
+    tilt: float  # Of the lower foot, median [deg].
+    slide: float  # Speed of the slower foot over that of the pelvis, median while the pelvis moves.
+    unevenness: float  # Spread of the height of the lowest sole corner, 5th to 95th percentile [m].
+    height: float  # Of the lowest sole corner, median [m]; negative is below the floor.
+    outside: float  # Fraction of joints and frames outside the range.
+    elbows_inside: float  # Fraction of elbows and frames inside the trunk.
 
     @property
     def penalty(self) -> float:

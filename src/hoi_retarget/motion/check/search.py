@@ -41,8 +41,7 @@ class CandidatePoses:
     quat: Float[np.ndarray, "T 4"]
     joint_pos: Float[np.ndarray, "T c"]
     fps: float
-    of: str = ROOT
-    """Whose columns the root's pose is."""
+    of: str = ROOT  # Whose columns the root's pose is.
 
     def judged(self, reading: Interpretation) -> Plausibility:
         """Return the figures against one reading."""

@@ -34,12 +34,9 @@ _READ_BY_ALL_NUMPYS = b"cnumpy.core.multiarray\n_reconstruct\n"
 class Container:
     """A kind of file."""
 
-    suffixes: tuple[str, ...]
-    """Of names of files that are read so; the first is written."""
-    read: Callable[[Path], Any]
-    """Returns values by name, as far as the file has names; raises `ReadError`."""
-    inside: str = ""
-    """The file that is read of a folder; empty where a folder is no such container."""
+    suffixes: tuple[str, ...]  # Of names of files that are read so; the first is written.
+    read: Callable[[Path], Any]  # Returns values by name, as far as the file has names; raises `ReadError`.
+    inside: str = ""  # The file that is read of a folder; empty where a folder is no such container.
     encode: Callable[[Mapping[str, Any]], Mapping[str, bytes]] | None = None
     """Returns files' bytes by what follows the export's name: the same bytes for the same values; None if only read."""
 

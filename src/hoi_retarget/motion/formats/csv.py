@@ -35,17 +35,12 @@ Columns = tuple[int, ...]
 class NamedColumns:
     """The meanings of a table's columns, by their places."""
 
-    positions: tuple[Columns, ...]
-    """Of x, y, z; more than one where several may be the root's."""
-    quaternions: tuple[Columns, ...]
-    """Of w, x, y, z."""
-    angles: tuple[Columns, ...]
-    """Of rotations by three angles, about x, y, z."""
+    positions: tuple[Columns, ...]  # Of x, y, z; more than one where several may be the root's.
+    quaternions: tuple[Columns, ...]  # Of w, x, y, z.
+    angles: tuple[Columns, ...]  # Of rotations by three angles, about x, y, z.
     joints: Columns
-    joint_names: tuple[str, ...] | None
-    """Of columns that are nothing else; None where they are numbered."""
-    times: int | None
-    """Of the frames [s]."""
+    joint_names: tuple[str, ...] | None  # Of columns that are nothing else; None where they are numbered.
+    times: int | None  # Of the frames [s].
 
     @property
     def has_root(self) -> bool:

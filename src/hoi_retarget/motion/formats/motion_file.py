@@ -21,15 +21,13 @@ WITHOUT_WRISTS = "all but the wrists, as GMT, TWIST and ASAP have them"
 class Convention:
     """The demands of a format on its numbers; None where it leaves a choice."""
 
-    name: str
-    """Of the format."""
+    name: str  # Of the format.
     quat_order: Literal["wxyz", "xyzw"] | None = "wxyz"
     root_order: Literal["pos_quat", "quat_pos"] = "pos_quat"
     """Whether a free joint's position or its rotation comes first."""
     order: Literal["depth_first", "breadth_first", "names"] | None = "depth_first"
     """Of joints and bodies: the MJCF's, Isaac Lab's, that of the file's names, or (None) one of the first two."""
-    usual_fps: float | None = None
-    """The rate that files have which do not state one [1/s]."""
+    usual_fps: float | None = None  # The rate that files have which do not state one [1/s].
     usual_joints: str = ""
     """Which joints files without names have where they have fewer than the robot, such as `WITHOUT_WRISTS`."""
 
@@ -97,11 +95,9 @@ class MotionFile:
 
     path: str
     convention: Convention
-    contents: tuple[str, ...]
-    """What the file holds: names, types and shapes."""
+    contents: tuple[str, ...]  # What the file holds: names, types and shapes.
     joint_pos: Annotated[np.ndarray, Stored("the joint angles", ("n",))]
-    fps: float | None = None
-    """As stated; None where the file does not state it [1/s]."""
+    fps: float | None = None  # As stated; None where the file does not state it [1/s].
     root: Annotated[np.ndarray | None, Stored("the root's pose", (7,))] = None
     """The free joint; None where it is the first body."""
     joint_vel: Annotated[np.ndarray | None, Stored("the joint velocities", ("n",))] = None

@@ -24,12 +24,9 @@ class Reach:
 
     off: Float[np.ndarray, "N F"]  # [m]
     turned: Float[np.ndarray, "N F"]  # [rad]
-    depth: Float[np.ndarray, "N F"]
-    """Of the arm's links, without the hand, in the object [m]."""
-    bent: Float[np.ndarray, "N F"]
-    """Length of the change of the arm's joints [rad]."""
-    missing: Float[np.ndarray, "N F 3"]
-    """From where the palm ends to its pose, in the world [m]."""
+    depth: Float[np.ndarray, "N F"]  # Of the arm's links, without the hand, in the object [m].
+    bent: Float[np.ndarray, "N F"]  # Length of the change of the arm's joints [rad].
+    missing: Float[np.ndarray, "N F 3"]  # From where the palm ends to its pose, in the world [m].
 
 
 def reach(

@@ -17,12 +17,10 @@ SHORTEST_SECONDS = 0.3  # A hand that stays for less has not taken hold.
 class Episode:
     """One hand on one object, in consecutive frames."""
 
-    link: int
-    """Column of the targets' contact links."""
+    link: int  # Column of the targets' contact links.
     object: int
     first: int
-    stop: int
-    """One past its last frame."""
+    stop: int  # One past its last frame.
 
     @property
     def frames(self) -> slice:

@@ -33,14 +33,10 @@ class ClosingFinger:
     """The joints of a finger, in their order from the palm, and their way to close."""
 
     columns: Int[np.ndarray, "k"]
-    followed: Float[np.ndarray, "k m"]
-    """Angles by those of the m joints that close."""
-    opened: Float[np.ndarray, "k"]
-    """Angles of the open hand [rad]."""
-    travel: Float[np.ndarray, "m"]
-    """From there to the ends of their ranges [rad]."""
-    nodes: Int[np.ndarray, "m"]
-    """Of the links that these joints move."""
+    followed: Float[np.ndarray, "k m"]  # Angles by those of the m joints that close.
+    opened: Float[np.ndarray, "k"]  # Angles of the open hand [rad].
+    travel: Float[np.ndarray, "m"]  # From there to the ends of their ranges [rad].
+    nodes: Int[np.ndarray, "m"]  # Of the links that these joints move.
     links: tuple[LinkSkin, ...]
 
     def angles(self, shares: Float[np.ndarray, "N m"]) -> Float[np.ndarray, "N k"]:

@@ -22,8 +22,7 @@ class HandPart:
     """One link of a hand."""
 
     skin: LinkSkin
-    rotation: Float[np.ndarray, "3 3"]
-    """Of the link in the palm's frame."""
+    rotation: Float[np.ndarray, "3 3"]  # Of the link in the palm's frame.
     origin: Float[np.ndarray, "3"]  # [m]
 
 
@@ -32,14 +31,10 @@ class HandShape:
     """A hand in the frame of its palm site, with fingers and wrist as in the home pose."""
 
     site: str
-    outer: Float[np.ndarray, "P 3"]
-    """Points of its skin and of the wrist's [m]."""
-    palmar: Float[np.ndarray, "Q 3"]
-    """Points of its palmar side [m]."""
-    areas: Float[np.ndarray, "Q"]
-    """Of the skin that each of these stands for [m^2]."""
-    inward: Float[np.ndarray, "3"]
-    """Direction in which the palm faces."""
+    outer: Float[np.ndarray, "P 3"]  # Points of its skin and of the wrist's [m].
+    palmar: Float[np.ndarray, "Q 3"]  # Points of its palmar side [m].
+    areas: Float[np.ndarray, "Q"]  # Of the skin that each of these stands for [m^2].
+    inward: Float[np.ndarray, "3"]  # Direction in which the palm faces.
     parts: tuple[HandPart, ...]
 
     @property

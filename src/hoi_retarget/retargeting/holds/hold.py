@@ -18,14 +18,11 @@ class PersonHold:
     """The person's hold in an episode."""
 
     episode: Episode
-    palm: HandPoses
-    """One pose."""
-    edited: bool
-    """Whether somebody has put the contact elsewhere than it was recorded."""
+    palm: HandPoses  # One pose.
+    edited: bool  # Whether somebody has put the contact elsewhere than it was recorded.
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Rotation vector about the object's axes, by which somebody turned the hand [degrees],"""
-    rank: int = 0
-    """and of the hold that they chose."""
+    rank: int = 0  # and of the hold that they chose.
 
     @property
     def asked(self) -> HandPoses:
@@ -45,17 +42,12 @@ class Hold:
 
     person: PersonHold
     touch: Touch
-    frames: Int[np.ndarray, "F"]
-    """Some of the episode, in which the reach was looked at,"""
-    off: Float[np.ndarray, "F"]
-    """and how far off the arm ends there, with the body as in inverse kinematics [m]."""
-    area: float
-    """Palmar skin that touches [m^2]."""
-    score: float
-    """Of the choice, as cm2 of touch."""
+    frames: Int[np.ndarray, "F"]  # Some of the episode, in which the reach was looked at,
+    off: Float[np.ndarray, "F"]  # and how far off the arm ends there, with the body as in inverse kinematics [m].
+    area: float  # Palmar skin that touches [m^2].
+    score: float  # Of the choice, as cm2 of touch.
     rank: int
-    ranks: int
-    """Of the hold among those that differ, the best one first."""
+    ranks: int  # Of the hold among those that differ, the best one first.
     kept: bool | None = None
     """Whether two free hands keep the object, all its holds together; None where this was not simulated."""
 

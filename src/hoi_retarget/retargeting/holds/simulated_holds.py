@@ -112,8 +112,7 @@ class _HoldSearch:
     free_hands: FreeHands
     moving_object: MovingObject
     holds: Sequence[Hold]
-    own: list[list[int]]
-    """Numbers of the holds of each hand on the object."""
+    own: list[list[int]]  # Numbers of the holds of each hand on the object.
     start: Kinematics
 
     def holds_of_best(self) -> tuple[Hold, ...]:

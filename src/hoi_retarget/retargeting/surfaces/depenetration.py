@@ -39,18 +39,13 @@ class EscapePath:
 
     name: str
     link: str
-    object_index: int
-    """Index of the object."""
+    object_index: int  # Index of the object.
     skin: LinkSkin
     frames: Int[np.ndarray, "F"]
-    points: Float[np.ndarray, "3 1 F"]
-    """The link's deepest point, in its frame [m]."""
-    sides: Float[np.ndarray, "3 F"]
-    """Directions of the path, in the object's frame."""
-    outward: Float[np.ndarray, "3 1 F"]
-    """The same in world axes."""
-    goals: Float[np.ndarray, "1 F"]
-    """Coordinate of the point along them at the end of the path [m]."""
+    points: Float[np.ndarray, "3 1 F"]  # The link's deepest point, in its frame [m].
+    sides: Float[np.ndarray, "3 F"]  # Directions of the path, in the object's frame.
+    outward: Float[np.ndarray, "3 1 F"]  # The same in world axes.
+    goals: Float[np.ndarray, "1 F"]  # Coordinate of the point along them at the end of the path [m].
     weights: Float[np.ndarray, "F"]  # [1/m^2]
 
     def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:

@@ -200,8 +200,7 @@ SPREAD = 0.01
 class Patches:
     """A link's skin in patches around the points of a coarser skin."""
 
-    order: Int[np.ndarray, "P"]
-    """Points, patch by patch."""
+    order: Int[np.ndarray, "P"]  # Points, patch by patch.
     first: Int[np.ndarray, "C"]
     count: Int[np.ndarray, "C"]
     radius: Float[np.ndarray, "C"]  # [m]
@@ -224,12 +223,9 @@ class NearSkin:
     """The points of a link's skin that are nearest to an object, in the frames in which any may be near."""
 
     frames: Int[np.ndarray, "F"]
-    chosen: Int[np.ndarray, "F K"]
-    """The nearest point, then the nearest that is not close to it, and so on."""
-    nearest: Float[np.ndarray, "F"]
-    """Distance of the nearest point [m]; infinite where none is near."""
-    least: Float[np.ndarray, "F"]
-    """Distance that no point is nearer than [m]."""
+    chosen: Int[np.ndarray, "F K"]  # The nearest point, then the nearest that is not close to it, and so on.
+    nearest: Float[np.ndarray, "F"]  # Distance of the nearest point [m]; infinite where none is near.
+    least: Float[np.ndarray, "F"]  # Distance that no point is nearer than [m].
 
 
 def near_skin(link: LinkAtObject, count: int, apart: float) -> NearSkin:

@@ -35,8 +35,7 @@ class ObjectOutsideLink:
     name: str
     skin: LinkSkin
     frames: Int[np.ndarray, "F"]
-    points: Float[np.ndarray, "3 K F"]
-    """World positions of the samples [m]."""
+    points: Float[np.ndarray, "3 K F"]  # World positions of the samples [m].
     margins: Float[np.ndarray, "K F"]
     """Distance from the solid that costs nothing [m]; minus infinity for places in the arrays without a sample."""
     weights: Float[np.ndarray, "F"]  # [1/m^2]
@@ -126,12 +125,9 @@ class SkinContact:
     skin: LinkSkin
     moving_object: MovingObject
     frames: Int[np.ndarray, "F"]
-    points: Float[np.ndarray, "3 K F"]
-    """In the link's frame [m]."""
-    weights: Float[np.ndarray, "F"]
-    """Of the clearance [1/m^2]."""
-    touch_weights: Float[np.ndarray, "F"] | None
-    """[1/m^2]; None where the link never touches the object."""
+    points: Float[np.ndarray, "3 K F"]  # In the link's frame [m].
+    weights: Float[np.ndarray, "F"]  # Of the clearance [1/m^2].
+    touch_weights: Float[np.ndarray, "F"] | None  # [1/m^2]; None where the link never touches the object.
 
     def rows(self, kinematics: Kinematics) -> tuple[FrameRows, ...]:
         """Return one row a point for clearance, and one for touch."""

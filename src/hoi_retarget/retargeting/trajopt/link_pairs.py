@@ -31,12 +31,9 @@ class SpreadPoints:
     """Points all over a link's skin, in the link's frame [m]."""
 
     points: Float[np.ndarray, "K 3"]
-    coarse: int
-    """Number of points at the front that leave none of the others further than `COARSE` from one of them."""
-    nearest: Int[np.ndarray, "K"]
-    """Which of them is nearest to each point,"""
-    away: Float[np.ndarray, "K"]
-    """and how far it is."""
+    coarse: int  # Number of points at the front that leave none of the others further than `COARSE` from one of them.
+    nearest: Int[np.ndarray, "K"]  # Which of them is nearest to each point,
+    away: Float[np.ndarray, "K"]  # and how far it is.
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +44,7 @@ class LinkPair:
     skin: SpreadPoints
     other: Frame
     solid: DistanceGrid
-    deepest: float
-    """Depth beyond which a point no longer decides the direction [m]."""
+    deepest: float  # Depth beyond which a point no longer decides the direction [m].
     frames: Int[np.ndarray, "F"]
     side: Float[np.ndarray, "3 T"] | None = None
     """World direction in which points are out of the solid; None where it is the nearest."""
@@ -115,10 +111,8 @@ class Meeting:
 
     frames: Int[np.ndarray, "F"]
     depths: Float[np.ndarray, "m F"]  # [m]
-    inwards: Float[np.ndarray, "m 3 F"]
-    """Derivative of the depth by the point's position, in world axes."""
-    levers: Float[np.ndarray, "m 3 F"]
-    """From the link's origin to the point, in world axes [m]."""
+    inwards: Float[np.ndarray, "m 3 F"]  # Derivative of the depth by the point's position, in world axes.
+    levers: Float[np.ndarray, "m 3 F"]  # From the link's origin to the point, in world axes [m].
 
     @property
     def moments(self) -> Float[np.ndarray, "m 3 F"]:

@@ -24,8 +24,7 @@ class NormalEquations:
     """`band[t, c, k]` couples coordinate `c` of frame `t` with the one `k` places further on."""
 
     band: Float[np.ndarray, "T nv width"]
-    gradient: Float[np.ndarray, "T nv"]
-    """`J^T W r`, the gradient of half the cost."""
+    gradient: Float[np.ndarray, "T nv"]  # `J^T W r`, the gradient of half the cost.
 
 
 def assemble(kinematics: Kinematics, rows: Iterable[Rows], *, least_width: int = 0) -> NormalEquations:

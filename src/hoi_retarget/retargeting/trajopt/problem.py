@@ -23,8 +23,7 @@ class FrameRows:
     residual: Float[np.ndarray, "m rows"]
     by_linear: Float[np.ndarray, "m 3 rows"] | None
     """By the linear velocity of its origin in world axes [m]; None where the residual does not depend on it."""
-    by_angular: Float[np.ndarray, "m 3 rows"] | None
-    """By its angular velocity in world axes [rad]; None likewise."""
+    by_angular: Float[np.ndarray, "m 3 rows"] | None  # By its angular velocity in world axes [rad]; None likewise.
     weight: float | Float[np.ndarray, "rows"]
     frames: Int[np.ndarray, "rows"] | None = None
     """Frames of the trajectory, each at most once, that the rows belong to; None for all of them."""
@@ -110,10 +109,8 @@ class Problem:
     model: RobotModel
     terms: tuple[Term, ...]
     fps: float
-    pinned: int = 0
-    """Leading frames that stay as they are given to the solver (paper Eq. 2d)."""
-    pinned_after: int = 0
-    """Trailing frames that do: a piece out of the middle of a clip is then solved without a seam."""
+    pinned: int = 0  # Leading frames that stay as they are given to the solver (paper Eq. 2d).
+    pinned_after: int = 0  # Trailing frames that do: a piece out of the middle of a clip is then solved without a seam.
 
     @property
     def step_limits(self) -> Float[np.ndarray, "n"]:

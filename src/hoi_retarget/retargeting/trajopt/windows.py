@@ -27,12 +27,9 @@ class FrameRange:
     """Consecutive frames that are solved at once, between pinned ones."""
 
     first: int
-    stop: int
-    """One past the last frame."""
-    pinned: int = 0
-    """Leading frames that stay as they are."""
-    pinned_after: int = 0
-    """Trailing frames that do."""
+    stop: int  # One past the last frame.
+    pinned: int = 0  # Leading frames that stay as they are.
+    pinned_after: int = 0  # Trailing frames that do.
 
     @classmethod
     def within(cls, first: int, stop: int, frames: int) -> "FrameRange":

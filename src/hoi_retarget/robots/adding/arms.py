@@ -29,22 +29,15 @@ class Arm:
     """One arm in the zero pose, in world axes."""
 
     elbow: BendJoint
-    upper: Float[np.ndarray, "3 3"]
-    """Upper arm: z from the elbow to the shoulder, y against the elbow's flexion."""
-    fore: Float[np.ndarray, "3 3"]
-    """Forearm: x from the elbow to the wrist, the same y."""
-    hand: Float[np.ndarray, "3 3"]
-    """Hand: x along the fingers; its y is to the inner side of the left palm's back."""
+    upper: Float[np.ndarray, "3 3"]  # Upper arm: z from the elbow to the shoulder, y against the elbow's flexion.
+    fore: Float[np.ndarray, "3 3"]  # Forearm: x from the elbow to the wrist, the same y.
+    hand: Float[np.ndarray, "3 3"]  # Hand: x along the fingers; its y is to the inner side of the left palm's back.
     wrist: Float[np.ndarray, "3"]
     palm: Float[np.ndarray, "3"]
-    beyond: tuple[int, ...]
-    """Joints after the elbow."""
-    free_turns: int
-    """Number of independent axes of these: three can turn a palm freely."""
-    straight: float
-    """Angle at which the elbow is straight [rad]."""
-    measured: bool
-    """Whether the hand has geometry."""
+    beyond: tuple[int, ...]  # Joints after the elbow.
+    free_turns: int  # Number of independent axes of these: three can turn a palm freely.
+    straight: float  # Angle at which the elbow is straight [rad].
+    measured: bool  # Whether the hand has geometry.
 
 
 def find_arm(  # noqa: PLR0913  # facts of one arm

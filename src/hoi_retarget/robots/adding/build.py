@@ -141,8 +141,7 @@ class BuiltRobot:
     """A robot that is not saved yet; its `mjcf` is a name in a folder to come."""
 
     spec: RobotSpec
-    mjcf: str
-    """Text of the MJCF."""
+    mjcf: str  # Text of the MJCF.
     findings: tuple[RobotFinding, ...]
     home: HomePose
 

@@ -59,18 +59,13 @@ class Description:
     """The facts in a file about a robot."""
 
     path: Path
-    sha256: str
-    """Of the file."""
-    licence: str
-    """File name of a licence beside it; empty where there is none."""
+    sha256: str  # Of the file.
+    licence: str  # File name of a licence beside it; empty where there is none.
     compiled: mujoco.MjModel
-    speeds: Mapping[str, float]
-    """Speed limits [rad/s] by joint, where a file has them."""
-    torques: Mapping[str, float]
-    """Torque limits [N m] by joint, where the file has them."""
+    speeds: Mapping[str, float]  # Speed limits [rad/s] by joint, where a file has them.
+    torques: Mapping[str, float]  # Torque limits [N m] by joint, where the file has them.
     couplings: tuple[HeldJoint, ...]
-    passive: tuple[str, ...]
-    """Joints that the file gives no drive while it gives one to most."""
+    passive: tuple[str, ...]  # Joints that the file gives no drive while it gives one to most.
     findings: tuple[RobotFinding, ...]
 
 

@@ -21,10 +21,8 @@ _AXES = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z"
 class TrunkAxes:
     """Axes of the trunk in the zero pose."""
 
-    axes: Float[np.ndarray, "3 3"]
-    """Columns: ahead, left, up; in world axes."""
-    first_is_left: bool
-    """Whether the limbs that were found first are the left ones."""
+    axes: Float[np.ndarray, "3 3"]  # Columns: ahead, left, up; in world axes.
+    first_is_left: bool  # Whether the limbs that were found first are the left ones.
     finding: RobotFinding
 
 

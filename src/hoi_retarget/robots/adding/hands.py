@@ -29,11 +29,9 @@ class Finger:
     """One finger in the zero pose, in world axes."""
 
     joints: tuple[int, ...]
-    part: LimbPart
-    """The part moved by the last joint."""
+    part: LimbPart  # The part moved by the last joint.
     pad: Float[np.ndarray, "3"]  # [m]
-    rotation: Float[np.ndarray, "3 3"]
-    """Of the pad: x along the last link, y against the way in which it closes."""
+    rotation: Float[np.ndarray, "3 3"]  # Of the pad: x along the last link, y against the way in which it closes.
 
     def findings(self, pose: ZeroPose, follows: str) -> Iterator[RobotFinding]:
         """Yield its joints and the human finger that it follows."""

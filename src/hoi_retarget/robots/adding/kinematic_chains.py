@@ -30,10 +30,8 @@ class KinematicChain:
     """The hinges of one limb, from the trunk outwards, and the parts beyond them that are held."""
 
     hinges: tuple[int, ...]
-    end: LimbPart
-    """The part moved by the last hinge."""
-    beyond: tuple[LimbPart, ...]
-    """Fingers and the like, moved by hinges that are held."""
+    end: LimbPart  # The part moved by the last hinge.
+    beyond: tuple[LimbPart, ...]  # Fingers and the like, moved by hinges that are held.
 
     @property
     def tip(self) -> tuple[LimbPart, ...]:
@@ -46,14 +44,11 @@ class Limbs:
     """The limbs with the upward axis; left and right are not distinguished yet."""
 
     up: Float[np.ndarray, "3"]
-    lateral: Float[np.ndarray, "3"]
-    """From the second leg to the first, of unit length."""
+    lateral: Float[np.ndarray, "3"]  # From the second leg to the first, of unit length.
     pelvis: LimbPart
     torso: LimbPart
-    legs: tuple[KinematicChain, ...]
-    """Two; none of a robot of which the upper body alone is looked for."""
-    arms: tuple[KinematicChain, KinematicChain]
-    """In the order of the legs: the first arm is on the first leg's side."""
+    legs: tuple[KinematicChain, ...]  # Two; none of a robot of which the upper body alone is looked for.
+    arms: tuple[KinematicChain, KinematicChain]  # In the order of the legs: the first arm is on the first leg's side.
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,17 +258,12 @@ def _arm_chain(pose: ZeroPose, part: LimbPart) -> KinematicChain:
 class BendJoint:
     """The joint in the middle of a limb."""
 
-    place: int
-    """In the limb's chain."""
+    place: int  # In the limb's chain.
     joint: int
-    lever: float
-    """The smaller one of its distances to the limb's two ends [m]."""
-    next_lever: float
-    """That of the next best joint [m]."""
-    top: Float[np.ndarray, "3"]
-    """Centre of the joints before it: hip or shoulder [m]."""
-    middle: Float[np.ndarray, "3"]
-    """On its axis, abreast of the limb's ends [m]."""
+    lever: float  # The smaller one of its distances to the limb's two ends [m].
+    next_lever: float  # That of the next best joint [m].
+    top: Float[np.ndarray, "3"]  # Centre of the joints before it: hip or shoulder [m].
+    middle: Float[np.ndarray, "3"]  # On its axis, abreast of the limb's ends [m].
 
     def abreast_of(self, pose: ZeroPose, point: Float[np.ndarray, "3"]) -> "BendJoint":
         """Return the bend with its middle where its axis is nearest to a point."""

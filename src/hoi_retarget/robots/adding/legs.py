@@ -27,20 +27,14 @@ _MIN_SOLE_SHARE, _MIN_LENGTH_BY_LEG = 0.3, 0.15
 class Sole:
     """One foot, in the axes of the zero pose: ahead, left, up, about the ankle."""
 
-    rotation: Float[np.ndarray, "3 3"]
-    """Of the sole: x to the toes, z up."""
-    heel: float
-    """Ends of the sole from the ankle along its x axis [m]."""
+    rotation: Float[np.ndarray, "3 3"]  # Of the sole: x to the toes, z up.
+    heel: float  # Ends of the sole from the ankle along its x axis [m].
     toe: float
     right: float
-    left: float
-    """Along its y axis [m]."""
-    bottom: float
-    """Along its z axis, negative [m]."""
-    tilt_deg: float
-    """Of the sole against the ground in the zero pose."""
-    measured: bool
-    """Whether there is geometry; otherwise its size follows from the leg's length."""
+    left: float  # Along its y axis [m].
+    bottom: float  # Along its z axis, negative [m].
+    tilt_deg: float  # Of the sole against the ground in the zero pose.
+    measured: bool  # Whether there is geometry; otherwise its size follows from the leg's length.
     exists: bool = True
     """Whether a foot's lowest points are a face under most of it, as they are under no gripper and no peg."""
 
@@ -130,8 +124,7 @@ class Leg:
 
     chain: KinematicChain
     knee: BendJoint
-    ankle: Float[np.ndarray, "3"]
-    """In world axes [m]."""
+    ankle: Float[np.ndarray, "3"]  # In world axes [m].
     sole: Sole
 
     @property

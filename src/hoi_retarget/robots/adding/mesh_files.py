@@ -47,18 +47,15 @@ class ColladaSurface:
 
     vertices: Float[np.ndarray, "V 3"]  # [m]
     faces: Int[np.ndarray, "T 3"]
-    colour: Colour | None
-    """None where the file says none, or a texture."""
+    colour: Colour | None  # None where the file says none, or a texture.
 
 
 @dataclass(frozen=True, eq=False)
 class Collada:
     """A file's scene."""
 
-    surfaces: tuple[ColladaSurface, ...]
-    """One a colour."""
-    other_up: bool
-    """Whether it says that another axis than z is up."""
+    surfaces: tuple[ColladaSurface, ...]  # One a colour.
+    other_up: bool  # Whether it says that another axis than z is up.
 
 
 def read_collada(content: bytes, *, upright: bool = False) -> Collada:
@@ -295,10 +292,8 @@ def _common_end(path_parts: Sequence[str], file: Path) -> int:
 class Mesh:
     """A mesh file, made coarser."""
 
-    parts: tuple[tuple[bytes, Colour | None], ...]
-    """Binary STLs with the colours that the file says."""
-    other_up: bool
-    """Whether it says that another axis than z is up."""
+    parts: tuple[tuple[bytes, Colour | None], ...]  # Binary STLs with the colours that the file says.
+    other_up: bool  # Whether it says that another axis than z is up.
 
 
 def read_mesh(file: Path, *, upright: bool = False) -> Mesh:

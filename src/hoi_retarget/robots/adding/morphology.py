@@ -46,14 +46,11 @@ class Morphology:
     pose: ZeroPose
     trunk: TrunkAxes
     sites: Mapping[str, PlacedSite]
-    arms: tuple[Arm, Arm]
-    """Left and right."""
+    arms: tuple[Arm, Arm]  # Left and right.
     stature: float  # [m]
     findings: tuple[RobotFinding, ...]
-    fingers: Mapping[str, Finger] = field(default_factory=dict)
-    """By the human finger that each follows."""
-    couplings: tuple[HeldJoint, ...] = ()
-    """What of the robot's mechanism motions do not carry."""
+    fingers: Mapping[str, Finger] = field(default_factory=dict)  # By the human finger that each follows.
+    couplings: tuple[HeldJoint, ...] = ()  # What of the robot's mechanism motions do not carry.
 
 
 def find_morphology(description: Description, hints: Hints) -> Morphology:

@@ -23,10 +23,8 @@ _LIMB_JOINTS, _LIMB_MASS = 3, 0.04  # A joint that carries as many and such a sh
 class LimbPart:
     """Bodies that no joint moves against each other."""
 
-    body: int
-    """The outermost of them."""
-    hinges: tuple[int, ...]
-    """Joints that move it against its parent; none for the root."""
+    body: int  # The outermost of them.
+    hinges: tuple[int, ...]  # Joints that move it against its parent; none for the root.
     parent: "LimbPart | None"
     bodies: list[int] = field(default_factory=list)
     children: list["LimbPart"] = field(default_factory=list)
@@ -51,10 +49,8 @@ class ZeroPose:
     compiled: mujoco.MjModel
     root: LimbPart
     parts: tuple[LimbPart, ...]
-    held: tuple[HeldJoint, ...]
-    """Joints that do not move on their own, in the source file's order."""
-    loose: tuple[HeldJoint, ...]
-    """Couplings of two limbs, whose joints move on their own here, and of fingers."""
+    held: tuple[HeldJoint, ...]  # Joints that do not move on their own, in the source file's order.
+    loose: tuple[HeldJoint, ...]  # Couplings of two limbs, whose joints move on their own here, and of fingers.
     anchors: Float[np.ndarray, "joints 3"]  # [m]
     axes: Float[np.ndarray, "joints 3"]
     body_position: Float[np.ndarray, "bodies 3"]

@@ -151,10 +151,8 @@ class ObjectMotionCommand(MotionCommand):
 class ObjectMotionCommandCfg(MotionCommandCfg):
     """A motion with objects."""
 
-    object_names: tuple[str, ...] = ()
-    """Entities, in the order of the motion file."""
-    frames_kept_exact: int = 10
-    """Before and after each contact with an object, in which resets add nothing at random."""
+    object_names: tuple[str, ...] = ()  # Entities, in the order of the motion file.
+    frames_kept_exact: int = 10  # Before and after each contact with an object, in which resets add nothing at random.
 
     def build(self, env: Any) -> ObjectMotionCommand:
         """Return the command of an environment."""

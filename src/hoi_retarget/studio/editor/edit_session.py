@@ -22,12 +22,9 @@ class EditState:
 
     edits: ContactEdits
     clip: Clip
-    drafts: tuple[Solution, ...]
-    """One for each person."""
-    complete: bool
-    """Whether the whole clip was solved: the motions are then those of the command line, to the bit."""
-    replaces_last: bool = False
-    """Whether the last edit stands for that of the state before, too."""
+    drafts: tuple[Solution, ...]  # One for each person.
+    complete: bool  # Whether the whole clip was solved: the motions are then those of the command line, to the bit.
+    replaces_last: bool = False  # Whether the last edit stands for that of the state before, too.
 
     @property
     def motions(self) -> tuple[Motion, ...]:

@@ -35,8 +35,7 @@ _NEW_CONTACT_S = 0.5
 class SaveTargets:
     """Destinations of the editor's work; a page chooses none of them."""
 
-    files: EditsFiles
-    """Of the edits."""
+    files: EditsFiles  # Of the edits.
     save_result: Callable[[EditState], tuple[Path, ...]]
     """Writes the motions and returns their files; raises `WriteError`."""
 
@@ -46,22 +45,15 @@ class Request:
     """A request of the page: an action, its values, and the state of the page."""
 
     action: str
-    revision: int
-    """Of the work that the page shows."""
-    chosen: int | None = None
-    """Number of the chosen contact."""
-    pinned: tuple[int, str] | None = None
-    """Person and part that have the handle."""
-    compared: bool = False
-    """Whether the curves of the last saved motion are shown, too."""
-    edit: Mapping[str, Any] = field(default_factory=dict)
-    """As in a file of edits."""
+    revision: int  # Of the work that the page shows.
+    chosen: int | None = None  # Number of the chosen contact.
+    pinned: tuple[int, str] | None = None  # Person and part that have the handle.
+    compared: bool = False  # Whether the curves of the last saved motion are shown, too.
+    edit: Mapping[str, Any] = field(default_factory=dict)  # As in a file of edits.
     point: Point = (0.0, 0.0, 0.0)
     """A contact's, in its object's frame at captured size [m]; a pin's, in the world of the robot [m]."""
-    turn: Point | None = None
-    """Rotation vector of a hand in its object's axes [degrees]."""
-    quat: tuple[float, float, float, float] | None = None
-    """Rotation of a pinned part."""
+    turn: Point | None = None  # Rotation vector of a hand in its object's axes [degrees].
+    quat: tuple[float, float, float, float] | None = None  # Rotation of a pinned part.
     on_surface: bool = False
     frame: int = 0
     part: tuple[int, str] = (0, "")

@@ -37,8 +37,7 @@ _DIGITS = 5
 class SurfaceGap:
     """Distance of a contact's point from its surface."""
 
-    distance: float
-    """From the surface, its mean over the frames, at captured size [m]."""
+    distance: float  # From the surface, its mean over the frames, at captured size [m].
     in_thin_air: bool
 
     @property

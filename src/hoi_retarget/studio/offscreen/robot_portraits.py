@@ -96,12 +96,9 @@ _UPSIDE_DOWN = np.array([0.0, 1.0, 0.0, 0.0])
 class Portrait:
     """One picture."""
 
-    title: str
-    """Such as `Soles`."""
-    caption: str
-    """What to look at."""
-    jpeg: bytes
-    """The file."""
+    title: str  # Such as `Soles`.
+    caption: str  # What to look at.
+    jpeg: bytes  # The file.
 
 
 def portraits(model: RobotModel) -> Iterator[Portrait]:

@@ -30,10 +30,8 @@ _CANNOT_DRAW = (ImportError, OSError, AttributeError, RuntimeError, mujoco.Fatal
 class Quality:
     """How smooth edges and round shapes are drawn."""
 
-    samples: int
-    """Of a pixel."""
-    slices: int
-    """Of a round shape, around its axis."""
+    samples: int  # Of a pixel.
+    slices: int  # Of a round shape, around its axis.
 
 
 FINE, UNSMOOTHED, QUICK = Quality(8, 24), Quality(0, 24), Quality(0, 10)

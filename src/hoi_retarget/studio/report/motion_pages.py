@@ -22,14 +22,10 @@ _AROUND = 1.0  # What is played before and after the worst moment [s].
 class MotionPage:
     """A page that plays a motion, alone or with those of other people."""
 
-    page: str
-    """Its file, beside the report's folder of pages."""
-    picture: str
-    """The same of its picture; empty where this machine cannot draw."""
-    second: float
-    """When the motion is at its worst [s]."""
-    digest: str = ""
-    """Of the files of its motions and of what else the page depends on."""
+    page: str  # Its file, beside the report's folder of pages.
+    picture: str  # The same of its picture; empty where this machine cannot draw.
+    second: float  # When the motion is at its worst [s].
+    digest: str = ""  # Of the files of its motions and of what else the page depends on.
 
     @property
     def link(self) -> str:

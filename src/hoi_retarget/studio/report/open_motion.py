@@ -113,15 +113,11 @@ _OF_FLOOR = (
 class OpenedMotion:
     """A motion to be judged."""
 
-    motion: Motion
-    """As its numbers say, also where they contradict the file's format."""
+    motion: Motion  # As its numbers say, also where they contradict the file's format.
     format: str
-    notes: tuple[str, ...] = ()
-    """Assumptions made to read it, a clause each."""
-    contradictions: tuple[FormatFinding, ...] = ()
-    """What contradicts the file's claims."""
-    not_judged: tuple[str, ...] = ()
-    """Names of figures that the file does not tell."""
+    notes: tuple[str, ...] = ()  # Assumptions made to read it, a clause each.
+    contradictions: tuple[FormatFinding, ...] = ()  # What contradicts the file's claims.
+    not_judged: tuple[str, ...] = ()  # Names of figures that the file does not tell.
 
 
 def open_motion(path: Path, robot: RobotModel) -> OpenedMotion:
@@ -165,14 +161,10 @@ _UNKNOWN = "contacts, penetration of objects and likeness to the human are not m
 class ReferenceClip:
     """The clip of other programs' motions, and facts that their files lack."""
 
-    clip: Path | None = None
-    """A clip, or a folder with clips that are named as the motions are."""
-    objects: Path | None = None
-    """Folder with the objects' geometry."""
-    root_scale: float = 1.0
-    """Of the clip's object paths about the world's origin, for files that hold no objects."""
-    object_scale: float = 1.0
-    """Size of the objects."""
+    clip: Path | None = None  # A clip, or a folder with clips that are named as the motions are.
+    objects: Path | None = None  # Folder with the objects' geometry.
+    root_scale: float = 1.0  # Of the clip's object paths about the world's origin, for files that hold no objects.
+    object_scale: float = 1.0  # Size of the objects.
 
 
 def with_recording(opened: OpenedMotion, path: Path, model: RobotModel, recording: ReferenceClip) -> OpenedMotion:

@@ -136,10 +136,8 @@ class Table:
     """A table of the page."""
 
     title: str
-    heads: Mapping[str, str]
-    """Name of each column, and what its cells are: `number`, `soft` or nothing of these."""
-    rows: Sequence[Sequence[Any]]
-    """Contents of the cells."""
+    heads: Mapping[str, str]  # Name of each column, and what its cells are: `number`, `soft` or nothing of these.
+    rows: Sequence[Sequence[Any]]  # Contents of the cells.
     filters: str = ""
     """What the table of all motions is filtered by at a click on a row's first cell; empty for nothing."""
 

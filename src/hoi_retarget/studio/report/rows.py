@@ -26,32 +26,24 @@ _OF_OBJECTS = {"touch_share", "contact_gap_m", "penetration_max_m"}
 class Row:
     """One file of a report; without a verdict when it could not be read or was never written."""
 
-    file: str
-    """Its name in the report."""
-    path: Path | None = None
-    """Its place; None when it was never written."""
-    error: str = ""
-    """Why there is no verdict."""
+    file: str  # Its name in the report.
+    path: Path | None = None  # Its place; None when it was never written.
+    error: str = ""  # Why there is no verdict.
     format: str = ""
     robot: str = ""
     objects: tuple[str, ...] = ()
     object_surfaces: Mapping[str, str] = field(default_factory=dict)
     """What stands for the surface of each object: `solid`, `shell` or `hull`; empty where the file does not say."""
     clip: str = ""
-    person: int = 0
-    """Whose motion it is, among the clip's people."""
-    shared: str = ""
-    """Identity of its objects and their paths; empty without objects."""
+    person: int = 0  # Whose motion it is, among the clip's people.
+    shared: str = ""  # Identity of its objects and their paths; empty without objects.
     frames: int | None = None
     fps: float | None = None
     root_scale: float | None = None
     object_scale: tuple[float, ...] = ()
-    licence: str = ""
-    """Terms of the recording that it was made from; empty where the file does not say."""
-    lineage: str = ""
-    """Changes to its recording, as JSON; empty where the file does not say."""
-    notes: tuple[str, ...] = ()
-    """Assumptions made to read it, a clause each."""
+    licence: str = ""  # Terms of the recording that it was made from; empty where the file does not say.
+    lineage: str = ""  # Changes to its recording, as JSON; empty where the file does not say.
+    notes: tuple[str, ...] = ()  # Assumptions made to read it, a clause each.
     contradictions: tuple[str, ...] = ()
     """What contradicts the file's claims; its figures are those of its numbers as they were found to be."""
     figures: Mapping[str, float | None] = field(default_factory=dict)

@@ -76,13 +76,10 @@ _MAX_SIDE_DISTANCE = 1.3  # From a followed subject; points farther to the side 
 class Camera:
     """Camera of one picture."""
 
-    point: Float[np.ndarray, "3"]
-    """Target [m]."""
+    point: Float[np.ndarray, "3"]  # Target [m].
     distance: float  # [m]
-    azimuth: float
-    """Viewing direction, from the x axis towards the y axis [deg]."""
-    elevation: float
-    """[deg]; negative looks down."""
+    azimuth: float  # Viewing direction, from the x axis towards the y axis [deg].
+    elevation: float  # [deg]; negative looks down.
 
 
 @dataclass(frozen=True)
@@ -91,12 +88,9 @@ class CameraSettings:
 
     azimuth: float  # [deg]
     elevation: float = -12.0  # [deg]
-    distance: float | None = None
-    """[m]; None for as near as possible."""
-    follow: bool = True
-    """Whether the camera moves along; otherwise it stays where it sees the whole motion."""
-    look: str | None = None
-    """Name of the subjects' `look_at_targets` to stay near to; None to see everything."""
+    distance: float | None = None  # [m]; None for as near as possible.
+    follow: bool = True  # Whether the camera moves along; otherwise it stays where it sees the whole motion.
+    look: str | None = None  # Name of the subjects' `look_at_targets` to stay near to; None to see everything.
 
 
 def cameras(scenes: Sequence[DrawnScene], view: CameraSettings, aspect: float) -> list[Callable[[int], Camera]]:
@@ -170,15 +164,12 @@ _LEFT_OUT = 2.5  # Share of the frames that may leave the picture, to each side 
 class FittedCamera:
     """A direction from which to look, and the window in which the scene is seen from there."""
 
-    azimuth: float
-    """Of the camera about its target, from the x axis towards the y axis [rad]."""
+    azimuth: float  # Of the camera about its target, from the x axis towards the y axis [rad].
     elevation: float  # [rad]
-    shift: Float[np.ndarray, "3"]
-    """From the followed centre to the middle of the scene, as seen from there [m]."""
+    shift: Float[np.ndarray, "3"]  # From the followed centre to the middle of the scene, as seen from there [m].
     reaches: Float[np.ndarray, "K 3"]
     """Of each part: its reach to a side, up or down, and towards the camera from that middle [m]."""
-    front: float = 0.0
-    """Where a camera stands that sees the robots from the front [rad]."""
+    front: float = 0.0  # Where a camera stands that sees the robots from the front [rad].
 
     def distance(self, aspect: float, field_of_view: float) -> float:
         """Return the distance [m] for a picture of some width over height and a vertical field of view [rad]."""

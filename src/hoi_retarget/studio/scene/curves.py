@@ -38,10 +38,8 @@ class Bar:
 
     start: float  # [s]
     stop: float  # [s]
-    kind: str
-    """One of `contact`, `stance`, `warning` and `error`."""
-    text: str
-    """What it stands for, in words."""
+    kind: str  # One of `contact`, `stance`, `warning` and `error`.
+    text: str  # What it stands for, in words.
 
 
 @dataclass(frozen=True)
@@ -106,13 +104,10 @@ SURFACE_GROUPS = ("surface gap", "inside object")  # Groups that are there where
 class Curve:
     """One quantity over T frames."""
 
-    name: str
-    """Its name within the group, such as `left_palm`."""
+    name: str  # Its name within the group, such as `left_palm`.
     unit: str
-    values: Float[np.ndarray, "T"]
-    """NaN where undefined."""
-    group: str
-    """The quantity; curves of one group are drawn in one chart."""
+    values: Float[np.ndarray, "T"]  # NaN where undefined.
+    group: str  # The quantity; curves of one group are drawn in one chart.
     fps: float
     counted: Bool[np.ndarray, "T"] | None = None
     """Frames that the figure counts, such as stance; None where all of them count."""

@@ -21,12 +21,9 @@ Numbers = float | Sequence[Any] | np.ndarray  # One number, a row of numbers, or
 class Kind(Enum):
     """Unit shapes, about their origin: sizes multiply their half extents."""
 
-    SPHERE = "sphere"
-    """Radius 1."""
-    CYLINDER = "cylinder"
-    """Radius 1, from z = -1 to z = 1."""
-    BOX = "box"
-    """From -1 to 1 along each axis."""
+    SPHERE = "sphere"  # Radius 1.
+    CYLINDER = "cylinder"  # Radius 1, from z = -1 to z = 1.
+    BOX = "box"  # From -1 to 1 along each axis.
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,14 +31,11 @@ class Shapes:
     """N copies of one unit shape, each of its own size and colour, over T frames."""
 
     kind: Kind
-    sizes: Float[np.ndarray, "N 3"]
-    """Half extents along the shape's own axes [m]."""
+    sizes: Float[np.ndarray, "N 3"]  # Half extents along the shape's own axes [m].
     colours: UInt8[np.ndarray, "N 3"]
     positions: Float[np.ndarray, "T N 3"]  # [m]
-    quats: Float[np.ndarray, "T N 4"]
-    """wxyz"""
-    visible: Bool[np.ndarray, "T N"] | None = None
-    """Presence of each copy in each frame; None for all of them always."""
+    quats: Float[np.ndarray, "T N 4"]  # wxyz
+    visible: Bool[np.ndarray, "T N"] | None = None  # Presence of each copy in each frame; None for all of them always.
 
     @classmethod
     def of(  # noqa: PLR0913, PLR0917 - the fields
@@ -87,8 +81,7 @@ class Solid:
     faces: Int[np.ndarray, "F 3"]
     colour: Colour
     positions: Float[np.ndarray, "T 3"]  # [m]
-    quats: Float[np.ndarray, "T 4"]
-    """wxyz"""
+    quats: Float[np.ndarray, "T 4"]  # wxyz
     count = 1
 
 
@@ -114,12 +107,10 @@ Part = Shapes | Solid | Lines
 class Layer:
     """Parts that are shown or hidden together."""
 
-    name: str
-    """Such as `robot`, `inverse kinematics`, `human`, `object`, `human's object`, `contacts`, `stance`."""
+    name: str  # Such as `robot`, `inverse kinematics`, `human`, `object`, `human's object`, `contacts`, `stance`.
     parts: tuple[Part, ...]
     opacity: float = 1.0
-    shown: bool = True
-    """Whether it is shown at first."""
+    shown: bool = True  # Whether it is shown at first.
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,14 +120,12 @@ class Subject:
     title: str
     fps: float
     layers: tuple[Layer, ...]
-    centre: Float[np.ndarray, "T 3"]
-    """Path of the point that a following camera looks at [m]."""
+    centre: Float[np.ndarray, "T 3"]  # Path of the point that a following camera looks at [m].
     look_at_targets: Mapping[str, Float[np.ndarray, "T 3"]] = field(default_factory=dict)
     """Paths of what a camera can look at from near [m], such as `left hand`."""
     shift: Float[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
     """Of `make_subplots`: from there to its place beside the others on one floor [m]."""
-    scale: float = 1.0
-    """Of `make_subplots`: about the origin, what lays it over the first robot."""
+    scale: float = 1.0  # Of `make_subplots`: about the origin, what lays it over the first robot.
 
     @property
     def frames(self) -> int:

@@ -83,12 +83,10 @@ class SceneItem:
     motion: Motion | None = None
     model: RobotModel | None = None
     clip: Clip | None = None
-    person: int = 0
-    """Index among the clip's people."""
+    person: int = 0  # Index among the clip's people.
     meshes: Path | None = None
     """Folder with the files of the robot's vendor meshes; None for those that were fetched, or the primitives."""
-    baseline: Motion | None = None
-    """An earlier motion of the robot for the same clip, shown as a ghost."""
+    baseline: Motion | None = None  # An earlier motion of the robot for the same clip, shown as a ghost.
 
     def __post_init__(self) -> None:
         motion, clip = self.motion, self.clip

@@ -42,10 +42,8 @@ class BackLink:
 class Detail:
     """Limits on the contents of a page with a long motion."""
 
-    frames: int
-    """Of one subject; of a longer one every second, third, ... is kept."""
-    points: int
-    """Of one curve."""
+    frames: int  # Of one subject; of a longer one every second, third, ... is kept.
+    points: int  # Of one curve.
 
 
 SMALL = Detail(MAX_FRAMES, MAX_POINTS)  # Small enough to be sent by mail.
@@ -56,8 +54,7 @@ class ClipPage:
     """A page, and the scene on it for pictures of it."""
 
     text: str
-    scene: DrawnScene
-    """All subjects on one floor."""
+    scene: DrawnScene  # All subjects on one floor.
     camera: FittedCamera
 
 
@@ -140,8 +137,7 @@ def make_clip_page(
 class Player:
     """A page that plays a motion without a server; notebooks show it in the cell."""
 
-    page: str
-    """HTML."""
+    page: str  # HTML.
 
     def _repr_html_(self) -> str:
         return f'<iframe srcdoc="{escape(self.page)}" style="width: 100%; height: 45em; border: 0"></iframe>'

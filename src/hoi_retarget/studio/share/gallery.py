@@ -20,10 +20,8 @@ class GalleryEntry:
     motion: Motion
     spec: RobotSpec
     score: Score
-    warnings: tuple[str, ...] = ()
-    """Warnings about it, a sentence each."""
-    command: str = ""
-    """The command that makes it again; empty where it is not known."""
+    warnings: tuple[str, ...] = ()  # Warnings about it, a sentence each.
+    command: str = ""  # The command that makes it again; empty where it is not known.
 
 
 def file_name(title: str, taken: Iterable[str]) -> str:
@@ -42,14 +40,10 @@ class Card:
     """A card on the page of all results that leads to a page."""
 
     title: str
-    entries: tuple[GalleryEntry, ...]
-    """The page's results."""
-    page: str
-    """The page's file."""
-    picture: str = ""
-    """The picture's file; empty where there is none."""
-    film: str = ""
-    """The same of the picture that moves."""
+    entries: tuple[GalleryEntry, ...]  # The page's results.
+    page: str  # The page's file.
+    picture: str = ""  # The picture's file; empty where there is none.
+    film: str = ""  # The same of the picture that moves.
 
 
 def index_page(title: str, cards: Sequence[Card]) -> str:

@@ -46,8 +46,7 @@ class Refused:
 
     kinematics: Kinematics
     rows: list[Rows]
-    step: Float[np.ndarray, "U nv"]
-    """That leads to it, in tangent coordinates [m, rad]."""
+    step: Float[np.ndarray, "U nv"]  # That leads to it, in tangent coordinates [m, rad].
 
 
 def solve(
@@ -143,8 +142,7 @@ class _Point:
     rows: list[Rows]
     half_cost: float
     by_term: dict[str, float]
-    values: np.ndarray
-    """Slacks of the inequalities."""
+    values: np.ndarray  # Slacks of the inequalities.
 
     @classmethod
     def at(cls, problem: Problem, bounds: Bounds, qpos: np.ndarray) -> "_Point":
@@ -163,10 +161,8 @@ class _Iterate:
     slack: np.ndarray
     multiplier: np.ndarray
     damping: float
-    curvature: np.ndarray | None = None
-    """(U, nv, nv): of kinks."""
-    refused: Refused | None = None
-    """Of the last line search, where it tells of a kink."""
+    curvature: np.ndarray | None = None  # (U, nv, nv): of kinks.
+    refused: Refused | None = None  # Of the last line search, where it tells of a kink.
 
     def solution(self, status: Status, iterations: int) -> SolverResult:
         return SolverResult(
@@ -181,15 +177,13 @@ class _Iterate:
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    tangent: np.ndarray
-    """(U, nv): of the frames that are not pinned."""
+    tangent: np.ndarray  # (U, nv): of the frames that are not pinned.
     slack: np.ndarray
     multiplier: np.ndarray
     primal_length: float
     dual_length: float
     barrier: float
-    slope: float
-    """Derivative of the half cost and its barrier along the step."""
+    slope: float  # Derivative of the half cost and its barrier along the step.
     curvature: np.ndarray | None
 
     @property

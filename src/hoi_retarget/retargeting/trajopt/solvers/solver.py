@@ -19,14 +19,10 @@ if TYPE_CHECKING:
 class Effort:
     """The accuracy and the time that one solve is worth, relative to the options of its solver."""
 
-    tolerance_factor: float = 1.0
-    """Multiplies the solver's tolerance."""
-    max_iterations: int | None = None
-    """Limit of iterations where it is below the solver's own."""
-    restarts: bool = True
-    """Whether a solve that ends unsolved may begin again in another way."""
-    kinks: bool = False
-    """Whether costs have kinks, as distances between surfaces do; such a solve never begins again."""
+    tolerance_factor: float = 1.0  # Multiplies the solver's tolerance.
+    max_iterations: int | None = None  # Limit of iterations where it is below the solver's own.
+    restarts: bool = True  # Whether a solve that ends unsolved may begin again in another way.
+    kinks: bool = False  # Whether costs have kinks, as distances between surfaces do; such a solve never begins again.
     start_margin: float = 3e-2
     """Share of a joint's range by which a start is moved away from its ends: little, where it is near a solution."""
 

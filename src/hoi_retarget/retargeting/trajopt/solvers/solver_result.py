@@ -22,8 +22,7 @@ class SolverResult:
     multipliers: Float[np.ndarray, "rows n"]
     status: Status
     iterations: int
-    cost: float
-    """Weighted sum of squares of all terms."""
+    cost: float  # Weighted sum of squares of all terms.
     cost_by_term: dict[str, float]
 
 

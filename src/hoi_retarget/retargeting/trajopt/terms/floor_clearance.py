@@ -63,8 +63,7 @@ class LinkFloor:
 
     name: str
     frame: Frame
-    points: Float[np.ndarray, "3 K F"]
-    """In the link's frame [m]."""
+    points: Float[np.ndarray, "3 K F"]  # In the link's frame [m].
     frames: Int[np.ndarray, "F"]
     weight: float
 

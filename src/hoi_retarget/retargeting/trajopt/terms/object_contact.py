@@ -27,8 +27,7 @@ class ObjectContact:
     """Contact point in the object's frame [m]; any finite number where the weight is zero."""
     object_position: Float[np.ndarray, "3 T"]
     object_rotation: Float[np.ndarray, "3 3 T"]
-    weight: Float[np.ndarray, "T"]
-    """Zero where there is no contact."""
+    weight: Float[np.ndarray, "T"]  # Zero where there is no contact.
     projection: Float[np.ndarray, "3 3 T"] | None = None
     """Of the residual, in the object's frame, as where it costs less along one direction; None for none."""
 

@@ -26,8 +26,7 @@ class Posture:
     name: str
     target: Float[np.ndarray, "n T"]
     weight: float
-    first: int = 0
-    """Joint of the first row; those of the others follow it."""
+    first: int = 0  # Joint of the first row; those of the others follow it.
 
     def rows(self, kinematics: Kinematics) -> tuple[StencilRows, ...]:
         """Return the rows at a trajectory."""

@@ -22,10 +22,8 @@ class RobotClearance:
 
     name: str
     other: Kinematics
-    own: tuple[LinkPair, ...]
-    """Links of the robot that is solved for, against solids of the other."""
-    others: tuple[LinkPair, ...]
-    """Links of the other, against solids of the robot."""
+    own: tuple[LinkPair, ...]  # Links of the robot that is solved for, against solids of the other.
+    others: tuple[LinkPair, ...]  # Links of the other, against solids of the robot.
     margin: float  # [m]
     weight: float
 
