@@ -30,7 +30,8 @@ def write_hiphi(root: Path, clip: Clip, motion: str, **changes: object) -> Path:
         mesh = f"{track.name}{'__mirror' * motion.endswith('__mirror')}"
         write_mesh(root / "object_meshes_preview" / f"{mesh}.obj", in_centimetres(track))
         listed.append({"object_id": track.name, "object_category": "box", "mesh_id": mesh})
-    facts = {"motion_id": motion, "dataset": "HiPHI", "text_annotation": "A person moves things.", "objects": listed}
+    facts = {"motion_id": motion, "duration_sec": clip.frames / clip.fps, "objects": listed}
+    facts |= {"dataset": "HiPHI", "text_annotation": "A person moves things."}
     (folder / "metadata.json").write_text(json.dumps(facts | changes))
     return path
 

@@ -182,6 +182,8 @@ fps = 25.0
 from_robot = "unitree_h2"
 labels = "proximity"
 grasps = "warn"
+about = ["chair"]
+longest = 20
 edits = "/elsewhere"
 robots = ["unitree_h2"]
 root_scale = 0.8
@@ -208,6 +210,8 @@ jerk = 2e-3
         from_robot="unitree_h2",
         labels="proximity",
         grasps="warn",
+        about=("chair",),
+        longest=20.0,
         edits=Path("/elsewhere"),
         robots=("unitree_h2",),
         config=Config(weights=Weights(jerk=2e-3)),

@@ -1,6 +1,7 @@
 """HiPHI's and OmniContact's folders: written as released and read back, labelled, mirrored, damaged."""
 
 import json
+import tarfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,6 +9,8 @@ import numpy as np
 import pytest
 
 from actor_writer import mirror_of, write_hiphi, write_omnicontact
+from hoi_retarget.batch.archive_parts import archives_in, pieces
+from hoi_retarget.cli import main
 from hoi_retarget.clip.augment import at_rate
 from hoi_retarget.clip.label_contacts import label_contacts
 from hoi_retarget.clip.read_options import ReadOptions
@@ -148,3 +151,85 @@ def test_damage_is_told(tmp_path):
     fails(ClipError, "no list of tables")
     (tmp_path / "object_meshes_preview" / "box.obj").unlink()
     fails(GeometryError, "object_meshes_preview")
+
+
+def archived(path: Path, root: Path, folders: list[Path], mode: str) -> Path:
+    with tarfile.open(path, mode) as archive:
+        for folder in folders:
+            archive.add(folder, str(folder.relative_to(root)))
+    return path
+
+
+def test_archives_are_read_a_piece_at_a_time(release, tmp_path):
+    recordings = sorted((release / "data" / "Bringing" / "carry").iterdir())
+    meshes = release / "object_meshes_preview"
+    archives = [
+        archived(tmp_path / "part-1.tar", release, [meshes, *recordings[:4]], "w"),
+        archived(tmp_path / "part-2.tar.gz", release, recordings[4:], "w:gz"),
+    ]
+    assert archives_in(tmp_path) == tuple(archives)
+    smallest = min(sum(file.stat().st_size for file in path.rglob("*.*")) for path in recordings)
+    seen: dict[str, bytes] = {}
+    for archive in pieces(archives, tmp_path / "piece", size=smallest - 1):
+        lying = recordings_below(tmp_path / "piece")
+        assert len(lying) <= 1, "a piece ends with the recording that fills it"
+        assert {path.name for path in (tmp_path / "piece").rglob("*.obj")} == {path.name for path in meshes.iterdir()}
+        for path in lying:
+            seen[str(path.relative_to(tmp_path / "piece"))] = path.read_bytes()
+            assert (archive == archives[0]) == (
+                path.parent in {tmp_path / "piece" / r.relative_to(release) for r in recordings[:4]}
+            )
+            assert_same_objects(read_clip(path), read_clip(release / path.relative_to(tmp_path / "piece")))
+    assert seen == {str(path.relative_to(release)): path.read_bytes() for path in recordings_below(release)}
+    assert not (tmp_path / "piece").exists()
+
+
+@pytest.mark.parametrize("harm", ["cut", "outside", "flat"])
+def test_archives_that_are_refused(release, tmp_path, harm):
+    path = archived(tmp_path / "part.tar.gz", release, [folder_of(release)], "w:gz")
+    if harm == "cut":
+        path.write_bytes(path.read_bytes()[:-2000])
+    elif harm == "outside":
+        with tarfile.open(path, "w:gz") as archive:
+            archive.add(folder_of(release) / "metadata.json", "../metadata.json")
+    else:
+        with tarfile.open(path, "w:gz") as archive:
+            for number in range(20):
+                archive.add(folder_of(release) / "metadata.json", f"data/{number}.json")
+    sizes = {"flat": (folder_of(release) / "metadata.json").stat().st_size}
+    with pytest.raises(
+        ReadError, match={"cut": "damaged", "outside": "outside of itself", "flat": "one recording"}[harm]
+    ):
+        list(pieces([path], tmp_path / "piece", sizes.get(harm, 10**9)))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["part.tar.gz"]
+
+
+def test_zstandard_archives_are_a_batch_that_goes_on(release, tmp_path, capsys):
+    zstandard = pytest.importorskip("zstandard")
+    plain = archived(tmp_path / "part", release, [release / "object_meshes_preview", release / "data"], "w")
+    parts = tmp_path / "parts"
+    parts.mkdir()
+    (parts / "part.tar.zst").write_bytes(zstandard.ZstdCompressor().compress(plain.read_bytes()))
+    (tmp_path / "settings.toml").write_text('contact = "landmark"\nsolver.max_iterations = 1\n')
+    command = ["batch", str(parts), "--out", str(tmp_path / "out"), "--config", str(tmp_path / "settings.toml")]
+    command += ["--figures", "none", "--workers", "1", "--about", "chair", "CARRY_0001"]
+    main(command)
+    said = capsys.readouterr()
+    names = [json.loads(line)["name"] for line in (tmp_path / "out" / "manifest.jsonl").read_text().splitlines()]
+    carry = "unitree_g1/data/Bringing/carry/Bringing-carry"
+    kept = ("0001", "0001__mirror", "0003", "0003__mirror")
+    assert names == [f"{carry}_{number}/motion_actor" for number in kept], said
+    main(command)
+    assert "4 of them done before" in capsys.readouterr().out
+    assert main([*command, "--longest", "0.5"]) == 2
+    assert "no clip in it is asked for" in capsys.readouterr().err
+    (parts / "part.tar.zst").write_bytes((parts / "part.tar.zst").read_bytes()[:-500])
+    assert main(command) == 1
+    assert "damaged" in capsys.readouterr().err
+
+
+def test_a_release_is_counted_from_its_metadata(release, capsys):
+    assert main(["inspect", str(release)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "6 with objects" in said
+    assert "3 objects: box 2, table 2, chair 2" in said

@@ -29,6 +29,7 @@ EXTRAS = {
     "imageio_ffmpeg": ("imageio-ffmpeg>=0.5", "films as MP4"),
     "mcap_ros2": ("mcap-ros2-support>=0.5", "ROS 2 messages as MCAP"),
     "pyarrow": ("pyarrow>=17", "data sets and Parquet"),
+    "zstandard": ("zstandard>=0.22", "archives `.tar.zst`"),
 }
 """Module of a package that some work needs -> what pip installs, and which work."""
 

@@ -17,10 +17,10 @@ from hoi_retarget.batch.specification import Specification
 from hoi_retarget.clip.augment import describe
 from hoi_retarget.clip.clip import Augmentation
 from hoi_retarget.clip.read_options import READ_OPTIONS, ReadOptions
-from hoi_retarget.errors import ArgumentError, ReadError
+from hoi_retarget.errors import ArgumentError, ClipError, ReadError
 from hoi_retarget.files.python_wheel import sha256_of_file
 from hoi_retarget.files.source_file import FOLDER, SourceFile
-from hoi_retarget.readers import SUFFIXES, can_be_clip, clips_in, recordings_below
+from hoi_retarget.readers import SUFFIXES, can_be_clip, clips_in, reader_of, recordings_below
 from hoi_retarget.readers.builtin_clips import builtin_scene
 from hoi_retarget.readers.object_files import geometry_files, known_objects
 from hoi_retarget.readers.open import clip_stem, result_stem
@@ -147,11 +147,25 @@ def _below(specification: Specification, folder: Path, pattern: str, named: str)
         raise ArgumentError(
             f"{specification.folder / named}: there are no clips ({known}). Name a folder or a pattern that has some."
         )
-    for path in found:
+    for path in (path for path in found if _is_asked_for(path, root, specification)):
         for clip in _selected(path, specification.from_robot):
             below = clip.relative_to(root)
             name = (below.parent / clip_stem(clip)).as_posix()
             yield _NamedClip(name, str(clip.absolute()), (folder / below).as_posix())
+
+
+def _is_asked_for(path: Path, root: Path, specification: Specification) -> bool:
+    """Return whether a recording is selected; also where it cannot be read: its job then reports why."""
+    if not specification.about and specification.longest is None:
+        return True
+    file = SourceFile(path)
+    try:
+        facts = reader_of(file, specification.from_robot).headline(file)
+    except (ReadError, ClipError):
+        return True
+    text = f"{path.relative_to(root)} {facts.words}".lower()
+    short = specification.longest is None or facts.seconds <= specification.longest
+    return short and (not specification.about or any(word.lower() in text for word in specification.about))
 
 
 def _selected(path: Path, from_robot: str | None) -> tuple[Path, ...]:

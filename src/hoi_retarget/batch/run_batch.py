@@ -78,6 +78,11 @@ class Summary:
     done_now: tuple[ManifestEntry, ...]  # Of the jobs of this run, in the order of their ends.
     seconds: float  # Duration of the run [s].
 
+    def __add__(self, other: "Summary") -> "Summary":
+        """Return the end of two batches, one after the other."""
+        entries, done = self.entries + other.entries, self.done_now + other.done_now
+        return Summary(self.jobs + other.jobs, entries, done, self.seconds + other.seconds)
+
     @property
     def is_complete(self) -> bool:
         """Whether all jobs have ended."""

@@ -26,6 +26,10 @@ class Specification(ReadOptions):
 
     clips: tuple[str, ...]
     """Files, patterns such as `*.pt`, folders, or built-in clips such as `builtin:carry_box`."""
+    about: tuple[str, ...] = ()
+    """Words: of a folder or a pattern, clips are taken that have one of them in path, objects or text; all without."""
+    longest: float | None = None
+    """Of a folder or a pattern, clips are taken that last this long at most [s]."""
     edits: Path | None = None
     """Folder with contact edits, `<clip>.edits.toml`; a clip may have none."""
     robots: tuple[str, ...] = ("unitree_g1",)
@@ -68,16 +72,16 @@ class Specification(ReadOptions):
 
 
 def of_folder(
-    folder: Path, options: ReadOptions = ReadOptions(), config: Config = Config(), *, refine: bool = False
+    folder: Path, options: ReadOptions = ReadOptions(), config: Config = Config(), **settings: Any
 ) -> Specification:
     """Return the default specification of a folder: every clip in it once, for the default robot.
 
-    Without `options.objects`, a folder of that name in it is taken where there is one.
+    Without `options.objects`, a folder of that name in it is taken where there is one; `settings` are other fields.
     """
     own = folder / _OBJECTS
     objects = options.objects or (own if own.is_dir() else None)
     reading = {**{name: getattr(options, name) for name in READ_OPTIONS}, "objects": objects}
-    return Specification(clips=("",), folder=folder, config=config, refine=refine, **reading, **_settings_of(config))
+    return Specification(clips=("",), folder=folder, config=config, **reading, **_settings_of(config), **settings)
 
 
 def read_specification(path: Path) -> Specification:

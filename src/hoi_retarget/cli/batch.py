@@ -9,11 +9,13 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from pathlib import Path
 from types import FrameType
 
+from hoi_retarget.batch.archive_parts import archives_in, pieces
 from hoi_retarget.batch.manifest import MANIFEST, STATUSES, ManifestEntry
 from hoi_retarget.batch.pool import LocalPool
-from hoi_retarget.batch.run_batch import Summary, run_batch
+from hoi_retarget.batch.run_batch import Summary, locked, run_batch
 from hoi_retarget.batch.specification import Specification, of_folder, read_specification
 from hoi_retarget.batch.work import BatchTask, Task, run_job
 from hoi_retarget.cli.commands import Batch
@@ -23,45 +25,72 @@ from hoi_retarget.cli.run_options import config_in
 from hoi_retarget.cli.terminal import Working, fail, say, show_table
 from hoi_retarget.clip.read_options import READ_OPTIONS, option_of
 from hoi_retarget.errors import ArgumentError
+from hoi_retarget.readers import recordings_below
 from hoi_retarget.retargeting.config import Config
 from hoi_retarget.robots import load_team
 
 _STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+UNPACKED = ".unpacked"  # Folder in OUT for the pieces of archives.
 _TENTHS = 10  # Lines of progress where no bar can be drawn.
 
 
 def execute_batch(command: Batch) -> int:
     """Run the jobs that have no valid result yet; return 0 when every job has one."""
-    specification, pool = _specification(command), _pool(command)
+    pool = _pool(command)
     check_writable("--out", command.out)
-    for names in specification.robots:
-        for model in load_team(names):
-            prepare_skin(model)  # Else every worker would.
+    summary = Summary(0, (), (), 0.0)
     with _stopped_by_signals() as received, ExitStack() as shown:
         progress = _Progress(shown)
-        summary = run_batch(
-            *(specification, command.out, pool),
-            begun=progress.begun,
-            ended=progress.ended,
-            stopped=lambda: bool(received),
+        for number, source in enumerate(_sources(command)):
+            specification = _specification(command, source)
+            for names in () if number else specification.robots:
+                for model in load_team(names):
+                    prepare_skin(model)  # Else every worker would.
+            summary += run_batch(
+                *(specification, command.out, pool),
+                begun=progress.begun,
+                ended=progress.ended,
+                stopped=lambda: bool(received),
+            )
+            if received:
+                break
+    if not summary.jobs:
+        raise ArgumentError(
+            f"{command.source}: no clip in it is asked for: there is none, or none that about and longest select. "
+            "`hoi-retarget inspect` on a folder counts its objects."
         )
     _show(summary, command)
-    if received and not summary.is_complete:
+    if received and (archives_in(command.source) or not summary.is_complete):
         left = summary.jobs - len(summary.entries)
         fail(f"stopped by {received[0].name}: {left} jobs are left. The same command goes on with them.")
         return 128 + received[0]
     return 0 if all(entry.succeeded for entry in summary.entries) else 1
 
 
-def _specification(command: Batch) -> Specification:
-    if command.source.is_dir():
+def _sources(command: Batch) -> Iterator[Path]:
+    """Yield the named file or folder, or each folder into which a piece of its archives is unpacked."""
+    archives, recordings = archives_in(command.source), command.source.is_dir() and recordings_below(command.source)
+    if recordings or not archives:
+        yield command.source
+    if not archives:
+        return
+    folder = command.out / UNPACKED
+    with locked(folder):
+        for number, archive in enumerate(pieces(archives, folder / "release"), 1):
+            if recordings_below(folder / "release"):
+                say(f"Piece {number}, of {archive.name} ({archives.index(archive) + 1} of {len(archives)}):")
+                yield folder / "release"
+
+
+def _specification(command: Batch, source: Path) -> Specification:
+    if source.is_dir():
         config = Config() if command.config is None else config_in(command.config)
         if command.figures is not None:
             config = replace(config, figures=command.figures)
-        return of_folder(command.source, command, config, refine=command.refine)
+        return of_folder(source, command, config, refine=command.refine, about=command.about, longest=command.longest)
     if command.refine:
         raise ArgumentError(f"--refine is for a folder of clips. In {command.source} write refine = true.")
-    for name in (*READ_OPTIONS, "config", "figures"):
+    for name in (*READ_OPTIONS, "config", "figures", "about", "longest"):
         value = getattr(command, name)
         if value != getattr(Batch, name):
             option = option_of(name)

@@ -155,12 +155,17 @@ class Run(JsonOption, RecordingOptions, SolveOptions):
 class Batch(RecordingOptions):
     """Retarget every clip of a folder, or as a file declares; run again, the same command resumes."""
 
-    source: Annotated[Positional[Path], arg(metavar="SPEC.toml|DIR")]
-    """A file that declares clips, robots, sizes, mirror images and speeds, or a folder: every clip in it, once."""
+    source: Annotated[Positional[Path], arg(metavar="SPEC.toml|DIR|ARCHIVE")]
+    """A file that declares clips, robots, sizes, mirror images and speeds, or a folder: every clip in it, once. An
+    archive (.tar.zst, .tar.gz, .tar), or a folder of archives, is unpacked a piece at a time, into OUT."""
     out: Folder
     """Folder for the results and their manifest; made when it does not exist."""
     objects: OptionalFolder = None
     """Folder with the objects' geometry of a folder of clips, by default DIR/objects."""
+    about: Annotated[tuple[str, ...], arg(metavar="WORD...")] = ()
+    """Take the clips of a folder that have one of these words in their path, objects or text."""
+    longest: Annotated[float | None, arg(metavar="SECONDS", help_behavior_hint="")] = None
+    """Take the clips of a folder that last this long at most."""
     config: ConfigFile = None
     """Settings for a folder of clips, as for run."""
     figures: FigureSet | None = None

@@ -3,6 +3,7 @@
 import shlex
 from collections import Counter
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -32,13 +33,14 @@ from hoi_retarget.readers import (
 )
 from hoi_retarget.readers.intermimic import describe
 from hoi_retarget.readers.open import open_clip
-from hoi_retarget.readers.reader import Reader
+from hoi_retarget.readers.reader import Headline, Reader
 from hoi_retarget.readers.worlds import standing_axis
 
 MOTION = "hoi-retarget-motion"
 UNKNOWN = "unknown"
 FLOOR_TOLERANCE = 0.3  # [m]; the lowest joint is that near the floor in most frames of any recording.
 
+_MOST_OBJECTS = 12  # Named of a folder.
 _SHARED = (".npz", ".pt", ".pth")  # Endings of files that others write, too.
 
 
@@ -235,10 +237,28 @@ def _describe_folder(path: Path, options: ReadOptions) -> Inspection:
     return Inspection(
         str(path),
         "folder",
-        f"{len(found)} recording{'s' if len(found) > 1 else ''}: {counted}",
+        f"{len(found)} recording{'s' if len(found) > 1 else ''}: {counted}{_headlines(found, robot)}",
         notes=(f"Recordings in it: {listed(names)}",),
         command=_command("batch", path, shared),
     )
+
+
+def _headlines(found: Iterable[Path], robot: str | None) -> str:
+    """Return the number of recordings with objects, of objects, and hours, of those whose formats tell it cheaply."""
+    facts: list[Headline] = []
+    for file in map(SourceFile, found):
+        with suppress(ReadError, ClipError):
+            if (reader := reader_of(file, robot)).headline_of is not None:
+                facts.append(reader.headline(file))
+    with_objects, objects = (
+        [item for item in facts if item.objects],
+        Counter(name for item in facts for name in item.objects),
+    )
+    if not facts:
+        return ""
+    hours = sum(item.seconds for item in with_objects) / 3600.0
+    of = ", ".join(f"{name} {count}" for name, count in objects.most_common(_MOST_OBJECTS))
+    return f"; {len(with_objects)} with objects, {hours:.1f} h; {len(objects)} objects: {of}"
 
 
 def _format_of(path: Path, from_robot: str | None) -> str:

@@ -19,11 +19,12 @@ from hoi_retarget.files.source_file import SourceFile
 from hoi_retarget.readers.bvh import ACTOR_FACTS, is_actor
 from hoi_retarget.readers.fields import Fields, json_values
 from hoi_retarget.readers.omnicontact import recording_with_objects
-from hoi_retarget.readers.reader import Reader, SourceRecording
+from hoi_retarget.readers.reader import Headline, Reader, SourceRecording
 
 FORMAT = "hiphi"
 LICENCE = "HiPHI: gated; its card on Hugging Face tells the terms"
 METADATA, TRACKS, MESHES = ACTOR_FACTS[0], "object_tracks", "object_meshes_preview"
+MIRRORED = "__mirror"
 
 
 def holds(file: SourceFile) -> bool:
@@ -33,12 +34,9 @@ def holds(file: SourceFile) -> bool:
 
 def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
     """Return the recording in a folder."""
-    facts = Fields(file.beside(METADATA), json_values(file, file.beside(METADATA)))
-    listed = facts.get("objects") or []
-    if not isinstance(listed, list) or not all(isinstance(item, dict) for item in listed):
-        raise ClipError(f"{facts.path}: objects is no list of tables. Download the recording again.")
+    facts, listed = _facts(file)
     tracks = {}
-    for item in (Fields(facts.path, entry, within="objects/") for entry in listed):
+    for item in listed:
         name = item.text("object_id", "the object's name")
         tracks[name] = file.beside(TRACKS, f"{name}.csv"), item.text("mesh_id", "the name of its mesh")
     recording = recording_with_objects(file, options, tracks, MESHES)
@@ -51,4 +49,24 @@ def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
     )
 
 
-READER = Reader(FORMAT, record, holds=holds, floor_at_zero=True)  # As optical systems are calibrated.
+def headline(file: SourceFile) -> Headline:
+    """Return the facts to select a recording by, from its metadata alone."""
+    facts, listed = _facts(file)
+    meshes = tuple(item.text("mesh_id", "the name of its mesh").removesuffix(MIRRORED) for item in listed)
+    told = [item.get("object_category") for item in listed] + [facts.get("text_annotation")]
+    words = " ".join((*meshes, *(text for text in told if isinstance(text, str))))
+    return Headline(words, meshes, float(facts.array("duration_sec", (), "the recording's length")))
+
+
+def _facts(file: SourceFile) -> tuple[Fields, list[Fields]]:
+    """Return the metadata beside a file, and those of each object."""
+    facts = Fields(file.beside(METADATA), json_values(file, file.beside(METADATA)))
+    listed = facts.get("objects") or []
+    if not isinstance(listed, list) or not all(isinstance(item, dict) for item in listed):
+        raise ClipError(f"{facts.path}: objects is no list of tables. Download the recording again.")
+    return facts, [Fields(facts.path, entry, within="objects/") for entry in listed]
+
+
+READER = Reader(
+    FORMAT, record, holds=holds, floor_at_zero=True, headline_of=headline
+)  # As optical systems are calibrated.

@@ -70,6 +70,15 @@ class SourceRecording(Outline):
         return World.of_axis(self.up) if isinstance(self.up, str) else self.up(person)
 
 
+@dataclass(frozen=True)
+class Headline:
+    """Facts that recordings of a release are selected and counted by."""
+
+    words: str  # Names and kinds of objects, and the text of the recording.
+    objects: tuple[str, ...]  # Their names; of several recordings, the same object has the same.
+    seconds: float
+
+
 Record = Callable[[SourceFile, ReadOptions], SourceRecording]
 """Returns the recording in a file; raises `ReadError` or `ClipError`."""
 
@@ -96,6 +105,16 @@ class Reader:
     """Files that a folder of this format has, where some alone tell that the others are missing."""
     has_companions: Callable[[SourceFile], bool] = lambda _file: True
     """Tells whether a recording may need files that are not known until it is read, such as body models."""
+
+    headline_of: Callable[[SourceFile], Headline] | None = None
+    """Tells them without the motion, where the format has them elsewhere."""
+
+    def headline(self, file: SourceFile) -> Headline:
+        """Return the facts to select a recording by; raises `ReadError` or `ClipError`."""
+        if self.headline_of is not None:
+            return self.headline_of(file)
+        outline = self.outline(file)
+        return Headline(" ".join((*outline.objects, *outline.notes)), outline.objects, outline.frames / outline.fps)
 
     def outline(self, file: SourceFile, options: ReadOptions = ReadOptions()) -> Outline:
         """Return the facts of a recording, cheaply; raises `ReadError` or `ClipError`."""
