@@ -83,6 +83,8 @@ class RecordingOptions(ReadOptions):
     from_robot: FromRobot = None
     floor: Annotated[float | None, arg(metavar="HEIGHT", help_behavior_hint="")] = None
     fps: Annotated[float | None, arg(metavar="NUMBER", help_behavior_hint="")] = None
+    lead_in: Annotated[float, arg(metavar="SECONDS")] = 0.0
+    lead_out: Annotated[float, arg(metavar="SECONDS")] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

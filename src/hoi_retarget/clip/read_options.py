@@ -10,6 +10,7 @@ from hoi_retarget.files.tables import decode
 
 MAX_FLOOR_HEIGHT = 1000.0  # [m]
 MIN_FPS, MAX_FPS = 10.0, 240.0  # [Hz]; with fewer frames motions lose their contacts' begin and end.
+MIN_LEAD, MAX_LEAD = 1.0, 10.0  # [s]
 Labels = Literal["auto", "proximity"]
 Grasps = Literal["refuse", "warn"]
 
@@ -33,6 +34,10 @@ class ReadOptions:
     proximity finds them anew."""
     fps: float | None = None
     """Frames a second that the recording is resampled to; by default it keeps its own."""
+    lead_in: float = 0.0
+    """Seconds before the recording in which the person goes to its first pose from standing at rest, made up."""
+    lead_out: float = 0.0
+    """Likewise behind the recording."""
     grasps: Grasps = "refuse"
     """What is done with a clip whose grasps contradict how its rotations or units are read: refuse it, or warn."""
 
@@ -47,6 +52,12 @@ class ReadOptions:
                 f"--fps {self.fps:g}: recordings are resampled to {MIN_FPS:g} to {MAX_FPS:g} frames a second. Leave "
                 "the option out to keep their own."
             )
+
+        for name, seconds in (("--lead-in", self.lead_in), ("--lead-out", self.lead_out)):
+            if seconds and not MIN_LEAD <= seconds <= MAX_LEAD:
+                raise ArgumentError(
+                    f"{name} {seconds:g}: a lead takes {MIN_LEAD:g} to {MAX_LEAD:g} seconds; 0 is none."
+                )
 
     def as_json(self) -> dict[str, str | float | None]:
         """Return the options, in their units, as a result's report has them."""

@@ -244,7 +244,7 @@ def _describe_folder(path: Path, options: ReadOptions) -> Inspection:
 
 
 def _headlines(found: Iterable[Path], robot: str | None) -> str:
-    """Return the number of recordings with objects, of objects, and hours, of those whose formats tell it cheaply."""
+    """Return the number of recordings with objects, of objects, and hours, where the format tells them cheaply."""
     facts: list[Headline] = []
     for file in map(SourceFile, found):
         with suppress(ReadError, ClipError):

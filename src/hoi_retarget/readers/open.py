@@ -11,6 +11,7 @@ from hoi_retarget.clip.clip import Clip
 from hoi_retarget.clip.edits import ContactEdits, apply, from_text
 from hoi_retarget.clip.floor import on_floor
 from hoi_retarget.clip.infer_contacts import with_contacts
+from hoi_retarget.clip.leads import with_leads
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.clip.shape_check import with_shape_warnings
 from hoi_retarget.errors import HoiRetargetError, ReadError
@@ -44,9 +45,9 @@ def open_clip(name: Path | str, options: ReadOptions = ReadOptions()) -> Clip:
         recorded = with_shape_warnings(recorded, options.grasps)
     readings = grasp_check.ONLY_INVERSE if reader is None else reader.rotation_readings
     clip = with_contacts(recorded, options.labels, readings=readings, grasps=options.grasps)
-    if clip.contacts is recorded.contacts:  # These were checked when they were read.
-        return clip
-    return grasp_check.with_grasp_warnings(clip, readings, shifts=(), grasps=options.grasps)
+    if clip.contacts is not recorded.contacts:  # The recording's own were checked when they were read.
+        clip = grasp_check.with_grasp_warnings(clip, readings, shifts=(), grasps=options.grasps)
+    return with_leads(clip, options.lead_in, options.lead_out)
 
 
 def _as_recorded(name: Path | str, options: ReadOptions) -> tuple[Clip, Reader | None]:
