@@ -18,6 +18,7 @@ import imhd_writer
 import interact_writer
 import intercap_writer
 import intermimic_writer
+import mvnx_writer
 import omomo_writer
 import own_layout_writer
 import parahome_writer
@@ -254,6 +255,11 @@ def bvh(folder: Path, frames: int) -> Recording:
 @writes("soma")
 def soma(folder: Path, frames: int) -> Recording:
     return Recording(soma_writer.write_soma(folder / "walk.npz", scene("carry_box", frames)))
+
+
+@writes("mvnx")
+def mvnx(folder: Path, frames: int) -> Recording:
+    return Recording(mvnx_writer.write_mvnx(folder / "walk.mvnx", scene("carry_box", frames)))
 
 
 @writes("hiphi")

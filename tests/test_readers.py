@@ -480,7 +480,7 @@ def outline_of(path: Path) -> Outline:
     return reader_of(file).outline(file)
 
 
-@pytest.mark.parametrize(("name", "way"), [("take.C3D", "export it as BVH"), ("take.mvnx", "in MVN, export")])
+@pytest.mark.parametrize(("name", "way"), [("take.C3D", "export it as BVH")])
 def test_captures_that_are_not_read_are_refused_with_a_way_to_bvh(name, way, tmp_path, capsys):
     (tmp_path / name).write_bytes(b"\x02\x50" + bytes(510))
     for words in (["run", str(tmp_path / name), "--out", str(tmp_path / "out")], ["inspect", str(tmp_path / name)]):

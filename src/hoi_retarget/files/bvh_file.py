@@ -9,12 +9,14 @@ Cites: Biovision's format as in ubisoft/ubisoft-laforge-animation-dataset `lafan
 """
 
 import re
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.numerics import se3
@@ -78,6 +80,34 @@ class Bvh:
             else:
                 quat = se3.quat_multiply(quat, se3.exp(np.deg2rad(column)[:, None] * np.eye(3)[axis]))
         return place, quat
+
+
+def bvh_of_rotations(  # noqa: PLR0913 - the fields of a file
+    names: Sequence[str],
+    parents: Sequence[int],
+    offsets: Float[np.ndarray, "J 3"],
+    root: Float[np.ndarray, "T 3"],
+    quats: Float[np.ndarray, "T J 4"],
+    *,
+    rate: float,
+) -> Bvh:
+    """Return the motion of a skeleton, from its joints' rotations in their parents.
+
+    Args:
+        names: of the joints.
+        parents: -1 for the root, which comes first.
+        offsets: places in the parents' frames while nothing is turned.
+        root: its places.
+        quats: wxyz.
+        rate: frames a second [Hz].
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Where two axes are one, one of the two angles is as good as the other.
+        angles = Rotation.from_quat(se3.quat_to_xyzw(quats.reshape(-1, 4))).as_euler("XYZ", degrees=True)
+    values = np.concatenate([np.tile(offsets, (len(root), 1, 1)), angles.reshape(len(root), -1, 3)], axis=2)
+    values[:, 0, :3] = root
+    channels = (CHANNELS,) * len(names)
+    return Bvh(tuple(names), tuple(parents), offsets, channels, str(1.0 / rate), values.reshape(len(root), -1))
 
 
 def is_bvh(content: bytes) -> bool:

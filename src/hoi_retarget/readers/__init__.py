@@ -38,6 +38,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "hiphi": (".bvh",),
     "omnicontact": (".bvh",),
     "bvh": (".bvh",),
+    "mvnx": (".mvnx",),
 }
 """A reader's module, imported when it may fit -> endings of its files in small letters, or `FOLDER`."""
 SUFFIXES: tuple[str, ...] = tuple(dict.fromkeys(suffix for suffixes in MODULES.values() for suffix in suffixes))
@@ -51,7 +52,6 @@ _UNDOCUMENTED = {
     "in the layout of your own clips (docs/sources.md).",
     ".c3d": "a C3D file holds markers, not a skeleton. Solve one in the capture software and export it as BVH, or fit "
     "SMPL-X to the markers (SOMA, MoSh++) and give that as AMASS's .npz, or as a clip of your own (docs/sources.md).",
-    ".mvnx": "Xsens's MVNX is not read, its BVH is: in MVN, export the recording as BVH.",
 }
 """Part of a path, in small letters -> the reason why files of this kind are not read, and a way out."""
 _OF_A_ROBOT = (

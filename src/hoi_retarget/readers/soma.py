@@ -8,18 +8,15 @@ of this skeleton and numbers of a body model, which is not read: that is told.
 Cites: the `.npz` files and the rig beside them that Kimodo and GEM-X publish.
 """
 
-import warnings
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from hoi_retarget.clip.read_options import ReadOptions
 from hoi_retarget.errors import ClipError
-from hoi_retarget.files.bvh_file import CHANNELS, Bvh
+from hoi_retarget.files.bvh_file import bvh_of_rotations
 from hoi_retarget.files.source_file import SourceFile
-from hoi_retarget.numerics import se3
 from hoi_retarget.readers.bvh import recording_of
 from hoi_retarget.readers.fields import npz_fields
 from hoi_retarget.readers.object_files import quats_of
@@ -63,14 +60,8 @@ def record(file: SourceFile, options: ReadOptions) -> SourceRecording:
     fields, joints = npz_fields(file, file.path), len(NAMES)
     places = fields.array(PLACES, ("T", joints, 3), "places of the SOMA skeleton's joints")
     matrices = fields.array(ROTATIONS, (len(places), joints, 3, 3), "rotations of the joints")
-    quats = quats_of(file.path, ROTATIONS, matrices.reshape(-1, 3, 3))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Where two axes are one, one of the two angles is as good as the other.
-        angles = Rotation.from_quat(se3.quat_to_xyzw(quats)).as_euler("XYZ", degrees=True)
-    offsets = _offsets(places, matrices)
-    values = np.concatenate([np.tile(offsets, (len(places), 1, 1)), angles.reshape(-1, joints, 3)], axis=2)
-    values[:, 0, :3] = places[:, 0]
-    motion = Bvh(NAMES, PARENTS, offsets, (CHANNELS,) * joints, str(1.0 / FPS), values.reshape(len(places), -1))
+    quats = quats_of(file.path, ROTATIONS, matrices.reshape(-1, 3, 3)).reshape(-1, joints, 4)
+    motion = bvh_of_rotations(NAMES, PARENTS, _offsets(places, matrices), places[:, 0], quats, rate=FPS)
     if (off := np.linalg.norm(motion.poses()[0] - places, axis=2)).max(initial=0.0) > MAX_OFF:
         raise ClipError(
             f"{file.path}: {NAMES[off.max(axis=0).argmax()]} is {off.max():.3g} m from where the first frame's bones "
