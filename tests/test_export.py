@@ -236,3 +236,13 @@ def test_several_results_need_a_folder_and_names_of_their_own(demo, export, tmp_
     code, _, err = export("a.npz", "sub/a.npz", "--to", "mjlab", "--out", "m")
     assert code == 2 and "would both be written as a" in err
     assert export("--to", "mjlab", "--out", "m")[0] == 2
+
+
+@pytest.mark.parametrize(("name", "module"), [("mcap", "mcap_ros2"), ("isaaclab", "h5py")])
+def test_no_file_of_a_folder_is_written_over(name, module, demo, export, tmp_path):
+    pytest.importorskip(module)
+    assert export(demo, "--to", name, "--out", "motions")[0] == 0
+    before = {path: path.read_bytes() for path in (tmp_path / "motions").iterdir()}
+    code, _, err = export(demo, "--to", name, "--out", "motions")
+    assert code == 2 and "would be lost" in err
+    assert {path: path.read_bytes() for path in (tmp_path / "motions").iterdir()} == before

@@ -223,6 +223,9 @@ def test_zstandard_archives_are_a_batch_that_goes_on(release, tmp_path, capsys):
     assert "4 of them done before" in capsys.readouterr().out
     assert main([*command, "--longest", "0.5"]) == 2
     assert "no clip in it is asked for" in capsys.readouterr().err
+    for path in (parts, parts / "part.tar.zst"):
+        main(["inspect", str(path)])
+        assert "`hoi-retarget batch`" in " ".join("".join(capsys.readouterr()).split())
     (parts / "part.tar.zst").write_bytes((parts / "part.tar.zst").read_bytes()[:-500])
     assert main(command) == 1
     assert "damaged" in capsys.readouterr().err

@@ -67,7 +67,7 @@ def _check_no_physics(command: Export) -> None:
 def _export_dataset(command: Export) -> int:
     """Write all results into one folder, or none of them."""
     if command.object_name is not None:
-        raise ArgumentError(f"--object {command.object_name}: a data set holds all objects. Leave the option out.")
+        raise ArgumentError(f"--object {command.object_name}: {command.to} holds all objects. Leave the option out.")
     _check_folder(command.out)
     check_writable("--out", command.out)
     results: list[Result] = []
@@ -81,9 +81,11 @@ def _export_dataset(command: Export) -> int:
         (stem, name), count = counts.most_common(1)[0]
         if count > 1:
             raise ArgumentError(
-                f"{count} results of {name} are called {stem}; rows of a data set need names of their own."
+                f"{count} results of {name} are called {stem}; in one folder they need names of their own."
             )
         files = FOLDERS[command.to](results, command.fps)
+        if there := next((name for name in files if (command.out / name).exists()), ""):
+            raise ArgumentError(f"--out {command.out}: there is a {there} in it, which would be lost. Name another.")
         write_together({command.out / name: content for name, content in files.items()})
     for licence in sorted({result.licence for result in results}):
         say(f"licence of sources: {licence}")
@@ -94,7 +96,7 @@ def _export_dataset(command: Export) -> int:
 def _check_folder(folder: Path) -> None:
     """Raise `ArgumentError` when the folder holds rows or a page already."""
     if folder.is_file():
-        raise ArgumentError(f"--out {folder} is a file. A data set is a folder; name another one.")
+        raise ArgumentError(f"--out {folder} is a file. Motions are written into a folder: name one.")
     rows = folder / FOLDER
     others = sorted(path.name for path in rows.iterdir() if path.suffix == ".parquet") if rows.is_dir() else []
     if others:

@@ -52,6 +52,7 @@ _UNDOCUMENTED = {
     "in the layout of your own clips (docs/sources.md).",
     ".c3d": "a C3D file holds markers, not a skeleton. Solve one in the capture software and export it as BVH, or fit "
     "SMPL-X to the markers (SOMA, MoSh++) and give that as AMASS's .npz, or as a clip of your own (docs/sources.md).",
+    ".tar.": "an archive is read by `hoi-retarget batch` alone, with all recordings in it. Unpack one to look at it.",
 }
 """Part of a path, in small letters -> the reason why files of this kind are not read, and a way out."""
 _OF_A_ROBOT = (
@@ -153,7 +154,7 @@ def recordings_below(folder: Path, pattern: str = "**/*", from_robot: str | None
 
 def why_no_clip(folder: Path) -> str:
     """Return the reason why a folder is not one clip: missing files, where others of a format are there."""
-    if text := undocumented(folder):
+    if text := undocumented(next(folder.glob("*.tar.*"), folder)):
         return text
     fitting = readers(FOLDER)
     for reader in fitting:
