@@ -108,10 +108,15 @@ def between_known(
                 moving = 0 <= before < len(known) and known[before]
                 step = values[last] - values[before] if moving else np.zeros_like(values[last])
                 ends.append(values[last] + np.outer(coasting * -np.expm1(-away / coasting), step))
-        share = (times / (len(times) + 1))[:, None]
-        share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+        share = least_jerk_step(times / (len(times) + 1))[:, None]
         filled[first:stop] = (1.0 - share) * ends[0] + share * ends[-1]
     return filled
+
+
+def least_jerk_step(share: Float[np.ndarray, "T"]) -> Float[np.ndarray, "T"]:
+    """Return a step from 0 to 1 with least jerk, at rest before a share of 0 and after one of 1."""
+    share = np.clip(share, 0.0, 1.0)
+    return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
 
 
 def smoothstep_around(active: Bool[np.ndarray, "T"], ramp: int) -> Float[np.ndarray, "T"]:
