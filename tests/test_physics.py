@@ -14,6 +14,7 @@ from hoi_retarget.motion import result_file
 from hoi_retarget.motion.motion import ARRAYS, Stage
 from hoi_retarget.readers.open import clip_of
 from hoi_retarget.simulation import physics_stage
+from hoi_retarget.simulation.object_hold import ObjectHold
 from hoi_retarget.simulation.refine import refine
 from hoi_retarget.simulation.rollout import TICK, Rollout
 from plain_motions import plain_motion, standing_qpos
@@ -83,6 +84,28 @@ def test_it_is_tried_again_until_nothing_falls_and_the_longest_is_kept(falls, se
     settings = Refinement(horizon=0.4, samples=8, most_samples=8, iterations=1, attempts=3)
     simulated = physics_stage.add_physics_stage(alone(31), None, Physics(), settings, seed=3)
     assert tried == seeds and simulated.performance.whole == (kept not in falls)
+    with np.load(io.BytesIO(simulated.for_controllers)) as held:
+        assert json.loads(str(held["facts"]))["seed"] == kept
+
+
+@pytest.mark.parametrize(
+    ("shares", "seeds", "kept"), [((0.99,), [3], 3), ((0.8, 0.97), [3, 4], 4), ((0.9, 0.8, 0.7), [3, 4, 5], 3)]
+)
+def test_it_is_tried_again_until_objects_are_held_strictly(shares, seeds, kept, folder, monkeypatch):
+    tried = []
+
+    def standing(scene, reference, settings, *, seed, on_progress):
+        tried.append(seed)
+        return refine(scene, reference, settings, seed=seed, on_progress=on_progress)
+
+    def holds(*_):
+        return (ObjectHold(0, shares[len(tried) - 1], 0.01, 1.0, None),)
+
+    monkeypatch.setattr(physics_stage, "refine", standing)
+    monkeypatch.setattr(physics_stage, "object_holds", holds)
+    settings = Refinement(horizon=0.4, samples=8, most_samples=8, iterations=1, attempts=3)
+    simulated = physics_stage.add_physics_stage(alone(31), None, Physics(), settings, seed=3)
+    assert tried == seeds
     with np.load(io.BytesIO(simulated.for_controllers)) as held:
         assert json.loads(str(held["facts"]))["seed"] == kept
 

@@ -46,7 +46,7 @@ class Refinement:
     most_samples: int = 256
     """In each round where the robot is about to fall, or an object to be lost."""
     attempts: int = 2
-    """Most tries, each with other random numbers, until a robot neither falls nor loses an object."""
+    """Most tries, each with other random numbers, until nothing falls and objects are held strictly."""
     noise: float = 1.0
     """Of the samples; 1 is 0.1 rad at the arms' joints, 0.04 at others but fingers, 3 cm of the base."""
 

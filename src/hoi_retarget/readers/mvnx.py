@@ -30,27 +30,25 @@ FORMAT = "mvnx"
 LICENCE = "that of the data, which the file does not state"
 MAX_OFF = 0.01  # Between positions and those that orientations give [m]; 1e-6 in a published file.
 
-_SIDES = ("Right", "Left")
+_TRUNK = {
+    "Pelvis": "Hips",
+    "L5": "Chest",
+    "L3": "Chest2",
+    "T12": "Chest3",
+    "T8": "Chest4",
+    "Neck": "Neck",
+    "Head": "Head",
+}
 _ARM = {"Shoulder": "Collar", "UpperArm": "Shoulder", "ForeArm": "Elbow", "Hand": "Wrist"}
 _LEG = {"UpperLeg": "Hip", "LowerLeg": "Knee", "Foot": "Ankle", "Toe": "Toe"}
-_TRUNK = {"Pelvis": "Hips", "L5": "Chest", "L3": "Chest2", "T12": "Chest3", "T8": "Chest4", "Neck": "Neck"}
-_BASES = {"Shoulder": "T8", "UpperLeg": "Pelvis"}  # Of the limbs.
-
-
-def _tree() -> dict[str, tuple[str, str]]:
-    """Return segment -> its parent, and the name of its joint in Xsens's BVH."""
-    before, tree = "", {}
-    for segment, name in {**_TRUNK, "Head": "Head"}.items():
-        tree[segment], before = (before, name), segment
-    for limb in (_ARM, _LEG):
-        for side in _SIDES:
-            for part, name in limb.items():
-                base = _BASES.get(part, before)
-                tree[f"{side}{part}"], before = (base if part in _BASES else before, f"{side}{name}"), f"{side}{part}"
-    return tree
-
-
-TREE = _tree()
+_CHAINS = [("", _TRUNK, "")]
+_CHAINS += [(side, limb, base) for limb, base in ((_ARM, "T8"), (_LEG, "Pelvis")) for side in ("Right", "Left")]
+TREE = {
+    f"{side}{part}": (f"{side}{above}" if above in chain else base, f"{side}{name}")
+    for side, chain, base in _CHAINS
+    for above, (part, name) in zip(("", *chain), chain.items(), strict=False)
+}
+"""Segment -> its parent, and the name of its joint in Xsens's BVH."""
 _TOP = "pTopOfHead"
 
 

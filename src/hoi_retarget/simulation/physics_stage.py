@@ -19,7 +19,7 @@ from hoi_retarget.evaluation.physics_figures import performed_figures
 from hoi_retarget.evaluation.thresholds import fatal_fault
 from hoi_retarget.files.atomic import remove, write_together
 from hoi_retarget.motion.motion import SIMULATED, Motion
-from hoi_retarget.motion.performance import Certificate, Performance
+from hoi_retarget.motion.performance import STRICT_SHARE, Certificate, Performance
 from hoi_retarget.motion.result_file import encode, set_aside
 from hoi_retarget.robots import load_robot
 from hoi_retarget.simulation.approach import with_approaches, with_steady_contacts
@@ -136,16 +136,22 @@ def write_simulated(simulated: SimulatedMotion, place: Path) -> tuple[Path, Path
 def _best_attempt(
     scene: PhysicsScene, reference: Reference, settings: Refinement, seed: int, on_progress: Callable[[Progress], None]
 ) -> tuple[float, Refined, int]:
-    """Return the attempt without a fall or a loss, or with the latest: its time [s], infinite without, and its seed."""
-    found: list[tuple[float, Refined, int]] = []
+    """Return the attempt with the latest fall or loss, its time [s], infinite without, and its seed.
+
+    Of several without, it is that with objects near their paths for longest; held strictly, they are not tried again.
+    """
+    found: list[tuple[tuple[float, float], Refined, int]] = []
     for own in range(seed, seed + settings.attempts):
         refined = refine(scene, reference, settings, seed=own, on_progress=on_progress)
         holds = object_holds(reference, refined.rollout, scene.model.n)
         ends = (refined.rollout.fell_after, *(hold.lost_after for hold in holds))
-        found.append((min((end for end in ends if end is not None), default=inf), refined, own))
-        if found[-1][0] == inf:
+        ended = min((end for end in ends if end is not None), default=inf)
+        kept = min((hold.kept_share for hold in holds), default=1.0)
+        found.append(((ended, kept), refined, own))
+        if ended == inf and kept >= STRICT_SHARE:
             break
-    return max(found, key=itemgetter(0))
+    (ended, _), refined, own = max(found, key=itemgetter(0))
+    return ended, refined, own
 
 
 def _certified(scene: PhysicsScene, rollout: Rollout, gains: np.ndarray) -> tuple[Certificate, np.ndarray]:
