@@ -24,14 +24,11 @@ class Specification(ReadOptions):
     Raises `ArgumentError` when a name does not exist or a number is out of its range.
     """
 
-    clips: tuple[str, ...]
-    """Files, patterns such as `*.pt`, folders, or built-in clips such as `builtin:carry_box`."""
+    clips: tuple[str, ...]  # Files, patterns such as `*.pt`, folders, or built-in clips such as `builtin:carry_box`.
     about: tuple[str, ...] = ()
     """Words: of a folder or a pattern, clips are taken that have one of them in path, objects or text; all without."""
-    longest: float | None = None
-    """Of a folder or a pattern, clips are taken that last this long at most [s]."""
-    edits: Path | None = None
-    """Folder with contact edits, `<clip>.edits.toml`; a clip may have none."""
+    longest: float | None = None  # Of a folder or a pattern, clips are taken that last this long at most [s].
+    edits: Path | None = None  # Folder with contact edits, `<clip>.edits.toml`; a clip may have none.
     robots: tuple[str, ...] = ("unitree_g1",)
     root_scale: Scale = "auto"
     horizon: str = "auto"
@@ -39,16 +36,11 @@ class Specification(ReadOptions):
     size_multipliers: tuple[float, ...] = (1.0,)
     mirrored: tuple[bool, ...] = (False,)
     speeds: tuple[float, ...] = (1.0,)
-    refine: bool = False
-    """Whether a simulated robot is to perform every result, in a stage of its own."""
-    refinement: Refinement = Refinement()
-    """How much that stage tries."""
-    seed: int = 0
-    """Of its random numbers."""
-    folder: Path = Path()
-    """Folder that relative paths start from."""
-    config: Config = Config()
-    """Every other setting; scaling and horizon are those above."""
+    refine: bool = False  # Whether a simulated robot is to perform every result, in a stage of its own.
+    refinement: Refinement = Refinement()  # How much that stage tries.
+    seed: int = 0  # Of its random numbers.
+    folder: Path = Path()  # Folder that relative paths start from.
+    config: Config = Config()  # Every other setting; scaling and horizon are those above.
 
     def __post_init__(self) -> None:
         super().__post_init__()

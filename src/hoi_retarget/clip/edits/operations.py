@@ -28,10 +28,8 @@ _SHOWN = 6  # Segments that a message names.
 class Operation:
     """An operation on a clip; its fields are checked, and numbers made plain, when it is made."""
 
-    parts: ClassVar[tuple[str, ...]] = tuple(ALL_PARTS)
-    """That it can name."""
-    verb: ClassVar[str] = "touch"
-    """Of these parts, for messages."""
+    parts: ClassVar[tuple[str, ...]] = tuple(ALL_PARTS)  # That it can name.
+    verb: ClassVar[str] = "touch"  # Of these parts, for messages.
 
     def __post_init__(self) -> None:
         for item in fields_of(type(self)):
@@ -101,8 +99,7 @@ class Pin(PinOperation):
 
     part: str
     frame: int
-    position: Point
-    """In the world of the recording, at captured size [m]."""
+    position: Point  # In the world of the recording, at captured size [m].
     turn: Point | None = None
     """Rotation vector in the world's axes, on top of the recorded part's [degrees]; None leaves the rotation free."""
     person: int = field(default=0, kw_only=True)
@@ -163,8 +160,7 @@ class SegmentOperation(ContactOperation):
     """An operation that replaces one segment."""
 
     part: str
-    frame: int
-    """Any frame of the segment as it is now."""
+    frame: int  # Any frame of the segment as it is now.
     person: int = field(default=0, kw_only=True)
 
     def on(self, clip: Clip, segments: Segments) -> Segments:
@@ -208,8 +204,7 @@ class ChooseHold(SegmentOperation):
 
     parts: ClassVar[tuple[str, ...]] = HANDS
     verb: ClassVar[str] = "hold"
-    rank: int
-    """1 for the best hold."""
+    rank: int  # 1 for the best hold.
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -226,8 +221,7 @@ class TurnHand(SegmentOperation):
 
     parts: ClassVar[tuple[str, ...]] = HANDS
     verb: ClassVar[str] = "be turned"
-    turn: Point
-    """Rotation vector about the object's axes, from the recorded hand [degrees]."""
+    turn: Point  # Rotation vector about the object's axes, from the recorded hand [degrees].
 
     def _replacements(self, clip: Clip, segment: Segment) -> Sequence[Segment]:
         return [replace(segment, turn=self.turn)]
@@ -237,10 +231,8 @@ class TurnHand(SegmentOperation):
 class Retime(SegmentOperation):
     """Let a segment begin and end elsewhere: it is cut, or held with the nearest of its points."""
 
-    start: int
-    """Its new first frame."""
-    stop: int
-    """One past its new last frame."""
+    start: int  # Its new first frame.
+    stop: int  # One past its new last frame.
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -256,8 +248,7 @@ class Retime(SegmentOperation):
 class Split(SegmentOperation):
     """Make two segments of one."""
 
-    at: int
-    """First frame of the second of the two."""
+    at: int  # First frame of the second of the two.
 
     def _replacements(self, clip: Clip, segment: Segment) -> Sequence[Segment]:
         if not segment.start < self.at < segment.stop:
@@ -306,13 +297,10 @@ class Add(ContactOperation):
     """Make a new segment with one fixed point."""
 
     part: str
-    start: int
-    """Its first frame."""
-    stop: int
-    """One past its last frame."""
+    start: int  # Its first frame.
+    stop: int  # One past its last frame.
     point: Point  # [m]
-    object: str | None = None
-    """The object's name; may be left out where the clip has one object."""
+    object: str | None = None  # The object's name; may be left out where the clip has one object.
     person: int = field(default=0, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -341,8 +329,7 @@ class Add(ContactOperation):
 class Fix(SegmentOperation):
     """Give a segment one point for all of its frames, so that the hand does not slip (paper Sec. III-C)."""
 
-    point: Point | None = None
-    """[m]; the mean of the segment's points where none is given."""
+    point: Point | None = None  # [m]; the mean of the segment's points where none is given.
 
     def _replacements(self, clip: Clip, segment: Segment) -> Sequence[Segment]:
         return [_fixed(segment, self.point)]

@@ -18,10 +18,8 @@ class RobotFinding:
     """One fact about a robot, or one fault of its description."""
 
     level: Level
-    subject: str
-    """Part, joint, site, body or file, such as `left knee`."""
-    what: str
-    """The fact or the fault, with its numbers."""
+    subject: str  # Part, joint, site, body or file, such as `left knee`.
+    what: str  # The fact or the fault, with its numbers.
     hint: str = ""
     """The line of the hints file, the option or the correction that would change it; empty where none is needed."""
 
@@ -31,8 +29,7 @@ class Record:
     """The findings and trials of a robot when it was added."""
 
     findings: tuple[RobotFinding, ...] = ()
-    tried: tuple[str, ...] = ()
-    """Built-in clips."""
+    tried: tuple[str, ...] = ()  # Built-in clips.
 
 
 def hint_of_site(site: str) -> str:
@@ -61,18 +58,13 @@ class Limb:
 class Hints:
     """Facts of a robot that the user states, in place of findings."""
 
-    ahead: str = ""
-    """Forward axis in the zero pose: x, -x, y, -y."""
+    ahead: str = ""  # Forward axis in the zero pose: x, -x, y, -y.
     base: Literal["", "stays", "follows"] = ""
     """Motion of the base of a robot of which the upper body alone follows a person."""
-    stature: float | None = None
-    """Human height times root scale [m]."""
-    hand_roll: float = 0.0
-    """Rotation of the hands about the forearms, thumbs outwards [deg]."""
-    fingers: bool = False
-    """Whether fingers move; else they are held as in the zero pose."""
-    lock: tuple[str, ...] = ()
-    """Joints that are held."""
+    stature: float | None = None  # Human height times root scale [m].
+    hand_roll: float = 0.0  # Rotation of the hands about the forearms, thumbs outwards [deg].
+    fingers: bool = False  # Whether fingers move; else they are held as in the zero pose.
+    lock: tuple[str, ...] = ()  # Joints that are held.
     left: Limb = Limb()
     right: Limb = Limb()
     range: dict[str, tuple[float, float]] = field(default_factory=dict)
