@@ -31,6 +31,8 @@ def archives_in(path: Path) -> tuple[Path, ...]:
 def pieces(archives: Sequence[Path], folder: Path, size: int = PIECE) -> Iterator[Path]:
     """Yield an archive whenever a piece of it, and the meshes so far, lie in a folder, which is removed in the end.
 
+    What was read before a fault is a piece, too.
+
     Args:
         archives: read one after the other, once.
         folder: emptied before.
@@ -45,18 +47,24 @@ def pieces(archives: Sequence[Path], folder: Path, size: int = PIECE) -> Iterato
     last = PurePosixPath()
     try:
         for archive in archives:
-            for name, content in _files(archive):
-                path, total = folder / name, sum(written.values())
-                if total > size and not (last.is_relative_to(name.parent) or name.parent.is_relative_to(last)):
-                    yield archive
-                    written, total = _meshes_of(written), 0
-                if total > _MOST * size:
-                    raise ReadError(f"{archive}: {last} is no folder of one recording. Unpack it, and name that.")
-                last = name.parent
-                with writing(path):
-                    path.parent.mkdir(parents=True, exist_ok=True)
-                    written[path] = path.write_bytes(content)
+            fault: ReadError | None = None
+            try:
+                for name, content in _files(archive):
+                    path, total = folder / name, sum(written.values())
+                    if total > size and not (last.is_relative_to(name.parent) or name.parent.is_relative_to(last)):
+                        yield archive
+                        written, total = _meshes_of(written), 0
+                    if total > _MOST * size:
+                        raise ReadError(f"{archive}: {last} is no folder of one recording. Unpack it, and name that.")
+                    last = name.parent
+                    with writing(path):
+                        path.parent.mkdir(parents=True, exist_ok=True)
+                        written[path] = path.write_bytes(content)
+            except ReadError as error:
+                fault = error
             yield archive
+            if fault is not None:
+                raise fault
             written = _meshes_of(written)
     finally:
         shutil.rmtree(folder, ignore_errors=True)

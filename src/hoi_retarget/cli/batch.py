@@ -69,8 +69,8 @@ def execute_batch(command: Batch) -> int:
 
 def _sources(command: Batch) -> Iterator[Path]:
     """Yield the named file or folder, or each folder into which a piece of its archives is unpacked."""
-    archives, recordings = archives_in(command.source), command.source.is_dir() and recordings_below(command.source)
-    if recordings or not archives:
+    archives = archives_in(command.source)
+    if not archives or (command.source.is_dir() and recordings_below(command.source)):
         yield command.source
     if not archives:
         return
