@@ -63,7 +63,7 @@ class SolveOptions:
     """What holds of hands are chosen by: touch near the person's place; or simulated, too, that two free hands keep the
     object (seconds of CPU a clip)."""
     object_path: ObjectPathKind = "free"
-    """Whether a lifted object may give way, by 3 cm and 5 degrees at most, where arms cannot reach the holds on it."""
+    """Whether a lifted object gives way where arms cannot reach it: by 3 cm and 5 degrees at most."""
     weights: Weights = Weights()
     ik: IkConfig = IkConfig()
     solver: BandedInteriorPoint = BandedInteriorPoint()

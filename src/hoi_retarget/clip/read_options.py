@@ -24,7 +24,7 @@ class ReadOptions:
     object_name: str | None = None
     """Which object the clip is with; by default the clip says, or its file name sub<N>_<object>_<n>."""
     body_models: Path | None = None
-    """Folder with SMPL-X or SMPL-H models, for recordings that hold their parameters."""
+    """Folder with SMPL-X or SMPL-H models for recordings that need them."""
     from_robot: str | None = None
     """The robot whose motion a file is, any that check-motion reads: it is retargeted from in place of a person."""
     floor: float | None = None
@@ -35,11 +35,11 @@ class ReadOptions:
     fps: float | None = None
     """Frames a second that the recording is resampled to; by default it keeps its own."""
     lead_in: float = 0.0
-    """Seconds before the recording in which the person goes to its first pose from standing at rest, made up."""
+    """Time from standing at rest to the recording's first pose [s]; what the person does then is made up."""
     lead_out: float = 0.0
-    """Likewise behind the recording."""
+    """Likewise from its last pose to standing [s]."""
     grasps: Grasps = "refuse"
-    """What is done with a clip whose grasps contradict how its rotations or units are read: refuse it, or warn."""
+    """What is done where grasps contradict how rotations or units are read: refuse the clip, or warn."""
 
     def __post_init__(self) -> None:
         if self.floor is not None and not abs(self.floor) <= MAX_FLOOR_HEIGHT:

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import scipy  # its modules are loaded where they are first used
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from hoi_retarget.errors import ReadError
 from hoi_retarget.numerics import se3
@@ -103,7 +103,9 @@ def bvh_of_rotations(  # noqa: PLR0913 - the fields of a file
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Where two axes are one, one of the two angles is as good as the other.
-        angles = Rotation.from_quat(se3.quat_to_xyzw(quats.reshape(-1, 4))).as_euler("XYZ", degrees=True)
+        angles = scipy.spatial.transform.Rotation.from_quat(se3.quat_to_xyzw(quats.reshape(-1, 4))).as_euler(
+            "XYZ", degrees=True
+        )
     values = np.concatenate([np.tile(offsets, (len(root), 1, 1)), angles.reshape(len(root), -1, 3)], axis=2)
     values[:, 0, :3] = root
     channels = (CHANNELS,) * len(names)
