@@ -33,18 +33,11 @@ def with_leads(clip: Clip, before: float, after: float) -> Clip:
 
     Raises `ClipError` where an object moves, or is held in the air, in the frame where a lead would meet it.
     """
-    for seconds, name in ((before, "--lead-in"), (after, "--lead-out")):
-        frames = round(seconds * clip.fps)
-        if frames:
-            backwards = name == "--lead-out"
-            turned = _reversed(clip) if backwards else clip
-            _check_rest(turned, f"{name} {seconds:g}", "last" if backwards else "first")
-            led = _led_in(turned, frames)
-            clip = _reversed(led) if backwards else led
-            where = "last" if backwards else "first"
-            clip = clip.with_note(
-                f"The {where} {frames} frames are made up ({name}): from standing at rest, untouched."
-            )
+    for seconds, option, where in ((before, "--lead-in", "first"), (after, "--lead-out", "last")):
+        if frames := round(seconds * clip.fps):
+            _check_rest(clip if where == "first" else _reversed(clip), f"{option} {seconds:g}", where)
+            clip = _led_in(clip, frames) if where == "first" else _reversed(_led_in(_reversed(clip), frames))
+            clip = clip.with_note(f"The {where} {frames} frames are made up ({option}): between standing and the clip.")
     return clip
 
 

@@ -250,12 +250,9 @@ def _headlines(found: Iterable[Path], robot: str | None) -> str:
         with suppress(ReadError, ClipError):
             if (reader := reader_of(file, robot)).headline_of is not None:
                 facts.append(reader.headline(file))
-    with_objects, objects = (
-        [item for item in facts if item.objects],
-        Counter(name for item in facts for name in item.objects),
-    )
     if not facts:
         return ""
+    with_objects, objects = [item for item in facts if item.objects], Counter(o for item in facts for o in item.objects)
     hours = sum(item.seconds for item in with_objects) / 3600.0
     of = ", ".join(f"{name} {count}" for name, count in objects.most_common(_MOST_OBJECTS))
     return f"; {len(with_objects)} with objects, {hours:.1f} h; {len(objects)} objects: {of}"

@@ -67,6 +67,5 @@ def _facts(file: SourceFile) -> tuple[Fields, list[Fields]]:
     return facts, [Fields(facts.path, entry, within="objects/") for entry in listed]
 
 
-READER = Reader(
-    FORMAT, record, holds=holds, floor_at_zero=True, headline_of=headline
-)  # As optical systems are calibrated.
+# The floor is at zero, as optical systems are calibrated.
+READER = Reader(FORMAT, record, holds=holds, floor_at_zero=True, headline_of=headline)
