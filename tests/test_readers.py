@@ -349,6 +349,10 @@ def save_lines(path: Path, lines: Any) -> None:
     path.write_text("\n".join(" ".join(map(str, words)) if isinstance(words, list) else str(words) for words in lines))
 
 
+def save_words(path: Path, words: Any) -> None:
+    path.write_text(" ".join(map(str, words)) if isinstance(words, list) else str(words))
+
+
 def tensors(value: Any) -> Any:
     """The value with lists in the place of arrays that torch has no type for, and nothing for objects of classes."""
     if isinstance(value, dict):
@@ -375,6 +379,7 @@ VALUES: dict[str, tuple[Callable[[Path], Any], Callable[[Path, Any], object]]] =
     ".p": (lambda path: read_joblib(path)[0], lambda path, value: path.write_bytes(joblib_bytes(value))),
     ".glb": (glb_values, save_glb),
     ".bvh": (lambda path: [line.split(" ") for line in path.read_text().splitlines()], save_lines),
+    ".mvnx": (lambda path: path.read_text().split(" "), save_words),
 }
 """Ending of a file -> returns its values, and writes others."""
 VALUES[".pth"] = VALUES[".pt"]
